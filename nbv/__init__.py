@@ -1,0 +1,1 @@
+"""One complete next-best-view mission: fly, photograph, reconstruct, plan, measure."""

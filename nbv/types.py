@@ -1,0 +1,159 @@
+"""The values that pass between the rooms of a mission. Arrays only: no files, no COLMAP, no meshes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Viewpoint:
+    """A commanded camera position (world frame, ENU, metres); the gimbal aims at the target from it."""
+
+    id: str  # "seed_00" ... or "cand_000" ...; the same id is the same place in every mission
+    position_m: tuple[float, float, float]
+    azimuth_deg: float  # of the viewpoint seen from the target, counter-clockwise from east
+    elevation_deg: float
+    band: str  # "seed", "lateral" or "upper"
+
+
+@dataclass(frozen=True)
+class Capture:
+    """One photograph and where it was really taken from (telemetry)."""
+
+    name: str  # image file name, unique within the mission, e.g. "seed_00.png" or "cand_017.png"
+    viewpoint: Viewpoint
+    camera_from_world: Floats  # (4, 4) rigid, OpenCV axes (x right, y down, z forward)
+    image: NDArray[np.uint8] | None  # (H, W, 3) RGB; None in the geometric fidelity
+
+    @property
+    def camera_center_m(self) -> Floats:
+        """(3,) camera centre in the world frame."""
+        rotation, translation = self.camera_from_world[:3, :3], self.camera_from_world[:3, 3]
+        return -rotation.T @ translation
+
+
+@dataclass(frozen=True)
+class SparseModel:
+    """What a planner may see. Nothing from the ground truth is reachable from here.
+
+    Tracks are in CSR form: the cameras that observe point ``i`` are
+    ``track_cameras[track_offsets[i]:track_offsets[i + 1]]``, indices into ``camera_centers_m``.
+    """
+
+    points_m: Floats  # (N, 3) world frame
+    reprojection_error_px: Floats  # (N,)
+    track_offsets: Ints  # (N + 1,)
+    track_cameras: Ints  # (T,)
+    camera_centers_m: Floats  # (M, 3) registered cameras, world frame
+    camera_names: tuple[str, ...]  # (M,) capture names
+    alignment_rms_m: float  # residual of the similarity alignment over the registered cameras
+    alignment_max_m: float
+
+    @property
+    def track_lengths(self) -> Ints:
+        """(N,) number of cameras per point."""
+        return np.diff(self.track_offsets)
+
+
+@dataclass(frozen=True)
+class UpdateReport:
+    """What became of one capture."""
+
+    model: SparseModel
+    registered: bool
+    message: str = ""  # why not, or what was noticed (e.g. the alignment residual)
+    timings_s: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PointCloud:
+    """Dense points in the world frame."""
+
+    points_m: Floats  # (N, 3)
+    colors: NDArray[np.uint8] | None = None  # (N, 3) RGB
+    normals: Floats | None = None  # (N, 3)
+
+
+@dataclass(frozen=True)
+class CandidatePool:
+    """Feasible candidates in the order in which ties are broken."""
+
+    ids: tuple[str, ...]  # (C,)
+    positions_m: Floats  # (C, 3)
+    headings_rad: Floats  # (C,) vehicle heading that faces the target, counter-clockwise from east
+    azimuths_deg: Floats  # (C,)
+    elevations_deg: Floats  # (C,)
+    bands: tuple[str, ...]  # (C,)
+    counts: dict[str, int] = field(default_factory=dict)  # survivors after each filter, by name
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def viewpoint(self, index: int) -> Viewpoint:
+        """The candidate at ``index``."""
+        x, y, z = (float(v) for v in self.positions_m[index])
+        return Viewpoint(self.ids[index], (x, y, z), float(self.azimuths_deg[index]),
+                         float(self.elevations_deg[index]), self.bands[index])  # fmt: skip
+
+
+@dataclass(frozen=True)
+class PlanningState:
+    """Everything a scorer, gate or filter may use at one iteration (arrays in, ranking out)."""
+
+    model: SparseModel
+    visited_m: Floats  # (V, 3) commanded positions of all captures so far, seeds first
+    n_seeds: int
+    vehicle_position_m: Floats  # (3,) where the vehicle really is
+    vehicle_heading_rad: float
+    captures_used: int  # adaptive captures so far
+    adaptive_budget: int
+    d95_m: float  # 95th-percentile KNN distance of the sparse cloud
+    iteration: int
+
+
+@dataclass(frozen=True)
+class Ranking:
+    """One scorer's complete ranking of a pool."""
+
+    scorer: str  # "covis", "b-aware", ...
+    order: Ints  # (C,) candidate indices, best first; ties keep pool order
+    scores: Floats  # (C,) S(c), in pool order
+    terms: dict[str, Floats]  # (C,) each, unweighted: "main", "nov", "move", "ang"
+
+    @property
+    def top(self) -> int:
+        """Index of the best candidate."""
+        return int(self.order[0])
+
+
+@dataclass(frozen=True)
+class GateDecision:
+    """Which ranking is flown, and why."""
+
+    ranking: Ranking  # one of the inputs, unchanged (hard switch)
+    reason: str
+    details: dict[str, Any] = field(default_factory=dict)  # e.g. f_b, d95_m, oracle rewards
+
+
+class Reconstructor(Protocol):
+    """Turns captures into models. The mission loop does not know which implementation it has."""
+
+    def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
+        """Build the seed model; raises ``MissionFailure`` if there is none."""
+        ...
+
+    def add(self, capture: Capture) -> UpdateReport:
+        """Update the model with one more capture; an unregistered image is reported, not raised."""
+        ...
+
+    def finish(self) -> PointCloud:
+        """Dense reconstruction in the world frame; raises ``MissionFailure`` if nothing fuses."""
+        ...

@@ -1,0 +1,1 @@
+"""Many missions: tune the hybrid gate with Bayesian optimisation, compare, report."""
