@@ -1,0 +1,30 @@
+# Two commands: `make tune` runs a small real tuning campaign, `make test` runs the tests.
+# Both set everything up first.   PYTHON=... chooses the interpreter, VENV=... the environment's place.
+VENV ?= .venv
+RUN ?= tune
+BIN = $(VENV)/bin
+
+.PHONY: tune test fast-test lint setup clean
+.DEFAULT_GOAL := help
+
+help:
+	@echo "make tune   set up, run a small GP campaign on real missions, write runs/$(RUN)/report.html"
+	@echo "make test   set up, run the tests"
+	@echo "make lint   ruff and mypy"
+
+setup: $(VENV)/.ready
+
+$(VENV)/.ready: pyproject.toml constraints.txt .ci/setup
+	@GOAL=$(MAKECMDGOALS) .ci/setup $(VENV)
+
+tune: setup
+	$(BIN)/gatetune campaign run --quick --name $(RUN) --resume-if-present
+
+test: setup
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2
+
+lint: setup
+	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
+
+clean:
+	rm -rf $(VENV)

@@ -1,0 +1,71 @@
+"""Save and load a planning state with its pool, so that any iteration can be explained later."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from nbv.errors import UserError
+from nbv.types import CandidatePool, PlanningState, SparseModel
+
+_MODEL_ARRAYS = ("points_m", "reprojection_error_px", "track_offsets", "track_cameras", "camera_centers_m")
+
+
+def save_state(path: Path, state: PlanningState, pool: CandidatePool) -> None:
+    """Write one compressed ``.npz``."""
+    model = state.model
+    np.savez_compressed(
+        path,
+        **{name: getattr(model, name) for name in _MODEL_ARRAYS},
+        camera_names=np.array(model.camera_names),
+        alignment_m=np.array([model.alignment_rms_m, model.alignment_max_m]),
+        visited_m=state.visited_m,
+        vehicle_m=state.vehicle_position_m,
+        scalars=np.array(
+            [
+                state.n_seeds,
+                state.vehicle_heading_rad,
+                state.captures_used,
+                state.adaptive_budget,
+                state.d95_m,
+                state.iteration,
+            ]
+        ),  # fmt: skip
+        pool_ids=np.array(pool.ids),
+        pool_positions_m=pool.positions_m,
+        pool_headings_rad=pool.headings_rad,
+        pool_azimuths_deg=pool.azimuths_deg,
+        pool_elevations_deg=pool.elevations_deg,
+        pool_bands=np.array(pool.bands),
+    )
+
+
+def load_state(path: Path) -> tuple[PlanningState, CandidatePool]:
+    """Read what ``save_state`` wrote.
+
+    Raises
+    ------
+    UserError
+        The file is missing or is not a planning state.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            model = SparseModel(
+                **{name: data[name] for name in _MODEL_ARRAYS},
+                camera_names=tuple(data["camera_names"].tolist()),
+                alignment_rms_m=float(data["alignment_m"][0]),
+                alignment_max_m=float(data["alignment_m"][1]),
+            )
+            n_seeds, heading, used, budget, d95, iteration = data["scalars"].tolist()
+            state = PlanningState(model, data["visited_m"], int(n_seeds), data["vehicle_m"], heading, int(used),
+                                  int(budget), d95, int(iteration))  # fmt: skip
+            pool = CandidatePool(
+                tuple(data["pool_ids"].tolist()), data["pool_positions_m"], data["pool_headings_rad"],
+                data["pool_azimuths_deg"], data["pool_elevations_deg"], tuple(data["pool_bands"].tolist()),
+            )  # fmt: skip
+            return state, pool
+    except FileNotFoundError as error:
+        raise UserError(f"{path} does not exist; name a state file of a finished mission") from error
+    except (ValueError, KeyError, OSError) as error:
+        raise UserError(f"{path} is not a planning state: {error}") from error

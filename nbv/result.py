@@ -1,0 +1,122 @@
+"""The outcome of a mission: one JSON document with a versioned schema."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from nbv.errors import UserError
+
+SCHEMA_VERSION = 1
+
+Status = Literal["ok", "degraded", "failed"]
+
+
+@dataclass(frozen=True)
+class IterationRecord:
+    """What happened at one adaptive capture."""
+
+    iteration: int  # 0 is the first adaptive capture
+    pool_size: int
+    pool_counts: dict[str, int]  # survivors after each filter
+    d95_m: float  # before this capture
+    n_points: int  # sparse points before this capture
+    n_registered: int  # registered images before this capture
+    alignment_rms_m: float
+    scorer: str  # whose ranking was flown
+    reason: str  # the gate's
+    gate_details: dict[str, Any]
+    top: dict[str, dict[str, float | str]]  # per scorer: its best candidate with score and terms
+    chosen: str  # candidate id
+    registered: bool  # did the new image register
+    message: str
+    leg_duration_s: float
+    leg_length_m: float
+    update_s: float  # wall time of the sparse update
+    planning_s: float  # wall time of pool, scorers and gate
+
+
+@dataclass(frozen=True)
+class MissionResult:
+    """What one mission returns and leaves behind as ``mission.json``.
+
+    ``status`` is ``ok``; ``degraded`` (metrics exist but something went wrong on the way: images that
+    did not register, an empty pool, ...); or ``failed`` (no metrics; ``reason`` says why).
+    """
+
+    status: Status
+    reason: str  # empty when ok; otherwise a snake_case code
+    message: str
+    config_digest: str
+    rock: str
+    replicate: int
+    metrics: dict[str, Any]  # {"whole": {...}, "observable": {...}, ...}; empty when failed
+    trace: list[IterationRecord]
+    timings_s: dict[str, float]
+    costs: dict[str, float]  # images, registered_images, flight_time_s, path_length_m, wall_s
+    provenance: dict[str, Any] = field(default_factory=dict)
+    schema_version: int = SCHEMA_VERSION
+
+    def metric(self, path: str) -> float:
+        """The metric at a dotted path such as ``observable.f_score_48mm``.
+
+        Raises
+        ------
+        UserError
+            There is no such metric.
+        """
+        node: Any = self.metrics
+        for part in path.split("."):
+            if not isinstance(node, dict) or part not in node:
+                raise UserError(f"unknown metric {path!r}; mission.json lists the metrics by name")
+            node = node[part]
+        if not isinstance(node, (int, float)):
+            raise UserError(f"metric {path!r} is not a number; name one of {', '.join(node)}")
+        return float(node)
+
+    def to_json(self) -> str:
+        """JSON text; non-finite numbers become null."""
+        return json.dumps(_finite(asdict(self)), indent=1)
+
+    @staticmethod
+    def from_json(text: str) -> MissionResult:
+        """Parse ``to_json``'s text.
+
+        Raises
+        ------
+        UserError
+            Not a mission result, or one of another schema version.
+        """
+        try:
+            tree = json.loads(text)
+            if tree["schema_version"] != SCHEMA_VERSION:
+                raise UserError(
+                    f"mission result has schema version {tree['schema_version']}, this version reads {SCHEMA_VERSION}"
+                )
+            tree["trace"] = [IterationRecord(**record) for record in tree["trace"]]
+            return MissionResult(**tree)
+        except (ValueError, KeyError, TypeError) as error:
+            raise UserError(f"not a mission result: {error}") from error
+
+    @staticmethod
+    def load(path: Path) -> MissionResult:
+        """Read ``mission.json`` (a directory stands for the file in it)."""
+        file = path / "mission.json" if path.is_dir() else path
+        if not file.is_file():
+            raise UserError(f"{path} holds no mission.json; name a mission directory")
+        return MissionResult.from_json(file.read_text())
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    if hasattr(value, "item") and getattr(value, "ndim", None) == 0:  # numpy scalar
+        return _finite(value.item())
+    return value
