@@ -1,0 +1,32 @@
+"""Where the camera may go: the seed rings (phase 1) and the two-band candidate pool (phase 2).
+
+Everything here is pure geometry. Both sets lie on spheres around the target: the seeds at
+``seed.radius_m`` (4 m), the candidates at ``pool.radius_m`` (3.5 m). As in the authors' public code,
+a ring's azimuths are 360 k / n for k = 0 .. n - 1, measured from **north towards east**, so that every
+ring has a viewpoint due north of the target; `Viewpoint.azimuth_deg` is the same direction in this
+project's convention, counter-clockwise from east. A ring of 6 therefore is not the ring that one
+would get by counting from east.
+
+With the paper's values the raw pool holds 170 candidates, ``cand_000`` to ``cand_169``:
+
+================  =====  ======  ==========
+ring              count  z (m)   ids
+================  =====  ======  ==========
+10 deg, lateral      58   1.408  000 .. 057
+15 deg, lateral      29   1.706  058 .. 086
+25 deg, lateral      19   2.279  087 .. 105
+35 deg, lateral      14   2.807  106 .. 119
+35 deg, upper        17   2.807  120 .. 136
+45 deg, upper        17   3.275  137 .. 153
+55 deg, upper        16   3.667  154 .. 169
+================  =====  ======  ==========
+
+The spacing filter removes 7 upper candidates at 35 degrees, where both bands have a ring: 163 remain.
+A minimum altitude of 1.5 m (the public code's) instead of 1.3 m also rejects the whole 10 degree
+ring, the densest one: 105 remain.
+"""
+
+from nbv.viewpoints.pool import candidate_pool, raw_candidates
+from nbv.viewpoints.rings import seed_viewpoints
+
+__all__ = ["candidate_pool", "raw_candidates", "seed_viewpoints"]

@@ -1,0 +1,84 @@
+"""Feasibility filters of the candidate pool. Each takes indices into the raw pool and returns the
+survivors' indices, in the order that the next filter (and, in the end, tie-breaking) sees."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nbv.types import Floats, Ints
+
+
+def within_altitude_and_travel(
+    positions_m: Floats,
+    keep: Ints,
+    min_altitude_m: float,
+    max_altitude_m: float,
+    vehicle_position_m: Floats,
+    max_travel_m: float,
+) -> Ints:
+    """Altitude limits (inclusive) and straight-line distance from where the vehicle really is."""
+    z = positions_m[keep, 2]
+    travel = np.linalg.norm(positions_m[keep] - vehicle_position_m, axis=1)
+    return keep[(z >= min_altitude_m) & (z <= max_altitude_m) & (travel <= max_travel_m)]
+
+
+def spaced(positions_m: Floats, keep: Ints, min_spacing_m: float) -> Ints:
+    """First come, first kept: drop a candidate closer than ``min_spacing_m`` to one already kept.
+
+    The paper calls it angular spacing; the authors' code measures Euclidean distance, and so does this.
+    """
+    points = positions_m[keep]
+    close = np.linalg.norm(points[:, None] - points[None], axis=2) < min_spacing_m
+    kept: list[int] = []
+    for i in range(len(keep)):
+        if not close[i, kept].any():
+            kept.append(i)
+    return keep[np.array(kept, dtype=np.int64)]
+
+
+def not_revisiting(positions_m: Floats, keep: Ints, adaptive_visited_m: Floats, exclusion_m: float) -> Ints:
+    """Drop candidates closer than ``exclusion_m`` to the commanded position of an adaptive capture."""
+    if len(adaptive_visited_m) == 0:
+        return keep
+    distance = np.linalg.norm(positions_m[keep][:, None] - adaptive_visited_m[None], axis=2)
+    return keep[distance.min(axis=1) >= exclusion_m]
+
+
+def sector_of(positions_m: Floats, target_m: Floats, sectors: int) -> Ints:
+    """(K,) azimuth sector of each position; sector 0 starts due north, counting clockwise."""
+    delta = np.asarray(positions_m, dtype=float).reshape(-1, 3) - target_m
+    bearing = np.arctan2(delta[:, 0], delta[:, 1]) / (2 * np.pi) * sectors
+    # Many viewpoints lie exactly on a sector's edge: rounding must not decide where they belong.
+    return np.floor(bearing + 1e-9).astype(np.int64) % sectors
+
+
+def azimuth_balanced(
+    positions_m: Floats,
+    elevations_deg: Floats,
+    keep: Ints,
+    target_m: Floats,
+    adaptive_visited_m: Floats,
+    sectors: int,
+    max_candidates: int,
+) -> Ints:
+    """Stable sort: sectors with the fewest adaptive captures first, then the highest elevation first;
+    then at most ``max_candidates``. Below that count only tie-breaking feels it."""
+    counts = np.bincount(sector_of(adaptive_visited_m, target_m, sectors), minlength=sectors)
+    visited = counts[sector_of(positions_m[keep], target_m, sectors)]
+    return keep[np.lexsort((-elevations_deg[keep], visited))][:max_candidates]
+
+
+def diverse(positions_m: Floats, keep: Ints, max_candidates: int) -> Ints:
+    """Farthest-point subset of at most ``max_candidates``, starting from the first; ties: the earlier.
+
+    The pool's order is kept, so that the crop does not disturb tie-breaking.
+    """
+    if len(keep) <= max_candidates:
+        return keep
+    points = positions_m[keep]
+    chosen = [0]
+    distance = np.linalg.norm(points - points[0], axis=1)
+    while len(chosen) < max_candidates:
+        chosen.append(int(np.argmax(distance)))
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    return keep[np.sort(np.array(chosen, dtype=np.int64))]
