@@ -195,6 +195,7 @@ class DenseConfig:
     consistency_views: int = 10
     consistency_relative_depth: float = 0.005
     consistency_px: float = 1.0
+    fusion_voxel_m: float = 0.004  # points in one voxel are averaged; about half a pixel on the rock
 
 
 @dataclass(frozen=True)
@@ -205,6 +206,7 @@ class EvaluationConfig:
     ground_ransac_iterations: int = 500
     ground_ransac_threshold_m: float = 0.03
     ground_max_tilt_deg: float = 15.0
+    ground_max_offset_m: float = 0.2  # of the plane from z = 0 below the target
     sor_neighbours: int = 20
     sor_std_ratio: float = 2.0
     gt_gate_m: float = 0.0  # 0.05 in the authors' public code; 0 turns it off
