@@ -1,0 +1,198 @@
+"""The reference surface: seeded samples of a mesh, and which of them any mission could have seen."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.errors import UserError
+from nbv.random_streams import keyed_rng
+from nbv.types import Floats, Ints
+
+MAX_INCIDENCE_DEG = 80.0  # beyond this a surface is foreshortened more than 5.8 times
+MIN_OBSERVING_VIEWS = 2  # a depth needs two rays
+_SURFACE_OFFSET_M = 1e-4  # lifts a ray off the facet that it starts from
+
+
+@dataclass(frozen=True)
+class GroundTruthSamples:
+    """Samples of the whole reference surface and the part of it that the camera shell can reach.
+
+    ``observable`` leaves out the underside, what the ground hides and what the rock hides from every
+    reachable camera: no planner can win or lose there.
+    """
+
+    points_m: Floats  # (S, 3) world frame
+    normals: Floats  # (S, 3) unit, outward
+    observable: NDArray[np.bool_]  # (S,)
+
+    def __post_init__(self) -> None:
+        if not (len(self.points_m) == len(self.normals) == len(self.observable) > 0):
+            raise ValueError("ground-truth points, normals and mask must be non-empty and equally long")
+
+
+def sample_surface(vertices_m: Floats, faces: Ints, n: int, seed: int) -> tuple[Floats, Floats]:
+    """Area-weighted uniform samples of a triangle mesh.
+
+    Faces are drawn with probability proportional to their area, then points uniformly within them
+    (Osada et al., "Shape distributions", 2002, Eq. 1). The draw depends on the arguments alone.
+
+    Parameters
+    ----------
+    vertices_m
+        (V, 3) vertices.
+    faces
+        (F, 3) vertex indices, counter-clockwise seen from outside.
+    n
+        Number of samples.
+    seed
+        Any integer.
+
+    Returns
+    -------
+    points_m, normals
+        (n, 3) each; normals are the unit face normals.
+
+    Raises
+    ------
+    UserError
+        The mesh has no area.
+    """
+    corners = np.asarray(vertices_m, dtype=float)[np.asarray(faces)]
+    edge_u, edge_v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    cross = np.cross(edge_u, edge_v)
+    doubled_area = np.linalg.norm(cross, axis=1)
+    total = doubled_area.sum()
+    if not np.isfinite(total) or total <= 0:
+        raise UserError("the reference mesh has no surface area; check that the file holds triangles")
+    rng = keyed_rng("surface-samples", seed)
+    # Inverse-CDF draw; zero-area faces have an empty interval and are never chosen.
+    cumulative = np.cumsum(doubled_area)
+    chosen = np.searchsorted(cumulative, rng.random(n) * cumulative[-1], side="right")
+    chosen = np.minimum(chosen, np.flatnonzero(doubled_area > 0)[-1])
+    root, v = np.sqrt(rng.random(n))[:, None], rng.random(n)[:, None]
+    a, b, c = corners[chosen, 0], corners[chosen, 1], corners[chosen, 2]
+    points = (1 - root) * a + root * (1 - v) * b + root * v * c
+    return points, cross[chosen] / doubled_area[chosen][:, None]
+
+
+def observable_mask(
+    vertices_m: Floats,
+    faces: Ints,
+    points_m: Floats,
+    normals: Floats,
+    camera_centers_m: Floats,
+    *,
+    min_views: int = MIN_OBSERVING_VIEWS,
+    max_incidence_deg: float = MAX_INCIDENCE_DEG,
+    ground_height_m: float = 0.0,
+) -> NDArray[np.bool_]:
+    """Which samples at least ``min_views`` of the reachable cameras see.
+
+    A camera sees a sample that lies above the ground, faces the camera with an incidence of at most
+    ``max_incidence_deg``, and is not occluded by the mesh (Open3D ray casting, from the sample towards
+    the camera). Image borders are ignored: cameras aim at the target and the rock fits the frame. With
+    sample and camera above the ground, the ground plane cannot occlude.
+
+    Parameters
+    ----------
+    vertices_m, faces
+        (V, 3) and (F, 3): the occluding mesh.
+    points_m, normals
+        (S, 3) each: the samples with unit outward normals.
+    camera_centers_m
+        (C, 3): every position from which the camera may look, e.g. seed rings and candidate pool.
+
+    Returns
+    -------
+    (S,) booleans.
+    """
+    import open3d as o3d
+
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(
+        o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices_m, dtype=np.float32)),
+        o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, dtype=np.uint32)),
+    )
+    points = np.asarray(points_m, dtype=float)
+    starts = points + _SURFACE_OFFSET_M * np.asarray(normals, dtype=float)
+    views = np.zeros(len(points), dtype=np.int64)
+    open_samples = np.flatnonzero(points[:, 2] > ground_height_m)
+    min_cosine = np.cos(np.deg2rad(max_incidence_deg))
+    # Cameras in a stride order: neighbours on a ring see the same samples, so spreading the first few
+    # settles most samples early. The result does not depend on the order.
+    centers = np.asarray(camera_centers_m, dtype=float).reshape(-1, 3)
+    for center in centers[_spread_order(len(centers))]:
+        if open_samples.size == 0:
+            break
+        ray = center - starts[open_samples]
+        distance = np.linalg.norm(ray, axis=1)
+        facing = (ray * normals[open_samples]).sum(1) >= min_cosine * distance
+        candidates = open_samples[facing]
+        if candidates.size == 0:
+            continue
+        rays = np.concatenate([starts[candidates], ray[facing]], axis=1).astype(np.float32)
+        # Directions are not normalised, so t = 1 is the camera.
+        blocked = scene.test_occlusions(
+            o3d.core.Tensor.from_numpy(rays), tnear=0.0, tfar=1.0, nthreads=1
+        ).numpy()
+        views[candidates[~blocked]] += 1
+        open_samples = open_samples[views[open_samples] < min_views]
+    return views >= min_views
+
+
+def build_ground_truth(
+    vertices_m: Floats,
+    faces: Ints,
+    camera_centers_m: Floats,
+    n: int,
+    seed: int = 0,
+    cache_dir: Path | None = None,
+) -> GroundTruthSamples:
+    """Samples and observable mask of a mesh; read from ``cache_dir`` if they were made before.
+
+    Arguments are those of `sample_surface` and `observable_mask`. A cache file is named after the
+    content of all inputs, so a changed mesh, shell, count or seed never reads a stale one.
+    """
+    path = None
+    if cache_dir is not None:
+        path = cache_dir / f"ground_truth_{_content_key(vertices_m, faces, camera_centers_m, n, seed)}.npz"
+        if path.is_file():
+            with np.load(path) as data:
+                return GroundTruthSamples(data["points_m"], data["normals"], data["observable"])
+    points, normals = sample_surface(vertices_m, faces, n, seed)
+    mask = observable_mask(vertices_m, faces, points, normals, camera_centers_m)
+    truth = GroundTruthSamples(points, normals, mask)
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # Written aside and renamed, so that a parallel mission never reads half a file.
+        import os
+
+        temporary = path.with_name(f"{path.stem}.{os.getpid()}.tmp.npz")
+        np.savez_compressed(temporary, points_m=points, normals=normals, observable=mask)
+        temporary.replace(path)
+    return truth
+
+
+def _spread_order(count: int) -> Ints:
+    """A permutation of ``range(count)`` whose consecutive members lie far apart."""
+    if count < 3:
+        return np.arange(count)
+    stride = max(1, round(count * 0.381966))  # golden section
+    while np.gcd(stride, count) != 1:
+        stride += 1
+    return (np.arange(count) * stride) % count
+
+
+def _content_key(vertices_m: Floats, faces: Ints, camera_centers_m: Floats, n: int, seed: int) -> str:
+    digest = hashlib.sha256()
+    for array, kind in ((vertices_m, float), (faces, np.int64), (camera_centers_m, float)):
+        values = np.ascontiguousarray(array, dtype=kind)
+        digest.update(repr(values.shape).encode())
+        digest.update(values.tobytes())
+    digest.update(repr((n, seed, MAX_INCIDENCE_DEG, MIN_OBSERVING_VIEWS, _SURFACE_OFFSET_M)).encode())
+    return digest.hexdigest()[:20]

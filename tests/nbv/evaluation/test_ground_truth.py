@@ -1,0 +1,113 @@
+"""Surface samples and the observable part."""
+
+import numpy as np
+import open3d as o3d
+import pytest
+
+from nbv.errors import UserError
+from nbv.evaluation.ground_truth import (
+    GroundTruthSamples,
+    build_ground_truth,
+    observable_mask,
+    sample_surface,
+)
+
+
+def mesh_arrays(mesh):
+    return np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)
+
+
+def ring(radius, elevation_deg, count=24, center=(0, 0, 0.8)):
+    azimuth = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    elevation = np.deg2rad(elevation_deg)
+    return np.array(center) + radius * np.stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth),
+         np.full(count, np.sin(elevation))], axis=1)  # fmt: skip
+
+
+def test_samples_are_area_weighted_and_lie_on_the_surface():
+    # Two triangles of areas 1/2 and 3/2, one of zero area between them.
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 5], [3, 0, 5], [0, 1, 5]], float)
+    faces = np.array([[0, 1, 2], [0, 0, 1], [3, 4, 5]])
+    points, normals = sample_surface(vertices, faces, 40_000, 0)
+    upper = points[:, 2] > 2.5
+    assert np.allclose(points[:, 2], np.where(upper, 5, 0))
+    assert upper.mean() == pytest.approx(0.75, abs=0.01)
+    assert np.allclose(normals, [0, 0, 1])
+    lower = points[~upper]
+    assert (lower[:, 0] + lower[:, 1]).max() <= 1 + 1e-12
+    # Uniform within the triangle: the centroid, and a quarter of the area in the corner half as large.
+    assert np.allclose(lower[:, :2].mean(0), 1 / 3, atol=0.01)
+    assert np.mean(lower[:, 0] + lower[:, 1] < 0.5) == pytest.approx(0.25, abs=0.02)
+
+
+def test_samples_depend_on_the_seed_alone():
+    vertices, faces = mesh_arrays(o3d.geometry.TriangleMesh.create_sphere(1.0))
+    first, again, other = (sample_surface(vertices, faces, 500, s)[0] for s in (3, 3, 4))
+    assert np.array_equal(first, again) and not np.array_equal(first, other)
+
+
+def test_a_mesh_without_area_is_a_user_error():
+    with pytest.raises(UserError, match="no surface area"):
+        sample_surface(np.zeros((3, 3)), np.array([[0, 1, 2]]), 10, 0)
+
+
+def test_single_camera_sees_a_sphere_up_to_the_incidence_limit():
+    vertices, faces = mesh_arrays(o3d.geometry.TriangleMesh.create_sphere(0.5, resolution=60))
+    vertices = vertices + np.array([0, 0, 10.0])
+    points, normals = sample_surface(vertices, faces, 20_000, 0)
+    camera = np.array([[1000.0, 0, 10.0]])
+    seen = observable_mask(vertices, faces, points, normals, camera, min_views=1, max_incidence_deg=60)
+    # From far away the cap with incidence below 60 degrees: (1 - cos 60) / 2 of the sphere.
+    assert seen.mean() == pytest.approx(0.25, abs=0.01)
+    assert points[seen, 0].min() == pytest.approx(0.25, abs=0.03)
+    assert not observable_mask(vertices, faces, points, normals, camera).any()  # two views are needed
+    twice = observable_mask(vertices, faces, points, normals, np.repeat(camera, 2, 0), max_incidence_deg=60)
+    assert np.array_equal(twice, seen)
+
+
+def test_underside_ground_and_occluded_parts_are_not_observable():
+    box = o3d.geometry.TriangleMesh.create_box(1, 1, 1).translate((-0.5, -0.5, 0.2))  # floats: a bottom face
+    buried = o3d.geometry.TriangleMesh.create_box(0.2, 0.2, 0.3).translate((2.0, 2.0, -0.2))
+    inside = o3d.geometry.TriangleMesh.create_sphere(0.2).translate((0, 0, 0.7))
+    vertices, faces = mesh_arrays(box + buried + inside)
+    points, normals = sample_surface(vertices, faces, 20_000, 0)
+    cameras = np.concatenate([ring(3.5, e) for e in (10, 35, 55)])
+    seen = observable_mask(vertices, faces, points, normals, cameras)
+    top, bottom = (normals[:, 2] > 0.99), (normals[:, 2] < -0.99) & (np.abs(points[:, 2] - 0.2) < 1e-6)
+    in_sphere = np.linalg.norm(points - [0, 0, 0.7], axis=1) < 0.21
+    assert seen[top & ~in_sphere & (points[:, 2] > 0.9)].all()
+    assert bottom.any() and not seen[bottom].any()
+    assert in_sphere.any() and not seen[in_sphere].any()
+    assert not seen[points[:, 2] < 0].any()
+
+
+def test_order_of_cameras_does_not_matter():
+    vertices, faces = mesh_arrays(o3d.geometry.TriangleMesh.create_torus(0.6, 0.3).translate((0, 0, 0.8)))
+    points, normals = sample_surface(vertices, faces, 3000, 0)
+    cameras = np.concatenate([ring(3.5, 10), ring(4.0, 29)])
+    shuffled = cameras[np.random.default_rng(0).permutation(len(cameras))]
+    first = observable_mask(vertices, faces, points, normals, cameras)
+    assert np.array_equal(first, observable_mask(vertices, faces, points, normals, shuffled))
+    assert 0.3 < first.mean() < 0.95
+
+
+def test_cache_is_keyed_by_content(tmp_path):
+    vertices, faces = mesh_arrays(o3d.geometry.TriangleMesh.create_sphere(0.8).translate((0, 0, 0.8)))
+    cameras = ring(3.5, 20)
+    fresh = build_ground_truth(vertices, faces, cameras, 2000, 0)
+    stored = build_ground_truth(vertices, faces, cameras, 2000, 0, tmp_path)
+    read = build_ground_truth(vertices, faces, cameras, 2000, 0, tmp_path)
+    for other in (stored, read):
+        assert np.array_equal(fresh.points_m, other.points_m)
+        assert np.array_equal(fresh.observable, other.observable)
+    assert len(list(tmp_path.iterdir())) == 1
+    build_ground_truth(vertices * 1.01, faces, cameras, 2000, 0, tmp_path)
+    build_ground_truth(vertices, faces, cameras[:-1], 2000, 0, tmp_path)
+    build_ground_truth(vertices, faces, cameras, 2000, 1, tmp_path)
+    assert len(list(tmp_path.iterdir())) == 4
+
+
+def test_empty_samples_are_refused():
+    with pytest.raises(ValueError, match="non-empty"):
+        GroundTruthSamples(np.empty((0, 3)), np.empty((0, 3)), np.empty(0, bool))

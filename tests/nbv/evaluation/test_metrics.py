@@ -1,0 +1,268 @@
+"""Closed forms and properties of the scores."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+
+from nbv.config import EvaluationConfig
+from nbv.errors import MissionFailure
+from nbv.evaluation.ground_truth import GroundTruthSamples, sample_surface
+from nbv.evaluation.metrics import (
+    area_under_curve,
+    azimuth_sectors,
+    compute_metrics,
+    distance_scores,
+    f_score,
+    sector_centers_deg,
+    sector_completeness,
+    voxel_means,
+    voxel_scores,
+)
+from nbv.types import PointCloud
+
+CONFIG = EvaluationConfig()
+TARGET = (0.0, 0.0, 0.8)
+
+
+def truth_of(points, observable=None):
+    normals = np.tile([0.0, 0.0, 1.0], (len(points), 1))
+    return GroundTruthSamples(
+        points, normals, np.ones(len(points), bool) if observable is None else observable
+    )
+
+
+def sphere(n, seed, radius=0.8):
+    direction = np.random.default_rng(seed).normal(size=(n, 3))
+    return radius * direction / np.linalg.norm(direction, axis=1, keepdims=True) + np.array(TARGET)
+
+
+def plane(spacing=0.01, z=0.0):
+    x, y = np.meshgrid(np.arange(-0.5, 0.5, spacing), np.arange(-0.5, 0.5, spacing))
+    return np.stack([x.ravel(), y.ravel(), np.full(x.size, z)], axis=1)
+
+
+def test_a_surface_against_itself_is_perfect():
+    points = sphere(5000, 0)
+    scores = compute_metrics(PointCloud(points), truth_of(points), CONFIG).whole
+    assert scores["hausdorff_symmetric_mm"] == scores["c2c_mean_mm"] == scores["c2c_p95_mm"] == 0
+    for t in (16, 32, 48, 64, 80):
+        assert scores[f"completeness_{t}mm"] == scores[f"accuracy_{t}mm"] == scores[f"f_score_{t}mm"] == 100
+    assert scores["f_score_auc"] == 100
+    assert scores["sector_completeness_48mm"] == [100.0] * 12
+
+
+def test_an_offset_plane_gives_its_offset_in_every_distance():
+    scores = compute_metrics(PointCloud(plane(z=0.040)), truth_of(plane()), CONFIG).whole
+    for name in ("hausdorff_gt_to_cloud_mm", "hausdorff_cloud_to_gt_mm", "c2c_mean_mm", "c2c_median_mm",
+                 "c2c_p95_mm", "c2c_cloud_to_gt_mean_mm"):  # fmt: skip
+        assert scores[name] == pytest.approx(40.0), name
+    assert [scores[f"f_score_{t}mm"] for t in (16, 32, 48, 64, 80)] == [0, 0, 100, 100, 100]
+    # Trapezoids of 0, 0, 1, 1, 1 over four equal intervals: (0 + 1/2 + 1 + 1) / 4.
+    assert scores["f_score_auc"] == pytest.approx(62.5)
+
+
+def test_half_a_sphere_is_half_complete_and_fully_accurate():
+    truth = sphere(40_000, 1)
+    dense = sphere(200_000, 11)  # spacing of 6 mm, well under the smallest threshold
+    cloud = dense[dense[:, 2] > TARGET[2]]
+    scores = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG).whole
+    # The band below the equator that lies within t of its rim is complete as well: t / (2 R) of the area
+    # to first order (a chord t spans the height t on a vertical wall).
+    assert scores["completeness_16mm"] == pytest.approx(100 * (0.5 + 0.016 / 1.6), abs=0.6)
+    assert scores["completeness_48mm"] == pytest.approx(100 * (0.5 + 0.048 / 1.6), abs=0.6)
+    assert scores["accuracy_32mm"] == 100
+    # The far pole is sqrt(2) R from the rim; the reverse direction sees nothing of it.
+    assert scores["hausdorff_gt_to_cloud_mm"] == pytest.approx(800 * np.sqrt(2), rel=0.01)
+    assert scores["hausdorff_cloud_to_gt_mm"] < 30
+    assert scores["hausdorff_symmetric_mm"] == scores["hausdorff_gt_to_cloud_mm"]
+
+
+def test_outliers_hurt_accuracy_and_not_completeness():
+    truth = sphere(5000, 2)
+    floaters = np.array(TARGET) + np.array([[1.2, 0, 0]]) + np.zeros((1000, 3))
+    scores = compute_metrics(PointCloud(np.concatenate([truth, floaters])), truth_of(truth), CONFIG).whole
+    assert scores["completeness_48mm"] == 100
+    assert scores["accuracy_48mm"] == pytest.approx(100 * 5000 / 6000)
+    assert scores["f_score_48mm"] == pytest.approx(f_score(100 * 5 / 6, 100))
+    assert scores["hausdorff_cloud_to_gt_mm"] == pytest.approx(400, rel=0.02)
+
+
+def test_normal_noise_gives_its_known_distribution():
+    rng = np.random.default_rng(3)
+    cloud = plane(0.005)
+    sigma_m = 0.020
+    cloud = cloud + np.array([0, 0, 1]) * rng.normal(scale=sigma_m, size=(len(cloud), 1))
+    scores = compute_metrics(PointCloud(cloud), truth_of(plane(0.002)), CONFIG).whole
+    # cloud -> gt is a half-normal distance (up to the 1 mm sampling): mean sigma sqrt(2/pi).
+    assert scores["c2c_cloud_to_gt_mean_mm"] == pytest.approx(20 * np.sqrt(2 / np.pi), rel=0.03)
+    assert scores["accuracy_32mm"] == pytest.approx(100 * 0.8904, abs=1.0)  # P(|z| < 1.6 sigma)
+
+
+def test_strict_threshold_as_in_tanks_and_temples():
+    truth, cloud = np.zeros((1, 3)), np.array([[0.048, 0.0, 0.0]])
+    scores = distance_scores(*(cKDTree(a).query(b)[0] for a, b in ((cloud, truth), (truth, cloud))), (48.0,))
+    assert scores["completeness_48mm"] == 0.0  # 48 mm is not less than 48 mm
+    assert distance_scores(np.array([0.0479]), np.array([0.0479]), (48.0,))["completeness_48mm"] == 100.0
+
+
+def test_tanks_and_temples_definition_by_brute_force():
+    rng = np.random.default_rng(4)
+    reconstruction, reference = rng.uniform(size=(300, 3)), rng.uniform(size=(400, 3))
+    d = 0.07
+    table = np.linalg.norm(reconstruction[:, None] - reference[None], axis=2)
+    precision = 100.0 * np.mean([row.min() < d for row in table])
+    recall = 100.0 * np.mean([column.min() < d for column in table.T])
+    config = EvaluationConfig(thresholds_mm=(70.0,))
+    scores = compute_metrics(PointCloud(reconstruction), truth_of(reference), config).whole
+    assert scores["accuracy_70mm"] == pytest.approx(precision)
+    assert scores["completeness_70mm"] == pytest.approx(recall)
+    assert scores["f_score_70mm"] == pytest.approx(2 * precision * recall / (precision + recall))
+
+
+def test_voxel_variant_does_not_care_about_density():
+    truth = sphere(30_000, 5)
+    upper = truth[truth[:, 2] > TARGET[2]]
+    wrong = upper + np.array([0.0, 0.0, 0.3])
+    rng = np.random.default_rng(0)
+    dense = np.repeat(upper, 5, axis=0) + rng.uniform(-1e-4, 1e-4, (5 * len(upper), 3))
+    even, skewed = np.concatenate([upper, wrong]), np.concatenate([dense, wrong])
+    plain = [
+        compute_metrics(PointCloud(c), truth_of(truth), CONFIG).whole["accuracy_48mm"] for c in (even, skewed)
+    ]
+    voxel = [voxel_scores(c, truth, (48.0,))["voxel_accuracy_48mm"] for c in (even, skewed)]
+    assert plain[1] > plain[0] + 20
+    assert voxel[1] == pytest.approx(voxel[0], abs=1.5)
+    # On evenly sampled clouds both definitions agree.
+    assert voxel_scores(upper, truth, (48.0,))["voxel_f_score_48mm"] == pytest.approx(
+        compute_metrics(PointCloud(upper), truth_of(truth), CONFIG).whole["f_score_48mm"], abs=2.0
+    )
+
+
+def test_voxel_means_average_each_cell():
+    points = np.array([[0.1, 0.1, 0.1], [0.3, 0.1, 0.1], [1.5, 0.5, 0.5], [-0.5, 0.5, 0.5]])
+    assert voxel_means(points, 1.0).tolist() == [[-0.5, 0.5, 0.5], [0.2, 0.1, 0.1], [1.5, 0.5, 0.5]]
+
+
+def test_observable_part_is_scored_against_the_whole_surface_backwards():
+    truth = sphere(20_000, 6)
+    observable = truth[:, 2] > TARGET[2]
+    scores = compute_metrics(PointCloud(truth), truth_of(truth, observable), CONFIG)
+    # Points on the hidden half are right, so accuracy stays 100 although they are far from "observable".
+    assert scores.observable["accuracy_16mm"] == 100
+    half = compute_metrics(PointCloud(truth[observable]), truth_of(truth, observable), CONFIG)
+    assert half.observable["completeness_48mm"] == 100
+    assert half.whole["completeness_48mm"] < 55
+    assert half.observable["n_gt_samples"] == observable.sum()
+
+
+def test_sectors_run_counter_clockwise_from_east():
+    assert sector_centers_deg(12)[0] == 15.0 and sector_centers_deg(12)[3] == 105.0
+    points = np.array([[1, 0.1, 0], [0.1, 1, 0], [-0.1, 1, 0], [-1, -0.1, 0], [1, -0.1, 0]], float)
+    assert azimuth_sectors(points, TARGET, 4).tolist() == [0, 0, 1, 2, 3]
+    assert azimuth_sectors(points + np.array([5, 7, 0]), (5, 7, 0), 4).tolist() == [0, 0, 1, 2, 3]
+
+
+def test_a_missing_sector_is_zero_and_an_empty_one_is_none():
+    truth = sphere(20_000, 7)
+    truth = truth[azimuth_sectors(truth, TARGET, 12) != 5]
+    cloud = truth[~np.isin(azimuth_sectors(truth, TARGET, 12), [7, 8, 9])]
+    sectors = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG).whole["sector_completeness_48mm"]
+    assert sectors[5] is None
+    assert sectors[8] < 25 and sectors[7] < 40  # a rim of 48 mm, and the poles where sectors are narrow
+    assert [sectors[k] for k in (0, 1, 2, 3, 4, 10, 11)] == [100.0] * 7
+    assert sector_completeness(np.array([0.0, 1.0]), np.array([0, 0]), 2, 48.0) == [50.0, None]
+
+
+def test_gate_removes_far_points_and_both_variants_are_reported():
+    truth = sphere(10_000, 8)
+    cloud = np.concatenate([truth[::2], truth[::4] + np.array([0, 0, 0.5])])
+    off = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG)
+    on = compute_metrics(PointCloud(cloud), truth_of(truth), dataclasses.replace(CONFIG, gt_gate_m=0.05))
+    assert off.whole == off.ungated["whole"] == on.ungated["whole"]
+    assert on.whole == on.gated["whole"] == off.gated["whole"]
+    assert off.whole["accuracy_48mm"] < 80 and on.whole["accuracy_64mm"] == 100
+    assert on.whole["hausdorff_cloud_to_gt_mm"] <= 50
+    assert on.n_points == on.gated["n_points"] < off.n_points == len(cloud)
+    # The shortcut for samples that lost their nearest point equals a fresh computation.
+    kept = cloud[cKDTree(truth).query(cloud)[0] <= 0.05]
+    assert compute_metrics(PointCloud(kept), truth_of(truth), CONFIG).whole == on.whole
+
+
+def test_nothing_to_score_is_a_failure_and_not_zero():
+    truth = truth_of(sphere(1000, 9))
+    with pytest.raises(MissionFailure) as failure:
+        compute_metrics(PointCloud(np.empty((0, 3))), truth, CONFIG)
+    assert failure.value.reason == "empty_cloud"
+    far = PointCloud(np.full((10, 3), 5.0))
+    with pytest.raises(MissionFailure) as failure:
+        compute_metrics(far, truth, dataclasses.replace(CONFIG, gt_gate_m=0.05))
+    assert failure.value.reason == "empty_cloud"
+    assert compute_metrics(far, truth, CONFIG).gated is None
+    with pytest.raises(ValueError, match="finite"):
+        compute_metrics(PointCloud(np.full((3, 3), np.nan)), truth, CONFIG)
+    with pytest.raises(ValueError, match="observable"):
+        compute_metrics(far, truth_of(sphere(1000, 9), np.zeros(1000, bool)), CONFIG)
+
+
+def test_json_round_trip():
+    points = sphere(2000, 10)
+    tree = compute_metrics(PointCloud(points), truth_of(points), CONFIG).to_dict()
+    assert json.loads(json.dumps(tree, allow_nan=False)) == tree
+    assert tree["observable"]["f_score_48mm"] == 100.0
+
+
+def test_area_under_a_curve():
+    assert area_under_curve([16.0], [40.0]) == 40.0
+    assert area_under_curve([10.0, 20.0, 40.0], [0.0, 100.0, 100.0]) == pytest.approx(100 * 25 / 30)
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    angle=st.floats(-np.pi, np.pi),
+    keep=st.floats(0.05, 1.0),
+    noise_m=st.floats(0.0, 0.1),
+)
+def test_properties_of_the_scores(seed, angle, keep, noise_m):
+    rng = np.random.default_rng(seed)
+    truth = sphere(400, seed)
+    cloud = truth[: max(1, int(keep * len(truth)))]
+    cloud = cloud + rng.normal(scale=noise_m + 1e-9, size=cloud.shape)
+    scores = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG).whole
+    for family in ("completeness", "accuracy"):
+        curve = [scores[f"{family}_{t}mm"] for t in (16, 32, 48, 64, 80)]
+        assert curve == sorted(curve) and curve[0] >= 0 and curve[-1] <= 100
+    for t in (16, 32, 48, 64, 80):
+        parts = scores[f"completeness_{t}mm"], scores[f"accuracy_{t}mm"]
+        assert min(parts) - 1e-9 <= scores[f"f_score_{t}mm"] <= max(parts) + 1e-9
+    assert scores["f_score_16mm"] - 1e-9 <= scores["f_score_auc"] <= scores["f_score_80mm"] + 1e-9
+    assert scores["c2c_median_mm"] <= scores["c2c_p95_mm"] <= scores["hausdorff_gt_to_cloud_mm"]
+    # A rotation of both about the vertical changes no scalar score.
+    c, s = np.cos(angle), np.sin(angle)
+    rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    turned = compute_metrics(PointCloud(cloud @ rotation.T), truth_of(truth @ rotation.T), CONFIG).whole
+    for name, value in scores.items():
+        if name.endswith("_mm"):
+            assert turned[name] == pytest.approx(value, abs=1e-6), name
+    # More points never make the surface less complete.
+    more = np.concatenate([cloud, sphere(20, seed + 1)])
+    better = compute_metrics(PointCloud(more), truth_of(truth), CONFIG).whole
+    assert better["completeness_48mm"] >= scores["completeness_48mm"]
+    assert better["c2c_mean_mm"] <= scores["c2c_mean_mm"] + 1e-9
+
+
+def test_a_mesh_against_its_own_denser_samples():
+    import open3d as o3d
+
+    mesh = o3d.geometry.TriangleMesh.create_sphere(0.8, resolution=40)
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+    truth, _ = sample_surface(vertices, faces, 20_000, 0)
+    cloud, _ = sample_surface(vertices, faces, 60_000, 1)
+    scores = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG, (0, 0, 0)).whole
+    assert scores["f_score_32mm"] > 99.9
+    assert scores["c2c_mean_mm"] < 10
