@@ -1,0 +1,48 @@
+"""Where a result comes from: versions, machine, revision."""
+
+from __future__ import annotations
+
+import functools
+import platform
+import subprocess
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+PACKAGES = ("gatetune", "numpy", "scipy", "pycolmap", "opencv-python-headless", "open3d-cpu", "open3d", "pyrender2",
+            "trimesh", "ruckig", "torch", "botorch", "gpytorch", "optuna")  # fmt: skip
+
+
+@functools.cache
+def versions() -> dict[str, str]:
+    """Installed versions of the packages that decide results."""
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+@functools.cache
+def git_revision() -> str:
+    """The checkout's revision with ``+changes`` if the tree is dirty; ``unknown`` outside a checkout."""
+    root = Path(__file__).resolve().parent.parent
+    try:
+        revision = subprocess.run(["git", "rev-parse", "--short=12", "HEAD"], cwd=root, capture_output=True,
+                                  text=True, timeout=10, check=True).stdout.strip()  # fmt: skip
+        dirty = subprocess.run(["git", "status", "--porcelain", "--untracked-files=no"], cwd=root,
+                               capture_output=True, text=True, timeout=10, check=True).stdout.strip()  # fmt: skip
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"
+    return f"{revision}+changes" if dirty else revision
+
+
+def provenance() -> dict[str, Any]:
+    """Versions, revision and machine kind; no names or paths of the machine."""
+    return {
+        "versions": versions(),
+        "revision": git_revision(),
+        "machine": f"{platform.system()} {platform.machine()}",
+    }

@@ -1,0 +1,23 @@
+"""One mission, one thread: many missions run side by side in processes of their own."""
+
+from __future__ import annotations
+
+import os
+
+_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+
+
+def single_thread_environment() -> None:
+    """Ask for one thread in every numerical library; call before they are imported."""
+    for name in _VARIABLES:
+        os.environ.setdefault(name, "1")
+
+
+def limit_threads() -> None:
+    """Hold libraries that are already loaded to one thread."""
+    # cv2 before pycolmap: the other order lets libpng abort the process.
+    import cv2
+    from threadpoolctl import threadpool_limits
+
+    cv2.setNumThreads(1)
+    threadpool_limits(1)

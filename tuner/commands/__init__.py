@@ -1,0 +1,1 @@
+"""One module per command group; the work is done elsewhere, here it is only asked for and shown."""

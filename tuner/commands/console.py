@@ -1,0 +1,53 @@
+"""The two rich consoles and small formatting helpers that commands share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+from rich.console import Console
+
+from nbv.config import MissionConfig, preset
+from nbv.errors import UserError
+
+output = Console()
+errors = Console(stderr=True)
+
+
+def parse_overrides(assignments: list[str]) -> dict[str, Any]:
+    """``["stop.adaptive_budget=4"]`` as ``{"stop.adaptive_budget": 4}``; values are YAML.
+
+    Raises
+    ------
+    UserError
+        An assignment without ``=`` or with an unreadable value.
+    """
+    values: dict[str, Any] = {}
+    for assignment in assignments:
+        path, separator, text = assignment.partition("=")
+        if not separator or not path.strip():
+            raise UserError(
+                f"--set {assignment!r} must be PATH=VALUE, for example --set stop.adaptive_budget=4"
+            )
+        try:
+            values[path.strip()] = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            raise UserError(f"--set {assignment!r}: the value is not readable YAML") from error
+    return values
+
+
+def mission_config(preset_name: str, assignments: list[str], gate: str | None = None) -> MissionConfig:
+    """The preset with ``--gate`` and ``--set`` applied."""
+    values = parse_overrides(assignments)
+    if gate is not None:
+        values["gate.kind"] = gate
+    return preset(preset_name).with_values(values)
+
+
+def seconds(value: float) -> str:
+    """``75.2`` as ``1 min 15 s``."""
+    if value < 90:
+        return f"{value:.0f} s"
+    if value < 5400:
+        return f"{value // 60:.0f} min {value % 60:.0f} s"
+    return f"{value // 3600:.0f} h {value % 3600 // 60:.0f} min"

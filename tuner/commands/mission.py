@@ -1,0 +1,125 @@
+"""``gatetune mission run`` and ``gatetune mission explain``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from tuner.commands.console import mission_config, output, seconds
+
+app = typer.Typer(no_args_is_help=True)
+
+
+class MissionProgress:
+    """One progress line that follows a mission's events."""
+
+    def __init__(self, progress: Progress, label: str = "mission") -> None:
+        self._progress = progress
+        self._task = progress.add_task(label, total=None)
+        self._seeds = 0
+
+    def __call__(self, event: str, facts: dict[str, Any]) -> None:
+        update = self._progress.update
+        if event == "start":
+            self._seeds = facts["seeds"]
+            update(self._task, total=facts["seeds"] + facts["budget"] + 2, description="seed phase")
+        elif event == "seed":
+            update(self._task, advance=1)
+            if facts["index"] + 1 == self._seeds:
+                update(self._task, description="seed model")
+        elif event == "seed-model":
+            text = (f"seed model: {facts['registered']}/{facts['captures']} images, {facts['points']} points, "
+                    f"alignment {1000 * facts['alignment_rms_m']:.1f} mm")  # fmt: skip
+            self._progress.console.print(text)
+            update(self._task, description="adaptive phase")
+        elif event == "capture":
+            mark = "" if facts["registered"] else "  [yellow]not registered[/]"
+            self._progress.console.print(
+                f"capture {facts['iteration'] + 1:2d}: {facts['scorer']:<8} chose {facts['chosen']}  "
+                f"d95 {1000 * facts['d95_m']:.0f} mm  {facts['points']} points{mark}"
+            )
+            update(self._task, advance=1)
+        elif event == "dense":
+            update(self._task, description="dense reconstruction")
+        elif event == "metrics":
+            update(self._task, advance=1, description="metrics")
+        elif event == "finished":
+            update(self._task, advance=1, description="finished")
+
+
+def progress_bar() -> Progress:
+    """The bar that all commands use."""
+    return Progress(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=output)
+
+
+@app.command()
+def run(
+    rock: Annotated[str, typer.Option(help="Catalogue name (see `gatetune rocks list`) or path of a mesh.")],
+    preset: Annotated[str, typer.Option(help="paper, paper-code or campaign.")] = "campaign",
+    gate: Annotated[str | None, typer.Option(help="covis, b-aware, hyb-h, hyb-o, random, ...")] = None,
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", help="PATH=VALUE, e.g. stop.adaptive_budget=4.")
+    ] = None,
+    replicate: Annotated[int, typer.Option(help="Draw of arrival errors and sensor noise.")] = 0,
+    out: Annotated[
+        Path | None, typer.Option(help="Run directory (default: runs/mission-ROCK-GATE-REPLICATE).")
+    ] = None,
+    overwrite: Annotated[bool, typer.Option(help="Replace a finished mission in that directory.")] = False,
+) -> None:
+    """Fly one complete mission and print its metrics."""
+    config = mission_config(preset, set_ or [], gate)
+    directory = out or Path("runs") / f"mission-{Path(rock).stem}-{config.gate.kind}-{replicate}"
+    from nbv.mission import run_mission
+
+    with progress_bar() as bar:
+        result = run_mission(
+            config, rock, replicate, directory, overwrite=overwrite, log=MissionProgress(bar)
+        )
+    colour = {"ok": "green", "degraded": "yellow", "failed": "red"}[result.status]
+    output.print(f"[{colour}]{result.status}[/]  {result.message}")
+    if result.status != "failed":
+        output.print(metrics_table(result.metrics))
+    output.print(
+        f"{result.costs['images']:.0f} images ({result.costs['registered_images']:.0f} registered), "
+        f"{result.costs['path_length_m']:.0f} m flown in {seconds(result.costs['flight_time_s'])} (simulated), "
+        f"computed in {seconds(result.costs['wall_s'])}; everything is in {directory}"
+    )
+    if result.status == "failed":
+        raise typer.Exit(1)
+
+
+def metrics_table(metrics: dict[str, Any]) -> Table:
+    """Both surfaces side by side."""
+    table = Table(title="Dense cloud against ground truth")
+    table.add_column("metric")
+    surfaces = [name for name in ("whole", "observable") if name in metrics]
+    for name in surfaces:
+        table.add_column(f"{name} surface", justify="right")
+    for key in metrics[surfaces[0]]:
+        values = [metrics[name].get(key) for name in surfaces]
+        if all(isinstance(value, (int, float)) for value in values):
+            table.add_row(key, *(f"{value:.1f}" for value in values))
+    return table
+
+
+@app.command()
+def explain(
+    mission: Annotated[
+        Path, typer.Argument(help="A mission's directory, or one saved planning state (.npz).")
+    ],
+    iteration: Annotated[int, typer.Option(help="Adaptive iteration, 0 is the first.")] = 0,
+    preset: Annotated[str, typer.Option(help="Configuration for a bare .npz state.")] = "paper",
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", help="PATH=VALUE: what would another setting choose?")
+    ] = None,
+    top: Annotated[int, typer.Option(help="Rows to show.")] = 10,
+) -> None:
+    """Score one planning state again: every candidate's terms, and why the chosen one won."""
+    from tuner.explain import explain_state
+
+    for item in explain_state(mission, iteration, preset, set_ or [], top):
+        output.print(item)

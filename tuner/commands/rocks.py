@@ -1,0 +1,74 @@
+"""``gatetune rocks list|show|import``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from tuner.commands.console import output
+
+app = typer.Typer(no_args_is_help=True)
+
+
+@app.command("list")
+def list_(split: Annotated[str | None, typer.Option(help="train, held-out or extra.")] = None) -> None:
+    """The catalogue: procedural rocks and the ones you imported."""
+    from nbv.rocks import list_rocks
+
+    table = Table()
+    for column in ("rock", "split", "source", "what makes it hard"):
+        table.add_column(column)
+    for info in list_rocks():
+        if split is None or info.split == split:
+            table.add_row(info.name, info.split, info.source, info.difficulty)
+    output.print(table)
+
+
+@app.command()
+def show(
+    rock: Annotated[str, typer.Argument(help="Catalogue name or path of a mesh.")],
+    image: Annotated[Path | None, typer.Option(help="Also render a contact sheet into this PNG.")] = None,
+) -> None:
+    """Size, area, overhangs and what the importer changed; with --image, a picture."""
+    from nbv.rocks import describe, load_rock
+
+    subject = load_rock(rock)
+    table = Table(title=subject.name, show_header=False)
+    table.add_column("fact")
+    table.add_column("value")
+    for fact, value in describe(subject).items():
+        table.add_row(fact, f"{value:.3f}" if isinstance(value, float) else str(value))
+    for note in subject.notes:
+        table.add_row("note", note)
+    output.print(table)
+    if image is not None:
+        from PIL import Image
+
+        from nbv.scene import preview
+
+        Image.fromarray(preview(subject)).save(image)
+        output.print(f"contact sheet: {image}")
+
+
+@app.command("import")
+def import_(
+    mesh: Annotated[
+        Path, typer.Argument(help="Any mesh that trimesh reads: OBJ+MTL+texture, GLB, PLY, STL, ...")
+    ],
+    name: Annotated[str | None, typer.Option(help="Catalogue name (default: the file's).")] = None,
+    split: Annotated[str, typer.Option(help="train, held-out or extra.")] = "train",
+    height_m: Annotated[float, typer.Option(help="Scale the rock to this height.")] = 1.6,
+    up: Annotated[str | None, typer.Option(help="The file's up axis: y or z (default: by format).")] = None,
+    force: Annotated[bool, typer.Option(help="Replace a rock of the same name.")] = False,
+) -> None:
+    """Bring your own rock into the catalogue; says what it changed."""
+    from nbv.rocks import import_mesh, save_imported
+
+    subject = import_mesh(mesh, name=name, split=split, height_m=height_m, up=up)
+    save_imported(subject, force=force)
+    output.print(f"imported [bold]{subject.name}[/] ({subject.split}): {len(subject.faces)} faces")
+    for note in subject.notes:
+        output.print(f"  - {note}")
