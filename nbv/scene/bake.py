@@ -1,0 +1,226 @@
+"""Light computed once: the sun does not move and the surfaces are Lambertian, so radiance has no view.
+
+Rock: a linear radiance per vertex. Ground: a clipmap of linear radiance with the rock's cast shadow.
+A photograph is then nothing but look-ups, and both backends look up the same numbers.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import open3d as o3d
+from numpy.typing import NDArray
+
+from nbv.config import CameraConfig, SceneConfig
+from nbv.errors import UserError
+from nbv.scene.bake_cache import baked
+from nbv.scene.ground import GroundSpec, synthesise_ground
+from nbv.scene.view import linear_from_srgb
+from nbv.types import Floats
+
+GROUND_TINT = np.array([1.0, 0.985, 0.955], dtype=np.float32)  # regolith is very slightly warm
+LOWEST_SUN_DEG = 3.0
+_FULL_SCALE = 65535.0  # radiance 1.0 in the stored 16-bit textures
+
+
+class RockLike(Protocol):
+    """What the scene needs of a rock (``nbv.rocks.Rock`` has it)."""
+
+    @property
+    def vertices_m(self) -> NDArray[np.floating]: ...
+    @property
+    def faces(self) -> NDArray[np.integer]: ...
+    @property
+    def albedo(self) -> NDArray[np.floating]: ...
+    @property
+    def sha256(self) -> str: ...
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A rock on the ground under the sun, baked; with the camera that looks at it."""
+
+    vertices_m: NDArray[np.float32]  # (V, 3)
+    faces: NDArray[np.uint32]  # (F, 3)
+    vertex_radiance: NDArray[np.float32]  # (V, 3) linear
+    ground_spec: GroundSpec
+    ground_levels: tuple[NDArray[np.uint16], ...]  # per level (S, S) grey radiance, 65535 is 1.0
+    sky_radiance: float  # linear grey
+    camera: CameraConfig
+
+    @property
+    def ground_mean_radiance(self) -> float:
+        """Grey radiance of the ground beyond the clipmap."""
+        return float(self.ground_levels[-1].mean() / _FULL_SCALE)
+
+
+def direction_to_sun(config: SceneConfig) -> Floats:
+    """(3,) unit vector; ``UserError`` if the sun is not at least 3 degrees above the horizon."""
+    travel = np.asarray(config.sun_direction, dtype=float)
+    norm = np.linalg.norm(travel)
+    if norm < 1e-9 or -travel[2] / norm < math.sin(math.radians(LOWEST_SUN_DEG)):
+        raise UserError(
+            f"scene.sun_direction is {config.sun_direction!r}: the direction the light travels must point "
+            f"down, at least {LOWEST_SUN_DEG:g} degrees below the horizontal (negative third component)"
+        )
+    return -travel / norm
+
+
+def raycasting_scene(
+    vertices_m: NDArray[np.floating], faces: NDArray[np.integer]
+) -> o3d.t.geometry.RaycastingScene:
+    """Open3D's ray caster with one mesh in it."""
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(
+        o3d.core.Tensor(np.ascontiguousarray(vertices_m, dtype=np.float32)),
+        o3d.core.Tensor(np.ascontiguousarray(faces, dtype=np.uint32)),
+    )
+    return scene
+
+
+def build_scene(
+    rock: RockLike, config: SceneConfig, camera: CameraConfig, ground: GroundSpec | None = None
+) -> Scene:
+    """Bake the light on a rock and its ground, or read it from the cache.
+
+    Raises
+    ------
+    UserError
+        The sun is below the horizon.
+    """
+    spec = ground or GroundSpec()
+    to_sun = direction_to_sun(config)
+    light = {
+        "sun": list(config.sun_direction),
+        "irradiance": config.sun_irradiance,
+        "ambient": config.ambient,
+    }
+    ground_key = {"seed": config.ground_seed, "spec": dataclasses.asdict(spec), "sun": light["sun"]}
+    vertices = np.ascontiguousarray(rock.vertices_m, dtype=np.float32)
+    faces = np.ascontiguousarray(rock.faces, dtype=np.uint32)
+
+    surface = baked("ground", ground_key, lambda: _ground_arrays(config.ground_seed, to_sun, spec))
+    rock_light = baked(
+        "rock",
+        {"rock": rock.sha256, "spec": ground_key["spec"], **light},
+        lambda: _rock_arrays(rock, vertices, faces, config, to_sun, spec),
+    )
+
+    levels = []
+    for level in range(spec.levels):
+        albedo = surface[f"albedo_{level}"].astype(np.float32) / np.float32(_FULL_SCALE)
+        sun = surface[f"sun_{level}"].astype(np.float32) * np.float32(config.sun_irradiance / _FULL_SCALE)
+        r0, r1, c0, c1 = rock_light[f"shadow_box_{level}"]
+        sun[r0:r1, c0:c1] *= rock_light[f"sunlit_{level}"].astype(np.float32) / np.float32(255)
+        radiance = albedo * (np.float32(config.ambient) + sun)
+        levels.append(np.rint(np.clip(radiance, 0, 1) * np.float32(_FULL_SCALE)).astype(np.uint16))
+    return Scene(
+        vertices, faces, rock_light["radiance"], spec, tuple(levels), linear_from_srgb(config.sky_grey), camera
+    )  # fmt: skip
+
+
+def _ground_arrays(seed: int, to_sun: Floats, spec: GroundSpec) -> dict[str, np.ndarray]:
+    surface = synthesise_ground(seed, to_sun, spec)
+    arrays = {}
+    for level in range(spec.levels):
+        arrays[f"albedo_{level}"] = np.rint(surface.albedo[level] * _FULL_SCALE).astype(np.uint16)
+        arrays[f"sun_{level}"] = np.rint(surface.sun_cosine[level] * _FULL_SCALE).astype(np.uint16)
+    return arrays
+
+
+def _rock_arrays(
+    rock: RockLike,
+    vertices: NDArray[np.float32],
+    faces: NDArray[np.uint32],
+    config: SceneConfig,
+    to_sun: Floats,
+    spec: GroundSpec,
+) -> dict[str, np.ndarray]:
+    caster = raycasting_scene(vertices, faces)
+    arrays = {"radiance": _vertex_radiance(rock.albedo, vertices, faces, config, to_sun, caster)}
+    box = _shadow_box(vertices, to_sun)
+    for level in range(spec.levels):
+        bounds, sunlit = _ground_sunlit(box, level, spec, to_sun, caster)
+        arrays[f"shadow_box_{level}"], arrays[f"sunlit_{level}"] = bounds, sunlit
+    return arrays
+
+
+def vertex_normals(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> NDArray[np.floating]:
+    """(V, 3) area-weighted unit normals; a vertex without faces gets straight up."""
+    corners = vertices[faces].astype(np.float64)
+    face_normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.stack(
+        [
+            np.bincount(faces.ravel(), np.repeat(face_normals[:, axis], 3), minlength=len(vertices))
+            for axis in range(3)
+        ],
+        axis=1,
+    )
+    norm = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.where(norm > 1e-20, normals / np.maximum(norm, 1e-20), (0.0, 0.0, 1.0))
+
+
+def _vertex_radiance(
+    albedo: NDArray[np.floating],
+    vertices: NDArray[np.float32],
+    faces: NDArray[np.uint32],
+    config: SceneConfig,
+    to_sun: Floats,
+    caster: o3d.t.geometry.RaycastingScene,
+) -> NDArray[np.float32]:
+    """albedo * (ambient * mild sky term + sun * max(0, n.l) * visibility)."""
+    normals = vertex_normals(vertices, faces)
+    cosine = np.maximum(normals @ to_sun, 0)
+    lit = np.flatnonzero(cosine > 0)
+    # Start a little off the surface, or a vertex would be shadowed by its own triangles.
+    origins = vertices[lit] + 0.004 * normals[lit] + 0.002 * to_sun
+    cosine[lit[_occluded(origins, to_sun, caster)]] = 0
+    sky = 0.85 + 0.15 * normals[:, 2]  # the ground below is a little darker than the sky
+    light = config.ambient * sky + config.sun_irradiance * cosine
+    return (np.asarray(albedo, dtype=np.float64) * light[:, None]).astype(np.float32)
+
+
+def _occluded(
+    origins: Floats, direction: Floats, caster: o3d.t.geometry.RaycastingScene
+) -> NDArray[np.bool_]:
+    rays = np.empty((len(origins), 6), dtype=np.float32)
+    rays[:, :3], rays[:, 3:] = origins, direction
+    return caster.test_occlusions(o3d.core.Tensor(rays), nthreads=1).numpy()
+
+
+def _shadow_box(vertices: NDArray[np.float32], to_sun: Floats) -> tuple[float, float, float, float]:
+    """(x0, x1, y0, y1) around the rock's shadow on z = 0."""
+    ground = vertices[:, :2] - vertices[:, 2:] * (to_sun[:2] / to_sun[2]).astype(np.float32)
+    (x0, y0), (x1, y1) = ground.min(0), ground.max(0)
+    return float(x0), float(x1), float(y0), float(y1)
+
+
+def _ground_sunlit(
+    box: tuple[float, float, float, float],
+    level: int,
+    spec: GroundSpec,
+    to_sun: Floats,
+    caster: o3d.t.geometry.RaycastingScene,
+) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
+    """Texel bounds (r0, r1, c0, c1) of the shadow's box and the sunlit part of each texel, 255 is all of it."""
+    texel, half = spec.texel_m * 2**level, spec.half_extent_m(level)
+
+    def clamp(value_m: float, up: bool) -> int:
+        index = (value_m + half) / texel
+        return min(max(math.ceil(index) + 1 if up else math.floor(index) - 1, 0), spec.size_px)
+
+    c0, c1, r0, r1 = clamp(box[0], False), clamp(box[1], True), clamp(box[2], False), clamp(box[3], True)
+    sub = 3 if level == 0 else 4  # sub-samples per axis: a partly shaded texel is grey, not jagged
+    xs = (np.arange(c0 * sub, c1 * sub) + 0.5) * texel / sub - half
+    ys = (np.arange(r0 * sub, r1 * sub) + 0.5) * texel / sub - half
+    sunlit = np.empty((r1 - r0, c1 - c0), dtype=np.uint8)
+    for row in range(r1 - r0):  # row by row, so that memory stays small for a low sun's long shadow
+        gx, gy = np.meshgrid(xs, ys[row * sub : (row + 1) * sub])
+        origins = np.stack([gx.ravel(), gy.ravel(), np.full(gx.size, 1e-4)], axis=1)
+        dark = _occluded(origins, to_sun, caster).reshape(sub, c1 - c0, sub)
+        sunlit[row] = np.rint(255 * (1 - dark.mean(axis=(0, 2))))
+    return np.array([r0, r1, c0, c1]), sunlit

@@ -1,0 +1,188 @@
+"""An endless, aperiodic regolith: albedo and micro-relief of the plane z = 0, shaded once.
+
+The ground is a clipmap: level ``l`` is a square texture of ``size_px`` texels of
+``texel_m * 2**l`` centred on the origin, so the middle is sharp and the horizon cheap. Every level holds
+the same landscape band-limited to its own texels, which is what a prefiltered mip-map is.
+
+Nothing here repeats: a tiled ground photograph makes Structure-from-Motion build self-consistent but
+wrong models, because a patch matches its neighbour's copy.
+
+Relief is painted on, not modelled: the surface is exactly z = 0, so depth has a closed form.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.random_streams import keyed_rng
+
+Floats32 = NDArray[np.float32]
+
+MEAN_ALBEDO = 0.21  # linear; lunar mare to highland is 0.07 to 0.25
+LARGEST_NODE_M = 12.8  # node spacing of the coarsest noise octave
+PEBBLES_PER_CLASS = 4800
+CRATERS_PER_CLASS = 700
+SMALLEST_DISC_TEXELS = 1.7  # radius; below this a disc aliases and is left out of a level
+
+
+@dataclass(frozen=True)
+class GroundSpec:
+    """Size of the clipmap; the default reaches 98 m with 6 mm texels in the middle 12 m."""
+
+    texel_m: float = 0.006
+    size_px: int = 2048
+    levels: int = 5
+
+    def half_extent_m(self, level: int) -> float:
+        """Half the side of a level's square."""
+        return self.texel_m * 2**level * self.size_px / 2
+
+    @property
+    def reach_m(self) -> float:
+        """Half extent of the coarsest level; beyond it the ground has its mean radiance."""
+        return self.half_extent_m(self.levels - 1)
+
+
+@dataclass(frozen=True, eq=False)
+class GroundSurface:
+    """Albedo and sun cosine of each level, texel (row i, column j) centred on
+    ``x = (j + 0.5) * texel - half``, ``y = (i + 0.5) * texel - half``."""
+
+    spec: GroundSpec
+    albedo: tuple[Floats32, ...]  # per level (S, S), linear
+    sun_cosine: tuple[Floats32, ...]  # per level (S, S), max(0, n . l) with the pebbles' own shadows
+
+
+def synthesise_ground(seed: int, to_sun: NDArray[np.float64], spec: GroundSpec) -> GroundSurface:
+    """Paint the ground of one seed under a sun in direction ``to_sun`` (3,), a unit vector with z > 0."""
+    shape = (spec.size_px, spec.size_px)
+    heights = [np.zeros(shape, np.float32) for _ in range(spec.levels)]
+    log_albedos = [np.zeros(shape, np.float32) for _ in range(spec.levels)]
+    shades = [np.ones(shape, np.float32) for _ in range(spec.levels)]
+
+    octaves = int(np.floor(np.log2(LARGEST_NODE_M / spec.texel_m))) + 1
+    for octave in range(octaves):
+        node_m = spec.texel_m * 2**octave
+        slope = 0.16 if node_m < 0.1 else 0.07
+        contrast = 0.13 if node_m < 0.1 else 0.07
+        for kind, targets, amplitude in (
+            ("height", heights, slope * node_m),
+            ("albedo", log_albedos, contrast),
+        ):
+            lattice = _lattice(seed, kind, octave, spec)
+            for level in range(min(octave + 1, spec.levels)):
+                targets[level] += amplitude * _upsample(lattice, octave, level, spec)
+    _scatter_discs(seed, to_sun, spec, heights, log_albedos, shades)
+
+    cosines = []
+    for level, height in enumerate(heights):
+        slope_y, slope_x = np.gradient(height, np.float32(spec.texel_m * 2**level))
+        cosine = (to_sun[2] - slope_x * to_sun[0] - slope_y * to_sun[1]) / np.sqrt(
+            1 + slope_x**2 + slope_y**2
+        )
+        cosines.append((np.maximum(cosine, 0) * shades[level]).astype(np.float32))
+    albedos = [np.clip(MEAN_ALBEDO * np.exp(a), 0.03, 0.6).astype(np.float32) for a in log_albedos]
+    return GroundSurface(spec, tuple(albedos), tuple(cosines))
+
+
+def _lattice(seed: int, kind: str, octave: int, spec: GroundSpec) -> Floats32:
+    """Smooth unit-variance noise on nodes ``texel * 2**octave`` apart over the coarsest level that sees it."""
+    nodes = max(4, spec.size_px >> max(0, octave - (spec.levels - 1)))
+    white = keyed_rng("ground", seed, kind, octave).standard_normal((nodes, nodes), dtype=np.float32)
+    # The blur makes blobs round: interpolated white noise alone shows its lattice.
+    smooth = cv2.GaussianBlur(white, (0, 0), 0.8, borderType=cv2.BORDER_REFLECT)
+    return smooth / np.float32(0.5 / (np.sqrt(np.pi) * 0.8))
+
+
+def _upsample(lattice: Floats32, octave: int, level: int, spec: GroundSpec) -> Floats32:
+    """The part of an octave inside a level, at the level's texels; both are centred on the origin."""
+    remaining = 2 ** (octave - level)
+    grid = lattice
+    while remaining > 1:
+        step = min(remaining, 8)  # in steps: the whole lattice blown up at once would not fit in memory
+        needed = int(np.ceil(spec.size_px / remaining / 2)) * 2 + 4
+        grid = _central(grid, needed)
+        size = len(grid) * step
+        grid = cv2.resize(grid, (size, size), interpolation=cv2.INTER_CUBIC)
+        remaining //= step
+    return _central(grid, spec.size_px)
+
+
+def _central(grid: Floats32, size: int) -> Floats32:
+    """The central ``size`` square of an even-sized grid (all of it if it is smaller)."""
+    start = max(0, (len(grid) - size) // 2)
+    return np.ascontiguousarray(grid[start : len(grid) - start, start : len(grid) - start])
+
+
+def _scatter_discs(
+    seed: int,
+    to_sun: NDArray[np.float64],
+    spec: GroundSpec,
+    heights: list[Floats32],
+    log_albedos: list[Floats32],
+    shades: list[Floats32],
+) -> None:
+    """Pebbles of 1 to 4 cm radius and craters up to 5 m, each size class over the levels that resolve it."""
+    shadow_shift = -to_sun[:2] / to_sun[2]
+    size_class = 0
+    while 0.010 * 2**size_class < 4.0:
+        pebble = size_class < 2
+        coarsest = min(size_class, spec.levels - 1)
+        extent = spec.half_extent_m(coarsest)
+        rng = keyed_rng("ground discs", seed, size_class)
+        count = PEBBLES_PER_CLASS if pebble else CRATERS_PER_CLASS
+        # Density falls with the square of the size; the class's own area grows by the same factor.
+        area_ratio = (extent / (6.144 * 2**size_class)) ** 2
+        count = max(1, round(count * area_ratio))
+        centres = rng.uniform(-extent, extent, (count, 2))
+        radii = 0.010 * 2**size_class * 2 ** rng.uniform(0, 1, count)
+        tones = rng.normal(0, 0.25 if pebble else 0.06, count)
+        steep = rng.uniform(0.5, 1.0, count)
+        for level in range(coarsest + 1):
+            texel = spec.texel_m * 2**level
+            half = spec.half_extent_m(level)
+            near = (np.abs(centres) < half + 2 * radii[:, None]).all(1) & (
+                radii >= SMALLEST_DISC_TEXELS * texel * 0.9
+            )
+            for i in np.flatnonzero(near):
+                args = (centres[i], radii[i], texel, half)
+                if pebble:
+                    shift = shadow_shift * 0.35 * radii[i]
+                    _paint(shades[level], (centres[i] + shift, radii[i], texel, half),
+                           lambda a, d: a * (1 - 0.8 * np.clip(4 * (1.0 - d), 0, 1)))  # fmt: skip
+                    _paint(shades[level], args, lambda a, d: np.where(d < 0.9, 1, a))
+                    _paint(log_albedos[level], args,
+                           lambda a, d, t=tones[i]: a + t * np.clip(3 * (1 - d), 0, 1))  # fmt: skip
+                    _paint(heights[level], args,
+                           lambda a, d, h=0.5 * radii[i] * steep[i]: a + h * np.clip(1 - d * d, 0, None))  # fmt: skip
+                else:
+                    _paint(heights[level], args,
+                           lambda a, d, h=0.16 * radii[i] * steep[i]: a + h * _crater(d), 1.6)  # fmt: skip
+                    _paint(log_albedos[level], args,
+                           lambda a, d, t=tones[i]: a + t * np.clip(1.5 * (1.2 - d), 0, 1), 1.3)  # fmt: skip
+        size_class += 1
+
+
+def _crater(d: Floats32) -> Floats32:
+    """Bowl of depth 1 inside d < 1 with a low rim around it."""
+    return np.where(d < 1, d * d - 1, 0) + 0.25 * np.exp(-(((d - 1) / 0.2) ** 2))
+
+
+def _paint(texture, disc, change, reach: float = 1.0) -> None:  # type: ignore[no-untyped-def]
+    """Apply ``change(old, d)`` where the distance d from the disc's centre, in radii, is below ``reach``."""
+    (x, y), radius, texel, half = disc
+    size = len(texture)
+    column, row, span = (x + half) / texel - 0.5, (y + half) / texel - 0.5, reach * radius / texel
+    c0, c1 = max(0, int(np.ceil(column - span))), min(size, int(np.floor(column + span)) + 1)
+    r0, r1 = max(0, int(np.ceil(row - span))), min(size, int(np.floor(row + span)) + 1)
+    if c0 >= c1 or r0 >= r1:
+        return
+    dx = (np.arange(c0, c1, dtype=np.float32) - np.float32(column)) ** 2
+    dy = (np.arange(r0, r1, dtype=np.float32) - np.float32(row)) ** 2
+    d = np.sqrt(dy[:, None] + dx) * np.float32(texel / radius)
+    old = texture[r0:r1, c0:c1]
+    texture[r0:r1, c0:c1] = np.where(d < reach, change(old, d), old)

@@ -1,0 +1,217 @@
+"""The deterministic backend: Open3D rays on the rock, a closed form for the ground, no graphics driver.
+
+Each pixel is integrated, not point-sampled: the ground by ``GROUND_ROWS`` sub-rows per pixel with a
+mip level chosen from the footprint, the rock by 2 x 2 rays per pixel inside its projected box. Depth and
+mask are those of the pixel's centre.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import open3d as o3d
+from numpy.typing import NDArray
+
+from nbv.frames import intrinsic_matrix
+from nbv.scene.bake import GROUND_TINT, Scene, raycasting_scene
+from nbv.scene.view import RenderedView, camera_position, grey_levels
+from nbv.types import Floats
+
+Floats32 = NDArray[np.float32]
+
+GROUND_ROWS = 3  # sub-rows per pixel: towards the horizon a footprint is several times longer than wide
+ROCK_SUBSAMPLES = 2  # per axis
+FADE_START = 0.7  # of the clipmap's reach; from there the ground fades to its mean
+_NO_HIT = o3d.t.geometry.RaycastingScene.INVALID_ID
+
+
+class RaycastRenderer:
+    """Ray casting with baked light; equal input gives equal bits."""
+
+    name = "raycast"
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._caster = raycasting_scene(scene.vertices_m, scene.faces)
+        self._k = intrinsic_matrix(scene.camera)
+        self._ground_mean = np.float32(scene.ground_mean_radiance * 65535.0)
+        low, high = scene.vertices_m.min(0), scene.vertices_m.max(0)
+        self._corners = np.array(
+            [[x, y, z, 1.0] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+        )
+
+    def render(self, camera_from_world: Floats) -> RenderedView:
+        """See ``Renderer.render``."""
+        position = camera_position(camera_from_world)
+        matrix = np.asarray(camera_from_world, dtype=float)
+        rays = _PixelRays(matrix[:3, :3], self._k)
+        rgb = self._background(rays, position)
+        depth = self._ground_depth(rays, position)
+        mask = np.zeros(depth.shape, dtype=bool)
+        box = self._rock_box(matrix)
+        if box is not None:
+            self._draw_rock(rays, position, box, rgb, depth, mask)
+        return RenderedView(grey_levels(rgb), depth, mask)
+
+    # ---------------------------------------------------------------- ground and sky
+
+    def _ground_depth(self, rays: _PixelRays, position: Floats) -> Floats32:
+        camera = self._scene.camera
+        dz = rays.component(2, np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5)
+        with np.errstate(divide="ignore"):
+            return np.where(dz < 0, np.float32(-position[2]) / dz, np.float32(np.inf))
+
+    def _background(self, rays: _PixelRays, position: Floats) -> Floats32:
+        """(H, W, 3) radiance of ground and sky."""
+        camera = self._scene.camera
+        columns = np.arange(camera.width_px) + 0.5
+        grey = np.zeros((camera.height_px, camera.width_px), dtype=np.float32)
+        sky = np.zeros_like(grey)
+        for k in range(GROUND_ROWS):
+            rows = np.arange(camera.height_px) + (k + 0.5) / GROUND_ROWS
+            dz = rays.component(2, columns, rows)
+            below = dz < -1e-6
+            with_ground = np.flatnonzero(below.any(axis=1))
+            if not len(with_ground):
+                sky += 1
+                continue
+            # Only the band of rows that sees ground is looked up.
+            band = slice(int(with_ground[0]), int(with_ground[-1]) + 1)
+            sky[: band.start] += 1
+            sky[band.stop :] += 1
+            seen = below[band]
+            looked_up = self._look_up(rays, position, columns, rows[band], np.minimum(dz[band], -1e-6))
+            if seen.all():
+                grey[band] += looked_up
+            else:
+                grey[band] += looked_up * seen
+                sky[band] += ~seen
+        grey *= np.float32(1 / (65535.0 * GROUND_ROWS))
+        sky *= np.float32(self._scene.sky_radiance / GROUND_ROWS)
+        rgb = np.empty((*grey.shape, 3), dtype=np.float32)
+        for channel in range(3):
+            np.multiply(grey, GROUND_TINT[channel], out=rgb[..., channel])
+            rgb[..., channel] += sky
+        return rgb
+
+    def _look_up(
+        self, rays: _PixelRays, position: Floats, columns: Floats, rows: Floats, dz: Floats32
+    ) -> Floats32:
+        """Trilinear ground radiance (0..65535) at one sample per pixel."""
+        spec, levels = self._scene.ground_spec, self._scene.ground_levels
+        dx, dy = rays.component(0, columns, rows), rays.component(1, columns, rows)
+        t = np.float32(-position[2]) / dz
+        reach = np.float32(spec.reach_m)
+        x = np.clip(t * dx + np.float32(position[0]), -reach, reach)
+        y = np.clip(t * dy + np.float32(position[1]), -reach, reach)
+        farthest = np.maximum(np.abs(x), np.abs(y))
+
+        # Footprint of a sample: t / f across; along, longer by the grazing angle, shared by the sub-rows.
+        stretch = (dx * dx + dy * dy + dz * dz) / (np.float32(-GROUND_ROWS) * dz)
+        footprint = t * np.maximum(stretch, 1) * np.float32(1 / (self._k[0, 0] * spec.texel_m))
+        # A level is used only well inside its square: the lower of the two blended reaches twice as far.
+        inside = farthest * np.float32(2.02 / spec.half_extent_m(0))
+        lod = np.log2(np.maximum(np.maximum(footprint, inside), 1))
+        np.minimum(lod, np.float32(spec.levels - 1), out=lod)
+
+        total = np.zeros_like(t)
+        for level in range(int(lod.min()), int(np.ceil(lod.max())) + 1):
+            weight = np.maximum(1 - np.abs(lod - np.float32(level)), 0)
+            used = np.flatnonzero(weight.any(axis=1))
+            if not len(used):
+                continue
+            part = slice(int(used[0]), int(used[-1]) + 1)
+            scale = np.float32(1 / (spec.texel_m * 2**level))
+            shift = np.float32(spec.size_px / 2 - 0.5)
+            value = cv2.remap(
+                levels[level],
+                x[part] * scale + shift,
+                y[part] * scale + shift,
+                cv2.INTER_LINEAR,
+                borderMode=cv2.BORDER_REPLICATE,
+            )
+            total[part] += weight[part] * value
+        fade = np.clip((farthest / reach - FADE_START) / (1 - FADE_START), 0, 1)
+        return total + fade * (self._ground_mean - total)
+
+    # ---------------------------------------------------------------- rock
+
+    def _rock_box(self, camera_from_world: Floats) -> tuple[int, int, int, int] | None:
+        """(r0, r1, c0, c1) around the rock's image; all of the image if the rock reaches behind the camera."""
+        camera = self._scene.camera
+        corners = self._corners @ camera_from_world[:3].T
+        if (corners[:, 2] <= 0.01).all():
+            return None
+        if (corners[:, 2] <= 0.01).any():
+            return 0, camera.height_px, 0, camera.width_px
+        pixels = corners @ self._k.T
+        uv = pixels[:, :2] / pixels[:, 2:]
+        c0, r0 = np.floor(uv.min(0)).astype(int) - 1
+        c1, r1 = np.ceil(uv.max(0)).astype(int) + 1
+        r0, r1 = max(int(r0), 0), min(int(r1), camera.height_px)
+        c0, c1 = max(int(c0), 0), min(int(c1), camera.width_px)
+        return (r0, r1, c0, c1) if r0 < r1 and c0 < c1 else None
+
+    def _draw_rock(
+        self,
+        rays: _PixelRays,
+        position: Floats,
+        box: tuple[int, int, int, int],
+        rgb: Floats32,
+        depth: Floats32,
+        mask: NDArray[np.bool_],
+    ) -> None:
+        r0, r1, c0, c1 = box
+        rows, columns = np.arange(r0, r1), np.arange(c0, c1)
+        t, _, _ = self._cast(rays, position, columns + 0.5, rows + 0.5)
+        nearer = t < depth[r0:r1, c0:c1]
+        depth[r0:r1, c0:c1][nearer] = t[nearer]
+        mask[r0:r1, c0:c1] = nearer
+
+        n = ROCK_SUBSAMPLES
+        fine_rows = r0 + (np.arange((r1 - r0) * n) + 0.5) / n
+        fine_columns = c0 + (np.arange((c1 - c0) * n) + 0.5) / n
+        t, face, uv = self._cast(rays, position, fine_columns, fine_rows)
+        hit = face != _NO_HIT
+        radiance = np.zeros((*hit.shape, 3), dtype=np.float32)
+        radiance[hit] = self._surface_radiance(face[hit], uv[hit])
+        blocks = (r1 - r0, n, c1 - c0, n)
+        share = np.float32(1 / n**2)
+        uncovered = 1 - share * hit.reshape(blocks).sum(axis=(1, 3), dtype=np.float32)
+        patch = rgb[r0:r1, c0:c1]
+        patch *= uncovered[..., None]
+        patch += share * radiance.reshape(*blocks, 3).sum(axis=(1, 3))
+
+    def _cast(
+        self, rays: _PixelRays, position: Floats, columns: Floats, rows: Floats
+    ) -> tuple[Floats32, NDArray[np.uint32], Floats32]:
+        """Depth (inf: nothing), triangle and barycentric (u, v) of the rock along a grid of rays."""
+        bundle = np.empty((len(rows), len(columns), 6), dtype=np.float32)
+        bundle[..., :3] = position
+        for axis in range(3):
+            bundle[..., 3 + axis] = rays.component(axis, columns, rows)
+        answer = self._caster.cast_rays(o3d.core.Tensor(bundle), nthreads=1)
+        return answer["t_hit"].numpy(), answer["primitive_ids"].numpy(), answer["primitive_uvs"].numpy()
+
+    def _surface_radiance(self, face: NDArray[np.uint32], uv: Floats32) -> Floats32:
+        corners = self._scene.faces[face]
+        radiance = self._scene.vertex_radiance
+        u, v = uv[:, :1], uv[:, 1:]
+        return (
+            (1 - u - v) * radiance[corners[:, 0]] + u * radiance[corners[:, 1]] + v * radiance[corners[:, 2]]
+        )
+
+
+class _PixelRays:
+    """World directions of image points, scaled so that the ray parameter is the z-depth.
+
+    A direction is an affine function of (column, row), so a grid of them is an outer sum.
+    """
+
+    def __init__(self, camera_from_world_rotation: Floats, k: Floats) -> None:
+        self._columns_of = camera_from_world_rotation.T @ np.linalg.inv(k)
+
+    def component(self, axis: int, columns: Floats, rows: Floats) -> Floats32:
+        """(len(rows), len(columns)) one world component of the directions."""
+        a, b, c = self._columns_of[axis]
+        return (b * rows + c).astype(np.float32)[:, None] + (a * columns).astype(np.float32)
