@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
+from nbv.evaluation.neighbours import nearest_neighbours
 from nbv.random_streams import keyed_rng
 from nbv.types import Floats, PointCloud
 
@@ -142,9 +142,11 @@ def find_ground(points_m: Floats, config: EvaluationConfig, target_m: Floats, se
     slack = config.ground_ransac_threshold_m / np.cos(np.deg2rad(config.ground_max_tilt_deg))
     low_points = points_m[points_m[:, 2] <= reach + slack]
     counts = np.zeros(len(offsets), dtype=np.int64)
-    for start in range(0, len(low_points), 8192):
-        distance = low_points[start : start + 8192] @ normals.T - offsets
-        counts += (np.abs(distance) <= config.ground_ransac_threshold_m).sum(0)
+    # Single precision is enough to count (points lie within metres of the origin) and twice as fast.
+    rows, columns, shifts = (a.astype(np.float32) for a in (low_points, normals.T, offsets))
+    for start in range(0, len(rows), 8192):
+        distance = rows[start : start + 8192] @ columns - shifts
+        counts += np.count_nonzero(np.abs(distance, out=distance) <= config.ground_ransac_threshold_m, axis=0)
     best = int(counts.argmax())
     plane = Plane(normals[best], float(offsets[best]))
     refined = _fit(
@@ -162,8 +164,7 @@ def inlier_mask(points_m: Floats, neighbours: int, std_ratio: float) -> NDArray[
     """
     if len(points_m) <= neighbours:
         return np.ones(len(points_m), dtype=bool)
-    tree = cKDTree(points_m, balanced_tree=False, compact_nodes=False)
-    distance, _ = tree.query(points_m, k=neighbours + 1, workers=1)
+    distance, _ = nearest_neighbours(points_m, points_m, k=neighbours + 1)
     mean = distance[:, 1:].mean(1)
     return mean <= mean.mean() + std_ratio * mean.std()
 

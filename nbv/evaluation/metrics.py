@@ -21,11 +21,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation.ground_truth import GroundTruthSamples
+from nbv.evaluation.neighbours import nearest_neighbours
 from nbv.types import Floats, PointCloud
 
 PAPER_CODE_GATE_M = 0.05
@@ -101,8 +101,8 @@ def compute_metrics(
     if not truth.observable.any():
         raise ValueError("no ground-truth sample is observable; check the camera shell")
 
-    to_gt, _ = cKDTree(truth.points_m).query(points, workers=1)
-    to_cloud, nearest = cKDTree(points).query(truth.points_m, workers=1)
+    to_gt, _ = nearest_neighbours(truth.points_m, points)
+    to_cloud, nearest = nearest_neighbours(points, truth.points_m)
     sectors = azimuth_sectors(truth.points_m, target_m, config.azimuth_sectors)
     ungated = _variant(to_cloud, to_gt, truth, sectors, config)
 
@@ -114,7 +114,7 @@ def compute_metrics(
         gated_to_cloud = to_cloud.copy()
         orphans = ~kept[nearest]
         if orphans.any():
-            gated_to_cloud[orphans], _ = cKDTree(points[kept]).query(truth.points_m[orphans], workers=1)
+            gated_to_cloud[orphans], _ = nearest_neighbours(points[kept], truth.points_m[orphans])
         gated = {"gt_gate_m": gate_m, **_variant(gated_to_cloud, to_gt[kept], truth, sectors, config)}
     if config.gt_gate_m > 0 and gated is None:
         raise MissionFailure(
@@ -236,8 +236,8 @@ def voxel_scores(points_m: Floats, gt_points_m: Floats, thresholds_mm: Sequence[
     scores = {}
     for t in sorted(thresholds_mm):
         cloud, gt = (voxel_means(p, t / 2000.0) for p in (points_m, gt_points_m))
-        recall = 100.0 * float((cKDTree(cloud).query(gt, workers=1)[0] < t / 1000.0).mean())
-        precision = 100.0 * float((cKDTree(gt).query(cloud, workers=1)[0] < t / 1000.0).mean())
+        recall = 100.0 * float((nearest_neighbours(cloud, gt)[0] < t / 1000.0).mean())
+        precision = 100.0 * float((nearest_neighbours(gt, cloud)[0] < t / 1000.0).mean())
         scores[f"voxel_completeness_{t:g}mm"] = recall
         scores[f"voxel_accuracy_{t:g}mm"] = precision
         scores[f"voxel_f_score_{t:g}mm"] = f_score(precision, recall)
