@@ -65,6 +65,10 @@ class FlightConfig:
     max_yaw_jerk_rad_s3: float = 6.0
     arrival_tolerance_m: float = 0.35  # per axis, paper's code
     settle_s: float = 2.0
+    # Ours: straight legs through this upright cylinder around the target get a detour.
+    keep_out_radius_m: float = 1.3
+    keep_out_height_m: float = 2.2  # above the ground
+    min_camera_altitude_m: float = 0.3  # arrival errors never take the camera below
 
 
 @dataclass(frozen=True)
@@ -391,6 +395,11 @@ def validate(config: MissionConfig) -> None:
             value = getattr(value, part)
         need(value > 0, path, "positive")
     need(config.flight.arrival_tolerance_m >= 0, "flight.arrival_tolerance_m", "0 or more")
+    for name in ("max_yaw_rate_rad_s", "max_yaw_acceleration_rad_s2", "max_yaw_jerk_rad_s3"):
+        need(getattr(config.flight, name) > 0, f"flight.{name}", "positive")
+    for name in ("settle_s", "takeoff_altitude_m", "keep_out_radius_m", "keep_out_height_m",
+                 "min_camera_altitude_m"):  # fmt: skip
+        need(getattr(config.flight, name) >= 0, f"flight.{name}", "0 or more")
     need(len(config.seed.ring_elevations_deg) == len(config.seed.ring_azimuth_counts) > 0,
          "seed.ring_azimuth_counts", "as long as seed.ring_elevations_deg")  # fmt: skip
     need(sum(config.seed.ring_azimuth_counts) >= 3, "seed.ring_azimuth_counts", "at least 3 views in all")

@@ -1,5 +1,12 @@
-"""The scorers: arrays in, rankings out. `score_pool` is what the mission calls."""
+"""The scorers: arrays in, rankings out. `rank_candidates` is what the mission calls."""
 
-from nbv.scorers.scorer import SharedTerms, box_points, rank_b_aware, rank_covis, score_pool, shared_terms
+from nbv.scorers.scorer import (
+    SharedTerms,
+    box_points,
+    rank_b_aware,
+    rank_candidates,
+    rank_covis,
+    shared_terms,
+)
 
-__all__ = ["SharedTerms", "box_points", "rank_b_aware", "rank_covis", "score_pool", "shared_terms"]
+__all__ = ["SharedTerms", "box_points", "rank_b_aware", "rank_candidates", "rank_covis", "shared_terms"]

@@ -111,7 +111,7 @@ def rank_b_aware(terms: SharedTerms, pool: CandidatePool, config: MissionConfig)
     return rank("b-aware", repair(terms.visible, gain, weak), terms, config.b_aware.weights)
 
 
-def score_pool(state: PlanningState, pool: CandidatePool, config: MissionConfig) -> dict[str, Ranking]:
+def rank_candidates(state: PlanningState, pool: CandidatePool, config: MissionConfig) -> dict[str, Ranking]:
     """Both base scorers on the same pool: ``{"covis": ..., "b-aware": ...}``.
 
     The pool must not be empty; the mission ends before scoring if it is.
@@ -122,6 +122,6 @@ def score_pool(state: PlanningState, pool: CandidatePool, config: MissionConfig)
         ``no_points_in_box``: there is nothing to plan from.
     """
     if len(pool) == 0:
-        raise ValueError("score_pool: the candidate pool is empty")
+        raise ValueError("rank_candidates: the candidate pool is empty")
     terms = shared_terms(state, pool, config)
     return {"covis": rank_covis(terms, config), "b-aware": rank_b_aware(terms, pool, config)}

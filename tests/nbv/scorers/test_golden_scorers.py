@@ -10,7 +10,7 @@ import pytest
 
 from nbv.config import MissionConfig, Weights
 from nbv.frames import heading_to
-from nbv.scorers import score_pool
+from nbv.scorers import rank_candidates
 from nbv.types import CandidatePool, PlanningState, SparseModel
 
 GOLDEN = Path(__file__).parents[4] / "shared" / "golden" / "scorers"
@@ -89,7 +89,7 @@ def test_terms_scores_and_ranks_equal_the_reference(name: str, case: str) -> Non
     z = load(name)
     scorer, alphas = CASES[case]
     state, pool = state_and_pool(z)
-    ours = score_pool(state, pool, config_for(z["weights"], alphas))[scorer]
+    ours = rank_candidates(state, pool, config_for(z["weights"], alphas))[scorer]
 
     expected = z[case]
     for column, term in enumerate(("main", "nov", "move", "ang")):

@@ -1,0 +1,128 @@
+"""A mission's flight log: take-off, legs, hovering, landing, with total time and path."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nbv.config import MissionConfig
+from nbv.flight.arrival import arrival_position
+from nbv.flight.leg import Leg, Pose, fly_straight
+from nbv.flight.route import route
+from nbv.frames import heading_to
+from nbv.types import Floats, Viewpoint
+
+
+@dataclass(frozen=True)
+class FlightEvent:
+    """One thing the vehicle did, with the mission time at which it began."""
+
+    name: str  # "take-off", a viewpoint's id, "return", "landing"
+    start_s: float
+    legs: tuple[Leg, ...]
+    hover_s: float  # after the legs
+
+
+class Flight:
+    """The vehicle of one mission.
+
+    The camera is where the vehicle is, and the gimbal aims at the target, so arriving with a wrong
+    position does not turn the target out of the image. Planning time is not flown: the simulation
+    hovers only for ``settle_s`` before each photograph (and as `hover` says).
+
+    Parameters
+    ----------
+    rock_sha256, replicate
+        Key of the arrival errors.
+    """
+
+    def __init__(self, config: MissionConfig, rock_sha256: str, replicate: int) -> None:
+        self._limits = config.flight
+        self._target_m = config.target_m
+        self._rock_sha256, self._replicate = rock_sha256, replicate
+        home = np.array(config.flight.home_m, dtype=float)
+        self._pose = _pose(home, float(heading_to(home, np.array(config.target_m))))
+        self.flight_time_s = 0.0
+        self.path_length_m = 0.0
+        self.events: list[FlightEvent] = []
+
+    @property
+    def position_m(self) -> Floats:
+        """(3,) where the vehicle really is."""
+        return np.array(self._pose.position_m)
+
+    @property
+    def heading_rad(self) -> float:
+        """Counter-clockwise from east."""
+        return self._pose.heading_rad
+
+    def take_off(self) -> None:
+        """Climb from home to the take-off altitude."""
+        x, y, z = self._pose.position_m
+        up = Pose((x, y, z + self._limits.takeoff_altitude_m), self._pose.heading_rad)
+        self._fly("take-off", [fly_straight(self._pose, up, self._limits)], 0.0)
+
+    def fly_to(self, viewpoint: Viewpoint) -> Floats:
+        """Fly to a viewpoint, around the rock if need be, and settle; returns the actual position (3,)."""
+        arrived = arrival_position(viewpoint, self._limits, self._rock_sha256, self._replicate)
+        end = _pose(arrived, float(heading_to(arrived, np.array(self._target_m))))
+        self._fly(viewpoint.id, route(self._pose, end, self._target_m, self._limits), self._limits.settle_s)
+        return arrived
+
+    def hover(self, seconds: float) -> None:
+        """Wait in the air."""
+        self._fly("hover", [], seconds)
+
+    def return_and_land(self) -> None:
+        """Fly back above home and descend."""
+        home = self._limits.home_m
+        above = Pose((home[0], home[1], home[2] + self._limits.takeoff_altitude_m), self._pose.heading_rad)
+        self._fly("return", route(self._pose, above, self._target_m, self._limits), 0.0)
+        down = Pose((home[0], home[1], home[2]), self._pose.heading_rad)
+        self._fly("landing", [fly_straight(self._pose, down, self._limits)], 0.0)
+
+    def samples(self) -> Floats:
+        """(K, 5) t (s, mission time), x, y, z (m), heading (rad) of everything flown, at about 5 Hz."""
+        parts = []
+        for event in self.events:
+            start_s = event.start_s
+            for leg in event.legs:
+                parts.append(leg.samples + np.array([start_s, 0.0, 0.0, 0.0, 0.0]))
+                start_s += leg.duration_s
+        return np.concatenate(parts) if parts else np.zeros((0, 5))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON: totals, events, and the trajectory rounded to 0.1 ms, mm and mrad."""
+        return {
+            "flight_time_s": self.flight_time_s,
+            "path_length_m": self.path_length_m,
+            "events": [
+                {
+                    "name": event.name,
+                    "start_s": event.start_s,
+                    "duration_s": sum(leg.duration_s for leg in event.legs),
+                    "hover_s": event.hover_s,
+                    "path_length_m": sum(leg.path_length_m for leg in event.legs),
+                    "detour": len(event.legs) > 1,
+                }
+                for event in self.events
+            ],
+            "columns": ["t_s", "x_m", "y_m", "z_m", "heading_rad"],
+            "samples": [
+                [round(v, d) for v, d in zip(row, (4, 3, 3, 3, 3))] for row in self.samples().tolist()
+            ],
+        }
+
+    def _fly(self, name: str, legs: list[Leg], hover_s: float) -> None:
+        self.events.append(FlightEvent(name, self.flight_time_s, tuple(legs), hover_s))
+        self.flight_time_s += sum(leg.duration_s for leg in legs) + hover_s
+        self.path_length_m += sum(leg.path_length_m for leg in legs)
+        if legs:
+            self._pose = legs[-1].end
+
+
+def _pose(position_m: Floats, heading_rad: float) -> Pose:
+    x, y, z = (float(v) for v in position_m)
+    return Pose((x, y, z), heading_rad)

@@ -1,0 +1,83 @@
+"""One jerk-limited leg from hover to hover."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import ruckig
+
+from nbv.config import FlightConfig
+from nbv.errors import MissionFailure
+from nbv.frames import wrap_angle
+from nbv.types import Floats
+
+SAMPLE_RATE_HZ = 5.0
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Where the vehicle hovers."""
+
+    position_m: tuple[float, float, float]
+    heading_rad: float  # counter-clockwise from east
+
+
+@dataclass(frozen=True)
+class Leg:
+    """A flown piece of trajectory."""
+
+    start: Pose
+    end: Pose
+    duration_s: float
+    path_length_m: float
+    samples: Floats  # (K, 5): t (s, from the leg's start), x, y, z (m), heading (rad, in [-pi, pi))
+
+
+def fly_straight(start: Pose, end: Pose, limits: FlightConfig) -> Leg:
+    """Hover to hover along a straight line while turning the shorter way; time-optimal under the limits.
+
+    Two synchronised axes: distance along the line and heading. Horizontal and vertical speed obey their
+    own limits, acceleration and jerk theirs along the line; heading has its own rate, acceleration and
+    jerk. The slower axis sets the duration.
+
+    Raises
+    ------
+    MissionFailure
+        ``flight_failed``: no trajectory exists (does not happen for finite poses and positive limits).
+    """
+    a, b = np.array(start.position_m), np.array(end.position_m)
+    length = float(np.linalg.norm(b - a))
+    turn = float(wrap_angle(end.heading_rad - start.heading_rad))
+    speed = _speed_along(b - a, length, limits)
+
+    request = ruckig.InputParameter(2)
+    request.current_position, request.target_position = [0.0, 0.0], [length, turn]
+    request.current_velocity = request.target_velocity = [0.0, 0.0]
+    request.current_acceleration = request.target_acceleration = [0.0, 0.0]
+    request.max_velocity = [speed, limits.max_yaw_rate_rad_s]
+    request.max_acceleration = [limits.max_acceleration_m_s2, limits.max_yaw_acceleration_rad_s2]
+    request.max_jerk = [limits.max_jerk_m_s3, limits.max_yaw_jerk_rad_s3]
+    trajectory = ruckig.Trajectory(2)
+    outcome = ruckig.Ruckig(2).calculate(request, trajectory)
+    if outcome not in (ruckig.Result.Working, ruckig.Result.Finished):
+        raise MissionFailure("flight_failed", f"no trajectory from {start} to {end}: {outcome}")
+
+    duration = float(trajectory.duration)
+    times = np.append(np.arange(0.0, duration, 1.0 / SAMPLE_RATE_HZ), duration)
+    along = np.array([trajectory.at_time(float(t))[0] for t in times])  # (K, 2)
+    line = a + np.outer(along[:, 0], (b - a) / length if length > 0 else np.zeros(3))
+    heading = wrap_angle(start.heading_rad + along[:, 1])
+    return Leg(start, end, duration, length, np.column_stack([times, line, heading]))
+
+
+def _speed_along(delta: Floats, length: float, limits: FlightConfig) -> float:
+    """Largest speed on the line whose horizontal and vertical parts obey their limits."""
+    if length == 0:
+        return limits.max_speed_m_s
+    horizontal = float(np.hypot(delta[0], delta[1])) / length
+    vertical = abs(float(delta[2])) / length
+    return min(
+        limits.max_speed_m_s / horizontal if horizontal > 0 else np.inf,
+        limits.max_climb_m_s / vertical if vertical > 0 else np.inf,
+    )

@@ -1,0 +1,98 @@
+"""Detours around the target: a straight leg must not pass through the rock."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from nbv.config import FlightConfig
+from nbv.flight.leg import Leg, Pose, fly_straight
+from nbv.frames import heading_to
+from nbv.types import Floats
+
+MARGIN_M = 0.05  # detours keep this much more than the keep-out asks for
+
+
+def clear(a_m: Floats, b_m: Floats, target_m: Floats, radius_m: float, height_m: float) -> bool:
+    """Does the segment a-b stay out of the upright cylinder around the target, from below to ``height_m``?"""
+    a, b = np.asarray(a_m, dtype=float), np.asarray(b_m, dtype=float)
+    t_low, t_high = 0.0, 1.0  # the part of the segment that is below height_m
+    rise = b[2] - a[2]
+    if abs(rise) < 1e-12:
+        if a[2] >= height_m:
+            return True
+    else:
+        crossing = (height_m - a[2]) / rise
+        t_low, t_high = (t_low, min(t_high, crossing)) if rise > 0 else (max(t_low, crossing), t_high)
+        if t_low >= t_high:
+            return True
+    p, d = a[:2] - np.asarray(target_m)[:2], (b - a)[:2]
+    nearest = np.clip(-p @ d / max(d @ d, 1e-18), t_low, t_high)
+    return bool(np.linalg.norm(p + nearest * d) >= radius_m)
+
+
+def route(start: Pose, end: Pose, target_m: tuple[float, float, float], limits: FlightConfig) -> list[Leg]:
+    """The legs from ``start`` to ``end``: one if the straight line is clear, else two.
+
+    The detour passes left of, right of or over the keep-out cylinder, whichever takes least time, with a
+    short hover at the corner. If an end itself lies inside the cylinder there is nothing to go around:
+    the leg is flown straight.
+    """
+    target = np.array(target_m)
+    a, b = np.array(start.position_m), np.array(end.position_m)
+    radius, height = limits.keep_out_radius_m, limits.keep_out_height_m
+    direct = [fly_straight(start, end, limits)]
+    if clear(a, b, target, radius, height):
+        return direct
+
+    choices = []
+    for corner, heading in _corners(a, b, target, radius + MARGIN_M, height + MARGIN_M, end.heading_rad):
+        if clear(a, corner, target, radius, height) and clear(corner, b, target, radius, height):
+            x, y, z = (float(v) for v in corner)
+            middle = Pose((x, y, z), heading)
+            choices.append([fly_straight(start, middle, limits), fly_straight(middle, end, limits)])
+    return min(choices, key=lambda legs: sum(leg.duration_s for leg in legs), default=direct)
+
+
+def _corners(
+    a: Floats, b: Floats, target: Floats, radius: float, height: float, end_heading: float
+) -> list[tuple[Floats, float]]:
+    """Corner positions and headings of the three possible detours."""
+    corners = []
+    start_xy, end_xy = a[:2] - target[:2], b[:2] - target[:2]
+    start_d, end_d = float(np.hypot(*start_xy)), float(np.hypot(*end_xy))
+    if min(start_d, end_d) > radius:
+        phi_start, phi_end = math.atan2(start_xy[1], start_xy[0]), math.atan2(end_xy[1], end_xy[0])
+        for side in (1.0, -1.0):  # counter-clockwise, clockwise
+            sweep = (side * (phi_end - phi_start)) % (2 * math.pi)
+            # The two tangents touch the circle this far behind the start's and before the end's bearing.
+            touch_start, touch_end = math.acos(radius / start_d), sweep - math.acos(radius / end_d)
+            half = (touch_end - touch_start) / 2
+            if not 0.0 <= half < math.radians(75.0):  # else the corner is absurdly far out
+                continue
+            bearing = phi_start + side * (touch_start + half)
+            xy = radius / math.cos(half) * np.array([math.cos(bearing), math.sin(bearing)])
+            first, second = np.linalg.norm(xy - start_xy), np.linalg.norm(xy - end_xy)
+            z = a[2] + (b[2] - a[2]) * first / (first + second)
+            corner = np.array([*(target[:2] + xy), z])
+            corners.append((corner, float(heading_to(corner, target))))
+
+    # Over: above the middle of the chord through the cylinder, high enough where it enters and leaves.
+    d = end_xy - start_xy
+    length = float(np.hypot(*d))
+    if length > 1e-9:
+        unit = d / length
+        middle = float(-start_xy @ unit)
+        off = start_xy + middle * unit
+        half_chord = math.sqrt(max(radius**2 - float(off @ off), 0.0))
+        enter, leave = middle - half_chord, middle + half_chord
+        if enter > 0 and leave < length:
+            top = max(
+                height,
+                a[2] + (height - a[2]) * middle / enter,
+                b[2] + (height - b[2]) * (length - middle) / (length - leave),
+            )
+            corner = np.array([*(target[:2] + off), top])
+            corners.append((corner, end_heading))
+    return corners

@@ -1,0 +1,206 @@
+"""What the oracle gates know: the true surface, and what of it is already covered.
+
+GROUND TRUTH. Nothing in this file is deployable; only the oracle gates and off-policy logging use it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import open3d as o3d
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from nbv.config import MissionConfig
+from nbv.frames import intrinsic_matrix, look_at
+from nbv.types import CandidatePool, Floats, PlanningState, Ranking
+
+Mask = NDArray[np.bool_]
+
+SAMPLE_SEED = 42
+MAX_INCIDENCE_DEG = 75.0  # beyond this a photograph says little about the surface
+RAY_TOLERANCE_M = 1e-3  # how far in front of a sample a ray may be stopped by the sample's own surface
+GROUND_Z_M = 0.0  # samples below are buried
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Which samples are covered in one state, and how far the others have come."""
+
+    covered: Mask  # (S,)
+    visited_m: Floats  # (V, 3); used by "matchable" only
+    partners: NDArray[np.int16] | None = None  # (V, S), "matchable" only; see `_matchable_partners`
+
+
+class GroundTruthOracle:
+    """Surface samples of the true mesh, what a view really sees of them, and what is covered.
+
+    Parameters
+    ----------
+    vertices_m, faces
+        (V, 3) in the world frame and (F, 3), outward winding: the rock as placed in the scene.
+    config
+        Its ``gate.oracle_*``, ``camera``, ``target_m`` and, for the angle at which two views can be
+        matched, ``dense.min_pair_angle_deg`` and ``dense.max_pair_angle_deg``.
+
+    Coverage (``gate.oracle_coverage``)
+    -----------------------------------
+    reconstruction
+        The paper's text: a reconstructed (sparse) point lies within ``oracle_threshold_m``.
+    seen
+        A visited viewpoint sees the sample.
+    matchable
+        A visited viewpoint sees it together with ``oracle_matchable_views - 1`` others, each at a
+        matchable angle to it as seen from the sample: what dense stereo with so many agreeing views needs.
+    paper-code
+        What the authors' public code computes, with the mesh where it should be: seen by a visited
+        viewpoint, and "seen" means inside the frustum. The first seed covers everything.
+
+    "Sees" is, except in paper-code: in the image of the commanded view, front side within 75 degrees of
+    incidence, above ground, and the ray not blocked by the mesh. Answers per viewpoint are kept, since
+    the same candidates come back at every iteration.
+    """
+
+    def __init__(self, vertices_m: Floats, faces: NDArray[np.integer], config: MissionConfig) -> None:
+        self.config = config
+        mesh = trimesh.Trimesh(np.asarray(vertices_m, dtype=float), np.asarray(faces), process=False)
+        samples, face = trimesh.sample.sample_surface(mesh, config.gate.oracle_samples, seed=SAMPLE_SEED)
+        self.samples_m: Floats = np.asarray(samples, dtype=float)
+        self.normals: Floats = np.asarray(mesh.face_normals, dtype=float)[face]
+        self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+        self._scene.add_triangles(
+            o3d.core.Tensor.from_numpy(np.ascontiguousarray(mesh.vertices, dtype=np.float32)),
+            o3d.core.Tensor.from_numpy(np.ascontiguousarray(mesh.faces, dtype=np.uint32)),
+        )
+        self._seen: dict[tuple[float, ...], Mask] = {}
+        self._partners: tuple[Floats, NDArray[np.int16]] | None = None
+
+    # -- what a view sees
+
+    def visible(self, position_m: Floats) -> Mask:
+        """(S,) samples seen by the camera at ``position_m`` aimed at the target."""
+        key = tuple(float(v) for v in np.round(position_m, 6))
+        if key not in self._seen:
+            self._seen[key] = self._look(np.asarray(position_m, dtype=float))
+        return self._seen[key]
+
+    def _look(self, position: Floats) -> Mask:
+        pose = look_at(position, np.array(self.config.target_m))
+        camera = self.config.camera
+        in_camera = self.samples_m @ pose[:3, :3].T + pose[:3, 3]
+        image = in_camera @ intrinsic_matrix(camera).T
+        depth = image[:, 2]
+        inside = depth > 0
+        inside &= (image[:, 0] >= 0) & (image[:, 0] < camera.width_px * depth)
+        inside &= (image[:, 1] >= 0) & (image[:, 1] < camera.height_px * depth)
+        if self.config.gate.oracle_coverage == "paper-code":
+            return inside
+        to_camera = position - self.samples_m
+        distance = np.linalg.norm(to_camera, axis=1)
+        facing = np.einsum("ij,ij->i", to_camera, self.normals)
+        inside &= facing > distance * np.cos(np.deg2rad(MAX_INCIDENCE_DEG))
+        inside &= self.samples_m[:, 2] > GROUND_Z_M
+        ask = np.flatnonzero(inside)
+        rays = np.empty((len(ask), 6), dtype=np.float32)
+        rays[:, :3] = position
+        rays[:, 3:] = -to_camera[ask]  # not normalised: the sample is at t = 1
+        hit = self._scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)["t_hit"].numpy()
+        inside[ask] = hit > 1.0 - RAY_TOLERANCE_M / distance[ask]
+        return inside
+
+    # -- what is covered
+
+    def coverage(self, state: PlanningState) -> Coverage:
+        """What is covered before the next capture."""
+        mode = self.config.gate.oracle_coverage
+        visited = np.asarray(state.visited_m, dtype=float).reshape(-1, 3)
+        if mode == "reconstruction":
+            limit = self.config.gate.oracle_threshold_m
+            low, high = self.samples_m.min(axis=0) - limit, self.samples_m.max(axis=0) + limit
+            points = state.model.points_m
+            points = points[((points >= low) & (points <= high)).all(axis=1)]
+            if len(points) == 0:
+                return Coverage(np.zeros(len(self.samples_m), dtype=bool), visited)
+            distance, _ = cKDTree(points).query(self.samples_m, distance_upper_bound=limit * (1 + 1e-12))
+            return Coverage(distance <= limit, visited)
+        if mode == "matchable":
+            partners = self._matchable_partners(visited)
+            need = self.config.gate.oracle_matchable_views
+            covered = (partners.max(axis=0, initial=-1) + 1) >= need
+            return Coverage(covered, visited, partners)
+        covered = np.zeros(len(self.samples_m), dtype=bool)
+        for position in visited:
+            covered |= self.visible(position)
+        return Coverage(covered, visited)
+
+    def _directions(self, position_m: Floats, samples: NDArray[np.integer] | slice) -> Floats:
+        delta = position_m - self.samples_m[samples]
+        return delta / np.linalg.norm(delta, axis=1, keepdims=True)
+
+    def _matchable(self, a: Floats, b: Floats) -> Mask:
+        cosine = np.einsum("ij,ij->i", a, b)
+        dense = self.config.dense
+        return (cosine <= np.cos(np.deg2rad(dense.min_pair_angle_deg))) & (
+            cosine >= np.cos(np.deg2rad(dense.max_pair_angle_deg))
+        )
+
+    def _matchable_partners(self, visited_m: Floats) -> NDArray[np.int16]:
+        """(V, S): -1 where a view does not see a sample, else how many others see it at a matchable angle."""
+        done = 0
+        partners = np.full((len(visited_m), len(self.samples_m)), -1, dtype=np.int16)
+        if self._partners is not None:  # the visited list grows by one view an iteration
+            known, counts = self._partners
+            if len(known) <= len(visited_m) and np.array_equal(known, visited_m[: len(known)]):
+                done = len(known)
+                partners[:done] = counts
+        for v in range(done, len(visited_m)):
+            seen = np.flatnonzero(self.visible(visited_m[v]))
+            partners[v, seen] = 0
+            mine = self._directions(visited_m[v], seen)
+            for u in range(v):
+                both = partners[u, seen] >= 0
+                rows = seen[both]
+                rows = rows[self._matchable(mine[both], self._directions(visited_m[u], rows))]
+                partners[u, rows] += 1
+                partners[v, rows] += 1
+        self._partners = (visited_m.copy(), partners.copy())
+        return partners
+
+    # -- what a candidate would bring
+
+    def gain(self, position_m: Floats, coverage: Coverage) -> float:
+        """Uncovered samples that a view from ``position_m`` really sees.
+
+        With "matchable" coverage one more view rarely completes a sample, and one that no visited view
+        can be matched with helps nothing, so the gain is progress instead: over the uncovered samples,
+        the growth of (matchable views so far / views needed).
+        """
+        visible = self.visible(position_m) & ~coverage.covered
+        if coverage.partners is None:
+            return float(np.count_nonzero(visible))
+        rows = np.flatnonzero(visible)
+        mine = self._directions(position_m, rows)
+        before = coverage.partners[:, rows]
+        after, own = before.copy(), np.zeros(len(rows), dtype=np.int16)
+        for v, position in enumerate(coverage.visited_m):
+            both = np.flatnonzero(before[v] >= 0)
+            match = both[self._matchable(mine[both], self._directions(position, rows[both]))]
+            after[v, match] += 1
+            own[match] += 1
+        need = self.config.gate.oracle_matchable_views
+        reached = np.maximum(after.max(axis=0, initial=-1), own) + 1
+        growth = np.minimum(reached, need) - np.minimum(before.max(axis=0, initial=-1) + 1, need)
+        return float(growth.sum()) / need
+
+
+def oracle_rewards(
+    oracle: GroundTruthOracle, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]
+) -> dict[str, float]:
+    """The gain of each ranking's top candidate, by scorer name: for oracle gates and off-policy logs.
+
+    Reads the ground truth; never feed the result to a deployable gate.
+    """
+    coverage = oracle.coverage(state)
+    return {name: oracle.gain(pool.positions_m[r.top], coverage) for name, r in rankings.items()}

@@ -1,0 +1,88 @@
+"""A learned switch: a small decision tree in a JSON file that a person can read.
+
+The file holds ``{"type": "decision_tree", "version": 1, "root": NODE}``. A node is either
+``{"feature": NAME, "threshold": X, "left": NODE, "right": NODE}`` (left if the value is at most X) or a
+leaf ``{"scorer": "covis" | "b-aware", "probability": P}``, P being the share of training samples in that
+leaf that agree with its scorer. Other keys (how it was trained, on what) are for people and ignored.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from nbv.config import MissionConfig
+from nbv.errors import UserError
+from nbv.gates.features import FEATURE_NAMES, gate_features
+from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
+
+
+def check_policy(policy: Any, source: str) -> dict[str, Any]:
+    """The root node of a policy; ``UserError`` (naming ``source`` and the node) if it is not well formed."""
+    if not isinstance(policy, dict) or policy.get("type") != "decision_tree":
+        raise UserError(f'{source} is not a policy; it must be a JSON object with "type": "decision_tree"')
+    if policy.get("version") != 1:
+        raise UserError(
+            f"{source} has policy version {policy.get('version')!r}; this program reads version 1"
+        )
+    _check_node(policy.get("root"), source, "root")
+    root: dict[str, Any] = policy["root"]
+    return root
+
+
+def _check_node(node: Any, source: str, where: str) -> None:
+    if not isinstance(node, dict):
+        raise UserError(f"{source}: {where} is missing or not an object")
+    if "scorer" in node:
+        if node["scorer"] not in ("covis", "b-aware"):
+            raise UserError(f"{source}: {where} names scorer {node['scorer']!r}; use covis or b-aware")
+        if not _is_number(node.get("probability")) or not 0.0 <= node["probability"] <= 1.0:
+            raise UserError(f'{source}: {where} needs a "probability" between 0 and 1')
+        return
+    if node.get("feature") not in FEATURE_NAMES:
+        raise UserError(
+            f"{source}: {where} asks for feature {node.get('feature')!r}; there are {', '.join(FEATURE_NAMES)}"
+        )
+    if not _is_number(node.get("threshold")):
+        raise UserError(f'{source}: {where} needs a number as "threshold"')
+    for side in ("left", "right"):
+        _check_node(node.get(side), source, f"{where}.{side}")
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and value == value
+
+
+@dataclass(frozen=True)
+class LearnedGate:
+    """Walks the tree at every iteration. Deployable: features come from the sparse model alone."""
+
+    root: dict[str, Any]
+    config: MissionConfig
+
+    @classmethod
+    def from_file(cls, path: str, config: MissionConfig) -> LearnedGate:
+        """Read and check a policy file; ``UserError`` if it is missing or malformed."""
+        if not path:
+            raise UserError("gate.kind learned needs gate.learned_policy: the path of a policy JSON")
+        try:
+            policy = json.loads(Path(path).read_text(encoding="utf-8"))
+        except OSError as error:
+            raise UserError(f"cannot read the policy {path}: {error.strerror or error}") from error
+        except ValueError as error:
+            raise UserError(f"{path} is not valid JSON: {error}") from error
+        return cls(check_policy(policy, path), config)
+
+    def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
+        """The leaf's scorer; the path walked is the reason."""
+        features = gate_features(state, self.config)
+        node, steps = self.root, []
+        while "scorer" not in node:
+            name, threshold = node["feature"], node["threshold"]
+            left = features[name] <= threshold
+            steps.append(f"{name} {features[name]:.4g} {'<=' if left else '>'} {threshold:.4g}")
+            node = node["left" if left else "right"]
+        details = {"features": features, "probability": float(node["probability"])}
+        return GateDecision(rankings[node["scorer"]], ", ".join(steps) or "a tree of one leaf", details)
