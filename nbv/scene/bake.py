@@ -76,8 +76,8 @@ def raycasting_scene(
     """Open3D's ray caster with one mesh in it."""
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(
-        o3d.core.Tensor(np.ascontiguousarray(vertices_m, dtype=np.float32)),
-        o3d.core.Tensor(np.ascontiguousarray(faces, dtype=np.uint32)),
+        o3d.core.Tensor.from_numpy(np.array(vertices_m, dtype=np.float32)),
+        o3d.core.Tensor.from_numpy(np.array(faces, dtype=np.uint32)),
     )
     return scene
 
@@ -141,7 +141,9 @@ def _rock_arrays(
     spec: GroundSpec,
 ) -> dict[str, np.ndarray]:
     caster = raycasting_scene(vertices, faces)
-    arrays = {"radiance": _vertex_radiance(rock.albedo, vertices, faces, config, to_sun, caster)}
+    arrays: dict[str, np.ndarray] = {
+        "radiance": _vertex_radiance(rock.albedo, vertices, faces, config, to_sun, caster)
+    }
     box = _shadow_box(vertices, to_sun)
     for level in range(spec.levels):
         bounds, sunlit = _ground_sunlit(box, level, spec, to_sun, caster)
@@ -189,7 +191,7 @@ def _occluded(
 ) -> NDArray[np.bool_]:
     rays = np.empty((len(origins), 6), dtype=np.float32)
     rays[:, :3], rays[:, 3:] = origins, direction
-    return caster.test_occlusions(o3d.core.Tensor(rays), nthreads=1).numpy()
+    return caster.test_occlusions(o3d.core.Tensor.from_numpy(rays), nthreads=1).numpy()
 
 
 def _shadow_box(vertices: NDArray[np.float32], to_sun: Floats) -> tuple[float, float, float, float]:

@@ -95,7 +95,12 @@ class RaycastRenderer:
         return rgb
 
     def _look_up(
-        self, rays: _PixelRays, position: Floats, columns: Floats, rows: Floats, dz: Floats32
+        self,
+        rays: _PixelRays,
+        position: Floats,
+        columns: NDArray[np.floating],
+        rows: NDArray[np.floating],
+        dz: Floats32,
     ) -> Floats32:
         """Trilinear ground radiance (0..65535) at one sample per pixel."""
         spec, levels = self._scene.ground_spec, self._scene.ground_levels
@@ -183,14 +188,14 @@ class RaycastRenderer:
         patch += share * radiance.reshape(*blocks, 3).sum(axis=(1, 3))
 
     def _cast(
-        self, rays: _PixelRays, position: Floats, columns: Floats, rows: Floats
+        self, rays: _PixelRays, position: Floats, columns: NDArray[np.floating], rows: NDArray[np.floating]
     ) -> tuple[Floats32, NDArray[np.uint32], Floats32]:
         """Depth (inf: nothing), triangle and barycentric (u, v) of the rock along a grid of rays."""
         bundle = np.empty((len(rows), len(columns), 6), dtype=np.float32)
         bundle[..., :3] = position
         for axis in range(3):
             bundle[..., 3 + axis] = rays.component(axis, columns, rows)
-        answer = self._caster.cast_rays(o3d.core.Tensor(bundle), nthreads=1)
+        answer = self._caster.cast_rays(o3d.core.Tensor.from_numpy(bundle), nthreads=1)
         return answer["t_hit"].numpy(), answer["primitive_ids"].numpy(), answer["primitive_uvs"].numpy()
 
     def _surface_radiance(self, face: NDArray[np.uint32], uv: Floats32) -> Floats32:
@@ -211,7 +216,7 @@ class _PixelRays:
     def __init__(self, camera_from_world_rotation: Floats, k: Floats) -> None:
         self._columns_of = camera_from_world_rotation.T @ np.linalg.inv(k)
 
-    def component(self, axis: int, columns: Floats, rows: Floats) -> Floats32:
+    def component(self, axis: int, columns: NDArray[np.floating], rows: NDArray[np.floating]) -> Floats32:
         """(len(rows), len(columns)) one world component of the directions."""
         a, b, c = self._columns_of[axis]
         return (b * rows + c).astype(np.float32)[:, None] + (a * columns).astype(np.float32)
