@@ -17,7 +17,7 @@ from nbv.gates import Gate, make_gate
 from nbv.planning_state import save_state
 from nbv.result import IterationRecord, MissionResult, Status
 from nbv.run_directory import RunDirectory
-from nbv.scorers import score_pool
+from nbv.scorers import rank_candidates
 from nbv.sparse import knn_statistics
 from nbv.types import (
     CandidatePool,
@@ -86,7 +86,7 @@ class AdaptiveMission:
                 break
             if self.run is not None:
                 save_state(self.run.state_path(iteration), state, pool)
-            rankings = score_pool(state, pool, self.config)
+            rankings = rank_candidates(state, pool, self.config)
             decision = self.gate.decide(state, pool, rankings)
             planning_s = time.perf_counter() - started
             self._count("planning", planning_s)

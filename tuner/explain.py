@@ -13,7 +13,7 @@ from rich.table import Table
 from nbv.config import MissionConfig, config_from_dict, preset
 from nbv.errors import UserError
 from nbv.planning_state import load_state
-from nbv.scorers import score_pool
+from nbv.scorers import rank_candidates
 from nbv.types import CandidatePool, Ranking
 from tuner.commands.console import parse_overrides
 
@@ -46,7 +46,7 @@ def explain_state(
     file, config = locate_state(path, iteration, preset_name)
     config = config.with_values(parse_overrides(assignments))
     state, pool = load_state(file)
-    rankings = score_pool(state, pool, config)
+    rankings = rank_candidates(state, pool, config)
     yield (
         f"iteration {state.iteration}: {len(pool)} candidates, {len(state.model.points_m)} sparse points, "
         f"{state.captures_used} of {state.adaptive_budget} captures used, d95 {1000 * state.d95_m:.0f} mm"

@@ -1,0 +1,5 @@
+"""Cleaning, ground truth and metrics. Only this room and the oracle gates see the true mesh."""
+
+from nbv.evaluation.evaluate import Evaluation, camera_shell, evaluate_cloud, ground_truth
+
+__all__ = ["Evaluation", "camera_shell", "evaluate_cloud", "ground_truth"]
