@@ -1,0 +1,20 @@
+"""Rocks: procedural ones, imported meshes, and the catalogue with its train / held-out split."""
+
+from nbv.rocks.catalogue import list_rocks, load_rock, remove_imported, save_imported
+from nbv.rocks.importer import import_mesh
+from nbv.rocks.rock import DEFAULT_HEIGHT_M, SPLITS, Rock, RockFacts, RockInfo, Split, describe
+
+__all__ = [
+    "DEFAULT_HEIGHT_M",
+    "SPLITS",
+    "Rock",
+    "RockFacts",
+    "RockInfo",
+    "Split",
+    "describe",
+    "import_mesh",
+    "list_rocks",
+    "load_rock",
+    "remove_imported",
+    "save_imported",
+]

@@ -1,0 +1,160 @@
+"""Plain operations on triangle meshes: areas, normals, bodies, placement, conforming refinement."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from nbv.types import Floats, Ints
+
+
+def face_areas(vertices: Floats, faces: Ints) -> Floats:
+    """(F,) areas."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+
+def face_normals(vertices: Floats, faces: Ints) -> Floats:
+    """(F, 3) unit normals; zero for a face without area."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    normals = np.cross(b - a, c - a)
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
+
+
+def vertex_normals(vertices: Floats, faces: Ints) -> Floats:
+    """(V, 3) unit normals, weighted by face area; zero where they cancel."""
+    a, b, c = (vertices[faces[:, i]] for i in range(3))
+    weighted = np.cross(b - a, c - a)
+    out = np.zeros((len(vertices), 3))
+    for axis in range(3):
+        for corner in range(3):
+            out[:, axis] += np.bincount(faces[:, corner], weights=weighted[:, axis], minlength=len(vertices))
+    lengths = np.linalg.norm(out, axis=1, keepdims=True)
+    return np.divide(out, lengths, out=np.zeros_like(out), where=lengths > 0)
+
+
+def signed_volume(vertices: Floats, faces: Ints) -> float:
+    """Enclosed volume, positive if faces wind counter-clockwise seen from outside.
+
+    For a mesh with small holes this is the volume with each hole closed towards the centroid.
+    """
+    a, b, c = (vertices[faces[:, i]] - vertices.mean(0) for i in range(3))
+    return float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6.0)
+
+
+def _edge_keys(faces: Ints) -> Ints:
+    """(3F,) one integer per undirected edge of each face: edges 01, 12, 20 of all faces in turn."""
+    edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]], axis=2)  # (F, 3, 2)
+    return (edges[..., 0] * (int(faces.max(initial=0)) + 1) + edges[..., 1]).ravel()
+
+
+def edge_face_counts(faces: Ints) -> Ints:
+    """(E,) number of faces at each distinct undirected edge."""
+    return np.unique(_edge_keys(faces), return_counts=True)[1]
+
+
+def body_labels(faces: Ints) -> Ints:
+    """(F,) a label per face; faces that share an edge (also a non-manifold one) share a label."""
+    _, edge_ids = np.unique(_edge_keys(faces), return_inverse=True)
+    face_ids = np.repeat(np.arange(len(faces)), 3)
+    n = len(faces)
+    rows, columns = face_ids, n + edge_ids
+    size = n + int(edge_ids.max(initial=0)) + 1
+    graph = coo_matrix((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(size, size))
+    return np.asarray(connected_components(graph, directed=False)[1][:n], dtype=np.int64)
+
+
+def drop_unused_vertices(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
+    """The same faces over only the vertices they use, in the same order."""
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces] = True
+    return vertices[used], (np.cumsum(used) - 1)[faces]
+
+
+def rest_on_ground(vertices: Floats, height_m: float) -> tuple[Floats, float]:
+    """Scale to ``height_m``, centre the bounding box horizontally, put the lowest point at z = 0.
+
+    Returns the vertices (V, 3) and the scale factor.
+    """
+    low, high = vertices.min(0), vertices.max(0)
+    scale = height_m / float(high[2] - low[2])
+    origin = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
+    placed = (vertices - origin) * scale
+    return placed, scale
+
+
+def refine(vertices: Floats, faces: Ints, max_edge: float) -> tuple[Floats, Ints, Ints, Floats]:
+    """Split edges longer than ``max_edge`` at their middle until none is left.
+
+    The surface does not move: every new vertex lies on an old edge. Both faces at an edge split it
+    together, so a watertight mesh stays watertight (no T-junctions).
+
+    Returns
+    -------
+    vertices (V', 3), the old ones first; faces (F', 3); parent (F',), the old face each new face is
+    part of; barycentric (F', 3, 3), of each new corner in its parent.
+    """
+    parent = np.arange(len(faces), dtype=np.int64)
+    barycentric = np.broadcast_to(np.eye(3), (len(faces), 3, 3)).copy()
+    done: list[tuple[Ints, Ints, Floats]] = []
+    while len(faces):
+        corners = vertices[faces]
+        long = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2) > max_edge  # edges 01, 12, 20
+        count = long.sum(1)
+        settled = count == 0
+        done.append((faces[settled], parent[settled], barycentric[settled]))
+        faces, parent, barycentric = faces[~settled], parent[~settled], barycentric[~settled]
+        long, count = long[~settled], count[~settled]
+        if not len(faces):
+            break
+        keys = _edge_keys(faces).reshape(-1, 3)
+        unique, index = np.unique(keys[long], return_inverse=True)
+        base = int(faces.max()) + 1
+        middles = 0.5 * (vertices[unique // base] + vertices[unique % base])
+        middle = np.full((len(faces), 3), -1, dtype=np.int64)
+        middle[long] = len(vertices) + index
+        vertices = np.concatenate([vertices, middles])
+        faces, parent, barycentric = _split(vertices, faces, parent, barycentric, middle, long, count)
+    return (
+        vertices,
+        np.concatenate([d[0] for d in done]),
+        np.concatenate([d[1] for d in done]),
+        np.concatenate([d[2] for d in done]),
+    )
+
+
+def _split(
+    vertices: Floats, faces: Ints, parent: Ints, barycentric: Floats, middle: Ints, long: Ints, count: Ints
+) -> tuple[Ints, Ints, Floats]:
+    """Split each face by its marked edges: one mark gives two faces, two give three, three give four."""
+    # Rotate each face so that one mark is on edge 01, and two marks leave edge 20 unmarked.
+    start = np.zeros(len(faces), dtype=np.int64)
+    start[count == 1] = np.argmax(long[count == 1], axis=1)
+    start[count == 2] = (np.argmin(long[count == 2], axis=1) + 1) % 3
+    turn = (start[:, None] + np.arange(3)) % 3
+    rows = np.arange(len(faces))[:, None]
+    faces, middle, barycentric = faces[rows, turn], middle[rows, turn], barycentric[rows, turn]
+    # Six points per face: corners 0, 1, 2 and the middles of 01, 12, 20.
+    ids = np.concatenate([faces, middle], axis=1)
+    weights = np.concatenate([barycentric, 0.5 * (barycentric + np.roll(barycentric, -1, axis=1))], axis=1)
+    # With two marks the remaining quadrilateral 0, 3, 4, 2 is cut along its shorter diagonal.
+    cut_04 = np.zeros(len(faces), dtype=bool)
+    two = np.flatnonzero(count == 2)
+    cut_04[two] = np.linalg.norm(vertices[ids[two, 0]] - vertices[ids[two, 4]], axis=1) <= np.linalg.norm(
+        vertices[ids[two, 3]] - vertices[ids[two, 2]], axis=1
+    )
+    patterns = (
+        (count == 1, ((0, 3, 2), (3, 1, 2))),
+        ((count == 2) & cut_04, ((3, 1, 4), (0, 3, 4), (0, 4, 2))),
+        ((count == 2) & ~cut_04, ((3, 1, 4), (0, 3, 2), (3, 4, 2))),
+        (count == 3, ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))),
+    )
+    new_faces, new_parent, new_weights = [], [], []
+    for chosen, pieces in patterns:
+        for piece in pieces:
+            new_faces.append(ids[chosen][:, piece])
+            new_parent.append(parent[chosen])
+            new_weights.append(weights[chosen][:, piece])
+    return np.concatenate(new_faces), np.concatenate(new_parent), np.concatenate(new_weights)

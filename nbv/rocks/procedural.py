@@ -1,0 +1,98 @@
+"""From a recipe to a rock: signed distance on a grid near the surface, marching cubes, albedo."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from skimage.measure import marching_cubes
+
+from nbv.rocks.albedo import procedural_albedo
+from nbv.rocks.mesh import body_labels, drop_unused_vertices, face_areas, rest_on_ground, vertex_normals
+from nbv.rocks.recipes import RECIPES, Recipe, Shape
+from nbv.rocks.rock import DEFAULT_HEIGHT_M, Rock, make_rock
+from nbv.types import Floats, Ints
+
+GENERATOR_VERSION = 1
+GRID_M = 0.007  # of the signed distance; mean edge about 6 mm, below a pixel at 4 m (8.6 mm)
+LIPSCHITZ = 2.0  # how much faster than the true distance a shape function may change
+_HALF_WIDTH_M, _TOP_M = 1.2, 1.92
+_LEVELS = 3  # blocks of 8, 4, 2 cells
+
+
+@cache
+def generator_key() -> str:
+    """Changes whenever the code that shapes rocks does, so that no stale rock is read from the cache."""
+    digest = hashlib.sha256(f"{GENERATOR_VERSION} {GRID_M}".encode())
+    for name in ("noise", "sdf", "recipes", "albedo", "procedural", "mesh"):
+        digest.update((Path(__file__).parent / f"{name}.py").read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def generate_rock(name: str, *, grid_m: float = GRID_M) -> Rock:
+    """Make the procedural rock ``name`` (a key of ``RECIPES``). A pure function of its arguments."""
+    recipe = RECIPES[name]
+    vertices, faces = _surface(recipe, grid_m)
+    vertices, _ = rest_on_ground(vertices, DEFAULT_HEIGHT_M)
+    albedo = procedural_albedo(vertices, vertex_normals(vertices, faces), recipe.seed, recipe.paint)
+    return make_rock(name, vertices, faces, albedo, split=recipe.split, difficulty=recipe.difficulty)
+
+
+def _surface(recipe: Recipe, grid_m: float) -> tuple[Floats, Ints]:
+    """The largest body of the recipe's zero level set."""
+    distance, origin = sample_near_surface(recipe.shape(recipe.seed), grid_m)
+    vertices, faces, _, _ = marching_cubes(
+        distance, 0.0, gradient_direction="descent", allow_degenerate=False
+    )
+    faces = faces.astype(np.int64)
+    labels = body_labels(faces)
+    areas = np.bincount(labels, weights=face_areas(vertices.astype(float), faces))
+    vertices, faces = drop_unused_vertices(vertices.astype(float), faces[labels == np.argmax(areas)])
+    return vertices * grid_m + origin, faces
+
+
+def sample_near_surface(shape: Shape, grid_m: float) -> tuple[np.ndarray, Floats]:
+    """Signed distances on a grid, exact next to the surface and coarse elsewhere.
+
+    Blocks of 8, then 4, then 2 cells are kept if the surface may pass through them, judged from the value
+    at their centre and ``LIPSCHITZ``; only the nodes of kept blocks of 2 cells are evaluated.
+
+    Returns
+    -------
+    distance (X, Y, Z) float32 and the position (3,) of its first node in metres.
+    """
+    block = 2**_LEVELS * grid_m
+    counts = np.ceil(np.array([2 * _HALF_WIDTH_M, 2 * _HALF_WIDTH_M, _TOP_M]) / block).astype(int)
+    # One block below the ground, so that the flat base lies on a plane of nodes inside the grid.
+    origin = np.array([-counts[0] * block / 2, -counts[1] * block / 2, -block])
+    counts[2] += 1
+    values = np.zeros(counts)
+    active = np.ones(counts, dtype=bool)
+    size = block
+    for level in range(_LEVELS):
+        if level:
+            size /= 2
+            for axis in range(3):
+                values, active = np.repeat(values, 2, axis), np.repeat(active, 2, axis)
+        index = np.argwhere(active)
+        found = shape(origin + (index + 0.5) * size)
+        values[active] = found
+        active[active] = np.abs(found) <= LIPSCHITZ * size * np.sqrt(3) / 2
+    for axis in range(3):
+        values = np.repeat(values, 2, axis)
+    distance = np.pad(values, ((0, 1),) * 3, mode="edge").astype(np.float32)
+    nodes = np.zeros(distance.shape, dtype=bool)
+    for dx in range(3):
+        for dy in range(3):
+            for dz in range(3):
+                nodes[
+                    dx : dx + 2 * active.shape[0] : 2,
+                    dy : dy + 2 * active.shape[1] : 2,
+                    dz : dz + 2 * active.shape[2] : 2,
+                ][active] = True
+    found = shape(origin + np.argwhere(nodes) * grid_m)
+    # An exact zero would put several vertices on one node.
+    distance[nodes] = np.where(np.abs(found) < 1e-7, 1e-7, found)
+    return distance, origin

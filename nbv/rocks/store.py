@@ -1,0 +1,135 @@
+"""Rocks on disk: where they live, and reading and writing one so that a damaged file is noticed."""
+
+from __future__ import annotations
+
+import os
+import re
+import sys
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from nbv.errors import UserError
+from nbv.rocks.rock import SPLITS, Rock, Split, make_rock
+
+FORMAT = 1
+_NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
+
+
+class DamagedRockError(Exception):
+    """A rock file that cannot be read back as it was written."""
+
+
+def gatetune_home() -> Path:
+    """The folder for generated and imported rocks: ``$GATETUNE_HOME``, else the platform's cache folder."""
+    if home := os.environ.get("GATETUNE_HOME"):
+        return Path(home).expanduser()
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    return base / "gatetune"
+
+
+def generated_path(name: str, key: str) -> Path:
+    """Where the procedural rock ``name`` of generator ``key`` is cached."""
+    return gatetune_home() / "rocks" / "generated" / f"{name}-{key}.npz"
+
+
+def imported_dir() -> Path:
+    """Where imported rocks are kept, one file each."""
+    return gatetune_home() / "rocks" / "imported"
+
+
+def imported_path(name: str) -> Path:
+    """Where the imported rock ``name`` is kept."""
+    return imported_dir() / f"{name}.npz"
+
+
+def check_name(name: str) -> str:
+    """``name`` if it can name a rock, else ``UserError``."""
+    if not _NAME.fullmatch(name):
+        raise UserError(
+            f"{name!r} cannot name a rock; use up to 64 lower-case letters, digits, '-' and '_', "
+            "beginning with a letter or digit"
+        )
+    return name
+
+
+def write_rock(rock: Rock, path: Path) -> None:
+    """Write ``rock`` so that a reader sees the whole file or none of it."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=".tmp")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            np.savez(
+                file,
+                format=np.array(FORMAT),
+                name=np.array(rock.name),
+                vertices_m=rock.vertices_m,
+                faces=rock.faces.astype(np.int32),
+                albedo=rock.albedo,
+                split=np.array(rock.split),
+                difficulty=np.array(rock.difficulty),
+                notes=np.array(rock.notes, dtype=np.str_),
+                sha256=np.array(rock.sha256),
+            )
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def read_rock(path: Path) -> Rock:
+    """Read a rock back and check its content hash.
+
+    Raises
+    ------
+    FileNotFoundError
+        There is no such file.
+    DamagedRockError
+        The file is truncated, altered or of another format.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            if int(data["format"]) != FORMAT:
+                raise DamagedRockError(f"{path} has format {int(data['format'])}, not {FORMAT}")
+            rock = make_rock(
+                str(data["name"]),
+                data["vertices_m"],
+                data["faces"],
+                data["albedo"],
+                split=_split(str(data["split"])),
+                difficulty=str(data["difficulty"]),
+                notes=tuple(str(note) for note in data["notes"]),
+            )
+            expected = str(data["sha256"])
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, TypeError) as error:
+        raise DamagedRockError(f"{path} cannot be read: {error}") from error
+    if rock.sha256 != expected:
+        raise DamagedRockError(f"{path} does not have the content it was written with")
+    return rock
+
+
+def read_labels(path: Path) -> tuple[Split, str]:
+    """Split and difficulty of the rock at ``path``, without reading its mesh; errors as `read_rock`."""
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            return _split(str(data["split"])), str(data["difficulty"])
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise DamagedRockError(f"{path} cannot be read: {error}") from error
+
+
+def _split(text: str) -> Split:
+    if text not in SPLITS:
+        raise ValueError(f"unknown split {text!r}")
+    return cast(Split, text)

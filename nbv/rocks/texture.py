@@ -1,0 +1,134 @@
+"""Images as albedo: colour conversion, filtering, and sampling by texture coordinates or by position."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, UnidentifiedImageError
+from scipy.ndimage import distance_transform_edt
+
+from nbv.errors import UserError
+from nbv.types import Floats, Ints
+
+Linear = NDArray[np.float32]
+_MAX_RASTERISED_FACES = 400_000
+_CHUNK = 1_000_000
+
+
+def linear_from_srgb(values: NDArray[np.floating]) -> Linear:
+    """Linear reflectance 0..1 from sRGB-encoded values 0..1 (IEC 61966-2-1)."""
+    v = np.asarray(values, dtype=np.float32)
+    high = ((np.maximum(v, np.float32(0.04045)) + np.float32(0.055)) / np.float32(1.055)) ** np.float32(2.4)
+    return np.where(v <= 0.04045, v / np.float32(12.92), high).astype(np.float32)
+
+
+def linear_image(image: Image.Image) -> Linear:
+    """(H, W, 3) linear values of an sRGB image of any mode; transparency is ignored."""
+    if image.mode.startswith("I;16"):
+        grey = np.asarray(image, dtype=np.float32) / np.float32(65535)
+        return linear_from_srgb(np.repeat(grey[:, :, None], 3, axis=2))
+    table = linear_from_srgb(np.arange(256) / 255.0)
+    return table[np.asarray(image.convert("RGB"))]
+
+
+def shrink(image: Linear, factor: float) -> Linear:
+    """The image averaged down by ``factor`` (1 or less: unchanged), against aliasing."""
+    if factor <= 1.0:
+        return image
+    size = (max(1, round(image.shape[1] / factor)), max(1, round(image.shape[0] / factor)))
+    channels = [
+        np.asarray(
+            Image.fromarray(np.ascontiguousarray(image[:, :, c])).resize(size, Image.Resampling.BOX),
+            dtype=np.float32,
+        )
+        for c in range(3)
+    ]
+    return np.stack(channels, axis=2)
+
+
+def fill_gutters(image: Linear, corner_uv: Floats) -> Linear:
+    """Give texels that no face uses the colour of the nearest used one.
+
+    Filtering near a seam then never mixes in the background of the atlas. Left alone where coordinates
+    leave 0..1 (a tiled texture has no background) and for very many faces. ``corner_uv`` is (F, 3, 2).
+    """
+    if corner_uv.min() < -1e-6 or corner_uv.max() > 1 + 1e-6 or len(corner_uv) > _MAX_RASTERISED_FACES:
+        return image
+    height, width = image.shape[:2]
+    mask = Image.new("1", (width, height))
+    draw = ImageDraw.Draw(mask)
+    pixels = np.stack([corner_uv[..., 0] * width - 0.5, (1 - corner_uv[..., 1]) * height - 0.5], axis=-1)
+    for triangle in pixels.reshape(-1, 6).tolist():
+        draw.polygon(triangle, fill=1, outline=1)
+    unused = ~np.asarray(mask)
+    if not unused.any() or unused.all():
+        return image
+    rows, columns = distance_transform_edt(unused, return_distances=False, return_indices=True)
+    return image[rows, columns]
+
+
+def sample(image: Linear, uv: Floats, *, mirror: bool = False) -> Linear:
+    """Bilinear lookup at texture coordinates (N, 2), v up from the bottom row, repeated or mirrored.
+
+    Returns (N, 3).
+    """
+    out = np.empty((len(uv), 3), dtype=np.float32)
+    for start in range(0, len(uv), _CHUNK):
+        out[start : start + _CHUNK] = _sample(image, uv[start : start + _CHUNK], mirror)
+    return out
+
+
+def _sample(image: Linear, uv: Floats, mirror: bool) -> Linear:
+    height, width = image.shape[:2]
+    if mirror:
+        uv = 1.0 - np.abs((uv % 2.0) - 1.0)
+        edge = "clip"
+    else:
+        edge = "wrap"
+    x = uv[:, 0] * width - 0.5
+    y = (1.0 - uv[:, 1]) * height - 0.5
+    x0, y0 = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
+    fx, fy = (x - x0).astype(np.float32)[:, None], (y - y0).astype(np.float32)[:, None]
+    # A coordinate of exactly 1 means the last texel, not the first of the next repetition.
+    if edge == "wrap" and uv.size and uv.min() >= 0 and uv.max() <= 1:
+        edge = "clip"
+
+    def texel(rows: Ints, columns: Ints) -> Linear:
+        if edge == "wrap":
+            return image[rows % height, columns % width]
+        return image[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)]
+
+    upper = texel(y0, x0) * (1 - fx) + texel(y0, x0 + 1) * fx
+    lower = texel(y0 + 1, x0) * (1 - fx) + texel(y0 + 1, x0 + 1) * fx
+    return upper * (1 - fy) + lower * fy
+
+
+def triplanar(image: Linear, points: Floats, normals: Floats, tile_m: float) -> Linear:
+    """The image projected along the three axes and blended by the normal: (N, 3) at points (N, 3).
+
+    One tile covers ``tile_m`` metres and is mirrored beyond.
+    """
+    weights = np.abs(normals) ** 4 + 1e-6
+    weights /= weights.sum(1, keepdims=True)
+    out = np.zeros((len(points), 3), dtype=np.float32)
+    for axis, (u, v) in enumerate(((1, 2), (0, 2), (0, 1))):
+        uv = points[:, [u, v]] / tile_m + 0.37 * axis
+        out += weights[:, axis : axis + 1].astype(np.float32) * sample(image, uv, mirror=True)
+    return out
+
+
+def open_texture(path: Path) -> Linear:
+    """The image at ``path`` as linear values; ``UserError`` if it cannot be read."""
+    try:
+        with Image.open(path) as image:
+            return linear_image(image)
+    except FileNotFoundError as error:
+        raise UserError(f"there is no albedo image {str(path)!r}; check the path") from error
+    except (OSError, UnidentifiedImageError, ValueError, Image.DecompressionBombError) as error:
+        raise UserError(f"albedo image {str(path)!r} cannot be read: {_one_line(error)}") from error
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]
