@@ -132,7 +132,7 @@ class SharedTermsConfig:
 
 @dataclass(frozen=True)
 class VisibilityConfig:
-    """Which points count as visible from a candidate."""
+    """Which points count as visible: all in the image, or also facing the candidate and not hidden."""
 
     mode: Literal["frustum", "occlusion"] = "frustum"
 

@@ -11,6 +11,7 @@ from nbv.config import MissionConfig, Weights
 from nbv.errors import MissionFailure
 from nbv.scorers.b_aware import geometry_gain, repair, weakness
 from nbv.scorers.covis import co_visibility
+from nbv.scorers.occlusion import unoccluded
 from nbv.scorers.terms import angular_penalty, movement, novelty
 from nbv.scorers.visibility import in_frustum
 from nbv.types import CandidatePool, Floats, Ints, PlanningState, Ranking, SparseModel
@@ -73,6 +74,11 @@ def shared_terms(state: PlanningState, pool: CandidatePool, config: MissionConfi
             f" {shared.box_half_extent_m} m of the target with {shared.min_track_length} or more views",
         )
     visible = in_frustum(box.points_m, pool.positions_m, target, config.camera)
+    if config.visibility.mode == "occlusion":
+        visible = unoccluded(
+            visible, box.points_m, box.track_offsets, box.track_cameras, box.camera_centers_m,
+            pool.positions_m,
+        )  # fmt: skip
     return SharedTerms(
         box=box,
         visible=visible,
