@@ -1,0 +1,80 @@
+"""Cheap stand-ins for ``nbv.mission.run_mission``: a smooth known function, rock shifts, noise, accidents.
+
+The first letters of a rock's name choose its behaviour: ``abort``, ``raise``, ``fail``, ``hang``, ``slow``,
+``user``, ``flaky`` (every third configuration fails); any other rock is plain.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+
+from nbv.config import MissionConfig
+from nbv.errors import MissionFailure, UserError
+from nbv.result import MissionResult
+
+NOISE_SD = 0.03
+BEST = (0.75, 0.3)  # in the unit cube of search space "gate"
+
+
+def truth(config: MissionConfig) -> float:
+    """Noiseless outcome without rock shift; 1 at ``BEST``, about 0.51 at the paper's thresholds."""
+    x = config.gate.budget_fraction
+    y = math.log(config.gate.d95_m / 0.01) / math.log(100.0)
+    return math.exp(-4 * (x - BEST[0]) ** 2 - 4 * (y - BEST[1]) ** 2)
+
+
+def _draw(*key: object) -> np.random.Generator:
+    digest = hashlib.sha256(repr(key).encode()).digest()
+    return np.random.default_rng(int.from_bytes(digest[:8], "little"))
+
+
+def rock_shift(rock: str) -> tuple[float, float]:
+    """(offset, scale) of a rock."""
+    rng = _draw("rock", rock)
+    return float(rng.uniform(-0.5, 0.5)), float(rng.uniform(0.7, 1.4))
+
+
+def fake_mission(
+    config: MissionConfig, rock: str, replicate: int, directory: Path | None, *, keep: str = "summary"
+) -> MissionResult:
+    """A mission that takes no time."""
+    if rock.startswith("abort"):
+        os.abort()
+    if rock.startswith("raise"):
+        raise RuntimeError("an exception nobody expected")
+    if rock.startswith("user"):
+        raise UserError("unknown rock 'user'; there are none")
+    if rock.startswith("fail"):
+        raise MissionFailure("seed_model_failed", "no seed model")
+    if rock.startswith("full"):
+        raise OSError(28, "No space left on device")
+    if rock.startswith("hang"):
+        time.sleep(600)
+    if rock.startswith("slow"):
+        time.sleep(0.25)
+    if rock.startswith("flaky") and int(config.digest(), 16) % 3 == 0:
+        raise MissionFailure("registration_collapsed", "model collapsed")
+    offset, scale = rock_shift(rock)
+    noise = NOISE_SD * float(_draw("noise", rock, replicate, config.digest()).normal())
+    score = offset + scale * (truth(config) + noise)
+    if directory is not None:
+        with (directory / "flown.txt").open("a") as file:  # one line per flight: shows repeats
+            file.write("flown\n")
+    return MissionResult(
+        status="ok",
+        reason="",
+        message="",
+        config_digest=config.digest(),
+        rock=rock,
+        replicate=replicate,
+        metrics={"observable": {"f_score_48mm": score}, "whole": {"completeness_48mm": score}},
+        trace=[],
+        timings_s={"flight": 0.0},
+        costs={"images": 32.0, "flight_time_s": 100.0, "path_length_m": 50.0, "wall_s": 0.0},
+    )

@@ -1,0 +1,361 @@
+"""Campaigns on a cheap fake mission: run, interrupt, kill, resume, refuse."""
+
+from __future__ import annotations
+
+import collections
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import fake_missions
+import numpy as np
+import pytest
+
+from nbv.errors import UserError
+from tuner.campaign import Campaign, CampaignEvent, CampaignSettings
+from tuner.executors import InProcessExecutor, LocalProcessExecutor
+from tuner.objective import Objective
+from tuner.search_space import load_search_space
+
+RUNNER = "fake_missions:fake_mission"
+
+
+def settings(**changes: object) -> CampaignSettings:
+    fields: dict[str, object] = dict(
+        name="test", space=load_search_space("gate"), rocks=("a", "b"), budget=6, seed=1, sampler="sobol",
+        runner=RUNNER,
+    )  # fmt: skip
+    return CampaignSettings(**{**fields, **changes})  # type: ignore[arg-type]
+
+
+def workers(count: int = 1, timeout_s: float = 60.0) -> LocalProcessExecutor:
+    return LocalProcessExecutor(count, timeout_s, preload=("fake_missions",))
+
+
+def run(directory: Path, **changes: object) -> Campaign:
+    campaign = Campaign.create(directory, settings(**changes))
+    campaign.run(InProcessExecutor())
+    return campaign
+
+
+def test_campaign_flies_its_budget_over_rocks_in_turn(tmp_path: Path) -> None:
+    events: list[CampaignEvent] = []
+    campaign = Campaign.create(tmp_path / "run", settings(budget=8, replicates=2))
+    with workers(2) as executor:
+        summary = campaign.run(executor, events.append)
+    assert summary.stopped == "budget"
+    assert summary.status.complete == 8 and summary.status.failed == 0
+    assert summary.status.per_rock == {"a": 4, "b": 4}
+    assert summary.status.images == 8 * 32
+    slots = collections.Counter((t.rock, t.replicate) for t in campaign.trials())
+    assert slots == {("a", 0): 2, ("a", 1): 2, ("b", 0): 2, ("b", 1): 2}
+    kinds = collections.Counter(e.kind for e in events)
+    assert kinds["proposed"] == kinds["launched"] == kinds["finished"] == 8 and kinds["done"] == 1
+    first = campaign.trials()[0]
+    assert first.values == {"gate.budget_fraction": 0.4, "gate.d95_m": 0.14}  # the paper's, before all else
+    assert first.why["phase"] == "default"
+    assert set(first.values) == set(campaign.settings.space.paths)
+    saved = json.loads((tmp_path / "run" / "recommendation.json").read_text())
+    assert saved["observations"] == 8
+    for t in campaign.trials():
+        result = json.loads((tmp_path / "run" / t.directory / "mission.json").read_text())
+        assert result["metrics"]["observable"]["f_score_48mm"] == t.raw
+
+
+def test_gp_campaign_is_deterministic_with_one_worker(tmp_path: Path) -> None:
+    changes: dict[str, object] = {"sampler": "gp", "budget": 7, "initial": 4}
+    one, two = run(tmp_path / "one", **changes), run(tmp_path / "two", **changes)
+    assert [t.why["phase"] for t in one.trials()] == ["default"] + ["initial design"] * 3 + ["model"] * 3
+    for a, b in zip(one.trials(), two.trials()):
+        assert (a.rock, a.replicate) == (b.rock, b.replicate)
+        np.testing.assert_allclose(list(a.values.values()), list(b.values.values()), rtol=1e-6)
+    other = run(tmp_path / "three", **{**changes, "seed": 2})
+    assert other.trials()[3].values != one.trials()[3].values
+
+
+def test_interrupted_campaign_goes_on_as_if_it_had_not_been(tmp_path: Path) -> None:
+    changes: dict[str, object] = {"sampler": "gp", "budget": 7, "initial": 4}
+    whole = run(tmp_path / "whole", **changes)
+
+    def interrupt(event: CampaignEvent) -> None:
+        if event.kind == "finished" and event.finished == 5:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    campaign = Campaign.create(tmp_path / "parts", settings(**changes))
+    summary = campaign.run(InProcessExecutor(), interrupt)
+    assert summary.stopped == "interrupted" and summary.status.finished == 5
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    resumed = Campaign.open(tmp_path / "parts", settings(**changes))
+    assert resumed.run(InProcessExecutor()).stopped == "budget"
+    assert [t.number for t in resumed.trials()] == list(range(7))
+    for a, b in zip(whole.trials(), resumed.trials()):
+        np.testing.assert_allclose(list(a.values.values()), list(b.values.values()), rtol=1e-6)
+
+
+def test_ctrl_c_kills_missions_in_flight_and_keeps_them_open(tmp_path: Path) -> None:
+    campaign = Campaign.create(tmp_path / "run", settings(rocks=("a", "hang"), budget=4))
+    started = threading.Event()
+
+    def watch(event: CampaignEvent) -> None:
+        hanging = event.kind == "launched" and event.trial is not None and event.trial.rock == "hang"
+        if hanging and not started.is_set():
+            started.set()
+            threading.Timer(1.0, os.kill, (os.getpid(), signal.SIGINT)).start()
+
+    with workers(2) as executor:
+        began = time.monotonic()
+        summary = campaign.run(executor, watch)
+        assert time.monotonic() - began < 30
+        assert executor.in_flight == ()
+    assert started.is_set() and summary.stopped == "interrupted"
+    states = collections.Counter((t.rock, t.state) for t in campaign.trials())
+    assert states[("hang", "running")] >= 1 and states[("hang", "complete")] == 0
+    assert not _processes_mentioning(tmp_path)
+
+
+def _processes_mentioning(path: Path) -> list[int]:
+    found = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            links = [os.readlink(link) for link in (entry / "fd").iterdir()]
+        except OSError:
+            continue
+        if any(str(path) in link for link in links) and int(entry.name) != os.getpid():
+            found.append(int(entry.name))
+    return found
+
+
+DRIVER = """
+import sys
+from pathlib import Path
+from tuner.campaign import Campaign
+from tuner.executors import LocalProcessExecutor
+if __name__ == "__main__":
+    campaign = Campaign.open(Path(sys.argv[1]))
+    with LocalProcessExecutor(2, 60.0, preload=("fake_missions",)) as executor:
+        campaign.run(executor)
+"""
+
+
+def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
+    directory = tmp_path / "run"
+    campaign = Campaign.create(directory, settings(rocks=("slow-a", "slow-b"), budget=12))
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"}
+    process = subprocess.Popen([sys.executable, "-c", DRIVER, str(directory)], env=environment)
+    try:
+        deadline = time.monotonic() + 40
+        while time.monotonic() < deadline and len(list(directory.glob("missions/*/mission.json"))) < 3:
+            time.sleep(0.05)
+    finally:
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    deadline = time.monotonic() + 10
+    while _processes_mentioning(directory) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not _processes_mentioning(directory)  # no mission outlives its campaign
+    # The worst a kill can leave: a half-written record and a lock nobody holds.
+    with (directory / "study.journal").open("ab") as file:
+        file.write(b'{"op_code":4,"worker')
+    lock = directory / "study.journal.lock"
+    lock.unlink(missing_ok=True)
+    lock.symlink_to(directory / "study.journal")
+
+    resumed = Campaign.open(directory, campaign.settings)
+    before = {t.number: t for t in resumed.trials()}
+    finished_before = [n for n, t in before.items() if t.state != "running"]
+    assert 1 <= len(finished_before) < 12
+    with workers(2) as executor:
+        summary = resumed.run(executor)
+    assert summary.stopped == "budget" and summary.status.complete == 12
+    after = Campaign.open(directory, read_only=True).trials()
+    assert [t.number for t in after] == list(range(12))
+    assert summary.status.per_rock == {"slow-a": 6, "slow-b": 6}
+    for number, t in before.items():
+        assert (after[number].values, after[number].rock) == (t.values, t.rock)
+    for number in finished_before:  # what was told stays as it was and is not flown again
+        assert after[number] == before[number]
+        assert (directory / after[number].directory / "flown.txt").read_text() == "flown\n"
+
+
+def test_finished_but_untold_mission_is_entered_not_flown_again(tmp_path: Path) -> None:
+    directory = tmp_path / "run"
+    campaign = Campaign.create(directory, settings(budget=2))
+
+    class Crash(Exception):
+        pass
+
+    class CrashingExecutor(InProcessExecutor):
+        def wait_any(self, timeout_s: float) -> list:  # type: ignore[type-arg]
+            super().wait_any(timeout_s)
+            raise Crash
+
+    with pytest.raises(Crash):
+        campaign.run(CrashingExecutor())
+    assert [t.state for t in campaign.trials()] == ["running"]
+    resumed = Campaign.open(directory)
+    resumed.run(InProcessExecutor())
+    assert [t.state for t in resumed.trials()] == ["complete", "complete"]
+    first = resumed.trials()[0]
+    assert (directory / first.directory / "flown.txt").read_text() == "flown\n"
+
+
+def test_crashes_and_failures_are_recorded_and_the_campaign_goes_on(tmp_path: Path) -> None:
+    rocks = ("a", "abort", "raise", "fail", "full")
+    campaign = Campaign.create(tmp_path / "run", settings(rocks=rocks, budget=10))
+    with workers() as executor:
+        summary = campaign.run(executor)
+    assert summary.stopped == "budget"
+    assert summary.status.complete == 2 and summary.status.failed == 8
+    reasons = {t.rock: t.reason for t in campaign.trials()}
+    assert reasons["a"] == ""
+    assert reasons["abort"] == f"worker_died: signal {int(signal.SIGABRT)}"
+    assert reasons["raise"] == "mission_error"
+    assert reasons["fail"] == "seed_model_failed"
+    assert reasons["full"] == "disk_full"
+    assert all(t.raw is None for t in campaign.trials() if t.state == "failed")
+    messages = {t.rock: t.message for t in campaign.trials()}
+    assert "an exception nobody expected" in messages["raise"]
+    assert summary.recommendation is not None and summary.recommendation.failures == 8
+
+
+def test_mission_that_takes_too_long_is_killed(tmp_path: Path) -> None:
+    campaign = Campaign.create(tmp_path / "run", settings(rocks=("hang",), budget=1))
+    with workers(timeout_s=0.5) as executor:
+        summary = campaign.run(executor)
+    assert summary.status.failures == {"timeout": 1}
+    assert summary.recommendation is None
+
+
+def test_nothing_but_failures_stops_the_campaign(tmp_path: Path) -> None:
+    campaign = Campaign.create(tmp_path / "run", settings(rocks=("fail",), budget=50))
+    summary = campaign.run(InProcessExecutor())
+    assert summary.stopped == "failing" and "seed_model_failed" in summary.message
+    assert summary.status.failed == 8
+
+
+def test_user_error_in_a_mission_reaches_the_user_and_costs_no_budget(tmp_path: Path) -> None:
+    campaign = Campaign.create(tmp_path / "run", settings(rocks=("user",)))
+    with pytest.raises(UserError, match="unknown rock 'user'"):
+        campaign.run(InProcessExecutor())
+    assert [t.state for t in campaign.trials()] == ["running"]
+
+
+def test_missing_metric_is_a_failure_not_a_zero(tmp_path: Path) -> None:
+    campaign = run(tmp_path / "run", objective=Objective("observable.no_such"), budget=2)
+    assert {t.reason for t in campaign.trials()} == {"metric_missing: observable.no_such"}
+
+
+@pytest.mark.parametrize("sampler", ["random", "tpe", "cmaes", "optuna-gp"])
+def test_every_sampler_runs_and_resumes(tmp_path: Path, sampler: str) -> None:
+    changes: dict[str, object] = {"sampler": sampler, "budget": 10, "initial": 4}
+    directory = tmp_path / "run"
+    campaign = Campaign.create(directory, settings(**changes))
+
+    def interrupt(event: CampaignEvent) -> None:
+        if event.kind == "finished" and event.finished == 8:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    assert campaign.run(InProcessExecutor(), interrupt).status.finished == 8
+    resumed = Campaign.open(directory)
+    assert resumed.run(InProcessExecutor()).status.complete == 10
+    whole = run(tmp_path / "whole", **changes)
+    for a, b in zip(whole.trials(), resumed.trials()):
+        np.testing.assert_allclose(list(a.values.values()), list(b.values.values()), rtol=1e-6)
+    if sampler == "cmaes":  # its generations survive the trip through the ledger
+        assert max(t.memory.get("cma:generation", 0) for t in resumed.trials()) >= 1
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"budget": 0}, "budget is 0"),
+        ({"replicates": 0}, "replicates is 0"),
+        ({"rocks": ()}, "no rocks"),
+        ({"rocks": ("a", "a")}, "named twice"),
+        ({"sampler": "magic"}, "unknown sampler 'magic'"),
+        ({"preset": "magic"}, "unknown preset 'magic'"),
+        ({"overrides": {"gate.d95": 1.0}}, "did you mean gate.d95_m"),
+    ],
+)
+def test_settings_that_make_no_campaign(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        settings(**changes)
+
+
+def test_directories_of_others_are_left_alone(tmp_path: Path) -> None:
+    foreign = tmp_path / "foreign"
+    foreign.mkdir()
+    (foreign / "thesis.tex").write_text("years of work")
+    with pytest.raises(UserError, match="not an empty directory"):
+        Campaign.create(foreign, settings())
+    assert [p.name for p in foreign.iterdir()] == ["thesis.tex"]
+
+    run(tmp_path / "run", budget=2)
+    before = (tmp_path / "run" / "study.journal").read_bytes()
+    with pytest.raises(UserError, match="already holds this campaign.*resume"):
+        Campaign.create(tmp_path / "run", settings(budget=2))
+    with pytest.raises(UserError, match="already holds another campaign"):
+        Campaign.create(tmp_path / "run", settings(budget=3))
+    with pytest.raises(UserError, match="seed is 1 there, not 7"):
+        Campaign.open(tmp_path / "run", settings(budget=2, seed=7))
+    with pytest.raises(UserError, match="holds no campaign"):
+        Campaign.open(tmp_path / "nothing")
+    assert (tmp_path / "run" / "study.journal").read_bytes() == before
+
+    (tmp_path / "run" / "study.journal").unlink()
+    with pytest.raises(UserError, match=r"ledger .* is missing"):
+        Campaign.open(tmp_path / "run")
+
+
+def test_directory_that_cannot_be_written(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UserError, match="cannot write"):
+        Campaign.create(tmp_path / "file" / "run", settings())
+
+
+def test_one_campaign_runs_once_at_a_time(tmp_path: Path) -> None:
+    campaign = Campaign.create(tmp_path / "run", settings(budget=2))
+
+    def intrude(event: CampaignEvent) -> None:
+        if event.kind == "launched":
+            with pytest.raises(UserError, match="running in another process"):
+                Campaign.open(tmp_path / "run")
+            assert Campaign.open(tmp_path / "run", read_only=True).status().budget == 2
+
+    assert campaign.run(InProcessExecutor(), intrude).stopped == "budget"
+
+
+def test_any_optuna_storage(tmp_path: Path) -> None:
+    url = f"sqlite:///{tmp_path / 'shared.db'}"
+    run(tmp_path / "run", storage=url, budget=2)
+    resumed = Campaign.open(tmp_path / "run")
+    assert resumed.status().complete == 2
+    assert not (tmp_path / "run" / "study.journal").exists()
+    with pytest.raises(UserError, match="already holds a study"):
+        Campaign.create(tmp_path / "other", settings(storage=url))
+
+
+@pytest.mark.parametrize(
+    "storage",
+    ["nonsense", "nosuchdb://host/db", "sqlite:////no/such/dir/x.db", "journal:/no/such/dir/x.journal",
+     "redis://127.0.0.1:1/0"],
+)  # fmt: skip
+def test_storage_that_cannot_be_used(tmp_path: Path, storage: str) -> None:
+    with pytest.raises(UserError, match="storage|ledger"):
+        Campaign.create(tmp_path / "run", settings(storage=storage))
+    assert not (tmp_path / "run" / "campaign.yaml").exists()
+
+
+def test_minimised_objective(tmp_path: Path) -> None:
+    objective = Objective(direction="minimise")
+    campaign = run(tmp_path / "run", objective=objective, budget=12, rocks=("a",))
+    result = campaign.recommendation()
+    assert result is not None
+    worst = max(fake_missions.truth(campaign.settings.config(t.values)) for t in campaign.trials())
+    assert fake_missions.truth(campaign.settings.config(result.values)) < worst / 2
+    assert result.mean < result.default_mean and result.improvement > 0

@@ -1,0 +1,652 @@
+"""A campaign: ask, fly, tell, until the budget is used; interrupted and resumed without losing a mission.
+
+A trial is one mission: one configuration on one rock with one replicate. Rocks are taken in turn, and missions
+share replicate numbers, so that configurations meet on common (rock, replicate) pairs. The run directory::
+
+    campaign.yaml          what was asked for; a resume must agree with it
+    study.journal          the ledger (unless another storage was named)
+    missions/NNNN_ROCK_rK  one directory per mission
+    recommendation.json    the current recommendation
+"""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import dataclasses
+import datetime
+import fcntl
+import json
+import signal
+import threading
+import time
+import uuid
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+
+from nbv.config import MissionConfig, preset
+from nbv.errors import UserError
+from nbv.run_directory import write_atomic
+from tuner.executors import Executor
+from tuner.history import Observation, Proposal
+from tuner.ledger import Ledger, TrialRecord
+from tuner.missions import DEFAULT_RUNNER, Keep, MissionJob, MissionOutcome, collect_outcome
+from tuner.objective import Direction, Objective
+from tuner.recommendation import Recommendation, recommend
+from tuner.samplers import SAMPLER_NAMES, Sampler, SamplerSettings, initial_design_size, make_sampler
+from tuner.search_space import SearchSpace, Values, space_from_dict
+
+SETTINGS_FILE = "campaign.yaml"
+RECOMMENDATION_FILE = "recommendation.json"
+LOCK_FILE = "campaign.lock"
+FORMAT_VERSION = 1
+# So many failures in a row mean that something is wrong with the set-up, not with the configurations.
+MAX_CONSECUTIVE_FAILURES = 8
+_POLL_S = 0.5
+
+
+@dataclass(frozen=True)
+class CampaignSettings:
+    """What a campaign is; two campaigns with equal settings are the same experiment.
+
+    Raises
+    ------
+    UserError
+        A budget, replicate count or rock list that makes no campaign; an unknown sampler or preset.
+    """
+
+    name: str
+    space: SearchSpace
+    rocks: tuple[str, ...]  # training rocks: names or mesh files
+    budget: int  # missions
+    replicates: int = 1  # per rock, numbered from 0
+    seed: int = 0
+    preset: str = "campaign"
+    overrides: dict[str, Any] = field(default_factory=dict)  # parameter paths laid over the preset
+    objective: Objective = field(default_factory=Objective)
+    sampler: str = "gp"
+    initial: int | None = (
+        None  # missions of the initial design; None: 2 (d + 1), at most a third of the budget
+    )
+    runner: str = DEFAULT_RUNNER
+    keep: Keep = "summary"
+    storage: str | None = None  # None: study.journal in the run directory
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            raise UserError("the campaign needs a name")
+        if self.budget < 1:
+            raise UserError(f"the budget is {self.budget} missions; give at least 1")
+        if self.replicates < 1:
+            raise UserError(f"replicates is {self.replicates}; give at least 1")
+        if self.seed < 0:
+            raise UserError(f"the seed is {self.seed}; give 0 or more")
+        if not self.rocks:
+            raise UserError("the campaign has no rocks; name at least one")
+        twice = [rock for rock, count in collections.Counter(self.rocks).items() if count > 1]
+        if twice:
+            raise UserError(f"rock {twice[0]!r} is named twice; name each rock once")
+        if self.initial is not None and self.initial < 1:
+            raise UserError(f"the initial design has {self.initial} missions; give at least 1")
+        if self.sampler not in SAMPLER_NAMES:
+            raise UserError(f"unknown sampler {self.sampler!r}; there are {', '.join(SAMPLER_NAMES)}")
+        self.default_values()  # the space must fit the preset
+
+    def base_config(self) -> MissionConfig:
+        """The mission configuration on which tuned values are laid."""
+        return self.space.base_config(preset(self.preset).with_values(self.overrides))
+
+    def config(self, values: Mapping[str, Any]) -> MissionConfig:
+        """The mission configuration at tuned ``values``."""
+        return self.base_config().with_values(dict(values))
+
+    def default_values(self) -> Values:
+        """Where every sampler starts: the paper's values."""
+        return self.space.default(preset(self.preset).with_values(self.overrides))
+
+    def initial_size(self) -> int:
+        """Missions of the initial design."""
+        if self.initial is not None:
+            return min(self.initial, self.budget)
+        return initial_design_size(self.space.dimension, self.budget)
+
+    def make_sampler(self) -> Sampler:
+        """The sampler at work."""
+        settings = SamplerSettings(
+            self.space, self.default_values(), self.rocks, self.seed, self.initial_size()
+        )
+        return make_sampler(self.sampler, settings)
+
+    def to_dict(self) -> dict[str, Any]:
+        """YAML form."""
+        return {
+            "name": self.name,
+            "search_space": self.space.to_dict(),
+            "rocks": list(self.rocks),
+            "budget": self.budget,
+            "replicates": self.replicates,
+            "seed": self.seed,
+            "preset": self.preset,
+            "overrides": dict(self.overrides),
+            "objective": {"metric": self.objective.metric, "direction": self.objective.direction},
+            "sampler": self.sampler,
+            "initial": self.initial_size(),
+            "runner": self.runner,
+            "keep": self.keep,
+            "storage": self.storage,
+        }
+
+    @staticmethod
+    def from_dict(tree: Mapping[str, Any], source: str) -> CampaignSettings:
+        """The inverse of ``to_dict``; ``source`` names the file in messages."""
+        try:
+            return CampaignSettings(
+                name=tree["name"],
+                space=space_from_dict(tree["search_space"], source),
+                rocks=tuple(tree["rocks"]),
+                budget=tree["budget"],
+                replicates=tree["replicates"],
+                seed=tree["seed"],
+                preset=tree["preset"],
+                overrides=dict(tree["overrides"]),
+                objective=Objective(tree["objective"]["metric"], tree["objective"]["direction"]),
+                sampler=tree["sampler"],
+                initial=tree["initial"],
+                runner=tree["runner"],
+                keep=tree["keep"],
+                storage=tree["storage"],
+            )
+        except (KeyError, TypeError, AttributeError) as error:
+            raise UserError(f"{source} is not a campaign's settings ({error!r}); restore the file") from error
+
+
+EventKind = Literal[
+    "proposed", "launched", "finished", "failed", "recommendation", "interrupted", "stopped", "done"
+]
+
+
+@dataclass(frozen=True)
+class CampaignEvent:
+    """Something a live display may show."""
+
+    kind: EventKind
+    elapsed_s: float  # since this session began
+    finished: int  # missions finished so far, failed ones included
+    budget: int
+    trial: TrialRecord | None = None
+    recommendation: Recommendation | None = None
+    ask_s: float = 0.0  # time the sampler took, for "proposed"
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class CampaignStatus:
+    """Counts and costs of a campaign."""
+
+    name: str
+    budget: int
+    complete: int
+    failed: int
+    running: int  # in flight, or interrupted and waiting for a resume
+    per_rock: dict[str, int]
+    failures: dict[str, int]  # by reason
+    mission_wall_s: float
+    flight_time_s: float
+    path_length_m: float
+    images: float
+    best_observed: float | None  # luckiest mission; see the recommendation for the best configuration
+
+    @property
+    def finished(self) -> int:
+        """Missions with an outcome, failures included."""
+        return self.complete + self.failed
+
+    @property
+    def remaining(self) -> int:
+        """Missions still to finish."""
+        return max(0, self.budget - self.finished)
+
+
+@dataclass(frozen=True)
+class CampaignSummary:
+    """How one session of ``Campaign.run`` ended."""
+
+    stopped: Literal["budget", "interrupted", "failing"]
+    message: str
+    elapsed_s: float
+    ask_s: float  # spent by the sampler
+    status: CampaignStatus
+    recommendation: Recommendation | None
+
+
+class Campaign:
+    """One run directory. Use ``create`` or ``open``."""
+
+    def __init__(self, directory: Path, settings: CampaignSettings, ledger: Ledger) -> None:
+        self.directory = directory
+        self.settings = settings
+        self.ledger = ledger
+        self._sampler = settings.make_sampler()
+
+    # -- the run directory -----------------------------------------------------------------------------------
+
+    @staticmethod
+    def create(directory: Path, settings: CampaignSettings) -> Campaign:
+        """Begin a campaign in a new or empty directory.
+
+        Raises
+        ------
+        UserError
+            The directory holds something already or cannot be written; the storage cannot be used.
+        """
+        if (directory / SETTINGS_FILE).exists():
+            theirs = _read_settings(directory)[0]
+            what = (
+                "this campaign" if theirs == settings.to_dict() else f"another campaign ({theirs['name']!r})"
+            )
+            raise UserError(
+                f"{directory} already holds {what}; resume it with `gatetune campaign resume {directory}` "
+                "or choose another directory"
+            )
+        if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+            raise UserError(f"{directory} exists and is not an empty directory; choose another directory")
+        settings.make_sampler()
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            identity = uuid.uuid4().hex
+            ledger = Ledger(
+                directory, settings.storage, settings.name, identity, settings.space, settings.objective,
+                create=True,
+            )  # fmt: skip
+            tree = {
+                "format": FORMAT_VERSION,
+                "id": identity,
+                "created": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
+                "base_config_digest": settings.base_config().digest(),
+                "settings": settings.to_dict(),
+            }
+            write_atomic(directory / SETTINGS_FILE, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
+        except OSError as error:
+            raise UserError(
+                f"cannot write to {directory}: {error.strerror}; choose another directory"
+            ) from error
+        return Campaign(directory, settings, ledger)
+
+    @staticmethod
+    def open(
+        directory: Path, expected: CampaignSettings | None = None, *, read_only: bool = False
+    ) -> Campaign:
+        """The campaign in ``directory``.
+
+        Parameters
+        ----------
+        expected
+            Settings the caller believes in; a difference is refused.
+        read_only
+            For status and reports of a campaign that may be running.
+
+        Raises
+        ------
+        UserError
+            No campaign there, other settings, a ledger that is missing or belongs elsewhere.
+        """
+        stored, identity, digest = _read_settings(directory)
+        settings = CampaignSettings.from_dict(stored, str(directory / SETTINGS_FILE))
+        if expected is not None:
+            difference = _first_difference(stored, expected.to_dict())
+            if difference:
+                raise UserError(
+                    f"{directory} holds a campaign with other settings: {difference}; "
+                    "resume it as it is or choose another directory"
+                )
+        if settings.base_config().digest() != digest:
+            raise UserError(
+                f"preset {settings.preset!r} has changed since the campaign in {directory} began; resume it with "
+                "the version that began it, or start a new campaign"
+            )
+        with contextlib.ExitStack() as stack:
+            if not read_only:  # repairs to the ledger need the campaign to be idle
+                stack.enter_context(_exclusive(directory))
+            ledger = Ledger(
+                directory, settings.storage, settings.name, identity, settings.space, settings.objective,
+                read_only=read_only,
+            )  # fmt: skip
+        return Campaign(directory, settings, ledger)
+
+    # -- looking ---------------------------------------------------------------------------------------------
+
+    def trials(self) -> list[TrialRecord]:
+        """All missions, in trial order."""
+        return self.ledger.trials()
+
+    def history(self) -> list[Observation]:
+        """Finished missions."""
+        return self.ledger.history()
+
+    def status(self) -> CampaignStatus:
+        """Counts and costs."""
+        trials = self.trials()
+        done = [t for t in trials if t.state != "running"]
+        values = [t.raw for t in done if t.raw is not None]
+        best = max if self.settings.objective.direction == "maximise" else min
+
+        def total(key: str) -> float:
+            return float(sum(t.costs.get(key) or 0.0 for t in done))
+
+        return CampaignStatus(
+            name=self.settings.name,
+            budget=self.settings.budget,
+            complete=sum(t.state == "complete" for t in trials),
+            failed=sum(t.state == "failed" for t in trials),
+            running=len(trials) - len(done),
+            per_rock={rock: sum(t.rock == rock for t in trials) for rock in self.settings.rocks},
+            failures=dict(collections.Counter(t.reason for t in trials if t.state == "failed")),
+            mission_wall_s=float(sum(t.wall_s for t in done)),
+            flight_time_s=total("flight_time_s"),
+            path_length_m=total("path_length_m"),
+            images=total("images"),
+            best_observed=best(values) if values else None,
+        )
+
+    def recommendation(self, *, save: bool = True) -> Recommendation | None:
+        """The evaluated configuration with the best posterior mean over the training rocks."""
+        s = self.settings
+        result = recommend(s.space, self.history(), s.rocks, s.default_values(), s.objective, s.seed)
+        if result is not None and save:
+            write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
+        return result
+
+    def recommended_config(self) -> MissionConfig:
+        """The recommendation as a complete mission configuration.
+
+        Raises
+        ------
+        UserError
+            No mission has succeeded yet.
+        """
+        result = self.recommendation(save=False)
+        if result is None:
+            raise UserError(
+                f"{self.directory} has no successful mission yet; run or resume the campaign first"
+            )
+        return self.settings.config(result.values)
+
+    # -- flying ----------------------------------------------------------------------------------------------
+
+    def run(
+        self,
+        executor: Executor,
+        on_event: Callable[[CampaignEvent], None] | None = None,
+        *,
+        recommend_every: int = 0,
+    ) -> CampaignSummary:
+        """Fly missions until the budget is used, Ctrl-C or SIGTERM; also resumes.
+
+        Missions that were in flight when an earlier session ended are flown again under their old trial
+        numbers (or entered, if they had finished). The executor is left open; missions still in flight at an
+        interruption are killed. A second Ctrl-C interrupts at once.
+
+        Parameters
+        ----------
+        recommend_every
+            Emit a "recommendation" event (and save it) after every so many finished missions; 0: only at the end.
+
+        Raises
+        ------
+        UserError
+            The campaign is running elsewhere; a mission met a user's mistake (its trial stays open, so a resume
+            flies it again); the ledger cannot be written.
+        """
+        session = _Session(self, executor, on_event or (lambda event: None), recommend_every)
+        try:
+            with _exclusive(self.directory), _stop_signals() as stop:
+                try:
+                    return session.fly(stop)
+                finally:
+                    executor.cancel_all()
+        except OSError as error:
+            raise UserError(
+                f"cannot write to {self.directory}: {error.strerror or error}; make room, then resume"
+            ) from error
+
+
+class _Session:
+    """One call of ``Campaign.run``."""
+
+    def __init__(
+        self,
+        campaign: Campaign,
+        executor: Executor,
+        on_event: Callable[[CampaignEvent], None],
+        recommend_every: int,
+    ) -> None:
+        self._campaign = campaign
+        self._settings = campaign.settings
+        self._ledger = campaign.ledger
+        self._executor = executor
+        self._on_event = on_event
+        self._recommend_every = recommend_every
+        self._began = time.monotonic()
+        self._ask_s = 0.0
+        self._finished = 0
+        self._failures_in_row = 0
+        self._in_flight: dict[str, TrialRecord] = {}
+
+    def fly(self, stop: threading.Event) -> CampaignSummary:
+        again = self._recover()
+        while True:
+            if stop.is_set():
+                self._executor.cancel_all()
+                message = f"{len(self._in_flight)} missions in flight will be flown again by a resume"
+                self._emit("interrupted", message=message)
+                return self._summary("interrupted", message)
+            if self._failures_in_row >= MAX_CONSECUTIVE_FAILURES:
+                self._executor.cancel_all()
+                last = next(t for t in reversed(self._ledger.trials()) if t.state == "failed")
+                message = (
+                    f"{self._failures_in_row} missions failed in a row, the last with {last.reason!r} "
+                    f"({last.message}); mend the cause, then resume"
+                )
+                self._emit("stopped", message=message)
+                return self._summary("failing", message)
+            while len(self._in_flight) < self._executor.capacity and not stop.is_set():
+                trial = again.popleft() if again else self._next_trial()
+                if trial is None:
+                    break
+                self._launch(trial)
+            if not self._in_flight and not stop.is_set():
+                summary = self._summary("budget", "the budget is used")
+                self._emit("done", recommendation=summary.recommendation)
+                return summary
+            for outcome in self._executor.wait_any(_POLL_S):
+                self._finish(outcome)
+
+    def _recover(self) -> collections.deque[TrialRecord]:
+        """Enter missions that finished but were not told; return those to fly again."""
+        trials = self._ledger.trials()
+        self._finished = sum(t.state != "running" for t in trials)
+        again: collections.deque[TrialRecord] = collections.deque()
+        for trial in trials:
+            if trial.state == "running":
+                outcome = collect_outcome(self._job(trial))
+                if outcome is not None and outcome.reason != "user_error":
+                    self._enter(trial, outcome)
+                else:
+                    again.append(trial)
+        return again
+
+    def _next_trial(self) -> TrialRecord | None:
+        trials = self._ledger.trials()
+        if len(trials) >= self._settings.budget:
+            return None
+        started = time.monotonic()
+        proposal = self._campaign._sampler.ask(self._ledger.history(trials), self._ledger.pending(trials))
+        ask_s = time.monotonic() - started
+        self._ask_s += ask_s
+        rock, replicate = next_slot(self._settings.rocks, self._settings.replicates, trials, proposal)
+        digest = self._settings.config(proposal.values).digest()
+        trial = self._ledger.start(proposal, rock, replicate, digest, self._settings.seed)
+        self._emit("proposed", trial, ask_s=ask_s)
+        return trial
+
+    def _job(self, trial: TrialRecord) -> MissionJob:
+        return MissionJob(
+            id=f"{trial.number:04d}",
+            config=self._settings.config(trial.values),
+            rock=trial.rock,
+            replicate=trial.replicate,
+            directory=self._campaign.directory / trial.directory,
+            keep=self._settings.keep,
+            runner=self._settings.runner,
+        )
+
+    def _launch(self, trial: TrialRecord) -> None:
+        job = self._job(trial)
+        self._executor.submit(job)
+        self._in_flight[job.id] = trial
+        self._emit("launched", trial)
+
+    def _finish(self, outcome: MissionOutcome) -> None:
+        trial = self._in_flight.pop(outcome.job_id)
+        if outcome.reason == "user_error":
+            # Every other mission would meet it too: stop, and leave the trial open for the resume.
+            raise UserError(outcome.message)
+        self._enter(trial, outcome)
+
+    def _enter(self, trial: TrialRecord, outcome: MissionOutcome) -> None:
+        record = self._ledger.finish(trial.number, outcome)
+        self._finished += 1
+        self._failures_in_row = self._failures_in_row + 1 if record.state == "failed" else 0
+        self._emit("failed" if record.state == "failed" else "finished", record, message=record.message)
+        if self._recommend_every and self._finished % self._recommend_every == 0:
+            recommendation = self._campaign.recommendation()
+            if recommendation is not None:
+                self._emit("recommendation", recommendation=recommendation)
+
+    def _summary(self, stopped: Literal["budget", "interrupted", "failing"], message: str) -> CampaignSummary:
+        return CampaignSummary(
+            stopped,
+            message,
+            time.monotonic() - self._began,
+            self._ask_s,
+            self._campaign.status(),
+            self._campaign.recommendation(),
+        )
+
+    def _emit(
+        self,
+        kind: EventKind,
+        trial: TrialRecord | None = None,
+        *,
+        recommendation: Recommendation | None = None,
+        ask_s: float = 0.0,
+        message: str = "",
+    ) -> None:
+        elapsed_s = time.monotonic() - self._began
+        budget = self._settings.budget
+        self._on_event(
+            CampaignEvent(kind, elapsed_s, self._finished, budget, trial, recommendation, ask_s, message)
+        )
+
+
+def next_slot(
+    rocks: Sequence[str], replicates: int, trials: Sequence[TrialRecord], proposal: Proposal
+) -> tuple[str, int]:
+    """Rock and replicate of the next mission, where the sampler left them open.
+
+    The rock visited least (ties: list order), so rocks are taken in turn; on it the replicate used least among
+    those this configuration has not flown there. A configuration that has flown them all gets a fresh number.
+    """
+    visits = collections.Counter(t.rock for t in trials)
+    rock = proposal.rock if proposal.rock is not None else min(rocks, key=lambda name: visits[name])
+    if proposal.replicate is not None:
+        return rock, proposal.replicate
+    here = [t for t in trials if t.rock == rock]
+    used = collections.Counter(t.replicate for t in here)
+    own = {t.replicate for t in here if t.values == proposal.values}
+    fresh = [k for k in range(replicates) if k not in own]
+    if fresh:
+        return rock, min(fresh, key=lambda k: (used[k], k))
+    return rock, next(k for k in range(replicates, replicates + len(own) + 1) if k not in own)
+
+
+# -- helpers -------------------------------------------------------------------------------------------------
+
+
+def _read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
+    path = directory / SETTINGS_FILE
+    if not path.is_file():
+        raise UserError(
+            f"{directory} holds no campaign ({SETTINGS_FILE} is missing); name a campaign's directory"
+        )
+    try:
+        tree = yaml.safe_load(path.read_text())
+        if tree["format"] != FORMAT_VERSION:
+            raise UserError(f"{path} has format {tree['format']}, this version reads {FORMAT_VERSION}")
+        return tree["settings"], tree["id"], tree["base_config_digest"]
+    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
+        raise UserError(f"{path} is not a campaign's settings ({error!r}); restore the file") from error
+
+
+def _first_difference(stored: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
+    for key in wanted:
+        if stored.get(key) != wanted[key]:
+            if key == "search_space":
+                return f"search space {stored[key].get('name')!r} differs from {wanted[key].get('name')!r}"
+            return f"{key} is {stored.get(key)!r} there, not {wanted[key]!r}"
+    return ""
+
+
+@contextlib.contextmanager
+def _exclusive(directory: Path) -> Iterator[None]:
+    """Hold the campaign's lock; the kernel frees it when the process dies, however it dies."""
+    with (directory / LOCK_FILE).open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise UserError(
+                f"the campaign in {directory} is running in another process; stop it first"
+            ) from error
+        yield
+
+
+@contextlib.contextmanager
+def _stop_signals() -> Iterator[threading.Event]:
+    """Turn the first SIGINT or SIGTERM into a flag that is looked at between ledger writes."""
+    stop = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+
+    def ask_to_stop(number: int, frame: object) -> None:
+        if stop.is_set():
+            raise KeyboardInterrupt
+        stop.set()
+
+    before = {number: signal.signal(number, ask_to_stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def replace_budget(settings: CampaignSettings, budget: int) -> CampaignSettings:
+    """The same campaign with another budget (its initial design stays as it was)."""
+    return dataclasses.replace(settings, budget=budget, initial=settings.initial_size())
+
+
+__all__ = [
+    "Campaign",
+    "CampaignEvent",
+    "CampaignSettings",
+    "CampaignStatus",
+    "CampaignSummary",
+    "Direction",
+    "Keep",
+    "next_slot",
+]

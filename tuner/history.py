@@ -1,0 +1,49 @@
+"""What is known at one moment of a campaign: finished and running missions, as plain values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One finished mission: one configuration on one rock with one replicate."""
+
+    number: int  # trial number in the ledger
+    values: Mapping[str, Any]  # tuned parameters by path
+    rock: str
+    replicate: int
+    outcome: float | None  # oriented so that larger is better; None: failed, i.e. infeasible
+    raw: float | None = None  # the metric as measured
+    reason: str = ""  # why it failed
+    cost_s: float = 0.0  # wall-clock seconds
+    memory: Mapping[str, Any] = field(default_factory=dict)  # what the sampler asked to be kept
+
+    @property
+    def feasible(self) -> bool:
+        """Whether the mission produced the objective's metric."""
+        return self.outcome is not None
+
+
+@dataclass(frozen=True)
+class Pending:
+    """One mission in flight."""
+
+    number: int
+    values: Mapping[str, Any]
+    rock: str
+    replicate: int
+    memory: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """What to fly next. ``rock`` and ``replicate`` are left to the campaign's schedule where None."""
+
+    values: dict[str, Any]
+    why: dict[str, Any]  # JSON: at least {"sampler": ..., "phase": ...}
+    rock: str | None = None
+    replicate: int | None = None
+    memory: dict[str, Any] = field(default_factory=dict)  # JSON, returned with the observation

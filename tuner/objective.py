@@ -1,0 +1,126 @@
+"""From a mission's metrics to the number that is optimised, over rocks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from nbv.errors import UserError
+from nbv.types import Floats
+
+DEFAULT_METRIC = "observable.f_score_48mm"
+Direction = Literal["maximise", "minimise"]
+
+# Pseudo-counts of the shrinkage below: a rock's own spread counts fully only beyond this many missions.
+_SCALE_PRIOR_COUNT = 5.0
+
+
+@dataclass(frozen=True)
+class Objective:
+    """A metric path on ``MissionResult.metrics`` and its direction."""
+
+    metric: str = DEFAULT_METRIC
+    direction: Direction = "maximise"
+
+    def __post_init__(self) -> None:
+        if self.direction not in ("maximise", "minimise"):
+            raise UserError(f"unknown direction {self.direction!r}; allowed: maximise, minimise")
+        if not self.metric:
+            raise UserError(f"the objective needs a metric path such as {DEFAULT_METRIC}")
+
+    @property
+    def sign(self) -> float:
+        """+1 when larger is better, else -1."""
+        return 1.0 if self.direction == "maximise" else -1.0
+
+    def measure(self, metrics: Mapping[str, Any]) -> float | None:
+        """The metric as measured; None where it is absent or not a finite number."""
+        node: Any = metrics
+        for part in self.metric.split("."):
+            if not isinstance(node, Mapping) or part not in node:
+                return None
+            node = node[part]
+        if isinstance(node, bool) or not isinstance(node, (int, float)) or not math.isfinite(node):
+            return None
+        return float(node)
+
+    def outcome(self, status: str, metrics: Mapping[str, Any]) -> tuple[float | None, str]:
+        """``(value, reason)``: the value as measured, or None with the reason why the mission is infeasible.
+
+        A degraded mission has metrics and counts; a failed one is infeasible, never a bad number.
+        """
+        if status == "failed":
+            return None, "mission failed"
+        value = self.measure(metrics)
+        if value is None:
+            return None, f"metric_missing: {self.metric}"
+        return value, ""
+
+
+@dataclass(frozen=True)
+class RockStandardiser:
+    """Per-rock standardisation that stays sane with one or two missions on a rock.
+
+    z = (y - centre[rock]) / scale[rock]. Centres are empirical-Bayes estimates of a random rock effect:
+    y = mu + a_rock + e, with the variances of a and e estimated from the data, so that a rock's centre moves
+    from the grand mean towards its own mean as the rock effect stands out from the spread within rocks.
+    Scales are within-rock standard deviations shrunk towards the pooled one by 5 pseudo-observations.
+    Rocks never flown get the grand mean and the pooled scale.
+    """
+
+    centres: Mapping[str, float]
+    scales: Mapping[str, float]
+    grand_mean: float
+    pooled_scale: float
+
+    @staticmethod
+    def fit(rocks: Sequence[str], outcomes: Floats | Sequence[float]) -> RockStandardiser:
+        """Estimate from ``(n,)`` rock names and outcomes (larger is better); n may be 0."""
+        y = np.asarray(outcomes, dtype=float)
+        names = sorted(set(rocks))
+        groups = {name: y[np.array([rock == name for rock in rocks])] for name in names}
+        if len(y) == 0:
+            return RockStandardiser({}, {}, 0.0, 1.0)
+        means = {name: float(group.mean()) for name, group in groups.items()}
+        within_squares = {name: float(((group - means[name]) ** 2).sum()) for name, group in groups.items()}
+        degrees = len(y) - len(names)
+        between = float(np.var(list(means.values()), ddof=1)) if len(names) > 1 else 0.0
+        # With one mission per rock nothing tells rock from configuration: share the spread between them.
+        within = sum(within_squares.values()) / degrees if degrees > 0 else between / 2
+        within = max(within, 1e-12 * max(1.0, float(np.mean(y**2))))
+        mean_inverse_count = float(np.mean([1 / len(group) for group in groups.values()]))
+        rock_variance = max(0.0, between - within * mean_inverse_count)
+
+        precision = {n: 1 / (rock_variance + within / len(g)) for n, g in groups.items()}
+        grand = sum(precision[n] * means[n] for n in names) / sum(precision.values())
+        centres, scales = {}, {}
+        for name, group in groups.items():
+            weight = rock_variance / (rock_variance + within / len(group))
+            centres[name] = grand + weight * (means[name] - grand)
+            own = max(0, len(group) - 1)
+            variance = (_SCALE_PRIOR_COUNT * within + within_squares[name]) / (_SCALE_PRIOR_COUNT + own)
+            scales[name] = math.sqrt(variance)
+        return RockStandardiser(centres, scales, grand, math.sqrt(within))
+
+    def standardise(self, rocks: Sequence[str], outcomes: Floats | Sequence[float]) -> Floats:
+        """(n,) standardised outcomes."""
+        return np.array([(y - self.centre(rock)) / self.scale(rock) for rock, y in zip(rocks, outcomes)])
+
+    def centre(self, rock: str) -> float:
+        """The rock's centre, in the outcome's unit."""
+        return self.centres.get(rock, self.grand_mean)
+
+    def scale(self, rock: str) -> float:
+        """The rock's scale, in the outcome's unit."""
+        return self.scales.get(rock, self.pooled_scale)
+
+    def mean_over(self, rocks: Sequence[str]) -> tuple[float, float]:
+        """``(offset, factor)``: the mean outcome over ``rocks`` is offset + factor * z."""
+        return (
+            float(np.mean([self.centre(rock) for rock in rocks])),
+            float(np.mean([self.scale(rock) for rock in rocks])),
+        )

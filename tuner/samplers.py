@@ -1,0 +1,239 @@
+"""One ask face for our optimiser and for the baselines.
+
+A sampler is a function of the history, the missions in flight and a seed; it keeps no state of its own, so a
+campaign that is resumed proposes what it would have proposed. What a library needs to remember between asks
+travels in ``Proposal.memory`` through the ledger and back in the history.
+
+Every sampler starts at the default configuration: each optimiser may know where the paper stands.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from nbv.errors import UserError
+from tuner.history import Observation, Pending, Proposal
+from tuner.objective import RockStandardiser
+from tuner.search_space import SearchSpace, Values
+
+if TYPE_CHECKING:
+    import optuna
+
+MIN_FEASIBLE_FOR_MODEL = 2
+
+
+class Sampler(Protocol):
+    """Proposes the next mission."""
+
+    name: str
+
+    def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
+        """The next configuration, given all finished missions and those in flight."""
+        ...
+
+
+@dataclass(frozen=True)
+class SamplerSettings:
+    """What every sampler is built from."""
+
+    space: SearchSpace
+    default: Values  # the configuration everything starts from: the paper's
+    rocks: tuple[str, ...]  # training rocks
+    seed: int
+    initial: int  # size of the initial design, the default configuration included
+
+
+def initial_design_size(dimension: int, budget: int) -> int:
+    """2 (d + 1) missions, at most a third of the budget, at least 1."""
+    return max(1, min(2 * (dimension + 1), budget // 3))
+
+
+def derived_seed(seed: int, number: int) -> int:
+    """Seed of the ask for trial ``number``: a function of both, well mixed."""
+    return int(np.random.SeedSequence([seed, number]).generate_state(1)[0]) % (2**31)
+
+
+def _asks(history: Sequence[Observation], pending: Sequence[Pending]) -> int:
+    return len(history) + len(pending)
+
+
+def _sobol_point(settings: SamplerSettings, index: int) -> Values:
+    from scipy.stats import qmc
+
+    engine = qmc.Sobol(settings.space.dimension, scramble=True, rng=settings.seed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # balance needs powers of two; a sequence is wanted here
+        if index:
+            engine.fast_forward(index)
+        return settings.space.from_unit(engine.random(1)[0])
+
+
+def _initial_proposal(settings: SamplerSettings, number: int, sampler: str) -> Proposal:
+    if number == 0:
+        return Proposal(dict(settings.default), {"sampler": sampler, "phase": "default"})
+    why = {"sampler": sampler, "phase": "initial design", "point": number - 1}
+    return Proposal(_sobol_point(settings, number - 1), why)
+
+
+@dataclass(frozen=True)
+class SobolSampler:
+    """Scrambled Sobol sequence."""
+
+    settings: SamplerSettings
+    name: str = "sobol"
+
+    def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
+        """The next point of the sequence."""
+        return _initial_proposal(self.settings, _asks(history, pending), self.name)
+
+
+@dataclass(frozen=True)
+class RandomSampler:
+    """Uniform in the unit cube."""
+
+    settings: SamplerSettings
+    name: str = "random"
+
+    def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
+        """A fresh uniform draw."""
+        number = _asks(history, pending)
+        if number == 0:
+            return _initial_proposal(self.settings, 0, self.name)
+        rng = np.random.default_rng(derived_seed(self.settings.seed, number))
+        values = self.settings.space.from_unit(rng.random(self.settings.space.dimension))
+        return Proposal(values, {"sampler": self.name, "phase": "random"})
+
+
+@dataclass(frozen=True)
+class GPSampler:
+    """Default configuration, Sobol design, then log noisy expected improvement on the rock-mean GP."""
+
+    settings: SamplerSettings
+    name: str = "gp"
+
+    def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
+        """The maximiser of the acquisition, or the next point of the initial design."""
+        number = _asks(history, pending)
+        feasible = [o for o in history if o.feasible]
+        if number < self.settings.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
+            return _initial_proposal(self.settings, number, self.name)
+        from tuner.acquisition import propose
+        from tuner.surrogate import RockMeanGP
+
+        seed = derived_seed(self.settings.seed, number)
+        model = RockMeanGP(self.settings.space, feasible, self.settings.rocks, seed)
+        values, figures = propose(model, [p.values for p in pending], seed)
+        return Proposal(values, {"sampler": self.name, "phase": "model", **figures})
+
+
+@dataclass(frozen=True)
+class OptunaSampler:
+    """An Optuna sampler fed with the whole history, outcomes standardised per rock as for our own GP."""
+
+    settings: SamplerSettings
+    name: str
+    build: Callable[[SamplerSettings, int], optuna.samplers.BaseSampler] = field(repr=False)
+
+    def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
+        """Optuna's suggestion."""
+        number = _asks(history, pending)
+        # CMA-ES starts from the default configuration and adapts from there; a space-filling design is no use.
+        if number < (1 if self.name == "cmaes" else self.settings.initial):
+            return _initial_proposal(self.settings, number, self.name)
+        import optuna
+
+        verbosity = optuna.logging.get_verbosity()
+        optuna.logging.set_verbosity(logging.ERROR)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                sampler = self.build(self.settings, derived_seed(self.settings.seed, number))
+                study = optuna.create_study(direction="maximize", sampler=sampler)
+                study.add_trials(self._replay(history, pending))
+                trial = study.ask(self.settings.space.distributions())
+        finally:
+            optuna.logging.set_verbosity(verbosity)
+        memory = dict(study.get_trials(deepcopy=False)[trial.number].system_attrs)
+        why = {"sampler": self.name, "phase": "model"}
+        return Proposal(dict(trial.params), why, memory=memory)
+
+    def _replay(
+        self, history: Sequence[Observation], pending: Sequence[Pending]
+    ) -> list[optuna.trial.FrozenTrial]:
+        from optuna.trial import TrialState, create_trial
+
+        feasible = [o for o in history if o.outcome is not None]
+        rocks = [o.rock for o in feasible]
+        outcomes = np.array([o.outcome for o in feasible], dtype=float)
+        standard = RockStandardiser.fit(rocks, outcomes).standardise(rocks, outcomes)
+        value_of = {o.number: float(z) for o, z in zip(feasible, standard)}
+        distributions = self.settings.space.distributions()
+
+        def replay(values: Mapping[str, Any], state: TrialState, value: float | None, memory: Any) -> Any:
+            return create_trial(
+                state=state, value=value, params=dict(values), distributions=distributions,
+                system_attrs=dict(memory),
+            )  # fmt: skip
+
+        trials: list[tuple[int, optuna.trial.FrozenTrial]] = []
+        for o in history:
+            value = value_of.get(o.number)
+            state = TrialState.FAIL if value is None else TrialState.COMPLETE
+            trials.append((o.number, replay(o.values, state, value, o.memory)))
+        for p in pending:
+            trials.append((p.number, replay(p.values, TrialState.RUNNING, None, p.memory)))
+        return [trial for _, trial in sorted(trials, key=lambda pair: pair[0])]
+
+
+def _tpe(settings: SamplerSettings, seed: int) -> optuna.samplers.BaseSampler:
+    import optuna
+
+    return optuna.samplers.TPESampler(seed=seed, n_startup_trials=settings.initial, multivariate=True,
+                                      constant_liar=True)  # fmt: skip
+
+
+def _cmaes(settings: SamplerSettings, seed: int) -> optuna.samplers.BaseSampler:
+    import optuna
+
+    return optuna.samplers.CmaEsSampler(x0=dict(settings.default), seed=seed, n_startup_trials=1,
+                                        warn_independent_sampling=False)  # fmt: skip
+
+
+def _optuna_gp(settings: SamplerSettings, seed: int) -> optuna.samplers.BaseSampler:
+    import optuna
+
+    return optuna.samplers.GPSampler(seed=seed, n_startup_trials=settings.initial)
+
+
+_OPTUNA_BUILDERS = {"tpe": _tpe, "cmaes": _cmaes, "optuna-gp": _optuna_gp}
+SAMPLER_NAMES = ("gp", "sobol", "random", *_OPTUNA_BUILDERS)
+
+
+def make_sampler(name: str, settings: SamplerSettings) -> Sampler:
+    """The sampler called ``name``.
+
+    Raises
+    ------
+    UserError
+        No such sampler, or one that cannot handle the search space.
+    """
+    if name == "gp":
+        return GPSampler(settings)
+    if name == "sobol":
+        return SobolSampler(settings)
+    if name == "random":
+        return RandomSampler(settings)
+    if name not in _OPTUNA_BUILDERS:
+        raise UserError(f"unknown sampler {name!r}; there are {', '.join(SAMPLER_NAMES)}")
+    if name == "cmaes":
+        if settings.space.categorical_dimensions:
+            raise UserError("sampler cmaes cannot handle categorical parameters; choose gp or tpe")
+        if settings.space.dimension < 2:
+            raise UserError("sampler cmaes needs at least two parameters; choose gp or tpe")
+    return OptunaSampler(settings, name, _OPTUNA_BUILDERS[name])
