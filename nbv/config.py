@@ -199,7 +199,7 @@ class DenseConfig:
     consistency_views: int = 10
     consistency_relative_depth: float = 0.005
     consistency_px: float = 1.0
-    fusion_voxel_m: float = 0.004  # points in one voxel are averaged; about half a pixel on the rock
+    fusion_voxel_m: float = 0.008  # points in one voxel are averaged; one pixel on the rock at 3.5 m is 7.5 mm
 
 
 @dataclass(frozen=True)
