@@ -140,7 +140,7 @@ def import_mesh(
     normals = meshes.vertex_normals(fine_vertices, fine_faces)
     colors = _albedo(soup, vertices, faces, fine_vertices, fine_faces, parent, barycentric, normals,
                      albedo, max_edge, notes)  # fmt: skip
-    rock = make_rock(
+    return make_rock(
         name or _default_name(path),
         fine_vertices,
         fine_faces,
@@ -149,7 +149,6 @@ def import_mesh(
         difficulty=difficulty or _measured_difficulty(vertices, faces),
         notes=tuple(notes),
     )
-    return rock
 
 
 def _default_name(path: Path) -> str:
@@ -216,10 +215,11 @@ def _read(path: Path, notes: list[str]) -> _Soup:
         offset += len(local)
     if len(parts) > 1:
         notes.append(f"joined {len(parts)} meshes of the file's scene")
-    soup = _Soup(*(np.concatenate(a) for a in (vertices, faces)), skins,
-                 np.concatenate(skin), np.concatenate(corner))  # fmt: skip
-    bad = ~np.isfinite(soup.vertices).all(1)
-    if bad[soup.faces].any():
+    soup = _Soup(
+        np.concatenate(vertices), np.concatenate(faces), skins, np.concatenate(skin), np.concatenate(corner)
+    )
+    bad = np.any(~np.isfinite(soup.vertices), axis=1)
+    if np.any(np.take(bad, soup.faces)):
         raise UserError(
             f"mesh file {str(path)!r} has {int(bad.sum())} vertices that are not finite numbers; "
             "repair or re-export it"

@@ -7,6 +7,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from skimage.measure import marching_cubes
 
 from nbv.rocks.albedo import procedural_albedo
@@ -53,7 +54,7 @@ def _surface(recipe: Recipe, grid_m: float) -> tuple[Floats, Ints]:
     return vertices * grid_m + origin, faces
 
 
-def sample_near_surface(shape: Shape, grid_m: float) -> tuple[np.ndarray, Floats]:
+def sample_near_surface(shape: Shape, grid_m: float) -> tuple[NDArray[np.float32], Floats]:
     """Signed distances on a grid, exact next to the surface and coarse elsewhere.
 
     Blocks of 8, then 4, then 2 cells are kept if the surface may pass through them, judged from the value
@@ -68,7 +69,7 @@ def sample_near_surface(shape: Shape, grid_m: float) -> tuple[np.ndarray, Floats
     # One block below the ground, so that the flat base lies on a plane of nodes inside the grid.
     origin = np.array([-counts[0] * block / 2, -counts[1] * block / 2, -block])
     counts[2] += 1
-    values = np.zeros(counts)
+    values = np.zeros(counts, dtype=np.float32)
     active = np.ones(counts, dtype=bool)
     size = block
     for level in range(_LEVELS):
@@ -80,18 +81,22 @@ def sample_near_surface(shape: Shape, grid_m: float) -> tuple[np.ndarray, Floats
         found = shape(origin + (index + 0.5) * size)
         values[active] = found
         active[active] = np.abs(found) <= LIPSCHITZ * size * np.sqrt(3) / 2
+        if level == 0:  # the grid shrinks to the blocks around the surface
+            low, high = index[active[tuple(index.T)]].min(0), index[active[tuple(index.T)]].max(0) + 1
+            window = tuple(slice(a, b) for a, b in zip(low, high))
+            values, active, origin = values[window], active[window], origin + low * size
     for axis in range(3):
         values = np.repeat(values, 2, axis)
-    distance = np.pad(values, ((0, 1),) * 3, mode="edge").astype(np.float32)
+    # A rim of nodes outside closes the surface; it lies next to blocks the surface cannot reach.
+    distance = np.full(np.array(values.shape) + 3, 1.0, dtype=np.float32)
+    distance[1:-2, 1:-2, 1:-2] = values
     nodes = np.zeros(distance.shape, dtype=bool)
     for dx in range(3):
         for dy in range(3):
             for dz in range(3):
-                nodes[
-                    dx : dx + 2 * active.shape[0] : 2,
-                    dy : dy + 2 * active.shape[1] : 2,
-                    dz : dz + 2 * active.shape[2] : 2,
-                ][active] = True
+                corner = tuple(slice(1 + d, 1 + d + 2 * n, 2) for d, n in zip((dx, dy, dz), active.shape))
+                nodes[corner][active] = True
+    origin = origin - grid_m
     found = shape(origin + np.argwhere(nodes) * grid_m)
     # An exact zero would put several vertices on one node.
     distance[nodes] = np.where(np.abs(found) < 1e-7, 1e-7, found)

@@ -34,9 +34,8 @@ class Recipe:
 
 def _rough(points: Floats, seed: int, scale: float = 1.0) -> Floats:
     """Surface relief of five octaves, 0.6 m down to 4 cm."""
-    return scale * octaves(
-        points, (0.62, 0.31, 0.155, 0.078, 0.039), (0.034, 0.020, 0.011, 0.0055, 0.0028), seed
-    )
+    relief = octaves(points, (0.62, 0.31, 0.155, 0.078, 0.039), (0.034, 0.020, 0.011, 0.0055, 0.0028), seed)
+    return scale * relief.astype(np.float64)
 
 
 def _warp(points: Floats, seed: int, amplitude: float, wavelength: float) -> Floats:
@@ -183,7 +182,7 @@ def _cleft(seed: int) -> Shape:
         q = _warp(p, seed, 0.05, 0.7)
         d = sdf.box(q, (0, 0, 0.72), (0.72, 0.62, 0.86), 0.3, sdf.rotation(10, -5, 4))
         d = sdf.intersection(d, _facets(q, seed, 8, (0, 0, 0.75), 0.82), 0.05)
-        crack = sdf.box(q, (0.08, 0.1, 1.25), (0.09, 1.2, 0.6), 0.05, sdf.rotation(24, 9, 0))
+        crack = sdf.box(q, (0.08, 0.1, 1.3), (0.09, 1.2, 0.5), 0.05, sdf.rotation(24, 9, 0))
         side = sdf.box(q, (0.5, -0.3, 0.5), (0.6, 0.07, 0.34), 0.04, sdf.rotation(-30, 0, 25))
         d = sdf.subtract(sdf.subtract(d, crack, 0.04), side, 0.03)
         return _grounded(p, d + _rough(p, seed, 0.9))

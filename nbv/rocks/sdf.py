@@ -54,7 +54,7 @@ def capsule(points: Floats, start: Sequence[float], end: Sequence[float], radius
     return np.linalg.norm(points - a - t[:, None] * (b - a), axis=1) - radius
 
 
-def half_space(points: Floats, normal: Sequence[float], offset: float) -> Floats:
+def half_space(points: Floats, normal: Sequence[float] | Floats, offset: float) -> Floats:
     """The side of a plane that ``normal`` points away from."""
     n = np.asarray(normal) / np.linalg.norm(normal)
     return points @ n - offset
