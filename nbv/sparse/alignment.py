@@ -1,0 +1,152 @@
+"""From the model's arbitrary frame to the world: similarity alignment of camera centres with telemetry.
+
+A wrong model must be noticed, never scored: a repetitive ground once gave a self-consistent model whose
+cameras were 4 m off. So the alignment is robust (a minority of wrong cameras is found and named) and
+suspicious (residuals, spread, handedness and viewing directions are all checked).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nbv.errors import MissionFailure
+from nbv.frames import Similarity, align_umeyama
+from nbv.types import Floats, Ints
+
+MIN_CAMERAS = 3
+MIN_INLIER_FRACTION = 0.75  # fewer cameras in agreement than this: the model is wrong, not the cameras
+MAX_ROTATION_ERROR_DEG = 10.0  # optical axis and roll against telemetry; a mirrored model is far beyond
+OUTLIER_FACTOR = 5.0  # a camera this many times farther off than the rest is an outlier
+_TRIPLES = 200
+_MIN_TRIPLE_RATIO = 0.1  # a triple of cameras this flat cannot fix a similarity
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """``world_from_model`` and how well it fits each registered camera, in the given order."""
+
+    world_from_model: Similarity
+    residuals_m: Floats  # (M,) distance of each camera centre from its telemetry
+    rotation_errors_deg: Floats  # (M,)
+    inliers: Ints  # indices of the cameras that the similarity was fitted to
+
+    @property
+    def rms_m(self) -> float:
+        """Root mean square residual of the fitted cameras."""
+        return float(np.sqrt((self.residuals_m[self.inliers] ** 2).mean()))
+
+    @property
+    def max_m(self) -> float:
+        """Largest residual of the fitted cameras."""
+        return float(self.residuals_m[self.inliers].max())
+
+    @property
+    def outliers(self) -> Ints:
+        """Indices of the cameras that disagree with the rest."""
+        return np.setdiff1d(np.arange(len(self.residuals_m)), self.inliers)
+
+
+def camera_centers(camera_from_frame: Floats) -> Floats:
+    """(M, 3) camera centres of (M, 4, 4) rigid transforms."""
+    rotation, translation = camera_from_frame[:, :3, :3], camera_from_frame[:, :3, 3]
+    return -np.einsum("mji,mj->mi", rotation, translation)
+
+
+def outlier_limit_m(rms_m: float, max_alignment_rms_m: float) -> float:
+    """Residual (m) beyond which a camera is an outlier: 5 times the rest's, but never below the tolerance."""
+    return max(OUTLIER_FACTOR * rms_m, max_alignment_rms_m)
+
+
+def align_cameras(camera_from_model: Floats, camera_from_world: Floats, max_rms_m: float) -> Alignment:
+    """Align registered cameras (M, 4, 4) with their telemetry (M, 4, 4).
+
+    A least-squares similarity (Umeyama 1991) on the centres. If its residuals exceed ``max_rms_m`` for
+    some camera, the largest agreeing subset is sought (least median of squares over camera triples, drawn
+    from a fixed seed) and the fit is repeated on it.
+
+    Raises
+    ------
+    MissionFailure
+        ``wrong_model``: fewer than 3 cameras, a collapsed or mirrored model, too few cameras in
+        agreement, or a residual beyond ``max_rms_m``.
+    """
+    source, target = camera_centers(camera_from_model), camera_centers(camera_from_world)
+    count = len(source)
+    if count < MIN_CAMERAS:
+        raise MissionFailure("wrong_model", f"only {count} cameras are registered, alignment needs 3")
+    if not np.isfinite(source).all():
+        raise MissionFailure("wrong_model", "the model has camera centres that are not finite")
+    if _spread(source) < 1e-6 * max(1.0, float(np.abs(source).max())):
+        raise MissionFailure("wrong_model", "the model has collapsed: all camera centres coincide")
+    if np.linalg.matrix_rank(target - target.mean(0), tol=1e-3 * _spread(target)) < 2:
+        raise MissionFailure("wrong_model", "the cameras lie on one line, which cannot fix an orientation")
+
+    inliers = np.arange(count)
+    similarity = align_umeyama(target, source)
+    residuals = np.linalg.norm(similarity.apply(source) - target, axis=1)
+    if residuals.max() > max_rms_m:
+        inliers = _agreeing(source, target, max_rms_m)
+        if len(inliers) >= max(MIN_CAMERAS, MIN_INLIER_FRACTION * count):
+            similarity = align_umeyama(target[inliers], source[inliers])
+            residuals = np.linalg.norm(similarity.apply(source) - target, axis=1)
+        else:
+            inliers = np.arange(count)  # report the plain fit, which fails below
+
+    alignment = Alignment(
+        similarity, residuals, _rotation_errors_deg(camera_from_model, camera_from_world, similarity), inliers
+    )
+    if not np.isfinite(alignment.rms_m) or alignment.rms_m > max_rms_m or similarity.scale <= 0:
+        mirror = np.array([1.0, 1.0, -1.0])
+        mirrored = align_umeyama(target, source * mirror)
+        mirrored_rms = np.sqrt(((mirrored.apply(source * mirror) - target) ** 2).sum(1).mean())
+        note = ", and the model is mirrored" if mirrored_rms <= max_rms_m else ""
+        raise MissionFailure(
+            "wrong_model",
+            f"camera centres differ from telemetry by {alignment.rms_m:.3f} m rms "
+            f"(tolerance {max_rms_m:g} m){note}",
+        )
+    median_rotation = float(np.median(alignment.rotation_errors_deg[inliers]))
+    if median_rotation > MAX_ROTATION_ERROR_DEG:
+        raise MissionFailure(
+            "wrong_model",
+            f"camera orientations differ from telemetry by {median_rotation:.1f} deg (median): "
+            "the model is mirrored or flipped",
+        )
+    return alignment
+
+
+def _spread(points: Floats) -> float:
+    return float(np.sqrt(((points - points.mean(0)) ** 2).sum(1).mean()))
+
+
+def _rotation_errors_deg(
+    camera_from_model: Floats, camera_from_world: Floats, world_from_model: Similarity
+) -> Floats:
+    """(M,) angle between each aligned camera's orientation and its telemetry."""
+    aligned = camera_from_model[:, :3, :3] @ world_from_model.rotation.T
+    relative = np.einsum("mij,mkj->mik", aligned, camera_from_world[:, :3, :3])
+    cosine = (np.trace(relative, axis1=1, axis2=2) - 1.0) / 2.0
+    return np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def _agreeing(source: Floats, target: Floats, max_rms_m: float) -> Ints:
+    """Indices of the largest set of cameras found that one similarity fits within the outlier limit."""
+    rng = np.random.default_rng(0)
+    count = len(source)
+    best: Ints = np.arange(0)
+    best_median = np.inf
+    flat = _MIN_TRIPLE_RATIO * _spread(target) ** 2
+    for _ in range(_TRIPLES):
+        triple = rng.choice(count, 3, replace=False)
+        edge_a, edge_b = target[triple[1:]] - target[triple[0]]
+        if np.linalg.norm(np.cross(edge_a, edge_b)) < flat or _spread(source[triple]) < 1e-9:
+            continue
+        fit = align_umeyama(target[triple], source[triple])
+        residuals = np.linalg.norm(fit.apply(source) - target, axis=1)
+        median = float(np.median(residuals))
+        if median < best_median:
+            best_median = median
+            best = np.flatnonzero(residuals <= outlier_limit_m(1.4826 * median, max_rms_m))
+    return best

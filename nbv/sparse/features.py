@@ -1,0 +1,63 @@
+"""SIFT features of one photograph: a pure function of (image, options)."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from nbv.config import SparseConfig
+
+DESCRIPTOR_SIZE = 128
+
+
+@dataclass(frozen=True)
+class Features:
+    """Keypoints and descriptors of one photograph, K of them (K may be 0)."""
+
+    keypoints: NDArray[np.float32]  # (K, 4) x_px, y_px, scale_px, orientation_rad; pixel centres at halves
+    descriptors: NDArray[np.uint8]  # (K, 128) L1-root SIFT, Euclidean norm about 512
+
+    def __len__(self) -> int:
+        return len(self.keypoints)
+
+    @cached_property
+    def digest(self) -> str:
+        """Hexadecimal SHA-256 of the contents, for use as a cache key."""
+        hasher = hashlib.sha256(np.ascontiguousarray(self.keypoints).tobytes())
+        hasher.update(np.ascontiguousarray(self.descriptors).tobytes())
+        return hasher.hexdigest()
+
+
+def extract_features(image: NDArray[np.uint8], config: SparseConfig) -> Features:
+    """SIFT (Lowe 2004, COLMAP's CPU implementation) of an (H, W, 3) or (H, W) uint8 image.
+
+    One thread, deterministic. At most ``config.max_features`` keypoints, those of largest scale. A
+    featureless image gives empty arrays, never an error.
+    """
+    bitmap = pycolmap.Bitmap.from_array(np.ascontiguousarray(image))
+    if not bitmap.is_grey:
+        bitmap = bitmap.clone_as_grey()
+    extractor = _extractor(config.max_features, config.first_octave, config.peak_threshold)
+    keypoints, descriptors = extractor.extract(bitmap)
+    if len(keypoints) == 0:
+        return Features(np.zeros((0, 4), np.float32), np.zeros((0, DESCRIPTOR_SIZE), np.uint8))
+    return Features(
+        np.array(pycolmap.keypoints_to_matrix(keypoints)[:, :4], dtype=np.float32),
+        np.array(descriptors.data, dtype=np.uint8),
+    )
+
+
+@lru_cache(maxsize=4)
+def _extractor(max_features: int, first_octave: int, peak_threshold: float) -> pycolmap.FeatureExtractor:
+    options = pycolmap.FeatureExtractionOptions()
+    options.num_threads = 1
+    options.use_gpu = False
+    options.sift.max_num_features = max_features
+    options.sift.first_octave = first_octave
+    options.sift.peak_threshold = peak_threshold
+    return pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)

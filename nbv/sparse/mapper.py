@@ -1,0 +1,305 @@
+"""Incremental structure from motion inside this process: the model grows, it is never rebuilt.
+
+COLMAP's incremental mapper (Schönberger and Frahm, "Structure-from-Motion Revisited", CVPR 2016) is driven
+step by step on an in-memory correspondence graph. Intrinsics are known and never refined.
+
+Between updates the whole state is the reconstruction, the keypoints and the verified pairs; COLMAP's mapper
+object (with its hidden counters) lives only inside one update. That makes an update a function of that
+state, and lets a seed model be saved and continued bit for bit.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from nbv.config import CameraConfig, SparseConfig
+from nbv.sparse.camera import CAMERA_ID, colmap_camera
+from nbv.sparse.matching import VerifiedPair
+from nbv.sparse.timing import StageTimer
+
+_SEED = 0
+_MAX_INITIAL_PAIRS = 3  # seed models tried before giving up
+_BOOTSTRAP_GROWTH = 1.25  # global adjustment each time the seed model has grown by this factor
+_LOCAL_REFINEMENTS = 2
+_GLOBAL_REFINEMENTS = 3
+_LOCAL_CHANGE = 1e-3  # a refinement stops once fewer observations than this fraction change
+_GLOBAL_CHANGE = 5e-4
+
+Judge = Callable[[pycolmap.Reconstruction, int], str]
+"""Given the model and the image just registered: "" to keep it, otherwise why its pose is wrong."""
+
+JudgeSeed = Callable[[pycolmap.Reconstruction], str]
+"""Given a seed model: "" to accept it, otherwise why it is wrong."""
+
+
+def mapping_options(config: SparseConfig) -> pycolmap.IncrementalPipelineOptions:
+    """COLMAP's options for one thread, a fixed seed and known intrinsics."""
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads = 1
+    options.random_seed = _SEED
+    options.ba_refine_focal_length = False
+    options.ba_refine_principal_point = False
+    options.ba_refine_extra_params = False
+    options.ba_refine_sensor_from_rig = False
+    options.constant_cameras = {CAMERA_ID}
+    options.mapper.constant_cameras = {CAMERA_ID}
+    options.mapper.abs_pose_refine_focal_length = False
+    options.mapper.abs_pose_refine_extra_params = False
+    options.min_num_matches = config.min_inliers
+    # COLMAP iterates to the last bit by default; one part in a million of the cost is far below the noise.
+    options.ba_global_function_tolerance = 1e-6
+    options.ba_local_function_tolerance = 1e-6
+    return options
+
+
+class IncrementalModel:
+    """A growing COLMAP model of one mission.
+
+    Add photographs with :meth:`add_image` and their verified pairs with :meth:`add_pairs`, then call
+    :meth:`bootstrap` once and :meth:`update` after each further photograph. Image ids count from 1 in
+    the order of :meth:`add_image`.
+    """
+
+    def __init__(self, camera: CameraConfig, config: SparseConfig) -> None:
+        self.camera = camera
+        self.config = config
+        self.names: list[str] = []
+        self.keypoints_px: list[NDArray[np.float64]] = []  # (K, 2) per image
+        self.pairs: dict[tuple[int, int], VerifiedPair] = {}  # (smaller id, larger id)
+        self.reconstruction = pycolmap.Reconstruction()
+        self.captures_since_global = 0
+        self.timer = StageTimer()
+        self._options = mapping_options(config)
+        self._mapper_options = self._options.get_mapper()
+        self._triangulation = self._options.get_triangulation()
+        self._local_ba = self._options.get_local_bundle_adjustment()
+        self._global_ba = self._options.get_global_bundle_adjustment()
+        for ba in (self._local_ba, self._global_ba):
+            ba.ceres.solver_options.num_threads = 1
+
+    def add_image(self, name: str, keypoints_px: NDArray[np.floating]) -> int:
+        """Add a photograph's keypoints (K, 2); returns its image id."""
+        if name in self.names:
+            raise ValueError(f"image {name!r} is already in the model")
+        self.names.append(name)
+        self.keypoints_px.append(np.array(keypoints_px[:, :2], dtype=np.float64))
+        return len(self.names)
+
+    def add_pairs(self, pairs: Mapping[tuple[int, int], VerifiedPair]) -> None:
+        """Add verified pairs ``{(id_a, id_b): pair}`` with ``id_a < id_b``."""
+        for (a, b), pair in pairs.items():
+            if not a < b:
+                raise ValueError(f"pair ({a}, {b}): the smaller image id comes first")
+            if len(pair) >= self.config.min_inliers:
+                self.pairs[(a, b)] = pair
+
+    @property
+    def registered_ids(self) -> list[int]:
+        """Ids of the images with a pose, ascending."""
+        return sorted(int(i) for i in self.reconstruction.reg_image_ids())
+
+    def is_registered(self, image_id: int) -> bool:
+        """Whether the image has a pose."""
+        return image_id in self.registered_ids
+
+    # ------------------------------------------------------------------------------------------ bootstrap
+
+    def bootstrap(self, judge: JudgeSeed = lambda reconstruction: "") -> str:
+        """Build the seed model from all images so far; returns "" or why there is none.
+
+        Up to three initial pairs are tried until ``judge`` accepts the model.
+        """
+        pycolmap.set_random_seed(_SEED)
+        with self.timer("mapping"):
+            cache = self._database_cache()
+            mapper = pycolmap.IncrementalMapper(cache)
+        reason = "no pair of seed images is fit to start from"
+        for _ in range(_MAX_INITIAL_PAIRS):
+            reconstruction = pycolmap.Reconstruction()
+            mapper.begin_reconstruction(reconstruction)
+            if not self._initialise(mapper):
+                mapper.end_reconstruction(True)
+                break
+            self._grow(mapper)
+            reason = judge(reconstruction)
+            # Discarding frees the rejected model's images for the next initial pair.
+            mapper.end_reconstruction(bool(reason))
+            if not reason:
+                self.reconstruction = reconstruction
+                self.canonicalise()
+                break
+        self.captures_since_global = 0
+        return reason
+
+    def canonicalise(self) -> None:
+        """Put the model in the order in which it would be read from disk.
+
+        The order of COLMAP's hash tables depends on their history and reaches the last bits of the
+        adjustments. After this, continuing here and continuing from a saved copy are the same thing.
+        The model goes through a temporary directory: COLMAP reads models from files only.
+        """
+        with tempfile.TemporaryDirectory(prefix="nbv-sparse-") as directory:
+            self.reconstruction.write_binary(directory)
+            fresh = pycolmap.Reconstruction()
+            fresh.read_binary(directory)
+        self.reconstruction = fresh
+
+    def _initialise(self, mapper: pycolmap.IncrementalMapper) -> bool:
+        """Start from the best pair; thresholds are relaxed as COLMAP's controller does."""
+        invalid = -1
+        options = self._mapper_options
+        with self.timer("mapping"):
+            found = None
+            for inlier_factor, angle_factor in ((1.0, 1.0), (0.5, 1.0), (0.5, 0.5)):
+                relaxed = self._options.get_mapper()
+                relaxed.init_min_num_inliers = int(options.init_min_num_inliers * inlier_factor)
+                relaxed.init_min_tri_angle = options.init_min_tri_angle * angle_factor
+                found = mapper.find_initial_image_pair(relaxed, invalid, invalid)
+                if found is not None:
+                    break
+                mapper.reset_initialization_stats()
+            if found is None:
+                return False
+            (first, second), second_from_first = found
+            mapper.register_initial_image_pair(options, first, second, second_from_first)
+            for image_id in (first, second):
+                mapper.triangulate_image(self._triangulation, image_id)
+        with self.timer("ba"):
+            mapper.adjust_global_bundle(options, self._global_ba)
+            mapper.reconstruction.normalize()
+            mapper.filter_points(options)
+        return mapper.reconstruction.num_points3D() > 0
+
+    def _grow(self, mapper: pycolmap.IncrementalMapper) -> None:
+        """Register whatever can be registered, with global adjustments as the model grows."""
+        model = mapper.reconstruction
+        last_images = model.num_reg_images()
+        while True:
+            with self.timer("mapping"):
+                candidates = mapper.find_next_images(self._mapper_options, False)
+            if not any(self._register(mapper, image_id) for image_id in candidates):
+                break
+            if model.num_reg_images() >= _BOOTSTRAP_GROWTH * last_images:
+                self._refine_globally(mapper)
+                last_images = model.num_reg_images()
+        self._refine_globally(mapper)
+
+    # --------------------------------------------------------------------------------------------- update
+
+    def update(self, new_id: int, judge: Judge = lambda reconstruction, image_id: "") -> dict[int, str]:
+        """Register image ``new_id`` and retry every earlier unregistered image.
+
+        Returns why each image tried was left out, ``{image_id: reason}``; an image that is absent from
+        it is registered. Local adjustment after each registration, a global one every
+        ``config.global_ba_interval`` captures.
+        """
+        pycolmap.set_random_seed(_SEED)
+        reasons: dict[int, str] = {}
+        with self.timer("mapping"):
+            mapper = pycolmap.IncrementalMapper(self._database_cache())
+            mapper.begin_reconstruction(self.reconstruction)
+        registered = set(self.registered_ids)
+        waiting = [new_id] + [i for i in range(1, len(self.names) + 1) if i not in registered | {new_id}]
+        progress = True
+        while waiting and progress:  # a new registration can make an earlier image registrable
+            progress = False
+            for image_id in list(waiting):
+                reason = self._try(mapper, image_id, judge)
+                if reason:
+                    reasons[image_id] = reason
+                else:
+                    reasons.pop(image_id, None)
+                    waiting.remove(image_id)
+                    progress = True
+        self.captures_since_global += 1
+        if self.captures_since_global >= self.config.global_ba_interval:
+            self._refine_globally(mapper)
+            self.captures_since_global = 0
+        with self.timer("mapping"):
+            mapper.end_reconstruction(False)
+        return reasons
+
+    def deregister(self, image_id: int) -> None:
+        """Take an image's pose and observations out of the model."""
+        self.reconstruction.deregister_frame(image_id)
+
+    def _try(self, mapper: pycolmap.IncrementalMapper, image_id: int, judge: Judge) -> str:
+        visible = mapper.observation_manager.num_visible_points3D(image_id)
+        if visible < self._mapper_options.abs_pose_min_num_inliers:
+            needed = self._mapper_options.abs_pose_min_num_inliers
+            return f"sees {visible} points of the model, registration needs {needed}"
+        with self.timer("mapping"):
+            if not mapper.register_next_image(self._mapper_options, image_id):
+                return f"no consistent pose from {visible} visible points"
+            reason = judge(mapper.reconstruction, image_id)
+            if reason:
+                mapper.observation_manager.deregister_frame(image_id)
+                return reason
+            mapper.triangulate_image(self._triangulation, image_id)
+        self._refine_locally(mapper, image_id)
+        return "" if mapper.reconstruction.image(image_id).has_pose else "lost its points in the adjustment"
+
+    def _register(self, mapper: pycolmap.IncrementalMapper, image_id: int) -> bool:
+        with self.timer("mapping"):
+            if not mapper.register_next_image(self._mapper_options, image_id):
+                return False
+            mapper.triangulate_image(self._triangulation, image_id)
+        self._refine_locally(mapper, image_id)
+        return True
+
+    def _refine_locally(self, mapper: pycolmap.IncrementalMapper, image_id: int) -> None:
+        with self.timer("ba"):
+            mapper.iterative_local_refinement(
+                _LOCAL_REFINEMENTS,
+                _LOCAL_CHANGE,
+                self._mapper_options,
+                self._local_ba,
+                self._triangulation,
+                image_id,
+            )
+
+    def _refine_globally(self, mapper: pycolmap.IncrementalMapper) -> None:
+        with self.timer("ba"):
+            mapper.iterative_global_refinement(
+                _GLOBAL_REFINEMENTS,
+                _GLOBAL_CHANGE,
+                self._mapper_options,
+                self._global_ba,
+                self._triangulation,
+                True,
+            )
+
+    def _database_cache(self) -> pycolmap.DatabaseCache:
+        """All images and pairs as COLMAP's in-memory cache (one rig and frame per image, as COLMAP wants)."""
+        cache = pycolmap.DatabaseCache()
+        camera = colmap_camera(self.camera)
+        cache.add_camera(camera)
+        rig = pycolmap.Rig()
+        rig.rig_id = CAMERA_ID
+        rig.add_ref_sensor(camera.sensor_id)
+        cache.add_rig(rig)
+        graph = cache.correspondence_graph
+        for image_id, (name, keypoints) in enumerate(zip(self.names, self.keypoints_px), start=1):
+            image = pycolmap.Image(name=name, keypoints=keypoints, camera_id=CAMERA_ID, image_id=image_id)
+            image.frame_id = image_id
+            frame = pycolmap.Frame()
+            frame.frame_id = image_id
+            frame.rig_id = CAMERA_ID
+            frame.add_data_id(image.data_id)
+            frame.finalize_data_ids()
+            cache.add_frame(frame)
+            cache.add_image(image)
+            if not graph.exists_image(image_id):
+                graph.add_image(image_id, len(keypoints))
+        for (a, b), pair in sorted(self.pairs.items()):
+            geometry = pycolmap.TwoViewGeometry()
+            geometry.config = pair.config
+            geometry.inlier_matches = pair.matches
+            graph.add_two_view_geometry(a, b, geometry)
+        graph.finalize()
+        return cache

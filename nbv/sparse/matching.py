@@ -1,0 +1,120 @@
+"""Which pairs to match, descriptor matching, and two-view verification: pure functions of two photographs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from nbv.config import CameraConfig, SparseConfig
+from nbv.sparse.camera import colmap_camera
+from nbv.sparse.features import Features
+from nbv.types import Floats
+
+MAX_DISTANCE_RAD = 0.7  # COLMAP's default largest angle between matching descriptors
+_NORM_SQUARED = np.float32(512.0**2)  # COLMAP stores unit descriptors times 512 as uint8
+_BLOCK_BYTES = 4 << 20  # a block of similarities that stays in the cache
+_RANSAC_SEED = 0
+
+
+@dataclass(frozen=True)
+class VerifiedPair:
+    """Matches of two photographs that agree with one rigid motion; no matches if there is none."""
+
+    matches: NDArray[np.uint32]  # (M, 2) keypoint indices in the first and in the second photograph
+    config: int  # pycolmap.TwoViewGeometryConfiguration
+
+    def __len__(self) -> int:
+        return len(self.matches)
+
+
+def pair_angle_deg(center_a_m: Floats, center_b_m: Floats, target_m: Floats) -> float:
+    """Angle (deg) at the target between two camera centres, i.e. between their viewing directions."""
+    a = np.asarray(center_a_m, float) - np.asarray(target_m, float)
+    b = np.asarray(center_b_m, float) - np.asarray(target_m, float)
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
+
+
+def match_pair(
+    a: NDArray[np.uint8],
+    b: NDArray[np.uint8],
+    max_ratio: float = 0.8,
+    max_distance_rad: float = MAX_DISTANCE_RAD,
+) -> NDArray[np.uint32]:
+    """(M, 2) mutual nearest neighbours of two descriptor sets (Ka, 128) and (Kb, 128), sorted by the first.
+
+    COLMAP's rule: the distance is the angle between descriptors; a match must be nearer than
+    ``max_distance_rad`` and than ``max_ratio`` times the second-nearest distance, in both directions.
+    Exact: sums of products of bytes stay below 2**24, so the float32 matrix product has no rounding
+    and the result does not depend on the linear-algebra library or its threads.
+    """
+    empty = np.zeros((0, 2), np.uint32)
+    if len(a) == 0 or len(b) == 0:
+        return empty
+    fa, fb = a.astype(np.float32), b.astype(np.float32)
+    forward, accepted = _nearest(fa, fb, max_ratio, max_distance_rad)
+    rows = np.flatnonzero(accepted)
+    if len(rows) == 0:
+        return empty
+    # Only columns that some row has chosen need the check in the other direction.
+    columns, position = np.unique(forward[rows], return_inverse=True)
+    backward, accepted_back = _nearest(fb[columns], fa, max_ratio, max_distance_rad)
+    mutual = accepted_back[position] & (backward[position] == rows)
+    return np.stack([rows[mutual], forward[rows[mutual]]], axis=1).astype(np.uint32)
+
+
+def _nearest(
+    a: NDArray[np.float32], b: NDArray[np.float32], max_ratio: float, max_distance_rad: float
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """For each row of ``a`` the nearest row of ``b``, and whether it passes distance and ratio."""
+    nearest = np.empty(len(a), np.int64)
+    best = np.empty(len(a), np.float32)
+    second = np.zeros(len(a), np.float32)  # with a single candidate the second best is at a right angle
+    bt = b.T
+    step = max(1, _BLOCK_BYTES // (4 * len(b)))
+    for start in range(0, len(a), step):
+        block = a[start : start + step] @ bt
+        rows = np.arange(len(block))
+        index = block.argmax(axis=1)
+        nearest[start : start + step] = index
+        best[start : start + step] = block[rows, index]
+        if len(b) > 1:
+            block[rows, index] = -1.0
+            second[start : start + step] = block.max(axis=1)
+    best_rad = np.arccos(np.minimum(best / _NORM_SQUARED, 1.0))
+    second_rad = np.arccos(np.minimum(second / _NORM_SQUARED, 1.0))
+    return nearest, (best_rad <= max_distance_rad) & (best_rad < max_ratio * second_rad)
+
+
+def verify_pair(
+    a: Features, b: Features, matches: NDArray[np.uint32], camera: CameraConfig, config: SparseConfig
+) -> VerifiedPair:
+    """Keep the matches (M, 2) that fit one two-view geometry with known intrinsics (COLMAP's RANSAC).
+
+    The random seed is fixed, so the result is a function of the arguments alone.
+    """
+    rejected = VerifiedPair(
+        np.zeros((0, 2), np.uint32), int(pycolmap.TwoViewGeometryConfiguration.DEGENERATE)
+    )
+    if len(matches) < config.min_inliers:
+        return rejected
+    colmap = colmap_camera(camera)
+    options = pycolmap.TwoViewGeometryOptions()
+    options.min_num_inliers = config.min_inliers
+    options.detect_watermark = False  # rendered and telemetry images carry none
+    options.ransac.random_seed = _RANSAC_SEED
+    options.ransac.num_threads = 1
+    geometry = pycolmap.estimate_calibrated_two_view_geometry(
+        colmap,
+        a.keypoints[:, :2].astype(np.float64),
+        colmap,
+        b.keypoints[:, :2].astype(np.float64),
+        matches,
+        options,
+    )
+    inliers = np.array(geometry.inlier_matches, dtype=np.uint32).reshape(-1, 2)
+    if len(inliers) < config.min_inliers:
+        return rejected
+    return VerifiedPair(inliers, int(geometry.config))

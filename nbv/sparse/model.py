@@ -1,0 +1,119 @@
+"""From COLMAP's reconstruction to what a planner may see, and to files other programs open."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from nbv.frames import Similarity
+from nbv.sparse.alignment import Alignment
+from nbv.types import Floats, SparseModel
+
+
+def registered_names(reconstruction: pycolmap.Reconstruction) -> tuple[str, ...]:
+    """Names of the registered images, by ascending image id."""
+    return tuple(reconstruction.image(i).name for i in sorted(reconstruction.reg_image_ids()))
+
+
+def camera_from_model_poses(reconstruction: pycolmap.Reconstruction) -> Floats:
+    """(M, 4, 4) poses of the registered images in the model's own frame, by ascending image id."""
+    ids = sorted(reconstruction.reg_image_ids())
+    poses = np.tile(np.eye(4), (len(ids), 1, 1))
+    for row, image_id in enumerate(ids):
+        poses[row, :3] = reconstruction.image(image_id).cam_from_world().matrix()
+    return poses
+
+
+def camera_from_world_poses(camera_from_model: Floats, world_from_model: Similarity) -> Floats:
+    """(M, 4, 4) rigid poses in the world frame (metres) of cameras (M, 4, 4) in the model's frame."""
+    poses = np.tile(np.eye(4), (len(camera_from_model), 1, 1))
+    rotation = camera_from_model[:, :3, :3] @ world_from_model.rotation.T
+    poses[:, :3, :3] = rotation
+    translation = world_from_model.scale * camera_from_model[:, :3, 3]
+    poses[:, :3, 3] = translation - rotation @ world_from_model.translation
+    return poses
+
+
+def to_sparse_model(reconstruction: pycolmap.Reconstruction, alignment: Alignment) -> SparseModel:
+    """The reconstruction in the world frame; points by ascending point id, cameras by ascending image id.
+
+    ``alignment`` must have been computed on the reconstruction's registered images in that order. A
+    camera that observes a point twice counts once in its track.
+    """
+    reconstruction.update_point_3d_errors()
+    image_ids = sorted(reconstruction.reg_image_ids())
+    camera_index = {int(image_id): row for row, image_id in enumerate(image_ids)}
+    points = sorted(reconstruction.points3D.items(), key=lambda item: item[0])
+    xyz = np.array([point.xyz for _, point in points]).reshape(-1, 3)
+    errors = np.array([point.error for _, point in points])
+    tracks = [
+        sorted({camera_index[element.image_id] for element in point.track.elements}) for _, point in points
+    ]
+    offsets = np.zeros(len(tracks) + 1, dtype=np.int64)
+    np.cumsum([len(track) for track in tracks], out=offsets[1:])
+    cameras = np.array([camera for track in tracks for camera in track], dtype=np.int64)
+    world_from_model = alignment.world_from_model
+    poses = camera_from_world_poses(camera_from_model_poses(reconstruction), world_from_model)
+    centers = -np.einsum("mji,mj->mi", poses[:, :3, :3], poses[:, :3, 3])
+    return SparseModel(
+        points_m=world_from_model.apply(xyz) if len(xyz) else np.zeros((0, 3)),
+        reprojection_error_px=errors,
+        track_offsets=offsets,
+        track_cameras=cameras,
+        camera_centers_m=centers,
+        camera_names=registered_names(reconstruction),
+        alignment_rms_m=alignment.rms_m,
+        alignment_max_m=alignment.max_m,
+    )
+
+
+def export_colmap(
+    reconstruction: pycolmap.Reconstruction,
+    world_from_model: Similarity,
+    directory: Path,
+    images: Mapping[str, NDArray[np.uint8]] | None = None,
+) -> pycolmap.Reconstruction:
+    """Write the model in the world frame (metres) as COLMAP binary plus ``points.ply``; returns it.
+
+    ``directory`` gets ``cameras.bin``, ``images.bin``, ``points3D.bin``, ``rigs.bin``, ``frames.bin``
+    (COLMAP's GUI opens it) and ``points.ply``. With ``images`` (name to (H, W, 3) RGB) the points take
+    the mean colour of their observations.
+    """
+    world = pycolmap.Reconstruction(reconstruction)
+    world.transform(
+        pycolmap.Sim3d(
+            world_from_model.scale,
+            pycolmap.Rotation3d(world_from_model.rotation),
+            world_from_model.translation,
+        )
+    )
+    if images:
+        _colour_points(world, images)
+    directory.mkdir(parents=True, exist_ok=True)
+    world.write_binary(directory)
+    world.export_PLY(directory / "points.ply")
+    return world
+
+
+def _colour_points(reconstruction: pycolmap.Reconstruction, images: Mapping[str, NDArray[np.uint8]]) -> None:
+    by_id = {i: images.get(reconstruction.image(i).name) for i in reconstruction.reg_image_ids()}
+    keypoints: dict[int, Floats] = {}
+    for image_id, pixels in by_id.items():
+        if pixels is not None:
+            keypoints[image_id] = np.array([p.xy for p in reconstruction.image(image_id).points2D])
+    for point in reconstruction.points3D.values():
+        samples = []
+        for element in point.track.elements:
+            pixels = by_id.get(element.image_id)
+            if pixels is None:
+                continue
+            x, y = keypoints[element.image_id][element.point2D_idx]
+            row = min(max(int(y), 0), pixels.shape[0] - 1)
+            column = min(max(int(x), 0), pixels.shape[1] - 1)
+            samples.append(pixels[row, column])
+        if samples:
+            point.color = np.mean(samples, axis=0).round().astype(np.uint8)

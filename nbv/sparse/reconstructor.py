@@ -1,0 +1,309 @@
+"""The sparse half of a photogrammetric reconstruction: photographs in, aligned sparse models out."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+
+from nbv.config import CameraConfig, SparseConfig
+from nbv.errors import MissionFailure, UserError
+from nbv.sparse.alignment import Alignment, align_cameras, camera_centers, outlier_limit_m
+from nbv.sparse.correspondences import ComputedCorrespondences, Correspondences
+from nbv.sparse.features import Features
+from nbv.sparse.mapper import IncrementalModel
+from nbv.sparse.matching import VerifiedPair, pair_angle_deg
+from nbv.sparse.model import (
+    camera_from_model_poses,
+    camera_from_world_poses,
+    export_colmap,
+    registered_names,
+    to_sparse_model,
+)
+from nbv.sparse.timing import StageTimer
+from nbv.types import Capture, Floats, UpdateReport
+
+_STATE_VERSION = 1
+
+
+class SparseReconstructor:
+    """Features, matching, incremental mapping and alignment of one mission, in one thread.
+
+    Results are a function of the sequence of captures and the options. Telemetry serves three purposes
+    only: to choose which pairs to match, to align the model, and to notice a wrong one.
+
+    Parameters
+    ----------
+    camera, config
+        Known intrinsics, and the options of this stage.
+    target_m
+        Approximate centre of the object (m), for the angle between viewing directions.
+    correspondences
+        Source of features and verified pairs; computed by default, or a cache in front of that.
+    """
+
+    def __init__(
+        self,
+        camera: CameraConfig,
+        config: SparseConfig,
+        target_m: Sequence[float],
+        correspondences: Correspondences | None = None,
+    ) -> None:
+        self.camera = camera
+        self.config = config
+        self.target_m = np.asarray(target_m, dtype=float)
+        self._source = correspondences or ComputedCorrespondences(camera, config)
+        self._model = IncrementalModel(camera, config)
+        self._timer = StageTimer()
+        self._captures: list[Capture] = []
+        self._features: list[Features] = []
+        self._alignment: Alignment | None = None
+
+    # ------------------------------------------------------------------------------------ what others see
+
+    @property
+    def reconstruction(self) -> pycolmap.Reconstruction:
+        """COLMAP's model in its own frame and scale; see :attr:`alignment`."""
+        return self._model.reconstruction
+
+    @property
+    def alignment(self) -> Alignment:
+        """``world_from_model`` and its residuals over the registered images, by ascending image id."""
+        if self._alignment is None:
+            raise RuntimeError("there is no model before bootstrap()")
+        return self._alignment
+
+    def world_camera_poses(self) -> dict[str, Floats]:
+        """(4, 4) ``camera_from_world`` in metres of every registered image, from SfM and alignment."""
+        poses = camera_from_world_poses(
+            camera_from_model_poses(self.reconstruction), self.alignment.world_from_model
+        )
+        return dict(zip(registered_names(self.reconstruction), poses))
+
+    def export(self, path: Path) -> None:
+        """Write the model in the world frame to directory ``path``: COLMAP binary and ``points.ply``."""
+        images = {c.name: c.image for c in self._captures if c.image is not None}
+        export_colmap(self.reconstruction, self.alignment.world_from_model, Path(path), images)
+
+    # ------------------------------------------------------------------------------------------- building
+
+    def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
+        """Build the seed model.
+
+        Raises
+        ------
+        MissionFailure
+            ``seed_model_failed`` when too few seeds register, ``wrong_model`` when the model that COLMAP
+            finds disagrees with telemetry.
+        """
+        self._take_in(captures)
+        failure = MissionFailure("seed_model_failed", "")
+
+        def judge(reconstruction: pycolmap.Reconstruction) -> str:
+            nonlocal failure
+            count = reconstruction.num_reg_images()
+            try:
+                if count < self.config.min_registered_seeds:
+                    raise MissionFailure(
+                        "seed_model_failed",
+                        f"only {count} of {len(captures)} seed images registered "
+                        f"(sparse.min_registered_seeds is {self.config.min_registered_seeds})",
+                    )
+                self._align(reconstruction)
+            except MissionFailure as error:
+                failure = error
+                return error.message
+            return ""
+
+        reason = self._model.bootstrap(judge)
+        if reason:
+            raise failure if failure.message else MissionFailure("seed_model_failed", reason)
+        dropped = self._drop_outliers()
+        registered = set(registered_names(self.reconstruction))
+        absent = [c.name for c in self._captures if c.name not in registered]
+        if len(registered) < self.config.min_registered_seeds:
+            raise MissionFailure("wrong_model", f"{len(registered)} seeds agree with telemetry: {dropped}")
+        notes = [dropped] if dropped else []
+        if absent:
+            notes.append(f"not registered: {', '.join(absent)}")
+        return self._report(True, "; ".join(notes))
+
+    def add(self, capture: Capture) -> UpdateReport:
+        """Extend the model by one capture, and retry the earlier images that are still out.
+
+        An image that does not register, or whose pose disagrees with telemetry, is reported and kept out.
+
+        Raises
+        ------
+        MissionFailure
+            ``wrong_model`` when the model as a whole no longer agrees with telemetry.
+        """
+        before = set(registered_names(self.reconstruction))
+        self._take_in([capture])
+        new_id = len(self._captures)
+        reasons = self._model.update(new_id, self._judge_pose)
+        dropped = self._drop_outliers()
+        registered = set(registered_names(self.reconstruction))
+        notes = []
+        if capture.name not in registered:
+            notes.append(f"{capture.name}: {reasons.get(new_id) or dropped or 'not registered'}")
+        elif dropped:
+            notes.append(dropped)
+        late = sorted(registered - before - {capture.name})
+        if late:
+            notes.append(f"now registered too: {', '.join(late)}")
+        return self._report(capture.name in registered, "; ".join(notes))
+
+    def _take_in(self, captures: Sequence[Capture]) -> None:
+        """Features of each capture and its verified pairs with all earlier ones."""
+        for capture in captures:
+            shape = (self.camera.height_px, self.camera.width_px, 3)
+            if capture.image is None or capture.image.shape != shape:
+                got = "no image" if capture.image is None else f"an image of shape {capture.image.shape}"
+                raise UserError(f"capture {capture.name} has {got}; the camera needs {shape}")
+            features = self._source.features(capture.image)
+            new_id = self._model.add_image(capture.name, features.keypoints)
+            pairs = {
+                (old_id, new_id): self._source.pair(old_features, features)
+                for old_id, (old, old_features) in enumerate(zip(self._captures, self._features), start=1)
+                if pair_angle_deg(old.camera_center_m, capture.camera_center_m, self.target_m)
+                <= self.config.max_pair_angle_deg
+            }
+            self._model.add_pairs(pairs)
+            self._captures.append(capture)
+            self._features.append(features)
+
+    # ------------------------------------------------------------------------------------------ alignment
+
+    def _telemetry(self, reconstruction: pycolmap.Reconstruction) -> Floats:
+        ids = sorted(reconstruction.reg_image_ids())
+        return np.array([self._captures[i - 1].camera_from_world for i in ids]).reshape(-1, 4, 4)
+
+    def _align(self, reconstruction: pycolmap.Reconstruction) -> Alignment:
+        with self._timer("alignment"):
+            self._alignment = align_cameras(
+                camera_from_model_poses(reconstruction),
+                self._telemetry(reconstruction),
+                self.config.max_alignment_rms_m,
+            )
+        return self._alignment
+
+    def _judge_pose(self, reconstruction: pycolmap.Reconstruction, image_id: int) -> str:
+        """Whether a pose just found agrees with telemetry as the other cameras do."""
+        pose = reconstruction.image(image_id).cam_from_world().matrix()[None]
+        center = self.alignment.world_from_model.apply(camera_centers(pose))[0]
+        residual_m = float(np.linalg.norm(center - self._captures[image_id - 1].camera_center_m))
+        limit_m = outlier_limit_m(self.alignment.rms_m, self.config.max_alignment_rms_m)
+        if residual_m <= limit_m:
+            return ""
+        return f"its pose is {residual_m:.2f} m from telemetry (limit {limit_m:.2f} m)"
+
+    def _drop_outliers(self) -> str:
+        """Align; take cameras that disagree with the rest out of the model. Says which, or ""."""
+        alignment = self._align(self.reconstruction)
+        if len(alignment.outliers) == 0:
+            return ""
+        ids = sorted(self.reconstruction.reg_image_ids())
+        names = [f"{self._captures[ids[row] - 1].name} ({alignment.residuals_m[row]:.2f} m)"
+                 for row in alignment.outliers]  # fmt: skip
+        for row in alignment.outliers:
+            self._model.deregister(ids[row])
+        self._align(self.reconstruction)
+        return f"taken out, pose disagrees with telemetry: {', '.join(names)}"
+
+    def _report(self, registered: bool, message: str) -> UpdateReport:
+        with self._timer("model"):
+            model = to_sparse_model(self.reconstruction, self.alignment)
+        timings = {**self._source.timer.take(), **self._model.timer.take(), **self._timer.take()}
+        return UpdateReport(model, registered, message, timings)
+
+    # ---------------------------------------------------------------------------------------- saved state
+
+    def save_state(self, path: Path) -> None:
+        """Save everything needed to continue (no photographs) in directory ``path``.
+
+        Continuing here and continuing from the saved state then give the same bits. Saving right after
+        :meth:`bootstrap` changes nothing; saving later puts COLMAP's tables in the order of the files
+        (see :meth:`IncrementalModel.canonicalise`), which may change the last bits of what follows.
+        """
+        path = Path(path)
+        path.mkdir(parents=True, exist_ok=True)
+        self._model.canonicalise()
+        self.reconstruction.write_binary(path)
+        pairs = sorted(self._model.pairs.items())
+        np.savez(
+            path / "correspondences.npz",
+            keypoints=_concatenate([f.keypoints for f in self._features], (0, 4), np.float32),
+            descriptors=_concatenate([f.descriptors for f in self._features], (0, 128), np.uint8),
+            counts=np.array([len(f) for f in self._features], dtype=np.int64),
+            pair_ids=np.array([ids for ids, _ in pairs], dtype=np.int64).reshape(-1, 2),
+            pair_configs=np.array([pair.config for _, pair in pairs], dtype=np.int64),
+            pair_counts=np.array([len(pair) for _, pair in pairs], dtype=np.int64),
+            matches=_concatenate([pair.matches for _, pair in pairs], (0, 2), np.uint32),
+            telemetry=np.array([c.camera_from_world for c in self._captures]),
+        )
+        (path / "state.json").write_text(
+            json.dumps(
+                {
+                    "version": _STATE_VERSION,
+                    "names": [c.name for c in self._captures],
+                    "captures_since_global": self._model.captures_since_global,
+                    "options": self._options(),
+                },
+                indent=1,
+            )
+        )
+
+    def load_state(self, path: Path, captures: Sequence[Capture]) -> UpdateReport:
+        """Continue from a saved state; ``captures`` are those that it was made from, in order.
+
+        Raises
+        ------
+        UserError
+            The state is missing, of another version, or made from other captures or options.
+        """
+        path = Path(path)
+        if self._captures:
+            raise RuntimeError("load_state() needs a reconstructor without captures")
+        try:
+            state = json.loads((path / "state.json").read_text())
+            data = np.load(path / "correspondences.npz")
+        except (OSError, ValueError) as error:
+            raise UserError(f"cannot read the saved sparse model {path}: {error}") from error
+        telemetry = np.array([c.camera_from_world for c in captures])
+        if state.get("version") != _STATE_VERSION or state.get("options") != self._options():
+            raise UserError(f"the saved sparse model {path} was made with other options; rebuild it")
+        if state["names"] != [c.name for c in captures] or not np.array_equal(data["telemetry"], telemetry):
+            raise UserError(f"the saved sparse model {path} was made from other captures; rebuild it")
+        bounds = np.cumsum(data["counts"])[:-1]
+        for capture, keypoints, descriptors in zip(
+            captures, np.split(data["keypoints"], bounds), np.split(data["descriptors"], bounds)
+        ):
+            self._captures.append(capture)
+            self._features.append(Features(keypoints, descriptors))
+            self._model.add_image(capture.name, keypoints)
+        matches = np.split(data["matches"], np.cumsum(data["pair_counts"])[:-1])
+        for (a, b), config, pair in zip(data["pair_ids"], data["pair_configs"], matches):
+            self._model.add_pairs({(int(a), int(b)): VerifiedPair(pair, int(config))})
+        reconstruction = pycolmap.Reconstruction()
+        reconstruction.read_binary(path)
+        self._model.reconstruction = reconstruction
+        self._model.captures_since_global = int(state["captures_since_global"])
+        self._align(reconstruction)
+        return self._report(True, "continued from a saved model")
+
+    def _options(self) -> dict[str, object]:
+        return {
+            "camera": dataclasses.asdict(self.camera),
+            "sparse": dataclasses.asdict(self.config),
+            "target_m": self.target_m.tolist(),
+            "pycolmap": pycolmap.__version__,
+        }
+
+
+def _concatenate(arrays: list[np.ndarray], empty: tuple[int, ...], dtype: type) -> np.ndarray:
+    return np.concatenate(arrays) if arrays else np.zeros(empty, dtype)
