@@ -1,0 +1,179 @@
+"""Legs, detours, arrivals and totals."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from nbv.config import FlightConfig, MissionConfig
+from nbv.flight import Flight, Pose, arrival_position, fly_straight, route
+from nbv.flight.route import clear
+from nbv.frames import heading_to, wrap_angle
+from nbv.types import Viewpoint
+from nbv.viewpoints import raw_candidates, seed_viewpoints
+
+LIMITS = FlightConfig()
+TARGET = (0.0, 0.0, 0.8)
+coordinate = st.floats(-6.0, 6.0, allow_nan=False)
+poses = st.builds(
+    lambda x, y, z, h: Pose((x, y, z), h), coordinate, coordinate, st.floats(0.3, 6.0), st.floats(-3.14, 3.14)
+)
+
+
+def test_a_long_level_leg_has_a_closed_form() -> None:
+    """L / v to cruise, and v / a + a / j to speed up and slow down under limited jerk."""
+    leg = fly_straight(Pose((0, 0, 3), 0.0), Pose((60, 80, 3), 0.0), LIMITS)
+    v, a, j = LIMITS.max_speed_m_s, LIMITS.max_acceleration_m_s2, LIMITS.max_jerk_m_s3
+    assert leg.duration_s == pytest.approx(100 / v + v / a + a / j)
+    assert leg.path_length_m == pytest.approx(100)
+
+
+def test_a_climb_obeys_the_climb_limit() -> None:
+    leg = fly_straight(Pose((0, 0, 1), 0.0), Pose((0, 0, 41), 0.0), LIMITS)
+    v, a, j = LIMITS.max_climb_m_s, LIMITS.max_acceleration_m_s2, LIMITS.max_jerk_m_s3
+    # The acceleration limit is not reached if v < a^2 / j: then speeding up takes 2 sqrt(v / j).
+    ramp = v / a + a / j if v >= a * a / j else 2 * np.sqrt(v / j)
+    assert leg.duration_s == pytest.approx(40 / v + ramp)
+
+
+def test_a_turn_on_the_spot_takes_the_shorter_way() -> None:
+    leg = fly_straight(Pose((0, 0, 3), 3.0), Pose((0, 0, 3), -3.0), LIMITS)
+    assert leg.path_length_m == 0
+    assert leg.duration_s < 1.5  # 0.28 rad; the long way round would take more than 7 s
+    assert (np.abs(leg.samples[:, 4]) >= 3.0 - 1e-9).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(start=poses, end=poses)
+def test_limits_hold_along_the_leg(start: Pose, end: Pose) -> None:
+    leg = fly_straight(start, end, LIMITS)
+    t, xyz, heading = leg.samples[:, 0], leg.samples[:, 1:4], leg.samples[:, 4]
+    np.testing.assert_allclose(xyz[0], start.position_m, atol=1e-9)
+    np.testing.assert_allclose(xyz[-1], end.position_m, atol=1e-6)
+    assert abs(float(wrap_angle(heading[-1] - end.heading_rad))) < 1e-6
+    assert leg.path_length_m == pytest.approx(np.linalg.norm(np.subtract(end.position_m, start.position_m)))
+    if len(t) < 2 or leg.duration_s == 0:
+        return
+    dt = np.diff(t)
+    keep = dt > 1e-9  # mean speeds over the samples' intervals cannot exceed the limits
+    velocity = np.diff(xyz, axis=0)[keep] / dt[keep, None]
+    assert (np.hypot(velocity[:, 0], velocity[:, 1]) <= LIMITS.max_speed_m_s + 1e-6).all()
+    assert (np.abs(velocity[:, 2]) <= LIMITS.max_climb_m_s + 1e-6).all()
+    rate = np.abs(wrap_angle(np.diff(heading))[keep]) / dt[keep]
+    assert (rate <= LIMITS.max_yaw_rate_rad_s + 1e-6).all()
+    # Acceleration from the change of mean speed over neighbouring 0.2 s intervals.
+    speed = np.linalg.norm(velocity, axis=1)[:-1] if len(velocity) > 2 else np.zeros(0)
+    assert (np.abs(np.diff(speed)) / 0.2 <= LIMITS.max_acceleration_m_s2 + 1e-6).all()
+
+
+def segment_distance(leg_samples: np.ndarray, height: float) -> float:
+    low = leg_samples[leg_samples[:, 3] < height]
+    return float(np.hypot(low[:, 1], low[:, 2]).min()) if len(low) else np.inf
+
+
+@settings(max_examples=150, deadline=None)
+@given(start=poses, end=poses)
+def test_no_leg_passes_through_the_keep_out(start: Pose, end: Pose) -> None:
+    radius, height = LIMITS.keep_out_radius_m, LIMITS.keep_out_height_m
+
+    def free(p: Pose) -> bool:
+        return p.position_m[2] >= height + 0.1 or np.hypot(*p.position_m[:2]) >= radius + 0.1
+
+    assume(free(start) and free(end))
+    legs = route(start, end, TARGET, LIMITS)
+    assert legs[0].start == start and legs[-1].end == end
+    for leg in legs:
+        a, b = np.array(leg.start.position_m), np.array(leg.end.position_m)
+        dense = a + np.linspace(0, 1, 400)[:, None] * (b - a)
+        low = dense[dense[:, 2] < height - 1e-9]
+        nearest = np.hypot(low[:, 0], low[:, 1]).min() if len(low) else np.inf
+        assert nearest >= radius - 1e-9
+    assert all(leg.end.position_m[2] >= min(start.position_m[2], end.position_m[2]) for leg in legs)
+
+
+def test_detour_between_opposite_low_views() -> None:
+    start, end = Pose((3.5, 0.0, 1.4), np.pi), Pose((-3.5, 0.0, 1.4), 0.0)
+    assert not clear(start.position_m, end.position_m, TARGET, 1.3, 2.2)
+    legs = route(start, end, TARGET, LIMITS)
+    assert len(legs) == 2
+    length = sum(leg.path_length_m for leg in legs)
+    assert 7.0 < length < 8.0
+    assert sum(leg.duration_s for leg in legs) > fly_straight(start, end, LIMITS).duration_s
+
+
+def test_clear_knows_the_cylinders_height() -> None:
+    assert clear((-3, 0, 2.3), (3, 0, 2.3), TARGET, 1.3, 2.2)
+    assert not clear((-3, 0, 2.1), (3, 0, 2.1), TARGET, 1.3, 2.2)
+    assert clear((-3, 1.31, 1.0), (3, 1.31, 1.0), TARGET, 1.3, 2.2)
+    assert clear((-3, 0, 1.0), (-1.4, 0, 1.0), TARGET, 1.3, 2.2)  # stops short
+    assert clear((-3, 0, 1.0), (1.0, 0, 12.0), TARGET, 1.3, 2.2)  # above 2.2 m before it gets there
+
+
+def test_arrival_error_is_within_tolerance_and_spread() -> None:
+    viewpoints = raw_candidates(MissionConfig())
+    errors = np.array(
+        [arrival_position(v, LIMITS, "rock", r) - v.position_m for v in viewpoints for r in range(20)]
+    )
+    assert np.abs(errors).max() <= LIMITS.arrival_tolerance_m
+    np.testing.assert_allclose(errors.mean(axis=0), 0.0, atol=0.01)
+    np.testing.assert_allclose(errors.std(axis=0), 0.35 / 3, rtol=0.05)  # truncation takes 1 %
+    assert np.abs(np.corrcoef(errors.T) - np.eye(3)).max() < 0.06
+
+
+def test_arrival_depends_on_rock_replicate_and_viewpoint_only() -> None:
+    a, b = raw_candidates(MissionConfig())[:2]
+    config = MissionConfig()
+    one, other = Flight(config, "rock", 0), Flight(config, "rock", 0)
+    one.take_off()
+    first = one.fly_to(a), one.fly_to(b)
+    second = other.fly_to(b), other.fly_to(a)  # another order, no take-off
+    np.testing.assert_array_equal(first[0], second[1])
+    np.testing.assert_array_equal(first[1], second[0])
+    assert (arrival_position(a, LIMITS, "rock", 1) != first[0]).any()
+    assert (arrival_position(a, LIMITS, "other", 0) != first[0]).any()
+    exact = MissionConfig().with_values({"flight.arrival_tolerance_m": 0.0})
+    np.testing.assert_array_equal(Flight(exact, "rock", 0).fly_to(a), a.position_m)
+
+
+def test_never_below_the_minimum_altitude() -> None:
+    for replicate in range(50):
+        low = Viewpoint("low", (3.0, 0.0, 0.32), 0.0, 0.0, "lateral")
+        assert arrival_position(low, LIMITS, "rock", replicate)[2] >= 0.3
+
+
+def test_a_mission_adds_up() -> None:
+    config = MissionConfig()
+    flight = Flight(config, "rock", 0)
+    np.testing.assert_array_equal(flight.position_m, config.flight.home_m)
+    flight.take_off()
+    for seed in seed_viewpoints(config):
+        position = flight.fly_to(seed)
+        np.testing.assert_array_equal(position, flight.position_m)
+        assert flight.heading_rad == pytest.approx(float(heading_to(position, np.array(TARGET))))
+    flight.return_and_land()
+    np.testing.assert_array_equal(flight.position_m, config.flight.home_m)
+
+    log = flight.to_dict()
+    names = [event["name"] for event in log["events"]]
+    assert names == ["take-off", *(f"seed_{i:02d}" for i in range(24)), "return", "landing"]
+    assert log["flight_time_s"] == pytest.approx(sum(e["duration_s"] + e["hover_s"] for e in log["events"]))
+    assert log["path_length_m"] == pytest.approx(sum(e["path_length_m"] for e in log["events"]))
+    assert sum(e["hover_s"] for e in log["events"]) == 24 * config.flight.settle_s
+    json.dumps(log)
+
+    samples = flight.samples()
+    assert (np.diff(samples[:, 0]) >= -1e-9).all()
+    assert samples[-1, 0] == pytest.approx(flight.flight_time_s)
+    chords = np.linalg.norm(np.diff(samples[:, 1:4], axis=0), axis=1).sum()
+    assert chords == pytest.approx(flight.path_length_m, rel=1e-6)
+    assert segment_distance(samples, 1.7) > 1.0  # nowhere near the rock
+
+
+def test_hovering_takes_time_only() -> None:
+    flight = Flight(MissionConfig(), "rock", 0)
+    flight.hover(3.5)
+    assert flight.flight_time_s == 3.5 and flight.path_length_m == 0.0

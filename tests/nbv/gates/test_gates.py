@@ -1,0 +1,106 @@
+"""Fixed, heuristic and control gates, and how a gate is made."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from gate_states import pool, rankings, state
+
+from nbv.config import GATE_KINDS, MissionConfig
+from nbv.errors import UserError
+from nbv.gates import make_gate
+from nbv.gates.controls import RandomGate
+from nbv.gates.heuristic import HeuristicGate
+
+
+def config(kind: str, **values: object) -> MissionConfig:
+    return MissionConfig().with_values({"gate.kind": kind, **values})
+
+
+@pytest.mark.parametrize("kind", ["covis", "b-aware"])
+def test_fixed_gates_fly_their_scorer(kind: str) -> None:
+    both = rankings(0, 1, len(pool()))
+    assert make_gate(config(kind)).decide(state(), pool(), both).ranking is both[kind]
+
+
+@pytest.mark.parametrize(
+    ("used", "d95_m", "expected"),
+    [
+        (0, 0.0, "b-aware"),
+        (15, 0.0, "b-aware"),  # 15 / 40 < 0.4
+        (16, 0.0, "covis"),  # 16 / 40 = 0.4: not less
+        (16, 0.14, "covis"),  # equal: not more
+        (16, 0.1401, "b-aware"),
+        (39, 0.2, "b-aware"),
+        (39, float("inf"), "b-aware"),
+        (39, 0.0, "covis"),
+    ],
+)
+def test_equation_9_is_strict(used: int, d95_m: float, expected: str) -> None:
+    both = rankings(0, 1, len(pool()))
+    decision = make_gate(config("hyb-h")).decide(state(used=used, d95_m=d95_m), pool(), both)
+    assert decision.ranking is both[expected]  # the whole ranking, unchanged
+    assert decision.details["f_b"] == used / 40 and decision.details["d95_m"] == d95_m
+    assert decision.reason
+
+
+def test_budget_fraction_ignores_the_seeds() -> None:
+    gate = HeuristicGate(budget_fraction=0.5, d95_m=1.0)
+    both = rankings(0, 1, len(pool()))
+    assert gate.decide(state(used=3, budget=8), pool(), both).ranking.scorer == "b-aware"
+    assert gate.decide(state(used=4, budget=8), pool(), both).ranking.scorer == "covis"
+
+
+def test_every_kind_can_be_made_or_says_what_it_lacks() -> None:
+    for kind in GATE_KINDS:
+        if kind in ("hyb-o", "greedy-oracle"):
+            with pytest.raises(UserError, match="ground truth"):
+                make_gate(config(kind))
+        elif kind == "learned":
+            with pytest.raises(UserError, match=r"gate\.learned_policy"):
+                make_gate(config(kind))
+        else:
+            assert make_gate(config(kind)) is not None
+
+
+def test_random_is_keyed_not_sequential() -> None:
+    both, candidates = rankings(0, 1, len(pool())), pool()
+    gate = RandomGate("rock", 0)
+    first = gate.decide(state(used=3), candidates, both).ranking
+    gate.decide(state(used=4), candidates, both)
+    again = gate.decide(state(used=3), candidates, both).ranking
+    np.testing.assert_array_equal(first.order, again.order)
+    assert first.scorer == "random" and sorted(first.order) == list(range(len(candidates)))
+    others = [
+        gate.decide(state(used=4), candidates, both).ranking,
+        RandomGate("rock", 1).decide(state(used=3), candidates, both).ranking,
+        RandomGate("other rock", 0).decide(state(used=3), candidates, both).ranking,
+    ]
+    assert all((first.order != o.order).any() for o in others)
+
+
+def test_random_reaches_the_whole_pool() -> None:
+    both, candidates = rankings(0, 1, len(pool())), pool()
+    tops = [RandomGate("rock", r).decide(state(), candidates, both).ranking.top for r in range(2000)]
+    counts = np.bincount(tops, minlength=len(candidates))
+    assert (counts > 0).all()
+    assert counts.max() < 5 * counts.mean()
+
+
+def test_controls_rank_by_their_term() -> None:
+    candidates, both = pool(), rankings(0, 1, len(pool()))
+    terms = both["covis"].terms
+    novelty = make_gate(config("novelty-only")).decide(state(), candidates, both).ranking
+    assert novelty.scorer == "novelty-only" and novelty.top == int(np.argmax(terms["nov"]))
+    movement = make_gate(config("movement-only")).decide(state(), candidates, both).ranking
+    assert movement.scorer == "movement-only" and movement.top == int(np.argmin(terms["move"]))
+
+
+def test_uniform_coverage_takes_the_farthest_direction() -> None:
+    candidates, both = pool(), rankings(0, 1, len(pool()))
+    visited = np.array([[0.0, -9.0, 3.0]])  # one direction, at any distance
+    decision = make_gate(config("uniform-coverage")).decide(state(visited=visited), candidates, both)
+    a, b = candidates.positions_m - [0, 0, 0.8], visited - [0, 0, 0.8]
+    angles = np.arccos((a @ b.T)[:, 0] / np.linalg.norm(a, axis=1) / np.linalg.norm(b))
+    assert decision.ranking.top == int(np.argmax(np.round(angles, 12)))
+    assert decision.ranking.scorer == "uniform-coverage"

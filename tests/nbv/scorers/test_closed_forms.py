@@ -1,0 +1,218 @@
+"""Eq. 1 to 8 on states small enough to work out by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nbv.config import BAwareConfig, CameraConfig, MissionConfig
+from nbv.errors import MissionFailure
+from nbv.frames import heading_to, intrinsic_matrix, look_at
+from nbv.scorers import box_points, rank_candidates
+from nbv.scorers.b_aware import geometry_gain, mean_neighbour_distance, percentile_scaled, repair, weakness
+from nbv.scorers.covis import co_visibility
+from nbv.scorers.terms import angular_penalty, movement, novelty
+from nbv.scorers.visibility import in_frustum
+from nbv.types import CandidatePool, PlanningState, SparseModel
+
+TARGET = np.array([0.0, 0.0, 0.8])
+
+
+def ring(angles_deg: list[float], radius: float = 3.5, z: float = 0.8) -> np.ndarray:
+    a = np.deg2rad(angles_deg)
+    return np.column_stack([radius * np.cos(a), radius * np.sin(a), np.full(len(a), z)])
+
+
+def pool_at(positions: np.ndarray) -> CandidatePool:
+    n = len(positions)
+    return CandidatePool(
+        tuple(f"cand_{i:03d}" for i in range(n)), positions, heading_to(positions, TARGET),
+        np.zeros(n), np.zeros(n), ("lateral",) * n,
+    )  # fmt: skip
+
+
+def state_of(points: np.ndarray, tracks: list[list[int]], cameras: np.ndarray) -> PlanningState:
+    model = SparseModel(
+        points_m=points, reprojection_error_px=np.ones(len(points)),
+        track_offsets=np.concatenate([[0], np.cumsum([len(t) for t in tracks])]).astype(np.int64),
+        track_cameras=np.array([c for t in tracks for c in t], dtype=np.int64),
+        camera_centers_m=cameras, camera_names=tuple(map(str, range(len(cameras)))),
+        alignment_rms_m=0.0, alignment_max_m=0.0,
+    )  # fmt: skip
+    return PlanningState(model, cameras, len(cameras), np.array([3.5, 0.0, 0.8]), np.pi, 0, 40, 0.1, 0)
+
+
+def test_novelty() -> None:  # Eq. 2
+    candidates = np.array([[0.0, 0, 0], [0.5, 0, 0], [9.0, 0, 0]])
+    np.testing.assert_allclose(novelty(candidates, np.array([[0.0, 0, 0], [0, 1, 0]]), 2.0), [0, 0.25, 1])
+    np.testing.assert_array_equal(novelty(candidates, np.zeros((0, 3)), 2.0), 1.0)
+
+
+def test_movement() -> None:  # Eq. 3
+    candidates = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]])
+    got = movement(candidates, np.array([np.pi / 2, -3.0]), np.zeros(3), 3.0, 10.0)
+    turn = 2 * np.pi - 6.0  # the shorter way from 3.0 to -3.0
+    np.testing.assert_allclose(
+        got, [0.7 * 0.5 + 0.3 * (3.0 - np.pi / 2) / np.pi, 0.3 * turn / np.pi], atol=1e-12
+    )
+
+
+def test_angular_penalty() -> None:  # Eq. 4
+    candidates = ring([0.0, 5.0, 20.0, 90.0])
+    visited = ring([0.0], radius=4.0)  # another radius, the same direction
+    np.testing.assert_allclose(
+        angular_penalty(candidates, visited, TARGET, 20.0), [1, 0.75, 0, 0], atol=1e-12
+    )
+    np.testing.assert_array_equal(angular_penalty(candidates, np.zeros((0, 3)), TARGET, 20.0), 0.0)
+
+
+def test_co_visibility() -> None:  # Eq. 5
+    visible = np.array([[1, 0, 1], [1, 0, 0], [1, 0, 0], [1, 0, 1]], dtype=bool)
+    np.testing.assert_allclose(co_visibility(visible), [1, 0, 0.5])
+
+
+def test_weakness() -> None:  # Eq. 6
+    # Points on a line, 0 .. 20 mm apart more and more: neighbour distances are known.
+    points = np.column_stack([np.cumsum(np.arange(21.0)), np.zeros(21), np.zeros(21)])
+    lengths = np.array([2, 3, 6, 9] + [6] * 17)
+    config = BAwareConfig(density_neighbours=1)
+    spacing = np.array([1.0, 1.0, *np.arange(2.0, 21.0)])
+    np.testing.assert_allclose(mean_neighbour_distance(points, 1), spacing)
+    low, high = np.percentile(spacing, [5, 95])
+    rho = np.clip((spacing - low) / (high - low), 0, 1)
+    tau = np.array([4 / 6, 3 / 6, 0, 0] + [0] * 17)
+    np.testing.assert_allclose(weakness(points, lengths, np.ones(21), config), 0.6 * tau + 0.4 * rho)
+    errors = np.linspace(0.2, 1.4, 21)
+    head = replace(config, alpha_track=0.5, alpha_density=0.3, alpha_reprojection=0.2)
+    np.testing.assert_allclose(
+        weakness(points, lengths, errors, head), 0.5 * tau + 0.3 * rho + 0.2 * percentile_scaled(errors)
+    )
+
+
+def test_weakness_of_few_or_even_points() -> None:
+    assert weakness(np.zeros((1, 3)), np.array([2]), np.zeros(1), BAwareConfig()) == pytest.approx(
+        0.6 * 4 / 6
+    )
+    np.testing.assert_array_equal(percentile_scaled(np.full(10, 3.0)), 0.0)
+    np.testing.assert_allclose(mean_neighbour_distance(np.array([[0.0, 0, 0], [0, 0, 2]]), 5), [2, 2])
+
+
+def test_geometry_gain() -> None:  # Eq. 7
+    point = TARGET[None]
+    candidates = ring([0.0, 5.0, 15.0, 25.0, 40.0, 180.0])
+    offsets, cameras = np.array([0, 1]), np.array([0])
+    gain = geometry_gain(candidates, point, offsets, cameras, ring([0.0], 4.0), 5.0, 25.0)
+    np.testing.assert_allclose(gain[0], [0, 0, 0.5, 1, 1, 1], atol=1e-9)
+    # A second ray at 40 degrees: the nearest counts.
+    gain = geometry_gain(candidates, point, np.array([0, 2]), np.array([0, 1]), ring([0.0, 40.0]), 5.0, 25.0)
+    np.testing.assert_allclose(gain[0], [0, 0, 0.5, 0.5, 0, 1], atol=1e-9)
+
+
+def test_gain_without_observations_is_one() -> None:
+    gain = geometry_gain(
+        ring([0.0]), TARGET[None], np.array([0, 0]), np.zeros(0, int), ring([0.0]), 5.0, 25.0
+    )
+    assert gain[0, 0] == 1.0
+
+
+def test_repair() -> None:  # Eq. 8
+    visible = np.array([[1, 1], [1, 0], [0, 1]], dtype=bool)
+    gain = np.array([[1.0, 0.5], [0.5, 1.0], [1.0, 1.0]])
+    np.testing.assert_allclose(repair(visible, gain, np.array([1.0, 0.5, 0.5])), [1.25 / 2, 1.0 / 2])
+    np.testing.assert_array_equal(repair(visible, gain, np.zeros(3)), 0.0)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000), n_points=st.integers(1, 700))
+def test_gain_equals_the_plain_definition(seed: int, n_points: int) -> None:
+    """The blocked computation against angles from arccos of normalised rays, pair by pair."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-2, 2, (n_points, 3))
+    cameras, candidates = (
+        ring(list(rng.uniform(0, 360, 9)), 4.5),
+        ring(list(rng.uniform(0, 360, 7)), 4.0, 2.0),
+    )
+    lengths = rng.integers(0, 8, n_points)
+    offsets = np.concatenate([[0], np.cumsum(lengths)])
+    track = np.concatenate([rng.permutation(9)[:k] for k in lengths]).astype(np.int64)
+    got = geometry_gain(candidates, points, offsets, track, cameras, 5.0, 25.0)
+    for p in rng.choice(n_points, min(n_points, 10), replace=False):
+        for c, position in enumerate(candidates):
+            a = (points[p] - position) / np.linalg.norm(points[p] - position)
+            angles = [180.0]
+            for j in track[offsets[p] : offsets[p + 1]]:
+                b = (points[p] - cameras[j]) / np.linalg.norm(points[p] - cameras[j])
+                angles.append(np.rad2deg(2 * np.arcsin(min(1.0, np.linalg.norm(a - b) / 2))))
+            assert got[p, c] == pytest.approx(np.clip((min(angles) - 5) / 20, 0, 1), abs=1e-9)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000))
+def test_frustum_equals_projection(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    camera = CameraConfig(width_px=320, height_px=480, focal_px=300.0)
+    points, positions = rng.uniform(-6, 6, (300, 3)), rng.uniform(-4, 4, (5, 3)) + [0, 0, 3]
+    visible = in_frustum(points, positions, TARGET, camera)
+    for c, position in enumerate(positions):
+        pose = look_at(position, TARGET)
+        image = (points @ pose[:3, :3].T + pose[:3, 3]) @ intrinsic_matrix(camera).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            uv = image[:, :2] / image[:, 2:]
+        expected = (image[:, 2] > 0) & ((uv >= 0) & (uv < [320, 480])).all(axis=1)
+        np.testing.assert_array_equal(visible[:, c], expected)
+
+
+def test_a_whole_state() -> None:  # Eq. 1
+    """One point at the target, seen from azimuths 0 and 40 degrees; two candidates, at 20 and 180."""
+    cameras = ring([0.0, 40.0])
+    state = state_of(TARGET[None], [[0, 1]], cameras)
+    pool = pool_at(ring([20.0, 180.0]))
+    rankings = rank_candidates(state, pool, MissionConfig())
+
+    chord = 2 * 3.5 * np.sin(np.deg2rad(10.0))
+    nov = np.array([chord / 2.0, 1.0])
+    move = np.array([0.07 * chord + 0.3 * 20 / 180, 0.07 * 7.0 + 0.3])
+    covis, b_aware = rankings["covis"], rankings["b-aware"]
+    np.testing.assert_allclose(covis.terms["main"], [1.0, 1.0])
+    np.testing.assert_allclose(b_aware.terms["main"], [15 / 20, 1.0], atol=1e-9)
+    for ranking in (covis, b_aware):
+        np.testing.assert_allclose(ranking.terms["nov"], nov)
+        np.testing.assert_allclose(ranking.terms["move"], move)
+        np.testing.assert_allclose(ranking.terms["ang"], [0.0, 0.0], atol=1e-12)
+        np.testing.assert_allclose(ranking.scores, ranking.terms["main"] + 1.2 * nov - 0.1 * move)
+        assert ranking.order.tolist() == [1, 0] and ranking.top == 1
+
+
+def test_scorers_have_their_own_weights() -> None:
+    state, pool = state_of(TARGET[None], [[0, 1]], ring([0.0, 40.0])), pool_at(ring([20.0, 180.0]))
+    config = MissionConfig().with_values({"covis.weights.nov": 0.0, "covis.weights.move": 5.0})
+    rankings = rank_candidates(state, pool, config)
+    assert rankings["covis"].top == 0 and rankings["b-aware"].top == 1
+
+
+def test_ties_keep_pool_order() -> None:
+    state = state_of(TARGET[None], [[0, 1]], ring([0.0, 180.0]))
+    config = MissionConfig().with_values({"covis.weights.move": 0.0})
+    pool = pool_at(ring([270.0, 90.0]))  # mirror images
+    assert rank_candidates(state, pool, config)["covis"].order.tolist() == [0, 1]
+    pool = pool_at(ring([90.0, 270.0]))
+    assert rank_candidates(state, pool, config)["covis"].order.tolist() == [0, 1]
+
+
+def test_box_and_track_length_choose_the_points() -> None:
+    points = TARGET + np.array([[2.0, 0, 0], [2.001, 0, 0], [0, 0, -2.0], [0, 0, 0]])
+    state = state_of(points, [[0, 1], [0, 1], [1, 2, 3], [3]], ring([0, 90, 180, 270]))
+    box = box_points(state.model, MissionConfig())
+    np.testing.assert_array_equal(box.points_m, points[[0, 2]])
+    assert box.track_lengths.tolist() == [2, 3] and box.track_cameras.tolist() == [0, 1, 1, 2, 3]
+
+
+def test_an_empty_box_is_a_mission_failure() -> None:
+    state = state_of(TARGET[None] + 50.0, [[0, 1]], ring([0.0, 40.0]))
+    with pytest.raises(MissionFailure) as failure:
+        rank_candidates(state, pool_at(ring([0.0])), MissionConfig())
+    assert failure.value.reason == "no_points_in_box"

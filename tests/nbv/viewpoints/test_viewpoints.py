@@ -1,0 +1,161 @@
+"""Seed rings and the candidate pool: counts, positions, filters, order."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nbv.config import MissionConfig, preset
+from nbv.viewpoints import candidate_pool, filters, raw_candidates, seed_viewpoints
+from nbv.viewpoints.pool import lateral_ring_counts, upper_ring_counts
+
+NOWHERE = np.zeros((0, 3))
+VEHICLE = np.array([0.0, -8.0, 3.0])
+GOLDEN = Path(__file__).parents[4] / "shared" / "golden" / "scorers"
+
+
+def test_ring_counts_are_the_papers() -> None:
+    assert lateral_ring_counts(120, 4) == [58, 29, 19, 14]
+    assert upper_ring_counts(50, 3) == [17, 17, 16]
+
+
+@given(total=st.integers(4, 400), rings=st.integers(1, 6))
+def test_ring_counts_add_up(total: int, rings: int) -> None:
+    assert sum(upper_ring_counts(total, rings)) == total
+    lateral = lateral_ring_counts(total, rings)
+    assert min(lateral) >= 1
+    if total >= 20 * rings:  # with very few candidates the minimum of one per ring wins
+        assert sum(lateral) == total
+
+
+def test_seeds() -> None:
+    config = MissionConfig()
+    seeds = seed_viewpoints(config)
+    assert [s.id for s in seeds] == [f"seed_{i:02d}" for i in range(24)]
+    assert [s.elevation_deg for s in seeds] == [15.0] * 8 + [22.0] * 6 + [29.0] * 6 + [36.0] * 4
+    positions = np.array([s.position_m for s in seeds])
+    np.testing.assert_allclose(np.linalg.norm(positions - config.target_m, axis=1), 4.0)
+    # Every ring starts due north and goes clockwise: the second of the 8 is to the north-east.
+    for first in (0, 8, 14, 20):
+        assert positions[first, 0] == pytest.approx(0.0)
+        assert positions[first, 1] > 3.0
+        assert seeds[first].azimuth_deg == 90.0
+    np.testing.assert_allclose(positions[1], [2.73205, 2.73205, 1.83528], atol=1e-5)
+    np.testing.assert_allclose(positions[9, :2], 3.70874 * np.array([np.sin(np.pi / 3), 0.5]), atol=1e-4)
+
+
+def test_azimuth_and_elevation_describe_the_position() -> None:
+    config = MissionConfig()
+    for v in [*seed_viewpoints(config), *raw_candidates(config)]:
+        d = np.array(v.position_m) - config.target_m
+        assert np.rad2deg(np.arctan2(d[1], d[0])) % 360 == pytest.approx(v.azimuth_deg % 360, abs=1e-9)
+        assert np.rad2deg(np.arcsin(d[2] / np.linalg.norm(d))) == pytest.approx(v.elevation_deg)
+
+
+@pytest.mark.parametrize(("name", "altitude", "spacing"), [("paper", 170, 163), ("paper-code", 112, 105)])
+def test_pool_counts(name: str, altitude: int, spacing: int) -> None:
+    pool = candidate_pool(preset(name), VEHICLE, NOWHERE)
+    assert pool.counts == {
+        "raw": 170, "altitude_travel": altitude, "spacing": spacing, "revisit": spacing,
+        "azimuth_balance": spacing, "diversity": spacing,
+    }  # fmt: skip
+    assert len(pool) == spacing
+    dropped = {c.id for c in raw_candidates(preset("paper"))[120:]} - set(pool.ids)
+    assert dropped == {f"cand_{i}" for i in (120, 121, 125, 126, 131, 132, 136)}
+
+
+def test_sector_occupancy_is_the_references() -> None:
+    config = preset("paper-code")
+    pool = candidate_pool(config, VEHICLE, NOWHERE)
+    sectors = filters.sector_of(pool.positions_m, np.array(config.target_m), 8)
+    assert np.bincount(sectors).tolist() == [15, 14, 12, 13, 14, 12, 14, 11]
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(
+    ("name", "golden"),
+    [("paper-code", "15016_seed_paper_weights"), ("paper", "15016_40_views_low_novelty_10deg_ring")],
+)
+def test_pool_positions_equal_the_reference(name: str, golden: str) -> None:
+    path = GOLDEN / f"{golden}.npz"
+    if not path.exists():
+        pytest.skip("../shared/golden/scorers is not here")
+    z = np.load(path)
+    pool = candidate_pool(preset(name), VEHICLE, NOWHERE)
+    reference = dict(zip(z["candidate_ids"].tolist(), z["candidates_m"]))
+    assert set(pool.ids) == set(reference)
+    np.testing.assert_allclose(pool.positions_m, [reference[i] for i in pool.ids], atol=1e-9)
+
+
+def test_initial_order_is_highest_first_then_generation_order() -> None:
+    pool = candidate_pool(MissionConfig(), VEHICLE, NOWHERE)
+    assert pool.ids[0] == "cand_154"
+    keys = list(zip(-pool.elevations_deg, pool.ids))
+    assert keys == sorted(keys)
+
+
+def test_visited_sectors_go_last() -> None:
+    config = MissionConfig()
+    visited = np.array([[1.2, 3.0, 1.408]])  # bearing 22 degrees: sector 0
+    pool = candidate_pool(config, VEHICLE, visited)
+    sectors = filters.sector_of(pool.positions_m, np.array(config.target_m), 8)
+    in_visited = sectors == 0
+    assert in_visited.any()
+    assert not in_visited[: np.argmax(in_visited)].any() and in_visited[np.argmax(in_visited) :].all()
+
+
+@settings(max_examples=30, deadline=None)
+@given(picks=st.lists(st.integers(0, 169), max_size=12), x=st.floats(-5, 5), y=st.floats(-5, 5))
+def test_survivors_obey_every_filter(picks: list[int], x: float, y: float) -> None:
+    config = MissionConfig().with_values({"pool.max_travel_m": 7.0})
+    raw = raw_candidates(config)
+    visited = np.array([raw[i].position_m for i in picks]).reshape(-1, 3)
+    vehicle = np.array([x, y, 2.0])
+    pool = candidate_pool(config, vehicle, visited)
+    counts = list(pool.counts.values())
+    assert counts == sorted(counts, reverse=True) and counts[-1] == len(pool)
+    if len(pool) == 0:
+        return
+    p = pool.positions_m
+    assert (p[:, 2] >= 1.3).all() and (np.linalg.norm(p - vehicle, axis=1) <= 7.0).all()
+    gaps = np.linalg.norm(p[:, None] - p[None], axis=2) + 10 * np.eye(len(p))
+    assert gaps.min() >= 0.3
+    if len(visited):
+        assert np.linalg.norm(p[:, None] - visited[None], axis=2).min() >= 0.6
+    # Headings face the target.
+    aim = p[:, :2] + np.linalg.norm(p[:, :2], axis=1)[:, None] * np.column_stack(
+        [np.cos(pool.headings_rad), np.sin(pool.headings_rad)]
+    )
+    np.testing.assert_allclose(aim, 0.0, atol=1e-9)
+
+
+def test_seeds_do_not_exclude_candidates() -> None:
+    """Revisit exclusion knows adaptive captures only; the caller passes no seeds."""
+    config = MissionConfig()
+    assert len(candidate_pool(config, VEHICLE, NOWHERE)) == 163
+    seeds = np.array([s.position_m for s in seed_viewpoints(config)])
+    assert len(candidate_pool(config, VEHICLE, seeds)) < 163
+
+
+def test_an_unreachable_target_gives_an_empty_pool() -> None:
+    pool = candidate_pool(MissionConfig(), np.array([1000.0, 0.0, 0.0]), NOWHERE)
+    assert len(pool) == 0
+    assert pool.counts["raw"] == 170 and pool.counts["altitude_travel"] == 0
+
+
+def test_truncation_keeps_the_first() -> None:
+    full = candidate_pool(MissionConfig(), VEHICLE, NOWHERE)
+    cropped = candidate_pool(MissionConfig().with_values({"pool.max_candidates": 20}), VEHICLE, NOWHERE)
+    assert cropped.ids == full.ids[:20]
+    assert cropped.counts["revisit"] == 163 and cropped.counts["azimuth_balance"] == 20
+
+
+def test_farthest_point_crop_spreads() -> None:
+    line = np.column_stack([np.array([0.0, 0.1, 0.2, 5.0, 9.9, 10.0]), np.zeros(6), np.zeros(6)])
+    kept = filters.diverse(line, np.arange(6), 3)
+    assert kept.tolist() == [0, 3, 5]  # the first, the farthest, then the middle; pool order
+    assert filters.diverse(line, np.arange(6), 6).tolist() == list(range(6))
