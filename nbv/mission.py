@@ -18,7 +18,7 @@ from nbv.planning_state import save_state
 from nbv.result import IterationRecord, MissionResult, Status
 from nbv.run_directory import RunDirectory
 from nbv.scorers import rank_candidates
-from nbv.sparse import knn_statistics
+from nbv.sparse.knn import knn_statistics
 from nbv.types import (
     CandidatePool,
     Capture,
@@ -103,9 +103,9 @@ class AdaptiveMission:
     def _planning_state(self, iteration: int, n_seeds: int) -> PlanningState:
         assert self.report is not None
         stop, model = self.config.stop, self.report.model
-        _, d95_m = knn_statistics(
+        knn = knn_statistics(
             model.points_m, k=stop.knn_neighbours, region=stop.knn_region, target_m=self.config.target_m,
-            half_extent_m=self.config.shared.box_half_extent_m,
+            box_half_extent_m=self.config.shared.box_half_extent_m,
         )  # fmt: skip
         return PlanningState(
             model=model,
@@ -115,7 +115,7 @@ class AdaptiveMission:
             vehicle_heading_rad=self.flight.heading_rad,
             captures_used=len(self.captures) - n_seeds,
             adaptive_budget=stop.adaptive_budget,
-            d95_m=d95_m,
+            d95_m=knn.d95_m,
             iteration=iteration,
         )
 
@@ -217,6 +217,7 @@ def run_mission(
     *,
     keep: Literal["all", "summary"] = "all",
     overwrite: bool = False,
+    cache: bool = True,
     log: Log = _silent,
 ) -> MissionResult:
     """Fly one complete photogrammetric mission and measure it against the ground truth.
@@ -237,6 +238,8 @@ def run_mission(
     keep
         ``"all"`` leaves images, states, models and clouds in ``directory``; ``"summary"`` only the
         configuration, the trace and ``mission.json``.
+    cache
+        Keep photographs, features, pairs and seed models in the user's store; the outcome is the same.
     log
         Called with an event name and its facts as the mission goes on.
 
@@ -250,15 +253,18 @@ def run_mission(
     UserError
         Unknown rock, bad mesh, unwritable directory, missing backend.
     """
+    from nbv.cache import Store
+    from nbv.cached_stages import CachedStudio
     from nbv.evaluation import evaluate_cloud
     from nbv.photogrammetric import PhotogrammetricReconstructor
     from nbv.provenance import provenance
     from nbv.rocks import load_rock
-    from nbv.scene import build_scene, make_renderer
+    from nbv.scene import Renderer, build_scene, make_renderer
     from nbv.studio import Studio
     from nbv.threads import limit_threads
 
     limit_threads()
+    store = Store() if cache else None
     started = time.perf_counter()
     subject = load_rock(rock)
     run = RunDirectory(directory, overwrite=overwrite) if directory is not None else None
@@ -268,20 +274,21 @@ def run_mission(
     log("start", {"rock": subject.name, "replicate": replicate, "seeds": sum(config.seed.ring_azimuth_counts),
                   "budget": config.stop.adaptive_budget, "gate": config.gate.kind})  # fmt: skip
 
-    scene_started = time.perf_counter()
-    renderer = make_renderer(build_scene(subject, config.scene, config.camera), config.scene.backend)
-    scene_s = time.perf_counter() - scene_started
+    def prepare_renderer() -> Renderer:
+        with mission._timed("scene"):
+            return make_renderer(build_scene(subject, config.scene, config.camera), config.scene.backend)
 
-    reconstructor = PhotogrammetricReconstructor(config)
+    studio = Studio(prepare_renderer, subject, replicate, config)
+    photographer = CachedStudio(studio, store, subject, replicate, config) if store is not None else studio
+    reconstructor = PhotogrammetricReconstructor(config, store)
     mission = AdaptiveMission(
         config=config,
-        take_photograph=Studio(renderer, subject, replicate, config).take_photograph,
+        take_photograph=photographer.take_photograph,
         reconstructor=reconstructor,
         gate=make_gate(config, rock=subject, replicate=replicate),
         flight=Flight(config, rock_sha256=subject.sha256, replicate=replicate),
         run=full_run,
         log=log,
-        timings_s={"scene": scene_s},
     )
     metrics: dict[str, Any] = {}
     status: Status = "ok"
@@ -290,7 +297,7 @@ def run_mission(
         mission.fly_seed_phase()
         mission.fly_adaptive_phase()
         if full_run is not None:
-            reconstructor.export_sparse(full_run.root)
+            reconstructor.export_sparse(full_run.root / "sparse" / "0")
         log("dense", {})
         cloud = mission.finish()
         log("metrics", {"points": len(cloud.points_m)})
@@ -329,7 +336,7 @@ def run_mission(
         provenance={
             **provenance(),
             "rock_sha256": subject.sha256,
-            "backend": renderer.name,
+            "backend": config.scene.backend,
             "dense_backend": config.dense.backend,
         },  # fmt: skip
     )

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from nbv.cache import Store
+from nbv.cached_stages import CachedCorrespondences, CachedSeedModel
 from nbv.config import MissionConfig
-from nbv.dense import reconstruct_dense
-from nbv.sparse import SparseReconstructor
+from nbv.dense.reconstruct import reconstruct_dense
+from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import Capture, PointCloud, UpdateReport
 
 
@@ -16,11 +18,18 @@ class PhotogrammetricReconstructor:
     """Sparse model after every capture, dense cloud at the end.
 
     Implements ``nbv.types.Reconstructor``. Only photographs and the vehicle's telemetry go in.
+
+    Parameters
+    ----------
+    store
+        Where features, pairs and seed models are kept between missions; ``None`` computes everything.
     """
 
-    def __init__(self, config: MissionConfig) -> None:
+    def __init__(self, config: MissionConfig, store: Store | None = None) -> None:
         self._config = config
-        self._sparse = SparseReconstructor(config.sparse, config.camera, config.target_m)
+        source = CachedCorrespondences(config.camera, config.sparse, store) if store is not None else None
+        self._sparse = SparseReconstructor(config.camera, config.sparse, config.target_m, source)
+        self._seed_stage = CachedSeedModel(self._sparse, store) if store is not None else self._sparse
         self._images: dict[str, Any] = {}
         self.dense_report: Any = None
 
@@ -28,7 +37,7 @@ class PhotogrammetricReconstructor:
         """The seed model."""
         for capture in captures:
             self._images[capture.name] = capture.image
-        return self._sparse.bootstrap(captures)
+        return self._seed_stage.bootstrap(captures)
 
     def add(self, capture: Capture) -> UpdateReport:
         """Register, triangulate and adjust one more photograph."""
@@ -45,5 +54,5 @@ class PhotogrammetricReconstructor:
         return cloud
 
     def export_sparse(self, directory: Path) -> None:
-        """Write the sparse model in COLMAP's format (world frame, metres)."""
+        """Write the sparse model in COLMAP's format (world frame, metres) into ``directory``."""
         self._sparse.export(directory)
