@@ -8,16 +8,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
+from nbv.cache import Arrays, Store, digest
 from nbv.config import CameraConfig, SceneConfig
 from nbv.errors import UserError
-from nbv.scene.bake_cache import baked
 from nbv.scene.ground import GroundSpec, synthesise_ground
 from nbv.scene.view import linear_from_srgb
 from nbv.types import Floats
@@ -85,35 +88,35 @@ def raycasting_scene(
 def build_scene(
     rock: RockLike, config: SceneConfig, camera: CameraConfig, ground: GroundSpec | None = None
 ) -> Scene:
-    """Bake the light on a rock and its ground, or read it from the cache.
+    """Bake the light on a rock and its ground, or read it from the store (``nbv.cache``).
 
     Raises
     ------
     UserError
-        The sun is below the horizon.
+        The sun is not above the horizon.
     """
     spec = ground or GroundSpec()
     to_sun = direction_to_sun(config)
-    light = {
-        "sun": list(config.sun_direction),
-        "irradiance": config.sun_irradiance,
-        "ambient": config.ambient,
-    }
-    ground_key = {"seed": config.ground_seed, "spec": dataclasses.asdict(spec), "sun": light["sun"]}
     vertices = np.ascontiguousarray(rock.vertices_m, dtype=np.float32)
     faces = np.ascontiguousarray(rock.faces, dtype=np.uint32)
+    geometry = {"spec": dataclasses.asdict(spec), "sun": config.sun_direction}
+    light = {"irradiance": config.sun_irradiance, "ambient": config.ambient}
 
-    surface = baked("ground", ground_key, lambda: _ground_arrays(config.ground_seed, to_sun, spec))
-    rock_light = baked(
-        "rock",
-        {"rock": rock.sha256, "spec": ground_key["spec"], **light},
+    surface = _stored(
+        "scene-ground",
+        {"seed": config.ground_seed, **geometry},
+        lambda: _ground_arrays(config.ground_seed, to_sun, spec),
+    )
+    rock_light = _stored(
+        "scene-rock",
+        {"rock": rock.sha256, **geometry, **light},
         lambda: _rock_arrays(rock, vertices, faces, config, to_sun, spec),
     )
 
     levels = []
     for level in range(spec.levels):
         albedo = surface[f"albedo_{level}"].astype(np.float32) / np.float32(_FULL_SCALE)
-        sun = surface[f"sun_{level}"].astype(np.float32) * np.float32(config.sun_irradiance / _FULL_SCALE)
+        sun = surface[f"sun_{level}"].astype(np.float32) * np.float32(config.sun_irradiance / 255)
         r0, r1, c0, c1 = rock_light[f"shadow_box_{level}"]
         sun[r0:r1, c0:c1] *= rock_light[f"sunlit_{level}"].astype(np.float32) / np.float32(255)
         radiance = albedo * (np.float32(config.ambient) + sun)
@@ -123,12 +126,27 @@ def build_scene(
     )  # fmt: skip
 
 
+def _stored(kind: str, key: dict[str, Any], bake: Callable[[], Arrays]) -> Arrays:
+    store, name = Store(), digest(kind, baking_code_digest(), key)
+    arrays = store.get(kind, name)
+    if arrays is None:
+        arrays = bake()
+        store.put(kind, name, arrays)
+    return arrays
+
+
+@lru_cache(maxsize=1)
+def baking_code_digest() -> str:
+    """Digest of the source that decides baked values: editing it makes old entries unreachable."""
+    return digest(*(Path(__file__).with_name(name).read_bytes() for name in ("ground.py", "bake.py")))
+
+
 def _ground_arrays(seed: int, to_sun: Floats, spec: GroundSpec) -> dict[str, np.ndarray]:
     surface = synthesise_ground(seed, to_sun, spec)
     arrays = {}
     for level in range(spec.levels):
         arrays[f"albedo_{level}"] = np.rint(surface.albedo[level] * _FULL_SCALE).astype(np.uint16)
-        arrays[f"sun_{level}"] = np.rint(surface.sun_cosine[level] * _FULL_SCALE).astype(np.uint16)
+        arrays[f"sun_{level}"] = np.rint(surface.sun_cosine[level] * 255).astype(np.uint8)
     return arrays
 
 

@@ -22,6 +22,7 @@ Floats32 = NDArray[np.float32]
 GROUND_ROWS = 3  # sub-rows per pixel: towards the horizon a footprint is several times longer than wide
 ROCK_SUBSAMPLES = 2  # per axis
 FADE_START = 0.7  # of the clipmap's reach; from there the ground fades to its mean
+SMALLEST_MIP_PX = 32
 _NO_HIT = o3d.t.geometry.RaycastingScene.INVALID_ID
 
 
@@ -34,6 +35,7 @@ class RaycastRenderer:
         self._scene = scene
         self._caster = raycasting_scene(scene.vertices_m, scene.faces)
         self._k = intrinsic_matrix(scene.camera)
+        self._mips = _with_far_mips(scene)
         self._ground_mean = np.float32(scene.ground_mean_radiance * 65535.0)
         low, high = scene.vertices_m.min(0), scene.vertices_m.max(0)
         self._corners = np.array(
@@ -103,7 +105,7 @@ class RaycastRenderer:
         dz: Floats32,
     ) -> Floats32:
         """Trilinear ground radiance (0..65535) at one sample per pixel."""
-        spec, levels = self._scene.ground_spec, self._scene.ground_levels
+        spec = self._scene.ground_spec
         dx, dy = rays.component(0, columns, rows), rays.component(1, columns, rows)
         t = np.float32(-position[2]) / dz
         reach = np.float32(spec.reach_m)
@@ -117,7 +119,7 @@ class RaycastRenderer:
         # A level is used only well inside its square: the lower of the two blended reaches twice as far.
         inside = farthest * np.float32(2.02 / spec.half_extent_m(0))
         lod = np.log2(np.maximum(np.maximum(footprint, inside), 1))
-        np.minimum(lod, np.float32(spec.levels - 1), out=lod)
+        np.minimum(lod, np.float32(len(self._mips) - 1), out=lod)
 
         total = np.zeros_like(t)
         for level in range(int(lod.min()), int(np.ceil(lod.max())) + 1):
@@ -127,9 +129,9 @@ class RaycastRenderer:
                 continue
             part = slice(int(used[0]), int(used[-1]) + 1)
             scale = np.float32(1 / (spec.texel_m * 2**level))
-            shift = np.float32(spec.size_px / 2 - 0.5)
+            shift = np.float32(len(self._mips[level]) / 2 - 0.5)
             value = cv2.remap(
-                levels[level],
+                self._mips[level],
                 x[part] * scale + shift,
                 y[part] * scale + shift,
                 cv2.INTER_LINEAR,
@@ -205,6 +207,15 @@ class RaycastRenderer:
         return (
             (1 - u - v) * radiance[corners[:, 0]] + u * radiance[corners[:, 1]] + v * radiance[corners[:, 2]]
         )
+
+
+def _with_far_mips(scene: Scene) -> list[NDArray[np.uint16]]:
+    """The clipmap's levels and, for the horizon, halved copies of its coarsest: level l has texels 2**l wide."""
+    mips = list(scene.ground_levels)
+    while len(mips[-1]) >= 2 * SMALLEST_MIP_PX:
+        half = len(mips[-1]) // 2
+        mips.append(cv2.resize(mips[-1], (half, half), interpolation=cv2.INTER_AREA))
+    return mips
 
 
 class _PixelRays:

@@ -1,0 +1,113 @@
+"""The cache is an optimisation, never a source of different values."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scene_helpers import SMALL_CAMERA, SMALL_GROUND
+
+from nbv.cache import Store
+from nbv.config import SceneConfig
+from nbv.errors import UserError
+from nbv.scene import bake, build_scene
+from nbv.scene.bake import vertex_normals
+
+
+def same(a, b) -> bool:
+    return np.array_equal(a.vertex_radiance, b.vertex_radiance) and all(
+        np.array_equal(x, y) for x, y in zip(a.ground_levels, b.ground_levels)
+    )
+
+
+@pytest.fixture
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path))
+    return tmp_path / "store"
+
+
+def entries_of(home):
+    return sorted(home.glob("scene-*/??/*"))
+
+
+@pytest.mark.parametrize("damage", ["truncate", "flip", "empty", "text"])
+def test_a_damaged_entry_is_baked_again(ball, ball_scene, home, damage):
+    build_scene(ball, SceneConfig(), SMALL_CAMERA, SMALL_GROUND)
+    entries = entries_of(home)
+    assert len(entries) == 2  # ground and rock
+    for entry in entries:
+        data = bytearray(entry.read_bytes())
+        if damage == "flip":
+            data[len(data) // 2] ^= 0xFF
+        entry.write_bytes(
+            {"truncate": bytes(data[: len(data) // 2]), "flip": bytes(data), "empty": b"", "text": b"hello"}[
+                damage
+            ]
+        )
+    assert same(build_scene(ball, SceneConfig(), SMALL_CAMERA, SMALL_GROUND), ball_scene)
+    assert Store(home).verify() == (2, 0)  # mended on disk as well
+
+
+def test_the_second_build_reads_the_cache(ball, ball_scene, home, monkeypatch):
+    build_scene(ball, SceneConfig(), SMALL_CAMERA, SMALL_GROUND)
+
+    def no_baking(*_: object) -> None:
+        raise AssertionError("baked although the entry is there")
+
+    monkeypatch.setattr("nbv.scene.bake.synthesise_ground", no_baking)
+    monkeypatch.setattr("nbv.scene.bake._vertex_radiance", no_baking)
+    assert same(build_scene(ball, SceneConfig(), SMALL_CAMERA, SMALL_GROUND), ball_scene)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"ambient": 0.2}, {"sun_irradiance": 0.5}, {"ground_seed": 1}, {"sun_direction": (1.0, 0.0, -1.0)}],
+)
+def test_every_light_setting_is_part_of_the_key(ball, ball_scene, change):
+    other = build_scene(ball, dataclasses.replace(SceneConfig(), **change), SMALL_CAMERA, SMALL_GROUND)
+    assert not same(other, ball_scene)
+
+
+def test_another_rock_is_another_entry(ball, ball_scene):
+    dark = dataclasses.replace(ball, albedo=ball.albedo / 2, sha256="0" * 64)
+    other = build_scene(dark, SceneConfig(), SMALL_CAMERA, SMALL_GROUND)
+    assert np.allclose(other.vertex_radiance * 2, ball_scene.vertex_radiance, rtol=1e-5)
+
+
+def test_new_baking_code_makes_old_entries_unreachable(ball, home, monkeypatch):
+    build_scene(ball, SceneConfig(), SMALL_CAMERA, SMALL_GROUND)
+    monkeypatch.setattr(bake, "baking_code_digest", lambda: "other code")
+    build_scene(ball, SceneConfig(), SMALL_CAMERA, SMALL_GROUND)
+    assert len(entries_of(home)) == 4
+
+
+def test_a_cache_that_cannot_be_written_does_no_harm(ball, ball_scene, tmp_path, monkeypatch):
+    blocked = tmp_path / "file"
+    blocked.write_text("not a directory")
+    monkeypatch.setenv("GATETUNE_HOME", str(blocked))
+    assert same(build_scene(ball, SceneConfig(), SMALL_CAMERA, SMALL_GROUND), ball_scene)
+
+
+@pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, -0.01)])
+def test_a_sun_below_the_horizon_is_a_user_error(ball, direction):
+    config = dataclasses.replace(SceneConfig(), sun_direction=direction)
+    with pytest.raises(UserError, match=r"scene\.sun_direction"):
+        build_scene(ball, config, SMALL_CAMERA, SMALL_GROUND)
+
+
+def test_light_on_a_ball_is_lambert_s(ball, ball_scene):
+    """radiance = albedo * (ambient * sky term + sun * max(0, n.l)); a convex body does not shade itself."""
+    config = SceneConfig()
+    normal = (ball.vertices_m - (0, 0, 0.8)) / 0.8
+    to_sun = -np.array(config.sun_direction) / np.linalg.norm(config.sun_direction)
+    light = config.ambient * (0.85 + 0.15 * normal[:, 2]) + config.sun_irradiance * np.maximum(
+        normal @ to_sun, 0
+    )
+    clear = np.abs(normal @ to_sun) > 0.05  # at the terminator the facets shade each other
+    assert np.allclose(ball_scene.vertex_radiance[clear, 0], (ball.albedo[:, 0] * light)[clear], rtol=0.01)
+
+
+def test_vertex_normals_of_a_ball_point_outwards(ball):
+    normal = (ball.vertices_m - (0, 0, 0.8)) / 0.8
+    assert (vertex_normals(ball.vertices_m, ball.faces) * normal).sum(1).min() > 0.9999

@@ -1,0 +1,69 @@
+"""The ground never repeats, and is the same landscape at every level."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from nbv.scene.ground import MEAN_ALBEDO, GroundSpec, synthesise_ground
+
+SPEC = GroundSpec(texel_m=0.012, size_px=1024, levels=3)
+TO_SUN = np.array([0.0, -0.625, 0.78]) / np.hypot(0.625, 0.78)
+
+
+@pytest.fixture(scope="module")
+def ground():
+    return synthesise_ground(0, TO_SUN, SPEC)
+
+
+def strongest_repeat(texture: np.ndarray, shortest_lag: int) -> float:
+    """Largest autocorrelation (zero-padded, fine detail only) at any lag of at least ``shortest_lag``."""
+    detail = texture - cv2.GaussianBlur(texture, (0, 0), 6)
+    detail -= detail.mean()
+    size = 2 * np.array(detail.shape)
+    power = np.abs(np.fft.rfft2(detail, size)) ** 2
+    correlation = np.fft.irfft2(power, size)
+    overlap = np.fft.irfft2(np.abs(np.fft.rfft2(np.ones_like(detail), size)) ** 2, size)
+    correlation = correlation / correlation[0, 0] * detail.size / np.maximum(overlap, 1)
+    lag = np.minimum(np.arange(size[0]), size[0] - np.arange(size[0]))
+    far = np.maximum(lag[:, None], lag[None, : correlation.shape[1]]) >= shortest_lag
+    enough = overlap > 0.05 * detail.size  # tiny overlaps correlate by chance
+    return float(correlation[far & enough].max())
+
+
+def test_the_ground_has_no_period(ground):
+    for level in range(SPEC.levels):
+        for texture in (ground.albedo[level], ground.sun_cosine[level]):
+            assert strongest_repeat(texture[:512, :512], 24) < 0.12
+
+
+def test_the_period_test_would_see_a_tile(ground):
+    tiled = np.tile(ground.albedo[0][:128, :128], (4, 4))
+    assert strongest_repeat(tiled, 24) > 0.9
+
+
+def test_levels_show_the_same_landscape(ground):
+    for level in range(SPEC.levels - 1):
+        quarter = SPEC.size_px // 4
+        middle = ground.albedo[level + 1][quarter:-quarter, quarter:-quarter]
+        halved = cv2.resize(ground.albedo[level], middle.shape, interpolation=cv2.INTER_AREA)
+        aligned = np.corrcoef(middle.ravel(), halved.ravel())[0, 1]
+        shifted = np.corrcoef(np.roll(middle, 4, axis=1).ravel(), halved.ravel())[0, 1]
+        assert aligned > 0.85
+        assert aligned > shifted + 0.1
+
+
+def test_seed_decides_the_ground(ground):
+    small = GroundSpec(texel_m=0.024, size_px=256, levels=2)
+    a, b, c = (synthesise_ground(seed, TO_SUN, small).albedo[0] for seed in (3, 3, 4))
+    assert np.array_equal(a, b)
+    assert abs(np.corrcoef(a.ravel(), c.ravel())[0, 1]) < 0.2
+
+
+def test_albedo_is_plausible(ground):
+    for level in range(SPEC.levels):
+        assert ground.albedo[level].mean() == pytest.approx(MEAN_ALBEDO, rel=0.25)
+        assert ground.albedo[level].min() >= 0.03 and ground.albedo[level].max() <= 0.6
+        assert ground.albedo[level].std() > 0.03
+        assert ground.sun_cosine[level].min() >= 0 and ground.sun_cosine[level].max() <= 1
