@@ -1,0 +1,67 @@
+"""What passes between the dense stages, and the protocol that depth backends implement."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.config import CameraConfig, DenseConfig
+from nbv.types import Floats
+
+Image = NDArray[np.uint8]  # (H, W, 3) RGB
+Floats32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class DepthMap:
+    """Depth along the optical axis of one view; NaN where unknown."""
+
+    depth_m: Floats32  # (H, W)
+    normals: Floats32 | None = None  # (H, W, 3) unit, camera frame, towards the camera; NaN where unknown
+
+    @property
+    def n_valid(self) -> int:
+        """Number of pixels with a depth."""
+        return int(np.isfinite(self.depth_m).sum())
+
+
+@dataclass(frozen=True)
+class DenseReport:
+    """What the dense stage did."""
+
+    backend: str
+    n_points: int
+    timings_s: dict[str, float]  # depth, consistency, fusion
+    views: dict[str, dict[str, float]]  # per view: depth_pixels, consistent_pixels
+    details: dict[str, Any] = field(default_factory=dict)
+
+
+class DepthBackend(Protocol):
+    """Makes one depth map per view from images with known poses."""
+
+    name: str
+
+    def depth_maps(
+        self,
+        images: Mapping[str, Image],
+        camera_from_world: Mapping[str, Floats],
+        camera: CameraConfig,
+        target_m: tuple[float, float, float] | Floats,
+        config: DenseConfig,
+    ) -> dict[str, DepthMap]:
+        """Depth maps of the views that have at least one usable neighbour, in sorted name order.
+
+        Parameters
+        ----------
+        images
+            RGB images (H, W, 3) by name.
+        camera_from_world
+            (4, 4) rigid transforms for the same names, metres.
+        target_m
+            The point that the cameras aim at; depths are sought around it.
+        """
+        ...

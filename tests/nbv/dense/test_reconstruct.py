@@ -1,0 +1,199 @@
+"""From images to one cloud: consistency, fusion, failures, COLMAP's fusion as a cross-check."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+from nbv.config import CameraConfig, DenseConfig
+from nbv.dense.colmap_workspace import fuse_with_colmap, read_depth_maps, write_depth_maps, write_images
+from nbv.dense.consistency import check_consistency, choose_witnesses
+from nbv.dense.fusion import fuse
+from nbv.dense.interface import DepthMap
+from nbv.dense.reconstruct import make_backend, reconstruct_dense
+from nbv.dense.sgbm import SgbmBackend
+from nbv.errors import MissionFailure, UserError
+from nbv.frames import look_at
+
+CONFIG = DenseConfig(agreeing_views=3)
+TARGET = (0.0, 0.0, 0.8)
+RADIUS_M = 0.6
+
+
+def surface_distance_m(points):
+    """Distance to the sphere or the ground, whichever is nearer."""
+    to_sphere = np.abs(np.linalg.norm(points - np.array(TARGET), axis=1) - RADIUS_M)
+    return np.minimum(to_sphere, np.abs(points[:, 2]))
+
+
+@pytest.fixture(scope="module")
+def maps(scene):
+    return SgbmBackend().depth_maps(scene.images, scene.poses, scene.camera, TARGET, CONFIG)
+
+
+@pytest.fixture(scope="module")
+def dense(scene):
+    return reconstruct_dense(scene.images, scene.poses, scene.camera, TARGET, CONFIG)
+
+
+def test_cloud_lies_on_the_true_surface(dense):
+    cloud, report = dense
+    error = surface_distance_m(cloud.points_m)
+    assert len(cloud.points_m) > 5_000
+    assert np.median(error) < 0.006
+    assert np.mean(error < 0.03) > 0.95
+    assert report.n_points == len(cloud.points_m) and report.backend == "sgbm"
+    assert set(report.timings_s) == {"depth", "consistency", "fusion"}
+    assert all(0 < v["consistent_pixels"] <= v["depth_pixels"] for v in report.views.values())
+
+
+def test_normals_point_out_of_the_surface(dense):
+    cloud, _ = dense
+    assert np.allclose(np.linalg.norm(cloud.normals, axis=1), 1, atol=1e-6)
+    offset = cloud.points_m - np.array(TARGET)
+    on_sphere = np.abs(np.linalg.norm(offset, axis=1) - RADIUS_M) < 0.02
+    on_sphere &= cloud.points_m[:, 2] > 0.4
+    cosine = (cloud.normals * offset)[on_sphere].sum(1) / np.linalg.norm(offset[on_sphere], axis=1)
+    assert np.median(cosine) > 0.9
+
+
+def test_colours_are_the_photographs(scene, dense):
+    cloud, _ = dense
+    assert cloud.colors.dtype == np.uint8 and cloud.colors.shape == cloud.points_m.shape
+    # Project the points into the middle view; the sphere's visible side must show the same grey.
+    pose, camera = scene.poses["view_018.png"], scene.camera
+    local = cloud.points_m @ pose[:3, :3].T + pose[:3, 3]
+    pixel = (local[:, :2] / local[:, 2:] * camera.focal_px + [160, 120]).astype(int)
+    inside = (pixel >= 0).all(1) & (pixel < [320, 240]).all(1)
+    true = scene.depths["view_018.png"][pixel[inside, 1], pixel[inside, 0]]
+    visible = np.flatnonzero(inside)[np.abs(true - local[inside, 2]) < 0.03]
+    photo = scene.images["view_018.png"][pixel[visible, 1], pixel[visible, 0]].astype(int)
+    assert np.median(np.abs(photo - cloud.colors[visible])) < 12
+
+
+def test_voxels_hold_one_point_each(dense):
+    cloud, _ = dense
+    cells = np.floor((cloud.points_m - np.array(TARGET)) / CONFIG.fusion_voxel_m).astype(int)
+    # Means lie within their voxel; float rounding may push a few over an edge.
+    assert len(np.unique(cells, axis=0)) > 0.999 * len(cells)
+
+
+def test_more_agreement_keeps_fewer_and_better_points(scene, maps):
+    kept, error = [], []
+    for needed in (2, 3, 4, 5):
+        config = dataclasses.replace(CONFIG, agreeing_views=needed)
+        checked = check_consistency(maps, scene.poses, scene.camera, TARGET, config)
+        values = [np.abs(c.depth_m - scene.depths[n])[np.isfinite(c.depth_m)] for n, c in checked.items()]
+        kept.append({n: np.isfinite(c.depth_m) for n, c in checked.items()})
+        error.append(np.mean(np.concatenate(values) > 0.03))
+    for looser, stricter in itertools.pairwise(kept):
+        for name in looser:
+            assert not (stricter[name] & ~looser[name]).any()
+        assert sum(m.sum() for m in stricter.values()) < sum(m.sum() for m in looser.values())
+    assert error == sorted(error, reverse=True)
+
+
+def test_true_depths_confirm_each_other_and_a_wrong_one_is_dropped(scene):
+    truth = {n: DepthMap(np.where(d < 6, d, np.nan).astype(np.float32)) for n, d in scene.depths.items()}
+    config = dataclasses.replace(CONFIG, agreeing_views=5)
+    checked = check_consistency(truth, scene.poses, scene.camera, TARGET, config)
+    middle = np.s_[100:140, 140:180]
+    assert (checked["view_018.png"].agreeing[middle] == 5).mean() > 0.95
+    assert np.abs(checked["view_018.png"].depth_m - scene.depths["view_018.png"])[middle].max() < 0.01
+    wrong = truth["view_018.png"].depth_m.copy()
+    wrong[middle] += 0.2
+    checked = check_consistency({**truth, "view_018.png": DepthMap(wrong)}, scene.poses, scene.camera, TARGET,
+                                dataclasses.replace(CONFIG, agreeing_views=2))  # fmt: skip
+    assert np.isnan(checked["view_018.png"].depth_m[middle]).all()
+    assert (checked["view_018.png"].agreeing[middle] == 1).all()
+
+
+def test_witnesses_are_the_nearest_views(scene):
+    assert choose_witnesses("view_000.png", scene.poses, TARGET, 2) == ["view_009.png", "view_018.png"]
+    assert len(choose_witnesses("view_000.png", scene.poses, TARGET, 10)) == 4
+
+
+def test_order_of_views_does_not_matter(scene, dense):
+    cloud, _ = dense
+    backwards = dict(reversed(list(scene.images.items())))
+    again, _ = reconstruct_dense(backwards, scene.poses, scene.camera, TARGET, CONFIG)
+    assert np.array_equal(cloud.points_m, again.points_m) and np.array_equal(cloud.colors, again.colors)
+
+
+def test_fewer_than_two_usable_views_is_a_failure(scene):
+    name = "view_000.png"
+    one = {name: scene.images[name]}
+    apart = {name: scene.images[name], "far.png": scene.images["view_036.png"]}
+    poses = {**scene.poses, "far.png": look_at(np.array([-3.0, 0, 1.5]), np.array(TARGET))}
+    for images in ({}, one, apart):
+        with pytest.raises(MissionFailure) as failure:
+            reconstruct_dense(images, poses, scene.camera, TARGET, CONFIG)
+        assert failure.value.reason == "too_few_views"
+
+
+def test_nothing_confirmed_is_a_failure(scene):
+    config = dataclasses.replace(CONFIG, agreeing_views=6)  # there are five views
+    with pytest.raises(MissionFailure) as failure:
+        reconstruct_dense(scene.images, scene.poses, scene.camera, TARGET, config)
+    assert failure.value.reason == "empty_dense_cloud"
+
+
+def test_fusion_leaves_out_what_is_far_from_the_target():
+    camera = CameraConfig(width_px=64, height_px=64, focal_px=30.0)
+    pose = look_at(np.array([4.0, 0.0, 0.8]), np.array(TARGET))
+    depth = np.full((64, 64), 4.0, np.float32)
+    image = np.zeros((64, 64, 3), np.uint8)
+    cloud = fuse({"a": depth}, {"a": image}, {"a": pose}, camera, TARGET, CONFIG)
+    assert np.abs(cloud.points_m - np.array(TARGET)).max() <= CONFIG.crop_half_width_m
+    assert np.allclose(cloud.points_m[:, 0], 0, atol=1e-5)
+    assert np.allclose(cloud.normals, [1, 0, 0], atol=1e-3)
+
+
+def test_wrong_image_size_names_the_image(scene):
+    images = {**scene.images, "view_009.png": np.zeros((100, 100, 3), np.uint8)}
+    with pytest.raises(UserError, match=r"view_009\.png has shape"):
+        reconstruct_dense(images, scene.poses, scene.camera, TARGET, CONFIG)
+
+
+def test_patchmatch_without_cuda_names_the_remedy():
+    import pycolmap
+
+    if pycolmap.has_cuda:
+        pytest.skip("pycolmap has CUDA here")
+    with pytest.raises(UserError, match=r'pip install "gatetune\[cuda\]"'):
+        make_backend("patchmatch")
+    with pytest.raises(UserError, match="sgbm and patchmatch"):
+        make_backend("magic")
+
+
+@pytest.mark.slow
+def test_patchmatch_with_cuda_agrees_with_the_closed_form(scene):
+    import pycolmap
+
+    if not pycolmap.has_cuda:
+        pytest.skip("needs a pycolmap with CUDA: pip install 'gatetune[cuda]'")
+    config = dataclasses.replace(CONFIG, backend="patchmatch")
+    cloud, report = reconstruct_dense(scene.images, scene.poses, scene.camera, TARGET, config)
+    assert report.backend == "patchmatch"
+    assert np.median(surface_distance_m(cloud.points_m)) < 0.01
+
+
+def test_depth_maps_survive_colmaps_format(scene, maps, tmp_path):
+    write_images(tmp_path, scene.images, scene.poses, scene.camera)
+    write_depth_maps(tmp_path, maps, scene.camera)
+    back = read_depth_maps(tmp_path, list(maps))
+    assert list(back) == list(maps)
+    for name, item in back.items():
+        known = np.isfinite(item.depth_m)
+        assert known.sum() > 0.8 * maps[name].n_valid  # border pixels have no normal and are not written
+        assert np.array_equal(item.depth_m[known], maps[name].depth_m[known])
+        assert np.allclose(np.linalg.norm(item.normals[known], axis=1), 1, atol=1e-5)
+
+
+def test_colmaps_own_fusion_finds_the_same_surface(scene, maps, tmp_path):
+    cloud = fuse_with_colmap(tmp_path / "ws", maps, scene.images, scene.poses, scene.camera, CONFIG)
+    error = surface_distance_m(cloud.points_m)
+    assert len(cloud.points_m) > 3_000
+    assert np.median(error) < 0.008
+    assert (tmp_path / "ws" / "fused.ply").stat().st_size > 0

@@ -1,0 +1,156 @@
+"""Depth of single views against the closed form."""
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+
+from nbv.config import CameraConfig, DenseConfig
+from nbv.dense.sgbm import SgbmBackend
+from nbv.dense.stereo import (
+    backproject,
+    camera_center_m,
+    choose_neighbours,
+    depth_normals,
+    estimate_depth,
+    merge_estimates,
+    target_window,
+)
+from nbv.frames import look_at
+
+CONFIG = DenseConfig(agreeing_views=3)
+TARGET = (0.0, 0.0, 0.8)
+NAN = np.nan
+
+
+def orbit_pose(azimuth_deg, elevation_deg=20.0, radius_m=3.5):
+    a, e = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
+    offset = radius_m * np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+    return look_at(np.array(TARGET) + offset, np.array(TARGET))
+
+
+def test_neighbours_lie_within_the_angles_best_first():
+    poses = {f"v{a:03d}": orbit_pose(a, 0.0) for a in (0, 2, 6, 10, 20, 50, 180)}
+    assert choose_neighbours("v000", poses, TARGET, DenseConfig(neighbours=9)) == ["v010", "v006", "v020"]
+    assert choose_neighbours("v000", poses, TARGET, DenseConfig(neighbours=2)) == ["v010", "v006"]
+    assert choose_neighbours("v180", poses, TARGET, DenseConfig()) == []
+
+
+@pytest.mark.parametrize(
+    ("other", "completeness"),
+    # Seen 36 degrees apart, a part of each sphere is hidden or steep in the other image.
+    [("view_009.png", 0.9), ("view_018.png", 0.85), ("view_036.png", 0.7)],
+)
+def test_depth_of_one_pair_matches_the_closed_form(scene, other, completeness):
+    # A neighbour on either side, narrow and wide.
+    for name, partner in (("view_000.png", other), (other, "view_000.png")):
+        depth = estimate_depth(
+            scene.images[name], scene.poses[name], [(scene.images[partner], scene.poses[partner])],
+            scene.camera, TARGET, CONFIG,
+        )  # fmt: skip
+        # On the sphere (the ground runs out of the search range). Errors in pixels of disparity, the
+        # matcher's own unit: focal * baseline * |1 / Z - 1 / Z_true|.
+        true = scene.depths[name]
+        v, u = np.indices(true.shape)
+        on_sphere = np.hypot(u - 159.5, v - 119.5) < 35
+        baseline = np.linalg.norm(camera_center_m(scene.poses[name]) - camera_center_m(scene.poses[partner]))
+        error = (scene.camera.focal_px * baseline * np.abs(1 / depth - 1 / true))[on_sphere]
+        known = np.isfinite(error)
+        assert known.mean() > completeness, name
+        assert np.median(error[known]) < 0.25, name
+        assert np.mean(error[known] < 1.0) > 0.95, name
+
+
+def test_depth_has_no_systematic_offset(scene):
+    # A half-pixel mistake in a principal point or a mirrored baseline would show here as centimetres.
+    maps = SgbmBackend().depth_maps(scene.images, scene.poses, scene.camera, TARGET, CONFIG)
+    for name, item in maps.items():
+        middle = np.s_[90:150, 130:190]  # all sphere
+        error = (item.depth_m - scene.depths[name])[middle]
+        assert np.isfinite(error).mean() > 0.9
+        assert abs(np.nanmedian(error)) < 0.003, name
+
+
+def test_backend_is_deterministic_and_ignores_views_that_are_not_neighbours(scene):
+    backend = SgbmBackend()
+    first = backend.depth_maps(scene.images, scene.poses, scene.camera, TARGET, CONFIG)
+    far = {"zfar.png": orbit_pose(180.0)}
+    images = {**scene.images, "zfar.png": np.zeros_like(scene.images["view_000.png"])}
+    second = backend.depth_maps(
+        dict(reversed(list(images.items()))), {**far, **scene.poses}, scene.camera, TARGET, CONFIG
+    )
+    assert list(first) == list(second) == sorted(scene.images)
+    for name in first:
+        assert np.array_equal(first[name].depth_m, second[name].depth_m, equal_nan=True)
+    assert cv2.getNumThreads() == 1
+
+
+def test_textureless_images_give_almost_nothing(scene):
+    flat = {name: np.full_like(image, 128) for name, image in scene.images.items()}
+    maps = SgbmBackend().depth_maps(flat, scene.poses, scene.camera, TARGET, CONFIG)
+    real = SgbmBackend().depth_maps(scene.images, scene.poses, scene.camera, TARGET, CONFIG)
+    for name in maps:
+        assert maps[name].n_valid < 0.05 * real[name].n_valid
+
+
+def test_a_view_that_does_not_see_the_target_has_no_depth(scene):
+    name = "view_000.png"
+    away = look_at(np.array([3.0, 0, 1.0]), np.array([6.0, 0, 1.0]))
+    assert target_window(away, scene.camera, TARGET, CONFIG) is None
+    pairs = [(scene.images["view_009.png"], scene.poses["view_009.png"])]
+    depth = estimate_depth(scene.images[name], away, pairs, scene.camera, TARGET, CONFIG)
+    assert np.isnan(depth).all()
+
+
+def test_window_is_the_projection_of_the_crop():
+    camera = CameraConfig()
+    pose = look_at(np.array([4.0, 0, 0.8]), np.array(TARGET))
+    x0, y0, x1, y1 = target_window(pose, camera, TARGET, CONFIG)
+    half = camera.focal_px * 1.5 / 4.0
+    assert (x0 + x1) / 2 == pytest.approx(320, abs=1) and (y0 + y1) / 2 == pytest.approx(240, abs=1)
+    assert (x1 - x0) / 2 == pytest.approx(half, abs=1) and (y1 - y0) / 2 == pytest.approx(half, abs=1)
+
+
+def test_merge_takes_the_supported_depth():
+    column = lambda *values: np.array(values, np.float32).reshape(-1, 1, 1)  # noqa: E731
+    assert merge_estimates(column(2.0, 3.0, 3.01))[0, 0] == pytest.approx(3.005)
+    assert merge_estimates(column(2.0, 3.0, 4.0))[0, 0] == 2.0  # no agreement: the best neighbour's
+    assert merge_estimates(column(NAN, 3.0, NAN))[0, 0] == 3.0
+    assert np.isnan(merge_estimates(column(NAN, NAN)))[0, 0]
+    assert merge_estimates(column(2.0))[0, 0] == 2.0
+
+
+def test_normals_of_a_plane():
+    camera = CameraConfig(width_px=80, height_px=60, focal_px=60.0)
+    normal = np.array([0.3, -0.2, -0.9])
+    normal /= np.linalg.norm(normal)
+    rays = backproject(np.ones((60, 80), np.float32), camera)
+    depth = (-2.0 / (rays @ normal)).astype(np.float32)
+    depth[20, 30] = np.nan
+    normals = depth_normals(backproject(depth, camera))
+    known = np.isfinite(normals[..., 0])
+    assert np.allclose(normals[known], normal, atol=2e-3)
+    assert not known[20, 30] and not known[20, 31] and not known[0].any() and known[40, 50]
+
+
+def test_backprojection_uses_pixel_centres_at_half_integers():
+    camera = CameraConfig(width_px=64, height_px=64, focal_px=50.0)
+    points = backproject(np.full((64, 64), 2.0, np.float32), camera)
+    assert points[32, 32].tolist() == pytest.approx([2 * 0.5 / 50, 2 * 0.5 / 50, 2.0])
+    window = backproject(np.full((64, 64), 2.0, np.float32), camera, (10, 20, 30, 50))
+    assert np.array_equal(window, points[10:20, 30:50])
+
+
+def test_a_wider_search_range_still_finds_the_same_surface(scene):
+    name, other = "view_000.png", "view_009.png"
+    narrow, wide = (
+        estimate_depth(
+            scene.images[name], scene.poses[name], [(scene.images[other], scene.poses[other])], scene.camera,
+            TARGET, dataclasses.replace(CONFIG, crop_half_width_m=half),
+        )
+        for half in (1.0, 1.5)
+    )  # fmt: skip
+    both = np.isfinite(narrow) & np.isfinite(wide)
+    assert both.sum() > 5_000
+    assert np.nanmedian(np.abs(narrow - wide)[both]) < 0.003
