@@ -35,7 +35,7 @@ def clear(a_m: Floats, b_m: Floats, target_m: Floats, radius_m: float, height_m:
 def route(start: Pose, end: Pose, target_m: tuple[float, float, float], limits: FlightConfig) -> list[Leg]:
     """The legs from ``start`` to ``end``: one if the straight line is clear, else two.
 
-    The detour passes left of, right of or over the keep-out cylinder, whichever takes least time, with a
+    The detour passes left of, right of or over the keep-out cylinder (or its rim), whichever takes least time, with a
     short hover at the corner. If an end itself lies inside the cylinder there is nothing to go around:
     the leg is flown straight.
     """
@@ -58,21 +58,22 @@ def route(start: Pose, end: Pose, target_m: tuple[float, float, float], limits: 
 def _corners(
     a: Floats, b: Floats, target: Floats, radius: float, height: float, end_heading: float
 ) -> list[tuple[Floats, float]]:
-    """Corner positions and headings of the three possible detours."""
+    """Corner positions and headings of the possible detours."""
     corners = []
     start_xy, end_xy = a[:2] - target[:2], b[:2] - target[:2]
     start_d, end_d = float(np.hypot(*start_xy)), float(np.hypot(*end_xy))
-    if min(start_d, end_d) > radius:
+    around = min(radius, start_d, end_d)  # an end inside the margin but outside the keep-out has its own
+    if around >= radius - MARGIN_M and around > 0:
         phi_start, phi_end = math.atan2(start_xy[1], start_xy[0]), math.atan2(end_xy[1], end_xy[0])
         for side in (1.0, -1.0):  # counter-clockwise, clockwise
             sweep = (side * (phi_end - phi_start)) % (2 * math.pi)
             # The two tangents touch the circle this far behind the start's and before the end's bearing.
-            touch_start, touch_end = math.acos(radius / start_d), sweep - math.acos(radius / end_d)
+            touch_start, touch_end = math.acos(around / start_d), sweep - math.acos(around / end_d)
             half = (touch_end - touch_start) / 2
             if not 0.0 <= half < math.radians(75.0):  # else the corner is absurdly far out
                 continue
             bearing = phi_start + side * (touch_start + half)
-            xy = radius / math.cos(half) * np.array([math.cos(bearing), math.sin(bearing)])
+            xy = around / math.cos(half) * np.array([math.cos(bearing), math.sin(bearing)])
             first, second = np.linalg.norm(xy - start_xy), np.linalg.norm(xy - end_xy)
             z = a[2] + (b[2] - a[2]) * first / (first + second)
             corner = np.array([*(target[:2] + xy), z])
@@ -93,6 +94,12 @@ def _corners(
                 a[2] + (height - a[2]) * middle / enter,
                 b[2] + (height - b[2]) * (length - middle) / (length - leave),
             )
-            corner = np.array([*(target[:2] + off), top])
-            corners.append((corner, end_heading))
+            corners.append((np.array([*(target[:2] + off), top]), end_heading))
+        # From above the cylinder to beside it: out over the rim first, and the reverse.
+        elif enter <= 0 and leave < length:
+            rim = start_xy + leave * unit
+            corners.append((np.array([*(target[:2] + rim), height]), end_heading))
+        elif enter > 0 and leave >= length:
+            rim = start_xy + enter * unit
+            corners.append((np.array([*(target[:2] + rim), height]), end_heading))
     return corners

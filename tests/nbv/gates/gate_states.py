@@ -28,7 +28,11 @@ def state(
     visited: np.ndarray | None = None,
     lengths: np.ndarray | None = None,
 ) -> PlanningState:
-    points = np.random.default_rng(0).uniform(-0.6, 0.6, (50, 3)) + [0, 0, 0.8] if points is None else points
+    points = (
+        np.random.default_rng(0).uniform(-0.6, 0.6, (50, 3)) + np.array([0, 0, 0.8])
+        if points is None
+        else points
+    )
     seeds = np.array([s.position_m for s in seed_viewpoints(MissionConfig())])
     return PlanningState(
         model(points, lengths), seeds if visited is None else visited, 24, np.array([0.0, -4.0, 2.0]), 1.5,

@@ -25,7 +25,7 @@ def config(coverage: str, kind: str = "hyb-o") -> MissionConfig:
 def oracle(coverage: str) -> GroundTruthOracle:
     ball = trimesh.creation.icosphere(subdivisions=4, radius=RADIUS)
     return GroundTruthOracle(
-        np.asarray(ball.vertices) + [0, 0, 0.8], np.asarray(ball.faces), config(coverage)
+        np.asarray(ball.vertices) + np.array([0, 0, 0.8]), np.asarray(ball.faces), config(coverage)
     )
 
 

@@ -155,7 +155,7 @@ def test_gain_equals_the_plain_definition(seed: int, n_points: int) -> None:
 def test_frustum_equals_projection(seed: int) -> None:
     rng = np.random.default_rng(seed)
     camera = CameraConfig(width_px=320, height_px=480, focal_px=300.0)
-    points, positions = rng.uniform(-6, 6, (300, 3)), rng.uniform(-4, 4, (5, 3)) + [0, 0, 3]
+    points, positions = rng.uniform(-6, 6, (300, 3)), rng.uniform(-4, 4, (5, 3)) + np.array([0, 0, 3])
     visible = in_frustum(points, positions, TARGET, camera)
     for c, position in enumerate(positions):
         pose = look_at(position, TARGET)
