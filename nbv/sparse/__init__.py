@@ -1,0 +1,6 @@
+"""Photographs in, aligned sparse models out (pycolmap)."""
+
+import cv2  # noqa: F401  imported before pycolmap: the other order aborts the process when cv2 writes a PNG
+import pycolmap
+
+pycolmap.logging.minloglevel = 1  # warnings and worse; COLMAP otherwise reports every step on stderr

@@ -36,8 +36,9 @@ class Features:
 def extract_features(image: NDArray[np.uint8], config: SparseConfig) -> Features:
     """SIFT (Lowe 2004, COLMAP's CPU implementation) of an (H, W, 3) or (H, W) uint8 image.
 
-    One thread, deterministic. At most ``config.max_features`` keypoints, those of largest scale. A
-    featureless image gives empty arrays, never an error.
+    One thread, deterministic. ``config.max_features`` is COLMAP's soft limit: coarse scales come first
+    and the scale that reaches the limit is kept whole. A featureless image gives empty arrays, never an
+    error.
     """
     bitmap = pycolmap.Bitmap.from_array(np.ascontiguousarray(image))
     if not bitmap.is_grey:

@@ -224,6 +224,17 @@ class IncrementalModel:
             mapper.end_reconstruction(False)
         return reasons
 
+    def refine(self) -> None:
+        """Global adjustment of the model as it stands, e.g. before the dense stage."""
+        pycolmap.set_random_seed(_SEED)
+        with self.timer("mapping"):
+            mapper = pycolmap.IncrementalMapper(self._database_cache())
+            mapper.begin_reconstruction(self.reconstruction)
+        self._refine_globally(mapper)
+        with self.timer("mapping"):
+            mapper.end_reconstruction(False)
+        self.captures_since_global = 0
+
     def deregister(self, image_id: int) -> None:
         """Take an image's pose and observations out of the model."""
         self.reconstruction.deregister_frame(image_id)

@@ -158,6 +158,16 @@ class SparseReconstructor:
             notes.append(f"now registered too: {', '.join(late)}")
         return self._report(capture.name in registered, "; ".join(notes))
 
+    def refine(self) -> UpdateReport:
+        """Global adjustment, to be called once before the dense stage; changes no registration.
+
+        Between the periodic global adjustments an update moves only the newest image's neighbours; this
+        spreads what is left over all cameras.
+        """
+        if self._model.captures_since_global:
+            self._model.refine()
+        return self._report(True, self._drop_outliers())
+
     def _take_in(self, captures: Sequence[Capture]) -> None:
         """Features of each capture and its verified pairs with all earlier ones."""
         for capture in captures:

@@ -1,0 +1,322 @@
+"""The mapper and the reconstructor on a labelled synthetic world: no rendering, no SIFT."""
+
+import dataclasses
+import hashlib
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures
+
+from nbv.errors import MissionFailure, UserError
+from nbv.sparse.correspondences import ComputedCorrespondences
+from nbv.sparse.reconstructor import SparseReconstructor
+
+SEEDS = ring_captures(12)
+LATER = ring_captures(6, radius_m=3.5, start=12, turn_deg=5.0)
+
+
+def reconstructor(world, config=CONFIG):
+    return SparseReconstructor(CAMERA, config, TARGET, world)
+
+
+def fly(world=None, later=LATER):
+    world = world or LabelledPoints(SEEDS + LATER)
+    sparse = reconstructor(world)
+    reports = [sparse.bootstrap(SEEDS)] + [sparse.add(capture) for capture in later]
+    return sparse, reports
+
+
+@pytest.fixture(scope="module")
+def flown():
+    return fly()
+
+
+def camera_errors_m(model, captures):
+    truth = {c.name: c.camera_center_m for c in captures}
+    return np.array(
+        [np.linalg.norm(c - truth[n]) for c, n in zip(model.camera_centers_m, model.camera_names)]
+    )
+
+
+def fingerprint(model):
+    return b"".join(
+        a.tobytes()
+        for a in (
+            model.points_m,
+            model.reprojection_error_px,
+            model.track_offsets,
+            model.track_cameras,
+            model.camera_centers_m,
+        )
+    )
+
+
+def test_everything_registers_in_millimetres(flown):
+    sparse, reports = flown
+    assert all(report.registered and not report.message for report in reports)
+    model = reports[-1].model
+    assert model.camera_names == tuple(c.name for c in SEEDS + LATER)
+    errors = camera_errors_m(model, SEEDS + LATER)
+    assert errors.max() < 0.01
+    assert model.alignment_rms_m == pytest.approx(np.sqrt((errors**2).mean()), rel=1e-9)
+    assert model.alignment_max_m == pytest.approx(errors.max())
+    assert sparse.reconstruction.camera(1).params == pytest.approx(
+        [CAMERA.focal_px, CAMERA.focal_px, CAMERA.width_px / 2, CAMERA.height_px / 2], abs=0
+    )  # known intrinsics are never refined
+
+
+def test_the_model_is_what_it_says(flown):
+    sparse, reports = flown
+    world = LabelledPoints(SEEDS + LATER)
+    model = reports[-1].model
+    count = len(model.points_m)
+    assert count > 800
+    distances = np.linalg.norm(model.points_m[:, None] - world.points_m[None], axis=2).min(axis=1)
+    assert np.median(distances) < 0.005 and np.percentile(distances, 99) < 0.05
+    assert model.track_offsets[0] == 0 and model.track_offsets[-1] == len(model.track_cameras)
+    assert model.track_lengths.min() >= 2
+    assert model.track_cameras.min() >= 0 and model.track_cameras.max() < len(model.camera_names)
+    assert len(model.reprojection_error_px) == count
+    assert 0.1 < model.reprojection_error_px.mean() < 0.6  # the noise is 0.3 px per axis
+    points = sorted(sparse.reconstruction.points3D.items())
+    assert model.track_lengths.sum() == sum(point.track.length() for _, point in points)
+
+
+def test_points_grow_and_stages_are_timed(flown):
+    _, reports = flown
+    counts = [len(report.model.points_m) for report in reports]
+    assert counts[-1] >= counts[0]
+    for report in reports:
+        assert {"mapping", "ba", "alignment", "model"} <= set(report.timings_s)
+        assert all(seconds >= 0 for seconds in report.timings_s.values())
+
+
+def test_poses_for_the_dense_stage_are_rigid_and_metric(flown):
+    sparse, _ = flown
+    poses = sparse.world_camera_poses()
+    assert set(poses) == {c.name for c in SEEDS + LATER}
+    for capture in SEEDS + LATER:
+        pose = poses[capture.name]
+        np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-9)
+        np.testing.assert_allclose(pose, capture.camera_from_world, atol=0.02)
+
+
+def test_same_captures_same_bits(flown):
+    _, reports = flown
+    _, again = fly()
+    for first, second in zip(reports, again):
+        assert fingerprint(first.model) == fingerprint(second.model)
+
+
+def test_same_bits_in_another_process(flown):
+    _, reports = flown
+    script = (
+        "import hashlib, sys; sys.path.insert(0, sys.argv[1])\n"
+        "from test_sparse_mapping import fly, fingerprint\n"
+        "print(hashlib.sha256(fingerprint(fly()[1][-1].model)).hexdigest())"
+    )
+    here = str(Path(__file__).parent)
+    out = subprocess.run([sys.executable, "-c", script, here], capture_output=True, text=True, check=True)
+    assert out.stdout.split()[-1] == hashlib.sha256(fingerprint(reports[-1].model)).hexdigest()
+
+
+def test_a_saved_model_continues_bit_for_bit(flown, tmp_path):
+    _, reports = flown
+    world = LabelledPoints(SEEDS + LATER)
+    first = reconstructor(world)
+    first.bootstrap(SEEDS)
+    first.save_state(tmp_path / "seed")
+    second = reconstructor(world)
+    loaded = second.load_state(tmp_path / "seed", SEEDS)
+    assert fingerprint(loaded.model) == fingerprint(reports[0].model)
+    for capture, direct in zip(LATER, reports[1:]):
+        assert fingerprint(second.add(capture).model) == fingerprint(direct.model)
+    # Saving the seed model has not changed what its own reconstructor does next either.
+    assert fingerprint(first.add(LATER[0]).model) == fingerprint(reports[1].model)
+
+
+def test_a_state_saved_later_continues_alike(tmp_path):
+    world = LabelledPoints(SEEDS + LATER)
+    first = reconstructor(world)
+    first.bootstrap(SEEDS)
+    for capture in LATER[:2]:
+        first.add(capture)
+    first.save_state(tmp_path / "state")
+    second = reconstructor(world)
+    second.load_state(tmp_path / "state", SEEDS + LATER[:2])
+    for capture in LATER[2:5]:  # passes a periodic global adjustment
+        assert fingerprint(first.add(capture).model) == fingerprint(second.add(capture).model)
+
+
+def test_a_saved_model_is_refused_under_other_conditions(flown, tmp_path):
+    sparse, _ = flown
+    captures = SEEDS + LATER
+    sparse.save_state(tmp_path / "seed")
+    world = LabelledPoints(captures)
+    with pytest.raises(UserError, match="other options"):
+        reconstructor(world, dataclasses.replace(CONFIG, match_ratio=0.7)).load_state(
+            tmp_path / "seed", captures
+        )
+    with pytest.raises(UserError, match="other captures"):
+        reconstructor(world).load_state(tmp_path / "seed", captures[::-1])
+    with pytest.raises(UserError, match="cannot read"):
+        reconstructor(world).load_state(tmp_path / "nowhere", captures)
+
+
+def test_refining_before_the_dense_stage_helps(flown):
+    world = LabelledPoints(SEEDS + LATER, noise_px=1.0)
+    sparse = SparseReconstructor(CAMERA, dataclasses.replace(CONFIG, global_ba_interval=100), TARGET, world)
+    sparse.bootstrap(SEEDS)
+    for capture in LATER:
+        report = sparse.add(capture)
+    refined = sparse.refine()
+    assert refined.model.camera_names == report.model.camera_names
+    before = camera_errors_m(report.model, SEEDS + LATER)
+    after = camera_errors_m(refined.model, SEEDS + LATER)
+    assert np.sqrt((after**2).mean()) < 1.05 * np.sqrt((before**2).mean())
+    assert sparse.refine().model.camera_names == refined.model.camera_names  # nothing left to do
+
+
+# ------------------------------------------------------------------------------------------ when it goes wrong
+
+
+def test_a_blind_photograph_is_reported_and_the_mission_goes_on():
+    world = LabelledPoints(SEEDS + LATER)
+    world.blind = {12}
+    sparse = reconstructor(world)
+    sparse.bootstrap(SEEDS)
+    blind = sparse.add(LATER[0])
+    assert not blind.registered
+    assert LATER[0].name in blind.message and "sees 0 points" in blind.message
+    assert len(blind.model.camera_names) == 12
+    after = sparse.add(LATER[1])
+    assert after.registered and len(after.model.camera_names) == 13
+
+
+def test_a_black_photograph_through_real_sift_has_nothing_to_match():
+    world = LabelledPoints(SEEDS)
+    sparse = reconstructor(world)
+    sparse.bootstrap(SEEDS)
+    real = ComputedCorrespondences(CAMERA, CONFIG)
+    black = np.zeros((CAMERA.height_px, CAMERA.width_px, 3), np.uint8)
+    features = real.features(black)
+    assert len(features) == 0
+    assert len(real.pair(features, world.features(SEEDS[0].image))) == 0
+    sparse._source = real
+    report = sparse.add(dataclasses.replace(LATER[0], image=black))
+    assert not report.registered and "sees 0 points" in report.message
+
+
+def test_an_image_left_out_is_tried_again_later():
+    world = LabelledPoints(SEEDS + LATER)
+    late, link = LATER[0], LATER[1]
+    world.only_with = {12: {13}}  # matches nothing until view 13 has come
+    sparse = reconstructor(world)
+    sparse.bootstrap(SEEDS)
+    assert not sparse.add(late).registered
+    report = sparse.add(link)
+    assert report.registered and late.name in report.model.camera_names
+    assert f"now registered too: {late.name}" in report.message
+    assert camera_errors_m(report.model, SEEDS + LATER).max() < 0.02
+
+
+def test_a_pose_that_disagrees_with_telemetry_is_kept_out():
+    world = LabelledPoints(SEEDS + LATER)
+    sparse = reconstructor(world)
+    before = sparse.bootstrap(SEEDS).model
+    moved = LATER[0].camera_from_world.copy()
+    moved[:3, 3] += [0.9, 0.0, 0.0]
+    report = sparse.add(dataclasses.replace(LATER[0], camera_from_world=moved))
+    assert not report.registered
+    assert "0.90 m from telemetry" in report.message
+    assert report.model.camera_names == before.camera_names
+    assert report.model.alignment_rms_m == pytest.approx(before.alignment_rms_m, rel=1e-6)
+    assert sparse.add(LATER[1]).registered
+
+
+def test_a_seed_that_disagrees_with_telemetry_is_taken_out():
+    moved = SEEDS[4].camera_from_world.copy()
+    moved[:3, 3] += [0.0, 0.8, 0.5]
+    seeds = [*SEEDS[:4], dataclasses.replace(SEEDS[4], camera_from_world=moved), *SEEDS[5:]]
+    report = reconstructor(LabelledPoints(SEEDS)).bootstrap(seeds)
+    assert SEEDS[4].name not in report.model.camera_names and len(report.model.camera_names) == 11
+    assert SEEDS[4].name in report.message and "telemetry" in report.message
+    assert report.model.alignment_max_m < 0.01
+    assert (
+        report.model.track_cameras.max() <= 10
+        and len(report.model.track_offsets) == len(report.model.points_m) + 1
+    )
+
+
+def test_shuffled_telemetry_is_a_mission_failure():
+    order = np.random.default_rng(0).permutation(len(SEEDS))
+    seeds = [
+        dataclasses.replace(c, camera_from_world=SEEDS[i].camera_from_world) for c, i in zip(SEEDS, order)
+    ]
+    with pytest.raises(MissionFailure) as caught:
+        reconstructor(LabelledPoints(SEEDS)).bootstrap(seeds)
+    assert caught.value.reason == "wrong_model"
+
+
+def test_blind_seeds_are_a_mission_failure():
+    world = LabelledPoints(SEEDS)
+    world.blind = set(range(12))
+    with pytest.raises(MissionFailure) as caught:
+        reconstructor(world).bootstrap(SEEDS)
+    assert caught.value.reason == "seed_model_failed"
+    world.blind = set(range(6, 12))
+    with pytest.raises(MissionFailure, match="of 12 seed images registered") as caught:
+        reconstructor(world).bootstrap(SEEDS)
+    assert caught.value.reason == "seed_model_failed"
+
+
+def test_photographs_of_the_wrong_size_are_a_users_mistake():
+    small = dataclasses.replace(SEEDS[0], image=np.zeros((10, 10, 3), np.uint8))
+    for capture in (small, dataclasses.replace(SEEDS[0], image=None)):
+        with pytest.raises(UserError, match=r"view_00\.png"):
+            reconstructor(LabelledPoints(SEEDS)).bootstrap([capture])
+
+
+# ------------------------------------------------------------------------------------------------ pairs, files
+
+
+def test_only_pairs_within_the_angle_are_matched():
+    class Counting(LabelledPoints):
+        asked = 0
+
+        def pair(self, a, b):
+            self.asked += 1
+            return super().pair(a, b)
+
+    world = Counting(SEEDS)
+    config = dataclasses.replace(CONFIG, max_pair_angle_deg=60.0)
+    sparse = reconstructor(world, config)
+    sparse.bootstrap(SEEDS)
+    # 12 views on a ring at 15 degrees elevation, 30 degrees apart: neighbours are 29.0 and the next
+    # ones 57.8 degrees apart at the target, the third ones 86.2
+    assert world.asked == 12 * 2
+
+
+def test_export_opens_in_the_world_frame(flown, tmp_path):
+    sparse, reports = flown
+    sparse.export(tmp_path / "sparse")
+    names = {"cameras.bin", "images.bin", "points3D.bin", "rigs.bin", "frames.bin", "points.ply"}
+    assert {p.name for p in (tmp_path / "sparse").iterdir()} == names
+    opened = pycolmap.Reconstruction(tmp_path / "sparse")
+    poses = sparse.world_camera_poses()
+    for image in opened.images.values():
+        np.testing.assert_allclose(image.cam_from_world().matrix(), poses[image.name][:3], atol=1e-9)
+    points = [opened.points3D[i] for i in sorted(opened.points3D)]
+    np.testing.assert_allclose(
+        np.array([p.xyz for p in points]), reports[-1].model.points_m, atol=1e-9, rtol=0
+    )
+    brightest = max(int(c.image.max()) for c in SEEDS + LATER)
+    colors = np.array([p.color for p in points])
+    assert (colors[:, 0] == colors[:, 1]).all() and 0 < colors.max() <= brightest
+    track = [opened.image(e.image_id).name for e in points[0].track.elements]
+    mean = np.mean([int(name[5:7]) for name in track])
+    assert abs(int(points[0].color[0]) - mean) <= 0.5
