@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
@@ -47,6 +49,89 @@ def weakness(
     return np.clip(w, 0.0, 1.0)
 
 
+def _observations_by_block(
+    order: Ints, lengths: Ints, track_offsets: Ints, track_cameras: Ints
+) -> tuple[Ints, Ints, list[list[int]]]:
+    """Observations sorted by (block of points, rank within the track), so that each group is a slice.
+
+    ``order`` lists the points by falling track length. Returns each observation's point and camera, and
+    for every block the sizes of its groups: how many of its points have a first ray, a second, ...
+    """
+    sizes = []
+    firsts = []
+    points = []
+    for start in range(0, len(order), BLOCK):
+        rows = order[start : start + BLOCK]
+        n_rays = lengths[rows]
+        longest = int(n_rays[0])
+        # Points with more than j rays, for j = 0, 1, ...: a prefix, since the longest come first.
+        counts = len(rows) - np.searchsorted(n_rays[::-1], np.arange(longest), side="right")
+        sizes.append(counts.tolist())
+        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+        points.append(rows[within])
+        firsts.append(np.repeat(np.arange(longest), counts))
+    point = np.concatenate(points) if points else np.zeros(0, dtype=np.int64)
+    rank = np.concatenate(firsts) if firsts else np.zeros(0, dtype=np.int64)
+    return point, track_cameras[track_offsets[point] + rank], sizes
+
+
+def _gain_blocks(
+    candidates_m: Floats,
+    points_m: Floats,
+    track_offsets: Ints,
+    track_cameras: Ints,
+    camera_centers_m: Floats,
+    theta_low_deg: float,
+    theta_saturation_deg: float,
+) -> Iterator[tuple[Ints, Floats]]:
+    """Eq. 7 block by block: the points' indices and their (B, C) gains, a buffer that is used again."""
+    n_candidates = len(candidates_m)
+    low, high = np.deg2rad(theta_low_deg), np.deg2rad(theta_saturation_deg)
+    cos_low, cos_high = np.cos(low), np.cos(high)
+    lengths = np.diff(track_offsets)
+
+    # Longest tracks first: within a block, the points that have a j-th ray are then a prefix, and
+    # (p - c) . ray = ray . p - ray . c for all candidates is one small matrix product.
+    order = np.argsort(-lengths, kind="stable")
+    point, camera, sizes = _observations_by_block(order, lengths, track_offsets, track_cameras)
+    rays = np.empty((len(point), 4))  # unit ray, ray . p
+    position = points_m[point]
+    np.subtract(position, camera_centers_m[camera], out=rays[:, :3])
+    rays[:, :3] /= np.sqrt(np.einsum("ij,ij->i", rays[:, :3], rays[:, :3]))[:, None]
+    np.einsum("ij,ij->i", rays[:, :3], position, out=rays[:, 3])
+    minus_c = np.concatenate([-candidates_m.T, np.ones((1, n_candidates))])  # (4, C)
+    for_distance = np.concatenate([-2.0 * candidates_m.T, np.ones((1, n_candidates)),
+                                   (candidates_m**2).sum(axis=1)[None]])  # fmt: skip
+
+    product, best = np.empty((BLOCK, n_candidates)), np.empty((BLOCK, n_candidates))
+    at = 0
+    for block, counts in enumerate(sizes):
+        rows = order[block * BLOCK : (block + 1) * BLOCK]
+        nearest = best[: len(rows)]  # becomes |p - c| cos(angle to the nearest ray)
+        observed = counts[0] if counts else 0
+        nearest[observed:] = -np.inf
+        for j, k in enumerate(counts):
+            if j == 0:
+                np.matmul(rays[at : at + k], minus_c, out=nearest[:k])
+            else:
+                np.matmul(rays[at : at + k], minus_c, out=product[:k])
+                np.maximum(nearest[:k], product[:k], out=nearest[:k])
+            at += k
+        p = np.ones((len(rows), 5))
+        p[:, :3] = points_m[rows]
+        np.einsum("ij,ij->i", p[:, :3], p[:, :3], out=p[:, 3])
+        distance = np.matmul(p, for_distance, out=product[: len(rows)])
+        np.maximum(distance, 1e-16, out=distance)  # a candidate on a point: no division by zero
+        np.sqrt(distance, out=distance)
+        nearest /= distance
+        np.minimum(nearest, cos_low, out=nearest)
+        np.maximum(nearest, cos_high, out=nearest)
+        np.arccos(nearest, out=nearest)
+        nearest -= low
+        nearest *= 1.0 / (high - low)
+        yield rows, nearest
+
+
 def geometry_gain(
     candidates_m: Floats,
     points_m: Floats,
@@ -62,47 +147,36 @@ def geometry_gain(
     ``theta_saturation_deg`` on (or where a point has no observation). Tracks are CSR as in
     `nbv.types.SparseModel`, relative to ``points_m``.
     """
-    n_candidates = len(candidates_m)
-    low, high = np.deg2rad(theta_low_deg), np.deg2rad(theta_saturation_deg)
-    cos_low, cos_high = np.cos(low), np.cos(high)
-    lengths = np.diff(track_offsets)
-    gain = np.empty((len(points_m), n_candidates))
-
-    # Longest tracks first: within a block, the points that have a j-th ray are then a prefix, and
-    # (p - c) . ray = ray . p - ray . c for all candidates is one small matrix product.
-    order = np.argsort(-lengths, kind="stable")
-    minus_c = np.concatenate([-candidates_m.T, np.ones((1, n_candidates))])  # (4, C)
-    squared = np.concatenate([-2.0 * candidates_m.T, np.ones((1, n_candidates)),
-                              (candidates_m**2).sum(axis=1)[None]])  # fmt: skip
-    product = np.empty((BLOCK, n_candidates))
-    for start in range(0, len(points_m), BLOCK):
-        rows = order[start : start + BLOCK]
-        p, first, n_rays = points_m[rows], track_offsets[rows], lengths[rows]
-        nearest = np.full((len(rows), n_candidates), -np.inf)  # |p - c| cos(angle to the nearest ray)
-        for j in range(int(n_rays[0])):
-            k = int(np.searchsorted(-n_rays, -j, side="left"))  # points with more than j rays
-            ray = p[:k] - camera_centers_m[track_cameras[first[:k] + j]]
-            ray /= np.sqrt(np.einsum("ij,ij->i", ray, ray))[:, None]
-            along = np.einsum("ij,ij->i", ray, p[:k])[:, None]
-            np.matmul(np.concatenate([ray, along], axis=1), minus_c, out=product[:k])
-            np.maximum(nearest[:k], product[:k], out=nearest[:k])
-        p_squared = np.einsum("ij,ij->i", p, p)[:, None]
-        distance = np.concatenate([p, p_squared, np.ones((len(rows), 1))], axis=1) @ squared
-        np.sqrt(np.maximum(distance, 1e-16, out=distance), out=distance)
-        nearest /= distance
-        np.clip(nearest, cos_high, cos_low, out=nearest)
-        np.arccos(nearest, out=nearest)
-        nearest -= low
-        nearest /= high - low
-        gain[rows] = nearest
-    # The clip of the cosine rounds: keep the ends exact.
-    return np.clip(gain, 0.0, 1.0, out=gain)
+    gain = np.empty((len(points_m), len(candidates_m)))
+    for rows, block in _gain_blocks(
+        candidates_m, points_m, track_offsets, track_cameras, camera_centers_m,
+        theta_low_deg, theta_saturation_deg,
+    ):  # fmt: skip
+        gain[rows] = block
+    return np.clip(gain, 0.0, 1.0, out=gain)  # the clip of the cosine leaves the ends inexact by rounding
 
 
-def repair(visible: NDArray[np.bool_], gain: Floats, weak: Floats) -> Floats:
+def repair(
+    visible: NDArray[np.bool_],
+    weak: Floats,
+    candidates_m: Floats,
+    points_m: Floats,
+    track_offsets: Ints,
+    track_cameras: Ints,
+    camera_centers_m: Floats,
+    theta_low_deg: float,
+    theta_saturation_deg: float,
+) -> Floats:
     """Eq. 8: (C,) share of all weakness that each candidate would repair.
 
-    ``visible`` and ``gain`` are (P, C), ``weak`` (P,). If no point is weak there is nothing to
-    repair: zeros, through the reference's guard of 1e-8 on the denominator.
+    ``visible`` is (P, C), ``weak`` (P,). If no point is weak there is nothing to repair: zeros, through
+    the reference's guard of 1e-8 on the denominator. The (P, C) gains are never stored.
     """
-    return (weak @ (gain * visible)) / max(float(weak.sum()), 1e-8)
+    mass = np.zeros(len(candidates_m))
+    for rows, gain in _gain_blocks(
+        candidates_m, points_m, track_offsets, track_cameras, camera_centers_m,
+        theta_low_deg, theta_saturation_deg,
+    ):  # fmt: skip
+        gain *= visible[rows]
+        mass += weak[rows] @ gain
+    return np.maximum(mass, 0.0) / max(float(weak.sum()), 1e-8)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from nbv.config import MissionConfig, Weights
 from nbv.errors import MissionFailure
-from nbv.scorers.b_aware import geometry_gain, repair, weakness
+from nbv.scorers.b_aware import repair, weakness
 from nbv.scorers.covis import co_visibility
 from nbv.scorers.occlusion import unoccluded
 from nbv.scorers.terms import angular_penalty, movement, novelty
@@ -110,11 +110,11 @@ def rank_b_aware(terms: SharedTerms, pool: CandidatePool, config: MissionConfig)
     """Baseline-aware repair (Eq. 6 to 8)."""
     box = terms.box
     weak = weakness(box.points_m, box.track_lengths, box.reprojection_error_px, config.b_aware)
-    gain = geometry_gain(
-        pool.positions_m, box.points_m, box.track_offsets, box.track_cameras, box.camera_centers_m,
-        config.b_aware.theta_low_deg, config.b_aware.theta_saturation_deg,
+    main = repair(
+        terms.visible, weak, pool.positions_m, box.points_m, box.track_offsets, box.track_cameras,
+        box.camera_centers_m, config.b_aware.theta_low_deg, config.b_aware.theta_saturation_deg,
     )  # fmt: skip
-    return rank("b-aware", repair(terms.visible, gain, weak), terms, config.b_aware.weights)
+    return rank("b-aware", main, terms, config.b_aware.weights)
 
 
 def rank_candidates(state: PlanningState, pool: CandidatePool, config: MissionConfig) -> dict[str, Ranking]:

@@ -13,7 +13,23 @@ from nbv.config import CameraConfig
 from nbv.frames import look_at
 from nbv.types import Floats
 
-BLOCK = 256  # points at a time: a block's (BLOCK, C) arrays stay in the processor's cache
+BLOCK = 128  # points at a time: a block's (BLOCK, C) arrays stay in the processor's cache
+
+
+def look_at_many(positions_m: Floats, target_m: Floats) -> Floats:
+    """(C, 4, 4) `nbv.frames.look_at` for every position at once."""
+    forward = target_m - positions_m
+    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
+    right = np.stack([forward[:, 1], -forward[:, 0], np.zeros(len(forward))], axis=1)  # forward x up
+    length = np.linalg.norm(right, axis=1, keepdims=True)
+    if (length < 1e-9).any():  # straight above or below: look_at's convention
+        return np.stack([look_at(p, target_m) for p in positions_m])
+    right /= length
+    rotation = np.stack([right, np.cross(forward, right), forward], axis=1)  # (C, 3, 3)
+    poses = np.tile(np.eye(4), (len(forward), 1, 1))
+    poses[:, :3, :3] = rotation
+    poses[:, :3, 3] = -(rotation @ positions_m[:, :, None])[:, :, 0]
+    return poses
 
 
 def frustum_planes(positions_m: Floats, target_m: Floats, camera: CameraConfig) -> tuple[Floats, ...]:
@@ -23,10 +39,20 @@ def frustum_planes(positions_m: Floats, target_m: Floats, camera: CameraConfig) 
     and a point is in the image if and only if ``abs(q @ x) <= q @ z`` and ``abs(q @ y) <= q @ z``.
     (The principal point is the image's centre, so both tests are symmetric and imply a positive depth.)
     """
-    poses = np.stack([look_at(p, target_m) for p in positions_m])[:, :3]  # (C, 3, 4)
+    poses = look_at_many(positions_m, target_m)[:, :3]  # (C, 3, 4)
     x = poses[:, 0] * (camera.focal_px / (camera.width_px / 2.0))
     y = poses[:, 1] * (camera.focal_px / (camera.height_px / 2.0))
     return np.ascontiguousarray(x.T), np.ascontiguousarray(y.T), np.ascontiguousarray(poses[:, 2].T)
+
+
+def certainly_inside_radius(positions_m: Floats, target_m: Floats, camera: CameraConfig) -> float:
+    """Radius (m) around the target within which every point is in the image of every candidate.
+
+    The largest sphere around the target that touches no side of any candidate's frustum.
+    """
+    nearest = float(np.linalg.norm(positions_m - target_m, axis=1).min())
+    half_px = min(camera.width_px, camera.height_px) / 2.0
+    return nearest * half_px / float(np.hypot(half_px, camera.focal_px)) * (1.0 - 1e-9)
 
 
 def in_frustum(
@@ -34,12 +60,20 @@ def in_frustum(
 ) -> NDArray[np.bool_]:
     """(P, C): is each point in the image of the camera at each position, aimed at the target?"""
     x, y, z = frustum_planes(positions_m, target_m, camera)
-    visible = np.empty((len(points_m), len(positions_m)), dtype=bool)
-    for start in range(0, len(points_m), BLOCK):
-        block = points_m[start : start + BLOCK]
-        q = np.concatenate([block, np.ones((len(block), 1))], axis=1)
-        depth = q @ z
-        inside = np.abs(q @ x) <= depth
-        inside &= np.abs(q @ y) <= depth
-        visible[start : start + BLOCK] = inside
+    visible = np.ones((len(points_m), len(positions_m)), dtype=bool)
+    radius = certainly_inside_radius(positions_m, target_m, camera)
+    ask = np.flatnonzero(((points_m - target_m) ** 2).sum(axis=1) > radius**2)
+    depth, side = np.empty((2, BLOCK, len(positions_m)))
+    inside, also = np.empty((2, BLOCK, len(positions_m)), dtype=bool)
+    for start in range(0, len(ask), BLOCK):
+        rows = ask[start : start + BLOCK]
+        n = len(rows)
+        q = np.ones((n, 4))
+        q[:, :3] = points_m[rows]
+        np.matmul(q, z, out=depth[:n])
+        np.abs(np.matmul(q, x, out=side[:n]), out=side[:n])
+        np.less_equal(side[:n], depth[:n], out=inside[:n])
+        np.abs(np.matmul(q, y, out=side[:n]), out=side[:n])
+        np.less_equal(side[:n], depth[:n], out=also[:n])
+        visible[rows] = np.logical_and(inside[:n], also[:n], out=inside[:n])
     return visible

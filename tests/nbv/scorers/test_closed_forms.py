@@ -16,7 +16,7 @@ from nbv.scorers import box_points, rank_candidates
 from nbv.scorers.b_aware import geometry_gain, mean_neighbour_distance, percentile_scaled, repair, weakness
 from nbv.scorers.covis import co_visibility
 from nbv.scorers.terms import angular_penalty, movement, novelty
-from nbv.scorers.visibility import in_frustum
+from nbv.scorers.visibility import in_frustum, look_at_many
 from nbv.types import CandidatePool, PlanningState, SparseModel
 
 TARGET = np.array([0.0, 0.0, 0.8])
@@ -120,10 +120,18 @@ def test_gain_without_observations_is_one() -> None:
 
 
 def test_repair() -> None:  # Eq. 8
+    # Three points near the target, far apart in observation: gains are read off geometry_gain.
+    points = TARGET + np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
+    offsets, cameras, centers = np.array([0, 1, 2, 3]), np.array([0, 1, 2]), ring([0.0, 20.0, 60.0])
+    candidates = ring([10.0, 70.0])
+    gain = geometry_gain(candidates, points, offsets, cameras, centers, 5.0, 25.0)
+    assert 0.1 < gain.min() < gain.max() <= 1.0  # neither all 0 nor all 1
     visible = np.array([[1, 1], [1, 0], [0, 1]], dtype=bool)
-    gain = np.array([[1.0, 0.5], [0.5, 1.0], [1.0, 1.0]])
-    np.testing.assert_allclose(repair(visible, gain, np.array([1.0, 0.5, 0.5])), [1.25 / 2, 1.0 / 2])
-    np.testing.assert_array_equal(repair(visible, gain, np.zeros(3)), 0.0)
+    weak = np.array([1.0, 0.5, 0.25])
+    arguments = (candidates, points, offsets, cameras, centers, 5.0, 25.0)
+    expected = [(gain[0, 0] + 0.5 * gain[1, 0]) / 1.75, (gain[0, 1] + 0.25 * gain[2, 1]) / 1.75]
+    np.testing.assert_allclose(repair(visible, weak, *arguments), expected, atol=1e-12)
+    np.testing.assert_array_equal(repair(visible, np.zeros(3), *arguments), 0.0)
 
 
 @settings(max_examples=25, deadline=None)
@@ -216,3 +224,11 @@ def test_an_empty_box_is_a_mission_failure() -> None:
     with pytest.raises(MissionFailure) as failure:
         rank_candidates(state, pool_at(ring([0.0])), MissionConfig())
     assert failure.value.reason == "no_points_in_box"
+
+
+def test_look_at_many_is_look_at() -> None:
+    positions = np.concatenate([ring([0.0, 77.0, 200.0]), TARGET[None] + [[1.0, -2.0, 3.0]]])
+    expected = [look_at(p, TARGET) for p in positions]
+    np.testing.assert_allclose(look_at_many(positions, TARGET), expected, atol=1e-14)
+    overhead = np.concatenate([positions, TARGET[None] + [[0.0, 0.0, 3.0]]])
+    np.testing.assert_allclose(look_at_many(overhead, TARGET)[-1], look_at(overhead[-1], TARGET), atol=1e-14)
