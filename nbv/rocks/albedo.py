@@ -18,7 +18,7 @@ class Paint:
     grey: float = 0.34  # mean linear reflectance
     clasts: float = 0.5  # 0 to 1, strength of embedded fragments of 2 to 8 cm
     grains: float = 0.5  # 0 to 1, strength of mineral grains of about 2 cm
-    dust: float = 0.35  # 0 to 1, how much of the rock lies under dust and shows little texture
+    dust: float = 0.42  # 0 to 1, how much of the rock lies under dust and shows little texture
 
 
 def procedural_albedo(
@@ -27,7 +27,7 @@ def procedural_albedo(
     """Linear albedo (N, 3) in 0..1 at surface points (N, 3) in metres with unit normals (N, 3).
 
     Mottling from 0.5 m down to 1.5 cm, clasts, mineral grains about two pixels wide (8.6 mm a pixel at
-    4 m; finer ones would alias and match nothing), and patches of dust, chiefly on faces that look up, where the texture fades to a fifth.
+    4 m; finer ones would alias and match nothing), and patches of dust, chiefly on faces that look up, where the texture fades to a seventh.
     """
     paint = paint or Paint()
     mottling = octaves(
@@ -45,10 +45,10 @@ def procedural_albedo(
     contrast -= np.float32(0.7 * paint.grains) * (_unit(dark, 0) < 0.12)
 
     settles = 0.9 * normals[:, 2] + 0.9 * gradient_noise(points, 0.45, seed * 17 + 9)
-    threshold = 1.6 - 2.6 * paint.dust
+    threshold = 1.5 - 3.0 * paint.dust
     cover = _smooth_step((settles - threshold) / 0.35)
-    contrast *= (1.0 - 0.8 * cover).astype(np.float32)
-    grey = paint.grey * np.exp(np.float32(1.4) * contrast + np.float32(0.12) * cover)
+    contrast *= (1.0 - 0.85 * cover).astype(np.float32)
+    grey = paint.grey * np.exp(np.float32(1.2) * contrast + np.float32(0.12) * cover)
 
     # A slight drift between warmer and cooler greys, as basalt and plagioclase have.
     warmth = 0.02 * gradient_noise(points, 0.16, seed * 17 + 11) + 0.02

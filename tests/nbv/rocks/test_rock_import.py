@@ -1,0 +1,309 @@
+"""Importing meshes: colours land where they belong, and bad files are told apart in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from nbv.errors import UserError
+from nbv.rocks import describe, import_mesh
+
+SHARED = Path(__file__).resolve().parents[4] / "shared" / "rocks"
+
+RED, GREEN, BLUE, WHITE = (255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255)
+
+
+def write_box_obj(folder: Path, *, texture: bool = True) -> Path:
+    """A 1 x 1 x 1 box whose east, north, west and south faces show the four quarters of a texture.
+
+    Quarters: top left red, top right green, bottom left blue, bottom right white. Lid and base show red.
+    """
+    quarters = np.zeros((64, 64, 3), dtype=np.uint8)
+    quarters[:32, :32], quarters[:32, 32:], quarters[32:, :32], quarters[32:, 32:] = RED, GREEN, BLUE, WHITE
+    if texture:
+        Image.fromarray(quarters).save(folder / "box.png")
+    (folder / "box.mtl").write_text("newmtl skin\nKd 1 1 1\nmap_Kd box.png\n")
+    sides = {
+        "east": ([(1, 0, 0), (1, 1, 0), (1, 1, 1), (1, 0, 1)], (0.0, 0.5)),  # red: left, upper half
+        "north": ([(1, 1, 0), (0, 1, 0), (0, 1, 1), (1, 1, 1)], (0.5, 0.5)),  # green
+        "west": ([(0, 1, 0), (0, 0, 0), (0, 0, 1), (0, 1, 1)], (0.0, 0.0)),  # blue
+        "south": ([(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1)], (0.5, 0.0)),  # white
+        "lid": ([(0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)], (0.0, 0.5)),
+        "base": ([(0, 1, 0), (1, 1, 0), (1, 0, 0), (0, 0, 0)], (0.0, 0.5)),
+    }
+    lines, k = ["mtllib box.mtl", "usemtl skin"], 1
+    for corners, (u, v) in sides.values():
+        for (x, y, z), (du, dv) in zip(corners, ((0, 0), (0.5, 0), (0.5, 0.5), (0, 0.5))):
+            lines += [f"v {x} {y} {z}", f"vt {u + du} {v + dv}"]
+        a, b, c, d = (f"{k + i}/{k + i}" for i in range(4))
+        lines += [f"f {a} {b} {c}", f"f {a} {c} {d}"]
+        k += 4
+    path = folder / "box.obj"
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def color_at(rock, point):
+    nearest = np.argmin(np.linalg.norm(rock.vertices_m - point, axis=1))
+    return rock.albedo[nearest]
+
+
+def noisy_colors(count: int) -> np.ndarray:
+    rgb = np.random.default_rng(0).integers(40, 220, size=(count, 3))
+    return np.column_stack([rgb, np.full(count, 255)]).astype(np.uint8)
+
+
+def test_texture_lands_on_the_right_faces(tmp_path):
+    rock = import_mesh(write_box_obj(tmp_path))
+    assert rock.name == "box"
+    facts = describe(rock)
+    assert facts.extents_m == pytest.approx((1.6, 1.6, 1.6))
+    assert facts.boundary_edges == 0  # the 24 vertices became 8
+    assert facts.mean_edge_m < 0.006 * 1.2
+    assert facts.volume_m3 == pytest.approx(1.6**3)
+    for point, color in (
+        ((0.8, 0, 0.8), (1, 0, 0)), ((0, 0.8, 0.8), (0, 1, 0)),
+        ((-0.8, 0, 0.8), (0, 0, 1)), ((0, -0.8, 0.8), (1, 1, 1)),
+        ((0.8, 0.5, 0.2), (1, 0, 0)), ((-0.5, 0.8, 1.4), (0, 1, 0)),
+    ):  # fmt: skip
+        np.testing.assert_allclose(color_at(rock, point), color, atol=1e-3)
+    assert any("merged 16 duplicate vertices" in note for note in rock.notes)
+
+
+def test_texture_is_not_mirrored_and_is_linear(tmp_path):
+    """A horizontal and a vertical ramp on a wall are found again, as linear values."""
+    y, x = np.mgrid[:256, :256]
+    image = np.stack([x, 255 - y, np.full_like(x, 128)], axis=-1).astype(np.uint8)
+    path = write_box_obj(tmp_path, texture=False)
+    Image.fromarray(image).save(tmp_path / "box.png")
+    rock = import_mesh(path)
+
+    def linear(v):
+        return ((v + 0.055) / 1.055) ** 2.4 if v > 0.04045 else v / 12.92
+
+    # The west wall shows u and v from 0 to 0.5; seen from outside, u grows towards the south.
+    for along, up in ((0.25, 0.25), (0.7, 0.4), (0.5, 0.9)):
+        point = (-0.8, 0.8 - 1.6 * along, 1.6 * up)
+        expected = [linear(0.5 * along), linear(0.5 * up), linear(128 / 255)]
+        np.testing.assert_allclose(color_at(rock, point), expected, atol=0.01)
+
+
+def test_fine_texture_is_averaged_not_aliased(tmp_path):
+    """A black and white pattern far below the vertex spacing comes out as its mean reflectance."""
+    path = write_box_obj(tmp_path, texture=False)
+    fine = np.indices((2048, 2048)).sum(0) % 2 * 255
+    image = np.repeat(fine[:, :, None], 3, axis=2).astype(np.uint8)
+    image[:1024, :1024] = 0  # the lid's and the east wall's quarter, so that the whole is not one colour
+    Image.fromarray(image).save(tmp_path / "box.png")
+    rock = import_mesh(path)
+    wall = (rock.vertices_m[:, 1] < -0.799) & (np.abs(rock.vertices_m[:, 0]) < 0.75)
+    wall &= np.abs(rock.vertices_m[:, 2] - 0.8) < 0.75
+    np.testing.assert_allclose(rock.albedo[wall], 0.5, atol=0.05)
+
+
+def test_glb_is_turned_upright_and_its_scene_graph_is_applied(tmp_path):
+    box = trimesh.creation.box(extents=(1, 2, 1))  # 2 along the file's y axis, glTF's up
+    box.visual.vertex_colors = noisy_colors(8)
+    scene = trimesh.Scene()
+    scene.add_geometry(box, transform=trimesh.transformations.translation_matrix([5, 7, 9]))
+    scene.export(tmp_path / "Tall Rock.glb")
+    rock = import_mesh(tmp_path / "Tall Rock.glb")
+    assert rock.name == "tall-rock"
+    assert describe(rock).extents_m == pytest.approx((0.8, 0.8, 1.6), abs=1e-6)
+    assert rock.vertices_m.min(0)[2] == 0 and any("y axis is up" in note for note in rock.notes)
+    flat = import_mesh(tmp_path / "Tall Rock.glb", up="z")
+    assert describe(flat).extents_m == pytest.approx((1.6, 3.2, 1.6), abs=1e-5)
+
+
+@pytest.mark.parametrize("up", ["x", "y", "z", "-x", "-y", "-z"])
+def test_up_axis_comes_out_on_top_without_mirroring(tmp_path, up):
+    # A cone whose tip points along `up`; the tip must end at the top.
+    axis = "xyz".index(up[-1])
+    tip = np.zeros(3)
+    tip[axis] = -1 if up[0] == "-" else 1
+    others = [i for i in range(3) if i != axis]
+    ring = np.zeros((4, 3))
+    ring[:, others] = [[1, 0.2], [0, 1], [-1, 0], [0, -1]]
+    hull = trimesh.convex.convex_hull(np.vstack([ring, tip * 2]))
+    hull.export(tmp_path / "cone.stl")
+    rock = import_mesh(tmp_path / "cone.stl", up=up, name="cone")
+    top = rock.vertices_m[np.argmax(rock.vertices_m[:, 2])]
+    assert top[2] == pytest.approx(1.6)
+    assert np.isclose(rock.vertices_m[:, 2], 0).sum() > 100  # the ring is the base
+    assert describe(rock).volume_m3 == pytest.approx(hull.volume * 0.8**3, rel=1e-6)
+
+
+def test_stl_is_welded_and_gets_a_procedural_albedo(tmp_path):
+    trimesh.creation.icosphere(subdivisions=2, radius=40).export(tmp_path / "ball.stl")
+    rock = import_mesh(tmp_path / "ball.stl")
+    assert describe(rock).boundary_edges == 0
+    assert describe(rock).extents_m[2] == pytest.approx(1.6)
+    assert rock.albedo.std() > 0.02
+    assert any("procedural" in note for note in rock.notes)
+    assert import_mesh(tmp_path / "ball.stl").sha256 == rock.sha256
+
+
+def test_largest_body_by_surface_is_kept(tmp_path):
+    crumbs = [trimesh.creation.icosphere(subdivisions=3, radius=0.05) for _ in range(3)]  # many small faces
+    for k, crumb in enumerate(crumbs):
+        crumb.apply_translation([2 + k, 0, 0])
+    rock_like = trimesh.creation.box(extents=(1, 1, 1))
+    trimesh.util.concatenate([*crumbs, rock_like]).export(tmp_path / "loose.ply")
+    rock = import_mesh(tmp_path / "loose.ply")
+    assert describe(rock).extents_m == pytest.approx((1.6, 1.6, 1.6), abs=1e-5)
+    assert any("largest of 4 bodies" in note for note in rock.notes)
+    assert describe(import_mesh(tmp_path / "loose.ply", keep="all", height_m=0.8)).extents_m[0] > 1.6
+
+
+def test_inside_out_and_mixed_winding_are_mended(tmp_path):
+    box = trimesh.creation.icosphere(subdivisions=1)
+    box.invert()
+    box.export(tmp_path / "inverted.ply")
+    assert describe(import_mesh(tmp_path / "inverted.ply")).volume_m3 > 0
+    mixed = trimesh.creation.icosphere(subdivisions=1)
+    faces = np.array(mixed.faces)
+    faces[::3] = faces[::3, ::-1]
+    trimesh.Trimesh(mixed.vertices, faces, process=False).export(tmp_path / "mixed.ply")
+    good = describe(import_mesh(tmp_path / "inverted.ply")).volume_m3
+    rock = import_mesh(tmp_path / "mixed.ply")
+    assert describe(rock).volume_m3 == pytest.approx(good)
+    assert any("wound against" in note for note in rock.notes)
+
+
+def test_mended_winding_keeps_the_texture_in_place(tmp_path):
+    path = write_box_obj(tmp_path)
+    lines = path.read_text().splitlines()
+    faces = [i for i, line in enumerate(lines) if line.startswith("f ")]
+    for i in faces[1::2]:
+        a, b, c = lines[i].split()[1:]
+        lines[i] = f"f {c} {b} {a}"
+    reference = import_mesh(path)
+    path.write_text("\n".join(lines) + "\n")
+    mended = import_mesh(path)
+    for point in ((0.8, 0.3, 0.5), (-0.3, 0.8, 1.2), (-0.8, 0.3, 0.5), (0.2, -0.8, 0.3)):
+        np.testing.assert_allclose(color_at(mended, point), color_at(reference, point), atol=1e-3)
+
+
+def test_vertex_colors_are_linearised(tmp_path):
+    box = trimesh.creation.box()
+    colors = noisy_colors(8)
+    box.visual.vertex_colors = colors
+    box.export(tmp_path / "painted.ply")
+    rock = import_mesh(tmp_path / "painted.ply")
+    corner = np.argmin(np.linalg.norm(rock.vertices_m - [0.8, 0.8, 1.6], axis=1))
+    source = colors[np.argmin(np.linalg.norm(box.vertices - [0.5, 0.5, 0.5], axis=1)), :3] / 255
+    # Colours are averaged a sixth of a fine face around each vertex, hence the tolerance.
+    np.testing.assert_allclose(rock.albedo[corner], ((source + 0.055) / 1.055) ** 2.4, atol=0.01)
+
+
+def test_open_mesh_is_accepted_and_told(tmp_path):
+    sphere = trimesh.creation.icosphere(subdivisions=2)
+    sphere.update_faces(np.asarray(sphere.triangles_center)[:, 2] > -0.5)
+    sphere.export(tmp_path / "open.ply")
+    rock = import_mesh(tmp_path / "open.ply")
+    assert describe(rock).boundary_edges > 0 and describe(rock).volume_m3 is None
+    assert any("not watertight" in note for note in rock.notes)
+
+
+def test_missing_texture_falls_back_and_says_so(tmp_path):
+    rock = import_mesh(write_box_obj(tmp_path, texture=False))
+    assert any("texture image is missing" in note for note in rock.notes)
+    assert any("procedural" in note for note in rock.notes)
+
+
+def test_triplanar_albedo_from_an_image(tmp_path):
+    image = np.zeros((64, 64, 3), dtype=np.uint8)
+    image[:, :32] = (200, 100, 50)
+    Image.fromarray(image).save(tmp_path / "stone.png")
+    trimesh.creation.box().export(tmp_path / "plain.stl")
+    rock = import_mesh(tmp_path / "plain.stl", albedo=tmp_path / "stone.png")
+    levels = rock.albedo[:, 0]
+    assert (levels < 0.02).mean() > 0.3 and (levels > 0.5).mean() > 0.3
+    with pytest.raises(UserError, match="nowhere"):
+        import_mesh(tmp_path / "plain.stl", albedo=tmp_path / "nowhere.png")
+
+
+def bad_files(folder: Path) -> dict[str, tuple[Path, str]]:
+    box = trimesh.creation.box()
+    (folder / "empty.obj").write_bytes(b"")
+    (folder / "garbage.glb").write_bytes(bytes(range(256)) * 4)
+    (folder / "rock.xyzzy").write_text("hello")
+    (folder / "comment.obj").write_text("# nothing here\n")
+    trimesh.PointCloud(np.eye(3)).export(folder / "points.ply")
+    (folder / "nan.obj").write_text("v 0 0 0\nv nan 0 1\nv 0 1 0\nv 1 1 1\nf 1 2 3\nf 1 2 4\n")
+    (folder / "plane.obj").write_text("v 0 0 0\nv 1 0 1\nv 0 1 0\nv 1 1 1\nf 1 2 3\nf 2 4 3\n")
+    (folder / "line.obj").write_text("v 0 0 0\nv 1 0 1\nv 2 0 2\nf 1 2 3\n")
+    (folder / "point.obj").write_text("v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n")
+    wide = box.copy()
+    wide.apply_scale([10, 10, 0.5])
+    wide.export(folder / "wide.stl")
+    return {
+        "missing": (folder / "missing.obj", "no mesh file"),
+        "folder": (folder, "no mesh file"),
+        "empty": (folder / "empty.obj", "is empty"),
+        "garbage": (folder / "garbage.glb", "cannot be read"),
+        "unknown type": (folder / "rock.xyzzy", "cannot be read"),
+        "no faces": (folder / "comment.obj", "holds no faces|cannot be read"),
+        "points": (folder / "points.ply", "holds no faces"),
+        "nan": (folder / "nan.obj", "not finite"),
+        "plane": (folder / "plane.obj", "flat"),
+        "line": (folder / "line.obj", "zero area"),
+        "point": (folder / "point.obj", "coincide|zero area"),
+        "wide": (folder / "wide.stl", "viewpoints"),
+    }
+
+
+@pytest.mark.parametrize(
+    "case",
+    ["missing", "folder", "empty", "garbage", "unknown type", "no faces", "points", "nan", "plane", "line",
+     "point", "wide"],
+)  # fmt: skip
+def test_bad_files_are_refused_in_one_line(tmp_path, case):
+    path, reason = bad_files(tmp_path)[case]
+    with pytest.raises(UserError, match=reason) as caught:
+        import_mesh(path)
+    assert "\n" not in str(caught.value)
+    assert path.name in str(caught.value)
+
+
+def test_enormous_mesh_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr("nbv.rocks.importer.MAX_FACES", 10)
+    trimesh.creation.box().export(tmp_path / "big.stl")
+    with pytest.raises(UserError, match="decimate"):
+        import_mesh(tmp_path / "big.stl")
+
+
+@pytest.mark.parametrize(
+    "option", [{"up": "w"}, {"split": "test"}, {"height_m": 0.0}, {"height_m": np.nan}, {"keep": "some"}]
+)
+def test_bad_options_are_refused(tmp_path, option):
+    with pytest.raises(UserError, match=next(iter(option))):
+        import_mesh(tmp_path / "any.obj", **option)
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(
+    ("file", "extents", "contrast"),
+    [
+        ("apollo_15016_0/apollo_15016_0.obj", (1.19, 1.39, 1.6), 0.5),
+        ("apollo_65035_0/apollo_65035_0.obj", (0.89, 1.15, 1.6), 0.5),
+        ("phobos/phobos.glb", (1.21, 1.44, 1.6), 0.2),
+        ("earth_10/earth_10.ply", (1.78, 1.05, 1.6), 0.1),
+    ],
+)
+def test_real_rocks(file, extents, contrast):
+    path = SHARED / file
+    if not path.is_file():
+        pytest.skip("the real rocks in ../shared/rocks are not here")
+    rock = import_mesh(path)
+    facts = describe(rock)
+    assert facts.extents_m == pytest.approx(extents, abs=0.01)
+    assert facts.boundary_edges == 0 and facts.volume_m3 > 0.5
+    assert facts.mean_edge_m < 0.006
+    assert facts.albedo_contrast > contrast
+    if "65035" in file:
+        assert any("largest of 29 bodies" in note for note in rock.notes)

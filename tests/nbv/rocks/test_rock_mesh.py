@@ -1,0 +1,69 @@
+"""Refinement and bodies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nbv.rocks import mesh as meshes
+from nbv.rocks.rock import content_hash
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000), st.floats(0.05, 0.8))
+def test_refine_keeps_the_surface_and_closes_every_seam(seed, max_edge):
+    points = np.random.default_rng(seed).normal(size=(12, 3)) * [1, 0.6, 0.3]
+    hull = trimesh.convex.convex_hull(points)
+    vertices, faces = np.asarray(hull.vertices), np.asarray(hull.faces, dtype=np.int64)
+    fine, fine_faces, parent, barycentric = meshes.refine(vertices, faces, max_edge)
+    corners = fine[fine_faces]
+    assert np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max() <= max_edge
+    assert (meshes.edge_face_counts(fine_faces) == 2).all()
+    # Every new corner lies in its parent, where its barycentric coordinates say, and areas add up.
+    assert (barycentric >= 0).all() and barycentric.sum(2) == pytest.approx(1)
+    np.testing.assert_allclose(barycentric @ vertices[faces[parent]], corners, atol=1e-12)
+    np.testing.assert_allclose(
+        np.bincount(parent, weights=meshes.face_areas(fine, fine_faces)),
+        meshes.face_areas(vertices, faces),
+        atol=1e-12,
+    )
+    np.testing.assert_allclose(
+        meshes.face_normals(fine, fine_faces), meshes.face_normals(vertices, faces)[parent], atol=1e-6
+    )
+    assert meshes.signed_volume(fine, fine_faces) == pytest.approx(hull.volume)
+
+
+def test_refine_leaves_a_fine_mesh_alone():
+    box = trimesh.creation.box()
+    faces = np.asarray(box.faces, dtype=np.int64)
+    vertices, fine_faces, parent, _ = meshes.refine(np.asarray(box.vertices), faces, 2.0)
+    assert len(vertices) == 8
+    np.testing.assert_array_equal(fine_faces, faces)
+    np.testing.assert_array_equal(parent, np.arange(12))
+
+
+def test_bodies_are_told_apart_and_non_manifold_edges_join():
+    one = np.array([[0, 1, 2], [1, 2, 3]])
+    assert len(np.unique(meshes.body_labels(np.concatenate([one, one + 4])))) == 2
+    fin = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]])  # three faces at one edge
+    assert len(np.unique(meshes.body_labels(fin))) == 1
+
+
+def test_normals_point_outwards():
+    sphere = trimesh.creation.icosphere(subdivisions=2)
+    normals = meshes.vertex_normals(np.asarray(sphere.vertices), np.asarray(sphere.faces))
+    assert (np.einsum("ij,ij->i", normals, sphere.vertices) > 0.99).all()
+
+
+def test_content_hash_ignores_the_last_bits_and_nothing_else():
+    vertices = np.random.default_rng(0).uniform(size=(5, 3)).round(3)
+    faces = np.array([[0, 1, 2], [2, 3, 4]])
+    albedo = np.full((5, 3), 0.5, dtype=np.float32)
+    digest = content_hash(vertices, faces, albedo)
+    assert content_hash(vertices + 1e-12, faces, albedo) == digest
+    assert content_hash(vertices + 1e-5, faces, albedo) != digest
+    assert content_hash(vertices, faces[:, ::-1], albedo) != digest
+    assert content_hash(vertices, faces, albedo * 1.01) != digest
