@@ -1,0 +1,237 @@
+"""What a campaign's report shows, computed once: trials, model, recommendation, slices, running quality."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from nbv.types import Floats
+from tuner.campaign import MAX_CONSECUTIVE_FAILURES, Campaign, CampaignSettings, CampaignStatus
+from tuner.history import Observation
+from tuner.ledger import TrialRecord
+from tuner.recommendation import Recommendation, recommend
+from tuner.report.labels import MetricLabel, decimals_for, metric_label
+from tuner.report.style import short_names
+from tuner.search_space import Parameter
+from tuner.surrogate import RockMeanGP
+
+CHECKPOINTS = 8  # each is one more fit of the surrogate
+SLICE_POINTS = 61
+MAP_POINTS = 41
+
+
+@dataclass(frozen=True)
+class Slice:
+    """Posterior of the mean over the training rocks along one parameter, the others as recommended."""
+
+    parameter: Parameter
+    positions: tuple[Any, ...]  # values along the axis
+    mean: Floats  # metric's unit
+    sd: Floats
+
+    @property
+    def effect(self) -> float:
+        """Range of the posterior mean along the slice."""
+        return float(self.mean.max() - self.mean.min())
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Posterior over two parameters, the others as recommended."""
+
+    x: Parameter
+    y: Parameter
+    x_values: Floats  # (nx,)
+    y_values: Floats  # (ny,)
+    mean: Floats  # (ny, nx) metric's unit
+    sd: Floats  # (ny, nx)
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """The recommendation after a prefix of the history."""
+
+    missions: int
+    values: dict[str, Any]
+    mean: float  # as believed then
+    sd: float
+    final_mean: float  # the same configuration in the light of all missions
+
+
+class CampaignFacts:
+    """Lazily computed facts of one campaign; nothing is written.
+
+    ``recommendation`` and ``model`` are None while no mission has succeeded.
+    """
+
+    def __init__(self, campaign: Campaign) -> None:
+        self.campaign = campaign
+        self.settings: CampaignSettings = campaign.settings
+        self.trials: list[TrialRecord] = campaign.trials()
+        self.observations: list[Observation] = campaign.ledger.history(self.trials)
+        self.status: CampaignStatus = campaign.status()
+        self.label: MetricLabel = metric_label(self.settings.objective.metric)
+        self.sign = self.settings.objective.sign
+        self.default: dict[str, Any] = self.settings.default_values()
+        self.rock_names: dict[str, str] = dict(zip(self.settings.rocks, short_names(self.settings.rocks)))
+
+    @cached_property
+    def recommendation(self) -> Recommendation | None:
+        """After all finished missions."""
+        return self._recommend(self.observations)
+
+    @cached_property
+    def model(self) -> RockMeanGP | None:
+        """The surrogate behind the recommendation."""
+        feasible = [o for o in self.observations if o.feasible]
+        if not feasible:
+            return None
+        return RockMeanGP(self.settings.space, feasible, self.settings.rocks, self.settings.seed)
+
+    @property
+    def digits(self) -> int:
+        """Decimals with which the metric is written: what its uncertainty deserves."""
+        return decimals_for(self.recommendation.sd) if self.recommendation is not None else 2
+
+    def _recommend(self, observations: Sequence[Observation]) -> Recommendation | None:
+        s = self.settings
+        return recommend(s.space, observations, s.rocks, self.default, s.objective, s.seed)
+
+    # -- stop reason -----------------------------------------------------------------------------------------
+
+    @property
+    def stop_reason(self) -> str:
+        """Why no more missions were flown, as the ledger tells."""
+        status = self.status
+        if status.finished >= status.budget:
+            return f"The budget of {status.budget} missions is used."
+        last = [t for t in self.trials if t.state != "running"][-MAX_CONSECUTIVE_FAILURES:]
+        if len(last) == MAX_CONSECUTIVE_FAILURES and all(t.state == "failed" for t in last):
+            return (
+                f"Stopped after {MAX_CONSECUTIVE_FAILURES} failures in a row, the last with {last[-1].reason!r}; "
+                f"{status.finished} of {status.budget} missions are finished."
+            )
+        flying = f", {status.running} in flight or interrupted" if status.running else ""
+        return (
+            f"Not finished: {status.finished} of {status.budget} missions{flying}. "
+            f"`gatetune campaign resume` goes on."
+        )
+
+    # -- belief ----------------------------------------------------------------------------------------------
+
+    def belief(self, configurations: Sequence[Mapping[str, Any]]) -> tuple[Floats, Floats]:
+        """Posterior mean and standard deviation of the mean over the training rocks, metric's unit."""
+        assert self.model is not None
+        posterior = self.model.posterior(configurations)
+        return self.sign * posterior.mean, posterior.sd
+
+    @cached_property
+    def adjusted(self) -> Floats:
+        """(n,) feasible outcomes with the rocks' differences taken out, metric's unit (for plots)."""
+        assert self.model is not None
+        offset, factor = self.model.standardiser.mean_over(self.model.rocks)
+        return self.sign * (offset + factor * self.model.targets)
+
+    def closeness(self, parameters: Sequence[str]) -> Floats:
+        """(n,) in [0, 1]: how near each feasible observation lies to the slice that varies ``parameters``."""
+        assert self.model is not None and self.recommendation is not None
+        lengths, space = self.model.lengthscales, self.settings.space
+        centre = space.to_unit(self.recommendation.values)
+        squared = np.zeros(len(self.model.unit))
+        for i, p in enumerate(space.parameters):
+            if p.path in parameters:
+                continue
+            distance = self.model.unit[:, i] - centre[i]
+            squared += (
+                (distance / lengths[p.path]) ** 2 if p.path in lengths else (distance != 0).astype(float)
+            )
+        return np.exp(-0.5 * squared)
+
+    @cached_property
+    def slices(self) -> list[Slice]:
+        """One per parameter, through the recommendation."""
+        if self.recommendation is None:
+            return []
+        out = []
+        for p in self.settings.space.parameters:
+            if p.kind == "categorical":
+                positions: list[Any] = list(p.choices)
+            else:
+                positions = sorted({p.from_unit(float(u)) for u in np.linspace(0.0, 1.0, SLICE_POINTS)})
+            mean, sd = self.belief([{**self.recommendation.values, p.path: v} for v in positions])
+            out.append(Slice(p, tuple(positions), mean, sd))
+        return out
+
+    def surface(self) -> Surface | None:
+        """The two gate thresholds where both are tuned, else the two ordered parameters that matter most."""
+        if self.recommendation is None or self.model is None:
+            return None
+        ordered = {p.path: p for p in self.settings.space.parameters if p.kind != "categorical"}
+        wanted = ("gate.budget_fraction", "gate.d95_m")
+        if not all(path in ordered for path in wanted):
+            effects = {s.parameter.path: s.effect for s in self.slices}
+            ranked = sorted(ordered, key=lambda path: -effects[path])[:2]
+            if len(ranked) < 2:
+                return None
+            wanted = (ranked[0], ranked[1])
+        x, y = (ordered[path] for path in wanted)
+        x_values, y_values = (
+            np.array(sorted({float(p.from_unit(float(u))) for u in np.linspace(0, 1, MAP_POINTS)}))
+            for p in (x, y)
+        )
+        kinds = {p.path: int if p.kind == "int" else float for p in (x, y)}
+        rows = [
+            self.belief(
+                [
+                    {**self.recommendation.values, x.path: kinds[x.path](a), y.path: kinds[y.path](b)}
+                    for a in x_values
+                ]
+            )
+            for b in y_values
+        ]
+        mean, sd = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+        return Surface(x, y, x_values, y_values, mean, sd)
+
+    @cached_property
+    def checkpoints(self) -> list[Checkpoint]:
+        """The running recommendation at a few prefixes of the history (in trial order)."""
+        if self.recommendation is None or self.model is None:
+            return []
+        n = len(self.observations)
+        first = next(i for i, o in enumerate(self.observations) if o.feasible) + 1
+        sizes = sorted({round(float(v)) for v in np.linspace(first, n, min(CHECKPOINTS, n - first + 1))})
+        found: list[tuple[int, Recommendation]] = []
+        for size in sizes:
+            result = self.recommendation if size == n else self._recommend(self.observations[:size])
+            if result is not None:
+                found.append((size, result))
+        final, _ = self.belief([r.values for _, r in found])
+        return [
+            Checkpoint(size, r.values, r.mean, r.sd, float(mean)) for (size, r), mean in zip(found, final)
+        ]
+
+    def leave_one_out(self) -> tuple[Floats, Floats, Floats, list[str]]:
+        """``(observed, predicted, predictive sd, rocks)`` per feasible mission, in the metric's unit."""
+        assert self.model is not None
+        check, standard = self.model.leave_one_out(), self.model.standardiser
+        rocks = [o.rock for o in self.model.observations]
+        centre = np.array([standard.centre(rock) for rock in rocks])
+        scale = np.array([standard.scale(rock) for rock in rocks])
+        observed = self.sign * (centre + scale * check.observed)
+        predicted = self.sign * (centre + scale * check.mean)
+        return observed, predicted, scale * check.sd, rocks
+
+
+def verdict(interval_95: tuple[float, float]) -> str:
+    """``better``, ``worse`` or ``no difference detected``, from a 95 % interval of an improvement."""
+    low, high = interval_95
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return "no difference detected"
+    if low > 0:
+        return "better"
+    return "worse" if high < 0 else "no difference detected"

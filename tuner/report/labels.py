@@ -1,0 +1,165 @@
+"""Names and units for people: of metrics, of tuned parameters, of strategies."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import Any
+
+MISSING = "–"
+SURFACES = {"whole": "whole surface", "observable": "observable surface"}
+VARIANTS = {"gated": "after the ground-truth gate", "ungated": "without ground-truth gate"}
+
+_HAUSDORFF = {
+    "gt_to_cloud": "Hausdorff distance",
+    "cloud_to_gt": "Hausdorff distance, cloud to truth",
+    "symmetric": "Symmetric Hausdorff distance",
+}
+_THRESHOLDED = {"completeness": "Completeness", "accuracy": "Accuracy", "f_score": "F-score"}
+
+
+@dataclass(frozen=True)
+class MetricLabel:
+    """How a metric is written. ``unit`` is of the value, ``difference_unit`` of a difference of two values."""
+
+    name: str  # "F-score @ 48 mm"
+    unit: str  # "%", "mm", "" ...
+    surface: str  # "observable surface", ...; empty if the metric has none
+    larger_is_better: bool
+
+    @property
+    def full(self) -> str:
+        """Name with its surface."""
+        return f"{self.name}, {self.surface}" if self.surface else self.name
+
+    @property
+    def axis(self) -> str:
+        """Name with its unit, for an axis."""
+        return f"{self.name} ({self.unit})" if self.unit else self.name
+
+    @property
+    def difference_unit(self) -> str:
+        """Differences of percentages are percentage points."""
+        return "points" if self.unit == "%" else self.unit
+
+    @property
+    def arrow(self) -> str:
+        """Which way is better."""
+        return "↑" if self.larger_is_better else "↓"
+
+    def value(self, number: float | None, digits: int = 1) -> str:
+        """A value with its unit."""
+        return with_unit(number, self.unit, digits)
+
+
+def with_unit(number: float | None, unit: str, digits: int = 1, *, signed: bool = False) -> str:
+    """``12.34, "mm"`` as ``12.3 mm``; a dash for a missing value."""
+    text = format_number(number, digits, signed=signed)
+    return text if not unit or text == MISSING else f"{text} {unit}"
+
+
+def format_number(number: float | None, digits: int = 1, *, signed: bool = False) -> str:
+    """Fixed decimals with a true minus sign; a dash for a missing value."""
+    if number is None or not math.isfinite(number):
+        return MISSING
+    text = f"{number:{'+' if signed else ''}.{digits}f}"
+    if float(text) == 0:  # no "-0.0"
+        text = f"{0:.{digits}f}"
+    return text.replace("-", "−")
+
+
+def decimals_for(spread: float) -> int:
+    """Decimals that show two significant digits of an uncertainty, between 1 and 6."""
+    if not math.isfinite(spread) or spread <= 0:
+        return 1
+    return min(6, max(1, 1 - math.floor(math.log10(spread))))
+
+
+def metric_label(path: str) -> MetricLabel:
+    """Label of a metric path of ``MissionResult.metrics`` such as ``observable.f_score_48mm``.
+
+    Unknown paths are shown as they are, with the unit that their ending tells.
+    """
+    *prefix, key = path.split(".")
+    surface = ", ".join(SURFACES.get(part) or VARIANTS.get(part) or part for part in reversed(prefix))
+    if match := re.fullmatch(r"(completeness|accuracy|f_score)_(\d+(?:\.\d+)?)mm", key):
+        return MetricLabel(f"{_THRESHOLDED[match[1]]} @ {match[2]} mm", "%", surface, True)
+    if match := re.fullmatch(r"hausdorff_(gt_to_cloud|cloud_to_gt|symmetric)_mm", key):
+        return MetricLabel(_HAUSDORFF[match[1]], "mm", surface, False)
+    if match := re.fullmatch(r"c2c_(cloud_to_gt_)?(mean|median|p95)_mm", key):
+        kind = "P95" if match[2] == "p95" else match[2].capitalize()
+        direction = ", cloud to truth" if match[1] else ""
+        return MetricLabel(f"{kind} C2C distance{direction}", "mm", surface, False)
+    if key == "f_score_auc":
+        return MetricLabel("F-score, mean over thresholds", "%", surface, True)
+    for ending, unit in (("_mm", "mm"), ("_m", "m"), ("_s", "s"), ("_deg", "°"), ("_px", "px")):
+        if key.endswith(ending):
+            return MetricLabel(_words(key.removesuffix(ending)), unit, surface, False)
+    return MetricLabel(_words(key), "", surface, True)
+
+
+@dataclass(frozen=True)
+class ParameterLabel:
+    """How a tuned parameter is written."""
+
+    name: str  # "Gate: budget fraction"
+    short: str  # for axes and table columns
+    unit: str
+
+    @property
+    def axis(self) -> str:
+        """Name with unit."""
+        return f"{self.name} ({self.unit})" if self.unit else self.name
+
+
+_PARAMETERS = {
+    "gate.budget_fraction": ("Gate: budget fraction f_b", "f_b", ""),
+    "gate.d95_m": ("Gate: KNN distance d95", "d95", "m"),
+    "visibility.mode": ("Visibility model", "visibility", ""),
+    "shared.d_scale_m": ("Novelty scale d_scale", "d_scale", "m"),
+    "shared.d_travel_m": ("Travel scale d_travel", "d_travel", "m"),
+    "shared.theta_min_deg": ("Angular penalty θ_min", "θ_min", "°"),
+    "b_aware.theta_low_deg": ("B-aware: redundancy floor θ_l", "θ_l", "°"),
+    "b_aware.theta_saturation_deg": ("B-aware: saturation angle θ*", "θ*", "°"),
+    "b_aware.target_track_length": ("B-aware: target track length T*", "T*", ""),
+    "b_aware.alpha_track": ("B-aware: α_τ (track support)", "α_τ", ""),
+    "b_aware.alpha_density": ("B-aware: α_ρ (density)", "α_ρ", ""),
+    "b_aware.alpha_reprojection": ("B-aware: α (reprojection)", "α_e", ""),
+}
+_UNITS = {"m": "m", "mm": "mm", "deg": "°", "px": "px", "s": "s", "rad": "rad"}
+_SCORERS = {"covis": "Covis", "b_aware": "B-aware"}
+
+
+def parameter_label(path: str) -> ParameterLabel:
+    """Label of a parameter path of ``MissionConfig``."""
+    if path in _PARAMETERS:
+        return ParameterLabel(*_PARAMETERS[path])
+    if match := re.fullmatch(r"(covis|b_aware)\.weights\.(main|nov|move|ang)", path):
+        scorer = _SCORERS[match[1]]
+        return ParameterLabel(f"{scorer}: weight W_{match[2]}", f"{scorer} W_{match[2]}", "")
+    stem, _, ending = path.rpartition("_")
+    unit = _UNITS.get(ending, "")
+    name = stem if unit else path
+    return ParameterLabel(name.replace("_", " "), name.split(".")[-1].replace("_", " "), unit)
+
+
+def parameter_value(value: Any) -> str:
+    """A parameter's value, four significant digits."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return str(value)
+    return str(value) if isinstance(value, int) else f"{value:.4g}"
+
+
+def strategy_label(kind: str) -> str:
+    """The paper's name of a gate kind; others as they are."""
+    return {
+        "covis": "Covis", "b-aware": "B-aware", "hyb-h": "Hyb-H", "hyb-o": "Hyb-O",
+        "greedy-oracle": "Greedy oracle", "learned": "Learned gate", "random": "Random views",
+        "novelty-only": "Novelty only", "movement-only": "Nearest view", "uniform-coverage": "Uniform coverage",
+    }.get(kind, kind)  # fmt: skip
+
+
+def _words(key: str) -> str:
+    text = key.replace("_", " ").strip()
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,49 @@
+"""Rendering of pages: jinja2 templates that ship with the package."""
+
+from __future__ import annotations
+
+import functools
+import re
+from pathlib import Path
+from typing import Any
+
+import jinja2
+from markupsafe import Markup, escape
+
+from nbv.errors import UserError
+from nbv.run_directory import write_atomic
+
+
+@functools.cache
+def _environment() -> jinja2.Environment:
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("tuner.report", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters["code"] = code
+    return environment
+
+
+def code(text: str) -> Markup:
+    """Text in which `words in backticks` become code; everything else is escaped."""
+    return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
+
+
+def write_page(path: Path, template: str, **facts: Any) -> Path:
+    """Render ``template`` into ``path``, atomically.
+
+    Raises
+    ------
+    UserError
+        The file cannot be written.
+    """
+    text = _environment().get_template(template).render(**facts)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, text)
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error.strerror}; choose another directory") from error
+    return path

@@ -1,0 +1,120 @@
+"""One look for all figures: colour-blind-safe palette, print-friendly, no interactive backend."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import matplotlib
+from cycler import cycler
+
+matplotlib.use("Agg")
+
+from matplotlib.figure import Figure
+
+# Okabe and Ito, "Color universal design" (2008); yellow left out, too light on white paper.
+BLUE, ORANGE, GREEN = "#0072B2", "#E69F00", "#009E73"
+VERMILION, PURPLE, SKY, BLACK = "#D55E00", "#CC79A7", "#56B4E9", "#000000"
+CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK)
+MARKERS = ("o", "s", "^", "D", "v", "P", "h", "<", ">", "p")
+GREY, LIGHT = "#6b6b6b", "#e9ecef"
+SEQUENTIAL = "cividis"  # uniform, readable without colour vision
+
+_RC = {
+    "font.family": "DejaVu Sans",
+    "font.size": 9.5,
+    "axes.titlesize": 10,
+    "axes.labelsize": 9.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#444444",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#dfdfdf",
+    "grid.linewidth": 0.6,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "xtick.labelsize": 8.5,
+    "ytick.labelsize": 8.5,
+    "figure.facecolor": "white",
+    "savefig.facecolor": "white",
+    "svg.fonttype": "path",
+    "svg.hashsalt": "gatetune",  # the same figure gives the same file
+    "axes.prop_cycle": cycler(color=CYCLE),
+}
+
+
+@contextlib.contextmanager
+def look() -> Iterator[None]:
+    """Matplotlib settings of this package, restored afterwards."""
+    with matplotlib.rc_context(_RC):
+        yield
+
+
+def colour(index: int) -> str:
+    """Colour of the ``index``-th series."""
+    return CYCLE[index % len(CYCLE)]
+
+
+def marker(index: int) -> str:
+    """Marker of the ``index``-th series; its period differs from the colours', so pairs stay distinct."""
+    return MARKERS[index % len(MARKERS)]
+
+
+@dataclass(frozen=True)
+class Illustration:
+    """A figure ready for a page: embedded image, alternative text and caption."""
+
+    name: str  # file name without ending
+    source: str  # data URI
+    alt: str
+    caption: str
+    title: str = ""
+    width_px: int = 1000  # largest shown width
+
+
+def embed(
+    figure: Figure,
+    name: str,
+    alt: str,
+    caption: str,
+    directory: Path | None = None,
+    *,
+    title: str = "",
+    form: Literal["svg", "png"] = "svg",
+) -> Illustration:
+    """Turn a figure into an ``Illustration``; also saved as ``directory/NAME.png`` if a directory is given.
+
+    Each SVG is an image of its own (data URI), so identifiers of two figures cannot clash in one page.
+    """
+    with look():
+        if directory is not None:
+            directory.mkdir(parents=True, exist_ok=True)
+            figure.savefig(directory / f"{name}.png", dpi=160, metadata={"Software": None})
+        buffer = io.BytesIO()
+        if form == "svg":
+            figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+            kind = "image/svg+xml"
+        else:
+            figure.savefig(buffer, format="png", dpi=160, metadata={"Software": None})
+            kind = "image/png"
+    encoded = base64.b64encode(buffer.getvalue()).decode()
+    width_px = round(figure.get_figwidth() * 104)
+    return Illustration(name, f"data:{kind};base64,{encoded}", alt, caption, title, width_px)
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """A figure that keeps its labels apart; not registered with pyplot, so nothing has to be closed."""
+    return Figure(figsize=(width_in, height_in), layout="constrained")
+
+
+def short_names(names: Sequence[str]) -> list[str]:
+    """Rocks may be mesh files: show the stem; names that would then collide stay whole."""
+    stems = [Path(name).stem if "/" in name or name.endswith((".ply", ".obj", ".stl", ".glb")) else name
+             for name in names]  # fmt: skip
+    return [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, names)]
