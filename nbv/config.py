@@ -199,7 +199,9 @@ class DenseConfig:
     consistency_views: int = 10
     consistency_relative_depth: float = 0.005
     consistency_px: float = 1.0
-    fusion_voxel_m: float = 0.008  # points in one voxel are averaged; one pixel on the rock at 3.5 m is 7.5 mm
+    fusion_voxel_m: float = (
+        0.008  # points in one voxel are averaged; one pixel on the rock at 3.5 m is 7.5 mm
+    )
 
 
 @dataclass(frozen=True)
@@ -453,10 +455,10 @@ def campaign() -> MissionConfig:
         {
             "stop.adaptive_budget": 8,
             "stop.criterion": "budget",
+            "stop.knn_region": "box",  # far ground points would drown the rock in the statistic
             "sparse.first_octave": 0,
             "sparse.max_features": 4096,
-            "sparse.max_pair_angle_deg": 75.0,
-            "dense.agreeing_views": 4,
+            "dense.agreeing_views": 5,
             "evaluation.gt_samples": 50_000,
         }
     )

@@ -67,6 +67,8 @@ class AdaptiveMission:
             self.report = self.reconstructor.bootstrap(self.captures)
         self._add_timings(self.report)
         model = self.report.model
+        if len(model.camera_names) < len(self.captures):
+            self.notes.append("unregistered_seed")
         self.log("seed-model", {"points": len(model.points_m), "registered": len(model.camera_names),
                                 "captures": len(self.captures), "alignment_rms_m": model.alignment_rms_m})  # fmt: skip
 

@@ -1,0 +1,31 @@
+"""Fixtures for all tests: a home of their own, and the path of the shared real data."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
+
+
+@pytest.fixture(scope="session", autouse=True)
+def gatetune_home(tmp_path_factory):
+    """Rocks and caches of one test session, shared by its workers and empty at its start."""
+    base = tmp_path_factory.getbasetemp()
+    home = (base.parent if os.environ.get("PYTEST_XDIST_WORKER") else base) / "gatetune-home"
+    before = os.environ.get("GATETUNE_HOME")
+    os.environ["GATETUNE_HOME"] = str(home)
+    yield home
+    if before is None:
+        os.environ.pop("GATETUNE_HOME")
+    else:
+        os.environ["GATETUNE_HOME"] = before
+
+
+@pytest.fixture
+def shared_rocks():
+    """The folder of real rocks; the test is skipped where it is absent."""
+    folder = SHARED / "rocks"
+    if not folder.is_dir():
+        pytest.skip("../shared/rocks is absent: real rocks are not part of the repository")
+    return folder

@@ -1,0 +1,123 @@
+"""One small end-to-end photogrammetric mission, and what its run directory promises."""
+
+import json
+
+import numpy as np
+import pytest
+
+from nbv.config import config_from_dict, preset
+from nbv.errors import UserError
+from nbv.mission import run_mission
+from nbv.planning_state import load_state
+from nbv.result import MissionResult
+from nbv.run_directory import read_ply
+from nbv.scorers import rank_candidates
+
+ROCK = "boulder"
+BUDGET = 2
+
+
+@pytest.fixture(scope="module")
+def config():
+    return preset("campaign").with_values(
+        {"stop.adaptive_budget": BUDGET, "evaluation.gt_samples": 10_000, "dense.agreeing_views": 3}
+    )
+
+
+@pytest.fixture(scope="module")
+def flown(config, tmp_path_factory):
+    directory = tmp_path_factory.mktemp("mission") / "run"
+    events = []
+    result = run_mission(config, ROCK, 0, directory, log=lambda event, facts: events.append(event))
+    return result, directory, events
+
+
+@pytest.mark.slow
+def test_the_mission_reconstructs_the_rock(flown):
+    result, _, events = flown
+    assert (result.status, result.reason) == ("ok", "")
+    assert result.costs["images"] == result.costs["registered_images"] == 24 + BUDGET
+    assert result.metric("observable.completeness_48mm") > 80
+    assert result.metric("whole.c2c_median_mm") < 20
+    assert result.metric("observable.accuracy_48mm") > 90
+    assert events[0] == "start"
+    assert events[-1] == "finished"
+    assert events.count("seed") == 24
+    assert events.count("capture") == BUDGET
+
+
+@pytest.mark.slow
+def test_the_run_directory_holds_what_it_promises(flown, config):
+    import pycolmap
+    import yaml
+
+    result, directory, _ = flown
+    assert MissionResult.load(directory) == MissionResult.from_json(result.to_json())
+    assert config_from_dict(yaml.safe_load((directory / "config.yaml").read_text())) == config
+    assert len(list((directory / "images").glob("*.png"))) == 24 + BUDGET
+    trace = [json.loads(line) for line in (directory / "trace.jsonl").read_text().splitlines()]
+    assert [record["chosen"] for record in trace] == [record.chosen for record in result.trace]
+    assert result.provenance["rock_sha256"]
+    assert result.provenance["versions"]["pycolmap"]
+
+    # The exported model opens in COLMAP and is in the world frame: cameras stand on the 4 m and 3.5 m spheres.
+    model = pycolmap.Reconstruction(directory / "sparse" / "0")
+    assert model.num_reg_images() == 24 + BUDGET
+    for image in model.images.values():
+        radius = np.linalg.norm(image.projection_center() - np.array([0, 0, 0.8]))
+        expected = 4.0 if image.name.startswith("seed") else 3.5
+        assert abs(radius - expected) < 0.35 * np.sqrt(3)
+
+    dense, cleaned = read_ply(directory / "dense.ply"), read_ply(directory / "cleaned.ply")
+    assert len(dense.points_m) > len(cleaned.points_m) > 1000
+    assert abs(cleaned.points_m[:, 2].max() - 1.6) < 0.05  # the rock's height
+
+
+@pytest.mark.slow
+def test_every_iteration_can_be_explained_again(flown, config):
+    result, directory, _ = flown
+    for record in result.trace:
+        state, pool = load_state(directory / "states" / f"iter_{record.iteration:02d}.npz")
+        rankings = rank_candidates(state, pool, config)
+        assert pool.ids[rankings[record.scorer].top] == record.chosen
+        for name, ranking in rankings.items():
+            assert record.top[name]["candidate"] == pool.ids[ranking.top]
+            assert record.top[name]["score"] == pytest.approx(float(ranking.scores[ranking.top]), abs=1e-12)
+
+
+@pytest.mark.slow
+def test_cached_and_uncached_missions_are_bit_identical(flown, config, tmp_path):
+    result, directory, _ = flown  # filled the store
+    again = run_mission(config, ROCK, 0, tmp_path / "cached", cache=True)
+    without = run_mission(config, ROCK, 0, tmp_path / "uncached", cache=False)
+    assert again.timings_s.get("bootstrap", 0) < result.timings_s["bootstrap"] / 3  # it really came from the store
+    for other in ("cached", "uncached"):
+        assert (tmp_path / other / "dense.ply").read_bytes() == (directory / "dense.ply").read_bytes()
+        assert (tmp_path / other / "sparse/0/points3D.bin").read_bytes() == (
+            directory / "sparse/0/points3D.bin"
+        ).read_bytes()
+    assert again.metrics == without.metrics == result.metrics
+
+
+def test_a_finished_mission_is_not_overwritten(tmp_path, config):
+    (tmp_path / "mission.json").write_text("{}")
+    with pytest.raises(UserError, match="already holds a finished mission"):
+        run_mission(config, ROCK, 0, tmp_path)
+    assert (tmp_path / "mission.json").read_text() == "{}"
+
+
+def test_an_unknown_rock_is_a_users_mistake(tmp_path, config):
+    with pytest.raises(UserError, match="no-such-rock"):
+        run_mission(config, "no-such-rock", 0, tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.slow
+def test_a_mission_without_a_seed_model_is_a_recorded_failure(tmp_path, config):
+    """A featureless world (no sun, no light) cannot be reconstructed; the mission says so and does not crash."""
+    dark = config.with_values({"scene.ambient": 0.0, "scene.sun_irradiance": 0.0})
+    result = run_mission(dark, ROCK, 0, tmp_path / "dark", cache=False)
+    assert result.status == "failed"
+    assert result.reason in ("seed_model_failed", "wrong_model")
+    assert result.metrics == {}
+    assert MissionResult.load(tmp_path / "dark").reason == result.reason
