@@ -12,6 +12,7 @@ Relief is painted on, not modelled: the surface is exactly z = 0, so depth has a
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -26,7 +27,7 @@ MEAN_ALBEDO = 0.21  # linear; lunar mare to highland is 0.07 to 0.25
 LARGEST_NODE_M = 12.8  # node spacing of the coarsest noise octave
 PEBBLES_PER_CLASS = 4800
 CRATERS_PER_CLASS = 700
-SMALLEST_DISC_TEXELS = 1.7  # radius; below this a disc aliases and is left out of a level
+SMALLEST_DISC_TEXELS = 1.5  # radius; below this a disc aliases and is left out of a level
 
 
 @dataclass(frozen=True)
@@ -143,46 +144,66 @@ def _scatter_discs(
         tones = rng.normal(0, 0.25 if pebble else 0.06, count)
         steep = rng.uniform(0.5, 1.0, count)
         for level in range(coarsest + 1):
-            texel = spec.texel_m * 2**level
-            half = spec.half_extent_m(level)
-            near = (np.abs(centres) < half + 2 * radii[:, None]).all(1) & (
-                radii >= SMALLEST_DISC_TEXELS * texel * 0.9
-            )
-            for i in np.flatnonzero(near):
-                args = (centres[i], radii[i], texel, half)
+            texel, half = spec.texel_m * 2**level, spec.half_extent_m(level)
+            inside = (np.abs(centres) < half + 2 * radii[:, None]).all(axis=1)
+            for i in np.flatnonzero(inside & (radii >= SMALLEST_DISC_TEXELS * texel)):
+                disc = _Disc(centres[i], radii[i], texel, half)
                 if pebble:
-                    shift = shadow_shift * 0.35 * radii[i]
-                    _paint(shades[level], (centres[i] + shift, radii[i], texel, half),
-                           lambda a, d: a * (1 - 0.8 * np.clip(4 * (1.0 - d), 0, 1)))  # fmt: skip
-                    _paint(shades[level], args, lambda a, d: np.where(d < 0.9, 1, a))
-                    _paint(log_albedos[level], args,
-                           lambda a, d, t=tones[i]: a + t * np.clip(3 * (1 - d), 0, 1))  # fmt: skip
-                    _paint(heights[level], args,
-                           lambda a, d, h=0.5 * radii[i] * steep[i]: a + h * np.clip(1 - d * d, 0, None))  # fmt: skip
+                    shadow = _Disc(centres[i] + 0.35 * radii[i] * shadow_shift, radii[i], texel, half)
+                    _draw_pebble(
+                        disc, shadow, 0.5 * steep[i], tones[i],
+                        heights[level], log_albedos[level], shades[level],
+                    )  # fmt: skip
                 else:
-                    _paint(heights[level], args,
-                           lambda a, d, h=0.16 * radii[i] * steep[i]: a + h * _crater(d), 1.6)  # fmt: skip
-                    _paint(log_albedos[level], args,
-                           lambda a, d, t=tones[i]: a + t * np.clip(1.5 * (1.2 - d), 0, 1), 1.3)  # fmt: skip
+                    _draw_crater(disc, 0.16 * steep[i], tones[i], heights[level], log_albedos[level])
         size_class += 1
 
 
-def _crater(d: Floats32) -> Floats32:
-    """Bowl of depth 1 inside d < 1 with a low rim around it."""
-    return np.where(d < 1, d * d - 1, 0) + 0.25 * np.exp(-(((d - 1) / 0.2) ** 2))
+@dataclass(frozen=True)
+class _Disc:
+    """A circle on one level of the clipmap."""
+
+    center_m: NDArray[np.float64]  # (2,)
+    radius_m: float
+    texel_m: float
+    half_m: float  # half extent of the level
+
+    def window(self, texture: Floats32, reach: float) -> tuple[Floats32, Floats32]:
+        """The part (a view) of the texture within ``reach`` radii, and its distances from the centre in radii."""
+        column, row = (self.center_m + self.half_m) / self.texel_m - 0.5
+        span = reach * self.radius_m / self.texel_m
+        c0, c1 = max(0, math.ceil(column - span)), max(0, math.floor(column + span) + 1)
+        r0, r1 = max(0, math.ceil(row - span)), max(0, math.floor(row + span) + 1)
+        part = texture[r0:r1, c0:c1]
+        dy = np.arange(r0, r0 + part.shape[0], dtype=np.float32) - np.float32(row)
+        dx = np.arange(c0, c0 + part.shape[1], dtype=np.float32) - np.float32(column)
+        return part, np.hypot(dy[:, None], dx) * np.float32(self.texel_m / self.radius_m)
 
 
-def _paint(texture, disc, change, reach: float = 1.0) -> None:  # type: ignore[no-untyped-def]
-    """Apply ``change(old, d)`` where the distance d from the disc's centre, in radii, is below ``reach``."""
-    (x, y), radius, texel, half = disc
-    size = len(texture)
-    column, row, span = (x + half) / texel - 0.5, (y + half) / texel - 0.5, reach * radius / texel
-    c0, c1 = max(0, int(np.ceil(column - span))), min(size, int(np.floor(column + span)) + 1)
-    r0, r1 = max(0, int(np.ceil(row - span))), min(size, int(np.floor(row + span)) + 1)
-    if c0 >= c1 or r0 >= r1:
-        return
-    dx = (np.arange(c0, c1, dtype=np.float32) - np.float32(column)) ** 2
-    dy = (np.arange(r0, r1, dtype=np.float32) - np.float32(row)) ** 2
-    d = np.sqrt(dy[:, None] + dx) * np.float32(texel / radius)
-    old = texture[r0:r1, c0:c1]
-    texture[r0:r1, c0:c1] = np.where(d < reach, change(old, d), old)
+def _draw_pebble(
+    disc: _Disc,
+    shadow: _Disc,
+    steepness: float,
+    tone: float,
+    height: Floats32,
+    log_albedo: Floats32,
+    shade: Floats32,
+) -> None:
+    """A half-buried stone with a tone and a shadow of its own."""
+    part, d = shadow.window(shade, 1.0)
+    part *= 1 - 0.8 * np.clip(4 * (1 - d), 0, 1)
+    part, d = disc.window(shade, 0.9)
+    part[d < 0.9] = 1
+    part, d = disc.window(log_albedo, 1.0)
+    part += tone * np.clip(3 * (1 - d), 0, 1)
+    part, d = disc.window(height, 1.0)
+    part += steepness * disc.radius_m * np.maximum(1 - d * d, 0)
+
+
+def _draw_crater(disc: _Disc, steepness: float, tone: float, height: Floats32, log_albedo: Floats32) -> None:
+    """A bowl with a low rim, a little brighter or darker than its surroundings."""
+    part, d = disc.window(height, 1.6)
+    bowl = np.minimum(d * d - 1, 0) + 0.25 * np.exp(-(((d - 1) / 0.2) ** 2))
+    part += steepness * disc.radius_m * bowl
+    part, d = disc.window(log_albedo, 1.2)
+    part += tone * np.clip(1.5 * (1.2 - d), 0, 1)

@@ -37,4 +37,5 @@ def preview(
         view = renderer.render(look_at(target + radius_m * outward, target))
         top, left = (i // columns) * cell_h, (i % columns) * cell_w
         sheet[top : top + camera.height_px, left : left + camera.width_px] = view.rgb
+    renderer.close()
     return sheet

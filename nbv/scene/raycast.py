@@ -55,6 +55,9 @@ class RaycastRenderer:
             self._draw_rock(rays, position, box, rgb, depth, mask)
         return RenderedView(grey_levels(rgb), depth, mask)
 
+    def close(self) -> None:
+        """Nothing to give back."""
+
     # ---------------------------------------------------------------- ground and sky
 
     def _ground_depth(self, rays: _PixelRays, position: Floats) -> Floats32:

@@ -32,6 +32,10 @@ class Renderer(Protocol):
         """
         ...
 
+    def close(self) -> None:
+        """Give back what the operating system lent (a GL context); rendering afterwards is a mistake."""
+        ...
+
 
 def srgb_from_linear(radiance: NDArray[np.floating]) -> NDArray[np.floating]:
     """The sRGB transfer curve (IEC 61966-2-1), clipped to 0..1."""

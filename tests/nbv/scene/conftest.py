@@ -1,4 +1,4 @@
-"""A ball baked once a session, and a cache of the session's own."""
+"""A ball, baked once a session."""
 
 from __future__ import annotations
 
@@ -9,20 +9,13 @@ from nbv.config import SceneConfig
 from nbv.scene import build_scene, make_renderer
 
 
-@pytest.fixture(scope="session", autouse=True)
-def _cache_home(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("GATETUNE_HOME", str(tmp_path_factory.mktemp("gatetune_home")))
-        yield
-
-
 @pytest.fixture(scope="session")
 def ball() -> PlainRock:
     return make_ball()
 
 
 @pytest.fixture(scope="session")
-def ball_scene(ball, _cache_home):
+def ball_scene(ball, gatetune_home):
     return build_scene(ball, SceneConfig(), SMALL_CAMERA, SMALL_GROUND)
 
 

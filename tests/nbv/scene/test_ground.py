@@ -28,14 +28,14 @@ def strongest_repeat(texture: np.ndarray, shortest_lag: int) -> float:
     correlation = correlation / correlation[0, 0] * detail.size / np.maximum(overlap, 1)
     lag = np.minimum(np.arange(size[0]), size[0] - np.arange(size[0]))
     far = np.maximum(lag[:, None], lag[None, : correlation.shape[1]]) >= shortest_lag
-    enough = overlap > 0.05 * detail.size  # tiny overlaps correlate by chance
+    enough = overlap > 0.1 * detail.size  # tiny overlaps correlate by chance
     return float(correlation[far & enough].max())
 
 
 def test_the_ground_has_no_period(ground):
     for level in range(SPEC.levels):
         for texture in (ground.albedo[level], ground.sun_cosine[level]):
-            assert strongest_repeat(texture[:512, :512], 24) < 0.12
+            assert strongest_repeat(texture, 24) < 0.15
 
 
 def test_the_period_test_would_see_a_tile(ground):
