@@ -179,6 +179,7 @@ class SparseConfig:
     peak_threshold: float = 0.0066  # COLMAP's default, 0.02 / 3
     match_ratio: float = 0.8
     max_pair_angle_deg: float = 180.0  # pairs whose viewing directions differ more are not matched
+    max_pairs: int = 0  # earlier photographs to match a new one with, nearest directions first; 0 = all
     min_inliers: int = 15
     global_ba_interval: int = 10  # captures between global bundle adjustments
     max_alignment_rms_m: float = 0.10  # beyond this the model is wrong, not noisy
@@ -396,6 +397,11 @@ def validate(config: MissionConfig) -> None:
         for part in path.split("."):
             value = getattr(value, part)
         need(value > 0, path, "positive")
+    need(config.scene.sun_direction[2] < 0, "scene.sun_direction", "downward (negative third component)")
+    need(0 <= config.scene.sky_grey <= 1, "scene.sky_grey", "between 0 and 1")
+    for name in ("sun_irradiance", "ambient", "read_noise_dn", "shot_noise_dn"):
+        need(getattr(config.scene, name) >= 0, f"scene.{name}", "0 or more")
+    need(config.scene.sun_irradiance + config.scene.ambient > 0, "scene.ambient", "positive without a sun")
     need(config.flight.arrival_tolerance_m >= 0, "flight.arrival_tolerance_m", "0 or more")
     for name in ("max_yaw_rate_rad_s", "max_yaw_acceleration_rad_s2", "max_yaw_jerk_rad_s3"):
         need(getattr(config.flight, name) > 0, f"flight.{name}", "positive")
@@ -412,6 +418,24 @@ def validate(config: MissionConfig) -> None:
         "pool.min_altitude_m",
         "below pool.max_altitude_m",
     )
+    need(config.pool.lateral_count >= 0 and config.pool.upper_count >= 0, "pool.lateral_count",
+         "0 or more (pool.upper_count too)")  # fmt: skip
+    for path in ("seed.ring_elevations_deg", "pool.lateral_elevations_deg", "pool.upper_elevations_deg"):
+        room, name = path.split(".")
+        elevations: tuple[float, ...] = getattr(getattr(config, room), name)
+        need(all(-90.0 < e < 90.0 for e in elevations), path, "elevations between -90 and 90 degrees")
+    need(
+        all(n >= 1 for n in config.seed.ring_azimuth_counts),
+        "seed.ring_azimuth_counts",
+        "at least 1 per ring",
+    )
+    need(config.pool.azimuth_sectors >= 1, "pool.azimuth_sectors", "at least 1")
+    need(config.pool.max_candidates >= 1, "pool.max_candidates", "at least 1")
+    for name in ("alpha_track", "alpha_density", "alpha_reprojection", "theta_low_deg"):
+        need(getattr(config.b_aware, name) >= 0, f"b_aware.{name}", "0 or more")
+    need(config.b_aware.density_neighbours >= 1, "b_aware.density_neighbours", "at least 1")
+    need(config.gate.oracle_samples >= 100, "gate.oracle_samples", "at least 100")
+    need(config.gate.oracle_matchable_views >= 2, "gate.oracle_matchable_views", "at least 2")
     need(0 <= config.gate.budget_fraction <= 1, "gate.budget_fraction", "between 0 and 1")
     need(config.gate.d95_m >= 0, "gate.d95_m", "0 or more")
     need(config.b_aware.theta_low_deg < config.b_aware.theta_saturation_deg,
