@@ -14,7 +14,7 @@ from botorch.utils.sampling import draw_sobol_samples
 
 from nbv.types import Floats
 from tuner.search_space import Values
-from tuner.surrogate import RockMeanGP, numerics, tensor
+from tuner.surrogate import RockMeanGP, numerics
 
 RESTARTS = 6
 RAW_SAMPLES = 128
@@ -48,10 +48,10 @@ def propose(
 def _acquisition(
     model: RockMeanGP, pending: Sequence[Mapping[str, Any]], seed: int
 ) -> qLogNoisyExpectedImprovement:
-    x_pending = tensor(np.array([model.space.to_unit(v) for v in pending])) if pending else None
+    x_pending = model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None
     return qLogNoisyExpectedImprovement(
         model.model,
-        X_baseline=tensor(np.unique(model.unit, axis=0)),
+        X_baseline=model.inputs(np.unique(model.unit, axis=0)),
         sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
         X_pending=x_pending,
         prune_baseline=True,
@@ -63,27 +63,34 @@ def _maximise(
 ) -> tuple[Floats, float]:
     """Best (d,) unit position, exactly a configuration, and its acquisition value."""
     d = model.space.dimension
-    bounds = torch.stack([torch.zeros(d, dtype=torch.float64), torch.ones(d, dtype=torch.float64)])
+    # The last column is the rock: everything is compared on one virtual rock.
+    rock = {d: model.virtual_rock}
+    bounds = torch.zeros(2, d + 1, dtype=torch.float64)
+    bounds[1, :d] = 1.0
+    bounds[:, d] = model.virtual_rock
     options = {"seed": seed, "maxiter": MAX_ITERATIONS}
     discrete = model.space.discrete_dimensions
     if not discrete:
-        best, score = optimize_acqf(acquisition, bounds, 1, RESTARTS, RAW_SAMPLES, options=options)
-        return best.squeeze(0).numpy(), float(score)
-    raw = draw_sobol_samples(bounds, RAW_SAMPLES * 4, 1, seed=seed)
-    snapped = tensor(np.array([model.space.snap(x) for x in raw.squeeze(1).numpy()])).unsqueeze(1)
+        best, score = optimize_acqf(
+            acquisition, bounds, 1, RESTARTS, RAW_SAMPLES, options=options, fixed_features=rock
+        )
+        return best[0, :d].numpy(), float(score)
+    raw = draw_sobol_samples(bounds[:, :d], RAW_SAMPLES * 4, 1, seed=seed).squeeze(1).numpy()
+    snapped = model.inputs(np.array([model.space.snap(x) for x in raw])).unsqueeze(1)
     with torch.no_grad():
         scores = acquisition(snapped)
     if len(discrete) == d:
         index = int(scores.argmax())
-        return snapped[index, 0].numpy(), float(scores[index])
+        return snapped[index, 0, :d].numpy(), float(scores[index])
     combinations: list[dict[int, float]] = []
     for index in scores.argsort(descending=True).tolist():
-        fixed = {i: float(snapped[index, 0, i]) for i in discrete}
+        fixed = {**{i: float(snapped[index, 0, i]) for i in discrete}, **rock}
         if fixed not in combinations:
             combinations.append(fixed)
         if len(combinations) == DISCRETE_COMBINATIONS:
             break
     best, score = optimize_acqf_mixed(
-        acquisition, bounds, 1, combinations, num_restarts=2, raw_samples=RAW_SAMPLES // 4, options=options
-    )
-    return best.squeeze(0).numpy(), float(score)
+        acquisition, bounds, 1, fixed_features_list=combinations, num_restarts=2,
+        raw_samples=RAW_SAMPLES // 4, options=options,
+    )  # fmt: skip
+    return best[0, :d].numpy(), float(score)

@@ -13,15 +13,12 @@ from __future__ import annotations
 
 import collections
 import contextlib
-import dataclasses
 import datetime
-import fcntl
 import json
-import signal
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -39,10 +36,10 @@ from tuner.objective import Direction, Objective
 from tuner.recommendation import Recommendation, recommend
 from tuner.samplers import SAMPLER_NAMES, Sampler, SamplerSettings, initial_design_size, make_sampler
 from tuner.search_space import SearchSpace, Values, space_from_dict
+from tuner.session import exclusive, stop_signals
 
 SETTINGS_FILE = "campaign.yaml"
 RECOMMENDATION_FILE = "recommendation.json"
-LOCK_FILE = "campaign.lock"
 FORMAT_VERSION = 1
 # So many failures in a row mean that something is wrong with the set-up, not with the configurations.
 MAX_CONSECUTIVE_FAILURES = 8
@@ -310,7 +307,7 @@ class Campaign:
             )
         with contextlib.ExitStack() as stack:
             if not read_only:  # repairs to the ledger need the campaign to be idle
-                stack.enter_context(_exclusive(directory))
+                stack.enter_context(exclusive(directory))
             ledger = Ledger(
                 directory, settings.storage, settings.name, identity, settings.space, settings.objective,
                 read_only=read_only,
@@ -403,7 +400,7 @@ class Campaign:
         """
         session = _Session(self, executor, on_event or (lambda event: None), recommend_every)
         try:
-            with _exclusive(self.directory), _stop_signals() as stop:
+            with exclusive(self.directory), stop_signals() as stop:
                 try:
                     return session.fly(stop)
                 finally:
@@ -599,45 +596,6 @@ def _first_difference(stored: Mapping[str, Any], wanted: Mapping[str, Any]) -> s
                 return f"search space {stored[key].get('name')!r} differs from {wanted[key].get('name')!r}"
             return f"{key} is {stored.get(key)!r} there, not {wanted[key]!r}"
     return ""
-
-
-@contextlib.contextmanager
-def _exclusive(directory: Path) -> Iterator[None]:
-    """Hold the campaign's lock; the kernel frees it when the process dies, however it dies."""
-    with (directory / LOCK_FILE).open("w") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise UserError(
-                f"the campaign in {directory} is running in another process; stop it first"
-            ) from error
-        yield
-
-
-@contextlib.contextmanager
-def _stop_signals() -> Iterator[threading.Event]:
-    """Turn the first SIGINT or SIGTERM into a flag that is looked at between ledger writes."""
-    stop = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield stop
-        return
-
-    def ask_to_stop(number: int, frame: object) -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt
-        stop.set()
-
-    before = {number: signal.signal(number, ask_to_stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
-def replace_budget(settings: CampaignSettings, budget: int) -> CampaignSettings:
-    """The same campaign with another budget (its initial design stays as it was)."""
-    return dataclasses.replace(settings, budget=budget, initial=settings.initial_size())
 
 
 __all__ = [

@@ -30,6 +30,7 @@ from tuner.missions import (
     clear_traces,
     collect_outcome,
     failed_outcome,
+    record_failure,
 )
 
 
@@ -254,6 +255,8 @@ class LocalProcessExecutor:
             else:
                 reason, message = f"worker_died: exit {status}", f"ended without a result; see {log}"
             outcome = failed_outcome(job, reason, message, wall_s)
+            with contextlib.suppress(OSError):  # so that the directory tells its own story
+                record_failure(job, reason, message)
         self._ready.append(outcome)
 
     def _kill_overdue(self) -> None:

@@ -32,16 +32,17 @@ EXIT_NOT_WRITABLE = 74  # EX_IOERR: not even the error could be written
 def run_job(tree: dict[str, Any]) -> int:
     """Fly one mission and leave ``mission.json``, or ``worker_error.json``, in its directory; exit status."""
     from nbv.errors import MissionFailure, UserError
-    from tuner.missions import ERROR_FILE, RESULT_FILE, MissionJob, resolve_runner
+    from nbv.run_directory import write_atomic
+    from tuner.missions import RESULT_FILE, MissionJob, record_failure, resolve_runner
 
-    directory = Path(tree["directory"])
+    job = MissionJob.from_dict(tree)
+    directory = job.directory
     try:
-        job = MissionJob.from_dict(tree)
         directory.mkdir(parents=True, exist_ok=True)
         runner = resolve_runner(job.runner)
         result = runner(job.config, job.rock, job.replicate, directory, keep=job.keep)
         if not (directory / RESULT_FILE).exists():
-            _write_atomic(directory / RESULT_FILE, result.to_json())
+            write_atomic(directory / RESULT_FILE, result.to_json())
         return 0
     except KeyboardInterrupt:
         raise
@@ -58,18 +59,11 @@ def run_job(tree: dict[str, Any]) -> int:
         reason, message = "mission_error", f"{type(error).__name__}: {error}"
     traceback.print_exc()
     try:
-        text = json.dumps({"job_id": tree["id"], "reason": reason, "message": message})
-        _write_atomic(directory / ERROR_FILE, text)
+        record_failure(job, reason, message)
     except OSError:
         traceback.print_exc()
         return EXIT_NOT_WRITABLE
     return EXIT_FAILED
-
-
-def _write_atomic(path: Path, text: str) -> None:
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    temporary.write_text(text)
-    temporary.replace(path)
 
 
 class MissionServer:

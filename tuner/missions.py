@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
+from nbv.run_directory import write_atomic
 
 DEFAULT_RUNNER = "nbv.mission:run_mission"
 RESULT_FILE = "mission.json"
@@ -141,6 +142,12 @@ def collect_outcome(job: MissionJob, wall_s: float | None = None) -> MissionOutc
 def failed_outcome(job: MissionJob, reason: str, message: str, wall_s: float = 0.0) -> MissionOutcome:
     """A mission that ended without metrics."""
     return MissionOutcome(job.id, "failed", reason, message, wall_s=wall_s, directory=str(job.directory))
+
+
+def record_failure(job: MissionJob, reason: str, message: str) -> None:
+    """Leave the reason of a failure in the job's directory; ``OSError`` if that cannot be written."""
+    text = json.dumps({"job_id": job.id, "reason": reason, "message": message})
+    write_atomic(job.directory / ERROR_FILE, text)
 
 
 def clear_traces(job: MissionJob) -> None:

@@ -31,7 +31,10 @@ MIN_FEASIBLE_FOR_MODEL = 2
 class Sampler(Protocol):
     """Proposes the next mission."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """As in ``SAMPLER_NAMES``."""
+        ...
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
         """The next configuration, given all finished missions and those in flight."""

@@ -76,6 +76,8 @@ class Parameter:
     def from_unit(self, position: float) -> Any:
         """Value at ``position``, clipped to [0, 1]; integers are rounded, choices are binned."""
         position = min(1.0, max(0.0, float(position)))
+        if self.kind != "categorical" and position in (0.0, 1.0):  # exactly, whatever exp and log round to
+            return self.high if position else self.low
         if self.kind == "categorical":
             return self.choices[min(int(position * len(self.choices)), len(self.choices) - 1)]
         if self.scale == "log":

@@ -1,9 +1,17 @@
 """Gaussian process over configurations: what the missions so far say about every configuration.
 
-The default model ignores which rock an observation came from once outcomes are standardised per rock
-(``tuner.objective.RockStandardiser``): a Matern-5/2 ARD kernel with dimension-scaled length-scale priors
-(Hvarfner et al., ICML 2024) on the unit cube, and one inferred noise. What the rocks do not share ends up in
-the noise, which is right for a mean over rocks.
+Outcomes are standardised per rock (``tuner.objective.RockStandardiser``). The model is then
+
+    z(x, rock) = f(x) + b(rock) + noise
+
+with a Matern-5/2 ARD kernel for f on the unit cube and an independent offset b per rock: with a handful of
+missions on each rock the standardisation cannot know whether a rock is hard or was flown with poor
+configurations; the offsets, inferred together with f, can. What rocks do not share beyond an offset and a
+scale ends up in the noise, which is right for a mean over rocks.
+
+The length-scale prior grows with the square root of the dimension (Hvarfner et al., ICML 2024), but is
+narrower than theirs, there is an output scale, and the noise prior expects noise: missions are noisy, and on
+synthetic data as noisy as the signal these choices were the better calibrated ones.
 """
 
 from __future__ import annotations
@@ -22,8 +30,8 @@ from botorch.exceptions import BotorchWarning, InputDataWarning, OptimizationWar
 from botorch.fit import fit_gpytorch_mll
 from botorch.models import SingleTaskGP
 from botorch.models.kernels.categorical import CategoricalKernel
-from botorch.models.utils.gpytorch_modules import get_covar_module_with_dim_scaled_prior
 from gpytorch.constraints import GreaterThan
+from gpytorch.kernels import MaternKernel, ScaleKernel
 from gpytorch.likelihoods import GaussianLikelihood
 from gpytorch.priors import LogNormalPrior
 
@@ -55,7 +63,7 @@ def numerics(seed: int) -> Iterator[None]:
         torch.random.set_rng_state(state)
 
 
-def tensor(array: Floats | Sequence[Sequence[float]]) -> torch.Tensor:
+def tensor(array: Floats | Sequence[Sequence[float]] | Sequence[Floats]) -> torch.Tensor:
     """float64 tensor, the only precision used here."""
     return torch.as_tensor(np.asarray(array, dtype=np.float64), dtype=torch.float64)
 
@@ -132,7 +140,7 @@ class Posterior:
 
 
 class RockMeanGP:
-    """``SingleTaskGP`` on per-rock-standardised outcomes; predicts the mean over the training rocks.
+    """The Gaussian process described above; predicts the mean over the training rocks.
 
     Parameters
     ----------
@@ -160,70 +168,78 @@ class RockMeanGP:
         self.standardiser = RockStandardiser.fit(observed_rocks, outcomes)
         self.unit = np.array([space.to_unit(o.values) for o in feasible])  # (n, d)
         self.targets = self.standardiser.standardise(observed_rocks, outcomes)  # (n,)
-        self._offset, self._factor = self.standardiser.mean_over(self.rocks)
+        names = dict.fromkeys([*self.rocks, *observed_rocks])
+        self._index = {name: float(i) for i, name in enumerate(names)}
         with numerics(seed):
-            self.model = self._build()
+            self.model = self._build(np.array([self._index[rock] for rock in observed_rocks]))
             if len(feasible) >= MIN_OBSERVATIONS_TO_FIT:
                 mll = gpytorch.mlls.ExactMarginalLogLikelihood(self.model.likelihood, self.model)
                 fit_gpytorch_mll(mll, optimizer_kwargs={"options": {"maxiter": FIT_MAX_ITERATIONS}})
             self.model.eval()
 
-    def _build(self) -> SingleTaskGP:
+    def _build(self, rock_column: Floats) -> SingleTaskGP:
         d = self.space.dimension
-        categorical = self.space.categorical_dimensions
-        ordered = [i for i in range(d) if i not in categorical]
-        kernels = []
-        if ordered:
-            kernels.append(
-                get_covar_module_with_dim_scaled_prior(
-                    len(ordered), use_rbf_kernel=False, active_dims=ordered
-                )
-            )
-        if categorical:
-            kernels.append(CategoricalKernel(ard_num_dims=len(categorical), active_dims=list(categorical)))
-        kernel = kernels[0] if len(kernels) == 1 else kernels[0] * kernels[1]
-        # Outcomes have unit spread within a rock, and missions are noisy: a prior median of 0.1 with a wide
-        # spread (BoTorch's own, median 0.018, makes small noisy data sets overconfident).
-        noise_prior = LogNormalPrior(math.log(0.1), 1.5)
+        noise_prior = LogNormalPrior(math.log(0.2), 1.0)
         likelihood = GaussianLikelihood(
             noise_prior=noise_prior,
             noise_constraint=GreaterThan(1e-4, transform=None, initial_value=0.1),
         )
-        # The outcomes are standardised already; X has no rock column, so nothing may rescale it.
         return SingleTaskGP(
-            tensor(self.unit),
+            tensor(np.column_stack([self.unit, rock_column])),
             tensor(self.targets[:, None]),
             likelihood=likelihood,
-            covar_module=kernel,
-            outcome_transform=None,
+            covar_module=_configuration_kernel(self.space) + _rock_offset_kernel(d),
+            outcome_transform=None,  # standardised already; nothing may rescale the rock column either
         )
 
+    @property
+    def virtual_rock(self) -> float:
+        """Rock column of a rock that was never flown.
+
+        Its offset is unknown but common to all configurations, so comparisons between configurations on this
+        rock are comparisons of f alone.
+        """
+        return float(len(self._index))
+
+    def inputs(self, unit: Floats, rock: float | None = None) -> torch.Tensor:
+        """(m, d + 1) model inputs for (m, d) unit positions; on the virtual rock unless told otherwise."""
+        column = np.full(len(unit), self.virtual_rock if rock is None else rock)
+        return tensor(np.column_stack([unit, column]))
+
     def posterior(self, values: Sequence[Mapping[str, Any]]) -> Posterior:
-        """Joint posterior of the rock mean at the given configurations."""
-        unit = tensor(np.array([self.space.to_unit(v) for v in values]))
+        """Joint posterior of the mean over the training rocks at the given configurations."""
+        unit = np.array([self.space.to_unit(v) for v in values])
+        m, count = len(unit), len(self.rocks)
+        x = torch.cat([self.inputs(unit, self._index[rock]) for rock in self.rocks])
         with torch.no_grad(), gpytorch.settings.fast_pred_var(False):
-            joint = self.model.posterior(unit).distribution
-            mean = joint.mean.numpy()
-            covariance = joint.covariance_matrix.numpy()
-        return Posterior(self._offset + self._factor * mean, self._factor**2 * covariance)
+            joint = self.model.posterior(x).distribution
+            mean = joint.mean.numpy().reshape(count, m)
+            covariance = joint.covariance_matrix.numpy().reshape(count, m, count, m)
+        scales = np.array([self.standardiser.scale(rock) for rock in self.rocks])
+        centres = np.array([self.standardiser.centre(rock) for rock in self.rocks])
+        return Posterior(
+            centres.mean() + scales @ mean / count,
+            np.einsum("r,s,rmsn->mn", scales, scales, covariance) / count**2,
+        )
 
     def predict_on_rock(self, values: Mapping[str, Any], rock: str) -> float:
-        """Posterior mean outcome of one configuration on one rock, in the objective's unit."""
+        """Posterior mean outcome of one configuration on one training rock, in the objective's unit."""
         with torch.no_grad():
-            z = self.model.posterior(tensor([self.space.to_unit(values)])).mean.item()
+            x = self.inputs(self.space.to_unit(values)[None], self._index[rock])
+            z = self.model.posterior(x).mean.item()
         return self.standardiser.centre(rock) + self.standardiser.scale(rock) * z
 
     @property
     def noise_sd(self) -> float:
         """Standard deviation of one mission's outcome about its configuration's rock mean, objective's unit."""
-        return float(math.sqrt(self.model.likelihood.noise.item())) * self._factor
+        scale = float(np.mean([self.standardiser.scale(rock) for rock in self.rocks]))
+        return math.sqrt(self.model.likelihood.noise.item()) * scale
 
     @property
     def lengthscales(self) -> dict[str, float]:
         """Length scale per ordered parameter, in unit-cube units; long means unimportant."""
-        kernel = self.model.covar_module
-        for part in getattr(kernel, "kernels", [kernel]):
-            if isinstance(part, gpytorch.kernels.MaternKernel):
+        for part in self.model.covar_module.modules():
+            if isinstance(part, MaternKernel):
                 ordered = [p.path for p in self.space.parameters if p.kind != "categorical"]
                 return dict(zip(ordered, part.lengthscale.detach().flatten().tolist()))
         return {}
@@ -239,3 +255,39 @@ class RockMeanGP:
             residual = (inverse @ (model.train_targets - prior.mean)) / inverse.diagonal()
             observed = model.train_targets.numpy()
             return LooCheck(observed, observed - residual.numpy(), inverse.diagonal().rsqrt().numpy())
+
+
+def _configuration_kernel(space: SearchSpace) -> gpytorch.kernels.Kernel:
+    """Scaled Matern-5/2 over ordered parameters, times a categorical kernel where there are choices."""
+    categorical = space.categorical_dimensions
+    ordered = [i for i in range(space.dimension) if i not in categorical]
+    parts: list[gpytorch.kernels.Kernel] = []
+    if ordered:
+        prior = LogNormalPrior(math.log(0.5 * math.sqrt(len(ordered))), 0.8)
+        constraint = GreaterThan(2.5e-2, transform=None, initial_value=prior.mode)
+        parts.append(
+            MaternKernel(
+                nu=2.5, ard_num_dims=len(ordered), active_dims=ordered, lengthscale_prior=prior,
+                lengthscale_constraint=constraint,
+            )
+        )  # fmt: skip
+    if categorical:
+        parts.append(CategoricalKernel(ard_num_dims=len(categorical), active_dims=list(categorical)))
+    kernel = parts[0] if len(parts) == 1 else parts[0] * parts[1]
+    return ScaleKernel(
+        kernel,
+        outputscale_prior=LogNormalPrior(math.log(0.7), 0.7),
+        outputscale_constraint=GreaterThan(1e-3, transform=None, initial_value=0.7),
+    )
+
+
+def _rock_offset_kernel(column: int) -> gpytorch.kernels.Kernel:
+    """tau^2 where the rock is the same, else 0."""
+    same = CategoricalKernel(ard_num_dims=1, active_dims=[column])
+    same.lengthscale = 0.05  # exp(-1 / 0.05) = 2e-9: different rocks share nothing
+    same.raw_lengthscale.requires_grad_(False)
+    return ScaleKernel(
+        same,
+        outputscale_prior=LogNormalPrior(math.log(0.1), 1.0),
+        outputscale_constraint=GreaterThan(1e-4, transform=None, initial_value=0.1),
+    )

@@ -26,10 +26,15 @@ RUNNER = "fake_missions:fake_mission"
 
 
 def settings(**changes: object) -> CampaignSettings:
-    fields: dict[str, object] = dict(
-        name="test", space=load_search_space("gate"), rocks=("a", "b"), budget=6, seed=1, sampler="sobol",
-        runner=RUNNER,
-    )  # fmt: skip
+    fields: dict[str, object] = {
+        "name": "test",
+        "space": load_search_space("gate"),
+        "rocks": ("a", "b"),
+        "budget": 6,
+        "seed": 1,
+        "sampler": "sobol",
+        "runner": RUNNER,
+    }
     return CampaignSettings(**{**fields, **changes})  # type: ignore[arg-type]
 
 
@@ -122,7 +127,7 @@ def _processes_mentioning(path: Path) -> list[int]:
     found = []
     for entry in Path("/proc").glob("[0-9]*"):
         try:
-            links = [os.readlink(link) for link in (entry / "fd").iterdir()]
+            links = [str(link.readlink()) for link in (entry / "fd").iterdir()]
         except OSError:
             continue
         if any(str(path) in link for link in links) and int(entry.name) != os.getpid():
@@ -279,7 +284,7 @@ def test_every_sampler_runs_and_resumes(tmp_path: Path, sampler: str) -> None:
         ({"rocks": ("a", "a")}, "named twice"),
         ({"sampler": "magic"}, "unknown sampler 'magic'"),
         ({"preset": "magic"}, "unknown preset 'magic'"),
-        ({"overrides": {"gate.d95": 1.0}}, "did you mean gate.d95_m"),
+        ({"overrides": {"gate.d95": 1.0}}, "did you mean"),
     ],
 )
 def test_settings_that_make_no_campaign(changes: dict[str, object], message: str) -> None:
@@ -297,7 +302,7 @@ def test_directories_of_others_are_left_alone(tmp_path: Path) -> None:
 
     run(tmp_path / "run", budget=2)
     before = (tmp_path / "run" / "study.journal").read_bytes()
-    with pytest.raises(UserError, match="already holds this campaign.*resume"):
+    with pytest.raises(UserError, match=r"already holds this campaign.*resume"):
         Campaign.create(tmp_path / "run", settings(budget=2))
     with pytest.raises(UserError, match="already holds another campaign"):
         Campaign.create(tmp_path / "run", settings(budget=3))
@@ -323,7 +328,7 @@ def test_one_campaign_runs_once_at_a_time(tmp_path: Path) -> None:
 
     def intrude(event: CampaignEvent) -> None:
         if event.kind == "launched":
-            with pytest.raises(UserError, match="running in another process"):
+            with pytest.raises(UserError, match="in use by another process"):
                 Campaign.open(tmp_path / "run")
             assert Campaign.open(tmp_path / "run", read_only=True).status().budget == 2
 
@@ -346,7 +351,7 @@ def test_any_optuna_storage(tmp_path: Path) -> None:
      "redis://127.0.0.1:1/0"],
 )  # fmt: skip
 def test_storage_that_cannot_be_used(tmp_path: Path, storage: str) -> None:
-    with pytest.raises(UserError, match="storage|ledger"):
+    with pytest.raises(UserError, match=r"storage|ledger"):
         Campaign.create(tmp_path / "run", settings(storage=storage))
     assert not (tmp_path / "run" / "campaign.yaml").exists()
 

@@ -1,0 +1,60 @@
+"""Evaluations with known outcomes: complete metrics, made from a level per strategy, without flying."""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+
+from nbv.config import preset
+from tuner.evaluation import EvaluationPlan, EvaluationRecord, EvaluationRun
+from tuner.missions import MissionOutcome
+
+
+def made_metrics(quality: float) -> dict[str, object]:
+    """All metrics of a mission; ``quality`` is the F-score at 48 mm in percent."""
+    surface = {
+        "hausdorff_gt_to_cloud_mm": 900 - 5 * quality,
+        "c2c_mean_mm": 140 - quality,
+        "c2c_median_mm": 90 - 0.7 * quality,
+        "c2c_p95_mm": 420 - 2.5 * quality,
+        "completeness_48mm": quality - 9,
+        "f_score_48mm": quality,
+        "completeness_80mm": quality + 4,
+        "f_score_80mm": quality + 11,
+        "sector_completeness_48mm": [quality + 8 * np.sin(k) for k in range(12)],
+    }
+    centers = [15.0 + 30 * k for k in range(12)]
+    return {"whole": surface, "observable": {**surface, "f_score_48mm": quality + 3}, "sector_centers_deg": centers}
+
+
+def made_run(
+    levels: dict[str, float],
+    rocks: tuple[str, ...] = ("cobble", "slab", "overhang", "pillar"),
+    replicates: int = 3,
+    noise: float = 1.0,
+    failed: tuple[tuple[str, str, int], ...] = (),
+) -> EvaluationRun:
+    """Every strategy's F-score is its level + the rock's shift + noise; ``failed`` missions have none."""
+    base = preset("campaign")
+    strategies = {
+        name: base.with_values({"gate.budget_fraction": 0.1})
+        if name == "tuned"
+        else base.with_values({"gate.kind": name})
+        for name in levels
+    }
+    plan = EvaluationPlan(strategies, rocks, replicates)
+    records = []
+    for name, level in levels.items():
+        for r, rock in enumerate(rocks):
+            for k in range(replicates):
+                rng = np.random.default_rng(zlib.crc32(f"{name} {rock} {k}".encode()))
+                if (name, rock, k) in failed:
+                    outcome = MissionOutcome(name, "failed", "seed_model_failed", "no seed model")
+                else:
+                    quality = level + 4 * r + noise * rng.normal()
+                    costs = {"images": 32.0, "path_length_m": 61.0 + r, "flight_time_s": 190.0, "wall_s": 75.0}
+                    outcome = MissionOutcome(name, "ok", metrics=made_metrics(quality), costs=costs)
+                records.append(EvaluationRecord(name, rock, k, outcome))
+    failures = {"seed_model_failed": len(failed)} if failed else {}
+    return EvaluationRun(plan, records, True, 1.0, failures)

@@ -1,0 +1,77 @@
+"""Samplers: what they start with, what they learn, and that they are functions of the ledger."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import synthetic
+
+from nbv.errors import UserError
+from tuner.history import Observation, Pending
+from tuner.objective import Objective
+from tuner.recommendation import recommend
+from tuner.samplers import SAMPLER_NAMES, initial_design_size, make_sampler
+
+
+@pytest.mark.parametrize("name", SAMPLER_NAMES)
+def test_starts_at_the_papers_values_and_stays_inside(name: str) -> None:
+    history = synthetic.play(make_sampler(name, synthetic.sampler_settings(0, 4)), 9, 0.05, 0)
+    assert history[0].values == synthetic.DEFAULT
+    assert all(p.contains(o.values[p.path]) for o in history for p in synthetic.SPACE.parameters)
+    assert len({tuple(o.values.values()) for o in history}) == 9
+
+
+@pytest.mark.parametrize("name", ["gp", "tpe", "optuna-gp", "random"])
+def test_is_a_function_of_history_pending_and_seed(name: str) -> None:
+    history = synthetic.random_design(8, 0.05, 0)
+    pending = [Pending(8, synthetic.SPACE.from_unit([0.5, 0.5]), "r0", 0)]
+    asks = [
+        make_sampler(name, synthetic.sampler_settings(3, 4)).ask(history, pending).values for _ in range(2)
+    ]
+    np.testing.assert_allclose(list(asks[0].values()), list(asks[1].values()), rtol=1e-9)
+    other = make_sampler(name, synthetic.sampler_settings(4, 4)).ask(history, pending).values
+    if name == "random":
+        assert other != asks[0]
+
+
+def test_pending_missions_push_the_next_proposal_away() -> None:
+    history = synthetic.random_design(16, 0.02, 0)
+    sampler = make_sampler("gp", synthetic.sampler_settings(0, 4))
+    first = sampler.ask(history, [])
+    flying = [Pending(16, first.values, "r0", 0)]
+    second = sampler.ask(history, flying)
+    apart = np.linalg.norm(synthetic.SPACE.to_unit(first.values) - synthetic.SPACE.to_unit(second.values))
+    assert apart > 0.02
+    assert first.why["phase"] == "model" and np.isfinite(first.why["log_nei"])
+
+
+def test_failed_missions_do_not_poison_the_model() -> None:
+    history = synthetic.random_design(12, 0.02, 0)
+    history += [Observation(12 + i, synthetic.DEFAULT, "r0", i, None, None, "timeout") for i in range(3)]
+    proposal = make_sampler("gp", synthetic.sampler_settings(0, 4)).ask(history, [])
+    assert proposal.why["phase"] == "model"
+    only_failed = [Observation(i, synthetic.DEFAULT, "r0", i, None, None, "timeout") for i in range(9)]
+    assert (
+        make_sampler("gp", synthetic.sampler_settings(0, 4)).ask(only_failed, []).why["phase"]
+        == "initial design"
+    )
+
+
+def test_gp_beats_random_on_four_rocks() -> None:
+    """2-D, 16 missions, noise 0.05; the value is the noiseless one of the recommended configuration."""
+    score: dict[str, list[float]] = {"gp": [], "random": []}
+    for name, values in score.items():
+        for seed in range(4):
+            history = synthetic.play(make_sampler(name, synthetic.sampler_settings(seed, 5)), 16, 0.05, seed)
+            result = recommend(synthetic.SPACE, history, synthetic.ROCKS, synthetic.DEFAULT, Objective())
+            assert result is not None
+            values.append(synthetic.true_value(result.values))
+    assert np.mean(score["gp"]) > 0.97  # 1 is perfect, the paper's values give 0.51
+    assert np.mean(score["gp"]) > np.mean(score["random"]) + 0.02
+
+
+def test_design_size_and_names() -> None:
+    assert initial_design_size(2, 100) == 6 and initial_design_size(8, 100) == 18
+    assert initial_design_size(8, 24) == 8 and initial_design_size(8, 1) == 1
+    with pytest.raises(UserError, match="unknown sampler 'bogus'; there are gp, sobol"):
+        make_sampler("bogus", synthetic.sampler_settings(0))

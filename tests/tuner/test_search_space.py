@@ -1,0 +1,139 @@
+"""Search spaces: the shipped ones, the unit cube, and every mistake a user can make."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from nbv.config import MissionConfig, preset
+from nbv.errors import UserError
+from tuner.search_space import available_search_spaces, load_search_space, parse_search_space, space_from_dict
+
+MIXED = space_from_dict(
+    {
+        "name": "mixed",
+        "parameters": {
+            "gate.d95_m": {"kind": "float", "low": 0.01, "high": 1.0, "scale": "log"},
+            "gate.budget_fraction": {"kind": "float", "low": 0.0, "high": 1.0},
+            "b_aware.target_track_length": {"kind": "int", "low": 3, "high": 12},
+            "dense.neighbours": {"kind": "int", "low": 1, "high": 64, "scale": "log"},
+            "visibility.mode": {"kind": "categorical", "choices": ["frustum", "occlusion"]},
+        },
+    },
+    "mixed.yaml",
+)
+
+
+def test_shipped_spaces_start_at_the_papers_values() -> None:
+    gate = load_search_space("gate")
+    assert gate.default(MissionConfig()) == {"gate.budget_fraction": 0.4, "gate.d95_m": 0.14}
+    both = load_search_space("gate_and_weights")
+    assert both.dimension == 8
+    assert both.default(preset("campaign")) == {
+        "gate.budget_fraction": 0.4, "gate.d95_m": 0.14,
+        "covis.weights.nov": 1.2, "covis.weights.move": 0.1, "covis.weights.ang": 0.4,
+        "b_aware.weights.nov": 1.2, "b_aware.weights.move": 0.1, "b_aware.weights.ang": 0.4,
+    }  # fmt: skip
+    for space in (gate, both):
+        base = space.base_config(preset("campaign"))
+        assert base.gate.kind == "hyb-h" and base.covis.weights.main == base.b_aware.weights.main == 1.0
+    assert {"gate", "gate_and_weights"} <= set(available_search_spaces())
+
+
+def test_config_carries_values_and_base() -> None:
+    config = load_search_space("gate").config(
+        preset("campaign").with_values({"gate.kind": "covis"}), {"gate.d95_m": 0.3}
+    )
+    assert config.gate.d95_m == 0.3 and config.gate.kind == "hyb-h" and config.stop.adaptive_budget == 8
+
+
+@given(st.lists(st.floats(0, 1), min_size=5, max_size=5))
+def test_unit_cube_round_trip(position: list[float]) -> None:
+    values = MIXED.from_unit(position)
+    assert all(p.contains(values[p.path]) for p in MIXED.parameters)
+    unit = MIXED.to_unit(values)
+    assert np.all((unit >= 0) & (unit <= 1))
+    np.testing.assert_allclose(unit[:2], position[:2], atol=1e-9)  # floats come back
+    again = MIXED.from_unit(unit)
+    assert {k: again[k] for k in list(again)[2:]} == {k: values[k] for k in list(values)[2:]}
+    np.testing.assert_allclose(again["gate.d95_m"], values["gate.d95_m"], rtol=1e-9)
+    MissionConfig().with_values(values)  # and every point is a mission
+
+
+def test_log_scale_is_geometric() -> None:
+    d95 = MIXED.parameters[0]
+    assert d95.from_unit(0.5) == pytest.approx(0.1)
+    assert (d95.from_unit(0.0), d95.from_unit(1.0)) == (0.01, 1.0)
+
+
+def test_distributions_contain_every_point() -> None:
+    rng = np.random.default_rng(0)
+    distributions = MIXED.distributions()
+    for _ in range(50):
+        for path, value in MIXED.from_unit(rng.random(5)).items():
+            assert distributions[path]._contains(distributions[path].to_internal_repr(value))
+
+
+def test_yaml_form_round_trips() -> None:
+    for space in (MIXED, load_search_space("gate_and_weights")):
+        assert (
+            space_from_dict(yaml.safe_load(yaml.safe_dump(space.to_dict(), sort_keys=False)), "x.yaml")
+            == space
+        )
+
+
+GOOD = "parameters:\n  gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: log}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("parameters:\n  gate.d95_m: {low: 1.0, high: 0.1}\n", "low 1 is not below high 0.1"),
+        ("parameters:\n  gate.d95_m: {low: 0.1, high: 0.1}\n", "not below"),
+        ("parameters:\n  gate.d95_m: {low: 0.0, high: 1.0, scale: log}\n", "scale log needs low above 0"),
+        ("parameters:\n  gate.d95: {low: 0.1, high: 1.0}\n", r"unknown mission parameter 'gate.d95'; did you mean"),
+        ("parameters:\n  gate: {low: 0.1, high: 1.0}\n", "unknown mission parameter 'gate'"),
+        ("parameters:\n  gate.d95_m: {lo: 0.1, high: 1.0}\n", "unknown key 'lo'; allowed: kind, low"),
+        ("parametres:\n  gate.d95_m: {low: 0.1, high: 1.0}\n", "unknown key 'parametres'"),
+        (GOOD + "  gate.d95_m: {low: 0.1, high: 1.0}\n", r"line 3: duplicate key 'gate.d95_m'"),
+        ("parameters: {}\n", "at least one parameter"),
+        ("", "mapping with the key 'parameters'"),
+        ("parameters:\n  gate.d95_m: [0.1, 1.0\n", r"line \d+: .*mend the YAML"),
+        ("parameters:\n  gate.d95_m: {low: 0.3, high: 1.0}\n", "has the default 0.14, outside"),
+        ("parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, default: 2}\n", "has the default 2, outside"),
+        ("parameters:\n  gate.d95_m: {low: abc, high: 1.0}\n", "'low' must be a finite number"),
+        ("parameters:\n  gate.d95_m: {low: .nan, high: 1.0}\n", "'low' must be a finite number"),
+        ("parameters:\n  gate.d95_m: {high: 1.0}\n", "'low' must be a finite number, not None"),
+        ("parameters:\n  gate.d95_m: {low: 0.1, high: 1, scale: cubic}\n", "unknown scale 'cubic'"),
+        ("parameters:\n  gate.d95_m: {kind: complex, low: 0.1, high: 1}\n", "unknown kind 'complex'"),
+        ("parameters:\n  gate.d95_m: 0.3\n", "give a mapping"),
+        ("parameters:\n  gate.budget_fraction: {low: 0.0, high: 2.0}\n", "between 0 and 1"),
+        ("parameters:\n  dense.neighbours: {kind: int, low: 1.5, high: 4}\n", "whole number"),
+        ("parameters:\n  dense.neighbours: {kind: float, low: 1.5, high: 4}\n", "must be of type int"),
+        ("parameters:\n  visibility.mode: {kind: categorical, choices: [frustum]}\n", "at least two"),
+        ("parameters:\n  visibility.mode: {kind: categorical, choices: [frustum, xray]}\n", "allowed: frustum"),
+        (GOOD + "base:\n  gate.d95_m: 0.2\n", "both fixed in 'base' and tuned"),
+        (GOOD + "base:\n  gate.kind: psychic\n", "base: gate.kind is 'psychic'"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_named(text: str, message: str) -> None:
+    with pytest.raises(UserError, match=message) as caught:
+        parse_search_space(text, "my.yaml")
+    assert "\n" not in str(caught.value) and ("my.yaml" in str(caught.value) or "'my'" in str(caught.value))
+
+
+def test_files_that_cannot_be_read(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="unknown search space 'gates'; there are gate, gate_and_weights"):
+        load_search_space("gates")
+    with pytest.raises(UserError, match="cannot read"):
+        load_search_space(tmp_path / "none.yaml")
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00\x9f")
+    with pytest.raises(UserError, match="cannot read|not YAML"):
+        load_search_space(tmp_path / "binary.yaml")
+    (tmp_path / "mine.yaml").write_text(GOOD)
+    assert load_search_space(tmp_path / "mine.yaml").name == "mine"

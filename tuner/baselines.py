@@ -1,0 +1,71 @@
+"""The fixed strategies that a tuned configuration is compared with."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+
+from nbv.config import MissionConfig
+from nbv.errors import UserError
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A strategy: which ranking the mission flies, everything else as in the base configuration."""
+
+    name: str
+    label: str
+    description: str
+    in_paper: bool = False
+    uses_ground_truth: bool = False  # an upper reference, not deployable
+
+    def config(self, base: MissionConfig) -> MissionConfig:
+        """``base`` flying this strategy."""
+        return base.with_values({"gate.kind": self.name})
+
+
+BASELINES: dict[str, Baseline] = {
+    b.name: b
+    for b in (
+        Baseline("covis", "Covis", "co-visibility scorer throughout (Eq. 5)", in_paper=True),
+        Baseline("b-aware", "B-aware", "baseline-aware repair scorer throughout (Eq. 6 to 8)", in_paper=True),
+        Baseline("hyb-h", "Hyb-H", "heuristic gate at the paper's thresholds (Eq. 9)", in_paper=True),
+        Baseline("hyb-o", "Hyb-O", "oracle gate, from the true surface", True, True),
+        Baseline("random", "Random views", "a feasible candidate at random"),
+        Baseline("novelty-only", "Novelty only", "the feasible candidate farthest from earlier views"),
+        Baseline("movement-only", "Movement only", "the feasible candidate nearest to the vehicle"),
+        Baseline("uniform-coverage", "Uniform coverage", "azimuths and elevations filled evenly"),
+        Baseline("greedy-oracle", "Greedy oracle", "each view chosen from the true surface", False, True),
+    )
+}
+PAPER_STRATEGIES = tuple(name for name, b in BASELINES.items() if b.in_paper)
+# What `gatetune evaluate` compares with unless told otherwise.
+EVALUATION_BASELINES = (*PAPER_STRATEGIES, "random")
+TUNED = "tuned"
+
+
+def baseline(name: str) -> Baseline:
+    """The baseline called ``name``.
+
+    Raises
+    ------
+    UserError
+        There is none.
+    """
+    if name not in BASELINES:
+        close = difflib.get_close_matches(name, BASELINES, n=1)
+        hint = f"did you mean {close[0]}? " if close else ""
+        raise UserError(f"unknown strategy {name!r}; {hint}there are {', '.join(BASELINES)}")
+    return BASELINES[name]
+
+
+def baseline_configs(names: tuple[str, ...] | list[str], base: MissionConfig) -> dict[str, MissionConfig]:
+    """Configurations by strategy name, all from the same base."""
+    return {name: baseline(name).config(base) for name in names}
+
+
+def label(strategy: str) -> str:
+    """What tables print for a strategy."""
+    if strategy == TUNED:
+        return "Tuned"
+    return BASELINES[strategy].label if strategy in BASELINES else strategy
