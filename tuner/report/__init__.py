@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tuner.campaign import Campaign
@@ -15,3 +15,10 @@ def write_campaign_report(campaign: Campaign, evaluation: EvaluationRun | None =
     from tuner.report.campaign_report import write_campaign_report as write  # matplotlib only when needed
 
     return write(campaign, evaluation)
+
+
+def write_comparison_report(run: EvaluationRun, directory: Path, **options: Any) -> Path:
+    """``report.html`` and ``table.md`` of an evaluation; see ``tuner.report.comparison_report``."""
+    from tuner.report.comparison_report import write_comparison_report as write
+
+    return write(run, directory, **options)

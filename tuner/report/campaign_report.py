@@ -26,7 +26,7 @@ from tuner.report.campaign_figures import (
     time_figure,
 )
 from tuner.report.labels import decimals_for, format_number, parameter_label, parameter_value, with_unit
-from tuner.report.pages import write_page
+from tuner.report.pages import duration, write_page
 from tuner.report.style import Illustration, embed
 from tuner.search_space import Parameter
 
@@ -67,18 +67,12 @@ def write_campaign_report(campaign: Campaign, evaluation: EvaluationRun | None =
     if evaluation is not None:
         from tuner.report.comparison_report import comparison_context
 
-        comparison = comparison_context(evaluation, figures)
+        comparison = comparison_context(evaluation, figures, metric=facts.settings.objective.metric)
     try:
         context = _context(facts, figures)
     except OSError as error:
         raise UserError(f"cannot write {figures}: {error.strerror}; choose another directory") from error
-    return write_page(
-        campaign.directory / REPORT_FILE,
-        "campaign.html.j2",
-        comparison=comparison is not None,
-        **context,
-        **(comparison or {}),
-    )
+    return write_page(campaign.directory / REPORT_FILE, "campaign.html.j2", comparison=comparison, **context)
 
 
 def campaign_headline(recommendation: Recommendation, metric: str, difference_unit: str) -> str:
@@ -496,14 +490,6 @@ def _command_note(campaign: Campaign) -> str:
 
 
 # -- small things --------------------------------------------------------------------------------------------
-
-
-def duration(seconds: float) -> str:
-    """``4980`` as ``1 h 23 min``."""
-    if seconds < 90:
-        return f"{seconds:.0f} s" if seconds >= 10 or seconds == 0 else f"{seconds:.1f} s"
-    minutes = round(seconds / 60)
-    return f"{minutes} min" if minutes < 90 else f"{minutes // 60} h {minutes % 60} min"
 
 
 def _distance(metres: float) -> str:

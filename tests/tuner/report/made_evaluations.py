@@ -25,7 +25,11 @@ def made_metrics(quality: float) -> dict[str, object]:
         "sector_completeness_48mm": [quality + 8 * np.sin(k) for k in range(12)],
     }
     centers = [15.0 + 30 * k for k in range(12)]
-    return {"whole": surface, "observable": {**surface, "f_score_48mm": quality + 3}, "sector_centers_deg": centers}
+    return {
+        "whole": surface,
+        "observable": {**surface, "f_score_48mm": quality + 3},
+        "sector_centers_deg": centers,
+    }
 
 
 def made_run(
@@ -53,7 +57,12 @@ def made_run(
                     outcome = MissionOutcome(name, "failed", "seed_model_failed", "no seed model")
                 else:
                     quality = level + 4 * r + noise * rng.normal()
-                    costs = {"images": 32.0, "path_length_m": 61.0 + r, "flight_time_s": 190.0, "wall_s": 75.0}
+                    costs = {
+                        "images": 32.0,
+                        "path_length_m": 61.0 + r,
+                        "flight_time_s": 190.0,
+                        "wall_s": 75.0,
+                    }
                     outcome = MissionOutcome(name, "ok", metrics=made_metrics(quality), costs=costs)
                 records.append(EvaluationRecord(name, rock, k, outcome))
     failures = {"seed_model_failed": len(failed)} if failed else {}

@@ -1,0 +1,359 @@
+"""``report.html`` of ``gatetune evaluate`` and ``gatetune reproduce``: strategies against each other."""
+
+from __future__ import annotations
+
+import collections
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+from nbv.provenance import git_revision, versions
+from tuner.baselines import BASELINES, TUNED
+from tuner.baselines import label as strategy_label
+from tuner.evaluation import ComparisonTable, EvaluationRecord, EvaluationRun, comparison_table
+from tuner.missions import RESULT_FILE
+from tuner.objective import DEFAULT_METRIC
+from tuner.paper_table import PAPER_TABLE_I, MetricRow
+from tuner.report.comparison_figures import forest_figure, rocks_figure
+from tuner.report.comparison_tables import (
+    PAPER_NOT_COMPARABLE,
+    cell,
+    comparison_markdown,
+    difference_cell,
+    difference_verdict,
+    full_row_name,
+    gain_interval,
+    methods_sentence,
+    row_name,
+)
+from tuner.report.labels import MISSING, format_number, metric_label, with_unit
+from tuner.report.pages import duration, write_page
+from tuner.report.sectors import sector_figure
+from tuner.report.style import Illustration, embed, short_names
+
+Surface = Literal["whole", "observable"]
+REPORT_FILE = "report.html"
+TABLE_FILE = "table.md"
+FIGURES_DIRECTORY = "figures"
+SECTOR_KEY = "sector_completeness_48mm"
+
+
+def write_comparison_report(
+    run: EvaluationRun,
+    directory: Path,
+    *,
+    title: str = "Strategies compared",
+    reference: str | None = None,
+    metric: str = DEFAULT_METRIC,
+    surfaces: Sequence[Surface] = ("whole", "observable"),
+    paper: bool = False,
+    command: str = "",
+) -> Path:
+    """Write ``report.html``, ``table.md`` and ``figures/*.png`` into ``directory``.
+
+    Parameters
+    ----------
+    run
+        What ``tuner.evaluation.run_evaluation`` returned; may be incomplete.
+    reference
+        Strategy against which differences are taken. None: ``hyb-h`` where it was evaluated (the paper's default
+        configuration), else the first strategy.
+    metric
+        The metric of the headline and of the rock-by-rock figure.
+    surfaces
+        One table each; the first one decides the forest plot.
+    paper
+        Show the paper's Table I beside ours, with what is not comparable.
+    command
+        The command line that repeats the evaluation.
+
+    Returns
+    -------
+    Path of the page.
+
+    Raises
+    ------
+    UserError
+        The reference was not evaluated, or the directory cannot be written.
+    """
+    from nbv.errors import UserError
+    from nbv.run_directory import write_atomic
+
+    try:
+        facts = comparison_context(
+            run, directory / FIGURES_DIRECTORY, reference=reference, metric=metric, surfaces=surfaces, paper=paper
+        )  # fmt: skip
+        markdown = "\n".join(
+            f"### {part['title']}\n\n{comparison_markdown(part['table'], paper=paper and part['surface'] == 'whole')}"
+            for part in facts["tables"]
+        )
+        write_atomic(directory / TABLE_FILE, markdown)
+    except OSError as error:
+        raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error
+    return write_page(
+        directory / REPORT_FILE,
+        "comparison.html.j2",
+        title=f"{title} · gatetune",
+        heading=title,
+        comparison=facts,
+        command=command,
+        version=versions().get("gatetune", ""),
+    )
+
+
+def comparison_context(
+    run: EvaluationRun,
+    figures: Path | None = None,
+    *,
+    reference: str | None = None,
+    metric: str = DEFAULT_METRIC,
+    surfaces: Sequence[Surface] = ("whole", "observable"),
+    paper: bool = False,
+) -> dict[str, Any]:
+    """Everything the template ``comparison_body.html.j2`` shows."""
+    strategies = tuple(run.plan.strategies)
+    if reference is None:
+        reference = "hyb-h" if "hyb-h" in strategies else strategies[0]
+    tables = [comparison_table(run.records, strategies, reference, surface) for surface in surfaces]
+    headline = metric_row(metric)
+    leading = comparison_table(
+        run.records, strategies, reference, rows=(headline,), surface=_surface_of(metric)
+    )
+    others = [name for name in strategies if name != reference]
+    return {
+        "sentences": _sentences(leading, others),
+        "warnings": _warnings(run, tables[0]),
+        "strategies": [_strategy(run, name) for name in strategies],
+        "reference": strategy_label(reference),
+        "others": [strategy_label(name) for name in others],
+        "tables": [
+            {
+                "title": f"{'Whole' if surface == 'whole' else 'Observable'} surface",
+                "note": _SURFACE_NOTES[surface],
+                "surface": surface,
+                "table": table,
+                "rows": _table_rows(table, strategies, paper and surface == "whole"),
+                "differences": [_difference_rows(table, name) for name in others],
+            }
+            for surface, table in zip(surfaces, tables)
+        ],
+        "methods": methods_sentence([*tables, leading]),
+        "comparisons": len(others) * len(tables[0].rows) * len(tables),
+        "paper": PAPER_NOT_COMPARABLE if paper else "",
+        "figures": _figures(run, tables[0], headline, figures, surfaces[0]),
+        "provenance": _provenance(run),
+    }
+
+
+_SURFACE_NOTES = {
+    "whole": "Against the complete reference surface, underside included, as in the paper.",
+    "observable": "Against the part of the reference surface that at least two reachable cameras can see: nobody can win "
+                  "or lose on the rest.",
+}  # fmt: skip
+
+
+def metric_row(metric: str) -> MetricRow:
+    """A table row for any metric path or ``costs.NAME``."""
+    label = metric_label(metric)
+    return MetricRow("", label.name, metric, label.unit, label.larger_is_better, 1)
+
+
+def _surface_of(metric: str) -> Surface:
+    return "observable" if metric.startswith("observable.") else "whole"
+
+
+def _sentences(leading: ComparisonTable, others: Sequence[str]) -> list[dict[str, str]]:
+    """One honest sentence per strategy against the reference in the headline metric; the tuned one first."""
+    assert leading.reference is not None
+    row = leading.rows[0]
+    out: list[dict[str, str]] = []
+    label = metric_label(row.metric.key)
+    reference = strategy_label(leading.reference)
+    if not others:
+        return out
+    for name in sorted(others, key=lambda n: n != TUNED):
+        d = row.differences[name]
+        if d is None:
+            out.append(
+                {"kind": "", "text": f"{strategy_label(name)}: no mission in common with {reference}."}
+            )
+            continue
+        _, low, high = gain_interval(d, row.metric)
+        kind = difference_verdict(d, row.metric)
+        bounds = (
+            f"95 % interval {format_number(low, 1, signed=True)} to {format_number(high, 1, signed=True)}"
+            if low is not None and high is not None
+            else "too few missions for an interval"
+        )
+        gain = with_unit(gain_interval(d, row.metric)[0], label.difference_unit, 1, signed=True)
+        how = f"improvement {gain} ({bounds}; {d.pairs} paired missions on {d.interval.rocks} rocks)"
+        text = {
+            "better": f"{strategy_label(name)} is better than {reference} in {label.full}: {how}.",
+            "worse": f"{strategy_label(name)} is worse than {reference} in {label.full}: {how}.",
+            "no difference detected": f"No difference detected between {strategy_label(name)} and {reference} in {label.full}: {how}.",
+            "no interval": f"{strategy_label(name)} against {reference} in {label.full}: {how}.",
+        }[kind]
+        out.append({"kind": kind.split()[0], "text": text})
+    return out
+
+
+def _warnings(run: EvaluationRun, table: ComparisonTable) -> list[str]:
+    out = []
+    expected = len(run.plan.strategies) * len(run.plan.rocks) * run.plan.replicates
+    if not run.complete:
+        out.append(
+            f"Not complete: {len(run.records)} of {expected} missions are finished; the same command goes on."
+        )
+    failed = {strategy_label(name): n for name, n in table.failures.items() if n}
+    if failed:
+        listed = ", ".join(f"{name} {n}" for name, n in failed.items())
+        reasons = ", ".join(f"{reason} {n}" for reason, n in run.failures.items())
+        out.append(
+            f"Failed missions are left out of all means and differences ({listed}; reasons: {reasons}). "
+            "A strategy that fails where others succeed is worse than its means say."
+        )
+    if len(run.plan.rocks) < 3:
+        out.append(
+            f"Only {len(run.plan.rocks)} {'rock' if len(run.plan.rocks) == 1 else 'rocks'}: nothing here speaks for other rocks."
+        )
+    return out
+
+
+def _strategy(run: EvaluationRun, name: str) -> dict[str, str]:
+    own = [r for r in run.records if r.strategy == name]
+    done = [r for r in own if r.outcome.status != "failed"]
+
+    def mean(key: str) -> float | None:
+        values = [float(v) for r in done if isinstance(v := r.outcome.costs.get(key), (int, float))]
+        return sum(values) / len(values) if values else None
+
+    path, flight, wall = mean("path_length_m"), mean("flight_time_s"), mean("wall_s")
+    known = BASELINES.get(name)
+    same = next(n for n, c in run.plan.strategies.items() if c.digest() == run.plan.strategies[name].digest())
+    what = known.description if known else "the recommended configuration" if name == TUNED else ""
+    if same != name:
+        what += f" (the same configuration as {strategy_label(same)}, flown once)"
+    return {
+        "label": strategy_label(name),
+        "description": what + ("; uses the ground truth, not deployable" if known and known.uses_ground_truth else ""),
+        "missions": str(len(done)),
+        "failed": str(len(own) - len(done)),
+        "images": format_number(mean("images"), 1),
+        "path": MISSING if path is None else f"{path:.0f} m",
+        "flight": MISSING if flight is None else duration(flight),
+        "wall": MISSING if wall is None else duration(wall),
+        "digest": run.plan.strategies[name].digest(),
+    }  # fmt: skip
+
+
+def _table_rows(table: ComparisonTable, strategies: Sequence[str], paper: bool) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = []
+    group = ""
+    for row in table.rows:
+        if row.metric.group != group:
+            group = row.metric.group
+            rows.append({"group": group})
+        cells = [cell(row, name) for name in strategies]
+        rows.append(
+            {
+                "group": "",
+                "name": row_name(row.metric),
+                "cells": [{"text": c.text, "best": c.best, "paper": c.paper if paper else ""} for c in cells],
+            }
+        )
+    return rows
+
+
+def _difference_rows(table: ComparisonTable, name: str) -> dict[str, Any]:
+    rows = []
+    for row in table.rows:
+        rows.append({"name": full_row_name(row.metric), "cell": difference_cell(row, name)})
+    return {"strategy": strategy_label(name), "rows": rows}
+
+
+# -- figures -------------------------------------------------------------------------------------------------
+
+
+def _figures(
+    run: EvaluationRun, table: ComparisonTable, headline: MetricRow, figures: Path | None, surface: Surface
+) -> list[Illustration]:
+    strategies, rocks = tuple(run.plan.strategies), run.plan.rocks
+    out = []
+    forest = forest_figure(table)
+    if forest is not None:
+        assert table.reference is not None
+        out.append(
+            embed(
+                forest, "differences",
+                f"Forest plots: paired improvement of every strategy over {strategy_label(table.reference)}, one panel per metric.",
+                f"Paired improvement over {strategy_label(table.reference)} on common (rock, replicate) pairs with 95 % intervals, "
+                f"{surface} surface; right of zero is better in every panel, whatever the metric’s direction.",
+                figures, title=f"Differences from {strategy_label(table.reference)}",
+            )
+        )  # fmt: skip
+    if any(r.value(headline.key) is not None for r in run.records):
+        out.append(
+            embed(
+                rocks_figure(run.records, strategies, rocks, headline), "rocks",
+                f"{headline.label} of every mission, grouped by rock, one colour and marker per strategy.",
+                f"{metric_label(headline.key).full} rock by rock: every mission (dots) and each strategy’s mean (bars). "
+                "Crosses with a count at the bottom: failed missions.",
+                figures, title="Rock by rock",
+            )
+        )  # fmt: skip
+    sectors, centers = _sectors(run.records, strategies, surface)
+    if sectors:
+        out.append(
+            embed(
+                sector_figure(sectors, centers), "sectors",
+                "Polar plot of completeness per azimuth sector, one line per strategy.",
+                f"Completeness at 48 mm by azimuth sector of the rock ({surface} surface), mean over missions; 0° is east, "
+                "90° north, labels at sector centres (the paper’s Fig. 3).",
+                figures, title="Sector by sector",
+            )
+        )  # fmt: skip
+    return out
+
+
+def _sectors(
+    records: Sequence[EvaluationRecord], strategies: Sequence[str], surface: Surface
+) -> tuple[dict[str, list[list[float | None]]], list[float]]:
+    found: dict[str, list[list[float | None]]] = collections.defaultdict(list)
+    centers: list[float] = []
+    for name in strategies:
+        for r in records:
+            metrics = r.outcome.metrics
+            values = metrics.get(surface, {}).get(SECTOR_KEY)
+            here = metrics.get("sector_centers_deg")
+            if r.strategy == name and r.outcome.status != "failed" and values and here:
+                centers = centers or list(here)
+                if list(here) == centers:
+                    found[strategy_label(name)].append(values)
+    return dict(found), centers
+
+
+def _provenance(run: EvaluationRun) -> list[tuple[str, str]]:
+    trees = []
+    for r in run.records:
+        try:
+            tree = json.loads((Path(r.outcome.directory) / RESULT_FILE).read_text()).get("provenance") or {}
+        except (OSError, ValueError, AttributeError):
+            continue
+        trees.append(tree)
+    revisions = sorted({str(tree["revision"]) for tree in trees if "revision" in tree})
+    software = next((tree["versions"] for tree in reversed(trees) if "versions" in tree), versions())
+    presets = sorted({config.preset for config in run.plan.strategies.values()})
+    first, last = run.plan.first_replicate, run.plan.first_replicate + run.plan.replicates - 1
+    return [
+        ("rocks", ", ".join(short_names(run.plan.rocks))),
+        ("replicates", f"{first} to {last}" if last > first else str(first)),
+        ("mission preset", ", ".join(presets)),
+        ("revision of the missions", ", ".join(revisions) or "not recorded"),
+        ("revision of this page", git_revision()),
+        ("versions", ", ".join(f"{name} {number}" for name, number in software.items())),
+        ("renderer", ", ".join(sorted({str(t["backend"]) for t in trees if "backend" in t})) or "not recorded"),
+    ]  # fmt: skip
+
+
+__all__ = ["PAPER_TABLE_I", "comparison_context", "comparison_markdown", "write_comparison_report"]

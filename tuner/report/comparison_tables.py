@@ -1,0 +1,262 @@
+"""Comparison tables in the layout of the paper's Table I: cells, markdown, terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from rich.table import Table
+
+from tuner.baselines import label as strategy_label
+from tuner.evaluation import ComparisonRow, ComparisonTable
+from tuner.paper_table import PAPER_TABLE_I, MetricRow
+from tuner.report.campaign_facts import verdict
+from tuner.report.labels import MISSING, format_number
+from tuner.statistics import Interval, PairedDifference
+
+METHODS = {
+    "rocks": "t-intervals over rock means (every rock counts the same): they speak for unseen rocks of the same kind",
+    "replicates": "rocks taken as fixed, pooled variance between replicates: they speak for new replicates on these rocks "
+                  "only, not for other rocks",
+    "bootstrap": "percentile bootstrap, rocks resampled and then replicates within them; too narrow when rocks are few",
+    "none": "none where there are too few missions for one",
+}  # fmt: skip
+
+PAPER_NOT_COMPARABLE = (
+    "The paper’s numbers are single missions on its own rock (Gazebo, PX4, COLMAP’s dense reconstruction on a GPU), without "
+    "intervals. Rocks, renderer and dense stage differ here (in the preset “campaign” the capture budget too), so absolute values do not compare; what can be "
+    "held against the paper is the order of the strategies and the sign of their differences."
+)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One strategy's value of one metric, ready to print."""
+
+    text: str  # "71.2 ± 3.1"
+    best: bool
+    paper: str  # the paper's own value; empty if it has none
+
+
+@dataclass(frozen=True)
+class DifferenceCell:
+    """One strategy against the reference in one metric, ready to print."""
+
+    difference: str  # "+1.2"
+    interval: str  # "−0.3 to +2.7"
+    verdict: str  # better, worse, no difference detected; "no interval" where there is none
+    pairs: str  # "12"
+    record: str  # wins–ties–losses
+    p_rocks: str  # sign test over rock means
+    p_pairs: str  # Wilcoxon over pairs
+
+
+def interval_text(interval: Interval | None, decimals: int) -> str:
+    """``71.2 ± 3.1``; bounds are written out where they are not symmetric; a dash without a mission."""
+    if interval is None:
+        return MISSING
+    mean = format_number(interval.mean, decimals)
+    if interval.low is None or interval.high is None:
+        return mean
+    if interval.method == "bootstrap":
+        return f"{mean} [{format_number(interval.low, decimals)}, {format_number(interval.high, decimals)}]"
+    return f"{mean} ± {format_number((interval.high - interval.low) / 2, decimals)}"
+
+
+def cell(row: ComparisonRow, strategy: str) -> Cell:
+    """The cell of ``strategy`` in ``row``; "best" needs somebody to be better than."""
+    metric, known = row.metric, sum(value is not None for value in row.cells.values())
+    paper = PAPER_TABLE_I.get(strategy, {}).get(metric.key)
+    return Cell(
+        interval_text(row.cells[strategy], metric.decimals),
+        strategy in row.best and known > len(row.best),
+        "" if paper is None else format_number(paper, metric.decimals),
+    )
+
+
+def row_name(metric: MetricRow) -> str:
+    """``Hausdorff ↓ (mm)``."""
+    return f"{metric.label} {'↑' if metric.higher_is_better else '↓'} ({metric.unit})"
+
+
+def full_row_name(metric: MetricRow) -> str:
+    """The same with its threshold, for tables without group lines: ``F-score @ 48 mm ↑ (%)``."""
+    threshold = metric.group.partition("@")[2].strip()
+    return row_name(replace(metric, label=f"{metric.label} @ {threshold}")) if threshold else row_name(metric)
+
+
+def gain_interval(
+    difference: PairedDifference, metric: MetricRow
+) -> tuple[float, float | None, float | None]:
+    """``(gain, low, high)``: the difference oriented so that positive is better than the reference."""
+    i = difference.interval
+    if metric.higher_is_better:
+        return i.mean, i.low, i.high
+    return -i.mean, None if i.high is None else -i.high, None if i.low is None else -i.low
+
+
+def difference_verdict(difference: PairedDifference, metric: MetricRow) -> str:
+    """``better``, ``worse``, ``no difference detected``, or ``no interval``."""
+    _, low, high = gain_interval(difference, metric)
+    return "no interval" if low is None or high is None else verdict((low, high))
+
+
+def difference_cell(row: ComparisonRow, strategy: str) -> DifferenceCell | None:
+    """The strategy against the reference; None for the reference itself and where no pair is common."""
+    d, decimals = row.differences.get(strategy), row.metric.decimals
+    if d is None:
+        return None
+    i = d.interval
+    bounds = MISSING
+    if i.low is not None and i.high is not None:
+        bounds = (
+            f"{format_number(i.low, decimals, signed=True)} to {format_number(i.high, decimals, signed=True)}"
+        )
+    return DifferenceCell(
+        format_number(i.mean, decimals, signed=True), bounds, difference_verdict(d, row.metric), str(d.pairs),
+        f"{d.wins}–{d.ties}–{d.losses}", p_text(d.sign_p), p_text(d.wilcoxon_p),
+    )  # fmt: skip
+
+
+def p_text(p: float | None) -> str:
+    """A p-value with two or three decimals."""
+    if p is None:
+        return MISSING
+    return "< 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
+
+
+def methods_sentence(tables: Sequence[ComparisonTable]) -> str:
+    """How the intervals were made."""
+    found = {c.method for t in tables for row in t.rows for c in row.cells.values() if c is not None}
+    found |= {
+        d.interval.method for t in tables for row in t.rows for d in row.differences.values() if d is not None
+    }
+    said = [METHODS[name] for name in ("rocks", "replicates", "bootstrap", "none") if name in found]
+    return f"95 % intervals: {'; '.join(said)}." if said else "There are no missions yet."
+
+
+def _groups(table: ComparisonTable) -> list[tuple[str, list[ComparisonRow]]]:
+    groups: dict[str, list[ComparisonRow]] = {}
+    for row in table.rows:
+        groups.setdefault(row.metric.group, []).append(row)
+    return list(groups.items())
+
+
+def comparison_markdown(table: ComparisonTable, *, paper: bool = False, differences: bool = True) -> str:
+    """The table as GitHub-flavoured markdown, to paste into a document.
+
+    Parameters
+    ----------
+    table
+        From ``tuner.evaluation.comparison_table``.
+    paper
+        Add the paper's own column beside each of its strategies.
+    differences
+        Add the paired differences against the table's reference.
+    """
+    columns: list[tuple[str, str, bool]] = []  # heading, strategy, the paper's?
+    for name in table.strategies:
+        columns.append((strategy_label(name), name, False))
+        if paper and name in PAPER_TABLE_I:
+            columns.append((f"{strategy_label(name)}, paper", name, True))
+    lines = [
+        "| Metric | " + " | ".join(heading for heading, _, _ in columns) + " |",
+        "|---|" + "---:|" * len(columns),
+    ]
+    for group, rows in _groups(table):
+        lines.append(f"| *{group}* |" + " |" * len(columns))
+        for row in rows:
+            texts = []
+            for _, name, from_paper in columns:
+                value = cell(row, name)
+                texts.append(
+                    (value.paper or MISSING) if from_paper else f"**{value.text}**" if value.best else value.text
+                )  # fmt: skip
+            lines.append(f"| {row_name(row.metric)} | " + " | ".join(texts) + " |")
+    counts = [
+        "" if from_paper else f"{table.missions[name]}" + (f" + {table.failures[name]} failed" if table.failures[name] else "")
+        for _, name, from_paper in columns
+    ]  # fmt: skip
+    lines.append("| missions | " + " | ".join(counts) + " |")
+    lines += ["", f"Mean over rocks ± 95 % interval; best mean in bold. {methods_sentence([table])}"]
+    if paper:
+        lines += ["", PAPER_NOT_COMPARABLE]
+    if differences and table.reference is not None:
+        lines += ["", *_difference_markdown(table)]
+    return "\n".join(lines) + "\n"
+
+
+def _difference_markdown(table: ComparisonTable) -> list[str]:
+    assert table.reference is not None
+    others = [name for name in table.strategies if name != table.reference]
+    if not others:
+        return []
+    lines = [
+        f"Paired differences against {strategy_label(table.reference)} [95 % interval], p of the sign test over rocks:",
+        "",
+        "| Metric | " + " | ".join(strategy_label(name) for name in others) + " |",
+        "|---|" + "---:|" * len(others),
+    ]
+    for row in table.rows:
+        texts = []
+        for name in others:
+            d = difference_cell(row, name)
+            texts.append(MISSING if d is None else f"{d.difference} [{d.interval}], p {_equals(d.p_rocks)}")
+        lines.append(f"| {full_row_name(row.metric)} | " + " | ".join(texts) + " |")
+    return lines
+
+
+def _equals(p: str) -> str:
+    return p if p.startswith("<") else f"= {p}"
+
+
+def comparison_terminal_table(
+    table: ComparisonTable, *, title: str = "Dense cloud against ground truth", paper: bool = False
+) -> Table:
+    """The table for the terminal; the paper's own value stands below ours."""
+    out = Table(title=title, caption="mean over rocks ± 95 % interval; best mean in bold")
+    out.add_column("metric", no_wrap=True)
+    for name in table.strategies:
+        out.add_column(strategy_label(name), justify="right")
+    for group, rows in _groups(table):
+        out.add_row(f"[italic]{group}[/]", *([""] * len(table.strategies)))
+        for row in rows:
+            texts = []
+            for name in table.strategies:
+                value = cell(row, name)
+                text = f"[bold]{value.text}[/]" if value.best else value.text
+                texts.append(f"{text}\n[dim]paper {value.paper}[/]" if paper and value.paper else text)
+            out.add_row(row_name(row.metric), *texts)
+        out.add_section()
+    counts = []
+    for name in table.strategies:
+        failed = f" [red]+ {table.failures[name]} failed[/]" if table.failures[name] else ""
+        counts.append(f"{table.missions[name]}{failed}")
+    out.add_row("missions", *counts)
+    return out
+
+
+def difference_terminal_table(table: ComparisonTable) -> Table | None:
+    """Paired differences for the terminal; None without a reference or without another strategy."""
+    others = [name for name in table.strategies if name != table.reference]
+    if table.reference is None or not others:
+        return None
+    out = Table(
+        title=f"Paired differences against {strategy_label(table.reference)}",
+        caption="95 % interval; green better, red worse, plain: no difference detected",
+    )
+    out.add_column("metric", no_wrap=True)
+    for name in others:
+        out.add_column(strategy_label(name), justify="right")
+    colours = {"better": "green", "worse": "red"}
+    for row in table.rows:
+        texts = []
+        for name in others:
+            d = difference_cell(row, name)
+            if d is None:
+                texts.append(MISSING)
+                continue
+            text = f"{d.difference}\n{d.interval}"
+            texts.append(f"[{colours[d.verdict]}]{text}[/]" if d.verdict in colours else text)
+        out.add_row(full_row_name(row.metric), *texts)
+    return out
