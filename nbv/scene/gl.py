@@ -1,6 +1,6 @@
 """The rasterising backend: pyrender, unlit, with the baked radiance as vertex colours and textures.
 
-Faster on a machine with a graphics card, but images differ in bits between drivers, so results record
+Images differ in bits between graphics drivers, so results record
 which backend made them.
 """
 
