@@ -298,8 +298,6 @@ def run_mission(
     try:
         mission.fly_seed_phase()
         mission.fly_adaptive_phase()
-        if full_run is not None:
-            reconstructor.export_sparse(full_run.root / "sparse" / "0")
         log("dense", {})
         cloud = mission.finish()
         log("metrics", {"points": len(cloud.points_m)})
@@ -315,6 +313,8 @@ def run_mission(
             message = "; ".join(f"{note}: {mission.notes.count(note)}" for note in sorted(set(mission.notes)))
     except MissionFailure as failure:
         status, reason, message = "failed", failure.reason, failure.message
+    if full_run is not None and mission.report is not None:
+        reconstructor.export_sparse(full_run.root / "sparse" / "0")
 
     registered = len(mission.report.model.camera_names) if mission.report is not None else 0
     mission.timings_s["total"] = time.perf_counter() - started

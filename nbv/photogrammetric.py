@@ -46,6 +46,7 @@ class PhotogrammetricReconstructor:
 
     def finish(self) -> PointCloud:
         """Dense cloud from the registered photographs at the poses that SfM found."""
+        self._sparse.refine()
         poses = self._sparse.world_camera_poses()
         images = {name: self._images[name] for name in poses}
         cloud, self.dense_report = reconstruct_dense(

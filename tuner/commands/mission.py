@@ -74,7 +74,9 @@ def run(
     config = mission_config(preset, set_ or [], gate)
     directory = out or Path("runs") / f"mission-{Path(rock).stem}-{config.gate.kind}-{replicate}"
     from nbv.mission import run_mission
+    from nbv.rocks import load_rock
 
+    load_rock(rock)  # a mistake shows before the progress bar
     with progress_bar() as bar:
         result = run_mission(
             config, rock, replicate, directory, overwrite=overwrite, log=MissionProgress(bar)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.table import Table
@@ -39,7 +40,7 @@ def show(
     table = Table(title=subject.name, show_header=False)
     table.add_column("fact")
     table.add_column("value")
-    for fact, value in describe(subject).items():
+    for fact, value in dataclasses.asdict(describe(subject)).items():
         table.add_row(fact, f"{value:.3f}" if isinstance(value, float) else str(value))
     for note in subject.notes:
         table.add_row("note", note)
@@ -61,13 +62,14 @@ def import_(
     name: Annotated[str | None, typer.Option(help="Catalogue name (default: the file's).")] = None,
     split: Annotated[str, typer.Option(help="train, held-out or extra.")] = "train",
     height_m: Annotated[float, typer.Option(help="Scale the rock to this height.")] = 1.6,
-    up: Annotated[str | None, typer.Option(help="The file's up axis: y or z (default: by format).")] = None,
+    up: Annotated[str, typer.Option(help="The file's up axis: auto, x, y, z, -x, -y or -z.")] = "auto",
     force: Annotated[bool, typer.Option(help="Replace a rock of the same name.")] = False,
 ) -> None:
     """Bring your own rock into the catalogue; says what it changed."""
     from nbv.rocks import import_mesh, save_imported
 
-    subject = import_mesh(mesh, name=name, split=split, height_m=height_m, up=up)
+    checked: dict[str, Any] = {"split": split, "up": up}  # import_mesh refuses other words
+    subject = import_mesh(mesh, name=name, height_m=height_m, **checked)
     save_imported(subject, force=force)
     output.print(f"imported [bold]{subject.name}[/] ({subject.split}): {len(subject.faces)} faces")
     for note in subject.notes:

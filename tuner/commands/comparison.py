@@ -1,0 +1,94 @@
+"""Flying and showing a comparison: shared by ``gatetune evaluate`` and ``gatetune reproduce``."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from nbv.errors import UserError
+from tuner.commands.console import output, seconds
+from tuner.commands.mission import progress_bar
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from tuner.evaluation import EvaluationEvent, EvaluationPlan
+
+
+class ComparisonProgress:
+    """A line per mission and one bar."""
+
+    def __init__(self, progress: Progress, metric: str) -> None:
+        self._progress, self._metric = progress, metric
+        self._task = progress.add_task("missions", total=None)
+
+    def __call__(self, event: EvaluationEvent) -> None:
+        self._progress.update(
+            self._task,
+            total=event.total,
+            completed=event.finished,
+            description=f"{event.finished}/{event.total}",
+        )
+        if event.job is None or event.outcome is None:
+            return
+        if event.kind == "failed":
+            text = f"[red]failed: {event.outcome.reason}[/] {event.outcome.message}"
+        else:
+            value: Any = event.outcome.metrics
+            for part in self._metric.split("."):
+                value = value[part]
+            text = f"{self._metric.split('.')[-1]} [bold]{value:6.2f}[/]"
+        strategy = event.job.id.split("/")[0]
+        self._progress.console.print(
+            f"{strategy:<14} {Path(event.job.rock).stem:<16} r{event.job.replicate} {text}  {event.outcome.wall_s:4.0f} s"
+        )
+
+
+def compare(
+    plan: EvaluationPlan,
+    directory: Path,
+    *,
+    workers: int | None,
+    timeout_s: float,
+    metric: str,
+    reference: str | None,
+    title: str,
+    paper: bool,
+) -> None:
+    """Fly what is missing, print Table I's layout with intervals, write the report."""
+    from tuner.evaluation import comparison_table, run_evaluation
+    from tuner.executors import LocalProcessExecutor
+    from tuner.report import write_comparison_report
+    from tuner.report.comparison_tables import (
+        PAPER_NOT_COMPARABLE,
+        comparison_terminal_table,
+        difference_terminal_table,
+    )
+
+    if workers is not None and workers < 1:
+        raise UserError(f"--workers is {workers}; give at least 1")
+    count = workers or len(os.sched_getaffinity(0))
+    output.print(
+        f"{len(plan.strategies)} strategies on {len(plan.rocks)} rocks x {plan.replicates} replicates: "
+        f"{plan.missions} missions, {count} workers"
+    )
+    with LocalProcessExecutor(count, timeout_s=timeout_s) as executor, progress_bar() as bar:
+        run = run_evaluation(plan, directory, executor, ComparisonProgress(bar, metric))
+    table = comparison_table(run.records, tuple(plan.strategies), reference)
+    output.print(comparison_terminal_table(table, paper=paper))
+    if (differences := difference_terminal_table(table)) is not None:
+        output.print(differences)
+    if paper:
+        output.print(PAPER_NOT_COMPARABLE)
+    report = write_comparison_report(
+        run, directory, title=title, reference=reference, metric=metric, paper=paper
+    )
+    output.print(f"{seconds(run.elapsed_s)}; report: {report}")
+    for reason, times in run.failures.items():
+        output.print(f"[red]failed {times} times: {reason}[/]")
+    if not run.complete:
+        output.print("interrupted; the same command goes on where it stopped")
+        raise typer.Exit(130)

@@ -1,0 +1,67 @@
+"""``gatetune evaluate``: job 2."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nbv.errors import UserError
+from tuner.commands.comparison import compare
+
+
+def held_out_rocks() -> list[str]:
+    """The procedural rocks of the held-out split, in catalogue order."""
+    from nbv.rocks import list_rocks
+
+    return [info.name for info in list_rocks() if info.split == "held-out" and info.source == "procedural"]
+
+
+def evaluate(
+    campaign: Annotated[Path, typer.Argument(help="The campaign's run directory.")],
+    rocks: Annotated[
+        list[str] | None,
+        typer.Option("--rock", help="Held-out rock, repeatable (default: the procedural ones)."),
+    ] = None,
+    replicates: Annotated[int, typer.Option(help="Per rock, the same for all strategies.")] = 3,
+    strategies: Annotated[
+        list[str] | None,
+        typer.Option("--against", help="Baseline, repeatable (default: the paper's four and random)."),
+    ] = None,
+    reference: Annotated[str, typer.Option(help="Paired differences are against this strategy.")] = "hyb-h",
+    workers: Annotated[
+        int | None, typer.Option(help="Missions side by side (default: one per core).")
+    ] = None,
+    timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
+    out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/evaluation).")] = None,
+) -> None:
+    """Fly the recommended configuration and the baselines on held-out rocks; print Table I with intervals."""
+    from nbv.rocks import load_rock
+    from tuner.baselines import EVALUATION_BASELINES, TUNED, baseline_configs
+    from tuner.campaign import Campaign
+    from tuner.evaluation import EvaluationPlan
+
+    source = Campaign.open(campaign, read_only=True)
+    chosen = tuple(rocks or held_out_rocks())
+    for rock in chosen:
+        load_rock(rock)
+        if rock in source.settings.rocks:
+            raise UserError(
+                f"rock {rock!r} was tuned on in {campaign}; evaluate on rocks that the campaign has not seen"
+            )
+    base = source.settings.base_config()
+    configs = baseline_configs(list(strategies or EVALUATION_BASELINES), base)
+    if reference not in configs:
+        raise UserError(f"--reference {reference!r} is not evaluated; choose from {', '.join(configs)}")
+    plan = EvaluationPlan({TUNED: source.recommended_config(), **configs}, chosen, replicates)
+    compare(
+        plan,
+        out or campaign / "evaluation",
+        workers=workers,
+        timeout_s=timeout_s,
+        metric=source.settings.objective.metric,
+        reference=reference,
+        title=f"{source.settings.name}: tuned against baselines on held-out rocks",
+        paper=False,
+    )

@@ -1,0 +1,53 @@
+"""``gatetune reproduce``: job 3."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from tuner.commands.comparison import compare
+from tuner.commands.console import mission_config
+
+
+def reproduce(
+    rocks: Annotated[
+        list[str] | None, typer.Option("--rock", help="Rock or mesh file, repeatable (default: vesicular).")
+    ] = None,
+    preset: Annotated[
+        str, typer.Option(help="paper (the text) or paper-code (what the public code does).")
+    ] = "paper",
+    replicates: Annotated[int, typer.Option(help="Per rock; the paper flew one.")] = 1,
+    strategies: Annotated[
+        list[str] | None, typer.Option("--strategy", help="Repeatable (default: the paper's four).")
+    ] = None,
+    set_: Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE for every mission.")] = None,
+    keep: Annotated[bool, typer.Option(help="Keep images, models and clouds of every mission.")] = True,
+    workers: Annotated[
+        int | None, typer.Option(help="Missions side by side (default: one per core).")
+    ] = None,
+    timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 7200.0,
+    out: Annotated[Path, typer.Option(help="Directory.")] = Path("runs/reproduce"),
+) -> None:
+    """Fly the paper's default configuration for its four strategies; print its Table I beside the paper's numbers."""
+    from nbv.rocks import load_rock
+    from tuner.baselines import PAPER_STRATEGIES, baseline_configs
+    from tuner.evaluation import EvaluationPlan
+
+    base = mission_config(preset, set_ or [])
+    chosen = tuple(rocks or ["vesicular"])
+    for rock in chosen:
+        load_rock(rock)
+    configs = baseline_configs(list(strategies or PAPER_STRATEGIES), base)
+    plan = EvaluationPlan(configs, chosen, replicates, keep="all" if keep else "summary")
+    compare(
+        plan,
+        out,
+        workers=workers,
+        timeout_s=timeout_s,
+        metric="whole.completeness_48mm",
+        reference=next(iter(configs)) if len(configs) > 1 else None,
+        title=f"Table I reproduced with preset {preset}",
+        paper=True,
+    )
