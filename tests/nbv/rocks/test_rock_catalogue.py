@@ -9,7 +9,16 @@ import pytest
 import trimesh
 
 from nbv.errors import UserError
-from nbv.rocks import catalogue, import_mesh, list_rocks, load_rock, remove_imported, save_imported, store
+from nbv.rocks import (
+    catalogue,
+    import_mesh,
+    importer,
+    list_rocks,
+    load_rock,
+    remove_imported,
+    save_imported,
+    store,
+)
 from nbv.rocks.procedural import generate_rock
 from nbv.rocks.recipes import RECIPES
 
@@ -31,9 +40,10 @@ def forget():
 
 
 @pytest.fixture
-def mesh_file(tmp_path):
+def mesh_file(tmp_path, monkeypatch):
     path = tmp_path / "lump.stl"
     trimesh.creation.icosphere(subdivisions=1).export(path)
+    monkeypatch.setattr(importer, "MAX_EDGE_M", 0.05)
     return path
 
 
