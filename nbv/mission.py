@@ -13,7 +13,7 @@ import numpy as np
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.flight import Flight
-from nbv.gates import Gate, make_gate
+from nbv.gates import Gate, gate_features, make_gate, make_oracle, oracle_rewards
 from nbv.planning_state import save_state
 from nbv.result import IterationRecord, MissionResult, Status
 from nbv.run_directory import RunDirectory
@@ -48,6 +48,8 @@ class AdaptiveMission:
     reconstructor: Reconstructor
     gate: Gate
     flight: Flight
+    # Simulation only: what an oracle would have thought of both scorers' choices, logged after the decision.
+    shadow: Callable[[PlanningState, CandidatePool, dict[str, Ranking]], dict[str, float]] | None = None
     run: RunDirectory | None = None
     log: Log = _silent
     captures: list[Capture] = field(default_factory=list)
@@ -91,8 +93,9 @@ class AdaptiveMission:
             rankings = rank_candidates(state, pool, self.config)
             decision = self.gate.decide(state, pool, rankings)
             planning_s = time.perf_counter() - started
+            rewards = self._shadow_rewards(state, pool, rankings)
             self._count("planning", planning_s)
-            self._fly_photograph_update(state, pool, rankings, decision, planning_s)
+            self._fly_photograph_update(state, pool, rankings, decision, rewards, planning_s)
 
     def finish(self) -> PointCloud:
         """Fly home and reconstruct the dense cloud."""
@@ -121,6 +124,14 @@ class AdaptiveMission:
             iteration=iteration,
         )
 
+    def _shadow_rewards(
+        self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]
+    ) -> dict[str, float]:
+        if self.shadow is None:
+            return {}
+        with self._timed("shadow_oracle"):
+            return self.shadow(state, pool, rankings)
+
     def _converged(self, d95_m: float) -> bool:
         return self.config.stop.criterion in ("both", "knn") and d95_m <= self.config.stop.knn_threshold_m
 
@@ -130,6 +141,7 @@ class AdaptiveMission:
         pool: CandidatePool,
         rankings: dict[str, Ranking],
         decision: GateDecision,
+        rewards: dict[str, float],
         planning_s: float,
     ) -> None:
         viewpoint = pool.viewpoint(decision.ranking.top)
@@ -153,6 +165,8 @@ class AdaptiveMission:
             scorer=decision.ranking.scorer,
             reason=decision.reason,
             gate_details=decision.details,
+            oracle_rewards=rewards,
+            features=gate_features(state, self.config),
             top={name: _top(ranking, pool) for name, ranking in rankings.items()},
             chosen=viewpoint.id,
             registered=self.report.registered,
@@ -283,11 +297,13 @@ def run_mission(
     studio = Studio(prepare_renderer, subject, replicate, config)
     photographer = CachedStudio(studio, store, subject, replicate, config) if store is not None else studio
     reconstructor = PhotogrammetricReconstructor(config, store)
+    oracle = make_oracle(config, subject)  # for the oracle gates, and for the shadow log of all others
     mission = AdaptiveMission(
         config=config,
         take_photograph=photographer.take_photograph,
         reconstructor=reconstructor,
-        gate=make_gate(config, rock=subject, replicate=replicate),
+        gate=make_gate(config, rock=subject, replicate=replicate, oracle=oracle),
+        shadow=lambda state, pool, rankings: oracle_rewards(oracle, state, pool, rankings),
         flight=Flight(config, rock_sha256=subject.sha256, replicate=replicate),
         run=full_run,
         log=log,

@@ -29,6 +29,10 @@ class IterationRecord:
     scorer: str  # whose ranking was flown
     reason: str  # the gate's
     gate_details: dict[str, Any]
+    oracle_rewards: dict[
+        str, float
+    ]  # of both scorers' best candidates; simulation only, no gate but the oracles sees it
+    features: dict[str, float]  # what a learned gate would read
     top: dict[str, dict[str, float | str]]  # per scorer: its best candidate with score and terms
     chosen: str  # candidate id
     registered: bool  # did the new image register
