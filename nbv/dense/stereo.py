@@ -22,7 +22,7 @@ from nbv.frames import intrinsic_matrix
 from nbv.types import Floats
 
 MERGE_RELATIVE_DEPTH = 0.01  # neighbours' depths within 1 % of each other are one surface
-_BLOCK_PX = 5
+_BLOCK_PX = 3  # 5 loses 0.5 to 1.2 points of F-score at 16 mm (15016, 24 + 8 views)
 _MIN_DEPTH_M = 0.3
 _MAX_INTERPOLATION_JUMP_PX = 1.0  # beyond this between adjacent disparities there is an edge
 
