@@ -45,17 +45,18 @@ def to_sparse_model(reconstruction: pycolmap.Reconstruction, alignment: Alignmen
     camera that observes a point twice counts once in its track.
     """
     reconstruction.update_point_3d_errors()
-    image_ids = sorted(reconstruction.reg_image_ids())
-    camera_index = {int(image_id): row for row, image_id in enumerate(image_ids)}
+    image_ids = np.array(sorted(reconstruction.reg_image_ids()), dtype=np.int64)
     points = sorted(reconstruction.points3D.items(), key=lambda item: item[0])
     xyz = np.array([point.xyz for _, point in points]).reshape(-1, 3)
     errors = np.array([point.error for _, point in points])
-    tracks = [
-        sorted({camera_index[element.image_id] for element in point.track.elements}) for _, point in points
-    ]
-    offsets = np.zeros(len(tracks) + 1, dtype=np.int64)
-    np.cumsum([len(track) for track in tracks], out=offsets[1:])
-    cameras = np.array([camera for track in tracks for camera in track], dtype=np.int64)
+    elements = [point.track.elements for _, point in points]
+    owners = np.repeat(np.arange(len(points)), [len(track) for track in elements])
+    observers = np.array([element.image_id for track in elements for element in track], dtype=np.int64)
+    # One row per (point, camera), in that order, without repetitions.
+    keys = np.unique(owners * len(image_ids) + np.searchsorted(image_ids, observers))
+    offsets = np.zeros(len(points) + 1, dtype=np.int64)
+    np.cumsum(np.bincount(keys // len(image_ids), minlength=len(points)), out=offsets[1:])
+    cameras = (keys % len(image_ids)).astype(np.int64)
     world_from_model = alignment.world_from_model
     poses = camera_from_world_poses(camera_from_model_poses(reconstruction), world_from_model)
     centers = -np.einsum("mji,mj->mi", poses[:, :3, :3], poses[:, :3, 3])

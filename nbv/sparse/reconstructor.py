@@ -178,14 +178,24 @@ class SparseReconstructor:
             features = self._source.features(capture.image)
             new_id = self._model.add_image(capture.name, features.keypoints)
             pairs = {
-                (old_id, new_id): self._source.pair(old_features, features)
-                for old_id, (old, old_features) in enumerate(zip(self._captures, self._features), start=1)
-                if pair_angle_deg(old.camera_center_m, capture.camera_center_m, self.target_m)
-                <= self.config.max_pair_angle_deg
+                (old_id, new_id): self._source.pair(self._features[old_id - 1], features)
+                for old_id in self._partners(capture)
             }
             self._model.add_pairs(pairs)
             self._captures.append(capture)
             self._features.append(features)
+
+    def _partners(self, capture: Capture) -> list[int]:
+        """Ids of the earlier captures to match with: nearest viewing directions first, ties by age."""
+        angles_deg = [
+            pair_angle_deg(old.camera_center_m, capture.camera_center_m, self.target_m)
+            for old in self._captures
+        ]
+        near = [i for i, angle in enumerate(angles_deg) if angle <= self.config.max_pair_angle_deg]
+        near.sort(key=lambda i: round(angles_deg[i], 6))  # equal angles are equal beyond rounding
+        if self.config.max_pairs:
+            near = near[: self.config.max_pairs]
+        return [i + 1 for i in near]
 
     # ------------------------------------------------------------------------------------------ alignment
 

@@ -301,6 +301,24 @@ def test_only_pairs_within_the_angle_are_matched():
     assert world.asked == 12 * 2
 
 
+def test_only_the_nearest_views_are_matched_when_pairs_are_limited():
+    class Recording(LabelledPoints):
+        def __init__(self, captures):
+            super().__init__(captures)
+            self.asked = []
+
+        def pair(self, a, b):
+            self.asked.append((int(a.descriptors[0, 2]), int(b.descriptors[0, 2])))
+            return super().pair(a, b)
+
+    world = Recording(SEEDS)
+    sparse = reconstructor(world, dataclasses.replace(CONFIG, max_pairs=4))
+    assert len(sparse.bootstrap(SEEDS).model.camera_names) == 12
+    # View 11 closes the ring: its neighbours are 10 and 0, then 9 and 1; equal angles go to the older.
+    assert [a for a, b in world.asked if b == 11][:4] == pytest.approx([0, 10, 1, 9])
+    assert all(sum(b == view for _, b in world.asked) == min(view, 4) for view in range(12))
+
+
 def test_export_opens_in_the_world_frame(flown, tmp_path):
     sparse, reports = flown
     sparse.export(tmp_path / "sparse")
