@@ -102,6 +102,9 @@ def _load_procedural(name: str, _home: str) -> Rock:
     rock = generate_rock(name)
     try:
         store.write_rock(rock, path)
+        for stale in path.parent.glob(f"{name}-*.npz"):  # of earlier generators
+            if stale != path:
+                stale.unlink(missing_ok=True)
     except OSError as error:  # the cache only saves time
         log.warning("cannot cache rock %s: %s", name, error)
     return rock

@@ -114,9 +114,9 @@ def test_an_unknown_rock_is_a_users_mistake(tmp_path, config):
 
 @pytest.mark.slow
 def test_a_mission_without_a_seed_model_is_a_recorded_failure(tmp_path, config):
-    """A featureless world (no sun, no light) cannot be reconstructed; the mission says so and does not crash."""
-    dark = config.with_values({"scene.ambient": 0.0, "scene.sun_irradiance": 0.0})
-    result = run_mission(dark, ROCK, 0, tmp_path / "dark", cache=False)
+    """A detector that finds nothing leaves no model; the mission says so and does not crash."""
+    blind = config.with_values({"sparse.peak_threshold": 0.9})
+    result = run_mission(blind, ROCK, 0, tmp_path / "dark")
     assert result.status == "failed"
     assert result.reason in ("seed_model_failed", "wrong_model")
     assert result.metrics == {}

@@ -59,6 +59,16 @@ def test_procedural_rock_is_generated_once_and_read_back_identically(home, monke
     assert (again.split, again.difficulty) == (first.split, first.difficulty)
 
 
+def test_cache_holds_one_version_of_a_rock(home, monkeypatch):
+    load_rock("waist")
+    load_rock("slab")
+    forget()
+    monkeypatch.setattr(catalogue, "generator_key", lambda: "0123456789abcdef")
+    load_rock("waist")
+    files = sorted(path.name for path in (home / "rocks" / "generated").iterdir())
+    assert files[0].startswith("slab-") and files[1:] == ["waist-0123456789abcdef.npz"]
+
+
 @pytest.mark.parametrize("damage", ["truncated", "flipped", "other file", "emptied"])
 def test_damaged_cache_is_noticed_and_rebuilt(home, damage, caplog):
     good = load_rock("waist").sha256
