@@ -67,7 +67,7 @@ def sector_figure(
         ax.yaxis.set_major_formatter(lambda value, _: f"{value:g} %")
         ax.tick_params(axis="y", labelsize=7.5)
         ax.text(
-            0.0, -0.1, f"completeness at {threshold}\nazimuth from the target: 0° east, 90° north\nlabels at sector centres",
+            0.0, -0.1, f"completeness at {threshold}\nazimuth from the target: 0° east, 90° north\nlabels at sector centres; the plot’s centre is {max(0.0, floor):g} %",
             transform=ax.transAxes, fontsize=8, va="top", ha="left",
         )  # fmt: skip
         ax.legend(loc="center left", bbox_to_anchor=(1.14, 0.5))
