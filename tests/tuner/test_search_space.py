@@ -133,7 +133,7 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="cannot read"):
         load_search_space(tmp_path / "none.yaml")
     (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00\x9f")
-    with pytest.raises(UserError, match="cannot read|not YAML"):
+    with pytest.raises(UserError, match=r"cannot read|not YAML"):
         load_search_space(tmp_path / "binary.yaml")
     (tmp_path / "mine.yaml").write_text(GOOD)
     assert load_search_space(tmp_path / "mine.yaml").name == "mine"

@@ -1,0 +1,95 @@
+"""Missions in processes of their own."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from nbv.config import MissionConfig
+from nbv.errors import UserError
+from tuner.executors import InProcessExecutor, LocalProcessExecutor
+from tuner.missions import MissionJob, MissionOutcome, collect_outcome, resolve_runner, runner_path
+
+
+def job(
+    directory: Path, rock: str = "a", number: int = 0, runner: str = "fake_missions:fake_mission"
+) -> MissionJob:
+    return MissionJob(f"{number:04d}", MissionConfig(), rock, 0, directory / f"{number:04d}", runner=runner)
+
+
+def fly(executor: LocalProcessExecutor, jobs: list[MissionJob]) -> dict[str, MissionOutcome]:
+    for each in jobs:
+        executor.submit(each)
+    outcomes: dict[str, MissionOutcome] = {}
+    deadline = time.monotonic() + 60
+    while executor.in_flight and time.monotonic() < deadline:
+        outcomes |= {o.job_id: o for o in executor.wait_any(1.0)}
+    return outcomes
+
+
+def test_outcomes_come_back_from_processes_of_their_own(tmp_path: Path) -> None:
+    with LocalProcessExecutor(2, preload=("fake_missions",)) as executor:
+        outcomes = fly(executor, [job(tmp_path, "a", 0), job(tmp_path, "b", 1)])
+        assert {o.status for o in outcomes.values()} == {"ok"} and len(outcomes) == 2
+        here = InProcessExecutor()
+        here.submit(job(tmp_path / "here", "a", 0))
+        assert here.wait_any(0)[0].metrics == outcomes["0000"].metrics
+
+
+def test_server_that_dies_costs_its_missions_and_is_replaced(tmp_path: Path) -> None:
+    with LocalProcessExecutor(1, preload=("fake_missions",)) as executor:
+        executor.submit(job(tmp_path, "hang", 0))
+        time.sleep(1.0)
+        assert executor._server is not None
+        executor._server.kill()
+        outcomes = {o.job_id: o for _ in range(10) for o in executor.wait_any(1.0)}
+        assert outcomes["0000"].status == "failed" and outcomes["0000"].reason.startswith("worker_died")
+        assert fly(executor, [job(tmp_path, "a", 1)])["0001"].status == "ok"
+
+
+def test_runner_that_cannot_be_imported_fails_the_mission(tmp_path: Path) -> None:
+    with LocalProcessExecutor(1, preload=("no_such_module",)) as executor:
+        outcome = fly(executor, [job(tmp_path, runner="no_such_module:fly")])["0000"]
+    assert outcome.reason == "user_error" and "no_such_module" in outcome.message
+
+
+def test_one_thread_per_mission_and_a_fresh_interpreter_where_forking_is_unsafe(tmp_path: Path) -> None:
+    """The path for systems without a safe fork: one interpreter per job."""
+    each = job(tmp_path)
+    each.directory.mkdir()
+    environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
+    environment["PYTHONPATH"] = os.pathsep.join(sys.path)
+    done = subprocess.run(
+        [sys.executable, "-m", "tuner.mission_server", "--job"], input=json.dumps(each.to_dict()), text=True,
+        env=environment, check=False, capture_output=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    outcome = collect_outcome(each)
+    assert outcome is not None and outcome.status == "ok"
+
+
+def test_results_of_another_configuration_are_not_taken_over(tmp_path: Path) -> None:
+    executor = InProcessExecutor()
+    executor.submit(job(tmp_path))
+    assert executor.wait_any(0)[0].status == "ok"
+    other = MissionJob("0000", MissionConfig().with_values({"gate.d95_m": 0.2}), "a", 0, tmp_path / "0000")
+    assert collect_outcome(job(tmp_path)) is not None and collect_outcome(other) is None
+
+
+def test_runner_names() -> None:
+    import fake_missions
+
+    assert runner_path(fake_missions.fake_mission) == "fake_missions:fake_mission"
+    assert resolve_runner("fake_missions:fake_mission") is fake_missions.fake_mission
+    with pytest.raises(UserError, match="cannot be imported; define it at the top"):
+        runner_path(lambda: None)
+    with pytest.raises(UserError, match="cannot be imported"):
+        resolve_runner("fake_missions:nothing")
+    with pytest.raises(UserError, match="workers is 0"):
+        LocalProcessExecutor(0)

@@ -1,0 +1,132 @@
+"""Strategies against each other on a fake mission: same seeds, resumable, the paper's layout."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from nbv.config import preset
+from nbv.errors import UserError
+from tuner.baselines import BASELINES, PAPER_STRATEGIES, baseline_configs, label
+from tuner.evaluation import (
+    EvaluationEvent,
+    EvaluationPlan,
+    comparison_table,
+    run_evaluation,
+    strategy_difference,
+)
+from tuner.executors import InProcessExecutor, LocalProcessExecutor
+from tuner.paper_table import PAPER_TABLE_I, TABLE_I_ROWS, MetricRow
+
+RUNNER = "fake_missions:fake_mission"
+BASE = preset("campaign")
+GOOD = BASE.with_values({"gate.budget_fraction": 0.75, "gate.d95_m": 0.04})
+F48 = MetricRow("", "F-score", "observable.f_score_48mm", "%", True)
+ROWS = (F48,)
+
+
+def plan(**changes: object) -> EvaluationPlan:
+    fields: dict[str, object] = {
+        "strategies": {"tuned": GOOD, "hyb-h": BASE, "copy": BASE},
+        "rocks": ("x", "y", "z"),
+        "replicates": 2,
+        "runner": RUNNER,
+    }
+    return EvaluationPlan(**{**fields, **changes})  # type: ignore[arg-type]
+
+
+def test_same_rocks_and_replicates_for_all_and_a_paired_difference(tmp_path: Path) -> None:
+    result = run_evaluation(plan(), tmp_path / "out", InProcessExecutor())
+    assert result.complete and result.failures == {}
+    assert {(r.strategy, r.rock, r.replicate) for r in result.records} == {
+        (s, r, k) for s in ("tuned", "hyb-h", "copy") for r in "xyz" for k in (0, 1)
+    }
+    # One and the same configuration is flown once and counts for both names.
+    assert plan().missions == 12 and len(list((tmp_path / "out").glob("missions/*/*/mission.json"))) == 12
+    difference = strategy_difference(result.records, "tuned", "hyb-h", F48)
+    assert difference is not None and difference.pairs == 6 and difference.wins == 6
+    assert difference.interval.mean == pytest.approx(0.49, abs=0.15)
+    same = strategy_difference(result.records, "copy", "hyb-h", F48)
+    assert same is not None and same.ties == 6
+
+
+def test_interrupted_evaluation_flies_only_the_rest(tmp_path: Path) -> None:
+    def interrupt(event: EvaluationEvent) -> None:
+        if event.kind == "finished" and event.finished == 5:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    first = run_evaluation(plan(), tmp_path / "out", InProcessExecutor(), interrupt)
+    assert not first.complete
+    events: list[EvaluationEvent] = []
+    with LocalProcessExecutor(2, preload=("fake_missions",)) as executor:
+        second = run_evaluation(plan(), tmp_path / "out", executor, events.append)
+    assert second.complete and sum(e.kind == "launched" for e in events) == 12 - 5
+    assert all(file.read_text() == "flown\n" for file in (tmp_path / "out").rglob("flown.txt"))
+    whole = run_evaluation(plan(), tmp_path / "whole", InProcessExecutor())
+    assert [r.outcome.metrics for r in second.records] == [r.outcome.metrics for r in whole.records]
+
+
+def test_failures_are_counted_and_pairs_are_common_ones(tmp_path: Path) -> None:
+    with LocalProcessExecutor(1, preload=("fake_missions",)) as executor:
+        result = run_evaluation(plan(rocks=("x", "fail", "abort"), replicates=1), tmp_path / "out", executor)
+        assert result.complete and result.failures == {"seed_model_failed": 3, "worker_died: signal 6": 3}
+        table = comparison_table(result.records, ["tuned", "hyb-h"], "hyb-h", "observable", ROWS)
+        assert table.failures == {"tuned": 2, "hyb-h": 2} and table.missions == {"tuned": 1, "hyb-h": 1}
+        difference = table.rows[0].differences["tuned"]
+        assert difference is not None and difference.pairs == 1 and difference.interval.low is None
+        again = run_evaluation(plan(rocks=("x", "fail", "abort"), replicates=1), tmp_path / "out", executor)
+    assert again.failures == result.failures and again.elapsed_s < 1.0  # nothing was flown again
+
+
+def test_table(tmp_path: Path) -> None:
+    result = run_evaluation(plan(), tmp_path / "out", InProcessExecutor())
+    costs = MetricRow("", "Flight time", "costs.flight_time_s", "s", False)
+    table = comparison_table(result.records, ["hyb-h", "tuned", "copy"], "hyb-h", "observable", (F48, costs))
+    score, time_row = table.rows
+    assert score.best == ("tuned",) and time_row.best == ("hyb-h", "tuned", "copy")
+    cell = score.cells["tuned"]
+    assert cell is not None and cell.low is not None and cell.low < cell.mean and cell.method == "rocks"
+    assert set(score.differences) == {"tuned", "copy"}
+    empty = comparison_table([], ["hyb-h"], None)
+    assert empty.rows[0].cells["hyb-h"] is None and empty.rows[0].best == ()
+    with pytest.raises(UserError, match="reference 'covis' was not evaluated"):
+        comparison_table(result.records, ["tuned"], "covis")
+
+
+def test_mistakes(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="no strategy"):
+        plan(strategies={})
+    with pytest.raises(UserError, match="no rock"):
+        plan(rocks=())
+    with pytest.raises(UserError, match="replicates is 0"):
+        plan(replicates=0)
+    with pytest.raises(UserError, match="cannot name a strategy"):
+        plan(strategies={"../x": BASE})
+    with pytest.raises(UserError, match="unknown strategy 'hybh'; did you mean hyb-h"):
+        baseline_configs(["hybh"], BASE)
+    run_evaluation(plan(), tmp_path / "out", InProcessExecutor())
+    with pytest.raises(UserError, match="holds another evaluation"):
+        run_evaluation(plan(replicates=3), tmp_path / "out", InProcessExecutor())
+    (tmp_path / "foreign").mkdir()
+    (tmp_path / "foreign" / "notes.txt").write_text("mine")
+    with pytest.raises(UserError, match="not an empty directory"):
+        run_evaluation(plan(), tmp_path / "foreign", InProcessExecutor())
+    with pytest.raises(UserError, match="unknown rock 'user'"):
+        run_evaluation(plan(rocks=("user",)), tmp_path / "user", InProcessExecutor())
+
+
+def test_baselines_and_the_papers_table() -> None:
+    configs = baseline_configs(list(BASELINES), BASE)
+    assert all(config.gate.kind == name for name, config in configs.items())
+    assert all(config.with_values({"gate.kind": "hyb-h"}) == BASE for config in configs.values())
+    assert label("tuned") == "Tuned" and label("hyb-o") == "Hyb-O" and label("mine") == "mine"
+    assert set(PAPER_TABLE_I) == set(PAPER_STRATEGIES)
+    for column in PAPER_TABLE_I.values():
+        assert set(column) == {row.key for row in TABLE_I_ROWS}
+        # F = 2c / (1 + c) with perfect accuracy bounds the F-score from above (to the printed digits)
+        for t in (48, 80):
+            c = column[f"whole.completeness_{t}mm"] / 100
+            assert column[f"whole.f_score_{t}mm"] <= 200 * c / (1 + c) + 1.0
