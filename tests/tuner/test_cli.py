@@ -1,0 +1,157 @@
+"""The command line's manners: a user's mistake is one line that names the thing and the remedy, exit code 2."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from tuner.cli import main
+
+RUN = ["campaign", "run", "--rock", "boulder"]
+
+
+@pytest.fixture
+def gatetune(monkeypatch, capfd, tmp_path):
+    """Run the command in an empty working directory; returns (exit code, stdout, stderr)."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["gatetune", *map(str, arguments)])
+        try:
+            main()
+            code = 0
+        except SystemExit as stop:
+            code = stop.code or 0
+        out, err = capfd.readouterr()
+        return code, out, err
+
+    return run
+
+
+def mesh(kind, path):
+    """A bad mesh file."""
+    box = trimesh.creation.box()
+    if kind == "empty":
+        path.write_text("")
+    elif kind == "unreadable":
+        path.write_bytes(b"\x00\x01 not a mesh")
+    elif kind == "nan":
+        text = trimesh.exchange.obj.export_obj(box).splitlines()
+        first = next(i for i, line in enumerate(text) if line.startswith("v "))
+        text[first] = "v nan 0 0"
+        path.write_text("\n".join(text))
+    elif kind == "flat":
+        box.vertices[:, 2] = 0.0
+        box.export(path)
+    elif kind == "zero-area":
+        path.write_text("v 0 0 0\nv 1 1 1\nv 2 2 2\nf 1 2 3\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        (["campaign", "run", "--space", "no-such-space"], "no-such-space"),
+        ([*RUN, "--budget", "0"], "budget"),
+        ([*RUN, "--replicates", "0"], "replicates"),
+        ([*RUN, "--workers", "0"], "workers"),
+        ([*RUN, "--sampler", "magic"], "magic"),
+        ([*RUN, "--preset", "nope"], "nope"),
+        ([*RUN, "--set", "stop.adaptive_budgit=4"], "stop.adaptive_budget"),
+        ([*RUN, "--set", "stop.adaptive_budget"], "PATH=VALUE"),
+        ([*RUN, "--set", "stop.adaptive_budget=many"], "stop.adaptive_budget"),
+        ([*RUN, "--storage", "nosuchdb://x"], "nosuchdb"),
+        (["campaign", "run", "--rock", "bouldr"], "boulder"),
+        (["campaign", "run", "--rock", "mushroom"], "held out"),
+        (["campaign", "resume", "nowhere"], "nowhere"),
+        (["campaign", "status", "nowhere"], "nowhere"),
+        (["evaluate", "nowhere"], "nowhere"),
+        (["reproduce", "--rock", "bouldr"], "boulder"),
+        (["reproduce", "--strategy", "covi"], "covis"),
+        (["mission", "run", "--rock", "bouldr"], "boulder"),
+        (["mission", "run", "--rock", "boulder", "--gate", "hyb"], "hyb-h"),
+        (["mission", "run", "--rock", "boulder", "--set", "gate.budget_fraction=1.5"], "between 0 and 1"),
+        (["mission", "explain", "nowhere"], "nowhere"),
+        (["rocks", "show", "nowhere.obj"], "nowhere.obj"),
+    ],
+)
+def test_a_mistake_is_one_line_and_exit_code_2(gatetune, tmp_path, arguments, says):
+    code, _, err = gatetune(*arguments)
+    assert code == 2
+    assert err.startswith("error:")
+    assert says in err
+    assert len(err.strip().splitlines()) == 1
+    assert "Traceback" not in err
+    assert not any((tmp_path / "runs").rglob("*.json"))
+
+
+@pytest.mark.parametrize("kind", ["empty", "unreadable", "nan", "flat", "zero-area"])
+@pytest.mark.parametrize("command", ["import", "mission"])
+def test_a_bad_mesh_is_named(gatetune, tmp_path, kind, command):
+    path = mesh(kind, tmp_path / f"{kind}.obj")
+    arguments = ["rocks", "import", path] if command == "import" else ["mission", "run", "--rock", path]
+    code, _, err = gatetune(*arguments)
+    assert code == 2
+    assert path.name in err
+    assert len(err.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "text, says",
+    [
+        ("name: x\nparameters:\n  gate.d95_m: {kind: float, low: 1.0, high: 0.1}\n", "gate.d95_m"),
+        ("name: x\nparameters:\n  gate.d95: {kind: float, low: 0.1, high: 1.0}\n", "gate.d95_m"),
+        ("name: x\nparametres: {}\n", "parametres"),
+        ("name: x\nparameters:\n  gate.d95_m: {kind: float, low: 0.1, high: 1.0, scal: log}\n", "scal"),
+        ("name: [x\n", "space.yaml"),
+    ],
+)
+def test_a_bad_search_space_is_named(gatetune, tmp_path, text, says):
+    (tmp_path / "space.yaml").write_text(text)
+    code, _, err = gatetune(*RUN, "--space", tmp_path / "space.yaml")
+    assert code == 2
+    assert says in err
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_directory_with_something_else_in_it_is_left_alone(gatetune, tmp_path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "thesis.tex").write_text("precious")
+    code, _, err = gatetune(*RUN, "--out", tmp_path / "mine")
+    assert code == 2
+    assert "mine" in err
+    assert [p.name for p in (tmp_path / "mine").iterdir()] == ["thesis.tex"]
+
+
+def test_an_unwritable_directory_is_named(gatetune, tmp_path):
+    (tmp_path / "file").write_text("")
+    code, _, err = gatetune(*RUN, "--out", tmp_path / "file" / "run")
+    assert code == 2
+    assert "file" in err
+
+
+def test_configuration_and_rocks_can_be_looked_at(gatetune):
+    code, out, _ = gatetune("config", "show", "--preset", "paper", "--set", "stop.adaptive_budget=7")
+    assert code == 0
+    assert "adaptive_budget: 7" in out
+    code, out, _ = gatetune("rocks", "list", "--split", "held-out")
+    assert code == 0
+    assert "mushroom" in out
+    assert "boulder" not in out
+
+
+def test_import_list_show_a_rock_of_ones_own(gatetune, tmp_path):
+    path = tmp_path / "stone.ply"
+    rock = trimesh.creation.icosphere(subdivisions=3)
+    rock.vertices *= 1 + 0.1 * np.sin(5 * rock.vertices[:, :1])
+    rock.export(path)
+    code, out, err = gatetune("rocks", "import", path, "--name", "my-stone", "--split", "held-out")
+    assert code == 0, err
+    assert "my-stone" in out
+    assert "my-stone" in gatetune("rocks", "list", "--split", "held-out")[1]
+    code, out, _ = gatetune("rocks", "show", "my-stone")
+    assert code == 0
+    assert "1.6" in out
+    code, _, err = gatetune("rocks", "import", path, "--name", "my-stone")
+    assert code == 2
+    assert "my-stone" in err
