@@ -78,8 +78,14 @@ class RockStandardiser:
     pooled_scale: float
 
     @staticmethod
-    def fit(rocks: Sequence[str], outcomes: Floats | Sequence[float]) -> RockStandardiser:
-        """Estimate from ``(n,)`` rock names and outcomes (larger is better); n may be 0."""
+    def fit(
+        rocks: Sequence[str], outcomes: Floats | Sequence[float], *, shrink_centres: bool = True
+    ) -> RockStandardiser:
+        """Estimate from ``(n,)`` rock names and outcomes (larger is better); n may be 0.
+
+        Without ``shrink_centres`` each rock is centred on its own mean: for a model that infers what is left of
+        the rock effect by itself.
+        """
         y = np.asarray(outcomes, dtype=float)
         names = sorted(set(rocks))
         groups = {name: y[np.array([rock == name for rock in rocks])] for name in names}
@@ -99,7 +105,7 @@ class RockStandardiser:
         grand = sum(precision[n] * means[n] for n in names) / sum(precision.values())
         centres, scales = {}, {}
         for name, group in groups.items():
-            weight = rock_variance / (rock_variance + within / len(group))
+            weight = rock_variance / (rock_variance + within / len(group)) if shrink_centres else 1.0
             centres[name] = grand + weight * (means[name] - grand)
             own = max(0, len(group) - 1)
             variance = (_SCALE_PRIOR_COUNT * within + within_squares[name]) / (_SCALE_PRIOR_COUNT + own)

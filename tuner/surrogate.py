@@ -165,7 +165,7 @@ class RockMeanGP:
         self.observations = tuple(feasible)
         outcomes = np.array([o.outcome for o in feasible], dtype=float)
         observed_rocks = [o.rock for o in feasible]
-        self.standardiser = RockStandardiser.fit(observed_rocks, outcomes)
+        self.standardiser = RockStandardiser.fit(observed_rocks, outcomes, shrink_centres=False)
         self.unit = np.array([space.to_unit(o.values) for o in feasible])  # (n, d)
         self.targets = self.standardiser.standardise(observed_rocks, outcomes)  # (n,)
         names = dict.fromkeys([*self.rocks, *observed_rocks])
@@ -222,12 +222,18 @@ class RockMeanGP:
             np.einsum("r,s,rmsn->mn", scales, scales, covariance) / count**2,
         )
 
-    def predict_on_rock(self, values: Mapping[str, Any], rock: str) -> float:
-        """Posterior mean outcome of one configuration on one training rock, in the objective's unit."""
+    def predict_mission(self, values: Mapping[str, Any], rock: str) -> tuple[float, float]:
+        """``(mean, sd)`` of the outcome of one new mission on a known rock, its noise included."""
         with torch.no_grad():
             x = self.inputs(self.space.to_unit(values)[None], self._index[rock])
-            z = self.model.posterior(x).mean.item()
-        return self.standardiser.centre(rock) + self.standardiser.scale(rock) * z
+            belief = self.model.posterior(x, observation_noise=True)
+            mean, sd = belief.mean.item(), math.sqrt(belief.variance.item())
+        scale = self.standardiser.scale(rock)
+        return self.standardiser.centre(rock) + scale * mean, scale * sd
+
+    def predict_on_rock(self, values: Mapping[str, Any], rock: str) -> float:
+        """Posterior mean outcome of one configuration on one known rock, in the objective's unit."""
+        return self.predict_mission(values, rock)[0]
 
     @property
     def noise_sd(self) -> float:
@@ -288,6 +294,7 @@ def _rock_offset_kernel(column: int) -> gpytorch.kernels.Kernel:
     same.raw_lengthscale.requires_grad_(False)
     return ScaleKernel(
         same,
-        outputscale_prior=LogNormalPrior(math.log(0.1), 1.0),
-        outputscale_constraint=GreaterThan(1e-4, transform=None, initial_value=0.1),
+        # Wide: a rock's centre is the mean of a few configurations and may be off by a standard deviation.
+        outputscale_prior=LogNormalPrior(0.0, 1.0),
+        outputscale_constraint=GreaterThan(1e-4, transform=None, initial_value=0.5),
     )
