@@ -178,10 +178,10 @@ class SparseConfig:
     first_octave: int = -1
     peak_threshold: float = 0.0066  # COLMAP's default, 0.02 / 3
     match_ratio: float = 0.8
-    max_pair_angle_deg: float = 180.0  # pairs whose viewing directions differ more are not matched
-    max_pairs: int = 0  # earlier photographs to match a new one with, nearest directions first; 0 = all
+    max_pair_angle_deg: float = 130.0  # pairs whose viewing directions differ more are not matched
+    max_pairs: int = 24  # earlier photographs to match a new one with, nearest directions first; 0 = all
     min_inliers: int = 15
-    global_ba_interval: int = 10  # captures between global bundle adjustments
+    global_ba_interval: int = 5  # captures between global bundle adjustments
     max_alignment_rms_m: float = 0.10  # beyond this the model is wrong, not noisy
     min_registered_seeds: int = 12
 
@@ -478,6 +478,8 @@ def paper_code() -> MissionConfig:
             "stop.criterion": "budget",
             "gate.oracle_coverage": "paper-code",
             "sparse.max_features": 16384,
+            "sparse.max_pair_angle_deg": 180.0,  # exhaustive matching
+            "sparse.max_pairs": 0,
             "evaluation.gt_gate_m": 0.05,
         }
     )
