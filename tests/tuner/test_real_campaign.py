@@ -1,0 +1,67 @@
+"""One tiny campaign on real photogrammetry, interrupted with Ctrl-C, resumed, then evaluated: jobs 1 and 2."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+pytestmark = pytest.mark.slow
+
+SMALL = ["--set", "stop.adaptive_budget=1", "--set", "evaluation.gt_samples=5000", "--set", "dense.agreeing_views=3"]
+GATETUNE = [sys.executable, "-m", "tuner.cli"]
+
+
+def gatetune(folder, *arguments):
+    return subprocess.run(
+        [*GATETUNE, *arguments], cwd=folder, capture_output=True, text=True, timeout=600, check=False
+    )
+
+
+def finished(folder):
+    return sorted(path.parent.name for path in (folder / "runs/tiny/missions").glob("*/mission.json"))
+
+
+def test_interrupt_resume_evaluate(tmp_path):
+    start = ["campaign", "run", "--name", "tiny", "--space", "gate", "--rock", "boulder", "--budget", "4",
+             "--replicates", "2", "--workers", "1", *SMALL]  # fmt: skip
+    process = subprocess.Popen(
+        [*GATETUNE, *start], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        start_new_session=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 400
+    while not finished(tmp_path) and time.monotonic() < deadline and process.poll() is None:
+        time.sleep(0.5)
+    os.kill(process.pid, signal.SIGINT)
+    out, _ = process.communicate(timeout=60)
+    assert process.returncode == 130, out
+    assert "gatetune campaign resume" in out
+    before = finished(tmp_path)
+    assert 1 <= len(before) < 4
+    kept = (tmp_path / "runs/tiny/missions" / before[0] / "mission.json").read_text()
+
+    status = gatetune(tmp_path, "campaign", "status", "runs/tiny")
+    assert status.returncode == 0, status.stderr
+    assert "of 4 missions" in status.stdout
+
+    resumed = gatetune(tmp_path, "campaign", "resume", "runs/tiny", "--workers", "1")
+    assert resumed.returncode == 0, resumed.stdout + resumed.stderr
+    assert len(finished(tmp_path)) == 4
+    assert (tmp_path / "runs/tiny/missions" / before[0] / "mission.json").read_text() == kept  # not flown again
+    assert (tmp_path / "runs/tiny/report.html").stat().st_size > 10_000
+    recommendation = json.loads((tmp_path / "runs/tiny/recommendation.json").read_text())
+    assert recommendation["observations"] == 4
+    assert set(recommendation["values"]) == {"gate.budget_fraction", "gate.d95_m"}
+
+    # Job 2 refuses the training rock, then flies a held-out one.
+    refused = gatetune(tmp_path, "evaluate", "runs/tiny", "--rock", "boulder")
+    assert refused.returncode == 2
+    assert "tuned on" in refused.stderr
+    run = gatetune(tmp_path, "evaluate", "runs/tiny", "--rock", "mushroom", "--replicates", "1",
+                   "--against", "covis", "--reference", "covis")  # fmt: skip
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "Completeness" in run.stdout
+    assert (tmp_path / "runs/tiny/evaluation/report.html").is_file()
