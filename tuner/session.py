@@ -21,9 +21,13 @@ def exclusive(directory: Path) -> Iterator[None]:
     Raises
     ------
     UserError
-        Another process holds it.
+        Another process holds it, or the directory cannot be written.
     """
-    with (directory / LOCK_FILE).open("w") as file:
+    try:
+        lock = (directory / LOCK_FILE).open("w")
+    except OSError as error:
+        raise UserError(f"cannot write to {directory}: {error.strerror}; make it writable") from error
+    with lock as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
