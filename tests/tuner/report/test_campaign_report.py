@@ -1,0 +1,176 @@
+"""The campaign's page: what it says, and that it says it in every situation."""
+
+from __future__ import annotations
+
+import dataclasses
+import html
+import re
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # fake_missions
+
+from made_evaluations import made_run
+
+from nbv.config import preset
+from nbv.errors import UserError
+from tuner.campaign import Campaign, CampaignSettings
+from tuner.executors import InProcessExecutor
+from tuner.objective import Objective
+from tuner.recommendation import Recommendation
+from tuner.report import write_campaign_report
+from tuner.report.campaign_facts import CampaignFacts, verdict
+from tuner.report.campaign_report import campaign_headline, recommended_yaml, reproduce_command
+from tuner.search_space import load_search_space, space_from_dict
+
+MIXED = {
+    "name": "mixed",
+    "base": {"gate.kind": "hyb-h"},
+    "parameters": {
+        "gate.budget_fraction": {"low": 0.0, "high": 1.0},
+        "visibility.mode": {"kind": "categorical", "choices": ["frustum", "occlusion"]},
+        "b_aware.target_track_length": {"kind": "int", "low": 3, "high": 12},
+    },
+}
+
+
+def flown(directory: Path, **changes: object) -> Campaign:
+    fields: dict[str, object] = {
+        "name": "tiny", "space": load_search_space("gate"), "rocks": ("a", "b"), "budget": 6, "seed": 1,
+        "sampler": "sobol", "runner": "fake_missions:fake_mission",
+    }  # fmt: skip
+    campaign = Campaign.create(directory, CampaignSettings(**{**fields, **changes}))  # type: ignore[arg-type]
+    campaign.run(InProcessExecutor())
+    return campaign
+
+
+def text_of(page: Path) -> str:
+    """The page without mark-up and embedded figures, white space collapsed."""
+    source = re.sub(r"<style>.*?</style>|<[^>]+>", " ", page.read_text(), flags=re.S)
+    return re.sub(r"\s+", " ", html.unescape(source))
+
+
+def test_page_says_what_is_recommended_and_needs_nothing_from_outside(tmp_path: Path) -> None:
+    campaign = flown(tmp_path / "run", rocks=("a", "b", "fail"), budget=9)
+    page = write_campaign_report(campaign)
+    assert page == tmp_path / "run" / "report.html"
+    best = campaign.recommendation(save=False)
+    assert best is not None
+    source, text = page.read_text(), text_of(page)
+
+    shown = yaml.safe_load(
+        html.unescape(re.search(r'<pre id="recommended-yaml">(.*?)</pre>', source, re.S)[1])
+    )  # type: ignore[index]
+    assert shown == pytest.approx(best.values, rel=1e-6)
+    preset("campaign").with_values(shown)  # ready to use
+    label = CampaignFacts(campaign).label
+    assert campaign_headline(best, label.full, label.difference_unit) in text
+    assert html.unescape(reproduce_command(campaign)) in text
+    failed = [t for t in campaign.trials() if t.state == "failed"]
+    assert f"failed: {failed[0].reason}" in text and "no seed model" in text
+    assert "The budget of 9 missions is used." in text
+
+    assert not re.search(r"(src|href)=[\"'](?!data:|#)", source)  # self-contained
+    assert "url(" not in source and "<script" not in source and "@import" not in source
+    images = re.findall(r"<img [^>]+>", source)
+    assert len(images) >= 6 and all(re.search(r'alt="[^"]{20,}"', image) for image in images)
+    named = set(re.findall(r'<figure id="figure-([a-z_]+)"', source))
+    assert named == {p.stem for p in (tmp_path / "run" / "figures").glob("*.png")}
+    assert {"missions", "running_recommendation", "slices", "map", "relevance", "calibration"} <= named
+
+
+def test_headline_follows_the_interval(tmp_path: Path) -> None:
+    best = flown(tmp_path / "run").recommendation(save=False)
+    assert best is not None
+    other = {**best.default_values, "gate.budget_fraction": 0.9}
+
+    def sentence(low: float, high: float) -> str:
+        made: Recommendation = dataclasses.replace(
+            best, values=other, improvement=(low + high) / 2, improvement_sd=(high - low) / 3.92,
+            improvement_interval_95=(low, high),
+        )  # fmt: skip
+        return campaign_headline(made, "F-score @ 48 mm", "points")
+
+    assert "is better than the paper’s default" in sentence(0.4, 5.2)
+    assert "+0.4 to +5.2" in sentence(0.4, 5.2)
+    assert "is worse than the paper’s default" in sentence(-5.0, -0.4)
+    assert sentence(-0.4, 5.0).startswith("No difference detected")
+    assert "better than" not in sentence(-0.4, 5.0) and "worse than" not in sentence(-0.4, 5.0)
+    same = dataclasses.replace(best, values=best.default_values)
+    assert "default is itself the recommendation" in campaign_headline(same, "F-score", "points")
+    assert verdict((0.0, 1.0)) == "no difference detected"  # touching zero is no detection
+
+
+def test_campaign_of_failures_alone_has_a_page(tmp_path: Path) -> None:
+    page = write_campaign_report(flown(tmp_path / "run", rocks=("fail",), budget=20))
+    text = text_of(page)
+    assert "No recommendation: none of the 8 finished missions succeeded." in text
+    assert "Stopped after 8 failures in a row" in text and "seed_model_failed" in text
+    assert 'id="recommendation"' not in page.read_text()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"budget": 1},
+        {"space": space_from_dict(MIXED, "mixed"), "objective": Objective(direction="minimise")},
+        {"space": load_search_space("gate_and_weights"), "budget": 3},
+    ],
+    ids=["one mission", "integers, categories, minimised", "eight parameters"],
+)
+def test_every_kind_of_campaign_has_a_page(tmp_path: Path, changes: dict[str, object]) -> None:
+    campaign = flown(tmp_path / "run", **changes)
+    text = text_of(write_campaign_report(campaign))
+    best = campaign.recommendation(save=False)
+    assert best is not None
+    for line in recommended_yaml(best).splitlines():
+        assert line in text
+    assert "nan" not in text.lower().split()
+
+
+def test_interrupted_campaign_says_so(tmp_path: Path) -> None:
+    campaign = flown(tmp_path / "run", budget=4)
+    larger = Campaign(campaign.directory, dataclasses.replace(campaign.settings, budget=10), campaign.ledger)
+    text = text_of(write_campaign_report(larger))
+    assert "Not finished: 4 of 10 missions" in text
+    assert "Only 4 successful missions" in text
+
+
+def test_running_recommendation_ends_in_the_recommendation(tmp_path: Path) -> None:
+    facts = CampaignFacts(flown(tmp_path / "run", budget=8))
+    assert facts.recommendation is not None
+    points = facts.checkpoints
+    assert points[-1].missions == 8 and points[-1].values == facts.recommendation.values
+    assert points[-1].mean == pytest.approx(facts.recommendation.mean)
+    assert points[-1].final_mean == pytest.approx(facts.recommendation.mean)
+    assert [p.missions for p in points] == sorted({p.missions for p in points})
+
+
+def test_slices_pass_through_the_recommendation_in_the_metric_s_own_direction(tmp_path: Path) -> None:
+    facts = CampaignFacts(flown(tmp_path / "run", budget=8, objective=Objective(direction="minimise")))
+    best = facts.recommendation
+    assert best is not None
+    for part in facts.slices:
+        value = best.values[part.parameter.path]
+        mean, sd = facts.belief([best.values])
+        assert mean[0] == pytest.approx(best.mean) and sd[0] == pytest.approx(best.sd)
+        nearest = min(range(len(part.positions)), key=lambda i: abs(part.positions[i] - value))
+        assert part.mean[nearest] == pytest.approx(best.mean, abs=0.1)
+
+
+def test_campaign_without_missions_is_refused(tmp_path: Path) -> None:
+    settings = flown(tmp_path / "other", budget=1).settings
+    empty = Campaign.create(tmp_path / "run", settings)
+    with pytest.raises(UserError, match="no finished mission"):
+        write_campaign_report(empty)
+
+
+def test_held_out_evaluation_appears_in_the_page(tmp_path: Path) -> None:
+    campaign = flown(tmp_path / "run", budget=4)
+    page = write_campaign_report(campaign, made_run({"tuned": 70.0, "hyb-h": 60.0}))
+    assert "Tuned is better than Hyb-H in F-score @ 48 mm, observable surface" in text_of(page)
+    assert "hyb-h" not in {p.stem for p in (tmp_path / "run" / "figures").glob("*")}
+    assert (tmp_path / "run" / "figures" / "differences.png").is_file()

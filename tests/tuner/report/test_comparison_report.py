@@ -1,0 +1,124 @@
+"""Comparison tables and page: Table I's layout, honest sentences, failures named."""
+
+from __future__ import annotations
+
+import html
+import io
+import re
+from pathlib import Path
+
+import pytest
+from made_evaluations import made_run
+from rich.console import Console
+
+from nbv.errors import UserError
+from tuner.evaluation import comparison_table
+from tuner.report import write_comparison_report
+from tuner.report.comparison_report import comparison_context
+from tuner.report.comparison_tables import (
+    PAPER_NOT_COMPARABLE,
+    comparison_markdown,
+    comparison_terminal_table,
+    difference_cell,
+    difference_terminal_table,
+)
+
+PAPER_ROWS = [
+    "Hausdorff ↓ (mm)", "Mean C2C ↓ (mm)", "Median C2C ↓ (mm)", "P95 C2C ↓ (mm)",
+    "Completeness ↑ (%)", "F-score ↑ (%)", "Completeness ↑ (%)", "F-score ↑ (%)",
+]  # fmt: skip
+LEVELS = {"covis": 60.0, "b-aware": 55.0, "hyb-h": 58.0, "hyb-o": 66.0}
+
+
+def cells(line: str) -> list[str]:
+    return [part.strip() for part in line.strip().strip("|").split("|")]
+
+
+def test_markdown_has_the_layout_of_table_one() -> None:
+    run = made_run(LEVELS)
+    table = comparison_table(run.records, tuple(LEVELS), "hyb-h")
+    lines = comparison_markdown(table, differences=False).splitlines()
+    assert cells(lines[0]) == ["Metric", "Covis", "B-aware", "Hyb-H", "Hyb-O"]
+    body = [cells(line) for line in lines[2:] if line.startswith("|")]
+    assert all(len(row) == 5 for row in body)
+    metrics = [row for row in body if row[0] in PAPER_ROWS]
+    assert [row[0] for row in metrics] == PAPER_ROWS
+    for row in metrics:
+        assert row[4].startswith("**") and not any(c.startswith("**") for c in row[1:4])  # hyb-o leads in all
+        assert all(" ± " in c for c in row[1:])
+    cell = table.rows[5].cells["covis"]
+    assert cell is not None and cell.high is not None
+    assert metrics[5][1] == f"{cell.mean:.1f} ± {cell.high - cell.mean:.1f}"
+    assert body[-1] == ["missions", "12", "12", "12", "12"]
+    assert "t-intervals over rock means" in comparison_markdown(table)
+
+
+def test_markdown_with_the_papers_numbers_beside() -> None:
+    run = made_run({"covis": 60.0, "random": 61.0})
+    table = comparison_table(run.records, ("covis", "random"), "covis")
+    lines = comparison_markdown(table, paper=True).splitlines()
+    assert cells(lines[0]) == ["Metric", "Covis", "Covis, paper", "Random views"]  # the paper has no random
+    hausdorff = next(cells(line) for line in lines if line.startswith("| Hausdorff"))
+    assert hausdorff[2] == "480.9"
+    assert PAPER_NOT_COMPARABLE in lines
+
+
+def test_differences_keep_the_metrics_sign_and_verdicts_its_direction() -> None:
+    run = made_run({"tuned": 66.0, "hyb-h": 60.0, "covis": 54.0, "random": 60.02}, noise=0.5)
+    table = comparison_table(run.records, tuple(run.plan.strategies), "hyb-h")
+    mean_c2c, f_score = table.rows[1], table.rows[5]
+    for name, expected in (("tuned", "better"), ("covis", "worse"), ("random", "no difference detected")):
+        for row in (mean_c2c, f_score):
+            found = difference_cell(row, name)
+            assert found is not None and found.verdict == expected, (name, row.metric.key)
+    tuned = difference_cell(mean_c2c, "tuned")
+    assert tuned is not None and tuned.difference.startswith("−") and tuned.record == "12–0–0"
+    assert difference_cell(mean_c2c, "hyb-h") is None
+
+
+def test_no_interval_no_verdict() -> None:
+    run = made_run({"tuned": 66.0, "hyb-h": 60.0}, rocks=("cobble",), replicates=1)
+    table = comparison_table(run.records, ("tuned", "hyb-h"), "hyb-h")
+    found = difference_cell(table.rows[5], "tuned")
+    assert found is not None and found.verdict == "no interval"
+    facts = comparison_context(run)
+    assert "too few missions for an interval" in facts["sentences"][0]["text"]
+    assert "better" not in facts["sentences"][0]["text"]
+    assert any("nothing here speaks for other rocks" in warning for warning in facts["warnings"])
+
+
+def test_terminal_tables() -> None:
+    run = made_run(LEVELS, failed=(("covis", "slab", 1),))
+    table = comparison_table(run.records, tuple(LEVELS), "hyb-h")
+    console = Console(file=io.StringIO(), width=140)
+    differences = difference_terminal_table(table)
+    assert differences is not None
+    console.print(comparison_terminal_table(table, paper=True), differences)
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "paper 535.1" in text and "11 + 1 failed" in text and "F-score @ 80 mm ↑ (%)" in text
+    assert difference_terminal_table(comparison_table(run.records, ("covis",))) is None
+
+
+def test_page_and_markdown_file(tmp_path: Path) -> None:
+    failed = (("b-aware", "slab", 0), ("b-aware", "slab", 1), ("b-aware", "slab", 2))
+    page = write_comparison_report(made_run(LEVELS, failed=failed), tmp_path, title="Compared", paper=True)
+    source = page.read_text()
+    text = re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", " ", source)))
+    assert "Hyb-O is better than Hyb-H" in text and "B-aware is worse than Hyb-H" in text
+    assert "B-aware 3; reasons: seed_model_failed 3" in text
+    assert "paper 480.9" in text and "9 paired missions on 3 rocks" in text
+    assert not re.search(r"(src|href)=[\"'](?!data:|#)", source)
+    assert {p.stem for p in (tmp_path / "figures").glob("*.png")} == {"differences", "rocks", "sectors"}
+    assert (tmp_path / "table.md").read_text().count("| Hausdorff ↓ (mm) |") == 4  # two surfaces, twice each
+
+
+def test_everything_failed(tmp_path: Path) -> None:
+    failed = tuple((name, "slab", k) for name in ("covis", "hyb-h") for k in range(2))
+    run = made_run({"covis": 60.0, "hyb-h": 58.0}, rocks=("slab",), replicates=2, failed=failed)
+    text = write_comparison_report(run, tmp_path).read_text()
+    assert "Covis: no mission in common with Hyb-H" in text
+
+
+def test_reference_must_be_evaluated(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="reference 'hyb-o' was not evaluated"):
+        write_comparison_report(made_run({"covis": 60.0}), tmp_path, reference="hyb-o")
