@@ -11,7 +11,7 @@ single_thread_environment()  # before anything imports numpy: one mission, one t
 import typer  # noqa: E402
 
 from nbv.errors import UserError  # noqa: E402
-from tuner.commands import campaign, config, evaluate, mission, reproduce, rocks  # noqa: E402
+from tuner.commands import cache, campaign, config, evaluate, mission, reproduce, rocks  # noqa: E402
 from tuner.commands.console import errors  # noqa: E402
 
 app = typer.Typer(
@@ -30,6 +30,7 @@ app.command(name="reproduce", help="Job 3: the paper's default configuration in 
 )
 app.add_typer(mission.app, name="mission", help="Fly one mission; explain its decisions.")
 app.add_typer(rocks.app, name="rocks", help="List, show and import rocks.")
+app.add_typer(cache.app, name="cache", help="The store of photographs, features, pairs and seed models.")
 app.add_typer(config.app, name="config", help="Presets, parameter paths and search spaces.")
 
 

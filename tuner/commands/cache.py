@@ -1,0 +1,47 @@
+"""``gatetune cache info|prune|verify``: the store of photographs, features, pairs and seed models."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from nbv.cache import Store
+from tuner.commands.console import output
+
+app = typer.Typer(no_args_is_help=True)
+
+GIB = 2**30
+
+
+@app.command()
+def info() -> None:
+    """Where the store is, and what it holds."""
+    store = Store()
+    table = Table(title=str(store.root))
+    for column in ("kind", "entries", "MiB"):
+        table.add_column(column, justify="left" if column == "kind" else "right")
+    kinds = store.info()
+    for kind in kinds:
+        table.add_row(kind.kind, str(kind.entries), f"{kind.size_bytes / 2**20:.1f}")
+    total = sum(kind.size_bytes for kind in kinds)
+    table.add_row("all", str(sum(kind.entries for kind in kinds)), f"{total / 2**20:.1f}")
+    output.print(table)
+    output.print(f"it is pruned to {store.max_bytes / GIB:.0f} GiB as it grows; GATETUNE_HOME moves it")
+
+
+@app.command()
+def prune(
+    max_gib: Annotated[float, typer.Option(help="Keep at most this much, most recently used first; 0 empties.")],
+) -> None:
+    """Remove the least recently used entries."""
+    removed, freed = Store().prune(int(max_gib * GIB))
+    output.print(f"removed {removed} entries, {freed / 2**20:.1f} MiB")
+
+
+@app.command()
+def verify() -> None:
+    """Check every entry's checksum; damaged ones are removed and will be made anew."""
+    checked, damaged = Store().verify()
+    output.print(f"checked {checked} entries, removed {damaged} damaged")
