@@ -33,7 +33,9 @@ def info() -> None:
 
 @app.command()
 def prune(
-    max_gib: Annotated[float, typer.Option(help="Keep at most this much, most recently used first; 0 empties.")],
+    max_gib: Annotated[
+        float, typer.Option(help="Keep at most this much, most recently used first; 0 empties.")
+    ],
 ) -> None:
     """Remove the least recently used entries."""
     removed, freed = Store().prune(int(max_gib * GIB))

@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 
 from nbv.errors import UserError
-from tuner.commands.console import output, parse_overrides, seconds
+from tuner.commands.console import output, parse_overrides, rock_arguments, seconds
 from tuner.commands.mission import progress_bar
 
 if TYPE_CHECKING:
@@ -87,8 +87,8 @@ def run(
         rocks = rocks or training_rocks()[:QUICK_ROCKS]
     direction = {"direction": "minimise" if minimise else "maximise"}
     objective: Any = Objective(metric, **direction) if metric else Objective(**direction)  # type: ignore[arg-type]
-    chosen = rocks or training_rocks()
-    check_training_rocks(chosen)
+    chosen = rock_arguments(rocks or training_rocks())
+    refuse_held_out(chosen)
     settings = CampaignSettings(
         name=name,
         space=load_search_space(space),
@@ -138,13 +138,13 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
     show_recommendation(campaign.recommendation(save=False))
 
 
-def check_training_rocks(rocks: list[str]) -> None:
-    """Load every rock now, so that a mistake shows before the first flight; held-out rocks are refused.
+def refuse_held_out(rocks: list[str]) -> None:
+    """Held-out rocks are never tuned on.
 
     Raises
     ------
     UserError
-        An unknown rock, a bad mesh, or a rock of the held-out split.
+        A rock of the held-out split.
     """
     from nbv.rocks import load_rock
 

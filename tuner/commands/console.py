@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -42,6 +43,23 @@ def mission_config(preset_name: str, assignments: list[str], gate: str | None = 
     if gate is not None:
         values["gate.kind"] = gate
     return preset(preset_name).with_values(values)
+
+
+def rock_arguments(rocks: list[str]) -> list[str]:
+    """Rocks as given, mesh files by their absolute path, so that a resume finds them from anywhere.
+
+    Every rock is loaded once, so that a mistake shows before the first flight.
+
+    Raises
+    ------
+    UserError
+        An unknown rock or a bad mesh.
+    """
+    from nbv.rocks import load_rock
+
+    for rock in rocks:
+        load_rock(rock)
+    return [str(Path(rock).resolve()) if Path(rock).is_file() else rock for rock in rocks]
 
 
 def seconds(value: float) -> str:

@@ -9,6 +9,7 @@ import typer
 
 from nbv.errors import UserError
 from tuner.commands.comparison import compare
+from tuner.commands.console import rock_arguments
 
 
 def held_out_rocks() -> list[str]:
@@ -37,15 +38,13 @@ def evaluate(
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/evaluation).")] = None,
 ) -> None:
     """Fly the recommended configuration and the baselines on held-out rocks; print Table I with intervals."""
-    from nbv.rocks import load_rock
     from tuner.baselines import EVALUATION_BASELINES, TUNED, baseline_configs
     from tuner.campaign import Campaign
     from tuner.evaluation import EvaluationPlan
 
     source = Campaign.open(campaign, read_only=True)
-    chosen = tuple(rocks or held_out_rocks())
+    chosen = tuple(rock_arguments(rocks or held_out_rocks()))
     for rock in chosen:
-        load_rock(rock)
         if rock in source.settings.rocks:
             raise UserError(
                 f"rock {rock!r} was tuned on in {campaign}; evaluate on rocks that the campaign has not seen"

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from tuner.commands.comparison import compare
-from tuner.commands.console import mission_config
+from tuner.commands.console import mission_config, rock_arguments
 
 
 def reproduce(
@@ -31,14 +31,11 @@ def reproduce(
     out: Annotated[Path, typer.Option(help="Directory.")] = Path("runs/reproduce"),
 ) -> None:
     """Fly the paper's default configuration for its four strategies; print its Table I beside the paper's numbers."""
-    from nbv.rocks import load_rock
     from tuner.baselines import PAPER_STRATEGIES, baseline_configs
     from tuner.evaluation import EvaluationPlan
 
     base = mission_config(preset, set_ or [])
-    chosen = tuple(rocks or ["vesicular"])
-    for rock in chosen:
-        load_rock(rock)
+    chosen = tuple(rock_arguments(rocks or ["vesicular"]))
     configs = baseline_configs(list(strategies or PAPER_STRATEGIES), base)
     plan = EvaluationPlan(configs, chosen, replicates, keep="all" if keep else "summary")
     compare(
