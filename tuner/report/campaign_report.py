@@ -38,6 +38,7 @@ FIGURES_DIRECTORY = "figures"
 # Coverage of 95 % intervals below which the page says that they are too narrow.
 POOR_COVERAGE = 0.85
 MIN_MISSIONS_FOR_COVERAGE = 12
+EDGE = 0.005  # of the searched range: nearer to a bound counts as at it
 
 
 def write_campaign_report(campaign: Campaign, evaluation: EvaluationRun | None = None) -> Path:
@@ -243,6 +244,16 @@ def _warnings(facts: CampaignFacts) -> list[str]:
         out.append(
             f"The model’s 95 % intervals held only {100 * coverage:.0f} % of the left-out missions: read all "
             "intervals on this page as too narrow."
+        )
+    edges = [
+        parameter_label(p.path).name
+        for p in facts.settings.space.parameters
+        if p.kind != "categorical" and not EDGE < p.to_unit(best.values[p.path]) < 1 - EDGE
+    ]
+    if edges:
+        out.append(
+            f"Recommended at the edge of the searched range: {', '.join(edges)}. Where such a parameter matters (see "
+            "below), a wider range may hold something better."
         )
     if facts.status.failed > 0.2 * facts.status.finished:
         out.append(f"{facts.status.failed} of {facts.status.finished} finished missions failed; see Costs.")

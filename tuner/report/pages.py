@@ -28,7 +28,8 @@ def _environment() -> jinja2.Environment:
 
 
 def code(text: str) -> Markup:
-    """Text in which `words in backticks` become code; everything else is escaped."""
+    """Text in which `words in backticks` become code, numbers stay with their units, the rest is escaped."""
+    text = re.sub(r"(?<=\d) (?=(%|mm|m|points|s|min|h)\b|%)", "\u00a0", text)
     return Markup(re.sub(r"`([^`]+)`", r"<code>\1</code>", str(escape(text))))
 
 

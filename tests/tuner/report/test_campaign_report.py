@@ -174,3 +174,18 @@ def test_held_out_evaluation_appears_in_the_page(tmp_path: Path) -> None:
     assert "Tuned is better than Hyb-H in F-score @ 48 mm, observable surface" in text_of(page)
     assert "hyb-h" not in {p.stem for p in (tmp_path / "run" / "figures").glob("*")}
     assert (tmp_path / "run" / "figures" / "differences.png").is_file()
+
+
+def test_recommendation_at_the_edge_of_the_range_is_pointed_out(tmp_path: Path) -> None:
+    from tuner.report.campaign_report import _warnings
+
+    facts = CampaignFacts(flown(tmp_path / "run", budget=2))
+    assert facts.recommendation is not None
+
+    def edges(**values: float) -> list[str]:
+        made = {**facts.default, **{f"gate.{name}": value for name, value in values.items()}}
+        facts.__dict__["recommendation"] = dataclasses.replace(facts.recommendation, values=made)  # type: ignore[type-var]
+        return [text for text in _warnings(facts) if "edge of the searched range" in text]
+
+    assert edges() == []
+    assert "d95" in edges(d95_m=1.0)[0] and "budget" not in edges(d95_m=1.0)[0]
