@@ -10,7 +10,7 @@ import numpy as np
 from nbv.cache import home
 from nbv.config import MissionConfig
 from nbv.evaluation.cleaning import clean_cloud
-from nbv.evaluation.ground_truth import GroundTruthSamples, build_ground_truth
+from nbv.evaluation.ground_truth import GroundTruthSamples, build_ground_truth, distance_to_surface
 from nbv.evaluation.metrics import compute_metrics
 from nbv.rocks import Rock
 from nbv.types import Floats, PointCloud
@@ -54,5 +54,8 @@ def evaluate_cloud(cloud: PointCloud, rock: Rock, config: MissionConfig) -> Eval
         Nothing is left after cleaning.
     """
     cleaned, report = clean_cloud(cloud, config.evaluation, config.target_m, _CLEANING_SEED)
-    metrics = compute_metrics(cleaned, ground_truth(rock, config), config.evaluation, config.target_m)
+    metrics = compute_metrics(
+        cleaned, ground_truth(rock, config), config.evaluation, config.target_m,
+        distance_to_surface(cleaned.points_m, rock.vertices_m, rock.faces),
+    )  # fmt: skip
     return Evaluation(metrics.to_dict(), report, cleaned)

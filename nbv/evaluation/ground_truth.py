@@ -178,6 +178,19 @@ def build_ground_truth(
     return truth
 
 
+def distance_to_surface(points_m: Floats, vertices_m: Floats, faces: Ints) -> Floats:
+    """(N,) exact unsigned distance from each point (N, 3) to a triangle mesh (V, 3), (F, 3)."""
+    import open3d as o3d
+
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(
+        o3d.core.Tensor(np.ascontiguousarray(vertices_m, dtype=np.float32)),
+        o3d.core.Tensor(np.ascontiguousarray(faces, dtype=np.uint32)),
+    )
+    points = o3d.core.Tensor(np.ascontiguousarray(points_m, dtype=np.float32))
+    return scene.compute_distance(points, nthreads=1).numpy().astype(float)
+
+
 def _spread_order(count: int) -> Ints:
     """A permutation of ``range(count)`` whose consecutive members lie far apart."""
     if count < 3:

@@ -74,6 +74,7 @@ def compute_metrics(
     truth: GroundTruthSamples,
     config: EvaluationConfig,
     target_m: tuple[float, float, float] | Floats = (0.0, 0.0, 0.8),
+    to_surface_m: Floats | None = None,
 ) -> Metrics:
     """Score a cleaned cloud against the reference.
 
@@ -85,6 +86,10 @@ def compute_metrics(
         Samples of the whole surface and the observable mask.
     target_m
         Axis of the azimuth sectors (x and y are used).
+    to_surface_m
+        (N,) exact distances from the points to the reference surface (`distance_to_surface`). Without them
+        the nearest sample stands for the surface, which adds about half the samples' spacing to every
+        ``cloud -> gt`` distance (several millimetres at 50,000 samples on a 1.6 m rock).
 
     Raises
     ------
@@ -101,7 +106,12 @@ def compute_metrics(
     if not truth.observable.any():
         raise ValueError("no ground-truth sample is observable; check the camera shell")
 
-    to_gt, _ = nearest_neighbours(truth.points_m, points)
+    if to_surface_m is None:
+        to_gt, _ = nearest_neighbours(truth.points_m, points)
+    else:
+        to_gt = np.asarray(to_surface_m, dtype=float)
+        if to_gt.shape != (len(points),):
+            raise ValueError(f"to_surface_m has shape {to_gt.shape}, the cloud {len(points)} points")
     to_cloud, nearest = nearest_neighbours(points, truth.points_m)
     sectors = azimuth_sectors(truth.points_m, target_m, config.azimuth_sectors)
     ungated = _variant(to_cloud, to_gt, truth, sectors, config)

@@ -111,3 +111,14 @@ def test_cache_is_keyed_by_content(tmp_path):
 def test_empty_samples_are_refused():
     with pytest.raises(ValueError, match="non-empty"):
         GroundTruthSamples(np.empty((0, 3)), np.empty((0, 3)), np.empty(0, bool))
+
+
+def test_distance_to_surface_is_exact_on_a_box():
+    import trimesh
+
+    from nbv.evaluation.ground_truth import distance_to_surface
+
+    box = trimesh.creation.box(extents=(2.0, 2.0, 2.0))
+    points = np.array([[1.5, 0.0, 0.0], [0.0, 0.0, 0.25], [2.0, 2.0, 1.0], [1.0, 0.3, -0.2]])
+    found = distance_to_surface(points, np.asarray(box.vertices), np.asarray(box.faces))
+    np.testing.assert_allclose(found, [0.5, 0.75, np.sqrt(2.0), 0.0], atol=1e-6)
