@@ -184,10 +184,10 @@ def distance_to_surface(points_m: Floats, vertices_m: Floats, faces: Ints) -> Fl
 
     scene = o3d.t.geometry.RaycastingScene(nthreads=1)
     scene.add_triangles(
-        o3d.core.Tensor(np.ascontiguousarray(vertices_m, dtype=np.float32)),
-        o3d.core.Tensor(np.ascontiguousarray(faces, dtype=np.uint32)),
+        o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices_m, dtype=np.float32)),
+        o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, dtype=np.uint32)),
     )
-    points = o3d.core.Tensor(np.ascontiguousarray(points_m, dtype=np.float32))
+    points = o3d.core.Tensor.from_numpy(np.ascontiguousarray(points_m, dtype=np.float32))
     return scene.compute_distance(points, nthreads=1).numpy().astype(float)
 
 
