@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -31,6 +31,10 @@ from nbv.types import (
     Viewpoint,
 )
 from nbv.viewpoints import candidate_pool, seed_viewpoints
+
+if TYPE_CHECKING:
+    from nbv.photogrammetric import PhotogrammetricReconstructor
+    from nbv.rocks import Rock
 
 Log = Callable[[str, dict[str, Any]], None]
 
@@ -225,6 +229,19 @@ def _top(ranking: Ranking, pool: CandidatePool) -> dict[str, float | str]:
     return {"candidate": pool.ids[best], "score": float(ranking.scores[best]), **terms}
 
 
+def _scores_at(
+    agreeing_views: int, reconstructor: PhotogrammetricReconstructor, subject: Rock, config: MissionConfig
+) -> dict[str, Any]:
+    """Both surfaces' scores of the flown mission at another fusion strictness, or why there are none."""
+    from nbv.evaluation import evaluate_cloud
+
+    try:
+        metrics = evaluate_cloud(reconstructor.cloud_at(agreeing_views), subject, config).metrics
+    except MissionFailure as failure:
+        return {"failed": failure.reason}
+    return {surface: metrics[surface] for surface in ("whole", "observable")}
+
+
 def run_mission(
     config: MissionConfig,
     rock: str,
@@ -234,6 +251,7 @@ def run_mission(
     keep: Literal["all", "summary"] = "all",
     overwrite: bool = False,
     cache: bool = True,
+    agreement_levels: Sequence[int] = (),
     log: Log = _silent,
 ) -> MissionResult:
     """Fly one complete photogrammetric mission and measure it against the ground truth.
@@ -256,6 +274,11 @@ def run_mission(
         configuration, the trace and ``mission.json``.
     cache
         Keep photographs, features, pairs and seed models in the user's store; the outcome is the same.
+    agreement_levels
+        Also measure the same flight at these values of ``dense.agreeing_views`` (none below the
+        configured one): ``metrics["agreement"]["5"]`` then holds the ``whole`` and ``observable`` scores
+        that a mission configured with 5 would have, or ``failed`` with the reason. Depth maps, the dear
+        part, are shared.
     log
         Called with an event name and its facts as the mission goes on.
 
@@ -320,6 +343,12 @@ def run_mission(
         with mission._timed("evaluation"):
             evaluation = evaluate_cloud(cloud, subject, config)
         metrics = evaluation.metrics
+        if agreement_levels:
+            with mission._timed("agreement_levels"):
+                metrics["agreement"] = {
+                    str(level): _scores_at(level, reconstructor, subject, config)
+                    for level in agreement_levels
+                }
         if full_run is not None:
             full_run.write_cloud("dense.ply", cloud)
             full_run.write_cloud("cleaned.ply", evaluation.cleaned)

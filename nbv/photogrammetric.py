@@ -9,7 +9,7 @@ from typing import Any
 from nbv.cache import Store
 from nbv.cached_stages import CachedCorrespondences, CachedSeedModel
 from nbv.config import MissionConfig
-from nbv.dense.reconstruct import reconstruct_dense
+from nbv.dense.reconstruct import CheckedDepths, check_depths
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import Capture, PointCloud, UpdateReport
 
@@ -32,6 +32,7 @@ class PhotogrammetricReconstructor:
         self._seed_stage = CachedSeedModel(self._sparse, store) if store is not None else self._sparse
         self._images: dict[str, Any] = {}
         self.dense_report: Any = None
+        self._checked: CheckedDepths | None = None
 
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         """The seed model."""
@@ -49,10 +50,22 @@ class PhotogrammetricReconstructor:
         self._sparse.refine()
         poses = self._sparse.world_camera_poses()
         images = {name: self._images[name] for name in poses}
-        cloud, self.dense_report = reconstruct_dense(
+        self._checked, self.dense_report = check_depths(
             images, poses, self._config.camera, self._config.target_m, self._config.dense
         )
-        return cloud
+        return self._checked.fuse()
+
+    def cloud_at(self, agreeing_views: int) -> PointCloud:
+        """After ``finish``: the cloud of the same depth maps at a stricter ``dense.agreeing_views``.
+
+        Raises
+        ------
+        MissionFailure
+            ``empty_dense_cloud``: nothing is confirmed by so many views.
+        """
+        if self._checked is None:
+            raise ValueError("finish() comes first")
+        return self._checked.fuse(agreeing_views)
 
     def export_sparse(self, directory: Path) -> None:
         """Write the sparse model in COLMAP's format (world frame, metres) into ``directory``."""

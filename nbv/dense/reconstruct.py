@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from nbv.config import CameraConfig, DenseConfig
-from nbv.dense.consistency import check_consistency
+from nbv.dense.consistency import ConsistentDepth, check_consistency
 from nbv.dense.fusion import fuse
 from nbv.dense.interface import DenseReport, DepthBackend, Image
 from nbv.errors import MissionFailure, UserError
@@ -34,6 +36,37 @@ def make_backend(name: str) -> DepthBackend:
     raise UserError(f"unknown dense backend {name!r}; there are sgbm and patchmatch")
 
 
+@dataclass(frozen=True)
+class CheckedDepths:
+    """Depth maps after the consistency check; what is left to do is cheap, also at stricter requirements."""
+
+    depths: Mapping[str, ConsistentDepth]
+    images: Mapping[str, Image]
+    camera_from_world: Mapping[str, Floats]
+    camera: CameraConfig
+    target_m: tuple[float, float, float] | Floats
+    config: DenseConfig
+
+    def fuse(self, agreeing_views: int | None = None) -> PointCloud:
+        """The cloud at ``agreeing_views``, by default the configured number.
+
+        The same, to the bit, as a reconstruction configured with that number.
+
+        Raises
+        ------
+        MissionFailure
+            ``empty_dense_cloud``: nothing is confirmed by so many views.
+        ValueError
+            Fewer views than the depths were checked with.
+        """
+        need = self.config.agreeing_views if agreeing_views is None else agreeing_views
+        if need < self.config.agreeing_views:
+            raise ValueError(f"depths were checked with {self.config.agreeing_views} views, not {need}")
+        maps = {name: item.at(need) for name, item in self.depths.items()}
+        config = dataclasses.replace(self.config, agreeing_views=need)
+        return fuse(maps, self.images, self.camera_from_world, self.camera, self.target_m, config)
+
+
 def reconstruct_dense(
     images: Mapping[str, Image],
     camera_from_world: Mapping[str, Floats],
@@ -42,7 +75,29 @@ def reconstruct_dense(
     config: DenseConfig,
     backend: DepthBackend | None = None,
 ) -> tuple[PointCloud, DenseReport]:
-    """Dense point cloud from images with known poses.
+    """Dense point cloud from images with known poses: ``check_depths``, then ``CheckedDepths.fuse``.
+
+    Returns
+    -------
+    cloud, report
+        Points in the world frame with colours and normals; timings and pixel counts.
+    """
+    checked, report = check_depths(images, camera_from_world, camera, target_m, config, backend)
+    started = time.perf_counter()
+    cloud = checked.fuse()
+    timings_s = {**report.timings_s, "fusion": time.perf_counter() - started}
+    return cloud, dataclasses.replace(report, n_points=len(cloud.points_m), timings_s=timings_s)
+
+
+def check_depths(
+    images: Mapping[str, Image],
+    camera_from_world: Mapping[str, Floats],
+    camera: CameraConfig,
+    target_m: tuple[float, float, float] | Floats,
+    config: DenseConfig,
+    backend: DepthBackend | None = None,
+) -> tuple[CheckedDepths, DenseReport]:
+    """Depth maps from images with known poses, checked against each other.
 
     Parameters
     ----------
@@ -55,14 +110,13 @@ def reconstruct_dense(
 
     Returns
     -------
-    cloud, report
-        Points in the world frame with colours and normals; timings and pixel counts.
+    checked, report
+        Ready to be fused; timings and pixel counts (``n_points`` is 0 so far).
 
     Raises
     ------
     MissionFailure
-        ``too_few_views``: fewer than two views, or no two within the pair angles;
-        ``empty_dense_cloud``: nothing is confirmed by enough views.
+        ``too_few_views``: fewer than two views, or no two within the pair angles.
     UserError
         The backend needs CUDA; an image has another size than the camera.
     """
@@ -90,20 +144,17 @@ def reconstruct_dense(
     marks.append(time.perf_counter())
     consistent = check_consistency(maps, poses, camera, target_m, config)
     marks.append(time.perf_counter())
-    depths = {name: item.depth_m for name, item in consistent.items()}
-    cloud = fuse(depths, photos, poses, camera, target_m, config)
-    marks.append(time.perf_counter())
 
     report = DenseReport(
         backend=backend.name,
-        n_points=len(cloud.points_m),
-        timings_s=dict(zip(("depth", "consistency", "fusion"), np.diff(marks).tolist())),
+        n_points=0,
+        timings_s=dict(zip(("depth", "consistency"), np.diff(marks).tolist())),
         views={
             name: {
                 "depth_pixels": maps[name].n_valid,
-                "consistent_pixels": int(np.isfinite(depths[name]).sum()),
+                "consistent_pixels": int(np.isfinite(consistent[name].depth_m).sum()),
             }
             for name in sorted(maps)
         },
     )
-    return cloud, report
+    return CheckedDepths(consistent, photos, poses, camera, target_m, config), report

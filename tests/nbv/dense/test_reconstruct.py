@@ -11,7 +11,7 @@ from nbv.dense.colmap_workspace import fuse_with_colmap, read_depth_maps, write_
 from nbv.dense.consistency import check_consistency, choose_witnesses
 from nbv.dense.fusion import fuse
 from nbv.dense.interface import DepthMap
-from nbv.dense.reconstruct import make_backend, reconstruct_dense
+from nbv.dense.reconstruct import check_depths, make_backend, reconstruct_dense
 from nbv.dense.sgbm import SgbmBackend
 from nbv.errors import MissionFailure, UserError
 from nbv.frames import look_at
@@ -197,3 +197,23 @@ def test_colmaps_own_fusion_finds_the_same_surface(scene, maps, tmp_path):
     assert len(cloud.points_m) > 3_000
     assert np.median(error) < 0.008
     assert (tmp_path / "ws" / "fused.ply").stat().st_size > 0
+
+
+def test_one_check_serves_all_stricter_requirements(scene):
+    """Fusing checked depths at N views is, to the bit, a reconstruction that was configured with N."""
+    loose = dataclasses.replace(CONFIG, agreeing_views=2)
+    checked, _ = check_depths(scene.images, scene.poses, scene.camera, TARGET, loose)
+    sizes = []
+    for need in (2, 3, 5):
+        config = dataclasses.replace(CONFIG, agreeing_views=need)
+        alone, _ = reconstruct_dense(scene.images, scene.poses, scene.camera, TARGET, config)
+        cloud = checked.fuse(need)
+        assert np.array_equal(cloud.points_m, alone.points_m)
+        assert np.array_equal(cloud.colors, alone.colors)
+        assert np.array_equal(cloud.normals, alone.normals)
+        sizes.append(len(cloud.points_m))
+    assert sizes[0] > sizes[1] > sizes[2] > 0
+    with pytest.raises(MissionFailure, match="99 views"):
+        checked.fuse(99)
+    with pytest.raises(ValueError, match="checked with 2"):
+        checked.fuse(1)
