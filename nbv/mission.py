@@ -242,6 +242,66 @@ def _scores_at(
     return {surface: metrics[surface] for surface in ("whole", "observable")}
 
 
+@dataclass(frozen=True)
+class Outcome:
+    """How a flown mission ended."""
+
+    status: Status
+    reason: str
+    message: str
+    metrics: dict[str, Any]  # empty when failed
+
+
+def fly(mission: AdaptiveMission, measure: Callable[[PointCloud], dict[str, Any]]) -> Outcome:
+    """All three acts, then ``measure`` on the dense cloud; a `MissionFailure` becomes a failed outcome."""
+    try:
+        mission.fly_seed_phase()
+        mission.fly_adaptive_phase()
+        mission.log("dense", {})
+        metrics = measure(mission.finish())
+    except MissionFailure as failure:
+        return Outcome("failed", failure.reason, failure.message, {})
+    if not mission.notes:
+        return Outcome("ok", "", "", metrics)
+    notes = sorted(set(mission.notes))
+    message = "; ".join(f"{note}: {mission.notes.count(note)}" for note in notes)
+    return Outcome("degraded", notes[0], message, metrics)
+
+
+def mission_result(
+    mission: AdaptiveMission,
+    outcome: Outcome,
+    rock: Rock,
+    replicate: int,
+    wall_s: float,
+    facts: dict[str, Any],
+) -> MissionResult:
+    """The result document of a flown mission; ``facts`` go into the provenance."""
+    from nbv.provenance import provenance
+
+    mission.timings_s["total"] = wall_s
+    registered = len(mission.report.model.camera_names) if mission.report is not None else 0
+    return MissionResult(
+        status=outcome.status,
+        reason=outcome.reason,
+        message=outcome.message,
+        config_digest=mission.config.digest(),
+        rock=rock.name,
+        replicate=replicate,
+        metrics=outcome.metrics,
+        trace=mission.trace,
+        timings_s=mission.timings_s,
+        costs={
+            "images": float(len(mission.captures)),
+            "registered_images": float(registered),
+            "flight_time_s": mission.flight.flight_time_s,
+            "path_length_m": mission.flight.path_length_m,
+            "wall_s": wall_s,
+        },
+        provenance={**provenance(), "rock_sha256": rock.sha256, **facts},
+    )
+
+
 def run_mission(
     config: MissionConfig,
     rock: str,
@@ -296,7 +356,6 @@ def run_mission(
     from nbv.cached_stages import CachedStudio
     from nbv.evaluation import evaluate_cloud
     from nbv.photogrammetric import PhotogrammetricReconstructor
-    from nbv.provenance import provenance
     from nbv.rocks import load_rock
     from nbv.scene import Renderer, build_scene, make_renderer
     from nbv.studio import Studio
@@ -331,14 +390,8 @@ def run_mission(
         run=full_run,
         log=log,
     )
-    metrics: dict[str, Any] = {}
-    status: Status = "ok"
-    reason = message = ""
-    try:
-        mission.fly_seed_phase()
-        mission.fly_adaptive_phase()
-        log("dense", {})
-        cloud = mission.finish()
+
+    def measure(cloud: PointCloud) -> dict[str, Any]:
         log("metrics", {"points": len(cloud.points_m)})
         with mission._timed("evaluation"):
             evaluation = evaluate_cloud(cloud, subject, config)
@@ -353,44 +406,24 @@ def run_mission(
             full_run.write_cloud("dense.ply", cloud)
             full_run.write_cloud("cleaned.ply", evaluation.cleaned)
             full_run.write_json("metrics.json", {"metrics": metrics, "cleaning": evaluation.cleaning})
-        if mission.notes:
-            status, reason = "degraded", sorted(set(mission.notes))[0]
-            message = "; ".join(f"{note}: {mission.notes.count(note)}" for note in sorted(set(mission.notes)))
-    except MissionFailure as failure:
-        status, reason, message = "failed", failure.reason, failure.message
+        return metrics
+
+    outcome = fly(mission, measure)
     if full_run is not None and mission.report is not None:
         reconstructor.export_sparse(full_run.root / "sparse" / "0")
 
-    registered = len(mission.report.model.camera_names) if mission.report is not None else 0
-    mission.timings_s["total"] = time.perf_counter() - started
-    result = MissionResult(
-        status=status,
-        reason=reason,
-        message=message,
-        config_digest=config.digest(),
-        rock=subject.name,
-        replicate=replicate,
-        metrics=metrics,
-        trace=mission.trace,
-        timings_s=mission.timings_s,
-        costs={
-            "images": float(len(mission.captures)),
-            "registered_images": float(registered),
-            "flight_time_s": mission.flight.flight_time_s,
-            "path_length_m": mission.flight.path_length_m,
-            "wall_s": mission.timings_s["total"],
-        },
-        provenance={
-            **provenance(),
-            "rock_sha256": subject.sha256,
+    result = mission_result(
+        mission, outcome, subject, replicate, time.perf_counter() - started,
+        {
+            "fidelity": "photogrammetric",
             "backend": config.scene.backend,
             "dense_backend": config.dense.backend,
-        },  # fmt: skip
-    )
+        },
+    )  # fmt: skip
     if run is not None:
         if full_run is not None:
             full_run.write_json("flight.json", mission.flight.to_dict())
             full_run.write_json("provenance.json", result.provenance)
         run.write_result(result.to_json())
-    log("finished", {"status": status, "reason": reason, "message": message})
+    log("finished", {"status": result.status, "reason": result.reason, "message": result.message})
     return result
