@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import ruckig
@@ -31,7 +32,18 @@ class Leg:
     end: Pose
     duration_s: float
     path_length_m: float
-    samples: Floats  # (K, 5): t (s, from the leg's start), x, y, z (m), heading (rad, in [-pi, pi))
+    trajectory: ruckig.Trajectory = field(repr=False, compare=False)  # distance along the line, turn
+
+    @cached_property  # most legs are never drawn
+    def samples(self) -> Floats:
+        """(K, 5): t (s, from the leg's start), x, y, z (m), heading (rad, in [-pi, pi)), at 5 Hz."""
+        a, b = np.array(self.start.position_m), np.array(self.end.position_m)
+        times = np.append(np.arange(0.0, self.duration_s, 1.0 / SAMPLE_RATE_HZ), self.duration_s)
+        along = np.array([self.trajectory.at_time(float(t))[0] for t in times])  # (K, 2)
+        length = self.path_length_m
+        line = a + np.outer(along[:, 0], (b - a) / length if length > 0 else np.zeros(3))
+        heading = wrap_angle(self.start.heading_rad + along[:, 1])
+        return np.column_stack([times, line, heading])
 
 
 def fly_straight(start: Pose, end: Pose, limits: FlightConfig) -> Leg:
@@ -64,11 +76,7 @@ def fly_straight(start: Pose, end: Pose, limits: FlightConfig) -> Leg:
         raise MissionFailure("flight_failed", f"no trajectory from {start} to {end}: {outcome}")
 
     duration = float(trajectory.duration)
-    times = np.append(np.arange(0.0, duration, 1.0 / SAMPLE_RATE_HZ), duration)
-    along = np.array([trajectory.at_time(float(t))[0] for t in times])  # (K, 2)
-    line = a + np.outer(along[:, 0], (b - a) / length if length > 0 else np.zeros(3))
-    heading = wrap_angle(start.heading_rad + along[:, 1])
-    return Leg(start, end, duration, length, np.column_stack([times, line, heading]))
+    return Leg(start, end, duration, length, trajectory)
 
 
 def _speed_along(delta: Floats, length: float, limits: FlightConfig) -> float:

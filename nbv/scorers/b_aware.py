@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from nbv.config import BAwareConfig
+from nbv.neighbours import neighbour_distances
 from nbv.scorers.visibility import BLOCK
 from nbv.types import Floats, Ints
 
@@ -26,9 +26,7 @@ def mean_neighbour_distance(points_m: Floats, neighbours: int) -> Floats:
     k = min(neighbours, len(points_m) - 1)
     if k < 1:
         return np.zeros(len(points_m))
-    tree = cKDTree(points_m, balanced_tree=False)
-    distances, _ = tree.query(points_m, k=k + 1)  # the nearest is the point itself, at distance 0
-    return distances[:, 1:].mean(axis=1)
+    return neighbour_distances(points_m, k).mean(axis=1)
 
 
 def weakness(

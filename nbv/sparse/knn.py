@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.spatial import cKDTree
 
+from nbv.neighbours import neighbour_distances
 from nbv.types import Floats
 
 
@@ -37,5 +37,5 @@ def knn_statistics(
         points = points[(np.abs(points - np.asarray(target_m)) <= box_half_extent_m).all(axis=1)]
     if len(points) < k + 1:
         return KnnStatistics(np.inf, np.inf)
-    distances = cKDTree(points).query(points, k=[k + 1])[0][:, 0]
+    distances = neighbour_distances(points, k)[:, -1]
     return KnnStatistics(float(distances.mean()), float(np.percentile(distances, 95)))

@@ -3,6 +3,8 @@ survivors' indices, in the order that the next filter (and, in the end, tie-brea
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from nbv.types import Floats, Ints
@@ -27,13 +29,18 @@ def spaced(positions_m: Floats, keep: Ints, min_spacing_m: float) -> Ints:
 
     The paper calls it angular spacing; the authors' code measures Euclidean distance, and so does this.
     """
-    points = positions_m[keep]
-    close = np.linalg.norm(points[:, None] - points[None], axis=2) < min_spacing_m
+    return keep[_spaced(np.ascontiguousarray(positions_m[keep], dtype=np.float64).tobytes(), min_spacing_m)]
+
+
+@lru_cache(maxsize=8)  # nearly always the same question: the pool hardly changes before this filter
+def _spaced(points: bytes, min_spacing_m: float) -> Ints:
+    points_m = np.frombuffer(points).reshape(-1, 3)
+    close = np.linalg.norm(points_m[:, None] - points_m[None], axis=2) < min_spacing_m
     kept: list[int] = []
-    for i in range(len(keep)):
+    for i in range(len(points_m)):
         if not close[i, kept].any():
             kept.append(i)
-    return keep[np.array(kept, dtype=np.int64)]
+    return np.array(kept, dtype=np.int64)
 
 
 def not_revisiting(positions_m: Floats, keep: Ints, adaptive_visited_m: Floats, exclusion_m: float) -> Ints:

@@ -49,6 +49,20 @@ def _raw_candidates(pool: PoolConfig, target_m: tuple[float, float, float]) -> t
     return tuple(candidates)
 
 
+@lru_cache(maxsize=8)
+def _raw_arrays(pool: PoolConfig, target_m: tuple[float, float, float]) -> tuple[Floats, Floats, Floats]:
+    """Positions (R, 3), azimuths and elevations (R,) of the raw candidates; read-only."""
+    raw = _raw_candidates(pool, target_m)
+    arrays = (
+        np.array([v.position_m for v in raw]).reshape(-1, 3),
+        np.array([v.azimuth_deg for v in raw]),
+        np.array([v.elevation_deg for v in raw]),
+    )
+    for array in arrays:
+        array.setflags(write=False)
+    return arrays
+
+
 def raw_candidates(config: MissionConfig) -> tuple[Viewpoint, ...]:
     """All candidates before any filter, lateral band first; the same in every iteration and mission."""
     return _raw_candidates(config.pool, config.target_m)
@@ -76,8 +90,7 @@ def candidate_pool(
     raw = raw_candidates(config)
     target = np.array(config.target_m)
     visited = np.asarray(adaptive_visited_m, dtype=float).reshape(-1, 3)
-    positions = np.array([v.position_m for v in raw]).reshape(-1, 3)
-    elevations = np.array([v.elevation_deg for v in raw])
+    positions, azimuths, elevations = _raw_arrays(pool, config.target_m)
 
     keep = np.arange(len(raw), dtype=np.int64)
     counts = {"raw": len(keep)}
@@ -101,7 +114,7 @@ def candidate_pool(
         ids=tuple(raw[i].id for i in keep),
         positions_m=positions[keep],
         headings_rad=heading_to(positions[keep], target),
-        azimuths_deg=np.array([raw[i].azimuth_deg for i in keep]),
+        azimuths_deg=azimuths[keep],
         elevations_deg=elevations[keep],
         bands=tuple(raw[i].band for i in keep),
         counts=counts,

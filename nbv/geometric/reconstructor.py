@@ -1,0 +1,209 @@
+"""A ``Reconstructor`` without images: simulated detections, tracks, and a predicted dense outcome."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from nbv.config import MissionConfig
+from nbv.errors import MissionFailure
+from nbv.geometric.completeness import DenseModel, reconstruction_probability
+from nbv.geometric.tracks import Tracks
+from nbv.geometric.world import GeometricWorld
+from nbv.random_streams import keyed_rng
+from nbv.types import Capture, Floats, PointCloud, SparseModel, UpdateReport
+
+MIN_TRIANGULATION_ANGLE_DEG = 1.5  # COLMAP's default
+
+
+@dataclass(frozen=True)
+class FeatureModel:
+    """Free constants of detection and matching, set to reproduce real seed models (see the benchmark)."""
+
+    half_contrast: float = 0.04  # at this local contrast a landmark of medium strength is seen half the time
+    max_incidence_deg: float = 75.0
+    rock_match_deg: tuple[float, float] = (12.0, 45.0)  # lines of sight that match: drawn per landmark
+    ground_match_deg: tuple[float, float] = (15.0, 110.0)  # flat, so it looks alike from farther
+    min_track_length: int = 3
+    noise_px: float = 0.5
+
+
+@dataclass(frozen=True)
+class StandIn:
+    """All free constants of the geometric fidelity."""
+
+    features: FeatureModel = field(default_factory=FeatureModel)
+    dense: DenseModel = field(default_factory=DenseModel)
+
+
+class GeometricReconstructor:
+    """Implements ``nbv.types.Reconstructor`` on a `GeometricWorld`.
+
+    Detections are drawn per (rock, replicate, viewpoint, landmark) and matching limits and noise per
+    (rock, replicate, landmark): nothing depends on the order in which viewpoints are visited. The cameras
+    are known exactly, so the alignment residual is 0.
+
+    Of ``sparse.*`` only ``min_inliers``, ``min_registered_seeds`` and ``max_pair_angle_deg`` mean anything.
+    """
+
+    def __init__(
+        self,
+        world: GeometricWorld,
+        config: MissionConfig,
+        rock_sha256: str,
+        replicate: int,
+        stand_in: StandIn | None = None,
+    ) -> None:
+        self._world, self._config = world, config
+        self._rock_sha256, self._replicate = rock_sha256, replicate
+        self._stand_in = stand_in or StandIn()
+        # Far ground only matters to statistics over the whole cloud.
+        everything = config.stop.criterion != "budget" and config.stop.knn_region == "all"
+        self._n = len(world.landmarks_m) if everything or config.stop.knn_region == "all" else world.n_near
+        self._landmarks_m = world.landmarks_m[: self._n]
+        self._draw_landmarks()
+        self._tracks: Tracks | None = None
+        self._rows: list[int] = []  # of the registered captures, in the world's tables
+        self._captures: list[Capture] = []  # registered
+
+    def _draw_landmarks(self) -> None:
+        features, world, n = self._stand_in.features, self._world, self._n
+        rng = keyed_rng("geometric-landmarks", self._rock_sha256, self._replicate)
+        strength, reach = rng.random((len(world.landmarks_m), 2)).T
+        noise = rng.standard_normal((len(world.landmarks_m), 4))
+        contrast = world.landmark_contrast * 2.0 * strength
+        self._quality = (contrast / (contrast + features.half_contrast))[:n]
+        on_rock = np.arange(len(world.landmarks_m)) < world.n_rock
+        low = np.where(on_rock, features.rock_match_deg[0], features.ground_match_deg[0])
+        high = np.where(on_rock, features.rock_match_deg[1], features.ground_match_deg[1])
+        limit_deg = np.minimum(low + (high - low) * reach**2, self._config.sparse.max_pair_angle_deg)
+        self._cosine_limit = np.cos(np.deg2rad(limit_deg))[:n]
+        self._noise = noise[:n, :3]
+        self._error_px = 0.28 * np.exp(0.8 * noise[:n, 3])
+
+    # -- the sparse model ----------------------------------------------------------------------------
+
+    def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
+        """The seed model; `MissionFailure` if too few seeds share landmarks."""
+        budget = self._config.stop.adaptive_budget
+        tracks = Tracks(self._cosine_limit, len(captures) + budget)
+        for capture in captures:
+            tracks.add(*self._look(capture))
+        # A seed takes part if it shares landmarks with the others, whichever came first.
+        _, _, views = tracks.points(2)
+        shared = np.bincount(views, minlength=len(captures))
+        good = shared >= self._config.sparse.min_inliers
+        if good.sum() < self._config.sparse.min_registered_seeds:
+            raise MissionFailure(
+                "seed_model_failed",
+                f"{int(good.sum())} of {len(captures)} seeds share {self._config.sparse.min_inliers} landmarks",
+            )
+        if not good.all():
+            tracks = Tracks(self._cosine_limit, len(captures) + budget)
+            for capture, taken in zip(captures, good):
+                if taken:
+                    tracks.add(*self._look(capture))
+        self._tracks = tracks
+        self._captures = [capture for capture, taken in zip(captures, good) if taken]
+        self._rows = [self._world.index(capture.viewpoint.id) for capture in self._captures]
+        return UpdateReport(self._model(), True, f"{int(good.sum())} of {len(captures)} seeds registered")
+
+    def add(self, capture: Capture) -> UpdateReport:
+        """One more view; unregistered if it shares too few landmarks with the earlier ones."""
+        assert self._tracks is not None, "bootstrap comes first"
+        directions, detected = self._look(capture)
+        matches = self._tracks.add(directions, detected)
+        if matches < self._config.sparse.min_inliers:
+            self._tracks.labels[self._tracks.n_views - 1] = -1
+            self._tracks.n_views -= 1
+            return UpdateReport(self._model(), False, f"shares only {matches} landmarks")
+        self._captures.append(capture)
+        self._rows.append(self._world.index(capture.viewpoint.id))
+        return UpdateReport(self._model(), True)
+
+    def _look(self, capture: Capture) -> tuple[Floats, np.ndarray]:
+        """Directions (L, 3) from the landmarks to the camera, and which landmarks the view detects."""
+        features, n = self._stand_in.features, self._n
+        row = self._world.index(capture.viewpoint.id)
+        directions = capture.camera_center_m - self._landmarks_m
+        directions /= np.sqrt(np.einsum("ij,ij->i", directions, directions))[:, None]
+        cosine = np.einsum("ij,ij->i", directions, self._world.landmark_normals[:n])
+        limit = np.cos(np.deg2rad(features.max_incidence_deg))
+        chance = self._quality * np.sqrt(np.clip((cosine - limit) / (1.0 - limit), 0.0, 1.0))
+        draw = keyed_rng("geometric-detection", self._rock_sha256, self._replicate, capture.viewpoint.id)
+        return directions, self._world.landmark_seen[row, :n] & (draw.random(n) < chance)
+
+    def _model(self) -> SparseModel:
+        assert self._tracks is not None
+        features, camera = self._stand_in.features, self._config.camera
+        landmark, offsets, views = self._tracks.points(features.min_track_length)
+        centers = np.array([capture.camera_center_m for capture in self._captures])
+        lengths = np.diff(offsets)
+        # Spread of the rays around their mean: half the widest angle, about.
+        point = np.repeat(np.arange(len(landmark)), lengths)
+        rays = self._tracks.directions[views, landmark[point]].astype(float)
+        if len(landmark):
+            mean = np.add.reduceat(rays, offsets[:-1], axis=0)
+            mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+            nearest = np.minimum.reduceat(np.einsum("ij,ij->i", rays, mean[point]), offsets[:-1])
+            half_angle = np.arccos(np.clip(nearest, -1.0, 1.0))
+        else:
+            mean, half_angle = np.zeros((0, 3)), np.zeros(0)
+        good = half_angle * 2.0 >= np.deg2rad(MIN_TRIANGULATION_ANGLE_DEG)
+        if not good.all():
+            keep = np.repeat(good, lengths)
+            landmark, mean, half_angle, views = landmark[good], mean[good], half_angle[good], views[keep]
+            lengths = lengths[good]
+            offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+        # A pixel's error at the distance of the target; along the rays it grows as they close up.
+        across = (
+            features.noise_px / camera.focal_px * self._distance_m(centers) / np.sqrt(np.maximum(lengths, 1))
+        )
+        along = across / np.maximum(np.sin(half_angle), 0.02)
+        noise = self._noise[landmark]
+        points = self._landmarks_m[landmark] + across[:, None] * noise
+        points += ((along - across) * np.einsum("ij,ij->i", noise, mean))[:, None] * mean
+        return SparseModel(
+            points_m=points,
+            reprojection_error_px=self._error_px[landmark],
+            track_offsets=offsets,
+            track_cameras=views,
+            camera_centers_m=centers,
+            camera_names=tuple(capture.name for capture in self._captures),
+            alignment_rms_m=0.0,
+            alignment_max_m=0.0,
+        )
+
+    def _distance_m(self, centers_m: Floats) -> float:
+        return float(np.linalg.norm(centers_m - np.array(self._config.target_m), axis=1).mean())
+
+    # -- the dense outcome ---------------------------------------------------------------------------
+
+    def predicted(self) -> Floats:
+        """(S,) chance that each of the world's surface samples is reconstructed from the registered views."""
+        world = self._world
+        centers = np.array([capture.camera_center_m for capture in self._captures]).reshape(-1, 3)
+        # Incidence: (c - p) . n / |c - p| for all views and samples.
+        facing = centers @ world.sample_normals.T - np.einsum(
+            "ij,ij->i", world.samples_m, world.sample_normals
+        )
+        squared = (
+            (centers**2).sum(axis=1)[:, None]
+            + (world.samples_m**2).sum(axis=1)
+            - 2.0 * centers @ world.samples_m.T
+        )
+        directions = centers - np.array(self._config.target_m)
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        return reconstruction_probability(
+            world.sample_seen[self._rows], facing / np.sqrt(squared), directions,
+            self._config.dense, self._stand_in.dense,
+        )  # fmt: skip
+
+    def finish(self) -> PointCloud:
+        """The surface samples that are more likely reconstructed than not."""
+        likely = self.predicted() >= 0.5
+        if not likely.any():
+            raise MissionFailure("empty_dense_cloud", "no surface sample is likely to be reconstructed")
+        return PointCloud(self._world.samples_m[likely], None, self._world.sample_normals[likely])

@@ -1,0 +1,80 @@
+"""Feature tracks without images: which views' detections of a landmark end up in one sparse point.
+
+Detections of one landmark in two views match when their lines of sight differ little enough; a track is a
+connected set of matching detections, as in COLMAP. A landmark may have several tracks (seen from opposite
+sides, say), and each is a point of its own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.types import Floats, Ints
+
+Mask = NDArray[np.bool_]
+
+
+class Tracks:
+    """Detections and their grouping, view by view; L landmarks, at most ``capacity`` views.
+
+    Parameters
+    ----------
+    cosine_limit
+        (L,) smallest cosine between two lines of sight that still match, per landmark.
+    """
+
+    def __init__(self, cosine_limit: Floats, capacity: int) -> None:
+        self._cosine_limit = cosine_limit.astype(np.float32)
+        self.n_views = 0
+        self.directions = np.zeros((capacity, len(cosine_limit), 3), dtype=np.float32)
+        # The number of a view in the track, or -1: which one is arbitrary, equal numbers are one track.
+        self.labels = np.full((capacity, len(cosine_limit)), -1, dtype=np.int16)
+
+    def copy(self, capacity: int) -> Tracks:
+        """The same tracks with room for ``capacity`` views."""
+        other = Tracks.__new__(Tracks)
+        other._cosine_limit, other.n_views = self._cosine_limit, self.n_views
+        n = self.n_views
+        other.directions = np.empty((capacity, *self.directions.shape[1:]), dtype=np.float32)
+        other.directions[:n] = self.directions[:n]
+        other.labels = np.full((capacity, self.labels.shape[1]), -1, dtype=np.int16)
+        other.labels[:n] = self.labels[:n]
+        return other
+
+    def add(self, directions: Floats, detected: Mask) -> int:
+        """Add a view: unit directions (L, 3) from landmark to camera, detections (L,). Returns its matches.
+
+        The number of matches counts landmarks whose detection here joins an earlier view's.
+        """
+        m = self.n_views
+        self.n_views = m + 1
+        columns = np.flatnonzero(detected)
+        here = directions[columns].astype(np.float32)
+        self.directions[m, columns] = here
+        before = self.labels[:m, columns]
+        cosine = np.einsum("mnk,nk->mn", self.directions[:m, columns], here)
+        linked = (before >= 0) & (cosine >= self._cosine_limit[columns])
+        view, column = np.nonzero(linked)
+        joined = np.zeros((m + 1, len(columns)), dtype=bool)  # [label, column]; row m stays False
+        joined[before[view, column], column] = True
+        matched = joined.any(axis=0)
+        self.labels[m, columns] = np.where(matched, joined.argmax(axis=0), m)
+        if m:
+            member = joined[before, np.arange(len(columns))[None]]  # label -1 reads row m
+            merged = np.where(member, self.labels[m, columns][None], before)
+            self.labels[:m, columns] = merged
+        return int(matched.sum())
+
+    def points(self, min_views: int) -> tuple[Ints, Ints, Ints]:
+        """Tracks of at least ``min_views`` views: their landmarks (P,), offsets (P + 1,), views (T,) (CSR)."""
+        landmark, view = np.nonzero(self.labels[: self.n_views].T >= 0)
+        key = landmark * self.n_views + self.labels[view, landmark]
+        order = np.argsort(key, kind="stable")
+        key, landmark, view = key[order], landmark[order], view[order]
+        first = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]])) if len(key) else key
+        length = np.diff(np.append(first, len(key)))
+        long = length >= min_views
+        keep = np.repeat(long, length)
+        offsets = np.concatenate([[0], np.cumsum(length[long])]).astype(np.int64)
+        return landmark[first[long]], offsets, view[keep].astype(np.int64)

@@ -1,0 +1,273 @@
+"""What the geometric fidelity knows of a rock: landmarks, surface samples, and who can see them.
+
+Computed once per rock and set of viewpoints (seconds of ray casting) and kept in the store. Visibility is
+resolved at the viewpoints' nominal positions: an arrival error of some 12 cm at 3.5 m moves an outline by
+a centimetre or two. Angles and incidences use the actual positions (`nbv.geometric.reconstructor`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+import open3d as o3d
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from nbv.cache import Store, digest
+from nbv.config import CameraConfig, MissionConfig
+from nbv.evaluation.ground_truth import MAX_INCIDENCE_DEG, MIN_OBSERVING_VIEWS, sample_surface
+from nbv.random_streams import keyed_rng
+from nbv.rocks import Rock
+from nbv.scorers.visibility import frustum_planes
+from nbv.types import Floats, Viewpoint
+from nbv.viewpoints import raw_candidates, seed_viewpoints
+
+# Raise when this file's code changes what it computes.
+WORLD_VERSION = 1
+
+SURFACE_SAMPLES = 3_000
+ROCK_LANDMARKS = 1_600  # candidates on the rock; most are too faint to be detected often
+GROUND_MARGIN_M = 0.05  # near ground reaches this far beyond the planners' box
+GROUND_SPACING_M = 0.12
+FAR_GROUND_HALF_EXTENT_M = 9.0
+FAR_GROUND_SPACING_M = 0.55
+TEXTURE_RADIUS_M = 0.03  # a feature's neighbourhood
+TEXTURE_NEIGHBOURS = 48
+SAMPLE_NEIGHBOURS = 16
+_SURFACE_OFFSET_M = 1e-3
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class GeometricWorld:
+    """Arrays of one rock; V viewpoints, L landmarks, S surface samples.
+
+    Landmarks are sorted: rock, near ground, far ground (the last only matters to statistics over the
+    whole sparse cloud).
+    """
+
+    viewpoint_ids: tuple[str, ...]  # (V,)
+    landmarks_m: Floats  # (L, 3)
+    landmark_normals: Floats  # (L, 3)
+    landmark_contrast: Floats  # (L,) local standard deviation of the shaded albedo, 0 to 1
+    landmark_seen: Mask  # (V, L) inside the image, front side, not hidden
+    n_rock: int
+    n_near: int  # rock and near ground
+    samples_m: Floats  # (S, 3) of the whole surface, uniform by area
+    sample_normals: Floats  # (S, 3)
+    sample_contrast: Floats  # (S,)
+    sample_seen: Mask  # (V, S)
+    observable: Mask  # (S,) what `nbv.evaluation` counts as observable
+    sample_neighbours: NDArray[np.int32]  # (S, K) nearest samples, the sample itself first
+    sample_distances_m: Floats  # (S, K)
+
+    def index(self, viewpoint_id: str) -> int:
+        """Row of a viewpoint in the visibility tables."""
+        return self._rows[viewpoint_id]
+
+    @cached_property
+    def _rows(self) -> dict[str, int]:
+        return {name: row for row, name in enumerate(self.viewpoint_ids)}
+
+
+def world_key(rock: Rock, config: MissionConfig) -> str:
+    """Digest of everything that decides a world."""
+    viewpoints = all_viewpoints(config)
+    constants = [
+        WORLD_VERSION, SURFACE_SAMPLES, ROCK_LANDMARKS, GROUND_MARGIN_M, GROUND_SPACING_M,
+        FAR_GROUND_HALF_EXTENT_M, FAR_GROUND_SPACING_M, TEXTURE_RADIUS_M, TEXTURE_NEIGHBOURS,
+        SAMPLE_NEIGHBOURS, o3d.__version__,
+    ]  # fmt: skip
+    camera, scene = config.camera, config.scene
+    return digest(
+        constants, rock.sha256, [camera.width_px, camera.height_px, camera.focal_px], list(config.target_m),
+        config.shared.box_half_extent_m,
+        [list(scene.sun_direction), scene.sun_irradiance, scene.ambient],
+        [[v.id, *v.position_m] for v in viewpoints],
+    )  # fmt: skip
+
+
+def all_viewpoints(config: MissionConfig) -> list[Viewpoint]:
+    """Every place from which a mission may photograph: the seed rings and the raw pool."""
+    return [*seed_viewpoints(config), *raw_candidates(config)]
+
+
+def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) -> GeometricWorld:
+    """The world from the store, or a fresh one that is put there."""
+    key = world_key(rock, config)
+    if store is not None and (entry := store.get("geometric_worlds", key)) is not None:
+        return _from_arrays(entry)
+    world = build_world(rock, config)
+    if store is not None:
+        store.put("geometric_worlds", key, _to_arrays(world))
+    return world
+
+
+def build_world(rock: Rock, config: MissionConfig) -> GeometricWorld:
+    """Landmarks, samples and visibility of one rock, by ray casting on its mesh."""
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(
+        o3d.core.Tensor.from_numpy(np.ascontiguousarray(rock.vertices_m, dtype=np.float32)),
+        o3d.core.Tensor.from_numpy(np.ascontiguousarray(rock.faces, dtype=np.uint32)),
+    )
+    viewpoints = all_viewpoints(config)
+    shade = _Shading(rock, config, scene)
+
+    samples, sample_normals = sample_surface(rock.vertices_m, rock.faces, SURFACE_SAMPLES, 0)
+    sample_seen = _seen(scene, samples, sample_normals, viewpoints, config, MAX_INCIDENCE_DEG)
+    observable = sample_seen.sum(axis=0) >= MIN_OBSERVING_VIEWS
+
+    on_rock, rock_normals = sample_surface(rock.vertices_m, rock.faces, ROCK_LANDMARKS, 1)
+    above = on_rock[:, 2] > 0
+    on_rock, rock_normals = on_rock[above], rock_normals[above]
+    near_m = config.shared.box_half_extent_m + GROUND_MARGIN_M
+    near = _ground_points(near_m, GROUND_SPACING_M, 0.0)
+    far = _ground_points(FAR_GROUND_HALF_EXTENT_M, FAR_GROUND_SPACING_M, near_m)
+    ground = np.concatenate([near, far])
+    ground = ground[~_under_rock(scene, ground)]
+    n_near = len(on_rock) + int((np.abs(ground[:, :2]).max(axis=1) <= near_m).sum())
+    landmarks = np.concatenate([on_rock, ground])
+    normals = np.concatenate([rock_normals, np.tile([0.0, 0.0, 1.0], (len(ground), 1))])
+    # The ground's texture is fine and even; what differs is the light on it.
+    lit = shade.light(ground, np.tile([0.0, 0.0, 1.0], (len(ground), 1)))
+    ground_contrast = 0.15 * lit / max(config.scene.ambient + config.scene.sun_irradiance, 1e-9)
+    distances, neighbours = cKDTree(samples).query(samples, k=SAMPLE_NEIGHBOURS)
+    return GeometricWorld(
+        viewpoint_ids=tuple(v.id for v in viewpoints),
+        landmarks_m=landmarks,
+        landmark_normals=normals,
+        landmark_contrast=np.concatenate([shade.contrast(on_rock, rock_normals), ground_contrast]),
+        landmark_seen=_seen(scene, landmarks, normals, viewpoints, config, MAX_INCIDENCE_DEG),
+        n_rock=len(on_rock),
+        n_near=n_near,
+        samples_m=samples,
+        sample_normals=sample_normals,
+        sample_contrast=shade.contrast(samples, sample_normals),
+        sample_seen=sample_seen,
+        observable=observable,
+        sample_neighbours=neighbours.astype(np.int32),
+        sample_distances_m=distances,
+    )
+
+
+def _ground_points(half_extent_m: float, spacing_m: float, hole_m: float) -> Floats:
+    """A jittered hexagonal lattice on z = 0 around the origin, without the central square ``hole_m``.
+
+    Real ground features are random but several times denser; a lattice has their distances to
+    neighbours, even the 95th percentile, with fewer points.
+    """
+    rows = int(np.ceil(half_extent_m / (spacing_m * np.sqrt(3) / 2)))
+    columns = int(np.ceil(half_extent_m / spacing_m)) + 1
+    i, j = np.meshgrid(np.arange(-rows, rows + 1), np.arange(-columns, columns + 1), indexing="ij")
+    xy = np.stack([(j + 0.5 * (i % 2)) * spacing_m, i * spacing_m * np.sqrt(3) / 2], axis=-1).reshape(-1, 2)
+    xy = xy + keyed_rng("geometric-ground", len(xy)).normal(0.0, 0.25 * spacing_m, xy.shape)
+    reach = np.abs(xy).max(axis=1)
+    xy = xy[(reach <= half_extent_m) & (reach > hole_m)]
+    return np.column_stack([xy, np.zeros(len(xy))])
+
+
+def _under_rock(scene: o3d.t.geometry.RaycastingScene, points_m: Floats) -> Mask:
+    rays = np.zeros((len(points_m), 6), dtype=np.float32)
+    rays[:, :3] = points_m - [0.0, 0.0, 1e-3]
+    rays[:, 5] = 1.0
+    hits = scene.list_intersections(o3d.core.Tensor.from_numpy(rays), nthreads=1)
+    count = np.diff(hits["ray_splits"].numpy().astype(np.int64))
+    low = scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)["t_hit"].numpy()
+    return (count > 0) & (low < 0.03)  # the rock rests on it
+
+
+def _seen(
+    scene: o3d.t.geometry.RaycastingScene,
+    points_m: Floats,
+    normals: Floats,
+    viewpoints: list[Viewpoint],
+    config: MissionConfig,
+    max_incidence_deg: float,
+) -> Mask:
+    """(V, N) points in the image of each nominal view, facing it, above ground and not hidden by the rock."""
+    centers = np.array([v.position_m for v in viewpoints])
+    seen = _in_images(points_m, centers, np.array(config.target_m), config.camera)
+    starts = points_m + _SURFACE_OFFSET_M * normals
+    min_cosine = np.cos(np.deg2rad(max_incidence_deg))
+    above = points_m[:, 2] >= 0
+    for row, center in enumerate(centers):
+        ray = center - starts
+        seen[row] &= above & ((ray * normals).sum(axis=1) >= min_cosine * np.linalg.norm(ray, axis=1))
+        ask = np.flatnonzero(seen[row])
+        rays = np.concatenate([starts[ask], ray[ask]], axis=1).astype(np.float32)
+        blocked = scene.test_occlusions(
+            o3d.core.Tensor.from_numpy(rays), tnear=0.0, tfar=1.0, nthreads=1
+        ).numpy()
+        seen[row, ask[blocked]] = False
+    return seen
+
+
+def _in_images(points_m: Floats, centers_m: Floats, target_m: Floats, camera: CameraConfig) -> Mask:
+    x, y, z = frustum_planes(centers_m, target_m, camera)
+    q = np.column_stack([points_m, np.ones(len(points_m))])
+    depth = q @ z
+    return ((np.abs(q @ x) <= depth) & (np.abs(q @ y) <= depth)).T
+
+
+class _Shading:
+    """Light on the surface and the contrast that a detector finds in it."""
+
+    def __init__(self, rock: Rock, config: MissionConfig, scene: o3d.t.geometry.RaycastingScene) -> None:
+        sun = np.array(config.scene.sun_direction)
+        self._to_sun = -sun / np.linalg.norm(sun)
+        self._ambient, self._irradiance = config.scene.ambient, config.scene.sun_irradiance
+        self._scene = scene
+        corners = rock.vertices_m[rock.faces]
+        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals = np.zeros_like(rock.vertices_m)
+        for corner in range(3):
+            for axis in range(3):
+                normals[:, axis] += np.bincount(
+                    rock.faces[:, corner], weights=cross[:, axis], minlength=len(normals)
+                )
+        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        self._facing = np.maximum(normals @ self._to_sun, 0.0)
+        self._grey = rock.albedo.mean(axis=1).astype(float)
+        self._tree = cKDTree(rock.vertices_m)
+
+    def in_sun(self, points_m: Floats, normals: Floats) -> Mask:
+        """(N,) points that the rock does not shade."""
+        starts = points_m + _SURFACE_OFFSET_M * normals
+        rays = np.concatenate([starts, np.tile(self._to_sun, (len(points_m), 1))], axis=1)
+        return ~self._scene.test_occlusions(
+            o3d.core.Tensor.from_numpy(rays.astype(np.float32)), nthreads=1
+        ).numpy()
+
+    def light(self, points_m: Floats, normals: Floats) -> Floats:
+        """(N,) ambient light and sun."""
+        sun = np.maximum(normals @ self._to_sun, 0.0) * self.in_sun(points_m, normals)
+        return self._ambient + self._irradiance * sun
+
+    def contrast(self, points_m: Floats, normals: Floats) -> Floats:
+        """(N,) standard deviation of albedo times light among the nearby vertices."""
+        distance, index = self._tree.query(points_m, k=TEXTURE_NEIGHBOURS)
+        lit = self.in_sun(points_m, normals)[:, None]
+        value = self._grey[index] * (self._ambient + self._irradiance * self._facing[index] * lit)
+        # A coarse mesh has fewer vertices than this within reach: then the nearest few must do.
+        weight = (distance <= np.maximum(TEXTURE_RADIUS_M, distance[:, 7:8])).astype(float)
+        mean = (value * weight).sum(axis=1) / weight.sum(axis=1)
+        return np.sqrt((weight * (value - mean[:, None]) ** 2).sum(axis=1) / weight.sum(axis=1))
+
+
+def _to_arrays(world: GeometricWorld) -> dict[str, np.ndarray]:
+    arrays = {f.name: np.asarray(getattr(world, f.name)) for f in fields(world)}
+    for name in ("landmark_seen", "sample_seen"):
+        arrays[name] = np.packbits(arrays[name], axis=1)
+    return arrays
+
+
+def _from_arrays(arrays: dict[str, np.ndarray]) -> GeometricWorld:
+    values: dict[str, object] = dict(arrays)
+    for name, like in (("landmark_seen", "landmarks_m"), ("sample_seen", "samples_m")):
+        values[name] = np.unpackbits(arrays[name], axis=1, count=len(arrays[like])).astype(bool)
+    values["viewpoint_ids"] = tuple(arrays["viewpoint_ids"].tolist())
+    values["n_rock"], values["n_near"] = int(arrays["n_rock"]), int(arrays["n_near"])
+    return GeometricWorld(**values)  # type: ignore[arg-type]
