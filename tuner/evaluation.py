@@ -8,6 +8,7 @@ flown again, so an interrupted evaluation goes on where it stopped.
 from __future__ import annotations
 
 import collections
+import functools
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -65,7 +66,7 @@ class EvaluationPlan:
     @property
     def missions(self) -> int:
         """Missions in all, strategies that are the same configuration counted once."""
-        return len({c.digest() for c in self.strategies.values()}) * len(self.rocks) * self.replicates
+        return len(set(self._owners.values())) * len(self.rocks) * self.replicates
 
     def to_dict(self) -> dict[str, Any]:
         """YAML form."""
@@ -101,17 +102,19 @@ class EvaluationPlan:
         jobs = []
         for k in range(self.first_replicate, self.first_replicate + self.replicates):
             for rock in self.rocks:
-                seen: set[str] = set()
-                for name, config in self.strategies.items():
-                    if config.digest() not in seen:
-                        seen.add(config.digest())
-                        jobs.append(self._job(directory, name, rock, k))
+                jobs += [self._job(directory, name, rock, k)
+                         for name, owner in self._owners.items() if name == owner]  # fmt: skip
         return jobs
+
+    @functools.cached_property
+    def _owners(self) -> dict[str, str]:
+        """Strategies that are one and the same configuration share the first one's missions."""
+        first: dict[str, str] = {}
+        return {name: first.setdefault(c.digest(), name) for name, c in self.strategies.items()}
 
     def _job(self, directory: Path, strategy: str, rock: str, replicate: int) -> MissionJob:
         config = self.strategies[strategy]
-        # Strategies that are one and the same configuration share the first one's missions.
-        owner = next(n for n, c in self.strategies.items() if c.digest() == config.digest())
+        owner = self._owners[strategy]
         rock_index = self.rocks.index(rock)
         folder = f"{rock_index:02d}_{Path(rock).stem}_r{replicate}"
         return MissionJob(

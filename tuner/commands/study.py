@@ -1,0 +1,133 @@
+"""``gatetune study noise`` and ``gatetune study sensitivity``."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from nbv.errors import UserError
+from tuner.commands.comparison import ComparisonProgress
+from tuner.commands.console import output, parse_overrides
+from tuner.commands.mission import progress_bar
+
+app = typer.Typer(no_args_is_help=True)
+
+
+@app.command()
+def noise(
+    space: Annotated[
+        str, typer.Option(help="Search space whose configurations are compared.")
+    ] = "gate_and_weights",
+    rocks: Annotated[
+        list[str] | None,
+        typer.Option("--rock", help="Training rock, repeatable (default: the procedural ones)."),
+    ] = None,
+    budgets: Annotated[
+        list[int] | None,
+        typer.Option("--budget", help="Adaptive captures, repeatable (default: 8, 12, 16, 40)."),
+    ] = None,
+    configurations: Annotated[int, typer.Option(help="Sobol points of the space.")] = 16,
+    replicates: Annotated[int, typer.Option(help="Of every configuration on every rock.")] = 3,
+    repeats: Annotated[int, typer.Option(help="Further replicates of the default configuration.")] = 5,
+    controls: Annotated[
+        list[str] | None, typer.Option("--control", help="Repeatable (default: random, greedy-oracle).")
+    ] = None,
+    metrics: Annotated[
+        list[str] | None, typer.Option("--metric", help="Repeatable, e.g. observable.f_score_48mm.")
+    ] = None,
+    preset: Annotated[
+        str, typer.Option(help="Mission preset; budget and agreement are the study's.")
+    ] = "campaign",
+    set_: Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE for every mission.")] = None,
+    seed: Annotated[int, typer.Option(help="Of the Sobol points.")] = 0,
+    workers: Annotated[
+        int | None, typer.Option(help="Missions side by side (default: one per core).")
+    ] = None,
+    timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
+    out: Annotated[Path, typer.Option(help="Directory; the same command goes on where it stopped.")] = Path(
+        "runs/noise"
+    ),
+    report_only: Annotated[
+        bool, typer.Option("--report-only", help="Fly nothing; report on what --out holds.")
+    ] = False,
+) -> None:
+    """Does the objective tell configurations apart? Variance by configuration, rock and replicate."""
+    from tuner.studies.noise import analyse
+
+    complete = True
+    if not report_only:
+        complete = _fly_noise_study(
+            space, rocks, budgets, configurations, replicates, repeats, controls, metrics, preset, set_, seed,
+            workers, timeout_s, out,
+        )  # fmt: skip
+    from tuner.studies.noise_report import noise_table, write_noise_report
+
+    findings = analyse(out)
+    for metric in findings.settings.metrics:
+        if findings.ranked(metric):
+            output.print(noise_table(findings, metric))
+        else:
+            output.print(f"{metric}: not enough complete configurations yet")
+    write_noise_report(findings, out)
+    for reason, times in findings.failures.items():
+        output.print(f"[red]failed {times} times: {reason}[/]")
+    output.print(f"{len(findings.records)} of {findings.expected} missions; report: {out / 'noise.md'}")
+    if not complete:
+        output.print("interrupted; the same command goes on where it stopped")
+        raise typer.Exit(130)
+
+
+def _fly_noise_study(
+    space: str,
+    rocks: list[str] | None,
+    budgets: list[int] | None,
+    configurations: int,
+    replicates: int,
+    repeats: int,
+    controls: list[str] | None,
+    metrics: list[str] | None,
+    preset: str,
+    set_: list[str] | None,
+    seed: int,
+    workers: int | None,
+    timeout_s: float,
+    out: Path,
+) -> bool:
+    from nbv.rocks import load_rock
+    from tuner.commands.campaign import training_rocks
+    from tuner.executors import LocalProcessExecutor
+    from tuner.missions import DEFAULT_RUNNER
+    from tuner.search_space import load_search_space
+    from tuner.studies.noise import NoiseSettings, fly
+    from tuner.studies.runner import AGREEMENT_LEVELS, STUDY_RUNNER
+
+    if workers is not None and workers < 1:
+        raise UserError(f"--workers is {workers}; give at least 1")
+    chosen = tuple(rocks or training_rocks())
+    for rock in chosen:
+        load_rock(rock)
+    given = {"budgets": budgets, "controls": controls, "metrics": metrics}
+    settings = NoiseSettings(
+        load_search_space(space),
+        chosen,
+        configurations=configurations,
+        replicates=replicates,
+        repeats=repeats,
+        seed=seed,
+        preset=preset,
+        overrides=parse_overrides(set_ or []),
+        **{name: tuple(value) for name, value in given.items() if value},  # type: ignore[arg-type]
+    )
+    count = workers or len(os.sched_getaffinity(0))
+    output.print(
+        f"{len(settings.configs(settings.budgets[0]))} configurations and controls x {len(chosen)} rocks x "
+        f"{replicates} replicates x budgets {', '.join(map(str, settings.budgets))}, and {repeats} more replicates "
+        f"of the default: {settings.missions} missions, {count} workers"
+    )
+    preload = tuple(runner.partition(":")[0] for runner in (DEFAULT_RUNNER, STUDY_RUNNER))
+    metric = f"agreement.{AGREEMENT_LEVELS[0]}.{settings.metrics[0]}"
+    with LocalProcessExecutor(count, timeout_s=timeout_s, preload=preload) as executor, progress_bar() as bar:
+        return fly(settings, out, executor, ComparisonProgress(bar, metric))

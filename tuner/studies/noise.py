@@ -1,0 +1,386 @@
+"""Does the objective tell configurations apart? Configurations x rocks x replicates, at several budgets.
+
+The run directory::
+
+    noise_study.yaml   what was asked for; the same command with the same settings goes on
+    crossed/           every configuration and control on every rock with every replicate
+    repeats/           further replicates of the default configuration
+    noise.json  noise.md  figures/
+
+Fusion strictness costs no flight: each mission is measured at all levels (``tuner.studies.runner``).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from nbv.config import MissionConfig, preset
+from nbv.errors import UserError
+from nbv.run_directory import write_atomic
+from nbv.types import Floats
+from tuner.baselines import baseline
+from tuner.evaluation import EvaluationEvent, EvaluationPlan, EvaluationRecord, run_evaluation
+from tuner.executors import Executor
+from tuner.search_space import SearchSpace, space_from_dict
+from tuner.studies.runner import AGREEMENT_LEVELS, STUDY_RUNNER
+from tuner.studies.variance import (
+    MIN_CONFIGURATIONS,
+    VarianceComponents,
+    largest_complete,
+    pooled_variance,
+    variance_components,
+)
+
+SETTINGS_FILE = "noise_study.yaml"
+FORMAT_VERSION = 1
+DEFAULT = "default"
+DEFAULT_METRICS = (
+    "observable.f_score_48mm",
+    "observable.completeness_48mm",
+    "observable.f_score_16mm",
+    "observable.f_score_auc",
+    "whole.f_score_48mm",
+    "observable.c2c_mean_mm",
+    "observable.c2c_p95_mm",
+    "observable.hausdorff_gt_to_cloud_mm",
+)
+TARGET_SIGNAL_TO_NOISE = 5.0  # asked of the campaign preset
+
+
+@dataclass(frozen=True)
+class NoiseSettings:
+    """What a noise study flies.
+
+    Raises
+    ------
+    UserError
+        Too few configurations or replicates for a variance, an unknown control, no rock.
+    """
+
+    space: SearchSpace
+    rocks: tuple[str, ...]
+    budgets: tuple[int, ...] = (8, 12, 16, 40)  # adaptive captures
+    configurations: int = 16  # Sobol points of the space
+    replicates: int = 3  # of every configuration on every rock
+    repeats: int = 5  # further replicates of the default configuration
+    controls: tuple[str, ...] = ("random", "greedy-oracle")
+    metrics: tuple[str, ...] = DEFAULT_METRICS
+    seed: int = 0
+    preset: str = "campaign"
+    overrides: dict[str, Any] = field(default_factory=dict)
+    runner: str = STUDY_RUNNER
+
+    def __post_init__(self) -> None:
+        if self.configurations < MIN_CONFIGURATIONS:
+            raise UserError(
+                f"configurations is {self.configurations}; give at least {MIN_CONFIGURATIONS}, better 12 or more"
+            )
+        if self.replicates < 2:
+            raise UserError(f"replicates is {self.replicates}; a replicate variance needs at least 2")
+        if self.repeats < 0:
+            raise UserError(f"repeats is {self.repeats}; give 0 or more")
+        if not self.budgets or len(set(self.budgets)) != len(self.budgets):
+            raise UserError(f"budgets are {list(self.budgets)}; name each adaptive budget once")
+        if not self.metrics:
+            raise UserError("no metric to study; name at least one")
+        for name in self.controls:
+            baseline(name)
+        if "dense.agreeing_views" in self.overrides:
+            raise UserError("dense.agreeing_views cannot be set here: the study measures all its levels")
+        self.configs(self.budgets[0])
+
+    def base(self, budget: int) -> MissionConfig:
+        """What all configurations have in common."""
+        values = {
+            **self.overrides,
+            "stop.adaptive_budget": budget,
+            "dense.agreeing_views": min(AGREEMENT_LEVELS),
+        }
+        return self.space.base_config(preset(self.preset).with_values(values))
+
+    def points(self) -> dict[str, dict[str, Any]]:
+        """Tuned values of the default and of every Sobol point, by name."""
+        from scipy.stats import qmc
+
+        engine = qmc.Sobol(self.space.dimension, scramble=True, rng=self.seed)
+        unit = engine.random_base2(math.ceil(math.log2(self.configurations)))[: self.configurations]
+        points = {f"sobol-{i:02d}": self.space.from_unit(u) for i, u in enumerate(unit)}
+        return {DEFAULT: self.space.default(self.base(self.budgets[0])), **points}
+
+    def configs(self, budget: int) -> dict[str, MissionConfig]:
+        """Mission configurations by name at one adaptive budget: default, Sobol points, controls."""
+        base = self.base(budget)
+        return {
+            **{name: base.with_values(values) for name, values in self.points().items()},
+            **{name: baseline(name).config(base) for name in self.controls},
+        }
+
+    def crossed_plan(self) -> EvaluationPlan:
+        """Everything against everything."""
+        strategies = {
+            strategy_name(budget, name): config
+            for budget in self.budgets
+            for name, config in self.configs(budget).items()
+        }
+        return EvaluationPlan(strategies, self.rocks, self.replicates, runner=self.runner)
+
+    def repeats_plan(self) -> EvaluationPlan | None:
+        """The default configuration, with replicates that the crossed design does not hold."""
+        if self.repeats == 0:
+            return None
+        strategies = {strategy_name(b, DEFAULT): self.configs(b)[DEFAULT] for b in self.budgets}
+        return EvaluationPlan(
+            strategies, self.rocks, self.repeats, first_replicate=self.replicates, runner=self.runner
+        )
+
+    @property
+    def missions(self) -> int:
+        """Missions in all."""
+        repeats = self.repeats_plan()
+        return self.crossed_plan().missions + (repeats.missions if repeats else 0)
+
+    def to_dict(self) -> dict[str, Any]:
+        """YAML form."""
+        tree = {name: value for name, value in vars(self).items() if name != "space"}
+        tree = {name: list(value) if isinstance(value, tuple) else value for name, value in tree.items()}
+        return {"format": FORMAT_VERSION, "search_space": self.space.to_dict(), **tree}
+
+    @staticmethod
+    def load(directory: Path) -> NoiseSettings:
+        """The settings of a study's directory; ``UserError`` if there are none."""
+        path = directory / SETTINGS_FILE
+        if not path.is_file():
+            raise UserError(f"{directory} holds no noise study ({SETTINGS_FILE} is missing)")
+        try:
+            tree = yaml.safe_load(path.read_text())
+            if tree.pop("format") != FORMAT_VERSION:
+                raise UserError(f"{path} was written by another version; start a new study elsewhere")
+            space = space_from_dict(tree.pop("search_space"), str(path))
+            lists = {name: tuple(value) for name, value in tree.items() if isinstance(value, list)}
+            return NoiseSettings(space, **{**tree, **lists})
+        except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+            raise UserError(
+                f"{path} is not a noise study's settings ({error!r}); restore the file"
+            ) from error
+
+
+def strategy_name(budget: int, name: str) -> str:
+    """The strategy under which one configuration flies at one budget."""
+    return f"b{budget:02d}-{name}"
+
+
+def fly(
+    settings: NoiseSettings,
+    directory: Path,
+    executor: Executor,
+    on_event: Callable[[EvaluationEvent], None] | None = None,
+) -> bool:
+    """Fly what is not flown yet; whether the study is complete.
+
+    Raises
+    ------
+    UserError
+        The directory holds something else or cannot be written; a mission met a user's mistake.
+    """
+    path = directory / SETTINGS_FILE
+    if path.exists():
+        if NoiseSettings.load(directory).to_dict() != settings.to_dict():
+            raise UserError(f"{directory} holds another noise study; choose another --out")
+    elif directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+        raise UserError(f"{directory} exists and is not an empty directory; choose another --out")
+    else:
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            write_atomic(path, yaml.safe_dump(settings.to_dict(), sort_keys=False))
+        except OSError as error:
+            raise UserError(f"cannot write to {directory}: {error.strerror}; choose another --out") from error
+    for name, plan in (("crossed", settings.crossed_plan()), ("repeats", settings.repeats_plan())):
+        if plan is not None and not run_evaluation(plan, directory / name, executor, on_event).complete:
+            return False
+    return True
+
+
+# -- what the missions say -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class NoiseCell:
+    """One metric at one adaptive budget and one fusion strictness."""
+
+    budget: int
+    agreement: int
+    metric: str
+    components: VarianceComponents | None  # None: too few complete configurations yet
+    means: dict[
+        str, float
+    ]  # over rocks and replicates, by name; only of complete configurations and controls
+    default_within: tuple[float, float, float, int] | None  # pooled over rocks, with interval and degrees
+    missing: int  # missions of the crossed design without this metric (failed, or not flown yet)
+    mission_s: float | None  # mean wall time of one mission measured at one level
+
+    @property
+    def meets_target(self) -> bool:
+        """Whether configurations stand out from replicates as much as asked."""
+        return self.components is not None and self.components.signal_to_noise >= TARGET_SIGNAL_TO_NOISE
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form with the derived figures."""
+        tree: dict[str, Any] = {
+            name: getattr(self, name) for name in ("budget", "agreement", "metric", "missing", "mission_s")
+        }
+        if (c := self.components) is not None:
+            low, high = c.signal_to_noise_interval()
+            tree["components"] = dataclasses.asdict(c)
+            tree |= {
+                "between": c.between,
+                "noise": c.noise,
+                "signal_to_noise": c.signal_to_noise,
+                "signal_to_noise_95": [low, high],
+                "paired_signal_to_noise": c.paired_signal_to_noise,
+                "unseen_signal_to_noise": c.unseen_signal_to_noise,
+                "shares": c.shares(),
+            }
+        if self.default_within is not None:
+            variance, low, high, degrees = self.default_within
+            tree["default_replicate_sd"] = {
+                "sd": math.sqrt(variance),
+                "sd_95": [math.sqrt(low), math.sqrt(high)],
+                "degrees": degrees,
+            }
+        return {**tree, "means": self.means}
+
+
+@dataclass(frozen=True)
+class NoiseFindings:
+    """All cells of a study, with the missions they come from."""
+
+    settings: NoiseSettings
+    records: list[EvaluationRecord]  # crossed and repeats
+    cells: list[NoiseCell]
+    failures: dict[str, int]  # failed missions by reason
+    expected: int  # missions the study asks for
+
+    def cell(self, budget: int, agreement: int, metric: str) -> NoiseCell:
+        """The cell of that name."""
+        key = (budget, agreement, metric)
+        return next(c for c in self.cells if (c.budget, c.agreement, c.metric) == key)
+
+    def values(self, budget: int, agreement: int, metric: str) -> dict[str, Floats]:
+        """(K, R) per configuration and control, NaN where a mission has no such metric."""
+        table = _table(self.records, agreement, metric)
+        s = self.settings
+        names = [*s.points(), *s.controls]
+        return {
+            name: np.array([[table.get((strategy_name(budget, name), rock, k), math.nan)
+                             for k in range(s.replicates)] for rock in s.rocks])
+            for name in names
+        }  # fmt: skip
+
+    def ranked(self, metric: str) -> list[NoiseCell]:
+        """Cells of one metric, best signal to noise first."""
+        known = [c for c in self.cells if c.metric == metric and c.components is not None]
+        return sorted(known, key=lambda c: -c.components.signal_to_noise)  # type: ignore[union-attr]
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return {
+            "settings": self.settings.to_dict(),
+            "points": self.settings.points(),
+            "missions": len(self.records),
+            "missions_expected": self.expected,
+            "failures": self.failures,
+            "target_signal_to_noise": TARGET_SIGNAL_TO_NOISE,
+            "cells": [cell.to_dict() for cell in self.cells],
+        }
+
+
+def _table(
+    records: Sequence[EvaluationRecord], agreement: int, metric: str
+) -> dict[tuple[str, str, int], float]:
+    """A metric at one strictness by (strategy, rock, replicate)."""
+    found = {}
+    for r in records:
+        value = r.value(f"agreement.{agreement}.{metric}")
+        if value is not None:
+            found[r.strategy, r.rock, r.replicate] = value
+    return found
+
+
+def analyse(directory: Path) -> NoiseFindings:
+    """What the missions of a study's directory say so far.
+
+    Raises
+    ------
+    UserError
+        No noise study there, or no mission has one of the metrics.
+    """
+    settings = NoiseSettings.load(directory)
+    records: list[EvaluationRecord] = []
+    expected = 0
+    for name, plan in (("crossed", settings.crossed_plan()), ("repeats", settings.repeats_plan())):
+        if plan is not None:
+            records += plan.records(directory / name)
+            expected += plan.missions
+    flown = [r for r in records if r.outcome.status != "failed"]
+    for metric in settings.metrics:
+        if flown and not any(_table(flown, level, metric) for level in AGREEMENT_LEVELS):
+            raise UserError(
+                f"no mission of {directory} has the metric {metric!r}; mission.json lists them by name"
+            )
+    failures: dict[str, int] = {}
+    for r in records:
+        if r.outcome.status == "failed":
+            failures[r.outcome.reason] = failures.get(r.outcome.reason, 0) + 1
+    cells = [
+        _cell(settings, records, _table(records, level, metric), budget, level, metric)
+        for metric in settings.metrics
+        for level in AGREEMENT_LEVELS
+        for budget in settings.budgets
+    ]
+    return NoiseFindings(settings, records, cells, failures, expected)
+
+
+def _cell(
+    settings: NoiseSettings,
+    records: Sequence[EvaluationRecord],
+    table: Mapping[tuple[str, str, int], float],
+    budget: int,
+    agreement: int,
+    metric: str,
+) -> NoiseCell:
+    def of(name: str, replicates: range) -> Floats:
+        strategy = strategy_name(budget, name)
+        return np.array(
+            [[table.get((strategy, rock, k), math.nan) for k in replicates] for rock in settings.rocks]
+        )
+
+    crossed = range(settings.replicates)
+    names = [name for name in settings.points() if name != DEFAULT]
+    design = np.array([of(name, crossed) for name in names])  # (C, K, R)
+    complete, _, _ = largest_complete(design)
+    references = [DEFAULT, *settings.controls]
+    means = {name: float(of(name, crossed).mean()) for name in [*names, *references]}
+    default = of(DEFAULT, range(settings.replicates + settings.repeats))
+    walls = [
+        r.outcome.wall_s - float(r.outcome.timings_s.get("agreement_levels", 0.0))
+        for r in records
+        if r.strategy.startswith(strategy_name(budget, "")) and r.outcome.status != "failed"
+    ]
+    return NoiseCell(
+        budget,
+        agreement,
+        metric,
+        variance_components(complete) if len(complete) else None,
+        {name: mean for name, mean in means.items() if math.isfinite(mean)},
+        pooled_variance([row[np.isfinite(row)] for row in default]),
+        int(np.isnan(design).sum()),
+        float(np.mean(walls)) if walls else None,
+    )
