@@ -23,7 +23,7 @@ app = typer.Typer(no_args_is_help=True)
 
 RUNS = Path("runs")
 # `make tune`: what a real campaign needs, small enough for a quarter of an hour on two cores.
-QUICK = {"space": "gate_and_weights", "budget": 24, "replicates": 2}
+QUICK = {"space": "gate_and_weights", "budget": 48, "replicates": 2}
 QUICK_ROCKS = 3
 
 
