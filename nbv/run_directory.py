@@ -7,8 +7,8 @@
     images/NAME.png        every photograph
     trace.jsonl            one line per adaptive capture, written as it happens
     states/iter_NN.npz     the planning state of every iteration (``gatetune mission explain``)
-    sparse/0/*.bin         the final sparse model in COLMAP's format, world frame, metres
-    sparse.ply  dense.ply  cleaned.ply
+    sparse/0/              the final sparse model in COLMAP's format and as points.ply, world frame, metres
+    dense.ply cleaned.ply  the fused cloud before and after cleaning
     flight.json            legs with their trajectories
     metrics.json           metrics and the cleaning report
     mission.json           the result; written last, atomically: its presence means "finished"

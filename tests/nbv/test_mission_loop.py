@@ -1,0 +1,128 @@
+"""The loop of Fig. 1 on its own: a reconstructor that only counts, real flight, real planning."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from nbv.config import preset
+from nbv.errors import MissionFailure
+from nbv.flight import Flight
+from nbv.frames import look_at
+from nbv.gates import make_gate
+from nbv.mission import AdaptiveMission
+from nbv.types import Capture, PointCloud, SparseModel, UpdateReport
+
+
+class CountingReconstructor:
+    """A ball of points around the target; every capture adds some; chosen captures do not register."""
+
+    def __init__(self, refuse=(), points=400):
+        self.refuse, self.points = set(refuse), points
+        self.names, self.centers, self.adds = [], [], 0
+
+    def _model(self):
+        rng = np.random.default_rng(0)
+        n = self.points + 50 * self.adds
+        points = rng.normal(size=(n, 3))
+        points = [0, 0, 0.8] + 0.7 * points / np.linalg.norm(points, axis=1, keepdims=True)
+        cameras = np.stack([rng.permutation(24)[:3] for _ in range(n)])
+        return SparseModel(points, np.full(n, 0.5), np.arange(n + 1) * 3, cameras.ravel(), np.array(self.centers),
+                           tuple(self.names), 0.005, 0.01)  # fmt: skip
+
+    def bootstrap(self, captures):
+        for capture in captures:
+            self._take(capture)
+        return UpdateReport(self._model(), True)
+
+    def add(self, capture):
+        self.adds += 1
+        registered = self.adds not in self.refuse
+        if registered:
+            self._take(capture)
+        return UpdateReport(self._model(), registered, "" if registered else "too few matches")
+
+    def finish(self):
+        return PointCloud(np.zeros((1, 3)))
+
+    def _take(self, capture):
+        self.names.append(capture.name)
+        self.centers.append(capture.camera_center_m)
+
+
+def fly(reconstructor=None, **values):
+    config = preset("campaign").with_values({"stop.adaptive_budget": 4, **values})
+
+    def photograph(viewpoint, position_m):
+        return Capture(f"{viewpoint.id}.png", viewpoint, look_at(position_m, np.array(config.target_m)), None)
+
+    mission = AdaptiveMission(
+        config, photograph, reconstructor or CountingReconstructor(), make_gate(config),
+        Flight(config, rock_sha256="rock", replicate=0),
+    )  # fmt: skip
+    mission.fly_seed_phase()
+    mission.fly_adaptive_phase()
+    mission.finish()
+    return mission
+
+
+def test_the_budget_counts_adaptive_captures():
+    mission = fly()
+    assert len(mission.captures) == 24 + 4
+    assert [record.iteration for record in mission.trace] == [0, 1, 2, 3]
+    assert len({capture.viewpoint.id for capture in mission.captures}) == 28  # no viewpoint twice
+    assert mission.notes == []
+
+
+def test_an_unregistered_image_is_recorded_counts_and_does_not_end_the_mission():
+    mission = fly(CountingReconstructor(refuse={2}))
+    assert [record.registered for record in mission.trace] == [True, False, True, True]
+    assert mission.trace[1].message == "too few matches"
+    assert len(mission.captures) == 24 + 4
+    assert mission.notes == ["unregistered_image"]
+
+
+@pytest.mark.parametrize("criterion, captures", [("both", 0), ("knn", 0), ("budget", 4)])
+def test_knn_convergence_stops_before_the_first_capture_if_it_may(criterion, captures):
+    mission = fly(**{"stop.criterion": criterion, "stop.knn_threshold_m": 10.0})
+    assert len(mission.trace) == captures
+
+
+def test_convergence_is_looked_for_before_every_capture():
+    d95 = [record.d95_m for record in fly().trace]
+    assert d95 == sorted(d95, reverse=True)  # the ball fills up
+    threshold = (d95[1] + d95[2]) / 2
+    mission = fly(**{"stop.criterion": "both", "stop.knn_threshold_m": threshold})
+    assert len(mission.trace) == 2
+
+
+def test_an_empty_pool_ends_the_adaptive_phase_and_says_so():
+    mission = fly(**{"pool.max_travel_m": 0.1})
+    assert mission.trace == []
+    assert mission.notes == ["empty_pool"]
+
+
+def test_nothing_to_score_is_a_failure_with_a_reason():
+    class Nowhere(CountingReconstructor):
+        def _model(self):
+            model = super()._model()
+            return dataclasses.replace(model, points_m=model.points_m + 100.0)
+
+    with pytest.raises(MissionFailure) as failure:
+        fly(Nowhere())
+    assert failure.value.reason == "no_points_in_box"
+
+
+def test_hyb_h_follows_eq_9():
+    """f_b < 0.4 of 4 captures: the first two (0, 0.25) are B-aware; then d95 decides."""
+    low, high = fly(**{"gate.d95_m": 5.0}), fly(**{"gate.d95_m": 0.0})
+    assert [record.scorer for record in low.trace] == ["b-aware", "b-aware", "covis", "covis"]
+    assert [record.scorer for record in high.trace] == ["b-aware"] * 4
+
+
+def test_the_camera_is_where_the_vehicle_is_within_the_arrival_tolerance():
+    for capture in fly().captures:
+        error = np.abs(capture.camera_center_m - np.array(capture.viewpoint.position_m))
+        assert error.max() <= 0.35
+    errors = [c.camera_center_m - np.array(c.viewpoint.position_m) for c in fly().captures]
+    assert np.ptp(errors, axis=0).min() > 0.1  # and it really errs
