@@ -16,6 +16,7 @@ import io
 import json
 import os
 import shutil
+import sys
 import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -34,10 +35,12 @@ Arrays = dict[str, np.ndarray]
 
 
 def home() -> Path:
-    """Where rocks and caches live: ``$GATETUNE_HOME``, or the user's cache folder."""
+    """Where rocks and caches live: ``$GATETUNE_HOME``, or the platform's cache folder."""
     if root := os.environ.get("GATETUNE_HOME"):
-        return Path(root)
-    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "gatetune"
+        return Path(root).expanduser()
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "gatetune"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gatetune"
 
 
 def digest(*parts: Any) -> str:

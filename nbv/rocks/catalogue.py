@@ -8,6 +8,7 @@ import os
 from functools import lru_cache
 from pathlib import Path
 
+from nbv.cache import home
 from nbv.errors import UserError
 from nbv.rocks import store
 from nbv.rocks.procedural import generate_rock, generator_key
@@ -44,7 +45,7 @@ def load_rock(name: str) -> Rock:
     """
     path = Path(name).expanduser()
     if name in RECIPES:
-        return _load_procedural(name, str(store.gatetune_home()))
+        return _load_procedural(name, str(home()))
     stored = store.imported_path(name)
     if os.sep not in name and stored.is_file():
         return _load_imported(name, str(stored), stored.stat().st_mtime_ns)

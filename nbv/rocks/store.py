@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 import tempfile
 import zipfile
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import cast
 
 import numpy as np
 
+from nbv.cache import home
 from nbv.errors import UserError
 from nbv.rocks.rock import SPLITS, Rock, Split, make_rock
 
@@ -23,27 +23,14 @@ class DamagedRockError(Exception):
     """A rock file that cannot be read back as it was written."""
 
 
-def gatetune_home() -> Path:
-    """The folder for generated and imported rocks: ``$GATETUNE_HOME``, else the platform's cache folder."""
-    if home := os.environ.get("GATETUNE_HOME"):
-        return Path(home).expanduser()
-    if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA", Path.home() / "AppData" / "Local"))
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return base / "gatetune"
-
-
 def generated_path(name: str, key: str) -> Path:
     """Where the procedural rock ``name`` of generator ``key`` is cached."""
-    return gatetune_home() / "rocks" / "generated" / f"{name}-{key}.npz"
+    return home() / "rocks" / "generated" / f"{name}-{key}.npz"
 
 
 def imported_dir() -> Path:
     """Where imported rocks are kept, one file each."""
-    return gatetune_home() / "rocks" / "imported"
+    return home() / "rocks" / "imported"
 
 
 def imported_path(name: str) -> Path:
