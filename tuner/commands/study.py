@@ -131,3 +131,49 @@ def _fly_noise_study(
     metric = f"agreement.{AGREEMENT_LEVELS[0]}.{settings.metrics[0]}"
     with LocalProcessExecutor(count, timeout_s=timeout_s, preload=preload) as executor, progress_bar() as bar:
         return fly(settings, out, executor, ComparisonProgress(bar, metric))
+
+
+@app.command()
+def sensitivity(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(
+            help="A campaign's directory, or directories with missions (a noise study, an evaluation, ...)."
+        ),
+    ],
+    space: Annotated[
+        str | None, typer.Option(help="Search space of the missions (a campaign knows its own).")
+    ] = None,
+    metric: Annotated[
+        str | None,
+        typer.Option(
+            help="E.g. observable.f_score_48mm, or agreement.5.observable.f_score_48mm of a noise study."
+        ),
+    ] = None,
+    where: Annotated[
+        list[str] | None, typer.Option(help="PATH=VALUE: only missions with that value.")
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of fit and sampling.")] = 0,
+    out: Annotated[Path | None, typer.Option(help="Directory (default: RUN/sensitivity).")] = None,
+) -> None:
+    """Which parameters matter: Sobol indices on the surrogate, beside fANOVA and PED-ANOVA."""
+    from tuner.objective import DEFAULT_METRIC
+    from tuner.search_space import load_search_space
+    from tuner.studies.missions_as_data import campaign_data, is_campaign, mission_data
+    from tuner.studies.sensitivity import sensitivity as analyse_sensitivity
+    from tuner.studies.sensitivity_report import sensitivity_table, summary_lines, write_sensitivity_report
+
+    if len(runs) == 1 and is_campaign(runs[0]):
+        if space is not None or where:
+            raise UserError(f"{runs[0]} is a campaign with a space of its own; leave out --space and --where")
+        data = campaign_data(runs[0], metric)
+    else:
+        chosen = load_search_space(space or "gate_and_weights")
+        data = mission_data(runs, chosen, metric or DEFAULT_METRIC, parse_overrides(where or []))
+    result = analyse_sensitivity(data, seed)
+    output.print(sensitivity_table(result))
+    for line in summary_lines(result):
+        output.print(line)
+    directory = out or runs[0] / "sensitivity"
+    write_sensitivity_report(result, directory)
+    output.print(f"report: {directory / 'sensitivity.md'}")

@@ -43,7 +43,7 @@ _REFERENCES = {DEFAULT: (BLACK, "-"), "random": (ORANGE, "--"), "greedy-oracle":
 
 def write_noise_report(findings: NoiseFindings, directory: Path) -> list[Path]:
     """``noise.json``, ``noise.md`` and ``figures/*.png``; returns the figures' paths."""
-    write_atomic(directory / "noise.json", json.dumps(_json_safe(findings.to_dict()), indent=1))
+    write_atomic(directory / "noise.json", json.dumps(json_safe(findings.to_dict()), indent=1))
     figures = {"signal_to_noise": signal_to_noise_figure(findings)}
     for metric in findings.settings.metrics:
         if findings.ranked(metric):
@@ -61,35 +61,35 @@ def write_noise_report(findings: NoiseFindings, directory: Path) -> list[Path]:
     return written
 
 
-def _json_safe(value: object) -> object:
+def json_safe(value: object) -> object:
     """Non-finite numbers as null: JSON has none."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, dict):
-        return {k: _json_safe(v) for k, v in value.items()}
+        return {k: json_safe(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_json_safe(v) for v in value]
+        return [json_safe(v) for v in value]
     return value
 
 
 # -- tables --------------------------------------------------------------------------------------------------
 
-_COLUMNS = (
-    "budget",
-    "agreeing views",
-    "signal to noise",
-    "95 %",
-    "paired",
-    "unseen rocks",
-    "sd between configurations",
-    "sd of a rock mean (1 replicate)",
-    "default",
-    "random",
-    "ceiling",
-    "best of the design",
-    "s per mission",
-    "missing",
-)
+_COLUMNS = {  # terminal: file
+    "captures": "budget",
+    "agree": "agreeing views",
+    "S/N": "signal to noise",
+    "95 %": "95 %",
+    "paired": "paired",
+    "unseen": "unseen rocks",
+    "sd conf.": "sd between configurations",
+    "sd repl.": "sd of a rock mean (1 replicate)",
+    "default": "default",
+    "random": "random",
+    "ceiling": "greedy oracle",
+    "best": "best of the design",
+    "s": "s per mission",
+    "missing": "missing",
+}
 
 
 def _row(cell: NoiseCell, metric: str) -> list[str]:
@@ -156,7 +156,7 @@ def noise_markdown(findings: NoiseFindings) -> str:
         if not cells:
             lines.append("Not enough complete configurations yet.")
             continue
-        lines += ["| " + " | ".join(_COLUMNS) + " |", "|" + "---:|" * len(_COLUMNS)]
+        lines += ["| " + " | ".join(_COLUMNS.values()) + " |", "|" + "---:|" * len(_COLUMNS)]
         for cell in cells:
             row = _row(cell, metric)
             if cell.meets_target:
@@ -292,7 +292,7 @@ def variance_figure(findings: NoiseFindings, metric: str) -> Figure:
             )  # fmt: skip
             left += width
         ax.set_yticks(range(len(cells)), [f"{c.budget} captures, {c.agreement} views" for c in cells])
-        ax.invert_yaxis()
+        ax.set_ylim(len(cells) - 0.4, -0.6)
         ax.set_xlim(0, 100)
         ax.set_xlabel(f"share of the variance of one mission's {metric_label(metric).full} (%)")
         ax.grid(False, axis="y")
