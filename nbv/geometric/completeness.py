@@ -25,12 +25,12 @@ Mask = NDArray[np.bool_]
 class DenseModel:
     """Free constants of the stand-in's dense stage; ``benchmarks/geometric_calibration.py`` fits them."""
 
-    incidence_deg: float = 70.0  # at this incidence a depth succeeds half the time
-    incidence_width_deg: float = 8.0
+    incidence_deg: float = 76.0  # at this incidence a depth succeeds half the time
+    incidence_width_deg: float = 6.0
     max_pair_angle_deg: float = 35.0  # with ``dense.max_pair_angle_deg`` the smaller counts
     witness_angle_deg: float = 60.0  # views at most this far apart confirm each other
     agreement_offset: float = 0.0  # added to ``dense.agreeing_views``
-    agreement_width: float = 0.7  # softness of the threshold, in views
+    agreement_width: float = 0.5  # softness of the threshold, in views
 
 
 def reconstruction_probability(

@@ -22,10 +22,10 @@ MIN_TRIANGULATION_ANGLE_DEG = 1.5  # COLMAP's default
 class FeatureModel:
     """Free constants of detection and matching, set to reproduce real seed models (see the benchmark)."""
 
-    half_contrast: float = 0.04  # at this local contrast a landmark of medium strength is seen half the time
+    half_contrast: float = 0.045  # at this local contrast a landmark of medium strength is seen half the time
     max_incidence_deg: float = 75.0
     rock_match_deg: tuple[float, float] = (12.0, 45.0)  # lines of sight that match: drawn per landmark
-    ground_match_deg: tuple[float, float] = (15.0, 110.0)  # flat, so it looks alike from farther
+    ground_match_deg: tuple[float, float] = (15.0, 125.0)  # flat, so it looks alike from farther
     min_track_length: int = 3
     noise_px: float = 0.5
 
@@ -36,6 +36,20 @@ class StandIn:
 
     features: FeatureModel = field(default_factory=FeatureModel)
     dense: DenseModel = field(default_factory=DenseModel)
+
+
+@dataclass(frozen=True)
+class _SeedState:
+    """What bootstrapping leaves: the same for every configuration on one (rock, replicate)."""
+
+    world: GeometricWorld
+    tracks: Tracks
+    registered: tuple[int, ...]
+    report: UpdateReport
+
+
+_SEEDS: dict[tuple[object, ...], _SeedState] = {}
+_MAX_SEEDS = 32
 
 
 class GeometricReconstructor:
@@ -60,55 +74,76 @@ class GeometricReconstructor:
         self._rock_sha256, self._replicate = rock_sha256, replicate
         self._stand_in = stand_in or StandIn()
         # Far ground only matters to statistics over the whole cloud.
-        everything = config.stop.criterion != "budget" and config.stop.knn_region == "all"
-        self._n = len(world.landmarks_m) if everything or config.stop.knn_region == "all" else world.n_near
+        self._n = len(world.landmarks_m) if config.stop.knn_region == "all" else world.n_near
         self._landmarks_m = world.landmarks_m[: self._n]
+        sparse = config.sparse
+        self._identity: tuple[object, ...] = (
+            rock_sha256, replicate, self._stand_in, self._n, config.target_m, config.camera,
+            sparse.min_inliers, sparse.min_registered_seeds, sparse.max_pair_angle_deg,
+        )  # fmt: skip
         self._draw_landmarks()
         self._tracks: Tracks | None = None
         self._rows: list[int] = []  # of the registered captures, in the world's tables
         self._captures: list[Capture] = []  # registered
+        self._predicted: tuple[int, Floats] | None = None  # with the number of views that it is for
 
     def _draw_landmarks(self) -> None:
         features, world, n = self._stand_in.features, self._world, self._n
         rng = keyed_rng("geometric-landmarks", self._rock_sha256, self._replicate)
-        strength, reach = rng.random((len(world.landmarks_m), 2)).T
-        noise = rng.standard_normal((len(world.landmarks_m), 4))
-        contrast = world.landmark_contrast * 2.0 * strength
-        self._quality = (contrast / (contrast + features.half_contrast))[:n]
-        on_rock = np.arange(len(world.landmarks_m)) < world.n_rock
+        strength, reach = rng.random((n, 2)).T  # row by row, so a landmark's draw does not depend on n
+        rng = keyed_rng("geometric-noise", self._rock_sha256, self._replicate)
+        noise = rng.standard_normal((n, 4))
+        on_rock = np.arange(n) < world.n_rock
+        # The ground's landmarks are a thinned lattice of its strongest features: all are worth something.
+        strength = np.where(on_rock, 2.0 * strength, 0.6 + 0.8 * strength)
+        contrast = world.landmark_contrast[:n] * strength
+        self._quality = contrast / (contrast + features.half_contrast)
         low = np.where(on_rock, features.rock_match_deg[0], features.ground_match_deg[0])
         high = np.where(on_rock, features.rock_match_deg[1], features.ground_match_deg[1])
         limit_deg = np.minimum(low + (high - low) * reach**2, self._config.sparse.max_pair_angle_deg)
-        self._cosine_limit = np.cos(np.deg2rad(limit_deg))[:n]
-        self._noise = noise[:n, :3]
-        self._error_px = 0.28 * np.exp(0.8 * noise[:n, 3])
+        self._cosine_limit = np.cos(np.deg2rad(limit_deg))
+        self._noise = noise[:, :3]
+        self._error_px = 0.28 * np.exp(0.8 * noise[:, 3])
 
     # -- the sparse model ----------------------------------------------------------------------------
 
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         """The seed model; `MissionFailure` if too few seeds share landmarks."""
+        key = (*self._identity, tuple((c.name, c.camera_center_m.tobytes()) for c in captures))
+        seed = _SEEDS.get(key)
+        if seed is None or seed.world is not self._world:
+            seed = self._build_seed(captures)
+            while len(_SEEDS) >= _MAX_SEEDS:
+                _SEEDS.pop(next(iter(_SEEDS)))
+            _SEEDS[key] = seed
         budget = self._config.stop.adaptive_budget
-        tracks = Tracks(self._cosine_limit, len(captures) + budget)
-        for capture in captures:
-            tracks.add(*self._look(capture))
+        self._tracks = seed.tracks.copy(len(captures) + budget)
+        self._captures = [captures[i] for i in seed.registered]
+        self._rows = [self._world.index(capture.viewpoint.id) for capture in self._captures]
+        return seed.report
+
+    def _build_seed(self, captures: Sequence[Capture]) -> _SeedState:
+        looks = [self._look(capture) for capture in captures]
+        tracks = Tracks(self._cosine_limit, len(captures))
+        for look in looks:
+            tracks.add(*look)
         # A seed takes part if it shares landmarks with the others, whichever came first.
         _, _, views = tracks.points(2)
         shared = np.bincount(views, minlength=len(captures))
-        good = shared >= self._config.sparse.min_inliers
-        if good.sum() < self._config.sparse.min_registered_seeds:
+        good = np.flatnonzero(shared >= self._config.sparse.min_inliers).tolist()
+        if len(good) < self._config.sparse.min_registered_seeds:
             raise MissionFailure(
                 "seed_model_failed",
-                f"{int(good.sum())} of {len(captures)} seeds share {self._config.sparse.min_inliers} landmarks",
+                f"{len(good)} of {len(captures)} seeds share {self._config.sparse.min_inliers} landmarks",
             )
-        if not good.all():
-            tracks = Tracks(self._cosine_limit, len(captures) + budget)
-            for capture, taken in zip(captures, good):
-                if taken:
-                    tracks.add(*self._look(capture))
+        if len(good) < len(captures):
+            tracks = Tracks(self._cosine_limit, len(captures))
+            for i in good:
+                tracks.add(*looks[i])
         self._tracks = tracks
-        self._captures = [capture for capture, taken in zip(captures, good) if taken]
-        self._rows = [self._world.index(capture.viewpoint.id) for capture in self._captures]
-        return UpdateReport(self._model(), True, f"{int(good.sum())} of {len(captures)} seeds registered")
+        self._captures = [captures[i] for i in good]
+        report = UpdateReport(self._model(), True, f"{len(good)} of {len(captures)} seeds registered")
+        return _SeedState(self._world, tracks, tuple(good), report)
 
     def add(self, capture: Capture) -> UpdateReport:
         """One more view; unregistered if it shares too few landmarks with the earlier ones."""
@@ -183,23 +218,23 @@ class GeometricReconstructor:
 
     def predicted(self) -> Floats:
         """(S,) chance that each of the world's surface samples is reconstructed from the registered views."""
+        if self._predicted is not None and self._predicted[0] == len(self._rows):
+            return self._predicted[1]
         world = self._world
+        points, normals = world.samples_m.astype(np.float32), world.sample_normals.astype(np.float32)
         centers = np.array([capture.camera_center_m for capture in self._captures]).reshape(-1, 3)
-        # Incidence: (c - p) . n / |c - p| for all views and samples.
-        facing = centers @ world.sample_normals.T - np.einsum(
-            "ij,ij->i", world.samples_m, world.sample_normals
-        )
-        squared = (
-            (centers**2).sum(axis=1)[:, None]
-            + (world.samples_m**2).sum(axis=1)
-            - 2.0 * centers @ world.samples_m.T
-        )
         directions = centers - np.array(self._config.target_m)
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        return reconstruction_probability(
+        centers = centers.astype(np.float32)  # a few centimetres at most are at stake in all of this
+        # Incidence: (c - p) . n / |c - p| for all views and samples.
+        facing = centers @ normals.T - np.einsum("ij,ij->i", points, normals)
+        squared = (centers**2).sum(axis=1)[:, None] + (points**2).sum(axis=1) - 2.0 * centers @ points.T
+        chance = reconstruction_probability(
             world.sample_seen[self._rows], facing / np.sqrt(squared), directions,
             self._config.dense, self._stand_in.dense,
         )  # fmt: skip
+        self._predicted = (len(self._rows), chance)
+        return chance
 
     def finish(self) -> PointCloud:
         """The surface samples that are more likely reconstructed than not."""

@@ -68,7 +68,7 @@ class Tracks:
 
     def points(self, min_views: int) -> tuple[Ints, Ints, Ints]:
         """Tracks of at least ``min_views`` views: their landmarks (P,), offsets (P + 1,), views (T,) (CSR)."""
-        landmark, view = np.nonzero(self.labels[: self.n_views].T >= 0)
+        view, landmark = np.nonzero(self.labels[: self.n_views] >= 0)
         key = landmark * self.n_views + self.labels[view, landmark]
         order = np.argsort(key, kind="stable")
         key, landmark, view = key[order], landmark[order], view[order]

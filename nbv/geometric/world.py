@@ -28,9 +28,9 @@ from nbv.viewpoints import raw_candidates, seed_viewpoints
 WORLD_VERSION = 1
 
 SURFACE_SAMPLES = 3_000
-ROCK_LANDMARKS = 1_600  # candidates on the rock; most are too faint to be detected often
+ROCK_LANDMARKS = 1_800  # candidates on the rock; most are too faint to be detected often
 GROUND_MARGIN_M = 0.05  # near ground reaches this far beyond the planners' box
-GROUND_SPACING_M = 0.12
+GROUND_SPACING_M = 0.135
 FAR_GROUND_HALF_EXTENT_M = 9.0
 FAR_GROUND_SPACING_M = 0.55
 TEXTURE_RADIUS_M = 0.03  # a feature's neighbourhood
@@ -163,7 +163,7 @@ def _ground_points(half_extent_m: float, spacing_m: float, hole_m: float) -> Flo
     columns = int(np.ceil(half_extent_m / spacing_m)) + 1
     i, j = np.meshgrid(np.arange(-rows, rows + 1), np.arange(-columns, columns + 1), indexing="ij")
     xy = np.stack([(j + 0.5 * (i % 2)) * spacing_m, i * spacing_m * np.sqrt(3) / 2], axis=-1).reshape(-1, 2)
-    xy = xy + keyed_rng("geometric-ground", len(xy)).normal(0.0, 0.25 * spacing_m, xy.shape)
+    xy = xy + keyed_rng("geometric-ground", len(xy)).normal(0.0, 0.2 * spacing_m, xy.shape)
     reach = np.abs(xy).max(axis=1)
     xy = xy[(reach <= half_extent_m) & (reach > hole_m)]
     return np.column_stack([xy, np.zeros(len(xy))])
