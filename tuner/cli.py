@@ -11,7 +11,17 @@ single_thread_environment()  # before anything imports numpy: one mission, one t
 import typer  # noqa: E402
 
 from nbv.errors import UserError  # noqa: E402
-from tuner.commands import cache, campaign, config, evaluate, mission, reproduce, rocks  # noqa: E402
+from tuner.commands import (  # noqa: E402
+    cache,
+    campaign,
+    config,
+    evaluate,
+    learn_gate,
+    mission,
+    reproduce,
+    rocks,
+    study,
+)
 from tuner.commands.console import errors  # noqa: E402
 
 app = typer.Typer(
@@ -28,7 +38,9 @@ app.command(name="evaluate", help="Job 2: the tuned configuration against the ba
 app.command(name="reproduce", help="Job 3: the paper's default configuration in the layout of its Table I.")(
     reproduce.reproduce
 )
-app.add_typer(mission.app, name="mission", help="Fly one mission; explain its decisions.")
+app.add_typer(study.app, name="study", help="How noisy the objective is; what it depends on.")
+app.command(name="learn-gate", help="Train the learned gate from missions' logs.")(learn_gate.learn_gate)
+app.add_typer(mission.app, name="mission", help="Fly one mission; explain its decisions; draw its figures.")
 app.add_typer(rocks.app, name="rocks", help="List, show and import rocks.")
 app.add_typer(cache.app, name="cache", help="The store of photographs, features, pairs and seed models.")
 app.add_typer(config.app, name="config", help="Presets, parameter paths and search spaces.")

@@ -1,4 +1,4 @@
-"""``gatetune mission run`` and ``gatetune mission explain``."""
+"""``gatetune mission run|explain|figures``."""
 
 from __future__ import annotations
 
@@ -125,3 +125,28 @@ def explain(
 
     for item in explain_state(mission, iteration, preset, set_ or [], top):
         output.print(item)
+
+
+@app.command()
+def figures(
+    runs: Annotated[
+        list[Path], typer.Argument(help="Directories of missions on one rock, flown with everything kept.")
+    ],
+    rock: Annotated[str, typer.Option(help="Catalogue name or mesh file that they were flown on.")],
+    out: Annotated[Path, typer.Option(help="Directory of the PNG files.")] = Path("figures"),
+) -> None:
+    """The paper's figures: trajectory, sector completeness, error overlay, pipeline states."""
+    from nbv.errors import UserError
+    from nbv.result import MissionResult
+    from nbv.rocks import load_rock
+    from tuner.report.mission_figures import labels_of, write_mission_figures
+
+    subject = load_rock(rock)
+    for run_directory in runs:
+        result = MissionResult.load(run_directory)
+        if result.rock != subject.name:
+            raise UserError(
+                f"{run_directory} was flown on {result.rock!r}, not on {subject.name!r}; give --rock {result.rock}"
+            )
+    for path in write_mission_figures(labels_of(runs), out, rock):
+        output.print(path)

@@ -29,7 +29,7 @@ from tuner.surrogate import RockMeanGP, numerics
 
 GATE_PAIR = ("gate.budget_fraction", "gate.d95_m")
 MEAN_SAMPLES = 2048  # rows of the design for the posterior mean
-DRAW_SAMPLES = 128  # and for posterior draws, which need a joint covariance
+DRAW_SAMPLES = 256  # and for posterior draws, which need a joint covariance
 DRAWS = 128
 RESAMPLES = 512
 MAP_GRID = 24

@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 from rich.table import Table
 
 from nbv.run_directory import write_atomic
@@ -132,14 +133,14 @@ def importance_figure(result: Sensitivity) -> Figure:
                 if not math.isfinite(value):
                     continue
                 ax.barh(y + shift, max(0.0, value), height=0.36, color=shade, hatch=hatch, edgecolor="white", linewidth=0.5)  # fmt: skip
-                ax.plot([low, high], [y + shift] * 2, color=BLACK, lw=1.2)
+                ax.plot([max(0.0, low), max(0.0, high)], [y + shift] * 2, color=BLACK, lw=1.2)
                 top = max(top, high)
             for share, mark, shade in ((item.fanova, "D", VERMILION), (item.ped_anova, "o", ORANGE)):
                 if share is not None:
                     ax.plot(share, y, mark, color=shade, ms=6, mec="black", mew=0.6, zorder=4)
         ax.set_yticks(range(len(items)), [parameter_label(item.path).name for item in items])
         ax.set_ylim(len(items) - 0.45, -0.55)
-        ax.set_xlim(min(0.0, -0.02), 1.02 * top)
+        ax.set_xlim(0.0, 1.02 * top)
         ax.grid(False, axis="y")
         ax.set_xlabel(f"share of the variance of {metric_label(result.data.objective.metric).full}")
         handles: list[Line2D | Patch] = [
@@ -171,7 +172,9 @@ def interaction_figure(result: Sensitivity) -> Figure:
         lines = ax.contour(
             pair.mean.T, levels=6, colors="white", linewidths=0.7, extent=(0, 1, 0, 1), origin="lower"
         )
-        ax.clabel(lines, fontsize=7.5)
+        lines.set(path_effects=[withStroke(linewidth=1.8, foreground="#00000088")])
+        for text in ax.clabel(lines, fontsize=7.5):
+            text.set_path_effects([withStroke(linewidth=1.8, foreground="#00000088")])
         seen = np.unique([[first.to_unit(o.values[first.path]), second.to_unit(o.values[second.path])]
                           for o in result.data.observations], axis=0)  # fmt: skip
         ax.plot(seen[:, 0], seen[:, 1], "o", ms=4, mfc="white", mec=BLACK, mew=0.7, ls="none", clip_on=False)

@@ -1,0 +1,61 @@
+"""``gatetune learn-gate``: a switching policy from missions' logs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from tuner.commands.console import output
+
+
+def learn_gate(
+    runs: Annotated[list[Path], typer.Argument(help="Missions, or directories with missions below them.")],
+    out: Annotated[Path, typer.Option(help="The policy file.")] = Path("policy.json"),
+    max_depth: Annotated[int, typer.Option(help="Of the decision tree.")] = 3,
+    seed: Annotated[int, typer.Option(help="Breaks ties between equally good splits.")] = 0,
+) -> None:
+    """Train the learned gate from what the oracle thought of both scorers' choices; cross-validated by rock."""
+    from tuner.gate_learning import describe_tree, gate_decisions
+    from tuner.gate_learning import learn_gate as learn
+    from tuner.studies.missions_as_data import find_missions
+
+    decisions = gate_decisions(find_missions(runs))
+    counts = decisions.counts
+    output.print(
+        f"{decisions.missions} missions on {len(set(decisions.rocks))} rocks, {len(decisions.rewards)} decisions "
+        f"(oracle: {decisions.coverage}): it prefers covis in {counts['covis']}, b-aware in {counts['b-aware']}, "
+        f"is indifferent in {counts['tie']}"
+    )
+    for number, why in (
+        (decisions.duplicates, "the same decision again"),
+        (decisions.incomplete, "incomplete"),
+    ):
+        if number:
+            output.print(f"{number} log records left out: {why}")
+    policy = learn(decisions, max_depth, seed)
+    if policy.scores:
+        table = Table(title="On rocks left out of the training")
+        table.add_column("policy")
+        for column in (
+            "agrees with the oracle",
+            "samples lost per decision",
+            "of the oracle's gain over Covis",
+        ):
+            table.add_column(column, justify="right")
+        for score in policy.scores:
+            table.add_row(
+                score.name,
+                "–" if score.accuracy is None else f"{100 * score.accuracy:.1f} %",
+                f"{score.regret:.1f}",
+                "–" if score.gain_share is None else f"{100 * score.gain_share:.0f} %",
+            )
+        output.print(table)
+    for line in describe_tree(policy.root):
+        output.print(line, highlight=False)
+    for note in policy.notes:
+        output.print(f"[yellow]note:[/] {note}")
+    policy.save(out)
+    output.print(f"policy: {out}; fly it with --set gate.kind=learned --set gate.learned_policy={out}")
