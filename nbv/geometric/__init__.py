@@ -5,7 +5,7 @@ replaced by ray-cast visibility, simulated tracks and a predicted completeness. 
 its numbers are not those of a photogrammetric mission.
 """
 
-from nbv.geometric.mission import run_geometric_mission
+from nbv.geometric.mission import predict_views, run_geometric_mission
 from nbv.geometric.reconstructor import GeometricReconstructor, StandIn
 from nbv.geometric.world import GeometricWorld, build_world, load_world
 
@@ -15,5 +15,6 @@ __all__ = [
     "StandIn",
     "build_world",
     "load_world",
+    "predict_views",
     "run_geometric_mission",
 ]

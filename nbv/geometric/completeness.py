@@ -9,13 +9,15 @@ sometimes, so the number of confirming views is a soft count.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
-from nbv.config import DenseConfig
+from nbv.config import DenseConfig, MissionConfig
+from nbv.geometric.world import GeometricWorld
 from nbv.types import Floats
 
 Mask = NDArray[np.bool_]
@@ -77,3 +79,29 @@ def within_reach(
     ``neighbours`` and ``distance_m`` are (S, K): each sample's nearest samples, itself first.
     """
     return np.where(distance_m < t_m, probability[neighbours], 0.0).max(axis=1)
+
+
+def sample_probability(
+    world: GeometricWorld,
+    rows: Sequence[int],
+    camera_centers_m: Floats,
+    config: MissionConfig,
+    model: DenseModel,
+) -> Floats:
+    """(S,) `reconstruction_probability` of a world's samples.
+
+    Parameters
+    ----------
+    rows, camera_centers_m
+        (V,) the views' rows in the world's tables, (V, 3) where they were really taken from.
+    """
+    points, normals = world.samples_m.astype(np.float32), world.sample_normals.astype(np.float32)
+    directions = camera_centers_m - np.array(config.target_m)
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    centers = camera_centers_m.astype(np.float32)  # rounding of micrometres decides nothing here
+    # Incidence: (c - p) . n / |c - p| for all views and samples.
+    facing = centers @ normals.T - np.einsum("ij,ij->i", points, normals)
+    squared = (centers**2).sum(axis=1)[:, None] + (points**2).sum(axis=1) - 2.0 * centers @ points.T
+    return reconstruction_probability(
+        world.sample_seen[list(rows)], facing / np.sqrt(squared), directions, config.dense, model
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
@@ -11,9 +12,11 @@ import numpy as np
 
 from nbv.cache import Store
 from nbv.config import MissionConfig
-from nbv.flight import Flight
+from nbv.errors import UserError
+from nbv.flight import Flight, arrival_position
 from nbv.frames import look_at
 from nbv.gates import make_gate, make_oracle, oracle_rewards
+from nbv.geometric.completeness import sample_probability
 from nbv.geometric.metrics import predicted_metrics
 from nbv.geometric.reconstructor import GeometricReconstructor, StandIn
 from nbv.geometric.world import WORLD_VERSION, GeometricWorld, load_world, world_key
@@ -22,6 +25,7 @@ from nbv.result import MissionResult
 from nbv.rocks import Rock, load_rock
 from nbv.run_directory import RunDirectory
 from nbv.types import Capture, Floats, PointCloud, Viewpoint
+from nbv.viewpoints import raw_candidates, seed_viewpoints
 
 
 def run_geometric_mission(
@@ -105,6 +109,37 @@ def run_geometric_mission(
         run.write_result(result.to_json())
     log("finished", {"status": result.status, "reason": result.reason, "message": result.message})
     return result
+
+
+def predict_views(
+    config: MissionConfig,
+    rock: str,
+    chosen: Sequence[str],
+    replicate: int = 0,
+    *,
+    stand_in: StandIn | None = None,
+    cache: bool = True,
+) -> dict[str, Any]:
+    """The predicted metrics of the seeds and the candidates ``chosen`` (ids), without planning anything.
+
+    Raises
+    ------
+    UserError
+        Unknown rock, or an id that is no candidate.
+    """
+    subject = load_rock(rock)
+    world = _world(subject, config, cache)
+    viewpoints = {v.id: v for v in (*seed_viewpoints(config), *raw_candidates(config))}
+    unknown = [name for name in chosen if name not in viewpoints]
+    if unknown:
+        raise UserError(f"{unknown[0]!r} is no candidate; ids run from cand_000 upwards")
+    names = [*(v.id for v in seed_viewpoints(config)), *chosen]
+    centers = np.array(
+        [arrival_position(viewpoints[n], config.flight, subject.sha256, replicate) for n in names]
+    )
+    rows = [world.index(name) for name in names]
+    model = (stand_in or StandIn()).dense
+    return predicted_metrics(world, sample_probability(world, rows, centers, config, model), config)
 
 
 @lru_cache(maxsize=4096)  # the same viewpoints come back in every mission

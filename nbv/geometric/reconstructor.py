@@ -9,7 +9,7 @@ import numpy as np
 
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
-from nbv.geometric.completeness import DenseModel, reconstruction_probability
+from nbv.geometric.completeness import DenseModel, sample_probability
 from nbv.geometric.tracks import Tracks
 from nbv.geometric.world import GeometricWorld
 from nbv.random_streams import keyed_rng
@@ -24,6 +24,7 @@ class FeatureModel:
 
     half_contrast: float = 0.045  # at this local contrast a landmark of medium strength is seen half the time
     max_incidence_deg: float = 75.0
+    far_max_incidence_deg: float = 86.0  # flat ground far away is only ever seen at a grazing angle
     rock_match_deg: tuple[float, float] = (12.0, 45.0)  # lines of sight that match: drawn per landmark
     ground_match_deg: tuple[float, float] = (15.0, 125.0)  # flat, so it looks alike from farther
     min_track_length: int = 3
@@ -102,6 +103,10 @@ class GeometricReconstructor:
         high = np.where(on_rock, features.rock_match_deg[1], features.ground_match_deg[1])
         limit_deg = np.minimum(low + (high - low) * reach**2, self._config.sparse.max_pair_angle_deg)
         self._cosine_limit = np.cos(np.deg2rad(limit_deg))
+        limits = np.where(
+            np.arange(n) < world.n_near, features.max_incidence_deg, features.far_max_incidence_deg
+        )
+        self._grazing = np.cos(np.deg2rad(limits))
         self._noise = noise[:, :3]
         self._error_px = 0.28 * np.exp(0.8 * noise[:, 3])
 
@@ -160,13 +165,12 @@ class GeometricReconstructor:
 
     def _look(self, capture: Capture) -> tuple[Floats, np.ndarray]:
         """Directions (L, 3) from the landmarks to the camera, and which landmarks the view detects."""
-        features, n = self._stand_in.features, self._n
+        n = self._n
         row = self._world.index(capture.viewpoint.id)
         directions = capture.camera_center_m - self._landmarks_m
         directions /= np.sqrt(np.einsum("ij,ij->i", directions, directions))[:, None]
         cosine = np.einsum("ij,ij->i", directions, self._world.landmark_normals[:n])
-        limit = np.cos(np.deg2rad(features.max_incidence_deg))
-        chance = self._quality * np.sqrt(np.clip((cosine - limit) / (1.0 - limit), 0.0, 1.0))
+        chance = self._quality * np.sqrt(np.clip((cosine - self._grazing) / (1.0 - self._grazing), 0.0, 1.0))
         draw = keyed_rng("geometric-detection", self._rock_sha256, self._replicate, capture.viewpoint.id)
         return directions, self._world.landmark_seen[row, :n] & (draw.random(n) < chance)
 
@@ -220,19 +224,8 @@ class GeometricReconstructor:
         """(S,) chance that each of the world's surface samples is reconstructed from the registered views."""
         if self._predicted is not None and self._predicted[0] == len(self._rows):
             return self._predicted[1]
-        world = self._world
-        points, normals = world.samples_m.astype(np.float32), world.sample_normals.astype(np.float32)
         centers = np.array([capture.camera_center_m for capture in self._captures]).reshape(-1, 3)
-        directions = centers - np.array(self._config.target_m)
-        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        centers = centers.astype(np.float32)  # a few centimetres at most are at stake in all of this
-        # Incidence: (c - p) . n / |c - p| for all views and samples.
-        facing = centers @ normals.T - np.einsum("ij,ij->i", points, normals)
-        squared = (centers**2).sum(axis=1)[:, None] + (points**2).sum(axis=1) - 2.0 * centers @ points.T
-        chance = reconstruction_probability(
-            world.sample_seen[self._rows], facing / np.sqrt(squared), directions,
-            self._config.dense, self._stand_in.dense,
-        )  # fmt: skip
+        chance = sample_probability(self._world, self._rows, centers, self._config, self._stand_in.dense)
         self._predicted = (len(self._rows), chance)
         return chance
 

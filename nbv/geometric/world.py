@@ -25,14 +25,15 @@ from nbv.types import Floats, Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
 # Raise when this file's code changes what it computes.
-WORLD_VERSION = 1
+WORLD_VERSION = 2
 
 SURFACE_SAMPLES = 3_000
 ROCK_LANDMARKS = 1_800  # candidates on the rock; most are too faint to be detected often
 GROUND_MARGIN_M = 0.05  # near ground reaches this far beyond the planners' box
 GROUND_SPACING_M = 0.135
-FAR_GROUND_HALF_EXTENT_M = 9.0
-FAR_GROUND_SPACING_M = 0.55
+FAR_LANDMARKS = 1_000
+FAR_RADIUS_M = 30.0
+LANDMARK_INCIDENCE_DEG = 86.0  # of visibility; detection has limits of its own
 TEXTURE_RADIUS_M = 0.03  # a feature's neighbourhood
 TEXTURE_NEIGHBOURS = 48
 SAMPLE_NEIGHBOURS = 16
@@ -78,7 +79,7 @@ def world_key(rock: Rock, config: MissionConfig) -> str:
     viewpoints = all_viewpoints(config)
     constants = [
         WORLD_VERSION, SURFACE_SAMPLES, ROCK_LANDMARKS, GROUND_MARGIN_M, GROUND_SPACING_M,
-        FAR_GROUND_HALF_EXTENT_M, FAR_GROUND_SPACING_M, TEXTURE_RADIUS_M, TEXTURE_NEIGHBOURS,
+        FAR_LANDMARKS, FAR_RADIUS_M, LANDMARK_INCIDENCE_DEG, TEXTURE_RADIUS_M, TEXTURE_NEIGHBOURS,
         SAMPLE_NEIGHBOURS, o3d.__version__,
     ]  # fmt: skip
     camera, scene = config.camera, config.scene
@@ -124,8 +125,7 @@ def build_world(rock: Rock, config: MissionConfig) -> GeometricWorld:
     above = on_rock[:, 2] > 0
     on_rock, rock_normals = on_rock[above], rock_normals[above]
     near_m = config.shared.box_half_extent_m + GROUND_MARGIN_M
-    near = _ground_points(near_m, GROUND_SPACING_M, 0.0)
-    far = _ground_points(FAR_GROUND_HALF_EXTENT_M, FAR_GROUND_SPACING_M, near_m)
+    near, far = _near_ground(near_m), _far_ground(near_m)
     ground = np.concatenate([near, far])
     ground = ground[~_under_rock(scene, ground)]
     n_near = len(on_rock) + int((np.abs(ground[:, :2]).max(axis=1) <= near_m).sum())
@@ -140,7 +140,7 @@ def build_world(rock: Rock, config: MissionConfig) -> GeometricWorld:
         landmarks_m=landmarks,
         landmark_normals=normals,
         landmark_contrast=np.concatenate([shade.contrast(on_rock, rock_normals), ground_contrast]),
-        landmark_seen=_seen(scene, landmarks, normals, viewpoints, config, MAX_INCIDENCE_DEG),
+        landmark_seen=_seen(scene, landmarks, normals, viewpoints, config, LANDMARK_INCIDENCE_DEG),
         n_rock=len(on_rock),
         n_near=n_near,
         samples_m=samples,
@@ -153,19 +153,31 @@ def build_world(rock: Rock, config: MissionConfig) -> GeometricWorld:
     )
 
 
-def _ground_points(half_extent_m: float, spacing_m: float, hole_m: float) -> Floats:
-    """A jittered hexagonal lattice on z = 0 around the origin, without the central square ``hole_m``.
+def _near_ground(half_extent_m: float) -> Floats:
+    """A jittered hexagonal lattice on z = 0 around the origin.
 
     Real ground features are random but several times denser; a lattice has their distances to
     neighbours, even the 95th percentile, with fewer points.
     """
+    spacing_m = GROUND_SPACING_M
     rows = int(np.ceil(half_extent_m / (spacing_m * np.sqrt(3) / 2)))
     columns = int(np.ceil(half_extent_m / spacing_m)) + 1
     i, j = np.meshgrid(np.arange(-rows, rows + 1), np.arange(-columns, columns + 1), indexing="ij")
     xy = np.stack([(j + 0.5 * (i % 2)) * spacing_m, i * spacing_m * np.sqrt(3) / 2], axis=-1).reshape(-1, 2)
-    xy = xy + keyed_rng("geometric-ground", len(xy)).normal(0.0, 0.2 * spacing_m, xy.shape)
-    reach = np.abs(xy).max(axis=1)
-    xy = xy[(reach <= half_extent_m) & (reach > hole_m)]
+    xy = xy + keyed_rng("geometric-ground").normal(0.0, 0.2 * spacing_m, xy.shape)
+    xy = xy[np.abs(xy).max(axis=1) <= half_extent_m]
+    return np.column_stack([xy, np.zeros(len(xy))])
+
+
+def _far_ground(inner_m: float) -> Floats:
+    """Points on z = 0 outside the near square, equally many per doubling of the distance.
+
+    Photographs resolve the ground in proportion to its distance, and sparse models thin out so.
+    """
+    u, bearing = keyed_rng("geometric-far-ground").random((FAR_LANDMARKS, 2)).T
+    radius = inner_m * (FAR_RADIUS_M / inner_m) ** u
+    xy = radius[:, None] * np.stack([np.cos(2 * np.pi * bearing), np.sin(2 * np.pi * bearing)], axis=1)
+    xy = xy[np.abs(xy).max(axis=1) > inner_m]
     return np.column_stack([xy, np.zeros(len(xy))])
 
 

@@ -1,0 +1,77 @@
+"""Tracks are connected sets of matching detections, whatever the order in which views arrive."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from nbv.geometric.tracks import Tracks
+
+
+def random_views(seed, n_views, n_landmarks):
+    rng = np.random.default_rng(seed)
+    directions = rng.normal((0.0, 0.0, 1.5), 1.0, (n_views, n_landmarks, 3))
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    return directions, rng.random((n_views, n_landmarks)) < 0.7, np.cos(rng.uniform(0.2, 1.2, n_landmarks))
+
+
+def grouped(tracks, min_views, names):
+    landmark, offsets, views = tracks.points(min_views)
+    found = [
+        (int(point), frozenset(names[v] for v in views[a:b]))
+        for point, a, b in zip(landmark, offsets[:-1], offsets[1:])
+    ]
+    assert len(found) == len(set(found))
+    return set(found)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.integers(0, 10_000), st.integers(1, 9), st.integers(1, 12))
+def test_tracks_are_the_connected_components_of_matches(seed, n_views, n_landmarks):
+    directions, detected, limit = random_views(seed, n_views, n_landmarks)
+    tracks = Tracks(limit, n_views)
+    for v in range(n_views):
+        tracks.add(directions[v], detected[v])
+    expected = set()
+    for landmark in range(n_landmarks):
+        views = np.flatnonzero(detected[:, landmark])
+        rays = directions[views, landmark].astype(np.float32)
+        linked = rays @ rays.T >= np.float32(limit[landmark])
+        _, label = connected_components(coo_matrix(linked), directed=False)
+        groups = [views[label == g] for g in np.unique(label)]
+        expected |= {(landmark, frozenset(g.tolist())) for g in groups if len(g) >= 2}
+    assert grouped(tracks, 2, range(n_views)) == expected
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 10_000), st.permutations(range(7)))
+def test_the_order_of_views_does_not_matter(seed, order):
+    directions, detected, limit = random_views(seed, 7, 10)
+    forward, shuffled = Tracks(limit, 7), Tracks(limit, 7)
+    for v in range(7):
+        forward.add(directions[v], detected[v])
+    for v in order:
+        shuffled.add(directions[v], detected[v])
+    assert grouped(forward, 2, range(7)) == grouped(shuffled, 2, order)
+
+
+def test_matches_counts_landmarks_that_join():
+    toward = np.tile([0.0, 0.0, 1.0], (3, 1))
+    away = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    tracks = Tracks(np.full(3, np.cos(0.5)), 2)
+    assert tracks.add(toward, np.array([True, True, False])) == 0
+    assert tracks.add(away, np.array([True, True, True])) == 1  # the second looks different, the third is new
+
+
+def test_a_copy_goes_its_own_way():
+    directions, detected, limit = random_views(3, 4, 6)
+    tracks = Tracks(limit, 2)
+    for v in range(2):
+        tracks.add(directions[v], detected[v])
+    before = grouped(tracks, 2, range(4))
+    other = tracks.copy(4)
+    for v in (2, 3):
+        other.add(directions[v], detected[v])
+    assert grouped(tracks, 2, range(4)) == before
+    assert other.n_views == 4
