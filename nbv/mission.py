@@ -230,11 +230,17 @@ def _top(ranking: Ranking, pool: CandidatePool) -> dict[str, float | str]:
 
 
 def _scores_at(
-    agreeing_views: int, reconstructor: PhotogrammetricReconstructor, subject: Rock, config: MissionConfig
+    agreeing_views: int,
+    reconstructor: PhotogrammetricReconstructor,
+    subject: Rock,
+    config: MissionConfig,
+    configured: dict[str, Any],
 ) -> dict[str, Any]:
     """Both surfaces' scores of the flown mission at another fusion strictness, or why there are none."""
     from nbv.evaluation import evaluate_cloud
 
+    if agreeing_views == config.dense.agreeing_views:
+        return {surface: configured[surface] for surface in ("whole", "observable")}
     try:
         metrics = evaluate_cloud(reconstructor.cloud_at(agreeing_views), subject, config).metrics
     except MissionFailure as failure:
@@ -399,7 +405,7 @@ def run_mission(
         if agreement_levels:
             with mission._timed("agreement_levels"):
                 metrics["agreement"] = {
-                    str(level): _scores_at(level, reconstructor, subject, config)
+                    str(level): _scores_at(level, reconstructor, subject, config, metrics)
                     for level in agreement_levels
                 }
         if full_run is not None:

@@ -27,7 +27,7 @@ from tuner.studies.missions_as_data import FlownMission
 
 SCORERS = ("covis", "b-aware")  # class 0 and class 1: an exact draw of the votes goes to Covis
 MAX_DEPTH = 3
-MIN_LEAF_SHARE = 0.02  # of the training samples, at least 2
+MIN_LEAF_SHARE, MIN_LEAF = 0.05, 5  # of the training samples; at least so many
 
 
 @dataclass(frozen=True)
@@ -40,6 +40,7 @@ class GateDecisions:
     missions: int
     duplicates: int  # the same decision, met by several missions, counts once
     incomplete: int  # without rewards or with a feature that is not finite
+    same_view: int  # decisions in which both scorers choose the same candidate (all of them ties)
     coverage: str  # which oracle: ``gate.oracle_coverage``
 
     @property
@@ -85,7 +86,7 @@ def gate_decisions(missions: Sequence[FlownMission]) -> GateDecisions:
             "learn from missions of one"
         )
     rows: dict[tuple[Any, ...], tuple[list[float], list[float], str]] = {}
-    duplicates = incomplete = 0
+    duplicates = incomplete = same_view = 0
     for mission in missions:
         for record in mission.result.trace:
             features = [record.features.get(name) for name in FEATURE_NAMES]
@@ -94,7 +95,10 @@ def gate_decisions(missions: Sequence[FlownMission]) -> GateDecisions:
                 incomplete += 1
                 continue
             key = (mission.result.rock, mission.result.replicate, record.iteration, *features, *rewards)
-            duplicates += key in rows
+            if key in rows:
+                duplicates += 1
+                continue
+            same_view += len({record.top.get(name, {}).get("candidate", name) for name in SCORERS}) == 1
             rows[key] = (features, rewards, mission.result.rock)  # type: ignore[assignment]
     if not rows:
         raise UserError(
@@ -104,7 +108,7 @@ def gate_decisions(missions: Sequence[FlownMission]) -> GateDecisions:
     features_, rewards_, rocks = zip(*rows.values())
     return GateDecisions(
         np.array(features_, dtype=float), np.array(rewards_, dtype=float), tuple(rocks), len(missions),
-        duplicates, incomplete, kinds[0],
+        duplicates, incomplete, same_view, kinds[0],
     )  # fmt: skip
 
 
@@ -203,7 +207,7 @@ def learn_gate(decisions: GateDecisions, max_depth: int = MAX_DEPTH, seed: int =
 def _fit_tree(features: Floats, labels: Ints, weights: Floats, max_depth: int, seed: int) -> Any:
     from sklearn.tree import DecisionTreeClassifier
 
-    leaf = max(2, math.ceil(MIN_LEAF_SHARE * len(labels)))
+    leaf = max(MIN_LEAF, math.ceil(MIN_LEAF_SHARE * len(labels)))
     tree = DecisionTreeClassifier(max_depth=max_depth, min_samples_leaf=leaf, random_state=seed)
     return tree.fit(features, labels, sample_weight=weights)
 

@@ -27,7 +27,8 @@ def learn_gate(
     output.print(
         f"{decisions.missions} missions on {len(set(decisions.rocks))} rocks, {len(decisions.rewards)} decisions "
         f"(oracle: {decisions.coverage}): it prefers covis in {counts['covis']}, b-aware in {counts['b-aware']}, "
-        f"is indifferent in {counts['tie']}"
+        f"is indifferent in {counts['tie']}, "
+        f"in {decisions.same_view} of these because both scorers choose the same view"
     )
     for number, why in (
         (decisions.duplicates, "the same decision again"),

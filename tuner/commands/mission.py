@@ -146,7 +146,7 @@ def figures(
         result = MissionResult.load(run_directory)
         if result.rock != subject.name:
             raise UserError(
-                f"{run_directory} was flown on {result.rock!r}, not on {subject.name!r}; give --rock {result.rock}"
+                f"{run_directory} was flown on {result.rock!r}, not on {subject.name!r}; name that rock or its mesh file with --rock"
             )
     for path in write_mission_figures(labels_of(runs), out, rock):
         output.print(path)

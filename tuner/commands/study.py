@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -33,7 +33,8 @@ def noise(
     replicates: Annotated[int, typer.Option(help="Of every configuration on every rock.")] = 3,
     repeats: Annotated[int, typer.Option(help="Further replicates of the default configuration.")] = 5,
     controls: Annotated[
-        list[str] | None, typer.Option("--control", help="Repeatable (default: random, greedy-oracle).")
+        list[str] | None,
+        typer.Option("--control", help="Repeatable (default: random, greedy-oracle); none for no control."),
     ] = None,
     metrics: Annotated[
         list[str] | None, typer.Option("--metric", help="Repeatable, e.g. observable.f_score_48mm.")
@@ -109,7 +110,10 @@ def _fly_noise_study(
     chosen = tuple(rocks or training_rocks())
     for rock in chosen:
         load_rock(rock)
-    given = {"budgets": budgets, "controls": controls, "metrics": metrics}
+    given: dict[str, Any] = {"budgets": budgets, "metrics": metrics}
+    if controls is not None:
+        given["controls"] = [name for name in controls if name != "none"]
+    options: dict[str, Any] = {name: tuple(value) for name, value in given.items() if value is not None}
     settings = NoiseSettings(
         load_search_space(space),
         chosen,
@@ -119,7 +123,7 @@ def _fly_noise_study(
         seed=seed,
         preset=preset,
         overrides=parse_overrides(set_ or []),
-        **{name: tuple(value) for name, value in given.items() if value},  # type: ignore[arg-type]
+        **options,
     )
     count = workers or len(os.sched_getaffinity(0))
     output.print(

@@ -19,6 +19,9 @@ from tuner.objective import DEFAULT_METRIC, Objective
 from tuner.report.labels import metric_label
 from tuner.search_space import SearchSpace
 
+# libyaml where PyYAML was built with it: hundreds of configurations are read.
+_YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
 
 @dataclass(frozen=True)
 class MissionData:
@@ -62,7 +65,7 @@ def find_missions(directories: Sequence[Path]) -> list[FlownMission]:
                 continue
             path = file.parent / "config.yaml"
             try:
-                config = config_from_dict(yaml.safe_load(path.read_text()))
+                config = config_from_dict(yaml.load(path.read_text(), Loader=_YAML_LOADER))
             except (OSError, yaml.YAMLError) as error:
                 raise UserError(
                     f"cannot read {path}: {error}; restore it or leave the mission out"

@@ -1,0 +1,93 @@
+"""``gatetune study`` and ``gatetune learn-gate`` from the command line."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import yaml
+from fake_study import fake_study_mission
+
+from nbv.config import MissionConfig
+from tuner.cli import main
+from tuner.executors import InProcessExecutor
+from tuner.search_space import load_search_space
+from tuner.studies.noise import NoiseSettings, fly
+
+
+@pytest.fixture
+def gatetune(monkeypatch, capfd, tmp_path):
+    """Run the command in an empty working directory; returns (exit code, stdout, stderr)."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["gatetune", *map(str, arguments)])
+        try:
+            main()
+            code = 0
+        except SystemExit as stop:
+            code = stop.code or 0
+        out, err = capfd.readouterr()
+        return code, out, err
+
+    return run
+
+
+NOISE = ["study", "noise", "--rock", "boulder", "--space", "gate"]
+
+
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        ([*NOISE, "--replicates", "1"], "at least 2"),
+        ([*NOISE, "--configurations", "1"], "at least 3"),
+        ([*NOISE, "--control", "clairvoyant"], "clairvoyant"),
+        ([*NOISE, "--workers", "0"], "workers"),
+        ([*NOISE, "--set", "stop.adaptive_budgit=4"], "stop.adaptive_budget"),
+        ([*NOISE, "--set", "dense.agreeing_views=4"], "all its levels"),
+        (["study", "noise", "--rock", "no-such-rock"], "no-such-rock"),
+        (["study", "noise", "--report-only"], "no noise study"),
+        (["study", "sensitivity", "nowhere"], "nowhere"),
+        (["learn-gate", "nowhere"], "nowhere"),
+        (["mission", "figures", "nowhere", "--rock", "boulder"], "nowhere"),
+    ],
+)
+def test_mistakes_are_one_line_and_write_nothing(gatetune, tmp_path, arguments, says):
+    code, _, err = gatetune(*arguments)
+    assert code == 2 and says in err and len(err.strip().splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_flown_study_is_reported_and_taken_apart(gatetune, tmp_path):
+    settings = NoiseSettings(
+        load_search_space("gate"), ("r0", "r1"), (8, 16), configurations=8, replicates=2, repeats=1,
+        metrics=("observable.f_score_48mm",), runner="fake_study:fake_study_mission",
+    )  # fmt: skip
+    fly(settings, tmp_path / "study", InProcessExecutor())
+    code, out, _ = gatetune("study", "noise", "--report-only", "--out", "study")
+    assert code == 0 and "92 of 92 missions" in out and "F-score @ 48 mm" in out
+    assert (tmp_path / "study" / "noise.md").is_file()
+
+    # The fake runner leaves no config.yaml beside its results; missions flown by nbv do.
+    for path in (tmp_path / "study").rglob("mission.json"):
+        name = path.parent.parent.name.partition("-")
+        config = settings.configs(int(name[0].removeprefix("b")))[name[2]]
+        (path.parent / "config.yaml").write_text(json.dumps(config.to_dict()))  # JSON is YAML
+    metric = ["--metric", "agreement.5.observable.f_score_48mm", "--space", "gate"]
+    code, _, err = gatetune("study", "sensitivity", "study", *metric)
+    assert code == 2 and "--where stop.adaptive_budget=" in err
+    code, out, _ = gatetune("study", "sensitivity", "study", *metric, "--where", "stop.adaptive_budget=8")
+    assert code == 0 and "38 missions on 2 rocks" in out
+    assert "Left out: 8 missions (differs in what the search space fixes)" in out  # random, greedy oracle
+    tree = json.loads((tmp_path / "study" / "sensitivity" / "sensitivity.json").read_text())
+    assert {p["path"] for p in tree["parameters"]} == {"gate.budget_fraction", "gate.d95_m"}
+
+
+def test_missions_without_logged_decisions(gatetune, tmp_path):
+    (tmp_path / "m").mkdir()
+    result = fake_study_mission(MissionConfig(), "r0", 0, tmp_path / "m")
+    (tmp_path / "m" / "mission.json").write_text(result.to_json())
+    (tmp_path / "m" / "config.yaml").write_text(yaml.safe_dump(MissionConfig().to_dict()))
+    code, _, err = gatetune("learn-gate", "m")
+    assert code == 2 and "no mission logged" in err and not (tmp_path / "policy.json").exists()
