@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.special import ndtr, ndtri
 
@@ -20,9 +22,16 @@ def arrival_position(viewpoint: Viewpoint, limits: FlightConfig, rock_sha256: st
     deviation, truncated to the box. It is drawn per (rock, replicate, viewpoint), so it does not depend on
     when or from where the viewpoint is flown to. Never below ``min_camera_altitude_m``.
     """
+    return _arrival_position(viewpoint, limits, rock_sha256, replicate).copy()
+
+
+@lru_cache(maxsize=4096)  # every mission on a (rock, replicate) flies to the same places
+def _arrival_position(viewpoint: Viewpoint, limits: FlightConfig, rock_sha256: str, replicate: int) -> Floats:
     uniform = keyed_rng("arrival", rock_sha256, replicate, viewpoint.id).random(3)
     edge = ndtr(-SIGMAS_IN_TOLERANCE)
     sigmas = ndtri(edge + uniform * (1.0 - 2.0 * edge))
-    position = np.array(viewpoint.position_m) + limits.arrival_tolerance_m / SIGMAS_IN_TOLERANCE * sigmas
+    position: Floats = (
+        np.array(viewpoint.position_m) + limits.arrival_tolerance_m / SIGMAS_IN_TOLERANCE * sigmas
+    )
     position[2] = max(position[2], limits.min_camera_altitude_m)
     return position

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -39,10 +40,17 @@ def route(start: Pose, end: Pose, target_m: tuple[float, float, float], limits: 
     short hover at the corner. If an end itself lies inside the cylinder there is nothing to go around:
     the leg is flown straight.
     """
+    return list(_route(start, end, target_m, limits))
+
+
+@lru_cache(maxsize=2048)  # the seed orbit is the same in every mission on a (rock, replicate)
+def _route(
+    start: Pose, end: Pose, target_m: tuple[float, float, float], limits: FlightConfig
+) -> tuple[Leg, ...]:
     target = np.array(target_m)
     a, b = np.array(start.position_m), np.array(end.position_m)
     radius, height = limits.keep_out_radius_m, limits.keep_out_height_m
-    direct = [fly_straight(start, end, limits)]
+    direct = (fly_straight(start, end, limits),)
     if clear(a, b, target, radius, height):
         return direct
 
@@ -51,7 +59,7 @@ def route(start: Pose, end: Pose, target_m: tuple[float, float, float], limits: 
         if clear(a, corner, target, radius, height) and clear(corner, b, target, radius, height):
             x, y, z = (float(v) for v in corner)
             middle = Pose((x, y, z), heading)
-            choices.append([fly_straight(start, middle, limits), fly_straight(middle, end, limits)])
+            choices.append((fly_straight(start, middle, limits), fly_straight(middle, end, limits)))
     return min(choices, key=lambda legs: sum(leg.duration_s for leg in legs), default=direct)
 
 

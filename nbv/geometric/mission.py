@@ -19,7 +19,7 @@ from nbv.gates import make_gate, make_oracle, oracle_rewards
 from nbv.geometric.completeness import sample_probability
 from nbv.geometric.metrics import predicted_metrics
 from nbv.geometric.reconstructor import GeometricReconstructor, StandIn
-from nbv.geometric.world import WORLD_VERSION, GeometricWorld, load_world, world_key
+from nbv.geometric.world import WORLD_VERSION, GeometricWorld, load_world
 from nbv.mission import AdaptiveMission, Log, _silent, fly, mission_result
 from nbv.result import MissionResult
 from nbv.rocks import Rock, load_rock
@@ -147,12 +147,15 @@ def _aim(position_m: tuple[float, ...], target_m: tuple[float, float, float]) ->
     return look_at(np.array(position_m), np.array(target_m))
 
 
-_WORLDS: dict[str, GeometricWorld] = {}
+_WORLDS: dict[tuple[object, ...], GeometricWorld] = {}
 
 
 def _world(rock: Rock, config: MissionConfig, cache: bool) -> GeometricWorld:
     """The rock's world; the last few stay in memory, so a campaign in one process loads each once."""
-    key = world_key(rock, config)
+    key = (
+        rock.sha256, config.camera, config.scene, config.seed, config.pool, config.target_m,
+        config.shared.box_half_extent_m,
+    )  # fmt: skip  # all that `nbv.geometric.world` reads, and a little more
     world = _WORLDS.pop(key, None)
     if world is None:
         world = load_world(rock, config, Store() if cache else None)

@@ -182,14 +182,13 @@ class GeometricReconstructor:
         lengths = np.diff(offsets)
         # Spread of the rays around their mean: half the widest angle, about.
         point = np.repeat(np.arange(len(landmark)), lengths)
-        rays = self._tracks.directions[views, landmark[point]].astype(float)
+        mean, half_angle = np.zeros((0, 3)), np.zeros(0)
         if len(landmark):
-            mean = np.add.reduceat(rays, offsets[:-1], axis=0)
-            mean /= np.linalg.norm(mean, axis=1, keepdims=True)
-            nearest = np.minimum.reduceat(np.einsum("ij,ij->i", rays, mean[point]), offsets[:-1])
-            half_angle = np.arccos(np.clip(nearest, -1.0, 1.0))
-        else:
-            mean, half_angle = np.zeros((0, 3)), np.zeros(0)
+            rays = self._tracks.directions[views, landmark[point]].T.astype(float, order="C")  # (3, T)
+            axis = np.add.reduceat(rays, offsets[:-1], axis=1)
+            axis /= np.sqrt(np.einsum("ij,ij->j", axis, axis))
+            nearest = np.minimum.reduceat(np.einsum("ij,ij->j", rays, axis[:, point]), offsets[:-1])
+            mean, half_angle = axis.T, np.arccos(np.clip(nearest, -1.0, 1.0))
         good = half_angle * 2.0 >= np.deg2rad(MIN_TRIANGULATION_ANGLE_DEG)
         if not good.all():
             keep = np.repeat(good, lengths)

@@ -68,13 +68,14 @@ class Tracks:
 
     def points(self, min_views: int) -> tuple[Ints, Ints, Ints]:
         """Tracks of at least ``min_views`` views: their landmarks (P,), offsets (P + 1,), views (T,) (CSR)."""
-        view, landmark = np.nonzero(self.labels[: self.n_views] >= 0)
-        key = landmark * self.n_views + self.labels[view, landmark]
-        order = np.argsort(key, kind="stable")
-        key, landmark, view = key[order], landmark[order], view[order]
-        first = np.flatnonzero(np.concatenate([[True], key[1:] != key[:-1]])) if len(key) else key
+        n = self.n_views
+        view, landmark = np.nonzero(self.labels[:n] >= 0)
+        key = (landmark * n + self.labels[view, landmark]) * n + view
+        key.sort()  # by landmark, track, view
+        track, view = np.divmod(key, n)
+        first = np.flatnonzero(np.concatenate([[True], track[1:] != track[:-1]])) if len(key) else key
         length = np.diff(np.append(first, len(key)))
         long = length >= min_views
         keep = np.repeat(long, length)
         offsets = np.concatenate([[0], np.cumsum(length[long])]).astype(np.int64)
-        return landmark[first[long]], offsets, view[keep].astype(np.int64)
+        return track[first[long]] // n, offsets, view[keep]
