@@ -13,7 +13,6 @@ import yaml
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.result import MissionResult
-from tuner.campaign import SETTINGS_FILE, Campaign
 from tuner.history import Observation
 from tuner.objective import DEFAULT_METRIC, Objective
 from tuner.report.labels import metric_label
@@ -76,6 +75,8 @@ def find_missions(directories: Sequence[Path]) -> list[FlownMission]:
 
 def campaign_data(directory: Path, metric: str | None = None) -> MissionData:
     """A campaign's finished missions; another ``metric`` than the tuned one is read from their results."""
+    from tuner.campaign import Campaign  # brings torch: only where needed
+
     campaign = Campaign.open(directory, read_only=True)
     objective = campaign.settings.objective
     if metric is not None and metric != objective.metric:
@@ -155,7 +156,7 @@ def objective_for(metric: str) -> Objective:
 
 def is_campaign(directory: Path) -> bool:
     """Whether ``directory`` is a campaign's run directory."""
-    return (directory / SETTINGS_FILE).is_file()
+    return (directory / "campaign.yaml").is_file()
 
 
 def value_at(config: MissionConfig, path: str) -> Any:

@@ -13,6 +13,7 @@ Fusion strictness costs no flight: each mission is measured at all levels (``tun
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -106,6 +107,7 @@ class NoiseSettings:
         }
         return self.space.base_config(preset(self.preset).with_values(values))
 
+    @functools.cached_property
     def points(self) -> dict[str, dict[str, Any]]:
         """Tuned values of the default and of every Sobol point, by name."""
         from scipy.stats import qmc
@@ -119,7 +121,7 @@ class NoiseSettings:
         """Mission configurations by name at one adaptive budget: default, Sobol points, controls."""
         base = self.base(budget)
         return {
-            **{name: base.with_values(values) for name, values in self.points().items()},
+            **{name: base.with_values(values) for name, values in self.points.items()},
             **{name: baseline(name).config(base) for name in self.controls},
         }
 
@@ -149,7 +151,7 @@ class NoiseSettings:
 
     def to_dict(self) -> dict[str, Any]:
         """YAML form."""
-        tree = {name: value for name, value in vars(self).items() if name != "space"}
+        tree = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "space"}
         tree = {name: list(value) if isinstance(value, tuple) else value for name, value in tree.items()}
         return {"format": FORMAT_VERSION, "search_space": self.space.to_dict(), **tree}
 
@@ -277,7 +279,7 @@ class NoiseFindings:
         """(K, R) per configuration and control, NaN where a mission has no such metric."""
         table = _table(self.records, agreement, metric)
         s = self.settings
-        names = [*s.points(), *s.controls]
+        names = [*s.points, *s.controls]
         return {
             name: np.array([[table.get((strategy_name(budget, name), rock, k), math.nan)
                              for k in range(s.replicates)] for rock in s.rocks])
@@ -293,7 +295,7 @@ class NoiseFindings:
         """JSON form."""
         return {
             "settings": self.settings.to_dict(),
-            "points": self.settings.points(),
+            "points": self.settings.points,
             "missions": len(self.records),
             "missions_expected": self.expected,
             "failures": self.failures,
@@ -363,7 +365,7 @@ def _cell(
         )
 
     crossed = range(settings.replicates)
-    names = [name for name in settings.points() if name != DEFAULT]
+    names = [name for name in settings.points if name != DEFAULT]
     design = np.array([of(name, crossed) for name in names])  # (C, K, R)
     complete, _, _ = largest_complete(design)
     references = [DEFAULT, *settings.controls]

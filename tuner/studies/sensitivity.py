@@ -137,7 +137,7 @@ class Sensitivity:
     interaction: Interaction | None  # None with a single parameter
     explained: float  # leave-one-out share of the standardised outcomes' variance that the GP explains
     signal_sd: float  # of the posterior mean over the search space, objective's unit
-    noise_sd: float  # of a single mission about its configuration's mean, objective's unit
+    noise_sd: float  # of a single mission, as the surrogate sees it, objective's unit
 
     @property
     def caution(self) -> str:

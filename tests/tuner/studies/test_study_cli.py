@@ -70,9 +70,9 @@ def test_a_flown_study_is_reported_and_taken_apart(gatetune, tmp_path):
     assert (tmp_path / "study" / "noise.md").is_file()
 
     # The fake runner leaves no config.yaml beside its results; missions flown by nbv do.
+    strategies = settings.crossed_plan().strategies
     for path in (tmp_path / "study").rglob("mission.json"):
-        name = path.parent.parent.name.partition("-")
-        config = settings.configs(int(name[0].removeprefix("b")))[name[2]]
+        config = strategies[path.parent.parent.name]
         (path.parent / "config.yaml").write_text(json.dumps(config.to_dict()))  # JSON is YAML
     metric = ["--metric", "agreement.5.observable.f_score_48mm", "--space", "gate"]
     code, _, err = gatetune("study", "sensitivity", "study", *metric)
