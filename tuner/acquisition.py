@@ -63,16 +63,16 @@ def _maximise(
 ) -> tuple[Floats, float]:
     """Best (d,) unit position, exactly a configuration, and its acquisition value."""
     d = model.space.dimension
-    # The last column is the rock: everything is compared on one virtual rock.
-    rock = {d: model.virtual_rock}
-    bounds = torch.zeros(2, d + 1, dtype=torch.float64)
+    # The last two columns are rock and slot: everything is compared without their offsets.
+    nowhere = dict(enumerate(model.inputs(np.zeros((1, d)))[0, d:].tolist(), start=d))
+    bounds = torch.zeros(2, d + len(nowhere), dtype=torch.float64)
     bounds[1, :d] = 1.0
-    bounds[:, d] = model.virtual_rock
+    bounds[:, d:] = torch.tensor(list(nowhere.values()), dtype=torch.float64)
     options = {"seed": seed, "maxiter": MAX_ITERATIONS}
     discrete = model.space.discrete_dimensions
     if not discrete:
         best, score = optimize_acqf(
-            acquisition, bounds, 1, RESTARTS, RAW_SAMPLES, options=options, fixed_features=rock
+            acquisition, bounds, 1, RESTARTS, RAW_SAMPLES, options=options, fixed_features=nowhere
         )
         return best[0, :d].numpy(), float(score)
     raw = draw_sobol_samples(bounds[:, :d], RAW_SAMPLES * 4, 1, seed=seed).squeeze(1).numpy()
@@ -84,7 +84,7 @@ def _maximise(
         return snapped[index, 0, :d].numpy(), float(scores[index])
     combinations: list[dict[int, float]] = []
     for index in scores.argsort(descending=True).tolist():
-        fixed = {**{i: float(snapped[index, 0, i]) for i in discrete}, **rock}
+        fixed = {**{i: float(snapped[index, 0, i]) for i in discrete}, **nowhere}
         if fixed not in combinations:
             combinations.append(fixed)
         if len(combinations) == DISCRETE_COMBINATIONS:

@@ -28,6 +28,13 @@ import yaml
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.run_directory import write_atomic
+from tuner.confirmation import (
+    MAX_SHARE,
+    choose_finalists,
+    confirmation_missions,
+    finalist_count,
+    schedule,
+)
 from tuner.executors import Executor
 from tuner.history import Observation, Proposal
 from tuner.ledger import Ledger, TrialRecord
@@ -72,6 +79,7 @@ class CampaignSettings:
     runner: str = DEFAULT_RUNNER
     keep: Keep = "summary"
     storage: str | None = None  # None: study.journal in the run directory
+    confirmation: float = 0.0  # share of the budget that flies the finalists again, see tuner.confirmation
 
     def __post_init__(self) -> None:
         if not self.name:
@@ -89,6 +97,15 @@ class CampaignSettings:
             raise UserError(f"rock {twice[0]!r} is named twice; name each rock once")
         if self.initial is not None and self.initial < 1:
             raise UserError(f"the initial design has {self.initial} missions; give at least 1")
+        if not 0.0 <= self.confirmation <= MAX_SHARE:
+            raise UserError(
+                f"the confirmation stage has a share of {self.confirmation:g}; give 0 to {MAX_SHARE:g}"
+            )
+        if self.confirmation > 0 and self.budget - self.search_budget < 2:
+            raise UserError(
+                f"a share of {self.confirmation:g} of {self.budget} missions confirms nothing: two configurations "
+                "must meet; raise the budget or the share"
+            )
         if self.sampler not in SAMPLER_NAMES:
             raise UserError(f"unknown sampler {self.sampler!r}; there are {', '.join(SAMPLER_NAMES)}")
         self.default_values()  # the space must fit the preset
@@ -105,11 +122,16 @@ class CampaignSettings:
         """Where every sampler starts: the paper's values."""
         return self.space.default(preset(self.preset).with_values(self.overrides))
 
+    @property
+    def search_budget(self) -> int:
+        """Missions before the confirmation stage."""
+        return self.budget - confirmation_missions(self.budget, self.confirmation)
+
     def initial_size(self) -> int:
         """Missions of the initial design."""
         if self.initial is not None:
-            return min(self.initial, self.budget)
-        return initial_design_size(self.space.dimension, self.budget)
+            return min(self.initial, self.search_budget)
+        return initial_design_size(self.space.dimension, self.search_budget)
 
     def make_sampler(self) -> Sampler:
         """The sampler at work."""
@@ -135,6 +157,7 @@ class CampaignSettings:
             "runner": self.runner,
             "keep": self.keep,
             "storage": self.storage,
+            "confirmation": self.confirmation,
         }
 
     @staticmethod
@@ -156,6 +179,7 @@ class CampaignSettings:
                 runner=tree["runner"],
                 keep=tree["keep"],
                 storage=tree["storage"],
+                confirmation=tree.get("confirmation", 0.0),  # campaigns begun before there was one
             )
         except (KeyError, TypeError, AttributeError) as error:
             raise UserError(f"{source} is not a campaign's settings ({error!r}); restore the file") from error
@@ -294,7 +318,7 @@ class Campaign:
         stored, identity, digest = _read_settings(directory)
         settings = CampaignSettings.from_dict(stored, str(directory / SETTINGS_FILE))
         if expected is not None:
-            difference = _first_difference(stored, expected.to_dict())
+            difference = _first_difference(settings.to_dict(), expected.to_dict())
             if difference:
                 raise UserError(
                     f"{directory} holds a campaign with other settings: {difference}; "
@@ -351,11 +375,34 @@ class Campaign:
 
     def recommendation(self, *, save: bool = True) -> Recommendation | None:
         """The evaluated configuration with the best posterior mean over the training rocks."""
-        s = self.settings
-        result = recommend(s.space, self.history(), s.rocks, s.default_values(), s.objective, s.seed)
+        result = self._recommend(self.history())
         if result is not None and save:
             write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
         return result
+
+    def _recommend(self, history: Sequence[Observation]) -> Recommendation | None:
+        s = self.settings
+        return recommend(
+            s.space, history, s.rocks, s.default_values(), s.objective, s.seed,
+            confirmed=range(s.search_budget, s.budget),
+        )  # fmt: skip
+
+    def confirmation_plan(self) -> list[Proposal]:
+        """The missions of the confirmation stage, a function of the search missions alone.
+
+        Empty without a stage, and where no search mission succeeded.
+        """
+        s = self.settings
+        search = [o for o in self.history() if o.number < s.search_budget]
+        missions = s.budget - s.search_budget
+        result = self._recommend(search) if missions else None
+        if result is None:
+            return []
+        ranked = [candidate.values for candidate in result.top]
+        count = finalist_count(missions, len(s.rocks))
+        finalists = choose_finalists(s.space, ranked, s.default_values(), count)
+        first_replicate = max(s.replicates, 1 + max(o.replicate for o in search))
+        return schedule(finalists, s.rocks, first_replicate, missions)
 
     def recommended_config(self) -> MissionConfig:
         """The recommendation as a complete mission configuration.
@@ -432,6 +479,7 @@ class _Session:
         self._finished = 0
         self._failures_in_row = 0
         self._in_flight: dict[str, TrialRecord] = {}
+        self._plan: list[Proposal] | None = None  # of the confirmation stage, once the search has ended
 
     def fly(self, stop: threading.Event) -> CampaignSummary:
         again = self._recover()
@@ -480,8 +528,16 @@ class _Session:
         trials = self._ledger.trials()
         if len(trials) >= self._settings.budget:
             return None
+        confirming = len(trials) - self._settings.search_budget
+        if confirming >= 0 and any(t.state == "running" for t in trials[: self._settings.search_budget]):
+            return None  # the finalists are known when the search has ended
         started = time.monotonic()
-        proposal = self._campaign._sampler.ask(self._ledger.history(trials), self._ledger.pending(trials))
+        if confirming >= 0 and self._plan is None:
+            self._plan = self._campaign.confirmation_plan()
+        if confirming >= 0 and self._plan:
+            proposal = self._plan[confirming]
+        else:
+            proposal = self._campaign._sampler.ask(self._ledger.history(trials), self._ledger.pending(trials))
         ask_s = time.monotonic() - started
         self._ask_s += ask_s
         rock, replicate = next_slot(self._settings.rocks, self._settings.replicates, trials, proposal)

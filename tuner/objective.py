@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -79,12 +79,17 @@ class RockStandardiser:
 
     @staticmethod
     def fit(
-        rocks: Sequence[str], outcomes: Floats | Sequence[float], *, shrink_centres: bool = True
+        rocks: Sequence[str],
+        outcomes: Floats | Sequence[float],
+        *,
+        shrink_centres: bool = True,
+        blocks: Sequence[Hashable] | None = None,
     ) -> RockStandardiser:
         """Estimate from ``(n,)`` rock names and outcomes (larger is better); n may be 0.
 
         Without ``shrink_centres`` each rock is centred on its own mean: for a model that infers what is left of
-        the rock effect by itself.
+        the rock effect by itself. With ``(n,)`` ``blocks``, each within one rock, scales are standard deviations
+        within blocks: for a model that infers what is common to a block.
         """
         y = np.asarray(outcomes, dtype=float)
         names = sorted(set(rocks))
@@ -92,11 +97,14 @@ class RockStandardiser:
         if len(y) == 0:
             return RockStandardiser({}, {}, 0.0, 1.0)
         means = {name: float(group.mean()) for name, group in groups.items()}
-        within_squares = {name: float(((group - means[name]) ** 2).sum()) for name, group in groups.items()}
-        degrees = len(y) - len(names)
+        residual, own = _residuals(y, rocks if blocks is None else blocks)
+        of_rock = {name: np.array([rock == name for rock in rocks]) for name in names}
+        within_squares = {name: float((residual[of_rock[name]] ** 2).sum()) for name in names}
+        freedom = {name: float(own[of_rock[name]].sum()) for name in names}
+        degrees = sum(freedom.values())
         between = float(np.var(list(means.values()), ddof=1)) if len(names) > 1 else 0.0
         # With one mission per rock nothing tells rock from configuration: share the spread between them.
-        within = sum(within_squares.values()) / degrees if degrees > 0 else between / 2
+        within = sum(within_squares.values()) / degrees if degrees > 0.5 else between / 2
         within = max(within, 1e-12 * max(1.0, float(np.mean(y**2))))
         mean_inverse_count = float(np.mean([1 / len(group) for group in groups.values()]))
         rock_variance = max(0.0, between - within * mean_inverse_count)
@@ -107,8 +115,8 @@ class RockStandardiser:
         for name, group in groups.items():
             weight = rock_variance / (rock_variance + within / len(group)) if shrink_centres else 1.0
             centres[name] = grand + weight * (means[name] - grand)
-            own = max(0, len(group) - 1)
-            variance = (_SCALE_PRIOR_COUNT * within + within_squares[name]) / (_SCALE_PRIOR_COUNT + own)
+            count = _SCALE_PRIOR_COUNT + freedom[name]
+            variance = (_SCALE_PRIOR_COUNT * within + within_squares[name]) / count
             scales[name] = math.sqrt(variance)
         return RockStandardiser(centres, scales, grand, math.sqrt(within))
 
@@ -130,3 +138,13 @@ class RockStandardiser:
             float(np.mean([self.centre(rock) for rock in rocks])),
             float(np.mean([self.scale(rock) for rock in rocks])),
         )
+
+
+def _residuals(y: Floats, groups: Sequence[Hashable]) -> tuple[Floats, Floats]:
+    """(n,) deviations from the group means, and (n,) shares of the degrees of freedom, 1 - 1 / group size."""
+    residual, share = np.empty(len(y)), np.empty(len(y))
+    for group in set(groups):
+        inside = np.array([g == group for g in groups])
+        residual[inside] = y[inside] - y[inside].mean()
+        share[inside] = 1 - 1 / inside.sum()
+    return residual, share

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from scipy.stats import norm
 
+from tuner.confirmation import PairedGain, paired_gain
 from tuner.history import Observation
 from tuner.objective import Objective
 from tuner.search_space import SearchSpace
@@ -45,7 +46,8 @@ class Recommendation:
 
     ``mean``, ``sd`` and ``interval_95`` are about the mean over the training rocks, without the noise of single
     missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
-    positive when the recommendation is better, whatever the direction.
+    positive when the recommendation is better, whatever the direction. After a confirmation stage only what it
+    flew can be recommended, and ``confirmation`` holds the paired differences without any model.
     """
 
     values: dict[str, Any]
@@ -62,13 +64,15 @@ class Recommendation:
     improvement_sd: float
     improvement_interval_95: tuple[float, float]
     probability_better_than_default: float
-    noise_sd: float
+    noise_sd: float  # of one mission, beside its slot's offset
+    slot_sd: float | None  # of the offsets that (rock, replicate) slots share; None: not told from noise
     observations: int
     failures: int
     metric: str
     direction: str
     lengthscales: dict[str, float]
     leave_one_out: dict[str, float]
+    confirmation: list[PairedGain]  # finalists against the default; empty without a confirmation stage
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
@@ -82,12 +86,18 @@ def recommend(
     default: Mapping[str, Any],
     objective: Objective,
     seed: int = 0,
+    *,
+    confirmed: Collection[int] = (),
+    slots: bool = True,
 ) -> Recommendation | None:
-    """The recommendation after ``observations``; None before the first feasible one."""
+    """The recommendation after ``observations``; None before the first feasible one.
+
+    ``confirmed`` are the trial numbers of a confirmation stage. ``slots``: see ``RockMeanGP``.
+    """
     feasible = [o for o in observations if o.feasible]
     if not feasible:
         return None
-    model = RockMeanGP(space, feasible, rocks, seed)
+    model = RockMeanGP(space, feasible, rocks, seed, slots=slots)
     groups: dict[tuple[Any, ...], list[Observation]] = {}
     for o in observations:
         groups.setdefault(_key(space, o.values), []).append(o)
@@ -95,7 +105,12 @@ def recommend(
     configurations = [dict(group[0].values) for group in evaluated.values()]
     belief = model.posterior([*configurations, default])
     reference = len(configurations)
-    order = sorted(range(len(configurations)), key=lambda i: -belief.mean[i])
+    finals: dict[tuple[Any, ...], list[Observation]] = {}
+    for o in observations:
+        if o.number in confirmed:
+            finals.setdefault(_key(space, o.values), []).append(o)
+    flown = [i for i, key in enumerate(evaluated) if any(o.feasible for o in finals.get(key, ()))]
+    order = sorted(flown or range(len(configurations)), key=lambda i: -belief.mean[i])
     top = order[:TOP]
     shares = belief.probability_best(top, seed)
     best, sign = top[0], objective.sign
@@ -129,12 +144,18 @@ def recommend(
         improvement_interval_95=(gain - NORMAL_95 * gain_sd, gain + NORMAL_95 * gain_sd),
         probability_better_than_default=float(norm.cdf(gain / gain_sd)) if gain_sd > 1e-12 else 0.5,
         noise_sd=model.noise_sd,
+        slot_sd=model.slot_sd,
         observations=len(feasible),
         failures=len(observations) - len(feasible),
         metric=objective.metric,
         direction=objective.direction,
         lengthscales=model.lengthscales,
         leave_one_out=model.leave_one_out().to_dict(),
+        confirmation=[
+            paired_gain(group[0].values, group, finals.get(_key(space, default), ()))
+            for key, group in finals.items()
+            if key != _key(space, default)
+        ],
     )
 
 

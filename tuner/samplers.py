@@ -119,6 +119,7 @@ class GPSampler:
 
     settings: SamplerSettings
     name: str = "gp"
+    slots: bool = True  # model an offset per (rock, replicate)
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
         """The maximiser of the acquisition, or the next point of the initial design."""
@@ -130,7 +131,7 @@ class GPSampler:
         from tuner.surrogate import RockMeanGP
 
         seed = derived_seed(self.settings.seed, number)
-        model = RockMeanGP(self.settings.space, feasible, self.settings.rocks, seed)
+        model = RockMeanGP(self.settings.space, feasible, self.settings.rocks, seed, slots=self.slots)
         values, figures = propose(model, [p.values for p in pending], seed)
         return Proposal(values, {"sampler": self.name, "phase": "model", **figures})
 

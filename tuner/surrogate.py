@@ -2,12 +2,15 @@
 
 Outcomes are standardised per rock (``tuner.objective.RockStandardiser``). The model is then
 
-    z(x, rock) = f(x) + b(rock) + noise
+    z(x, rock, replicate) = f(x) + b(rock) + c(rock, replicate) + noise
 
 with a Matern-5/2 ARD kernel for f on the unit cube and an independent offset b per rock: with a handful of
 missions on each rock the standardisation cannot know whether a rock is hard or was flown with poor
-configurations; the offsets, inferred together with f, can. What rocks do not share beyond an offset and a
-scale ends up in the noise, which is right for a mean over rocks.
+configurations; the offsets, inferred together with f, can. Missions on one (rock, replicate) slot also share
+the arrival errors of the seed orbit, which can move all of them together by more than configurations differ:
+the offset c, nested in the rock's, makes slots blocks, so that configurations are compared within them and
+the offset cancels. The mean over rocks has c = 0: it is the mean over replicates nobody has flown. What rocks
+do not share beyond offsets and a scale ends up in the noise, which is right for a mean over rocks.
 
 The length-scale prior grows with the square root of the dimension (Hvarfner et al., ICML 2024), but is
 narrower than theirs, there is an output scale, and the noise prior expects noise: missions are noisy, and on
@@ -16,6 +19,7 @@ synthetic data as noisy as the signal these choices were the better calibrated o
 
 from __future__ import annotations
 
+import collections
 import contextlib
 import math
 import warnings
@@ -38,6 +42,7 @@ from gpytorch.priors import LogNormalPrior
 from nbv.types import Floats
 from tuner.history import Observation
 from tuner.objective import RockStandardiser
+from tuner.offset_kernel import NO_OFFSET, offset_variance
 from tuner.search_space import SearchSpace
 
 FIT_MAX_ITERATIONS = 75
@@ -152,10 +157,18 @@ class RockMeanGP:
         The training rocks over which the mean is taken.
     seed
         Seed of the fit.
+    slots
+        Model an offset per (rock, replicate) as soon as the data can tell it from the rock's and from noise.
     """
 
     def __init__(
-        self, space: SearchSpace, observations: Sequence[Observation], rocks: Sequence[str], seed: int = 0
+        self,
+        space: SearchSpace,
+        observations: Sequence[Observation],
+        rocks: Sequence[str],
+        seed: int = 0,
+        *,
+        slots: bool = True,
     ) -> None:
         feasible = [o for o in observations if o.outcome is not None]
         if not feasible:
@@ -165,46 +178,53 @@ class RockMeanGP:
         self.observations = tuple(feasible)
         outcomes = np.array([o.outcome for o in feasible], dtype=float)
         observed_rocks = [o.rock for o in feasible]
-        self.standardiser = RockStandardiser.fit(observed_rocks, outcomes, shrink_centres=False)
+        flown = [(o.rock, o.replicate) for o in feasible]
+        self.models_slots = slots and slots_identifiable(flown)
+        self.standardiser = RockStandardiser.fit(
+            observed_rocks, outcomes, shrink_centres=False, blocks=flown if self.models_slots else None
+        )
         self.unit = np.array([space.to_unit(o.values) for o in feasible])  # (n, d)
         self.targets = self.standardiser.standardise(observed_rocks, outcomes)  # (n,)
         names = dict.fromkeys([*self.rocks, *observed_rocks])
         self._index = {name: float(i) for i, name in enumerate(names)}
+        self._slot_index = {slot: float(i) for i, slot in enumerate(dict.fromkeys(flown))}
+        columns = np.array([(self._index[rock], self._slot_index[rock, k]) for rock, k in flown])
         with numerics(seed):
-            self.model = self._build(np.array([self._index[rock] for rock in observed_rocks]))
+            self.model = self._build(columns)
             if len(feasible) >= MIN_OBSERVATIONS_TO_FIT:
                 mll = gpytorch.mlls.ExactMarginalLogLikelihood(self.model.likelihood, self.model)
                 fit_gpytorch_mll(mll, optimizer_kwargs={"options": {"maxiter": FIT_MAX_ITERATIONS}})
             self.model.eval()
 
-    def _build(self, rock_column: Floats) -> SingleTaskGP:
+    def _build(self, columns: Floats) -> SingleTaskGP:
         d = self.space.dimension
         noise_prior = LogNormalPrior(math.log(0.2), 1.0)
         likelihood = GaussianLikelihood(
             noise_prior=noise_prior,
             noise_constraint=GreaterThan(1e-4, transform=None, initial_value=0.1),
         )
+        # Wide: a rock's centre is the mean of a few configurations and may be off by a standard deviation.
+        kernel = _configuration_kernel(self.space) + offset_variance(d, LogNormalPrior(0.0, 1.0), 0.5)
+        if self.models_slots:
+            # Wider still: measured slots differ by anything from nothing to several times what parameters do.
+            kernel = kernel + offset_variance(d + 1, LogNormalPrior(math.log(0.3), 1.5), 0.3)
         return SingleTaskGP(
-            tensor(np.column_stack([self.unit, rock_column])),
+            tensor(np.column_stack([self.unit, columns])),
             tensor(self.targets[:, None]),
             likelihood=likelihood,
-            covar_module=_configuration_kernel(self.space) + _rock_offset_kernel(d),
-            outcome_transform=None,  # standardised already; nothing may rescale the rock column either
+            covar_module=kernel,
+            outcome_transform=None,  # standardised already; nothing may rescale the last columns either
         )
 
     @property
     def virtual_rock(self) -> float:
-        """Rock column of a rock that was never flown.
+        """Rock column of no rock: its offset is 0, so configurations are compared by f alone."""
+        return NO_OFFSET
 
-        Its offset is unknown but common to all configurations, so comparisons between configurations on this
-        rock are comparisons of f alone.
-        """
-        return float(len(self._index))
-
-    def inputs(self, unit: Floats, rock: float | None = None) -> torch.Tensor:
-        """(m, d + 1) model inputs for (m, d) unit positions; on the virtual rock unless told otherwise."""
-        column = np.full(len(unit), self.virtual_rock if rock is None else rock)
-        return tensor(np.column_stack([unit, column]))
+    def inputs(self, unit: Floats, rock: float | None = None, slot: float | None = None) -> torch.Tensor:
+        """(m, d + 2) model inputs for (m, d) unit positions; without rock and slot offsets unless told."""
+        tail = [self.virtual_rock if rock is None else rock, NO_OFFSET if slot is None else slot]
+        return tensor(np.column_stack([unit, np.tile(tail, (len(unit), 1))]))
 
     def posterior(self, values: Sequence[Mapping[str, Any]]) -> Posterior:
         """Joint posterior of the mean over the training rocks at the given configurations."""
@@ -222,10 +242,18 @@ class RockMeanGP:
             np.einsum("r,s,rmsn->mn", scales, scales, covariance) / count**2,
         )
 
-    def predict_mission(self, values: Mapping[str, Any], rock: str) -> tuple[float, float]:
-        """``(mean, sd)`` of the outcome of one new mission on a known rock, its noise included."""
+    def predict_mission(
+        self, values: Mapping[str, Any], rock: str, replicate: int | None = None
+    ) -> tuple[float, float]:
+        """``(mean, sd)`` of the outcome of one new mission on a known rock, its noise included.
+
+        On the slot of a ``replicate`` flown before, what that slot taught is used; any other replicate, or
+        None, is a slot like the others whose offset is not known.
+        """
+        unknown = float(len(self._slot_index))
+        slot = unknown if replicate is None else self._slot_index.get((rock, replicate), unknown)
         with torch.no_grad():
-            x = self.inputs(self.space.to_unit(values)[None], self._index[rock])
+            x = self.inputs(self.space.to_unit(values)[None], self._index[rock], slot)
             belief = self.model.posterior(x, observation_noise=True)
             mean, sd = belief.mean.item(), math.sqrt(belief.variance.item())
         scale = self.standardiser.scale(rock)
@@ -237,9 +265,19 @@ class RockMeanGP:
 
     @property
     def noise_sd(self) -> float:
-        """Standard deviation of one mission's outcome about its configuration's rock mean, objective's unit."""
-        scale = float(np.mean([self.standardiser.scale(rock) for rock in self.rocks]))
-        return math.sqrt(self.model.likelihood.noise.item()) * scale
+        """Standard deviation of one mission's outcome beside its slot's offset, objective's unit."""
+        return math.sqrt(self.model.likelihood.noise.item()) * self._mean_scale
+
+    @property
+    def slot_sd(self) -> float | None:
+        """Standard deviation of the (rock, replicate) offsets, objective's unit; None where not modelled."""
+        if not self.models_slots:
+            return None
+        return math.sqrt(self.model.covar_module.kernels[-1].outputscale.item()) * self._mean_scale
+
+    @property
+    def _mean_scale(self) -> float:
+        return float(np.mean([self.standardiser.scale(rock) for rock in self.rocks]))
 
     @property
     def lengthscales(self) -> dict[str, float]:
@@ -287,14 +325,11 @@ def _configuration_kernel(space: SearchSpace) -> gpytorch.kernels.Kernel:
     )
 
 
-def _rock_offset_kernel(column: int) -> gpytorch.kernels.Kernel:
-    """tau^2 where the rock is the same, else 0."""
-    same = CategoricalKernel(ard_num_dims=1, active_dims=[column])
-    same.lengthscale = 0.05  # exp(-1 / 0.05) = 2e-9: different rocks share nothing
-    same.raw_lengthscale.requires_grad_(False)
-    return ScaleKernel(
-        same,
-        # Wide: a rock's centre is the mean of a few configurations and may be off by a standard deviation.
-        outputscale_prior=LogNormalPrior(0.0, 1.0),
-        outputscale_constraint=GreaterThan(1e-4, transform=None, initial_value=0.5),
-    )
+def slots_identifiable(slots: Sequence[tuple[str, int]]) -> bool:
+    """Whether missions on these (rock, replicate) slots can tell slot offsets from rock offsets and noise.
+
+    Some rock must have been flown with two replicates, and some slot twice on a rock that has another one.
+    """
+    missions = collections.Counter(slots)
+    per_rock = collections.Counter(rock for rock, _ in missions)
+    return any(count > 1 and per_rock[rock] > 1 for (rock, _), count in missions.items())

@@ -11,9 +11,20 @@ import numpy as np
 from nbv.config import MissionConfig
 from tuner.history import Observation
 from tuner.samplers import Sampler, SamplerSettings
-from tuner.search_space import load_search_space
+from tuner.search_space import space_from_dict
 
-SPACE = load_search_space("gate")
+# The range on which ``fake_missions.truth`` has its maximum inside; not the shipped space "gate".
+SPACE = space_from_dict(
+    {
+        "name": "gate",
+        "base": {"gate.kind": "hyb-h"},
+        "parameters": {
+            "gate.budget_fraction": {"low": 0.0, "high": 1.0},
+            "gate.d95_m": {"low": 0.01, "high": 1.0, "scale": "log"},
+        },
+    },
+    "synthetic.py",
+)
 ROCKS = ("r0", "r1", "r2", "r3")
 BASE = SPACE.base_config(MissionConfig())
 DEFAULT = SPACE.default(MissionConfig())
@@ -27,19 +38,37 @@ def true_rock_mean(values: Mapping[str, Any], rocks: Sequence[str] = ROCKS) -> f
     return float(np.mean([o + s * true_value(values) for o, s in map(fake_missions.rock_shift, rocks)]))
 
 
+def slot_offset(rock: str, replicate: int, seed: int) -> float:
+    """Standard normal offset of one (rock, replicate) slot, the same for all configurations."""
+    return float(fake_missions._draw("slot", rock, replicate, seed).normal())
+
+
 def observe(
-    number: int, values: Mapping[str, Any], rock: str, noise_sd: float, rng: np.random.Generator
+    number: int,
+    values: Mapping[str, Any],
+    rock: str,
+    noise_sd: float,
+    rng: np.random.Generator,
+    replicate: int = 0,
+    slot_sd: float = 0.0,
+    slot_seed: int = 0,
 ) -> Observation:
     offset, scale = fake_missions.rock_shift(rock)
-    y = offset + scale * (true_value(values) + noise_sd * rng.normal())
-    return Observation(number, dict(values), rock, 0, y, y)
+    shared = slot_sd * slot_offset(rock, replicate, slot_seed) if slot_sd else 0.0
+    y = offset + scale * (true_value(values) + shared + noise_sd * rng.normal())
+    return Observation(number, dict(values), rock, replicate, y, y)
 
 
-def random_design(count: int, noise_sd: float, seed: int) -> list[Observation]:
+def random_design(
+    count: int, noise_sd: float, seed: int, replicates: int = 1, slot_sd: float = 0.0
+) -> list[Observation]:
+    """Rocks in turn, then replicates in turn."""
     rng = np.random.default_rng(seed)
     return [
-        observe(i, SPACE.from_unit(rng.random(2)), ROCKS[i % len(ROCKS)], noise_sd, rng) for i in range(count)
-    ]
+        observe(i, SPACE.from_unit(rng.random(2)), ROCKS[i % len(ROCKS)], noise_sd, rng,
+                (i // len(ROCKS)) % replicates, slot_sd, seed)
+        for i in range(count)
+    ]  # fmt: skip
 
 
 def sampler_settings(seed: int, initial: int = 6) -> SamplerSettings:

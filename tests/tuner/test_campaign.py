@@ -275,6 +275,24 @@ def test_every_sampler_runs_and_resumes(tmp_path: Path, sampler: str) -> None:
         assert max(t.memory.get("cma:generation", 0) for t in resumed.trials()) >= 1
 
 
+@pytest.mark.parametrize("sampler", ["gp", "sobol", "random", "tpe", "optuna-gp"])
+def test_every_sampler_runs_on_the_mixed_space(tmp_path: Path, sampler: str) -> None:
+    space = load_search_space("full")
+    campaign = run(
+        tmp_path / "run", sampler=sampler, space=space, budget=10, initial=5, replicates=2, confirmation=0.2
+    )
+    trials = campaign.trials()
+    assert [t.state for t in trials] == ["complete"] * 10
+    assert all(p.contains(t.values[p.path]) for t in trials for p in space.parameters)
+    assert len({tuple(t.values.values()) for t in trials[:8]}) == 8
+    assert {t.why["phase"] for t in trials[8:]} == {"confirmation"}
+
+
+def test_cmaes_says_what_it_cannot_do(tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="cannot handle categorical"):
+        Campaign.create(tmp_path / "run", settings(sampler="cmaes", space=load_search_space("full")))
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

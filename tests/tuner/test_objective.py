@@ -43,6 +43,16 @@ def test_standardisation_recovers_rock_offsets_and_scales() -> None:
         assert abs(group.mean()) < 0.05 and group.std() == pytest.approx(1, rel=0.1)
 
 
+def test_scales_within_blocks_ignore_what_blocks_share() -> None:
+    rng = np.random.default_rng(0)
+    rocks = [name for name in "ab" for _ in range(400)]
+    blocks = [(rock, i % 2) for i, rock in enumerate(rocks)]
+    y = np.array([rng.normal() + (20 if block == ("a", 1) else 0) for block in blocks])
+    assert RockStandardiser.fit(rocks, y).scale("a") > 9
+    within = RockStandardiser.fit(rocks, y, blocks=blocks)
+    assert within.scale("a") == pytest.approx(1, rel=0.1) and within.scale("b") == pytest.approx(1, rel=0.1)
+
+
 def test_rock_effect_is_not_mistaken_for_a_configuration_effect() -> None:
     """One mission on a much easier rock must not look like a brilliant configuration."""
     rocks, y = ["hard"] * 5 + ["easy"], [40.0, 41.0, 42.0, 43.0, 44.0, 90.0]

@@ -39,10 +39,24 @@ def test_shipped_spaces_start_at_the_papers_values() -> None:
         "covis.weights.nov": 1.2, "covis.weights.move": 0.1, "covis.weights.ang": 0.4,
         "b_aware.weights.nov": 1.2, "b_aware.weights.move": 0.1, "b_aware.weights.ang": 0.4,
     }  # fmt: skip
-    for space in (gate, both):
+    ten, full = load_search_space("paper_ten"), load_search_space("full")
+    assert ten.dimension == 10 and {"covis.weights.main", "b_aware.weights.main"} <= set(ten.paths)
+    assert set(both.paths) < set(ten.paths) and set(both.paths) < set(full.paths)
+    assert len(full.categorical_dimensions) == 2 and len(full.discrete_dimensions) == 3
+    for space in (gate, both, ten, full):
         base = space.base_config(preset("campaign"))
         assert base.gate.kind == "hyb-h" and base.covis.weights.main == base.b_aware.weights.main == 1.0
-    assert {"gate", "gate_and_weights"} <= set(available_search_spaces())
+    assert {"gate", "gate_and_weights", "paper_ten", "full"} <= set(available_search_spaces())
+
+
+@pytest.mark.parametrize("name", ["gate", "gate_and_weights", "paper_ten", "full"])
+def test_every_corner_and_point_of_the_shipped_spaces_is_a_mission(name: str) -> None:
+    space = load_search_space(name)
+    rng = np.random.default_rng(0)
+    corners = rng.integers(0, 2, (40, space.dimension)).astype(float)
+    for position in [*corners, *rng.random((40, space.dimension))]:
+        config = space.config(preset("campaign"), space.from_unit(position))  # raises if it is not
+        assert config.b_aware.theta_low_deg < config.b_aware.theta_saturation_deg
 
 
 def test_config_carries_values_and_base() -> None:
@@ -128,7 +142,7 @@ def test_mistakes_are_named(text: str, message: str) -> None:
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="unknown search space 'gates'; there are gate, gate_and_weights"):
+    with pytest.raises(UserError, match="unknown search space 'gates'; there are full, gate, gate_and_weights, paper_ten"):
         load_search_space("gates")
     with pytest.raises(UserError, match="cannot read"):
         load_search_space(tmp_path / "none.yaml")

@@ -43,7 +43,7 @@ def test_leave_one_out_agrees_with_leaving_one_out() -> None:
     model = RockMeanGP(synthetic.SPACE, synthetic.random_design(15, 0.1, 3), synthetic.ROCKS)
     check = model.leave_one_out()
     x, y = model.model.train_inputs[0], model.model.train_targets
-    assert x.shape == (15, 3)  # the rock is the last column
+    assert x.shape == (15, 4)  # rock and slot are the last columns
     kernel, noise = model.model.covar_module, float(model.model.likelihood.noise)
     constant = float(model.model.mean_module.constant)
     i = 4
@@ -59,6 +59,73 @@ def test_noise_is_recovered() -> None:
     model = RockMeanGP(synthetic.SPACE, synthetic.random_design(80, 0.2, 5), synthetic.ROCKS)
     mean_scale = np.mean([synthetic.fake_missions.rock_shift(r)[1] for r in synthetic.ROCKS])
     assert model.noise_sd == pytest.approx(0.2 * mean_scale, rel=0.3)
+
+
+def test_slot_offsets_are_told_from_noise_and_cancel() -> None:
+    """Slots that differ twice as much as configurations: noise and differences are found all the same."""
+    space = synthetic.SPACE
+    points = [space.from_unit(u) for u in ([0.7, 0.3], [0.2, 0.8], [0.4, 0.5])]
+    scale = np.mean([synthetic.fake_missions.rock_shift(r)[1] for r in synthetic.ROCKS])
+    errors: dict[bool, list[float]] = {True: [], False: []}
+    noise: dict[bool, list[float]] = {True: [], False: []}
+    for seed in range(4):
+        history = synthetic.random_design(32, 0.1, seed, replicates=2, slot_sd=0.6)
+        for slots, found in errors.items():
+            model = RockMeanGP(space, history, synthetic.ROCKS, slots=slots)
+            noise[slots].append(model.noise_sd / scale)
+            belief = model.posterior(points)
+            for i in (1, 2):
+                truth = synthetic.true_rock_mean(points[i]) - synthetic.true_rock_mean(points[0])
+                found.append(belief.difference(i, 0)[0] - truth)
+            if slots:
+                gaps = [
+                    np.subtract(*(synthetic.slot_offset(r, k, seed) for k in (0, 1))) for r in synthetic.ROCKS
+                ]
+                realised = 0.6 * scale * np.sqrt(np.mean(np.square(gaps)) / 2)  # four differences: a rough sd
+                assert model.slot_sd is not None and 0.4 * realised < model.slot_sd < 2.5 * realised
+                assert model.leave_one_out().coverage_95 >= 0.85
+    assert np.mean(noise[True]) == pytest.approx(0.1, rel=0.3)
+    assert np.mean(noise[False]) > 1.5 * np.mean(noise[True])  # slots taken for noise
+    rms = {slots: np.sqrt(np.mean(np.square(e))) for slots, e in errors.items()}
+    assert rms[True] < 0.7 * rms[False]
+
+
+def test_predictions_know_a_flown_slot_and_are_humble_about_others() -> None:
+    history = synthetic.random_design(40, 0.1, 1, replicates=2, slot_sd=0.6)
+    model = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
+    rng = np.random.default_rng(7)
+    inside, known, fresh = [], [], []
+    for i in range(80):
+        rock, replicate = synthetic.ROCKS[i % 4], (i // 4) % 2
+        values = synthetic.SPACE.from_unit(rng.random(2))
+        new = synthetic.observe(0, values, rock, 0.1, rng, replicate, 0.6, slot_seed=1)
+        mean, sd = model.predict_mission(values, rock, replicate)
+        inside.append(abs((new.outcome or 0) - mean) <= NORMAL_95 * sd)
+        known.append(sd)
+        fresh.append(model.predict_mission(values, rock)[1])
+        assert model.predict_mission(values, rock, 99)[1] == pytest.approx(fresh[-1])
+    assert np.mean(inside) >= 0.85
+    assert np.mean(known) < 0.7 * np.mean(fresh)
+
+
+def test_slots_are_modelled_only_where_they_show() -> None:
+    from tuner.surrogate import slots_identifiable
+
+    assert slots_identifiable([("a", 0), ("a", 0), ("a", 1)])
+    assert not slots_identifiable([("a", 0), ("a", 0), ("b", 1), ("b", 1)])  # a rock's only slot is the rock
+    assert not slots_identifiable([("a", 0), ("a", 1), ("b", 0), ("b", 1)])  # one mission each: noise
+    model = RockMeanGP(synthetic.SPACE, synthetic.random_design(12, 0.1, 1), synthetic.ROCKS)
+    assert not model.models_slots and model.slot_sd is None
+
+
+def test_offset_kernel() -> None:
+    from tuner.offset_kernel import NO_OFFSET, OffsetKernel
+
+    kernel = OffsetKernel(active_dims=[1])
+    x = torch.tensor([[9.0, 0.0], [8.0, 1.0], [7.0, 0.0], [6.0, NO_OFFSET]], dtype=torch.float64)
+    expected = torch.tensor([[1, 0, 1, 0], [0, 1, 0, 0], [1, 0, 1, 0], [0, 0, 0, 0]], dtype=torch.float64)
+    assert torch.equal(kernel(x).to_dense(), expected)
+    assert torch.equal(kernel(x, diag=True), expected.diagonal())
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])

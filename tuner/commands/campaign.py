@@ -38,7 +38,7 @@ def training_rocks() -> list[str]:
 def run(
     name: Annotated[str, typer.Option(help="The campaign's name; it lives in runs/NAME.")] = "campaign",
     space: Annotated[
-        str, typer.Option(help="Search space: gate, gate_and_weights, or a YAML file.")
+        str, typer.Option(help="Search space: gate, gate_and_weights, paper_ten, full, or a YAML file.")
     ] = "gate_and_weights",
     rocks: Annotated[
         list[str] | None,
@@ -55,6 +55,10 @@ def run(
     workers: Annotated[
         int | None, typer.Option(help="Missions side by side (default: one per core).")
     ] = None,
+    confirm: Annotated[
+        float,
+        typer.Option(help="Share of the budget (0 to 0.5) that flies the best few again before naming one."),
+    ] = 0.0,
     storage: Annotated[
         str | None, typer.Option(help="Optuna storage URL (default: a file in the run).")
     ] = None,
@@ -102,6 +106,7 @@ def run(
         sampler=sampler,
         keep=keep,  # type: ignore[arg-type]
         storage=storage,
+        confirmation=confirm,
     )
     fly(Campaign.create(directory, settings), workers, timeout_s)
 
@@ -240,3 +245,10 @@ def show_recommendation(recommendation: Recommendation | None) -> None:
         f"(95 % interval {low:+.2f} to {high:+.2f}) on the training rocks, by the surrogate; "
         "`gatetune evaluate` measures it on held-out rocks"
     )
+    chosen = [g for g in recommendation.confirmation if g.values == recommendation.values]
+    if chosen and chosen[0].gain is not None:
+        interval = chosen[0].gain_interval_95
+        shown = f" (95 % interval {interval[0]:+.2f} to {interval[1]:+.2f})" if interval else ""
+        output.print(
+            f"confirmed without a model: {chosen[0].gain:+.2f}{shown} on {chosen[0].pairs} common slots"
+        )

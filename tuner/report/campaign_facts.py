@@ -100,7 +100,10 @@ class CampaignFacts:
 
     def _recommend(self, observations: Sequence[Observation]) -> Recommendation | None:
         s = self.settings
-        return recommend(s.space, observations, s.rocks, self.default, s.objective, s.seed)
+        return recommend(
+            s.space, observations, s.rocks, self.default, s.objective, s.seed,
+            confirmed=range(s.search_budget, s.budget),
+        )  # fmt: skip
 
     # -- stop reason -----------------------------------------------------------------------------------------
 

@@ -186,6 +186,12 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Pa
             "standardised per rock. One mission scatters about its configuration’s mean over rocks with a standard "
             f"deviation of {with_unit(best.noise_sd, label.difference_unit, facts.digits)}: that is the noise against which "
             "differences have to be seen."
+            + (
+                " What all missions on one rock and replicate share is modelled apart and cancels between "
+                f"configurations; its standard deviation is {with_unit(best.slot_sd, label.difference_unit, facts.digits)}."
+                if best.slot_sd is not None
+                else ""
+            )
         ),
         "model_figures": _model_figures(facts, best, figures),
     }

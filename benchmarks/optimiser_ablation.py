@@ -1,0 +1,145 @@
+"""What parts of the optimiser are worth, on a synthetic campaign with a known answer.
+
+The problem is the tests' fake mission: a smooth function of the gate's two thresholds (best value 1, paper's
+thresholds about 0.45, standard deviation over the space 0.31), four rocks with their own offset and scale, two
+replicates per rock, noise per mission, and an offset per (rock, replicate) slot that all configurations share.
+
+``slots``: the Gaussian process with and without slot offsets. ``confirmation``: the same budget with different
+shares spent on the confirmation stage. Prints Markdown. Run from the repository root::
+
+    OMP_NUM_THREADS=1 python benchmarks/optimiser_ablation.py slots
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+sys.path[:0] = [str(Path(__file__).resolve().parent.parent / part) for part in ("", "tests/tuner")]
+
+import synthetic  # noqa: E402
+
+from nbv.types import Floats  # noqa: E402
+from tuner.campaign import next_slot  # noqa: E402
+from tuner.confirmation import (  # noqa: E402
+    choose_finalists,
+    confirmation_missions,
+    finalist_count,
+    schedule,
+)
+from tuner.history import Observation, Proposal  # noqa: E402
+from tuner.objective import Objective  # noqa: E402
+from tuner.recommendation import recommend  # noqa: E402
+from tuner.samplers import GPSampler  # noqa: E402
+
+REPLICATES = 2
+NOISE_SD = 0.15
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How one campaign ended."""
+
+    value: float  # noiseless value of the recommended configuration, 1 is perfect
+    covered: bool  # whether the 95 % interval of the improvement holds the true one
+    width: float  # of that interval
+    loo_coverage: float
+
+
+def campaign(seed: int, budget: int, slot_sd: float, *, slots: bool = True, share: float = 0.0) -> Outcome:
+    """One campaign, one mission at a time."""
+    space, rocks, default = synthetic.SPACE, synthetic.ROCKS, synthetic.DEFAULT
+    sampler = GPSampler(synthetic.sampler_settings(seed), slots=slots)
+    rng = np.random.default_rng(seed)
+    history: list[Observation] = []
+
+    def fly(proposal: Proposal) -> None:
+        rock, replicate = next_slot(rocks, REPLICATES, history, proposal)  # type: ignore[arg-type]
+        history.append(
+            synthetic.observe(len(history), proposal.values, rock, NOISE_SD, rng, replicate, slot_sd, seed)
+        )
+
+    confirming = confirmation_missions(budget, share)
+    for _ in range(budget - confirming):
+        fly(sampler.ask(history, []))
+    if confirming:
+        result = recommend(space, history, rocks, default, Objective(), seed, slots=slots)
+        assert result is not None
+        finalists = choose_finalists(
+            space, [c.values for c in result.top], default, finalist_count(confirming, len(rocks))
+        )
+        for proposal in schedule(finalists, rocks, REPLICATES, confirming):
+            fly(proposal)
+    confirmed = range(budget - confirming, budget)
+    result = recommend(space, history, rocks, default, Objective(), seed, confirmed=confirmed, slots=slots)
+    assert result is not None
+    truth = synthetic.true_rock_mean(result.values) - synthetic.true_rock_mean(default)
+    low, high = result.improvement_interval_95
+    return Outcome(
+        synthetic.true_value(result.values),
+        low <= truth <= high,
+        high - low,
+        result.leave_one_out["coverage_95"],
+    )
+
+
+def paired_interval(differences: Floats) -> tuple[float, float, float]:
+    """``(mean, low, high)``: 95 % bootstrap interval of the mean paired difference."""
+    rng = np.random.default_rng(0)
+    means = rng.choice(differences, (10_000, len(differences))).mean(axis=1)
+    low, high = np.percentile(means, [2.5, 97.5])
+    return float(differences.mean()), float(low), float(high)
+
+
+def row(name: str, slot_sd: float, outcomes: Sequence[Outcome], reference: Sequence[Outcome] | None) -> str:
+    """One line of the table."""
+    values = np.array([o.value for o in outcomes])
+    difference = "reference"
+    if reference is not None:
+        mean, low, high = paired_interval(values - np.array([o.value for o in reference]))
+        difference = f"{mean:+.3f} ({low:+.3f} to {high:+.3f})"
+    return (
+        f"| {slot_sd:g} | {name} | {values.mean():.3f} | {values.min():.3f} | {difference} | "
+        f"{sum(o.covered for o in outcomes)} of {len(outcomes)} | {np.mean([o.width for o in outcomes]):.3f} | "
+        f"{100 * np.mean([o.loo_coverage for o in outcomes]):.0f} |"
+    )
+
+
+def main() -> None:
+    """Parse, play, print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("part", choices=["slots", "confirmation"])
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--budget", type=int, default=24)
+    parser.add_argument("--slot-sd", type=float, nargs="+", default=[0.0, 0.3, 0.6])
+    parser.add_argument("--shares", type=float, nargs="+", default=[0.0, 0.2, 0.33])
+    arguments = parser.parse_args()
+    variants: dict[str, dict[str, bool | float]]
+    if arguments.part == "slots":
+        variants = {"without slot offsets": {"slots": False}, "with slot offsets": {"slots": True}}
+    else:
+        variants = {f"confirmation {share:g}": {"share": share} for share in arguments.shares}
+    began = time.process_time()
+    print("| slot sd | variant | value | worst | paired difference (95 %) | improvement interval holds truth "
+          "| its width | LOO coverage % |")  # fmt: skip
+    print("|---|---|---|---|---|---|---|---|")
+    for slot_sd in arguments.slot_sd:
+        reference: list[Outcome] | None = None
+        for name, options in variants.items():
+            outcomes = [
+                campaign(seed, arguments.budget, slot_sd, **options)  # type: ignore[arg-type]
+                for seed in range(arguments.seeds)
+            ]
+            print(row(name, slot_sd, outcomes, reference), flush=True)
+            reference = reference or outcomes
+    print(f"\n{time.process_time() - began:.0f} CPU seconds")
+
+
+if __name__ == "__main__":
+    main()
