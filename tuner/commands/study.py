@@ -103,7 +103,7 @@ def _fly_noise_study(
     from tuner.missions import DEFAULT_RUNNER
     from tuner.search_space import load_search_space
     from tuner.studies.noise import NoiseSettings, fly
-    from tuner.studies.runner import AGREEMENT_LEVELS, STUDY_RUNNER
+    from tuner.studies.runner import STUDY_RUNNER
 
     if workers is not None and workers < 1:
         raise UserError(f"--workers is {workers}; give at least 1")
@@ -132,7 +132,7 @@ def _fly_noise_study(
         f"of the default: {settings.missions} missions, {count} workers"
     )
     preload = tuple(runner.partition(":")[0] for runner in (DEFAULT_RUNNER, STUDY_RUNNER))
-    metric = f"agreement.{AGREEMENT_LEVELS[0]}.{settings.metrics[0]}"
+    metric = f"agreement.{min(settings.levels)}.{settings.metrics[0]}"
     with LocalProcessExecutor(count, timeout_s=timeout_s, preload=preload) as executor, progress_bar() as bar:
         return fly(settings, out, executor, ComparisonProgress(bar, metric))
 

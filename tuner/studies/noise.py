@@ -74,6 +74,7 @@ class NoiseSettings:
     repeats: int = 5  # further replicates of the default configuration
     controls: tuple[str, ...] = ("random", "greedy-oracle")
     metrics: tuple[str, ...] = DEFAULT_METRICS
+    levels: tuple[int, ...] = AGREEMENT_LEVELS  # dense.agreeing_views that are reported
     seed: int = 0
     preset: str = "campaign"
     overrides: dict[str, Any] = field(default_factory=dict)
@@ -90,6 +91,8 @@ class NoiseSettings:
             raise UserError(f"repeats is {self.repeats}; give 0 or more")
         if not self.budgets or len(set(self.budgets)) != len(self.budgets):
             raise UserError(f"budgets are {list(self.budgets)}; name each adaptive budget once")
+        if not self.levels or not set(self.levels) <= set(AGREEMENT_LEVELS):
+            raise UserError(f"levels are {list(self.levels)}; choose from {list(AGREEMENT_LEVELS)}")
         if not self.metrics:
             raise UserError("no metric to study; name at least one")
         for name in self.controls:
@@ -103,7 +106,7 @@ class NoiseSettings:
         values = {
             **self.overrides,
             "stop.adaptive_budget": budget,
-            "dense.agreeing_views": min(AGREEMENT_LEVELS),
+            "dense.agreeing_views": min(self.levels),
         }
         return self.space.base_config(preset(self.preset).with_values(values))
 
@@ -333,7 +336,7 @@ def analyse(directory: Path) -> NoiseFindings:
             expected += plan.missions
     flown = [r for r in records if r.outcome.status != "failed"]
     for metric in settings.metrics:
-        if flown and not any(_table(flown, level, metric) for level in AGREEMENT_LEVELS):
+        if flown and not any(_table(flown, level, metric) for level in settings.levels):
             raise UserError(
                 f"no mission of {directory} has the metric {metric!r}; mission.json lists them by name"
             )
@@ -344,7 +347,7 @@ def analyse(directory: Path) -> NoiseFindings:
     cells = [
         _cell(settings, records, _table(records, level, metric), budget, level, metric)
         for metric in settings.metrics
-        for level in AGREEMENT_LEVELS
+        for level in settings.levels
         for budget in settings.budgets
     ]
     return NoiseFindings(settings, records, cells, failures, expected)

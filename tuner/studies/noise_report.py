@@ -29,7 +29,6 @@ from tuner.report.style import (
     new_figure,
 )
 from tuner.studies.noise import DEFAULT, TARGET_SIGNAL_TO_NOISE, NoiseCell, NoiseFindings
-from tuner.studies.runner import AGREEMENT_LEVELS
 
 _SHARE_LOOK = {  # colour and hatch: the hatch tells them apart in grey
     "configuration": (BLUE, ""),
@@ -204,9 +203,9 @@ def signal_to_noise_figure(findings: NoiseFindings) -> Figure:
 
 
 def _map_panel(ax: Axes, findings: NoiseFindings, metric: str) -> AxesImage:
-    budgets = sorted(findings.settings.budgets)
-    grid = np.full((len(AGREEMENT_LEVELS), len(budgets)), np.nan)
-    for i, level in enumerate(AGREEMENT_LEVELS):
+    budgets, levels = sorted(findings.settings.budgets), sorted(findings.settings.levels)
+    grid = np.full((len(levels), len(budgets)), np.nan)
+    for i, level in enumerate(levels):
         for j, budget in enumerate(budgets):
             if (c := findings.cell(budget, level, metric).components) is not None:
                 grid[i, j] = c.signal_to_noise
@@ -218,7 +217,7 @@ def _map_panel(ax: Axes, findings: NoiseFindings, metric: str) -> AxesImage:
         if value >= TARGET_SIGNAL_TO_NOISE:
             ax.add_patch(Rectangle((j - 0.46, i - 0.46), 0.92, 0.92, fill=False, ec=VERMILION, lw=1.8))
     ax.set_xticks(range(len(budgets)), [str(b) for b in budgets])
-    ax.set_yticks(range(len(AGREEMENT_LEVELS)), [str(level) for level in AGREEMENT_LEVELS])
+    ax.set_yticks(range(len(levels)), [str(level) for level in levels])
     ax.grid(False)
     label = metric_label(metric)
     ax.set_title(f"{label.name},\n{label.surface}" if label.surface else label.name, fontsize=9)

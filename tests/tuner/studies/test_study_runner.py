@@ -14,12 +14,18 @@ from tuner.studies.runner import AGREEMENT_LEVELS, STUDY_RUNNER, run_study_missi
 @pytest.mark.slow
 def test_each_level_is_the_mission_that_was_configured_with_it(tmp_path):
     base = preset("campaign").with_values(
-        {"stop.adaptive_budget": 1, "evaluation.gt_samples": 5000, "dense.agreeing_views": 2}
+        {
+            "stop.adaptive_budget": 1,
+            "evaluation.gt_samples": 5000,
+            "dense.agreeing_views": min(AGREEMENT_LEVELS),
+        }
     )
     result = run_study_mission(base, "boulder", 0, tmp_path / "study", keep="summary")
     assert result.status == "ok" and result.timings_s["agreement_levels"] > 0
     assert list(result.metrics["agreement"]) == [str(level) for level in AGREEMENT_LEVELS]
-    assert result.metrics["agreement"]["2"]["observable"] == result.metrics["observable"]
+    assert (
+        result.metrics["agreement"][str(min(AGREEMENT_LEVELS))]["observable"] == result.metrics["observable"]
+    )
     strict = run_mission(base.with_values({"dense.agreeing_views": 5}), "boulder", 0)
     assert [r.chosen for r in strict.trace] == [r.chosen for r in result.trace]
     for surface in ("whole", "observable"):
