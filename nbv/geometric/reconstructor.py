@@ -22,7 +22,10 @@ MIN_TRIANGULATION_ANGLE_DEG = 1.5  # COLMAP's default
 class FeatureModel:
     """Free constants of detection and matching, set to reproduce real seed models (see the benchmark)."""
 
-    half_contrast: float = 0.045  # at this local contrast a landmark of medium strength is seen half the time
+    rock_rate: float = 0.7  # share of views in which a strong, well-lit landmark is detected
+    ground_rate: float = 0.9
+    half_contrast: float = 0.012  # at this local contrast it is half of that
+    incidence_power: float = 1.0  # how fast detection falls towards grazing views
     max_incidence_deg: float = 75.0
     far_max_incidence_deg: float = 86.0  # flat ground far away is only ever seen at a grazing angle
     rock_match_deg: tuple[float, float] = (12.0, 45.0)  # lines of sight that match: drawn per landmark
@@ -96,9 +99,9 @@ class GeometricReconstructor:
         noise = rng.standard_normal((n, 4))
         on_rock = np.arange(n) < world.n_rock
         # The ground's landmarks are a thinned lattice of its strongest features: all are worth something.
-        strength = np.where(on_rock, 2.0 * strength, 0.6 + 0.8 * strength)
-        contrast = world.landmark_contrast[:n] * strength
-        self._quality = contrast / (contrast + features.half_contrast)
+        rate = np.where(on_rock, features.rock_rate * 2.0 * strength, features.ground_rate)
+        contrast = world.landmark_contrast[:n]
+        self._quality = np.minimum(rate, 1.0) * contrast / (contrast + features.half_contrast)
         low = np.where(on_rock, features.rock_match_deg[0], features.ground_match_deg[0])
         high = np.where(on_rock, features.rock_match_deg[1], features.ground_match_deg[1])
         limit_deg = np.minimum(low + (high - low) * reach**2, self._config.sparse.max_pair_angle_deg)
@@ -170,7 +173,8 @@ class GeometricReconstructor:
         directions = capture.camera_center_m - self._landmarks_m
         directions /= np.sqrt(np.einsum("ij,ij->i", directions, directions))[:, None]
         cosine = np.einsum("ij,ij->i", directions, self._world.landmark_normals[:n])
-        chance = self._quality * np.sqrt(np.clip((cosine - self._grazing) / (1.0 - self._grazing), 0.0, 1.0))
+        facing = np.clip((cosine - self._grazing) / (1.0 - self._grazing), 0.0, 1.0)
+        chance = self._quality * facing**self._stand_in.features.incidence_power
         draw = keyed_rng("geometric-detection", self._rock_sha256, self._replicate, capture.viewpoint.id)
         return directions, self._world.landmark_seen[row, :n] & (draw.random(n) < chance)
 
