@@ -142,7 +142,9 @@ def test_mistakes_are_named(text: str, message: str) -> None:
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
-    with pytest.raises(UserError, match="unknown search space 'gates'; there are full, gate, gate_and_weights, paper_ten"):
+    with pytest.raises(
+        UserError, match="unknown search space 'gates'; there are full, gate, gate_and_weights, paper_ten"
+    ):
         load_search_space("gates")
     with pytest.raises(UserError, match="cannot read"):
         load_search_space(tmp_path / "none.yaml")

@@ -65,21 +65,22 @@ def test_slot_offsets_are_told_from_noise_and_cancel() -> None:
     """Slots that differ twice as much as configurations: noise and differences are found all the same."""
     space = synthetic.SPACE
     points = [space.from_unit(u) for u in ([0.7, 0.3], [0.2, 0.8], [0.4, 0.5])]
-    scale = np.mean([synthetic.fake_missions.rock_shift(r)[1] for r in synthetic.ROCKS])
+    scale = float(np.mean([synthetic.fake_missions.rock_shift(r)[1] for r in synthetic.ROCKS]))
     errors: dict[bool, list[float]] = {True: [], False: []}
     noise: dict[bool, list[float]] = {True: [], False: []}
     for seed in range(4):
         history = synthetic.random_design(32, 0.1, seed, replicates=2, slot_sd=0.6)
         for slots, found in errors.items():
             model = RockMeanGP(space, history, synthetic.ROCKS, slots=slots)
-            noise[slots].append(model.noise_sd / scale)
+            noise[slots].append(float(model.noise_sd / scale))
             belief = model.posterior(points)
             for i in (1, 2):
                 truth = synthetic.true_rock_mean(points[i]) - synthetic.true_rock_mean(points[0])
                 found.append(belief.difference(i, 0)[0] - truth)
             if slots:
                 gaps = [
-                    np.subtract(*(synthetic.slot_offset(r, k, seed) for k in (0, 1))) for r in synthetic.ROCKS
+                    synthetic.slot_offset(r, 0, seed) - synthetic.slot_offset(r, 1, seed)
+                    for r in synthetic.ROCKS
                 ]
                 realised = 0.6 * scale * np.sqrt(np.mean(np.square(gaps)) / 2)  # four differences: a rough sd
                 assert model.slot_sd is not None and 0.4 * realised < model.slot_sd < 2.5 * realised
