@@ -90,7 +90,9 @@ def test_cached_and_uncached_missions_are_bit_identical(flown, config, tmp_path)
     result, directory, _ = flown  # filled the store
     again = run_mission(config, ROCK, 0, tmp_path / "cached", cache=True)
     without = run_mission(config, ROCK, 0, tmp_path / "uncached", cache=False)
-    assert again.timings_s.get("bootstrap", 0) < result.timings_s["bootstrap"] / 3  # it really came from the store
+    assert (
+        again.timings_s.get("bootstrap", 0) < result.timings_s["bootstrap"] / 3
+    )  # it really came from the store
     for other in ("cached", "uncached"):
         assert (tmp_path / other / "dense.ply").read_bytes() == (directory / "dense.ply").read_bytes()
         assert (tmp_path / other / "sparse/0/points3D.bin").read_bytes() == (

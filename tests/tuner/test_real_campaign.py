@@ -11,7 +11,14 @@ import pytest
 
 pytestmark = pytest.mark.slow
 
-SMALL = ["--set", "stop.adaptive_budget=1", "--set", "evaluation.gt_samples=5000", "--set", "dense.agreeing_views=3"]
+SMALL = [
+    "--set",
+    "stop.adaptive_budget=1",
+    "--set",
+    "evaluation.gt_samples=5000",
+    "--set",
+    "dense.agreeing_views=3",
+]
 GATETUNE = [sys.executable, "-m", "tuner.cli"]
 
 
@@ -50,7 +57,9 @@ def test_interrupt_resume_evaluate(tmp_path):
     resumed = gatetune(tmp_path, "campaign", "resume", "runs/tiny", "--workers", "1")
     assert resumed.returncode == 0, resumed.stdout + resumed.stderr
     assert len(finished(tmp_path)) == 4
-    assert (tmp_path / "runs/tiny/missions" / before[0] / "mission.json").read_text() == kept  # not flown again
+    assert (
+        tmp_path / "runs/tiny/missions" / before[0] / "mission.json"
+    ).read_text() == kept  # not flown again
     assert (tmp_path / "runs/tiny/report.html").stat().st_size > 10_000
     recommendation = json.loads((tmp_path / "runs/tiny/recommendation.json").read_text())
     assert recommendation["observations"] == 4
