@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shlex
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -84,8 +86,9 @@ def compare(
     if paper:
         output.print(PAPER_NOT_COMPARABLE)
     report = write_comparison_report(
-        run, directory, title=title, reference=reference, metric=metric, paper=paper
-    )
+        run, directory, title=title, reference=reference, metric=metric, paper=paper,
+        command=f"gatetune {shlex.join(sys.argv[1:])}",
+    )  # fmt: skip
     output.print(f"{seconds(run.elapsed_s)}; report: {report}")
     for reason, times in run.failures.items():
         output.print(f"[red]failed {times} times: {reason}[/]")
