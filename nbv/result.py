@@ -83,7 +83,7 @@ class MissionResult:
 
     def to_json(self) -> str:
         """JSON text; non-finite numbers become null."""
-        return json.dumps(_finite(asdict(self)), indent=1)
+        return json.dumps(json_ready(asdict(self)), indent=1)
 
     @staticmethod
     def from_json(text: str) -> MissionResult:
@@ -114,13 +114,14 @@ class MissionResult:
         return MissionResult.from_json(file.read_text())
 
 
-def _finite(value: Any) -> Any:
+def json_ready(value: Any) -> Any:
+    """``value`` with non-finite numbers as None and numpy scalars as plain ones, at any depth."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: json_ready(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
+        return [json_ready(item) for item in value]
     if hasattr(value, "item") and getattr(value, "ndim", None) == 0:  # numpy scalar
-        return _finite(value.item())
+        return json_ready(value.item())
     return value

@@ -25,6 +25,7 @@ import numpy as np
 import yaml
 
 from nbv.errors import UserError
+from nbv.result import json_ready
 from nbv.types import PointCloud
 
 
@@ -75,16 +76,12 @@ class RunDirectory:
 
     def write_json(self, name: str, value: Any) -> None:
         """Save ``value`` as NAME in the directory's root."""
-        from nbv.result import _finite
-
-        write_atomic(self.root / name, json.dumps(_finite(value), indent=1))
+        write_atomic(self.root / name, json.dumps(json_ready(value), indent=1))
 
     def append_trace(self, record: dict[str, Any]) -> None:
         """Add one line to ``trace.jsonl`` at once, so that a killed mission leaves its history."""
-        from nbv.result import _finite
-
         with (self.root / "trace.jsonl").open("a") as file:
-            file.write(json.dumps(_finite(record)) + "\n")
+            file.write(json.dumps(json_ready(record)) + "\n")
 
     def state_path(self, iteration: int) -> Path:
         """Where the planning state of ``iteration`` lies."""

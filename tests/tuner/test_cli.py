@@ -4,28 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from tuner.cli import main
-
 RUN = ["campaign", "run", "--rock", "boulder"]
-
-
-@pytest.fixture
-def gatetune(monkeypatch, capfd, tmp_path):
-    """Run the command in an empty working directory; returns (exit code, stdout, stderr)."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["gatetune", *map(str, arguments)])
-        try:
-            main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code or 0
-        out, err = capfd.readouterr()
-        return code, out, err
-
-    return run
 
 
 def mesh(kind, path):
@@ -73,6 +52,7 @@ def mesh(kind, path):
         (["mission", "run", "--rock", "boulder", "--set", "gate.budget_fraction=1.5"], "between 0 and 1"),
         (["mission", "explain", "nowhere"], "nowhere"),
         (["rocks", "show", "nowhere.obj"], "nowhere.obj"),
+        (["rocks", "show", "boulder", "--image", "nowhere/boulder.png"], "nowhere/boulder.png"),
     ],
 )
 def test_a_mistake_is_one_line_and_exit_code_2(gatetune, tmp_path, arguments, says):

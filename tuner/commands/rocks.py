@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from nbv.errors import UserError
 from tuner.commands.console import output
 
 app = typer.Typer(no_args_is_help=True)
@@ -50,7 +51,11 @@ def show(
 
         from nbv.scene import preview
 
-        Image.fromarray(preview(subject)).save(image)
+        picture = Image.fromarray(preview(subject))
+        try:
+            picture.save(image)
+        except (OSError, ValueError) as error:  # ValueError: no such picture format
+            raise UserError(f"cannot write {image}: {error}; name a .png in a folder that exists") from error
         output.print(f"contact sheet: {image}")
 
 

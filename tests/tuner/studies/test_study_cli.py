@@ -9,30 +9,9 @@ import yaml
 from fake_study import fake_study_mission
 
 from nbv.config import MissionConfig
-from tuner.cli import main
 from tuner.executors import InProcessExecutor
 from tuner.search_space import load_search_space
 from tuner.studies.noise import NoiseSettings, fly
-
-
-@pytest.fixture
-def gatetune(monkeypatch, capfd, tmp_path):
-    """Run the command in an empty working directory; returns (exit code, stdout, stderr)."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-
-    def run(*arguments):
-        monkeypatch.setattr("sys.argv", ["gatetune", *map(str, arguments)])
-        try:
-            main()
-            code = 0
-        except SystemExit as stop:
-            code = stop.code or 0
-        out, err = capfd.readouterr()
-        return code, out, err
-
-    return run
-
 
 NOISE = ["study", "noise", "--rock", "boulder", "--space", "gate"]
 

@@ -1,0 +1,24 @@
+"""Fixtures of the tuner's tests."""
+
+import pytest
+
+from tuner.cli import main
+
+
+@pytest.fixture
+def gatetune(monkeypatch, capfd, tmp_path):
+    """Run the command in an empty working directory; returns (exit code, stdout, stderr)."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def run(*arguments):
+        monkeypatch.setattr("sys.argv", ["gatetune", *map(str, arguments)])
+        try:
+            main()
+            code = 0
+        except SystemExit as stop:
+            code = stop.code or 0
+        out, err = capfd.readouterr()
+        return code, out, err
+
+    return run
