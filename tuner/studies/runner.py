@@ -16,7 +16,7 @@ from nbv.result import MissionResult
 from tuner.missions import Keep
 
 # Values of dense.agreeing_views that are measured; a mission is flown with the lowest.
-AGREEMENT_LEVELS = (3, 4, 5, 6)
+AGREEMENT_LEVELS = (3, 5, 6, 7)
 STUDY_RUNNER = "tuner.studies.runner:run_study_mission"
 
 
