@@ -10,6 +10,7 @@ import numpy as np
 from nbv.cache import home
 from nbv.config import MissionConfig
 from nbv.evaluation.cleaning import clean_cloud
+from nbv.evaluation.floor import hausdorff_floors
 from nbv.evaluation.ground_truth import GroundTruthSamples, build_ground_truth, distance_to_surface
 from nbv.evaluation.metrics import compute_metrics
 from nbv.rocks import Rock
@@ -45,6 +46,15 @@ def ground_truth(rock: Rock, config: MissionConfig) -> GroundTruthSamples:
     )  # fmt: skip
 
 
+def rock_floors(rock: Rock, truth: GroundTruthSamples, config: MissionConfig) -> dict[str, dict[str, float]]:
+    """What a perfect reconstruction of the rock's observable surface would get (kept in the user's cache)."""
+    return hausdorff_floors(
+        rock.vertices_m, rock.faces, truth, camera_shell(config),
+        config.dense.fusion_voxel_m, config.evaluation.ground_ransac_threshold_m,
+        cache_dir=home() / "ground_truth",
+    )  # fmt: skip
+
+
 def evaluate_cloud(cloud: PointCloud, rock: Rock, config: MissionConfig) -> Evaluation:
     """Clean a dense cloud and measure it.
 
@@ -54,8 +64,9 @@ def evaluate_cloud(cloud: PointCloud, rock: Rock, config: MissionConfig) -> Eval
         Nothing is left after cleaning.
     """
     cleaned, report = clean_cloud(cloud, config.evaluation, config.target_m, _CLEANING_SEED)
+    truth = ground_truth(rock, config)
     metrics = compute_metrics(
-        cleaned, ground_truth(rock, config), config.evaluation, config.target_m,
-        distance_to_surface(cleaned.points_m, rock.vertices_m, rock.faces),
+        cleaned, truth, config.evaluation, config.target_m,
+        distance_to_surface(cleaned.points_m, rock.vertices_m, rock.faces), rock_floors(rock, truth, config),
     )  # fmt: skip
     return Evaluation(metrics.to_dict(), report, cleaned)

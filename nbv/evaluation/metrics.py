@@ -15,7 +15,7 @@ al. 2017, Eq. 4 to 8). The authors' code uses "at most"; on measured distances t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -45,7 +45,8 @@ class Metrics:
     ``hausdorff_cloud_to_gt_mm``, ``hausdorff_symmetric_mm``; ``c2c_{mean,median,p95}_mm`` (the paper's,
     gt -> cloud) and ``c2c_cloud_to_gt_{mean,median,p95}_mm``; ``completeness_{t}mm``, ``accuracy_{t}mm``,
     ``f_score_{t}mm``; ``f_score_auc``; ``sector_completeness_48mm`` (list, None where a sector holds no
-    sample); ``n_gt_samples``.
+    sample); ``n_gt_samples``; and, where floors were given, what a perfect reconstruction of this rock
+    would get: ``hausdorff_{direction}_floor_mm``.
     """
 
     n_points: int
@@ -75,6 +76,7 @@ def compute_metrics(
     config: EvaluationConfig,
     target_m: tuple[float, float, float] | Floats = (0.0, 0.0, 0.8),
     to_surface_m: Floats | None = None,
+    floors: Mapping[str, Mapping[str, float]] | None = None,
 ) -> Metrics:
     """Score a cleaned cloud against the reference.
 
@@ -90,6 +92,8 @@ def compute_metrics(
         (N,) exact distances from the points to the reference surface (`distance_to_surface`). Without them
         the nearest sample stands for the surface, which adds about half the samples' spacing to every
         ``cloud -> gt`` distance (several millimetres at 50,000 samples on a 1.6 m rock).
+    floors
+        By surface, values of the rock itself to report beside the scores (`nbv.evaluation.floor`).
 
     Raises
     ------
@@ -114,7 +118,7 @@ def compute_metrics(
             raise ValueError(f"to_surface_m has shape {to_gt.shape}, the cloud {len(points)} points")
     to_cloud, nearest = nearest_neighbours(points, truth.points_m)
     sectors = azimuth_sectors(truth.points_m, target_m, config.azimuth_sectors)
-    ungated = _variant(to_cloud, to_gt, truth, sectors, config)
+    ungated = _variant(to_cloud, to_gt, truth, sectors, config, floors or {})
 
     gate_m = config.gt_gate_m if config.gt_gate_m > 0 else PAPER_CODE_GATE_M
     kept = to_gt <= gate_m
@@ -125,7 +129,8 @@ def compute_metrics(
         orphans = ~kept[nearest]
         if orphans.any():
             gated_to_cloud[orphans], _ = nearest_neighbours(points[kept], truth.points_m[orphans])
-        gated = {"gt_gate_m": gate_m, **_variant(gated_to_cloud, to_gt[kept], truth, sectors, config)}
+        variant = _variant(gated_to_cloud, to_gt[kept], truth, sectors, config, floors or {})
+        gated = {"gt_gate_m": gate_m, **variant}
     if config.gt_gate_m > 0 and gated is None:
         raise MissionFailure(
             "empty_cloud", f"no reconstructed point lies within the {1000 * gate_m:.0f} mm ground-truth gate"
@@ -148,6 +153,7 @@ def _variant(
     truth: GroundTruthSamples,
     sectors: NDArray[np.int64],
     config: EvaluationConfig,
+    floors: Mapping[str, Mapping[str, float]],
 ) -> dict[str, Any]:
     everything = np.ones(len(to_cloud_m), dtype=bool)
     out: dict[str, Any] = {"n_points": len(to_gt_m)}
@@ -157,6 +163,7 @@ def _variant(
             to_cloud_m[mask], sectors[mask], config.azimuth_sectors, SECTOR_THRESHOLD_MM
         )
         scores["n_gt_samples"] = int(mask.sum())
+        scores.update(floors.get(name, {}))
         out[name] = scores
     return out
 
@@ -172,11 +179,7 @@ def distance_scores(to_cloud_m: Floats, to_gt_m: Floats, thresholds_mm: Sequence
         (N,) from each reconstructed point to the reference.
     """
     forward, backward = 1000.0 * np.asarray(to_cloud_m), 1000.0 * np.asarray(to_gt_m)
-    scores = {
-        "hausdorff_gt_to_cloud_mm": float(forward.max()),
-        "hausdorff_cloud_to_gt_mm": float(backward.max()),
-        "hausdorff_symmetric_mm": float(max(forward.max(), backward.max())),
-    }
+    scores = hausdorff_mm(to_cloud_m, to_gt_m)
     for prefix, distance in (("c2c", forward), ("c2c_cloud_to_gt", backward)):
         scores[f"{prefix}_mean_mm"] = float(distance.mean())
         scores[f"{prefix}_median_mm"] = float(np.median(distance))
@@ -191,6 +194,16 @@ def distance_scores(to_cloud_m: Floats, to_gt_m: Floats, thresholds_mm: Sequence
         curve.append(scores[f"f_score_{t:g}mm"])
     scores["f_score_auc"] = area_under_curve(ordered, curve)
     return scores
+
+
+def hausdorff_mm(to_cloud_m: Floats, to_gt_m: Floats) -> dict[str, float]:
+    """Both directed Hausdorff distances and the symmetric one, from distances in metres, in mm."""
+    forward, backward = (float((1000.0 * np.asarray(d)).max()) for d in (to_cloud_m, to_gt_m))
+    return {
+        "hausdorff_gt_to_cloud_mm": forward,
+        "hausdorff_cloud_to_gt_mm": backward,
+        "hausdorff_symmetric_mm": max(forward, backward),
+    }
 
 
 def f_score(precision: float, recall: float) -> float:

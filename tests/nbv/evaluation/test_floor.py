@@ -1,0 +1,123 @@
+"""The rock's own Hausdorff floor, on shapes where it is known."""
+
+import dataclasses
+import json
+
+import numpy as np
+import open3d as o3d
+import pytest
+
+from nbv.config import EvaluationConfig
+from nbv.evaluation.floor import hausdorff_floors, perfect_cloud
+from nbv.evaluation.ground_truth import build_ground_truth, distance_to_surface
+from nbv.evaluation.metrics import compute_metrics
+from nbv.types import PointCloud
+
+VOXEL_M, CUT_M = 0.02, 0.03
+
+
+def box(width_m: float, height_m: float):
+    """A box that stands on the ground: its bottom is never visible."""
+    mesh = o3d.geometry.TriangleMesh.create_box(width_m, width_m, height_m)
+    mesh = mesh.translate((-width_m / 2, -width_m / 2, 0.0))
+    return np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)
+
+
+def dome_of_cameras(radius_m: float = 3.5):
+    return np.array([
+        [radius_m * np.cos(e) * np.cos(a), radius_m * np.cos(e) * np.sin(a), 0.5 + radius_m * np.sin(e)]
+        for e in np.deg2rad([10.0, 30.0, 50.0]) for a in np.linspace(0, 2 * np.pi, 24, endpoint=False)
+    ])  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def standing_box():
+    vertices, faces = box(1.0, 0.8)
+    cameras = dome_of_cameras()
+    truth = build_ground_truth(vertices, faces, cameras, 20_000, 0)
+    return vertices, faces, cameras, truth, hausdorff_floors(vertices, faces, truth, cameras, VOXEL_M, CUT_M)
+
+
+def test_the_middle_of_an_invisible_bottom_is_the_floor(standing_box):
+    *_, floors = standing_box
+    # The centre of a 1 m square bottom is 0.5 m from its edges, where the visible sides begin 3 cm higher up.
+    expected = 1000 * np.hypot(0.5, CUT_M)
+    assert floors["whole"]["hausdorff_gt_to_cloud_floor_mm"] == pytest.approx(expected, abs=15)
+    assert (
+        floors["whole"]["hausdorff_symmetric_floor_mm"] == floors["whole"]["hausdorff_gt_to_cloud_floor_mm"]
+    )
+    # On the observable part only the ground cut and the gaps between voxels are left.
+    observable = floors["observable"]["hausdorff_gt_to_cloud_floor_mm"]
+    assert 1000 * CUT_M - 2 < observable < 1000 * (CUT_M + 2 * VOXEL_M)
+    # Averaging pulls points off the surface at edges only, by less than a voxel.
+    assert floors["whole"]["hausdorff_cloud_to_gt_floor_mm"] < 1000 * VOXEL_M
+
+
+def test_a_sphere_seen_from_one_side_has_the_chord_to_its_far_pole():
+    """A known crop: from far away a camera sees the cap up to 80 degrees of incidence, and nothing else."""
+    mesh = o3d.geometry.TriangleMesh.create_sphere(0.5, resolution=60).translate((0, 0, 5.0))
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)
+    cameras = np.array([[1000.0, 0.0, 5.0], [1000.0, 0.1, 5.0]])
+    truth = build_ground_truth(vertices, faces, cameras, 20_000, 0)
+    cloud = perfect_cloud(vertices, faces, cameras, VOXEL_M, CUT_M)
+    assert cloud[:, 0].min() == pytest.approx(0.5 * np.cos(np.deg2rad(80)), abs=0.02)
+    floors = hausdorff_floors(vertices, faces, truth, cameras, VOXEL_M, CUT_M)
+    chord_mm = 1000 * 2 * 0.5 * np.sin(np.deg2rad((180 - 80) / 2))
+    assert floors["whole"]["hausdorff_gt_to_cloud_floor_mm"] == pytest.approx(chord_mm, abs=12)
+    assert floors["observable"]["hausdorff_gt_to_cloud_floor_mm"] < 2000 * VOXEL_M
+
+
+def test_no_real_cloud_beats_the_floor_by_more_than_a_voxel(standing_box):
+    """The observable surface itself, without noise, measured as any other cloud, gets the floor."""
+    vertices, faces, _, truth, floors = standing_box
+    seen = truth.points_m[truth.observable & (truth.points_m[:, 2] > CUT_M)]
+    metrics = compute_metrics(
+        PointCloud(seen), truth, EvaluationConfig(), (0, 0, 0.4),
+        distance_to_surface(seen, vertices, faces), floors,
+    )  # fmt: skip
+    for surface in ("whole", "observable"):
+        scores = getattr(metrics, surface)
+        assert scores["hausdorff_gt_to_cloud_mm"] == pytest.approx(
+            scores["hausdorff_gt_to_cloud_floor_mm"], abs=1000 * VOXEL_M
+        )
+    half = seen[seen[:, 0] > 0]
+    worse = compute_metrics(PointCloud(half), truth, EvaluationConfig(), (0, 0, 0.4), None, floors).whole
+    assert worse["hausdorff_gt_to_cloud_mm"] > worse["hausdorff_gt_to_cloud_floor_mm"] + 100
+
+
+def test_floors_stand_beside_the_scores_and_change_none(standing_box):
+    _, _, _, truth, floors = standing_box
+    cloud = PointCloud(truth.points_m[::3])
+    gate = dataclasses.replace(EvaluationConfig(), gt_gate_m=0.05)
+    for config in (EvaluationConfig(), gate):
+        without, given = (
+            compute_metrics(cloud, truth, config),
+            compute_metrics(cloud, truth, config, floors=floors),
+        )
+        for variant in (given.to_dict(), given.ungated, given.gated):
+            for surface in ("whole", "observable"):
+                assert floors[surface].items() <= variant[surface].items()
+        stripped = {k: v for k, v in given.whole.items() if not k.endswith("_floor_mm")}
+        assert stripped == without.whole and len(given.whole) == len(without.whole) + 3
+    json.dumps(given.to_dict(), allow_nan=False)
+
+
+def test_kept_by_content(standing_box, tmp_path):
+    vertices, faces, cameras, truth, floors = standing_box
+    for _ in range(2):
+        assert hausdorff_floors(vertices, faces, truth, cameras, VOXEL_M, CUT_M, tmp_path) == floors
+    (file,) = tmp_path.iterdir()
+    file.write_text("{")  # a damaged file is made anew
+    assert hausdorff_floors(vertices, faces, truth, cameras, VOXEL_M, CUT_M, tmp_path) == floors
+    coarser = hausdorff_floors(vertices, faces, truth, cameras, 2 * VOXEL_M, CUT_M, tmp_path)
+    assert coarser != floors and len(list(tmp_path.iterdir())) == 2
+
+
+def test_nothing_observable_has_no_floor():
+    vertices, faces = box(1.0, 0.02)  # all of it is taken for ground
+    cameras = dome_of_cameras()
+    truth = build_ground_truth(vertices, faces, cameras, 2000, 0)
+    assert hausdorff_floors(vertices, faces, truth, cameras, VOXEL_M, CUT_M) == {
+        "whole": {},
+        "observable": {},
+    }
