@@ -1,0 +1,184 @@
+"""Optimisers against each other at equal cost: N seeds x strategies x problems.
+
+    OMP_NUM_THREADS=1 python benchmarks/optimiser_comparison.py run --problem hartmann6:0.1 --strategy gp tpe
+    python benchmarks/optimiser_comparison.py summary
+
+``run`` writes one JSON-lines file per (problem, strategy, seed) under ``--out`` and skips those that are
+complete. ``summary`` (``optimiser_summary.py``) turns them into tables and figures. The lines of a file:
+
+``{"kind": "run", "problem", "strategy", "seed", "budget", "dimension", "rocks", "best", "default_truth"}``
+``{"kind": "mission", "cost", "values", "rock", "replicate", "value", "ask_s", "mean", "sd"}``
+    ``cost`` is what has been spent so far, in missions; ``ask_s`` CPU seconds; ``mean`` and ``sd`` what our GP,
+    fitted at the last checkpoint, predicted for this very mission (absent before the first).
+``{"kind": "checkpoint", "cost", "values", "truth", "mean", "sd"}``
+    the recommendation at that cost, its noiseless value, and our GP's belief about it.
+``{"kind": "done", "ask_s"}``
+
+Every strategy starts at the problem's default configuration. Where a strategy recommends nothing itself, our
+product's rule does it for all alike: best posterior mean of our GP among the configurations flown.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any, TextIO
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve().parent.parent)]
+
+from optimiser_problems import ROCKS, Problem, make_problem  # noqa: E402
+from optimiser_strategies import STRATEGIES, applicable  # noqa: E402
+
+from tuner.campaign import next_slot  # noqa: E402
+from tuner.history import Observation, Proposal  # noqa: E402
+from tuner.search_space import Values  # noqa: E402
+from tuner.surrogate import RockMeanGP  # noqa: E402
+
+OUT = Path("runs/optimiser_comparison")
+# Shares of the budget at which a recommendation is made; ours more often, to see when it reaches a peer's last.
+CHECKPOINTS = (0.2, 0.4, 0.6, 0.8, 1.0)
+OUR_CHECKPOINTS = (0.125, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+
+
+def result_file(out: Path, problem: str, strategy: str, seed: int) -> Path:
+    """Where one run is written."""
+    return out / f"{problem}__{strategy}__{seed}.jsonl".replace("/", "-").replace(":", "-")
+
+
+def complete(path: Path) -> bool:
+    """Whether the run in ``path`` came to its end."""
+    return path.is_file() and '"kind": "done"' in path.read_text()
+
+
+def common_recommendation(
+    problem: Problem, history: Sequence[Observation], seed: int
+) -> tuple[Values, float, float, RockMeanGP]:
+    """Best posterior mean among the configurations flown, its mean and sd, and the model."""
+    model = RockMeanGP(problem.space, history, problem.rocks, seed)
+    seen = {tuple(problem.space.to_unit(o.values)): dict(o.values) for o in history if o.feasible}
+    configurations = list(seen.values())
+    belief = model.posterior(configurations)
+    i = int(belief.mean.argmax())
+    return configurations[i], float(belief.mean[i]), float(belief.sd[i]), model
+
+
+def play(problem: Problem, name: str, seed: int, log: TextIO) -> None:
+    """One run, written line by line."""
+
+    def write(kind: str, **fields: Any) -> None:
+        print(json.dumps({"kind": kind, **fields}), file=log, flush=True)
+
+    write("run", problem=problem.name, strategy=name, seed=seed, budget=problem.budget,
+          dimension=problem.space.dimension, rocks=list(problem.rocks), best=problem.best,
+          default_truth=problem.truth(problem.default))  # fmt: skip
+    strategy = STRATEGIES[name](problem, seed)
+    history: list[Observation] = []
+    model: RockMeanGP | None = None
+    spent = total_ask_s = 0.0
+    shares = OUR_CHECKPOINTS if name.partition("/")[0] == "gp" else CHECKPOINTS
+    marks = [share * problem.budget for share in shares]
+    while spent < problem.budget - 1e-6:
+        began = time.process_time()
+        request = strategy.ask()
+        ask_s = time.process_time() - began
+        total_ask_s += ask_s
+        proposal = Proposal(request.values, {}, request.rock, request.replicate)
+        rock, replicate = next_slot(problem.rocks, problem.replicates, history, proposal)  # type: ignore[arg-type]
+        flight = problem.fly(request.values, rock, replicate)
+        expected = {}
+        if model is not None and rock in problem.rocks:
+            mean, sd = model.predict_mission(request.values, rock, replicate)
+            expected = {"mean": mean, "sd": sd}
+        spent += flight.cost
+        observation = Observation(
+            len(history), request.values, rock, replicate, flight.value, flight.value, memory=request.memory
+        )
+        history.append(observation)
+        strategy.tell(observation)
+        write("mission", cost=round(spent, 6), values=dict(request.values), rock=rock, replicate=replicate,
+              value=flight.value, ask_s=round(ask_s, 4), **expected)  # fmt: skip
+        if (
+            marks
+            and spent >= marks[0] - 1e-6
+            and any(o.feasible and o.rock in problem.rocks for o in history)
+        ):
+            while marks and spent >= marks[0] - 1e-6:
+                marks.pop(0)
+            full = [o for o in history if o.rock in problem.rocks]
+            values, mean, sd, model = common_recommendation(problem, full, seed)
+            own = strategy.recommend()
+            belief = {"mean": mean, "sd": sd} if own is None else {}
+            values = own or values
+            write(
+                "checkpoint", cost=round(spent, 6), values=dict(values), truth=problem.truth(values), **belief
+            )
+    write("done", ask_s=total_ask_s)
+
+
+def run_one(job: tuple[str, str, int, Path, tuple[str, ...], int | None]) -> str:
+    """One run in a process of its own; returns a line for people."""
+    problem_name, strategy, seed, out, rocks, budget = job
+    path = result_file(out, problem_name, strategy, seed)
+    began = time.monotonic()
+    problem = make_problem(problem_name, seed, out / "geometric_missions.sqlite", rocks, budget)
+    with path.open("w") as log:
+        play(problem, strategy, seed, log)
+    last = [json.loads(line) for line in path.read_text().splitlines() if '"checkpoint"' in line][-1]
+    return f"{problem_name:24s} {strategy:14s} {seed:3d}  {last['truth']:8.3f}  {time.monotonic() - began:5.0f} s"
+
+
+def main() -> None:
+    """Parse, play or summarise."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    run = commands.add_parser("run")
+    run.add_argument("--problem", nargs="+", required=True)
+    run.add_argument("--strategy", nargs="+", default=list(STRATEGIES))
+    run.add_argument("--seeds", type=int, default=10)
+    run.add_argument("--first-seed", type=int, default=0)
+    run.add_argument("--budget", type=int)
+    run.add_argument("--rocks", nargs="+", default=list(ROCKS), help="of geometric problems: names or meshes")
+    run.add_argument("--jobs", type=int, default=1)
+    run.add_argument("--out", type=Path, default=OUT)
+    summary = commands.add_parser("summary")
+    summary.add_argument("--out", type=Path, default=OUT)
+    summary.add_argument("--figures", type=Path)
+    summary.add_argument("--ours", default="gp")
+    summary.add_argument("--problem", nargs="+")
+    summary.add_argument("--strategy", nargs="+")
+    arguments = parser.parse_args()
+    if arguments.command == "summary":
+        from optimiser_summary import summarise
+
+        summarise(arguments.out, arguments.ours, arguments.figures, arguments.problem, arguments.strategy)
+        return
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    jobs = [
+        (problem, strategy, seed, arguments.out, tuple(arguments.rocks), arguments.budget)
+        for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+        for problem in arguments.problem
+        for strategy in arguments.strategy
+        if applicable(strategy, ("one", "two") if problem.startswith(("four", "geo")) else ("one",))
+        and not complete(result_file(arguments.out, problem, strategy, seed))
+    ]
+    if arguments.jobs == 1:
+        for job in jobs:
+            print(run_one(job), flush=True)
+        return
+    with ProcessPoolExecutor(arguments.jobs) as pool:
+        for line in pool.map(run_one, jobs):
+            print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()

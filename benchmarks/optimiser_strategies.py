@@ -1,0 +1,210 @@
+"""Optimisers behind one face for ``optimiser_comparison.py``.
+
+A strategy is made for one problem and seed, asked for the next mission, told how it ended, and may recommend.
+To add one (another library, say) write a class with ``ask``, ``tell`` and ``recommend`` and enter a factory::
+
+    STRATEGIES["mine"] = lambda problem, seed: MyStrategy(problem, seed)
+
+``AllRocks`` turns anything that proposes configurations and learns one number each into a strategy that flies
+every configuration on all rocks.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from optimiser_problems import Problem
+
+from tuner.history import Observation
+from tuner.objective import RockStandardiser
+from tuner.samplers import Sampler, SamplerSettings, initial_design_size, make_sampler
+from tuner.search_space import Values
+
+
+@dataclass(frozen=True)
+class Request:
+    """The mission a strategy wants; rock and replicate by the campaign's schedule where None."""
+
+    values: Values
+    rock: str | None = None
+    replicate: int | None = None
+    memory: Mapping[str, Any] = field(default_factory=dict)  # comes back with the observation
+    why: Mapping[str, Any] = field(default_factory=dict)
+
+
+class Strategy(Protocol):
+    """One optimiser at work on one problem."""
+
+    def ask(self) -> Request:
+        """The next mission."""
+        ...
+
+    def tell(self, observation: Observation) -> None:
+        """The mission asked for last has ended (``outcome`` None: it failed)."""
+        ...
+
+    def recommend(self) -> Values | None:
+        """The configuration to use now; None leaves it to our GP's posterior mean over what was flown."""
+        ...
+
+
+Factory = Callable[[Problem, int], Strategy]
+
+
+def settings_of(problem: Problem, seed: int, *, configurations: bool = False) -> SamplerSettings:
+    """What a campaign on ``problem`` would give its sampler.
+
+    ``configurations``: for samplers that see configurations, each flown on all rocks, as single results.
+    """
+    rocks = ("mean",) if configurations else problem.rocks
+    budget = problem.budget // len(problem.rocks) if configurations else problem.budget
+    initial = initial_design_size(problem.space.dimension, budget)
+    return SamplerSettings(problem.space, problem.default, rocks, seed, initial)
+
+
+class OneRock:
+    """A campaign's sampler: one mission per configuration, rocks in turn."""
+
+    def __init__(self, sampler: Sampler) -> None:
+        self.sampler = sampler
+        self.history: list[Observation] = []
+
+    def ask(self) -> Request:
+        """The sampler's proposal."""
+        p = self.sampler.ask(self.history, [])
+        return Request(p.values, p.rock, p.replicate, p.memory, p.why)
+
+    def tell(self, observation: Observation) -> None:
+        """Into the history."""
+        self.history.append(observation)
+
+    def recommend(self) -> Values | None:
+        """By the common rule."""
+        return None
+
+
+class AllRocks:
+    """Every configuration on all rocks with one replicate number; the sampler learns the mean."""
+
+    def __init__(self, problem: Problem, sampler: Sampler) -> None:
+        self.problem = problem
+        self.sampler = sampler
+        self.means: list[Observation] = []
+        self._now: Request | None = None
+        self._outcomes: list[float | None] = []
+
+    def ask(self) -> Request:
+        """The configuration at hand on its next rock."""
+        if self._now is None:
+            p = self.sampler.ask(self.means, [])
+            self._now = Request(p.values, memory=p.memory, why=p.why)
+        replicate = len(self.means) % self.problem.replicates
+        rock = self.problem.rocks[len(self._outcomes)]
+        return Request(self._now.values, rock, replicate, self._now.memory, self._now.why)
+
+    def tell(self, observation: Observation) -> None:
+        """One number per configuration; a failure on any rock is a failed configuration."""
+        self._outcomes.append(observation.outcome)
+        if len(self._outcomes) < len(self.problem.rocks):
+            return
+        assert self._now is not None
+        good = [y for y in self._outcomes if y is not None]
+        mean = float(np.mean(good)) if len(good) == len(self._outcomes) else None
+        number = len(self.means)
+        self.means.append(
+            Observation(number, self._now.values, "mean", number, mean, mean, memory=self._now.memory)
+        )
+        self._now, self._outcomes = None, []
+
+    def recommend(self) -> Values | None:
+        """By the common rule."""
+        return None
+
+
+class PrunedTPE:
+    """Optuna as its documentation would have it for many instances: TPE, and ``WilcoxonPruner`` over rocks.
+
+    With four rocks the signed-rank test can reach p = 0.25 after two rocks and 0.125 after three: the threshold of
+    0.26 stops a configuration that is worse than the best one on its first two. A stopped configuration counts
+    with the mean of its rock-standardised outcomes.
+    """
+
+    def __init__(self, problem: Problem, seed: int) -> None:
+        import optuna
+
+        optuna.logging.set_verbosity(logging.ERROR)
+        self.problem = problem
+        startup = initial_design_size(problem.space.dimension, problem.budget // len(problem.rocks))
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            sampler = optuna.samplers.TPESampler(seed=seed, n_startup_trials=startup, multivariate=True)
+            pruner = optuna.pruners.WilcoxonPruner(p_threshold=0.26, n_startup_steps=2)
+        self.study = optuna.create_study(direction="maximize", sampler=sampler, pruner=pruner)
+        self.study.enqueue_trial(dict(problem.default))
+        self._distributions = problem.space.distributions()
+        self._trial: Any = None
+        self._mine: list[Observation] = []
+        self._all: list[Observation] = []
+
+    def ask(self) -> Request:
+        """The configuration at hand on its next rock."""
+        if self._trial is None:
+            self._trial = self.study.ask(self._distributions)
+        replicate = self._trial.number % self.problem.replicates
+        return Request(dict(self._trial.params), self.problem.rocks[len(self._mine)], replicate)
+
+    def tell(self, observation: Observation) -> None:
+        """Report, and stop or go on."""
+        import optuna
+
+        self._mine.append(observation)
+        self._all.append(observation)
+        trial = self._trial
+        if observation.outcome is None:
+            self.study.tell(trial, state=optuna.trial.TrialState.FAIL)
+        else:
+            trial.report(observation.outcome, len(self._mine) - 1)
+            complete = len(self._mine) == len(self.problem.rocks)
+            if not complete and not trial.should_prune():
+                return
+            good = [o for o in self._all if o.outcome is not None]
+            outcomes = np.array([o.outcome for o in good], dtype=float)
+            standard = RockStandardiser.fit([o.rock for o in good], outcomes)
+            own = standard.standardise([o.rock for o in self._mine], [o.outcome or 0.0 for o in self._mine])
+            self.study.tell(trial, float(np.mean(own)))
+        self._trial, self._mine = None, []
+
+    def recommend(self) -> Values | None:
+        """By the common rule."""
+        return None
+
+
+def one_rock(name: str) -> Factory:
+    """A campaign with sampler ``name``."""
+    return lambda problem, seed: OneRock(make_sampler(name, settings_of(problem, seed)))
+
+
+def all_rocks(name: str) -> Factory:
+    """The sampler on configurations that fly all rocks."""
+    return lambda problem, seed: AllRocks(
+        problem, make_sampler(name, settings_of(problem, seed, configurations=True))
+    )
+
+
+PEERS = ("sobol", "random", "tpe", "cmaes", "optuna-gp")
+STRATEGIES: dict[str, Factory] = {
+    "gp": one_rock("gp"),
+    **{name: one_rock(name) for name in PEERS},
+    **{f"{name}/all": all_rocks(name) for name in (*PEERS, "gp")},
+    "tpe/pruned": PrunedTPE,
+}
+
+
+def applicable(name: str, rocks: Sequence[str]) -> bool:
+    """Whether a strategy is another one than its one-rock variant on these rocks."""
+    return len(rocks) > 1 or "/" not in name
