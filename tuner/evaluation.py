@@ -279,6 +279,19 @@ def strategy_difference(
     return paired_difference(ours, theirs, row.higher_is_better, method)
 
 
+def rock_floor(records: Sequence[EvaluationRecord], metric: MetricRow) -> float | None:
+    """Mean over rocks of what a perfect reconstruction would get (``nbv.evaluation.floor``).
+
+    A property of the rocks, so missions of all strategies may tell it. None where no mission holds it.
+    """
+    by_rock: dict[str, float] = {}
+    for r in records:
+        value = r.value(metric.floor_key)
+        if value is not None:
+            by_rock[r.rock] = value
+    return sum(by_rock.values()) / len(by_rock) if by_rock else None
+
+
 @dataclass(frozen=True)
 class ComparisonRow:
     """One metric across the strategies."""
@@ -286,6 +299,7 @@ class ComparisonRow:
     metric: MetricRow
     cells: dict[str, Interval | None]  # by strategy
     best: tuple[str, ...]  # strategies with the best mean (several when equal)
+    floor: float | None  # what a perfect reconstruction would get, mean over rocks; None for most metrics
     differences: dict[str, PairedDifference | None]  # against the reference, which is left out
 
 
@@ -329,7 +343,7 @@ def comparison_table(
             for name in strategies
             if reference is not None and name != reference
         }
-        table.append(ComparisonRow(metric, cells, best, differences))
+        table.append(ComparisonRow(metric, cells, best, rock_floor(records, metric), differences))
     counts = collections.Counter(r.strategy for r in records if r.outcome.status != "failed")
     failures = collections.Counter(r.strategy for r in records if r.outcome.status == "failed")
     return ComparisonTable(

@@ -16,6 +16,11 @@ class MetricRow:
     higher_is_better: bool
     decimals: int = 1
 
+    @property
+    def floor_key(self) -> str:
+        """Where missions hold the rock's own floor of this metric, if it has one."""
+        return self.key.removesuffix("_mm") + "_floor_mm"
+
     def on(self, surface: str) -> MetricRow:
         """The same row on another surface, ``whole`` or ``observable``."""
         rest = self.key.partition(".")[2]

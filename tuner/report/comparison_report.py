@@ -17,11 +17,14 @@ from tuner.objective import DEFAULT_METRIC
 from tuner.paper_table import PAPER_TABLE_I, MetricRow
 from tuner.report.comparison_figures import forest_figure, rocks_figure
 from tuner.report.comparison_tables import (
+    FLOOR_NOTE,
     PAPER_NOT_COMPARABLE,
     cell,
     comparison_markdown,
     difference_cell,
     difference_verdict,
+    floor_name,
+    floor_text,
     full_row_name,
     gain_interval,
     methods_sentence,
@@ -141,6 +144,7 @@ def comparison_context(
         "methods": methods_sentence([*tables, leading]),
         "comparisons": len(others) * len(tables[0].rows) * len(tables),
         "paper": PAPER_NOT_COMPARABLE if paper else "",
+        "floor": FLOOR_NOTE if any(row.floor is not None for t in tables for row in t.rows) else "",
         "figures": _figures(run, tables[0], headline, figures, surfaces[0]),
         "provenance": _provenance(run),
     }
@@ -262,6 +266,9 @@ def _table_rows(table: ComparisonTable, strategies: Sequence[str], paper: bool) 
                 "cells": [{"text": c.text, "best": c.best, "paper": c.paper if paper else ""} for c in cells],
             }
         )
+        if row.floor is not None:
+            own = {"text": floor_text(row), "best": False, "paper": ""}
+            rows.append({"group": "", "name": floor_name(row), "cells": [own] * len(strategies)})
     return rows
 
 

@@ -22,6 +22,11 @@ METHODS = {
     "none": "none where there are too few missions for one",
 }  # fmt: skip
 
+FLOOR_NOTE = (
+    "The rocks’ own floor is what a reconstruction without error or omission would get: surface that no reachable camera "
+    "sees, and what is cut away with the ground, keep a distance from every cloud."
+)
+
 PAPER_NOT_COMPARABLE = (
     "The paper’s numbers are single missions on Apollo 15016 (Gazebo, PX4, COLMAP’s dense reconstruction on a GPU), without "
     "intervals and, by the public code, after deleting every point farther than 50 mm from the ground truth. Renderer, light, "
@@ -84,6 +89,16 @@ def full_row_name(metric: MetricRow) -> str:
     """The same with its threshold, for tables without group lines: ``F-score @ 48 mm ↑ (%)``."""
     threshold = metric.group.partition("@")[2].strip()
     return row_name(replace(metric, label=f"{metric.label} @ {threshold}")) if threshold else row_name(metric)
+
+
+def floor_name(row: ComparisonRow) -> str:
+    """The line below a score that cannot reach zero."""
+    return f"– the rocks’ own floor ({row.metric.unit})"
+
+
+def floor_text(row: ComparisonRow) -> str:
+    """What a perfect reconstruction of everything observable would get."""
+    return format_number(row.floor, row.metric.decimals)
 
 
 def gain_interval(
@@ -174,12 +189,17 @@ def comparison_markdown(table: ComparisonTable, *, paper: bool = False, differen
                     (value.paper or MISSING) if from_paper else f"**{value.text}**" if value.best else value.text
                 )  # fmt: skip
             lines.append(f"| {row_name(row.metric)} | " + " | ".join(texts) + " |")
+            if row.floor is not None:
+                own = [MISSING if from_paper else floor_text(row) for _, _, from_paper in columns]
+                lines.append(f"| {floor_name(row)} | " + " | ".join(own) + " |")
     counts = [
         "" if from_paper else f"{table.missions[name]}" + (f" + {table.failures[name]} failed" if table.failures[name] else "")
         for _, name, from_paper in columns
     ]  # fmt: skip
     lines.append("| missions | " + " | ".join(counts) + " |")
     lines += ["", f"Mean over rocks ± 95 % interval; best mean in bold. {methods_sentence([table])}"]
+    if any(row.floor is not None for row in table.rows):
+        lines += ["", FLOOR_NOTE]
     if paper:
         lines += ["", PAPER_NOT_COMPARABLE]
     if differences and table.reference is not None:
@@ -228,6 +248,9 @@ def comparison_terminal_table(
                 text = f"[bold]{value.text}[/]" if value.best else value.text
                 texts.append(f"{text}\n[dim]paper {value.paper}[/]" if paper and value.paper else text)
             out.add_row(row_name(row.metric), *texts)
+            if row.floor is not None:
+                own = [f"[dim]{floor_text(row)}[/]"] * len(table.strategies)
+                out.add_row(f"[dim]{floor_name(row)}[/]", *own)
         out.add_section()
     counts = []
     for name in table.strategies:

@@ -87,6 +87,8 @@ def metric_label(path: str) -> MetricLabel:
         return MetricLabel(f"{_THRESHOLDED[match[1]]} @ {match[2]} mm", "%", surface, True)
     if match := re.fullmatch(r"hausdorff_(gt_to_cloud|cloud_to_gt|symmetric)_mm", key):
         return MetricLabel(_HAUSDORFF[match[1]], "mm", surface, False)
+    if match := re.fullmatch(r"hausdorff_(gt_to_cloud|cloud_to_gt|symmetric)_floor_mm", key):
+        return MetricLabel(f"{_HAUSDORFF[match[1]]}, the rock's own floor", "mm", surface, False)
     if match := re.fullmatch(r"c2c_(cloud_to_gt_)?(mean|median|p95)_mm", key):
         kind = "P95" if match[2] == "p95" else match[2].capitalize()
         direction = ", cloud to truth" if match[1] else ""

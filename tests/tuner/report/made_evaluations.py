@@ -11,9 +11,12 @@ from tuner.evaluation import EvaluationPlan, EvaluationRecord, EvaluationRun
 from tuner.missions import MissionOutcome
 
 
-def made_metrics(quality: float) -> dict[str, object]:
-    """All metrics of a mission; ``quality`` is the F-score at 48 mm in percent."""
-    surface = {
+def made_metrics(quality: float, floor_mm: float | None = None) -> dict[str, object]:
+    """All metrics of a mission; ``quality`` is the F-score at 48 mm in percent.
+
+    ``floor_mm``: the rock's own Hausdorff floor on the whole surface; missions of earlier versions have none.
+    """
+    surface: dict[str, object] = {
         "hausdorff_gt_to_cloud_mm": 900 - 5 * quality,
         "c2c_mean_mm": 140 - quality,
         "c2c_median_mm": 90 - 0.7 * quality,
@@ -25,8 +28,9 @@ def made_metrics(quality: float) -> dict[str, object]:
         "sector_completeness_48mm": [quality + 8 * np.sin(k) for k in range(12)],
     }
     centers = [15.0 + 30 * k for k in range(12)]
+    own = {} if floor_mm is None else {"hausdorff_gt_to_cloud_floor_mm": floor_mm}
     return {
-        "whole": surface,
+        "whole": {**surface, **own},
         "observable": {**surface, "f_score_48mm": quality + 3},
         "sector_centers_deg": centers,
     }
@@ -38,8 +42,12 @@ def made_run(
     replicates: int = 3,
     noise: float = 1.0,
     failed: tuple[tuple[str, str, int], ...] = (),
+    floors_mm: tuple[float, ...] = (),
 ) -> EvaluationRun:
-    """Every strategy's F-score is its level + the rock's shift + noise; ``failed`` missions have none."""
+    """Every strategy's F-score is its level + the rock's shift + noise; ``failed`` missions have none.
+
+    ``floors_mm``: one per rock, as `made_metrics` takes them.
+    """
     base = preset("campaign")
     strategies = {
         name: base.with_values({"gate.budget_fraction": 0.1})
@@ -56,6 +64,7 @@ def made_run(
                 if (name, rock, k) in failed:
                     outcome = MissionOutcome(name, "failed", "seed_model_failed", "no seed model")
                 else:
+                    floor = floors_mm[r] if floors_mm else None
                     quality = level + 4 * r + noise * rng.normal()
                     costs = {
                         "images": 32.0,
@@ -63,7 +72,7 @@ def made_run(
                         "flight_time_s": 190.0,
                         "wall_s": 75.0,
                     }
-                    outcome = MissionOutcome(name, "ok", metrics=made_metrics(quality), costs=costs)
+                    outcome = MissionOutcome(name, "ok", metrics=made_metrics(quality, floor), costs=costs)
                 records.append(EvaluationRecord(name, rock, k, outcome))
     failures = {"seed_model_failed": len(failed)} if failed else {}
     return EvaluationRun(plan, records, True, 1.0, failures)

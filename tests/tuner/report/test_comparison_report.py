@@ -63,6 +63,26 @@ def test_markdown_with_the_papers_numbers_beside() -> None:
     assert PAPER_NOT_COMPARABLE in lines
 
 
+def test_the_rocks_own_floor_stands_below_hausdorff(tmp_path: Path) -> None:
+    rocks = ("cobble", "slab")
+    failed = tuple(("covis", "cobble", k) for k in range(3))  # a floor is the rock's: others know it
+    run = made_run({"covis": 60.0, "random": 61.0}, rocks, failed=failed, floors_mm=(100.0, 150.0))
+    table = comparison_table(run.records, ("covis", "random"), "covis")
+    assert [row.floor for row in table.rows] == [125.0] + [None] * 7
+    lines = comparison_markdown(table, paper=True).splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("| Hausdorff"))
+    assert cells(lines[at + 1]) == ["– the rocks’ own floor (mm)", "125.0", "–", "125.0"]
+    assert sum("own floor (mm)" in line for line in lines) == 1  # none among the differences
+    console = Console(file=io.StringIO(), width=140)
+    console.print(comparison_terminal_table(table))
+    assert "the rocks’ own floor (mm)" in console.file.getvalue()  # type: ignore[attr-defined]
+    text = html.unescape(write_comparison_report(run, tmp_path).read_text())
+    assert text.count("the rocks’ own floor (mm)") == 1 and "without error or omission" in text
+    without = made_run({"covis": 60.0, "random": 61.0}, rocks)
+    text = write_comparison_report(without, tmp_path / "old").read_text()
+    assert "own floor" not in html.unescape(text)
+
+
 def test_differences_keep_the_metrics_sign_and_verdicts_its_direction() -> None:
     run = made_run({"tuned": 66.0, "hyb-h": 60.0, "covis": 54.0, "random": 60.02}, noise=0.5)
     table = comparison_table(run.records, tuple(run.plan.strategies), "hyb-h")
