@@ -124,6 +124,56 @@ def test_tanks_and_temples_definition_by_brute_force():
     assert scores["f_score_70mm"] == pytest.approx(2 * precision * recall / (precision + recall))
 
 
+def noisy_and_cropped():
+    """A reconstruction with everything that scores react to: uneven density, noise, a hole, floaters."""
+    rng = np.random.default_rng(13)
+    truth = sphere(6000, 14)
+    cloud = truth[truth[:, 0] > -0.5] + rng.normal(scale=0.02, size=((truth[:, 0] > -0.5).sum(), 3))
+    dense_patch = cloud[cloud[:, 2] > 1.3]
+    crowd = np.repeat(dense_patch, 6, axis=0)
+    floaters = np.array(TARGET) + rng.uniform(-1.3, 1.3, (500, 3))
+    return np.concatenate([cloud, crowd + rng.normal(scale=0.005, size=crowd.shape), floaters]), truth
+
+
+def test_voxel_scores_are_tanks_and_temples_definition_by_loops():
+    """Both clouds averaged in voxels of half the threshold, then strictly nearer than the threshold."""
+    cloud, truth = noisy_and_cropped()
+
+    def averaged(points, size):
+        cells = {}
+        for point in points:
+            cells.setdefault(tuple(np.floor(point / size).astype(int)), []).append(point)
+        return np.array([np.mean(members, axis=0) for members in cells.values()])
+
+    d = 0.12
+    reconstruction, reference = averaged(cloud, d / 2), averaged(truth, d / 2)
+    table = np.linalg.norm(reconstruction[:, None] - reference[None], axis=2)
+    precision = 100 * np.mean([row.min() < d for row in table])
+    recall = 100 * np.mean([column.min() < d for column in table.T])
+    scores = voxel_scores(cloud, truth, (120.0,))
+    assert scores["voxel_accuracy_120mm"] == pytest.approx(precision, abs=1e-9)
+    assert scores["voxel_completeness_120mm"] == pytest.approx(recall, abs=1e-9)
+    assert scores["voxel_f_score_120mm"] == pytest.approx(2 * precision * recall / (precision + recall))
+    assert 60 < precision < 95 and 60 < recall < 95  # neither is trivial here
+
+
+def test_voxel_scores_agree_with_the_steps_of_the_published_toolbox():
+    """Open3D's own functions, in the order of the Tanks and Temples toolbox; its voxel grid has another origin."""
+    import open3d as o3d
+
+    cloud, truth = noisy_and_cropped()
+    scores = voxel_scores(cloud, truth, (48.0, 80.0))
+    for t in (48, 80):
+        s, g = (
+            o3d.geometry.PointCloud(o3d.utility.Vector3dVector(p)).voxel_down_sample(t / 2000)
+            for p in (cloud, truth)
+        )
+        precision = 100 * np.mean(np.asarray(s.compute_point_cloud_distance(g)) < t / 1000)
+        recall = 100 * np.mean(np.asarray(g.compute_point_cloud_distance(s)) < t / 1000)
+        assert scores[f"voxel_accuracy_{t}mm"] == pytest.approx(precision, abs=1.5)
+        assert scores[f"voxel_completeness_{t}mm"] == pytest.approx(recall, abs=1.5)
+
+
 def test_voxel_variant_does_not_care_about_density():
     truth = sphere(30_000, 5)
     upper = truth[truth[:, 2] > TARGET[2]]
