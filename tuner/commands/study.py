@@ -1,17 +1,23 @@
-"""``gatetune study noise`` and ``gatetune study sensitivity``."""
+"""``gatetune study``: noise, departures, oracles, sensitivity."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from nbv.errors import UserError
 from tuner.commands.comparison import ComparisonProgress
-from tuner.commands.console import output, parse_overrides
+from tuner.commands.console import output, parse_overrides, rock_arguments
 from tuner.commands.mission import progress_bar
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tuner.evaluation import EvaluationEvent
+    from tuner.executors import Executor
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -135,6 +141,156 @@ def _fly_noise_study(
     metric = f"agreement.{min(settings.levels)}.{settings.metrics[0]}"
     with LocalProcessExecutor(count, timeout_s=timeout_s, preload=preload) as executor, progress_bar() as bar:
         return fly(settings, out, executor, ComparisonProgress(bar, metric))
+
+
+@app.command()
+def departures(
+    rocks: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--rock", help="Training rock or mesh file, repeatable (default: slab, vesicular, cavern)."
+        ),
+    ] = None,
+    replicates: Annotated[int, typer.Option(help="Of every arm on every rock.")] = 2,
+    preset: Annotated[str, typer.Option(help="Mission preset of the base.")] = "campaign",
+    gate: Annotated[str, typer.Option(help="The base's gate.")] = "hyb-h",
+    set_: Annotated[
+        list[str] | None, typer.Option("--set", help="PATH=VALUE for the base and all arms.")
+    ] = None,
+    arms: Annotated[
+        list[str] | None, typer.Option("--arm", help="Departure, repeatable (default: all).")
+    ] = None,
+    surface: Annotated[str, typer.Option(help="observable or whole.")] = "observable",
+    workers: Annotated[
+        int | None, typer.Option(help="Missions side by side (default: one per core).")
+    ] = None,
+    timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
+    out: Annotated[Path, typer.Option(help="Directory; the same command goes on where it stopped.")] = Path(
+        "runs/departures"
+    ),
+    report_only: Annotated[
+        bool, typer.Option("--report-only", help="Fly nothing; report on what --out holds.")
+    ] = False,
+) -> None:
+    """What does each departure of the authors' public code do to the outcome? One at a time, paired."""
+    from tuner.studies.departures import DEPARTURES, DepartureSettings, analyse, fly
+    from tuner.studies.departures_report import departures_table, write_departures_report
+
+    complete = True
+    if not report_only:
+        settings = DepartureSettings(
+            _study_rocks(rocks), replicates, preset, gate, parse_overrides(set_ or []),
+            tuple(arms or DEPARTURES), surface,
+        )  # fmt: skip
+        plan = settings.plan()
+        output.print(
+            f"{len(plan.strategies)} configurations x {len(plan.rocks)} rocks x {replicates} replicates: "
+            f"{plan.missions} missions"
+        )
+        complete = _fly_study(
+            lambda executor, show: fly(settings, out, executor, show), workers, timeout_s, surface
+        )
+    findings = analyse(out)
+    output.print(departures_table(findings))
+    write_departures_report(findings, out)
+    _end_study(findings.failures, findings.missions, findings.expected, out / "departures.md", complete)
+
+
+@app.command()
+def oracles(
+    rocks: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--rock", help="Training rock or mesh file, repeatable (default: slab, vesicular, cavern)."
+        ),
+    ] = None,
+    replicates: Annotated[int, typer.Option(help="Of every strategy on every rock.")] = 2,
+    preset: Annotated[str, typer.Option(help="Mission preset.")] = "campaign",
+    set_: Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE for every mission.")] = None,
+    coverages: Annotated[
+        list[str] | None, typer.Option("--coverage", help="Of Hyb-O, repeatable (default: all).")
+    ] = None,
+    greedy: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--greedy",
+            help="Coverage of a greedy oracle, repeatable (default: all that do not "
+            "saturate at once); none for no greedy oracle.",
+        ),
+    ] = None,
+    surface: Annotated[str, typer.Option(help="observable or whole.")] = "observable",
+    workers: Annotated[
+        int | None, typer.Option(help="Missions side by side (default: one per core).")
+    ] = None,
+    timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
+    out: Annotated[Path, typer.Option(help="Directory; the same command goes on where it stopped.")] = Path(
+        "runs/oracles"
+    ),
+    report_only: Annotated[
+        bool, typer.Option("--report-only", help="Fly nothing; report on what --out holds.")
+    ] = False,
+) -> None:
+    """When does the oracle count a sample as covered? Every reading of the paper, and what it gains."""
+    from tuner.studies.oracles import OracleSettings, analyse, fly
+    from tuner.studies.oracles_report import oracles_table, write_oracles_report
+
+    complete = True
+    if not report_only:
+        options: dict[str, Any] = {}
+        if coverages:
+            options["coverages"] = tuple(coverages)
+        if greedy:
+            options["greedy"] = tuple(name for name in greedy if name != "none")
+        settings = OracleSettings(
+            _study_rocks(rocks), replicates, preset, parse_overrides(set_ or []), surface=surface, **options
+        )
+        plan = settings.plan()
+        output.print(
+            f"{len(plan.strategies)} strategies x {len(plan.rocks)} rocks x {replicates} replicates: "
+            f"{plan.missions} missions"
+        )
+        complete = _fly_study(
+            lambda executor, show: fly(settings, out, executor, show), workers, timeout_s, surface
+        )
+    findings = analyse(out)
+    output.print(oracles_table(findings))
+    write_oracles_report(findings, out)
+    _end_study(findings.failures, findings.missions, findings.expected, out / "oracles.md", complete)
+
+
+def _study_rocks(rocks: list[str] | None) -> tuple[str, ...]:
+    from nbv.rocks import list_rocks
+
+    chosen = rocks or ["slab", "vesicular", "cavern"]
+    held_out = {info.name for info in list_rocks() if info.split == "held-out"}
+    for rock in chosen:
+        if rock in held_out:
+            raise UserError(f"rock {rock!r} is held out, and a study chooses defaults; name training rocks")
+    return tuple(rock_arguments(chosen))
+
+
+def _fly_study(
+    fly: Callable[[Executor, Callable[[EvaluationEvent], None]], bool],
+    workers: int | None,
+    timeout_s: float,
+    surface: str,
+) -> bool:
+    from tuner.executors import LocalProcessExecutor
+
+    if workers is not None and workers < 1:
+        raise UserError(f"--workers is {workers}; give at least 1")
+    count = workers or len(os.sched_getaffinity(0))
+    with LocalProcessExecutor(count, timeout_s=timeout_s) as executor, progress_bar() as bar:
+        return fly(executor, ComparisonProgress(bar, f"{surface}.f_score_48mm"))
+
+
+def _end_study(failures: dict[str, int], missions: int, expected: int, report: Path, complete: bool) -> None:
+    for reason, times in failures.items():
+        output.print(f"[red]failed {times} times: {reason}[/]")
+    output.print(f"{missions} of {expected} missions; report: {report}")
+    if not complete:
+        output.print("interrupted; the same command goes on where it stopped")
+        raise typer.Exit(130)
 
 
 @app.command()

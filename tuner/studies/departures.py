@@ -1,0 +1,360 @@
+"""What each departure of the authors' public code (and each option of ours) does to the outcome, one at a time.
+
+Every arm is the base configuration with one departure, flown on the same rocks and replicates as the base. A
+departure that only changes how a cloud is measured is read from the base's own missions: no flight. The run
+directory::
+
+    departures.yaml    what was asked for; the same command with the same settings goes on
+    missions of the arms, laid out as an evaluation's, under evaluation/
+    departures.json  departures.md  figures/
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from nbv.config import MissionConfig, preset
+from nbv.errors import UserError
+from tuner.baselines import baseline
+from tuner.evaluation import EvaluationEvent, EvaluationPlan, EvaluationRecord, run_evaluation, values_of
+from tuner.executors import Executor
+from tuner.missions import DEFAULT_RUNNER
+from tuner.paper_table import MetricRow
+from tuner.statistics import Interval, PairedDifference, mean_interval, paired_difference
+from tuner.studies.decisions import (
+    Slot,
+    b_aware_share,
+    by_rock,
+    load_traces,
+    other_views_share,
+    per_slot,
+    same_flight,
+)
+from tuner.studies.study_directory import claim, load_settings, settings_tree
+
+SETTINGS_FILE = "departures.yaml"
+FLIGHTS = "evaluation"
+Origin = Literal["public code", "paper's text", "ours"]
+
+# Keys without their surface; "costs." ones have none.
+METRICS = (
+    MetricRow("at 48 mm", "F-score @ 48 mm", "f_score_48mm", "%", True, 2),
+    MetricRow("at 48 mm", "Completeness @ 48 mm", "completeness_48mm", "%", True, 2),
+    MetricRow("at 48 mm", "Accuracy @ 48 mm", "accuracy_48mm", "%", True, 2),
+    MetricRow("distance", "Mean C2C", "c2c_mean_mm", "mm", False, 2),
+    MetricRow("distance", "Hausdorff", "hausdorff_gt_to_cloud_mm", "mm", False, 1),
+    MetricRow("cost", "Flight time", "costs.flight_time_s", "s", False, 1),
+)
+
+
+@dataclass(frozen=True)
+class Departure:
+    """One thing that differs from the base."""
+
+    name: str
+    what: str  # one line, for the report
+    origin: Origin  # who does it this way
+    values: dict[str, Any] = field(default_factory=dict)
+    gate: str = ""  # flown with, and compared with, this gate instead of the base's
+    variant: str = ""  # "gated": read those scores of the mission instead of its headline
+    surface: str = ""  # read another surface than the study's
+
+    @property
+    def reads_only(self) -> bool:
+        """Whether the base's own missions answer it."""
+        return not self.values
+
+    def applies(self, base: MissionConfig, surface: str) -> bool:
+        """Whether it changes anything about ``base`` as measured on ``surface``."""
+        if self.reads_only:
+            return bool(self.variant) or self.surface != surface
+        return base.with_values(self.values) != base
+
+
+# Together with the ground-truth gate these are what preset `paper-code` changes about preset `paper`.
+_ALPHAS = {"b_aware.alpha_track": 0.5, "b_aware.alpha_density": 0.3, "b_aware.alpha_reprojection": 0.2}
+_NO_LOW_RING = {"pool.min_altitude_m": 1.5}
+_ALL_POINTS = {"stop.knn_region": "all"}
+_FRUSTUM_ORACLE = {"gate.oracle_coverage": "paper-code"}
+_EXHAUSTIVE = {"sparse.max_pair_angle_deg": 180.0, "sparse.max_pairs": 0}
+_MORE_FEATURES = {"sparse.max_features": 16384}
+_BUDGET_ONLY = {"stop.criterion": "budget"}
+PAPER_CODE: dict[str, Any] = {
+    **_ALPHAS, **_NO_LOW_RING, **_ALL_POINTS, **_FRUSTUM_ORACLE, **_EXHAUSTIVE, **_MORE_FEATURES, **_BUDGET_ONLY,
+    "evaluation.gt_gate_m": 0.05,
+}  # fmt: skip
+
+DEPARTURES: dict[str, Departure] = {
+    d.name: d
+    for d in (
+        Departure("alphas", "weakness weights 0.5 / 0.3 / 0.2 (with reprojection error)", "public code", _ALPHAS),
+        Departure("low-ring-rejected", "10° ring rejected by the altitude limit: 105 candidates, not 163",
+                  "public code", _NO_LOW_RING),
+        Departure("d95-all-points", "d95 of the gate over all sparse points, not those in the box",
+                  "public code", _ALL_POINTS),
+        Departure("frustum-oracle", "Hyb-O whose samples are covered by the frustum of any visited view",
+                  "public code", _FRUSTUM_ORACLE, gate="hyb-o"),
+        Departure("exhaustive-matching", "every photograph matched with every other", "public code", _EXHAUSTIVE),
+        Departure("features-16384", "up to 16,384 features a photograph", "public code", _MORE_FEATURES),
+        Departure("stop-on-budget", "stop when the budget is used, never on the KNN distance", "public code",
+                  _BUDGET_ONLY),
+        Departure("straight-legs", "straight legs, through the rock if need be", "public code",
+                  {"flight.keep_out_height_m": 0.0}),
+        Departure("gt-gate", "points farther than 50 mm from the ground truth deleted before the metrics (no flight)",
+                  "public code", variant="gated"),
+        Departure("whole-surface", "measured on the whole surface, underside included (no flight)", "public code",
+                  surface="whole"),
+        Departure("stop-both", "stop on the KNN distance or the budget, whichever comes first", "paper's text",
+                  {"stop.criterion": "both"}),
+        Departure("occlusion", "a point behind the rock or facing away is not visible", "ours",
+                  {"visibility.mode": "occlusion"}),
+        Departure("d95-box", "d95 of the gate over the points in the box only", "ours", {"stop.knn_region": "box"}),
+        Departure("doubled-image", "features of the doubled image too (COLMAP's default, presets `paper` and "
+                  "`paper-code`)", "public code", {"sparse.first_octave": -1}),
+        Departure("single-image", "no features of the doubled image (preset `campaign`)", "ours",
+                  {"sparse.first_octave": 0}),
+        Departure("paper-code", "all that preset `paper-code` changes, together, 50 mm gate included", "public code",
+                  PAPER_CODE),
+        Departure("paper-code-ungated", "the same flight, measured without the 50 mm gate", "public code",
+                  PAPER_CODE, variant="ungated"),
+        Departure("paper-code-oracle", "the same together under Hyb-O, measured without the 50 mm gate", "public code",
+                  PAPER_CODE, gate="hyb-o", variant="ungated"),
+    )
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DepartureSettings:
+    """What the study flies.
+
+    Raises
+    ------
+    UserError
+        An unknown arm, preset, gate or path, no rock, or a departure that is set for the base as well.
+    """
+
+    rocks: tuple[str, ...]
+    replicates: int = 2
+    preset: str = "campaign"
+    gate: str = "hyb-h"
+    overrides: dict[str, Any] = field(default_factory=dict)
+    arms: tuple[str, ...] = tuple(DEPARTURES)
+    surface: str = "observable"
+    runner: str = DEFAULT_RUNNER
+
+    def __post_init__(self) -> None:
+        for name in self.arms:
+            if name not in DEPARTURES:
+                raise UserError(f"unknown departure {name!r}; there are {', '.join(DEPARTURES)}")
+        if len(set(self.arms)) != len(self.arms):
+            raise UserError("a departure is named twice; name each once")
+        if self.surface not in ("observable", "whole"):
+            raise UserError(f"surface is {self.surface!r}; choose observable or whole")
+        baseline(self.gate)
+        if "gate.kind" in self.overrides:
+            raise UserError("gate.kind cannot be set here; choose the base's gate with --gate")
+        self.plan()
+
+    def base(self, gate: str = "") -> MissionConfig:
+        """What the arms depart from, flying ``gate`` or the study's own."""
+        base = preset(self.preset).with_values(self.overrides)
+        return base.with_values({"gate.kind": gate or self.gate})
+
+    @property
+    def flown(self) -> list[Departure]:
+        """Arms that change something about the base."""
+        return [DEPARTURES[n] for n in self.arms if DEPARTURES[n].applies(self.base(), self.surface)]
+
+    @property
+    def as_base(self) -> list[Departure]:
+        """Arms that the base has already."""
+        return [DEPARTURES[n] for n in self.arms if not DEPARTURES[n].applies(self.base(), self.surface)]
+
+    def reference(self, departure: Departure) -> str:
+        """Strategy that ``departure`` is compared with: the base under the same gate."""
+        return f"base-{departure.gate or self.gate}"
+
+    def strategy(self, departure: Departure) -> str:
+        """Strategy whose missions answer ``departure``."""
+        return self.reference(departure) if departure.reads_only else departure.name
+
+    def plan(self) -> EvaluationPlan:
+        """Bases and arms; an arm that is the same configuration as another shares its missions."""
+        strategies = {f"base-{self.gate}": self.base()}
+        for d in self.flown:
+            strategies.setdefault(self.reference(d), self.base(d.gate))
+        for d in self.flown:
+            if not d.reads_only:
+                strategies[d.name] = self.base(d.gate).with_values(d.values)
+        return EvaluationPlan(strategies, self.rocks, self.replicates, runner=self.runner)
+
+    def to_dict(self) -> dict[str, Any]:
+        """YAML form."""
+        return settings_tree(self)
+
+    @staticmethod
+    def load(directory: Path) -> DepartureSettings:
+        """The settings of a study's directory; ``UserError`` if there are none."""
+        return DepartureSettings(**load_settings(directory, SETTINGS_FILE, "study of departures"))
+
+
+def fly(
+    settings: DepartureSettings,
+    directory: Path,
+    executor: Executor,
+    on_event: Callable[[EvaluationEvent], None] | None = None,
+) -> bool:
+    """Fly what is not flown yet; whether the study is complete.
+
+    Raises
+    ------
+    UserError
+        The directory holds something else or cannot be written; a mission met a user's mistake.
+    """
+    claim(directory, SETTINGS_FILE, settings.to_dict())
+    return run_evaluation(settings.plan(), directory / FLIGHTS, executor, on_event).complete
+
+
+# -- what the missions say -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class BaseResult:
+    """The base under one gate."""
+
+    strategy: str
+    cells: dict[str, Interval | None]  # by metric key
+    b_aware: Interval | None  # percent of captures
+    missions: int
+
+
+@dataclass(frozen=True)
+class ArmResult:
+    """One departure against its base, on the (rock, replicate) pairs that both finished."""
+
+    departure: Departure
+    reference: str
+    differences: dict[str, PairedDifference | None]  # by metric key, arm minus base
+    b_aware: PairedDifference | None  # percentage points of captures
+    other_views: Interval | None  # percent: Jaccard distance of the viewpoints
+    pairs: int
+    same_flights: int  # pairs that chose the same viewpoints in the same order
+    failed: int  # failed missions of the arm
+
+    @property
+    def changes_nothing(self) -> bool:
+        """Whether every pair is equal to the last bit in everything that is reported."""
+        known = [d for d in (*self.differences.values(), self.b_aware) if d is not None]
+        return bool(known) and all(is_exactly_zero(d) for d in known)
+
+
+@dataclass(frozen=True)
+class DepartureFindings:
+    """All arms of a study."""
+
+    settings: DepartureSettings
+    bases: list[BaseResult]
+    arms: list[ArmResult]
+    missions: int  # with an outcome
+    expected: int
+    failures: dict[str, int]  # failed missions by reason
+    wall_s: float  # of all missions together
+
+    def arm(self, name: str) -> ArmResult:
+        """The arm of that name."""
+        return next(a for a in self.arms if a.departure.name == name)
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return {
+            "settings": self.settings.to_dict(),
+            "missions": self.missions,
+            "missions_expected": self.expected,
+            "failures": self.failures,
+            "wall_s": self.wall_s,
+            "as_the_base": [d.name for d in self.settings.as_base],
+            "bases": [dataclasses.asdict(b) for b in self.bases],
+            "arms": [{**dataclasses.asdict(a), "changes_nothing": a.changes_nothing} for a in self.arms],
+        }
+
+
+def is_exactly_zero(difference: PairedDifference) -> bool:
+    """Whether no pair differs at all."""
+    return difference.ties == difference.pairs
+
+
+def metric_key(row: MetricRow, surface: str, variant: str = "") -> str:
+    """Path of ``row`` in a mission's metrics."""
+    if row.key.startswith("costs."):
+        return row.key
+    return ".".join(part for part in (variant, surface, row.key) if part)
+
+
+def analyse(directory: Path) -> DepartureFindings:
+    """What the missions of a study's directory say so far.
+
+    Raises
+    ------
+    UserError
+        The directory holds no such study.
+    """
+    settings = DepartureSettings.load(directory)
+    plan = settings.plan()
+    records = plan.records(directory / FLIGHTS)
+    traces = load_traces(records)
+    flown = {r.outcome.directory: r for r in records}.values()  # strategies may share missions
+    failures: dict[str, int] = {}
+    for r in flown:
+        if r.outcome.status == "failed":
+            failures[r.outcome.reason] = failures.get(r.outcome.reason, 0) + 1
+    values = functools.partial(_values, settings, records)
+
+    bases = []
+    for strategy in [s for s in plan.strategies if s.startswith("base-")]:
+        own = {row.key: values(strategy, row, settings.surface, "") for row in METRICS}
+        cells = {key: mean_interval(by_rock(found)) for key, found in own.items()}
+        share = mean_interval(by_rock(per_slot(traces.get(strategy, {}), b_aware_share)))
+        bases.append(BaseResult(strategy, cells, share, len(traces.get(strategy, {}))))
+
+    arms = []
+    for d in settings.flown:
+        strategy, reference = settings.strategy(d), settings.reference(d)
+        differences = {
+            row.key: paired_difference(
+                values(strategy, row, d.surface or settings.surface, d.variant),
+                values(reference, row, settings.surface, ""),
+                row.higher_is_better,
+            )
+            for row in METRICS
+        }
+        ours, theirs = traces.get(strategy, {}), traces.get(reference, {})
+        shares = [per_slot(t, b_aware_share) for t in (ours, theirs)]
+        common = sorted(set(ours) & set(theirs))
+        views = {slot: other_views_share(ours[slot], theirs[slot]) for slot in common}
+        known = {slot: share for slot, share in views.items() if share is not None}
+        arms.append(
+            ArmResult(
+                d, reference, differences, paired_difference(shares[0], shares[1], True),
+                mean_interval(by_rock(known)), len(common),
+                sum(same_flight(ours[slot], theirs[slot]) for slot in common),
+                sum(r.strategy == strategy and r.outcome.status == "failed" for r in records),
+            )
+        )  # fmt: skip
+    wall_s = sum(r.outcome.wall_s for r in flown)
+    return DepartureFindings(settings, bases, arms, len(flown), plan.missions, failures, wall_s)
+
+
+def _values(
+    settings: DepartureSettings,
+    records: list[EvaluationRecord],
+    strategy: str,
+    row: MetricRow,
+    surface: str,
+    variant: str,
+) -> dict[Slot, float]:
+    return values_of(records, strategy, metric_key(row, surface, variant))

@@ -1,0 +1,141 @@
+"""Tables of a study of oracles."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from rich.table import Table
+
+from nbv.result import json_ready
+from nbv.run_directory import write_atomic
+from tuner.report.labels import MISSING, format_number, strategy_label
+from tuner.report.style import short_names
+from tuner.statistics import PairedDifference
+from tuner.studies.departures import METRICS, metric_key
+from tuner.studies.oracles import OracleFindings, StrategyResult
+from tuner.studies.paired_cells import difference_text, heading, interval_sentence, markdown_table, mean_text
+
+_PREFERENCES = {
+    "strategy": "strategy",
+    "judged by": "judged by coverage",
+    "B-aware": "prefers B-aware (% of decisions)",
+    "Covis": "prefers Covis (%)",
+    "ties": "ties (%)",
+    "ties by kind": "ties: same candidate, saturated, other",
+    "missions": "missions that prefer B-aware at least once",
+    "saturates": "missions that saturate (median first capture)",
+    "covered": "samples covered before first and last capture (%)",
+    "flew": "flew B-aware (%)",
+}
+
+
+def write_oracles_report(findings: OracleFindings, directory: Path) -> None:
+    """``oracles.json`` and ``oracles.md``."""
+    write_atomic(directory / "oracles.json", json.dumps(json_ready(findings.to_dict()), indent=1))
+    write_atomic(directory / "oracles.md", oracles_markdown(findings))
+
+
+def name_of(strategy: str) -> str:
+    """``Hyb-O, seen``."""
+    for prefix, label in (("hyb-o-", "Hyb-O"), ("greedy-", "Greedy oracle")):
+        if strategy.startswith(prefix):
+            return f"{label}, {strategy.removeprefix(prefix)}"
+    return strategy_label(strategy)
+
+
+def _preferences_row(s: StrategyResult, findings: OracleFindings) -> list[str]:
+    saturates = f"{s.missions_saturated} of {s.missions}"
+    if s.saturates_at is not None:
+        saturates += f" ({s.saturates_at + 1:g})"
+    covered = MISSING
+    if s.covered_first is not None and s.covered_last is not None:
+        covered = f"{format_number(s.covered_first)}, {format_number(s.covered_last)}"
+    return [
+        name_of(s.strategy),
+        s.coverage,
+        mean_text(s.prefers_b_aware, 0),
+        mean_text(s.prefers_covis, 0),
+        mean_text(s.ties, 0),
+        f"{s.same_candidate}, {s.saturated}, {s.other_ties}",
+        f"{s.missions_preferring_b_aware} of {s.missions}",
+        saturates,
+        covered,
+        mean_text(s.flew_b_aware, 0),
+    ]
+
+
+def oracles_table(findings: OracleFindings) -> Table:
+    """Preferences for the terminal."""
+    table = Table(title="What the oracles preferred")
+    for column in _PREFERENCES:
+        table.add_column(column, justify="left" if column in ("strategy", "judged by") else "right")
+    for s in findings.strategies:
+        table.add_row(*_preferences_row(s, findings))
+    return table
+
+
+def oracles_markdown(findings: OracleFindings) -> str:
+    """Preferences, means, and paired gains over every reference."""
+    s = findings.settings
+    changed = "".join(f", `{path}={value}`" for path, value in s.overrides.items())
+    rows = [(row, metric_key(row, s.surface)) for row in METRICS]
+    intervals = [d.interval for d in _all_differences(findings)]
+    lines = [
+        "# When is a sample covered?",
+        "",
+        f"Preset `{s.preset}`{changed}; rocks {', '.join(short_names(s.rocks))}; {s.replicates} replicates. "
+        f"{s.surface.capitalize()} surface. {findings.missions} of {findings.expected} missions are in "
+        f"({findings.wall_s / 60:.0f} min of one core).",
+        "",
+    ]
+    if findings.failures:
+        counts = ", ".join(f"{reason} {n}" for reason, n in sorted(findings.failures.items()))
+        lines += [f"Failed missions by reason: {counts}.", ""]
+    lines += [
+        "## What the oracles preferred",
+        "",
+        "Every decision of a mission is judged by the mission's own coverage: which scorer's best candidate would "
+        "gain more. Ties are split into both scorers having chosen the same candidate, nothing to gain from either "
+        "(saturated), and the rest. A mission saturates when neither has anything to gain from some capture on.",
+        "",
+        *markdown_table(
+            list(_PREFERENCES.values()), [_preferences_row(x, findings) for x in findings.strategies], left=2
+        ),
+        "",
+        "## Means",
+        "",
+        *markdown_table(
+            ["strategy", *(heading(row) for row, _ in rows), "missions"],
+            [
+                [name_of(x.strategy), *(mean_text(x.cells[key], row.decimals) for row, key in rows),
+                 f"{x.missions}" + (f" + {x.failed} failed" if x.failed else "")]
+                for x in findings.strategies
+            ],
+        ),
+    ]  # fmt: skip
+    for reference in s.references:
+        others = [x for x in findings.strategies if reference in x.differences]
+        lines += ["", f"## Paired differences against {strategy_label(reference)}", ""]
+        if reference == s.references[0]:
+            lines += [
+                "On the same (rock, replicate): mean difference [95 % interval], bold where the interval excludes "
+                "zero. *0 exactly*: no mission differs by a single bit. *Other views*: Jaccard distance of the "
+                f"chosen viewpoints. {interval_sentence(intervals)}",
+                "",
+            ]
+        lines += markdown_table(
+            ["strategy", *(heading(row, difference=True) for row, _ in rows), "other views (%)"],
+            [
+                [name_of(x.strategy), *(difference_text(x.differences[reference][key], row.decimals) for row, key in rows),
+                 mean_text(x.other_views[reference], 0)]
+                for x in others
+            ],
+        )  # fmt: skip
+    return "\n".join(lines) + "\n"
+
+
+def _all_differences(findings: OracleFindings) -> list[PairedDifference]:
+    return [
+        d for s in findings.strategies for by_metric in s.differences.values() for d in by_metric.values() if d
+    ]  # fmt: skip
