@@ -34,7 +34,7 @@ def write_departures_report(findings: DepartureFindings, directory: Path) -> lis
     """``departures.json``, ``departures.md`` and ``figures/departures.png``; returns the figures' paths."""
     write_atomic(directory / "departures.json", json.dumps(json_ready(findings.to_dict()), indent=1))
     write_atomic(directory / "departures.md", departures_markdown(findings))
-    if not any(arm.pairs for arm in findings.arms):
+    if not any(arm.pairs and not arm.departure.surface for arm in findings.arms):
         return []
     path = directory / "figures" / "departures.png"
     path.parent.mkdir(exist_ok=True)
@@ -129,8 +129,11 @@ def departures_table(findings: DepartureFindings) -> Table:
 
 
 def departures_figure(findings: DepartureFindings) -> Figure:
-    """Differences with intervals beside the share of other views, one line per departure."""
-    arms = [arm for arm in findings.arms if arm.pairs]
+    """Differences with intervals beside the share of other views, one line per departure.
+
+    Another surface is another quantity, points away from the rest: it is in the table only.
+    """
+    arms = [arm for arm in findings.arms if arm.pairs and not arm.departure.surface]
     with look():
         figure = new_figure(9.6, 0.34 * len(arms) + 1.5)
         axes = figure.subplots(1, 3, sharey=True)
