@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from nbv.config import BAwareConfig
 from nbv.neighbours import neighbour_distances
-from nbv.scorers.visibility import BLOCK
 from nbv.types import Floats, Ints
+
+BLOCK = 128  # points at a time: a block's (BLOCK, C) arrays stay in the processor's cache
 
 
 def percentile_scaled(values: Floats) -> Floats:

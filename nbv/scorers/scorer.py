@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +13,12 @@ from nbv.errors import MissionFailure
 from nbv.scorers.b_aware import repair, weakness
 from nbv.scorers.covis import co_visibility
 from nbv.scorers.occlusion import unoccluded
+from nbv.scorers.repair_single import longest_first, precision, repair_single
 from nbv.scorers.terms import angular_penalty, movement, novelty
 from nbv.scorers.visibility import in_frustum
 from nbv.types import CandidatePool, Floats, Ints, PlanningState, Ranking, SparseModel
+
+MIN_POINTS_SINGLE = 300  # rounding errors of fewer points do not cancel well, and there is little to gain
 
 
 @dataclass(frozen=True)
@@ -32,13 +36,24 @@ class BoxPoints:
         """(P,) number of observing cameras per point."""
         return np.diff(self.track_offsets)
 
+    def select(self, keep: Ints) -> BoxPoints:
+        """The points ``keep``, in that order."""
+        lengths = self.track_lengths[keep]
+        offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+        # Position of every kept observation in the full list: start of its point's track + rank within it.
+        place = np.arange(offsets[-1]) + np.repeat(self.track_offsets[keep] - offsets[:-1], lengths)
+        return BoxPoints(self.points_m[keep], self.reprojection_error_px[keep], offsets,
+                         self.track_cameras[place], self.camera_centers_m)  # fmt: skip
+
 
 @dataclass(frozen=True)
 class SharedTerms:
     """What both scorers need of one state and pool, computed once."""
 
-    box: BoxPoints
-    visible: NDArray[np.bool_]  # (P, C)
+    box: BoxPoints  # in the model's order, which the memory of neighbour distances knows
+    order: Ints  # (P,) the same points, longest track first
+    ordered: BoxPoints  # box.select(order)
+    visible: NDArray[np.bool_]  # (P, C) rows as in ``ordered``
     nov: Floats  # (C,)
     move: Floats  # (C,)
     ang: Floats  # (C,)
@@ -46,15 +61,12 @@ class SharedTerms:
 
 def box_points(model: SparseModel, config: MissionConfig) -> BoxPoints:
     """Points within ``shared.box_half_extent_m`` of the target on every axis, with long enough tracks."""
-    lengths = model.track_lengths
-    inside = (np.abs(model.points_m - config.target_m) <= config.shared.box_half_extent_m).all(axis=1)
-    keep = np.flatnonzero(inside & (lengths >= config.shared.min_track_length))
-    offsets = np.concatenate([[0], np.cumsum(lengths[keep])]).astype(np.int64)
-    # Position of every kept observation in the full list: start of its point's track + rank within it.
-    rank = np.arange(offsets[-1]) - np.repeat(offsets[:-1], lengths[keep])
-    cameras = model.track_cameras[np.repeat(model.track_offsets[keep], lengths[keep]) + rank]
-    return BoxPoints(model.points_m[keep], model.reprojection_error_px[keep], offsets,
-                     cameras, model.camera_centers_m)  # fmt: skip
+    offset = np.abs(model.points_m - config.target_m)
+    near = np.maximum(np.maximum(offset[:, 0], offset[:, 1]), offset[:, 2]) <= config.shared.box_half_extent_m
+    keep = np.flatnonzero(near & (model.track_lengths >= config.shared.min_track_length))
+    everything = BoxPoints(model.points_m, model.reprojection_error_px, model.track_offsets,
+                           model.track_cameras, model.camera_centers_m)  # fmt: skip
+    return everything if len(keep) == len(model.points_m) else everything.select(keep)
 
 
 def shared_terms(state: PlanningState, pool: CandidatePool, config: MissionConfig) -> SharedTerms:
@@ -73,14 +85,18 @@ def shared_terms(state: PlanningState, pool: CandidatePool, config: MissionConfi
             f"iteration {state.iteration}: none of {len(state.model.points_m)} sparse points lies within"
             f" {shared.box_half_extent_m} m of the target with {shared.min_track_length} or more views",
         )
-    visible = in_frustum(box.points_m, pool.positions_m, target, config.camera)
+    order = longest_first(box.track_offsets)
+    ordered = box.select(order)
+    visible = in_frustum(ordered.points_m, pool.positions_m, target, config.camera)
     if config.visibility.mode == "occlusion":
         visible = unoccluded(
-            visible, box.points_m, box.track_offsets, box.track_cameras, box.camera_centers_m,
-            pool.positions_m,
+            visible, ordered.points_m, ordered.track_offsets, ordered.track_cameras,
+            ordered.camera_centers_m, pool.positions_m,
         )  # fmt: skip
     return SharedTerms(
         box=box,
+        order=order,
+        ordered=ordered,
         visible=visible,
         nov=novelty(pool.positions_m, state.visited_m, shared.d_scale_m),
         move=movement(pool.positions_m, pool.headings_rad, state.vehicle_position_m,
@@ -107,14 +123,34 @@ def rank_covis(terms: SharedTerms, config: MissionConfig) -> Ranking:
 
 
 def rank_b_aware(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Ranking:
-    """Baseline-aware repair (Eq. 6 to 8)."""
-    box = terms.box
-    weak = weakness(box.points_m, box.track_lengths, box.reprojection_error_px, config.b_aware)
-    main = repair(
-        terms.visible, weak, pool.positions_m, box.points_m, box.track_offsets, box.track_cameras,
-        box.camera_centers_m, config.b_aware.theta_low_deg, config.b_aware.theta_saturation_deg,
-    )  # fmt: skip
-    return rank("b-aware", main, terms, config.b_aware.weights)
+    """Baseline-aware repair (Eq. 6 to 8).
+
+    Eq. 8 is worked out in single precision first, and in double precision for the candidates that this
+    cannot put in order: the order is that of double precision throughout.
+    """
+    box, b_aware = terms.ordered, config.b_aware
+    weak = weakness(terms.box.points_m, terms.box.track_lengths, terms.box.reprojection_error_px, b_aware)[
+        terms.order
+    ]
+
+    def arguments(columns: slice | Ints) -> tuple[Any, ...]:
+        return (
+            terms.visible[:, columns], weak, pool.positions_m[columns], box.points_m, box.track_offsets,
+            box.track_cameras, box.camera_centers_m, b_aware.theta_low_deg, b_aware.theta_saturation_deg,
+        )  # fmt: skip
+
+    error = precision(b_aware.theta_low_deg, b_aware.theta_saturation_deg)
+    if len(box.points_m) < MIN_POINTS_SINGLE or not np.isfinite(error):
+        return rank("b-aware", repair(*arguments(slice(None))), terms, b_aware.weights)
+    main = repair_single(*arguments(slice(None)))
+    ranking = rank("b-aware", main, terms, b_aware.weights)
+    sorted_scores = ranking.scores[ranking.order]
+    close = np.abs(np.diff(sorted_scores)) <= 2.0 * error * b_aware.weights.main + 1e-11
+    unsettled = ranking.order[np.append(close, False) | np.append(False, close)]
+    if len(unsettled) == 0:
+        return ranking
+    main[unsettled] = repair(*arguments(unsettled))
+    return rank("b-aware", main, terms, b_aware.weights)
 
 
 def rank_candidates(state: PlanningState, pool: CandidatePool, config: MissionConfig) -> dict[str, Ranking]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from nbv.frames import wrap_angle
 from nbv.types import Floats
 
 
 def _distances(a: Floats, b: Floats) -> Floats:
-    return np.linalg.norm(a[:, None] - b[None], axis=2)
+    distances: Floats = cdist(a, b)
+    return distances
 
 
 def novelty(candidates_m: Floats, visited_m: Floats, d_scale_m: float) -> Floats:

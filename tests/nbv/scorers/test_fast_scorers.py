@@ -1,0 +1,110 @@
+"""The fast scorers against the same written plainly in double precision (benchmarks/scoring_reference.py)."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nbv.config import MissionConfig
+from nbv.scorers import rank_candidates, shared_terms
+from nbv.scorers import scorer as scorer_module
+from nbv.scorers.b_aware import repair, weakness
+from nbv.scorers.repair_single import precision, repair_single
+
+sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
+import scoring_reference as reference
+from scoring_speed import synthetic_state
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    n_points=st.integers(2, 1_200),
+    low_deg=st.floats(0.0, 12.0),
+    width_deg=st.floats(1.0, 40.0),
+    occlusion=st.booleans(),
+)
+def test_rankings_are_those_of_double_precision(
+    seed: int, n_points: int, low_deg: float, width_deg: float, occlusion: bool
+) -> None:
+    config = MissionConfig().with_values({
+        "b_aware.theta_low_deg": low_deg, "b_aware.theta_saturation_deg": low_deg + width_deg,
+        "visibility.mode": "occlusion" if occlusion else "frustum",
+    })  # fmt: skip
+    state, pool = synthetic_state(n_points, config, seed)
+    rankings = rank_candidates(state, pool, config)
+    allowed = precision(low_deg, low_deg + width_deg)
+    allowed = allowed if np.isfinite(allowed) else 1e-9
+    for name, expected in reference.scores(state, pool, config).items():
+        np.testing.assert_allclose(rankings[name].scores, expected, rtol=0, atol=allowed)
+        np.testing.assert_array_equal(rankings[name].order, reference.order(expected))
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    n_points=st.integers(300, 1_500),
+    low_deg=st.floats(1.5, 12.0),
+    width_deg=st.floats(11.0, 40.0),
+)
+def test_single_precision_is_as_good_as_it_says(
+    seed: int, n_points: int, low_deg: float, width_deg: float
+) -> None:
+    config = MissionConfig()
+    state, pool = synthetic_state(n_points, config, seed)
+    terms = shared_terms(state, pool, config)
+    box = terms.ordered
+    weak = weakness(box.points_m, box.track_lengths, box.reprojection_error_px, config.b_aware)
+    arguments = (terms.visible, weak, pool.positions_m, box.points_m, box.track_offsets, box.track_cameras,
+                 box.camera_centers_m, low_deg, low_deg + width_deg)  # fmt: skip
+    error = np.abs(repair_single(*arguments) - repair(*arguments)).max()
+    assert error < precision(low_deg, low_deg + width_deg)
+
+
+def test_near_ties_are_settled_in_double_precision(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However bad single precision were, the order must be right while it stays within its error."""
+    config = MissionConfig().with_values({f"b_aware.weights.{w}": 0.0 for w in ("nov", "move", "ang")})
+    state, pool = synthetic_state(600, config)
+    rng = np.random.default_rng(0)
+    asked: list[int] = []
+
+    def noisy(*arguments: object) -> np.ndarray:
+        exact = repair(*arguments)  # type: ignore[arg-type]
+        return exact + rng.uniform(-0.01, 0.01, len(exact))
+
+    def counting(*arguments: object) -> np.ndarray:
+        result = repair(*arguments)  # type: ignore[arg-type]
+        asked.append(len(result))
+        return result
+
+    monkeypatch.setattr(scorer_module, "repair_single", noisy)
+    monkeypatch.setattr(scorer_module, "precision", lambda low, high: 0.01)
+    monkeypatch.setattr(scorer_module, "repair", counting)
+    order = rank_candidates(state, pool, config)["b-aware"].order
+    expected = reference.order(reference.scores(state, pool, config)["b-aware"])
+    np.testing.assert_array_equal(order, expected)
+    assert asked and asked[0] > 10  # there were ties to settle
+
+
+def test_points_on_the_border_of_the_image_are_decided_in_double_precision() -> None:
+    config = MissionConfig()
+    pool = synthetic_state(300, config)[1]
+    target = np.array(config.target_m)
+    planes = reference.frustum_planes(pool.positions_m, target, config.camera)
+    x, z = planes[0][:, 0], planes[2][:, 0]
+    # Points on the plane through the camera that bounds its image, and a hair (1e-9 m) to either side.
+    normal = z[:3] - x[:3]
+    rng = np.random.default_rng(1)
+    free = target + rng.uniform(-2.0, 2.0, (500, 3))
+    distance = (np.column_stack([free, np.ones(500)]) @ (z - x)) / (normal @ normal)
+    on_plane = free - distance[:, None] * normal
+    hair = rng.choice([-1e-9, 1e-9], 500)[:, None] * normal
+    points = on_plane + hair
+    got = scorer_module.in_frustum(points, pool.positions_m, target, config.camera)
+    np.testing.assert_array_equal(got, reference.in_frustum(points, pool.positions_m, target, config.camera))
+    assert 100 < np.count_nonzero(got[:, 0]) < 400
