@@ -37,6 +37,7 @@ from tuner.history import Observation, Proposal  # noqa: E402
 from tuner.objective import Objective  # noqa: E402
 from tuner.recommendation import recommend  # noqa: E402
 from tuner.samplers import GPSampler  # noqa: E402
+from tuner.surrogate import SurrogateSettings  # noqa: E402
 
 REPLICATES = 2
 NOISE_SD = 0.15
@@ -55,7 +56,8 @@ class Outcome:
 def campaign(seed: int, budget: int, slot_sd: float, *, slots: bool = True, share: float = 0.0) -> Outcome:
     """One campaign, one mission at a time."""
     space, rocks, default = synthetic.SPACE, synthetic.ROCKS, synthetic.DEFAULT
-    sampler = GPSampler(synthetic.sampler_settings(seed), slots=slots)
+    settings = SurrogateSettings(slots=slots)
+    sampler = GPSampler(synthetic.sampler_settings(seed), model=settings)
     rng = np.random.default_rng(seed)
     history: list[Observation] = []
 
@@ -69,7 +71,7 @@ def campaign(seed: int, budget: int, slot_sd: float, *, slots: bool = True, shar
     for _ in range(budget - confirming):
         fly(sampler.ask(history, []))
     if confirming:
-        result = recommend(space, history, rocks, default, Objective(), seed, slots=slots)
+        result = recommend(space, history, rocks, default, Objective(), seed, settings)
         assert result is not None
         finalists = choose_finalists(
             space, [c.values for c in result.top], default, finalist_count(confirming, len(rocks))
@@ -77,7 +79,9 @@ def campaign(seed: int, budget: int, slot_sd: float, *, slots: bool = True, shar
         for proposal in schedule(finalists, rocks, REPLICATES, confirming):
             fly(proposal)
     confirmed = range(budget - confirming, budget)
-    result = recommend(space, history, rocks, default, Objective(), seed, confirmed=confirmed, slots=slots)
+    result = recommend(
+        space, history, rocks, default, Objective(), seed, confirmed=confirmed, settings=settings
+    )
     assert result is not None
     truth = synthetic.true_rock_mean(result.values) - synthetic.true_rock_mean(default)
     low, high = result.improvement_interval_95

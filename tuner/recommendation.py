@@ -13,7 +13,7 @@ from tuner.confirmation import PairedGain, paired_gain
 from tuner.history import Observation
 from tuner.objective import Objective
 from tuner.search_space import SearchSpace
-from tuner.surrogate import NORMAL_95, RockMeanGP
+from tuner.surrogate import NORMAL_95, RockMeanGP, SurrogateSettings
 
 TOP = 5
 
@@ -88,16 +88,16 @@ def recommend(
     seed: int = 0,
     *,
     confirmed: Collection[int] = (),
-    slots: bool = True,
+    settings: SurrogateSettings | None = None,
 ) -> Recommendation | None:
     """The recommendation after ``observations``; None before the first feasible one.
 
-    ``confirmed`` are the trial numbers of a confirmation stage. ``slots``: see ``RockMeanGP``.
+    ``confirmed`` are the trial numbers of a confirmation stage. ``settings``: of the surrogate.
     """
     feasible = [o for o in observations if o.feasible]
     if not feasible:
         return None
-    model = RockMeanGP(space, feasible, rocks, seed, slots=slots)
+    model = RockMeanGP(space, feasible, rocks, seed, settings)
     groups: dict[tuple[Any, ...], list[Observation]] = {}
     for o in observations:
         groups.setdefault(_key(space, o.values), []).append(o)

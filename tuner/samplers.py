@@ -20,10 +20,13 @@ import numpy as np
 from nbv.errors import UserError
 from tuner.history import Observation, Pending, Proposal
 from tuner.objective import RockStandardiser
+from tuner.peers import PEER_NAMES, make_peer_sampler, peer_command
 from tuner.search_space import SearchSpace, Values
 
 if TYPE_CHECKING:
     import optuna
+
+    from tuner.surrogate import SurrogateSettings
 
 MIN_FEASIBLE_FOR_MODEL = 2
 
@@ -33,7 +36,7 @@ class Sampler(Protocol):
 
     @property
     def name(self) -> str:
-        """As in ``SAMPLER_NAMES``."""
+        """As in ``ALL_SAMPLER_NAMES``."""
         ...
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
@@ -50,6 +53,7 @@ class SamplerSettings:
     rocks: tuple[str, ...]  # training rocks
     seed: int
     initial: int  # size of the initial design, the default configuration included
+    replicates: int = 1  # per rock, for samplers that choose them
 
 
 def initial_design_size(dimension: int, budget: int) -> int:
@@ -119,7 +123,7 @@ class GPSampler:
 
     settings: SamplerSettings
     name: str = "gp"
-    slots: bool = True  # model an offset per (rock, replicate)
+    model: SurrogateSettings | None = None  # of the surrogate; None: its defaults
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
         """The maximiser of the acquisition, or the next point of the initial design."""
@@ -131,7 +135,7 @@ class GPSampler:
         from tuner.surrogate import RockMeanGP
 
         seed = derived_seed(self.settings.seed, number)
-        model = RockMeanGP(self.settings.space, feasible, self.settings.rocks, seed, slots=self.slots)
+        model = RockMeanGP(self.settings.space, feasible, self.settings.rocks, seed, self.model)
         values, figures = propose(model, [p.values for p in pending], seed)
         return Proposal(values, {"sampler": self.name, "phase": "model", **figures})
 
@@ -216,7 +220,20 @@ def _optuna_gp(settings: SamplerSettings, seed: int) -> optuna.samplers.BaseSamp
 
 
 _OPTUNA_BUILDERS = {"tpe": _tpe, "cmaes": _cmaes, "optuna-gp": _optuna_gp}
-SAMPLER_NAMES = ("gp", "sobol", "random", *_OPTUNA_BUILDERS)
+SAMPLER_NAMES = ("gp", "sobol", "random", *_OPTUNA_BUILDERS)  # these are always there
+ALL_SAMPLER_NAMES = (*SAMPLER_NAMES, *PEER_NAMES)
+
+
+def require_sampler(name: str) -> None:
+    """Check that what sampler ``name`` needs is installed.
+
+    Raises
+    ------
+    UserError
+        The environment of a peer has not been set up.
+    """
+    if name in PEER_NAMES:
+        peer_command(name)
 
 
 def make_sampler(name: str, settings: SamplerSettings) -> Sampler:
@@ -233,8 +250,10 @@ def make_sampler(name: str, settings: SamplerSettings) -> Sampler:
         return SobolSampler(settings)
     if name == "random":
         return RandomSampler(settings)
+    if name in PEER_NAMES:
+        return make_peer_sampler(name, settings)
     if name not in _OPTUNA_BUILDERS:
-        raise UserError(f"unknown sampler {name!r}; there are {', '.join(SAMPLER_NAMES)}")
+        raise UserError(f"unknown sampler {name!r}; there are {', '.join(ALL_SAMPLER_NAMES)}")
     if name == "cmaes":
         if settings.space.categorical_dimensions:
             raise UserError("sampler cmaes cannot handle categorical parameters; choose gp or tpe")

@@ -31,18 +31,16 @@ import gpytorch
 import numpy as np
 import torch
 from botorch.exceptions import BotorchWarning, InputDataWarning, OptimizationWarning
-from botorch.fit import fit_gpytorch_mll
 from botorch.models import SingleTaskGP
-from botorch.models.kernels.categorical import CategoricalKernel
 from gpytorch.constraints import GreaterThan
-from gpytorch.kernels import MaternKernel, ScaleKernel
 from gpytorch.likelihoods import GaussianLikelihood
-from gpytorch.priors import LogNormalPrior
+from threadpoolctl import threadpool_limits
 
 from nbv.types import Floats
 from tuner.history import Observation
+from tuner.map_fit import MIN_NOISE_VARIANCE, NOISE, Fit, InverseSquareHalfCauchy, LogNormal, Prior, fit_map
+from tuner.mission_kernel import NO_OFFSET, MissionKernel
 from tuner.objective import RockStandardiser
-from tuner.offset_kernel import NO_OFFSET, offset_variance
 from tuner.search_space import SearchSpace
 
 FIT_MAX_ITERATIONS = 75
@@ -53,13 +51,16 @@ NORMAL_95 = 1.959963984540054
 
 @contextlib.contextmanager
 def numerics(seed: int) -> Iterator[None]:
-    """Seeded, single-threaded torch, without warnings about tiny data sets; restores the random state."""
+    """Seeded torch, one thread everywhere, without warnings about tiny data sets; restores the random state.
+
+    More threads than one make matrices of this size slower, several times so on a busy machine.
+    """
     threads = torch.get_num_threads()
     state = torch.random.get_rng_state()
     torch.set_num_threads(1)
     torch.manual_seed(seed)
     try:
-        with warnings.catch_warnings():
+        with threadpool_limits(1), warnings.catch_warnings():
             for category in (InputDataWarning, OptimizationWarning, BotorchWarning, RuntimeWarning):
                 warnings.simplefilter("ignore", category)
             yield
@@ -144,6 +145,23 @@ class Posterior:
         return np.bincount(draws.argmax(axis=1), minlength=len(pick)) / samples
 
 
+@dataclass(frozen=True)
+class SurrogateSettings:
+    """What the model is made of; each default is there by an ablation (``docs/results/optimiser_ablation.md``)."""
+
+    slots: bool = True  # an offset per (rock, replicate), as soon as the data can tell it from rock and noise
+    deviations: bool = False  # each rock departs from the common landscape, not only by an offset
+    sparse: bool = False  # most parameters are expected to be without effect (SAAS prior, MAP over four tau)
+    length_median: float = 0.5  # median of the length-scale prior over sqrt(number of ordered parameters)
+    length_spread: float = 0.8
+    noise_median: float = 0.2  # variance, outcomes standardised
+    noise_spread: float = 1.0
+    starts: int = 1  # searches for the hyperparameters
+
+
+SPARSE_TAUS = (1e-3, 1e-2, 1e-1, 1.0)
+
+
 class RockMeanGP:
     """The Gaussian process described above; predicts the mean over the training rocks.
 
@@ -157,8 +175,8 @@ class RockMeanGP:
         The training rocks over which the mean is taken.
     seed
         Seed of the fit.
-    slots
-        Model an offset per (rock, replicate) as soon as the data can tell it from the rock's and from noise.
+    settings
+        What the model is made of.
     """
 
     def __init__(
@@ -167,9 +185,9 @@ class RockMeanGP:
         observations: Sequence[Observation],
         rocks: Sequence[str],
         seed: int = 0,
-        *,
-        slots: bool = True,
+        settings: SurrogateSettings | None = None,
     ) -> None:
+        self.settings = settings or SurrogateSettings()
         feasible = [o for o in observations if o.outcome is not None]
         if not feasible:
             raise ValueError("no feasible observation to learn from")
@@ -179,7 +197,7 @@ class RockMeanGP:
         outcomes = np.array([o.outcome for o in feasible], dtype=float)
         observed_rocks = [o.rock for o in feasible]
         flown = [(o.rock, o.replicate) for o in feasible]
-        self.models_slots = slots and slots_identifiable(flown)
+        self.models_slots = self.settings.slots and slots_identifiable(flown)
         self.standardiser = RockStandardiser.fit(
             observed_rocks, outcomes, shrink_centres=False, blocks=flown if self.models_slots else None
         )
@@ -190,31 +208,51 @@ class RockMeanGP:
         self._slot_index = {slot: float(i) for i, slot in enumerate(dict.fromkeys(flown))}
         columns = np.array([(self._index[rock], self._slot_index[rock, k]) for rock, k in flown])
         with numerics(seed):
-            self.model = self._build(columns)
-            if len(feasible) >= MIN_OBSERVATIONS_TO_FIT:
-                mll = gpytorch.mlls.ExactMarginalLogLikelihood(self.model.likelihood, self.model)
-                fit_gpytorch_mll(mll, optimizer_kwargs={"options": {"maxiter": FIT_MAX_ITERATIONS}})
-            self.model.eval()
+            self.model, self.fit = self._build(columns, seed)
 
-    def _build(self, columns: Floats) -> SingleTaskGP:
+    def _build(self, columns: Floats, seed: int) -> tuple[SingleTaskGP, Fit]:
         d = self.space.dimension
-        noise_prior = LogNormalPrior(math.log(0.2), 1.0)
-        likelihood = GaussianLikelihood(
-            noise_prior=noise_prior,
-            noise_constraint=GreaterThan(1e-4, transform=None, initial_value=0.1),
+        categorical = self.space.categorical_dimensions
+        ordered = [i for i in range(d) if i not in categorical]
+        x, y = tensor(np.column_stack([self.unit, columns])), tensor(self.targets[:, None])
+        kernel = MissionKernel(
+            ordered, categorical, d, slots=self.models_slots, deviations=self.settings.deviations
         )
-        # Wide: a rock's centre is the mean of a few configurations and may be off by a standard deviation.
-        kernel = _configuration_kernel(self.space) + offset_variance(d, LogNormalPrior(0.0, 1.0), 0.5)
-        if self.models_slots:
+        iterations = FIT_MAX_ITERATIONS if len(y) >= MIN_OBSERVATIONS_TO_FIT else 0
+        taus = SPARSE_TAUS if self.settings.sparse else (None,)
+        fits: list[tuple[Fit, dict[str, torch.Tensor]]] = []
+        for tau in taus:
+            fit = fit_map(
+                kernel, x, y[:, 0], self._priors(len(ordered), tau), starts=self.settings.starts, seed=seed,
+                iterations=iterations,
+            )  # fmt: skip
+            fits.append((fit, {name: p.detach().clone() for name, p in kernel.named_parameters()}))
+        fit, best = max(fits, key=lambda pair: pair[0].log_posterior)
+        kernel.load_state_dict(best, strict=False)
+        likelihood = GaussianLikelihood(noise_constraint=GreaterThan(MIN_NOISE_VARIANCE / 2, transform=None))
+        # Standardised already; nothing may rescale the last columns either.
+        model = SingleTaskGP(x, y, likelihood=likelihood, covar_module=kernel, outcome_transform=None)
+        likelihood.noise = torch.tensor(math.exp(fit.log_noise_variance), dtype=torch.float64)
+        model.mean_module.constant.data.fill_(fit.mean)
+        model.eval()
+        return model.requires_grad_(False), fit
+
+    def _priors(self, ordered: int, tau: float | None) -> dict[str, Prior]:
+        s = self.settings
+        length: Prior = LogNormal(math.log(s.length_median * math.sqrt(max(1, ordered))), s.length_spread)
+        if tau is not None:
+            length = InverseSquareHalfCauchy(tau)
+        return {
+            "log_lengthscale": length,
+            "log_choice_length": LogNormal(0.0, 1.0),
+            "log_variance": LogNormal(math.log(0.7), 0.7),
+            # Wide: a rock's centre is the mean of a few configurations and may be off by a standard deviation.
+            "log_rock_variance": LogNormal(0.0, 1.0),
             # Wider still: measured slots differ by anything from nothing to several times what parameters do.
-            kernel = kernel + offset_variance(d + 1, LogNormalPrior(math.log(0.3), 1.5), 0.3)
-        return SingleTaskGP(
-            tensor(np.column_stack([self.unit, columns])),
-            tensor(self.targets[:, None]),
-            likelihood=likelihood,
-            covar_module=kernel,
-            outcome_transform=None,  # standardised already; nothing may rescale the last columns either
-        )
+            "log_slot_variance": LogNormal(math.log(0.3), 1.5),
+            "log_deviation": LogNormal(math.log(0.3), 1.0),
+            NOISE: LogNormal(math.log(s.noise_median), s.noise_spread),
+        }
 
     @property
     def virtual_rock(self) -> float:
@@ -273,7 +311,7 @@ class RockMeanGP:
         """Standard deviation of the (rock, replicate) offsets, objective's unit; None where not modelled."""
         if not self.models_slots:
             return None
-        return math.sqrt(self.model.covar_module.kernels[-1].outputscale.item()) * self._mean_scale
+        return math.sqrt(self.model.covar_module.slot_variance) * self._mean_scale
 
     @property
     def _mean_scale(self) -> float:
@@ -282,11 +320,8 @@ class RockMeanGP:
     @property
     def lengthscales(self) -> dict[str, float]:
         """Length scale per ordered parameter, in unit-cube units; long means unimportant."""
-        for part in self.model.covar_module.modules():
-            if isinstance(part, MaternKernel):
-                ordered = [p.path for p in self.space.parameters if p.kind != "categorical"]
-                return dict(zip(ordered, part.lengthscale.detach().flatten().tolist()))
-        return {}
+        ordered = [p.path for p in self.space.parameters if p.kind != "categorical"]
+        return dict(zip(ordered, self.model.covar_module.log_lengthscale.exp().tolist()))
 
     def leave_one_out(self) -> LooCheck:
         """Leave-one-out check from the inverse training covariance (Rasmussen and Williams, Eq. 5.10-12)."""
@@ -299,30 +334,6 @@ class RockMeanGP:
             residual = (inverse @ (model.train_targets - prior.mean)) / inverse.diagonal()
             observed = model.train_targets.numpy()
             return LooCheck(observed, observed - residual.numpy(), inverse.diagonal().rsqrt().numpy())
-
-
-def _configuration_kernel(space: SearchSpace) -> gpytorch.kernels.Kernel:
-    """Scaled Matern-5/2 over ordered parameters, times a categorical kernel where there are choices."""
-    categorical = space.categorical_dimensions
-    ordered = [i for i in range(space.dimension) if i not in categorical]
-    parts: list[gpytorch.kernels.Kernel] = []
-    if ordered:
-        prior = LogNormalPrior(math.log(0.5 * math.sqrt(len(ordered))), 0.8)
-        constraint = GreaterThan(2.5e-2, transform=None, initial_value=prior.mode)
-        parts.append(
-            MaternKernel(
-                nu=2.5, ard_num_dims=len(ordered), active_dims=ordered, lengthscale_prior=prior,
-                lengthscale_constraint=constraint,
-            )
-        )  # fmt: skip
-    if categorical:
-        parts.append(CategoricalKernel(ard_num_dims=len(categorical), active_dims=list(categorical)))
-    kernel = parts[0] if len(parts) == 1 else parts[0] * parts[1]
-    return ScaleKernel(
-        kernel,
-        outputscale_prior=LogNormalPrior(math.log(0.7), 0.7),
-        outputscale_constraint=GreaterThan(1e-3, transform=None, initial_value=0.7),
-    )
 
 
 def slots_identifiable(slots: Sequence[tuple[str, int]]) -> bool:

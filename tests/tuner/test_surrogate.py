@@ -9,7 +9,7 @@ import torch
 
 from tuner.history import Observation
 from tuner.search_space import space_from_dict
-from tuner.surrogate import NORMAL_95, Posterior, RockMeanGP
+from tuner.surrogate import NORMAL_95, RockMeanGP, SurrogateSettings
 
 
 def test_recovers_a_smooth_function_over_shifted_rocks() -> None:
@@ -71,7 +71,7 @@ def test_slot_offsets_are_told_from_noise_and_cancel() -> None:
     for seed in range(4):
         history = synthetic.random_design(32, 0.1, seed, replicates=2, slot_sd=0.6)
         for slots, found in errors.items():
-            model = RockMeanGP(space, history, synthetic.ROCKS, slots=slots)
+            model = RockMeanGP(space, history, synthetic.ROCKS, settings=SurrogateSettings(slots=slots))
             noise[slots].append(float(model.noise_sd / scale))
             belief = model.posterior(points)
             for i in (1, 2):
@@ -119,14 +119,50 @@ def test_slots_are_modelled_only_where_they_show() -> None:
     assert not model.models_slots and model.slot_sd is None
 
 
-def test_offset_kernel() -> None:
-    from tuner.offset_kernel import NO_OFFSET, OffsetKernel
+def test_kernel_of_missions() -> None:
+    """What shares a rock or a slot covaries by it; a column at NO_OFFSET shares nothing, not even with itself."""
+    from tuner.mission_kernel import NO_OFFSET, MissionKernel
 
-    kernel = OffsetKernel(active_dims=[1])
-    x = torch.tensor([[9.0, 0.0], [8.0, 1.0], [7.0, 0.0], [6.0, NO_OFFSET]], dtype=torch.float64)
-    expected = torch.tensor([[1, 0, 1, 0], [0, 1, 0, 0], [1, 0, 1, 0], [0, 0, 0, 0]], dtype=torch.float64)
-    assert torch.equal(kernel(x).to_dense(), expected)
-    assert torch.equal(kernel(x, diag=True), expected.diagonal())
+    kernel = MissionKernel([0], [], 1, slots=True, deviations=True)
+    for name, value in (("log_rock_variance", 2.0), ("log_slot_variance", 3.0), ("log_deviation", 0.5)):
+        getattr(kernel, name).data = torch.tensor(value, dtype=torch.float64).log()
+    x = [[0.5, 0, 0], [0.5, 0, 0], [0.5, 0, 1], [0.5, 1, 2], [0.5, NO_OFFSET, NO_OFFSET]]
+    k = kernel(torch.tensor(x, dtype=torch.float64)).to_dense().detach()
+    np.testing.assert_allclose(k[0], [6.5, 6.5, 3.5, 1.0, 1.0], rtol=1e-6)
+    np.testing.assert_allclose(k[4], [1.0, 1.0, 1.0, 1.0, 1.0], rtol=1e-6)
+    diagonal = kernel(torch.tensor(x, dtype=torch.float64), diag=True).detach()
+    np.testing.assert_allclose(diagonal, k.diagonal(), rtol=1e-9)
+
+
+def test_kernel_is_materns_times_mismatches() -> None:
+    from tuner.mission_kernel import MissionKernel
+
+    kernel = MissionKernel([0, 1], [2], 3, slots=False, deviations=False)
+    kernel.log_lengthscale.data = torch.tensor([0.5, 2.0], dtype=torch.float64).log()
+    kernel.log_rock_variance.data -= 50
+    a, b = [0.1, 0.9, 0.25, -1, -1], [0.4, 0.3, 0.75, -1, -1]
+    r = 5**0.5 * np.hypot(0.3 / 0.5, 0.6 / 2.0)
+    k = kernel(torch.tensor([a], dtype=torch.float64), torch.tensor([b], dtype=torch.float64)).to_dense()
+    assert k.item() == pytest.approx((1 + r + r**2 / 3) * np.exp(-r) * np.exp(-1.0))
+
+
+def test_gradient_of_the_evidence_is_its_slope() -> None:
+    from tuner.map_fit import NOISE, Evidence
+    from tuner.mission_kernel import MissionKernel
+
+    rng = np.random.default_rng(0)
+    x = np.column_stack([rng.random((20, 2)), rng.integers(0, 2, 20), np.arange(20) % 3, np.arange(20) % 6])
+    kernel = MissionKernel([0, 1], [2], 3, slots=True, deviations=True)
+    slices, begin = {}, 0
+    for name, parameter in kernel.named_parameters():
+        slices[name] = slice(begin, begin + parameter.numel())
+        begin += parameter.numel()
+    slices[NOISE] = slice(begin, begin + 1)
+    evidence = Evidence(kernel, x, rng.normal(size=20), slices)
+    at = rng.normal(0, 0.5, begin + 1)
+    steps = 1e-5 * np.eye(begin + 1)
+    slope = [(evidence(at + h)[0] - evidence(at - h)[0]) / 2e-5 for h in steps]
+    np.testing.assert_allclose(evidence(at)[1], slope, atol=1e-6)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
