@@ -9,7 +9,7 @@ import torch
 
 from tuner.history import Observation
 from tuner.search_space import space_from_dict
-from tuner.surrogate import NORMAL_95, RockMeanGP, SurrogateSettings
+from tuner.surrogate import NORMAL_95, Posterior, RockMeanGP, SurrogateSettings
 
 
 def test_recovers_a_smooth_function_over_shifted_rocks() -> None:
