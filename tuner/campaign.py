@@ -41,7 +41,14 @@ from tuner.ledger import Ledger, TrialRecord
 from tuner.missions import DEFAULT_RUNNER, Keep, MissionJob, MissionOutcome, collect_outcome
 from tuner.objective import Direction, Objective
 from tuner.recommendation import Recommendation, recommend
-from tuner.samplers import SAMPLER_NAMES, Sampler, SamplerSettings, initial_design_size, make_sampler
+from tuner.samplers import (
+    ALL_SAMPLER_NAMES,
+    Sampler,
+    SamplerSettings,
+    initial_design_size,
+    make_sampler,
+    require_sampler,
+)
 from tuner.search_space import SearchSpace, Values, space_from_dict
 from tuner.session import exclusive, stop_signals
 
@@ -106,8 +113,8 @@ class CampaignSettings:
                 f"a share of {self.confirmation:g} of {self.budget} missions confirms nothing: two configurations "
                 "must meet; raise the budget or the share"
             )
-        if self.sampler not in SAMPLER_NAMES:
-            raise UserError(f"unknown sampler {self.sampler!r}; there are {', '.join(SAMPLER_NAMES)}")
+        if self.sampler not in ALL_SAMPLER_NAMES:
+            raise UserError(f"unknown sampler {self.sampler!r}; there are {', '.join(ALL_SAMPLER_NAMES)}")
         self.default_values()  # the space must fit the preset
 
     def base_config(self) -> MissionConfig:
@@ -136,7 +143,7 @@ class CampaignSettings:
     def make_sampler(self) -> Sampler:
         """The sampler at work."""
         settings = SamplerSettings(
-            self.space, self.default_values(), self.rocks, self.seed, self.initial_size()
+            self.space, self.default_values(), self.rocks, self.seed, self.initial_size(), self.replicates
         )
         return make_sampler(self.sampler, settings)
 
@@ -276,6 +283,7 @@ class Campaign:
         if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
             raise UserError(f"{directory} exists and is not an empty directory; choose another directory")
         settings.make_sampler()
+        require_sampler(settings.sampler)  # here and not in make_sampler: a report must open without the peer
         try:
             directory.mkdir(parents=True, exist_ok=True)
             identity = uuid.uuid4().hex

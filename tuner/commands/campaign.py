@@ -51,7 +51,9 @@ def run(
     set_: Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE for every mission.")] = None,
     metric: Annotated[str | None, typer.Option(help="Metric to tune, e.g. observable.f_score_48mm.")] = None,
     minimise: Annotated[bool, typer.Option(help="Smaller is better (for distances).")] = False,
-    sampler: Annotated[str, typer.Option(help="gp, sobol, random, tpe, cmaes or optuna-gp.")] = "gp",
+    sampler: Annotated[
+        str, typer.Option(help="gp, sobol, random, tpe, cmaes, optuna-gp; after set-up ax, smac, hebo.")
+    ] = "gp",
     workers: Annotated[
         int | None, typer.Option(help="Missions side by side (default: one per core).")
     ] = None,
