@@ -167,7 +167,7 @@ class GateConfig:
     oracle_samples: int = 30_000
     oracle_threshold_m: float = 0.02
     oracle_matchable_views: int = 3  # views that must see a sample, for oracle_coverage="matchable"
-    learned_policy: str = ""  # path of a policy JSON, for kind="learned"
+    learned_policy: str = ""  # path of a policy JSON, for kind="learned"; empty: the shipped policy
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ BASELINES: dict[str, Baseline] = {
         Baseline("b-aware", "B-aware", "baseline-aware repair scorer throughout (Eq. 6 to 8)", in_paper=True),
         Baseline("hyb-h", "Hyb-H", "heuristic gate at the paper's thresholds (Eq. 9)", in_paper=True),
         Baseline("hyb-o", "Hyb-O", "oracle gate, from the true surface", True, True),
+        Baseline("learned", "Learned gate", "decision tree trained on the oracle's choices"),
         Baseline("random", "Random views", "a feasible candidate at random"),
         Baseline("novelty-only", "Novelty only", "the feasible candidate farthest from earlier views"),
         Baseline("movement-only", "Movement only", "the feasible candidate nearest to the vehicle"),
@@ -39,8 +40,11 @@ BASELINES: dict[str, Baseline] = {
     )
 }
 PAPER_STRATEGIES = tuple(name for name, b in BASELINES.items() if b.in_paper)
-# What `gatetune evaluate` compares with unless told otherwise.
-EVALUATION_BASELINES = (*PAPER_STRATEGIES, "random")
+# What `gatetune evaluate` compares with unless told otherwise: the paper's four, the learned gate, and what
+# chance and a planner that looks at the true surface reach.
+EVALUATION_BASELINES = (*PAPER_STRATEGIES, "learned", "random", "greedy-oracle")
+# What `gatetune reproduce` flies: Table I's columns, and the same two references for the gates.
+REPRODUCTION_STRATEGIES = (*PAPER_STRATEGIES, "learned", "greedy-oracle")
 TUNED = "tuned"
 
 

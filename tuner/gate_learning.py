@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -42,6 +42,8 @@ class GateDecisions:
     incomplete: int  # without rewards or with a feature that is not finite
     same_view: int  # decisions in which both scorers choose the same candidate (all of them ties)
     coverage: str  # which oracle: ``gate.oracle_coverage``
+    presets: tuple[str, ...] = ()  # of the missions; features mean something else at other settings
+    adaptive_budgets: tuple[int, ...] = ()
 
     @property
     def margin(self) -> Floats:
@@ -71,14 +73,38 @@ class GateDecisions:
         return self.features[mask], self.labels[mask], weight / weight.mean()
 
 
+def held_out_rocks() -> set[str]:
+    """Names of all rocks that nothing may be learned from, imported ones included."""
+    from nbv.rocks import list_rocks
+
+    return {rock.name for rock in list_rocks() if rock.split == "held-out"}
+
+
+def without_rocks(missions: Sequence[FlownMission], rocks: Collection[str]) -> list[FlownMission]:
+    """The missions on other rocks; ``UserError`` if a name is none of theirs."""
+    flown = {m.result.rock for m in missions}
+    for rock in rocks:
+        if rock not in flown:
+            raise UserError(f"no mission was flown on {rock!r}; there are {', '.join(sorted(flown))}")
+    return [m for m in missions if m.result.rock not in rocks]
+
+
 def gate_decisions(missions: Sequence[FlownMission]) -> GateDecisions:
     """All decisions that missions logged.
 
     Raises
     ------
     UserError
-        The missions were judged by different oracles, or none logged anything.
+        A mission was flown on a held-out rock, the missions were judged by different oracles, or none logged
+        anything.
     """
+    forbidden = held_out_rocks()
+    for mission in missions:
+        if mission.result.rock in forbidden:
+            raise UserError(
+                f"{mission.directory} was flown on {mission.result.rock!r}, which is held out: nothing may be "
+                f"learned from it; leave it out, for example with --without {mission.result.rock}"
+            )
     kinds = sorted({m.config.gate.oracle_coverage for m in missions})
     if len(kinds) > 1:
         raise UserError(
@@ -109,6 +135,8 @@ def gate_decisions(missions: Sequence[FlownMission]) -> GateDecisions:
     return GateDecisions(
         np.array(features_, dtype=float), np.array(rewards_, dtype=float), tuple(rocks), len(missions),
         duplicates, incomplete, same_view, kinds[0],
+        tuple(sorted({m.config.preset for m in missions})),
+        tuple(sorted({m.config.stop.adaptive_budget for m in missions})),
     )  # fmt: skip
 
 
@@ -150,7 +178,10 @@ class LearnedPolicy:
                 "rocks": sorted(set(d.rocks)),
                 "decisions": len(d.rewards),
                 "oracle_prefers": d.counts,
+                "same_view": d.same_view,
                 "oracle_coverage": d.coverage,
+                "presets": list(d.presets),
+                "adaptive_budgets": list(d.adaptive_budgets),
             },
             "cross_validated_by_rock": [vars(score) for score in self.scores],
             "notes": self.notes,

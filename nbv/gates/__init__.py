@@ -48,7 +48,7 @@ def make_gate(
     Raises
     ------
     UserError
-        An oracle gate without ground truth, or a learned gate without a readable policy.
+        An oracle gate without ground truth, or a learned gate whose policy file cannot be read.
     """
     kind = config.gate.kind
     if kind in ORACLE_KINDS:

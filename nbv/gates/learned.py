@@ -4,12 +4,17 @@ The file holds ``{"type": "decision_tree", "version": 1, "root": NODE}``. A node
 ``{"feature": NAME, "threshold": X, "left": NODE, "right": NODE}`` (left if the value is at most X) or a
 leaf ``{"scorer": "covis" | "b-aware", "probability": P}``, P being the share of training samples in that
 leaf that agree with its scorer. Other keys (how it was trained, on what) are for people and ignored.
+
+Without a file of one's own, the policy that comes with the package is flown: ``policies/default.json``, made
+by ``gatetune learn-gate``; it names the training rocks and how it fared on rocks that it had not seen.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +22,18 @@ from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.gates.features import FEATURE_NAMES, gate_features
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
+
+
+def shipped_policy() -> dict[str, Any]:
+    """The policy that comes with the package: its tree, what it was trained on, how it fared."""
+    text = resources.files("nbv.gates").joinpath("policies", "default.json").read_text(encoding="utf-8")
+    policy: dict[str, Any] = json.loads(text)
+    return policy
+
+
+def policy_digest(root: dict[str, Any]) -> str:
+    """12 hex digits that identify a tree; a mission's trace holds them, since a policy file may change."""
+    return hashlib.sha256(json.dumps(root, sort_keys=True).encode()).hexdigest()[:12]
 
 
 def check_policy(policy: Any, source: str) -> dict[str, Any]:
@@ -64,9 +81,9 @@ class LearnedGate:
 
     @classmethod
     def from_file(cls, path: str, config: MissionConfig) -> LearnedGate:
-        """Read and check a policy file; ``UserError`` if it is missing or malformed."""
+        """Read and check a policy file; empty: the shipped policy. ``UserError`` if missing or malformed."""
         if not path:
-            raise UserError("gate.kind learned needs gate.learned_policy: the path of a policy JSON")
+            return cls(check_policy(shipped_policy(), "the shipped policy"), config)
         try:
             policy = json.loads(Path(path).read_text(encoding="utf-8"))
         except OSError as error:
@@ -84,5 +101,9 @@ class LearnedGate:
             left = features[name] <= threshold
             steps.append(f"{name} {features[name]:.4g} {'<=' if left else '>'} {threshold:.4g}")
             node = node["left" if left else "right"]
-        details = {"features": features, "probability": float(node["probability"])}
+        details = {
+            "features": features,
+            "probability": float(node["probability"]),
+            "policy": policy_digest(self.root),
+        }
         return GateDecision(rankings[node["scorer"]], ", ".join(steps) or "a tree of one leaf", details)

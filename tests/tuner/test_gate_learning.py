@@ -23,6 +23,7 @@ from tuner.gate_learning import (
     gate_decisions,
     learn_gate,
     score_choices,
+    without_rocks,
 )
 from tuner.studies.missions_as_data import find_missions
 
@@ -184,6 +185,32 @@ def test_decisions_are_read_from_the_traces(tmp_path):
     write_mission(tmp_path / "d", "r1", [record(0, 3.0, 5.0)], **{"gate.oracle_coverage": "seen"})
     with pytest.raises(UserError, match=r"different oracles.*seen"):
         gate_decisions(find_missions([tmp_path]))
+
+
+def test_held_out_rocks_are_refused_by_name(tmp_path):
+    write_mission(tmp_path / "a", "slab", [record(0, 3.0, 5.0)])
+    write_mission(tmp_path / "b", "arch", [record(0, 9.0, 5.0)])
+    missions = find_missions([tmp_path])
+    with pytest.raises(UserError, match=r"b was flown on 'arch', which is held out.*--without arch"):
+        gate_decisions(missions)
+    assert set(gate_decisions(without_rocks(missions, ["arch"])).rocks) == {"slab"}
+    with pytest.raises(UserError, match=r"no mission was flown on 'arc'; there are arch, slab"):
+        without_rocks(missions, ["arc"])
+
+
+def test_an_imported_held_out_rock_is_refused_too(tmp_path, monkeypatch):
+    from nbv.rocks import load_rock, save_imported
+    from nbv.rocks.rock import make_rock
+
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
+    rock = make_rock("mine", vertices, faces, np.full((4, 3), 0.5), split="held-out", difficulty="")
+    save_imported(rock)
+    assert load_rock("mine").split == "held-out"
+    write_mission(tmp_path / "a", "mine", [record(0, 3.0, 5.0)])
+    with pytest.raises(UserError, match="'mine', which is held out"):
+        gate_decisions(find_missions([tmp_path / "a"]))
 
 
 def test_missions_without_logs_are_a_users_mistake(tmp_path):

@@ -28,7 +28,10 @@ def evaluate(
     replicates: Annotated[int, typer.Option(help="Per rock, the same for all strategies.")] = 3,
     strategies: Annotated[
         list[str] | None,
-        typer.Option("--against", help="Baseline, repeatable (default: the paper's four and random)."),
+        typer.Option(
+            "--against",
+            help="Baseline, repeatable (default: the paper's four, learned, random, greedy-oracle).",
+        ),
     ] = None,
     reference: Annotated[str, typer.Option(help="Paired differences are against this strategy.")] = "hyb-h",
     workers: Annotated[

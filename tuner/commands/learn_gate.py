@@ -14,15 +14,18 @@ from tuner.commands.console import output
 def learn_gate(
     runs: Annotated[list[Path], typer.Argument(help="Missions, or directories with missions below them.")],
     out: Annotated[Path, typer.Option(help="The policy file.")] = Path("policy.json"),
+    without: Annotated[
+        list[str] | None, typer.Option(help="Rock whose missions are left out, repeatable.")
+    ] = None,
     max_depth: Annotated[int, typer.Option(help="Of the decision tree.")] = 3,
     seed: Annotated[int, typer.Option(help="Breaks ties between equally good splits.")] = 0,
 ) -> None:
     """Train the learned gate from what the oracle thought of both scorers' choices; cross-validated by rock."""
-    from tuner.gate_learning import describe_tree, gate_decisions
+    from tuner.gate_learning import describe_tree, gate_decisions, without_rocks
     from tuner.gate_learning import learn_gate as learn
     from tuner.studies.missions_as_data import find_missions
 
-    decisions = gate_decisions(find_missions(runs))
+    decisions = gate_decisions(without_rocks(find_missions(runs), without or []))
     counts = decisions.counts
     output.print(
         f"{decisions.missions} missions on {len(set(decisions.rocks))} rocks, {len(decisions.rewards)} decisions "

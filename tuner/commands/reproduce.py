@@ -20,7 +20,8 @@ def reproduce(
     ] = "paper",
     replicates: Annotated[int, typer.Option(help="Per rock; the paper flew one.")] = 1,
     strategies: Annotated[
-        list[str] | None, typer.Option("--strategy", help="Repeatable (default: the paper's four).")
+        list[str] | None,
+        typer.Option("--strategy", help="Repeatable (default: the paper's four, learned, greedy-oracle)."),
     ] = None,
     set_: Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE for every mission.")] = None,
     keep: Annotated[bool, typer.Option(help="Keep images, models and clouds of every mission.")] = True,
@@ -30,13 +31,13 @@ def reproduce(
     timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 7200.0,
     out: Annotated[Path, typer.Option(help="Directory.")] = Path("runs/reproduce"),
 ) -> None:
-    """Fly the paper's default configuration for its four strategies; print its Table I beside the paper's numbers."""
-    from tuner.baselines import PAPER_STRATEGIES, baseline_configs
+    """Fly the paper's default configuration for its strategies and two references; print its Table I beside the paper's numbers."""
+    from tuner.baselines import REPRODUCTION_STRATEGIES, baseline_configs
     from tuner.evaluation import EvaluationPlan
 
     base = mission_config(preset, set_ or [])
     chosen = tuple(rock_arguments(rocks or ["vesicular"]))
-    configs = baseline_configs(list(strategies or PAPER_STRATEGIES), base)
+    configs = baseline_configs(list(strategies or REPRODUCTION_STRATEGIES), base)
     plan = EvaluationPlan(configs, chosen, replicates, keep="all" if keep else "summary")
     compare(
         plan,

@@ -40,7 +40,7 @@ def noise(
     repeats: Annotated[int, typer.Option(help="Further replicates of the default configuration.")] = 5,
     controls: Annotated[
         list[str] | None,
-        typer.Option("--control", help="Repeatable (default: random, greedy-oracle); none for no control."),
+        typer.Option("--control", help="Repeatable (default: learned, random, greedy-oracle); none for no control."),
     ] = None,
     metrics: Annotated[
         list[str] | None, typer.Option("--metric", help="Repeatable, e.g. observable.f_score_48mm.")

@@ -72,7 +72,7 @@ class NoiseSettings:
     configurations: int = 16  # Sobol points of the space
     replicates: int = 3  # of every configuration on every rock
     repeats: int = 5  # further replicates of the default configuration
-    controls: tuple[str, ...] = ("random", "greedy-oracle")
+    controls: tuple[str, ...] = ("learned", "random", "greedy-oracle")
     metrics: tuple[str, ...] = DEFAULT_METRICS
     levels: tuple[int, ...] = AGREEMENT_LEVELS  # dense.agreeing_views that are reported
     seed: int = 0

@@ -22,6 +22,7 @@ from tuner.report.style import (
     GREEN,
     GREY,
     ORANGE,
+    PURPLE,
     SEQUENTIAL,
     SKY,
     VERMILION,
@@ -37,7 +38,12 @@ _SHARE_LOOK = {  # colour and hatch: the hatch tells them apart in grey
     "replicate": (ORANGE, "\\\\"),
     "residual": (VERMILION, ".."),
 }
-_REFERENCES = {DEFAULT: (BLACK, "-"), "random": (ORANGE, "--"), "greedy-oracle": (GREEN, "-.")}
+_REFERENCES = {
+    DEFAULT: (BLACK, "-"),
+    "learned": (PURPLE, ":"),
+    "random": (ORANGE, "--"),
+    "greedy-oracle": (GREEN, "-."),
+}
 
 
 def write_noise_report(findings: NoiseFindings, directory: Path) -> list[Path]:
@@ -83,6 +89,7 @@ _COLUMNS = {  # terminal: file
     "sd conf.": "sd between configurations",
     "sd repl.": "sd of a rock mean (1 replicate)",
     "default": "default",
+    "learned": "learned gate",
     "random": "random",
     "ceiling": "greedy oracle",
     "best": "best of the design",
@@ -108,7 +115,7 @@ def _row(cell: NoiseCell, metric: str) -> list[str]:
         format_number(c.unseen_signal_to_noise),
         format_number(math.sqrt(max(0.0, c.between)), 2),
         format_number(math.sqrt(c.noise), 2),
-        *(format_number(cell.means.get(name)) for name in (DEFAULT, "random", "greedy-oracle")),
+        *(format_number(cell.means.get(name)) for name in (DEFAULT, "learned", "random", "greedy-oracle")),
         format_number(best),
         format_number(cell.mission_s, 0),
         str(cell.missing),

@@ -14,6 +14,8 @@ from nbv.config import MissionConfig
 from nbv.errors import MissionFailure, UserError
 from nbv.gates import Gate, gate_features, make_gate
 from nbv.gates.features import FEATURE_NAMES
+from nbv.gates.learned import policy_digest, shipped_policy
+from nbv.rocks import list_rocks
 
 TREE = {
     "type": "decision_tree",
@@ -99,6 +101,22 @@ def test_a_single_leaf_is_a_policy(tmp_path: Path) -> None:
 def test_bad_policies_are_a_users_mistake(tmp_path: Path, policy: object, message: str) -> None:
     with pytest.raises(UserError, match=message):
         gate_for(tmp_path, policy)
+
+
+def test_without_a_file_the_shipped_policy_is_flown() -> None:
+    gate = make_gate(MissionConfig().with_values({"gate.kind": "learned"}))
+    both = rankings(0, 1, len(pool()))
+    decision = gate.decide(state(), pool(), both)
+    assert decision.ranking in (both["covis"], both["b-aware"])
+    policy = shipped_policy()
+    assert decision.details["policy"] == policy_digest(policy["root"])
+    # It says where it comes from, and no rock that is held out is among its teachers.
+    held_out = {rock.name for rock in list_rocks() if rock.split == "held-out"}
+    trained = policy["trained_on"]
+    assert trained["rocks"] and not held_out & set(trained["rocks"])
+    assert sum(trained["oracle_prefers"].values()) == trained["decisions"] > 100
+    scores = {score["name"]: score for score in policy["cross_validated_by_rock"]}
+    assert {"tree", "majority", "always covis"} <= set(scores)
 
 
 def test_a_missing_file_is_named() -> None:
