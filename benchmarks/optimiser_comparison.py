@@ -40,7 +40,7 @@ from optimiser_strategies import STRATEGIES, applicable  # noqa: E402
 from tuner.campaign import next_slot  # noqa: E402
 from tuner.history import Observation, Proposal  # noqa: E402
 from tuner.search_space import Values  # noqa: E402
-from tuner.surrogate import RockMeanGP  # noqa: E402
+from tuner.surrogate import RockMeanGP, SurrogateSettings  # noqa: E402
 
 OUT = Path("runs/optimiser_comparison")
 # Shares of the budget at which a recommendation is made; ours more often, to see when it reaches a peer's last.
@@ -59,10 +59,10 @@ def complete(path: Path) -> bool:
 
 
 def common_recommendation(
-    problem: Problem, history: Sequence[Observation], seed: int
+    problem: Problem, history: Sequence[Observation], seed: int, settings: SurrogateSettings | None
 ) -> tuple[Values, float, float, RockMeanGP]:
     """Best posterior mean among the configurations flown, its mean and sd, and the model."""
-    model = RockMeanGP(problem.space, history, problem.rocks, seed)
+    model = RockMeanGP(problem.space, history, problem.rocks, seed, settings)
     seen = {tuple(problem.space.to_unit(o.values)): dict(o.values) for o in history if o.feasible}
     configurations = list(seen.values())
     belief = model.posterior(configurations)
@@ -83,7 +83,7 @@ def play(problem: Problem, name: str, seed: int, log: TextIO) -> None:
     history: list[Observation] = []
     model: RockMeanGP | None = None
     spent = total_ask_s = 0.0
-    shares = OUR_CHECKPOINTS if name.partition("/")[0] == "gp" else CHECKPOINTS
+    shares = OUR_CHECKPOINTS if name.startswith("gp") else CHECKPOINTS
     marks = [share * problem.budget for share in shares]
     while spent < problem.budget - 1e-6:
         began = time.process_time()
@@ -113,7 +113,9 @@ def play(problem: Problem, name: str, seed: int, log: TextIO) -> None:
             while marks and spent >= marks[0] - 1e-6:
                 marks.pop(0)
             full = [o for o in history if o.rock in problem.rocks]
-            values, mean, sd, model = common_recommendation(problem, full, seed)
+            values, mean, sd, model = common_recommendation(
+                problem, full, seed, getattr(strategy, "model", None)
+            )
             own = strategy.recommend()
             belief = {"mean": mean, "sd": sd} if own is None else {}
             values = own or values

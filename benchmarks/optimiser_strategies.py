@@ -22,8 +22,9 @@ from optimiser_problems import Problem
 
 from tuner.history import Observation
 from tuner.objective import RockStandardiser
-from tuner.samplers import Sampler, SamplerSettings, initial_design_size, make_sampler
+from tuner.samplers import GPSampler, Sampler, SamplerSettings, initial_design_size, make_sampler
 from tuner.search_space import Values
+from tuner.surrogate import SurrogateSettings
 
 
 @dataclass(frozen=True)
@@ -64,14 +65,16 @@ def settings_of(problem: Problem, seed: int, *, configurations: bool = False) ->
     rocks = ("mean",) if configurations else problem.rocks
     budget = problem.budget // len(problem.rocks) if configurations else problem.budget
     initial = initial_design_size(problem.space.dimension, budget)
-    return SamplerSettings(problem.space, problem.default, rocks, seed, initial)
+    replicates = 1 if configurations else problem.replicates
+    return SamplerSettings(problem.space, problem.default, rocks, seed, initial, replicates)
 
 
 class OneRock:
     """A campaign's sampler: one mission per configuration, rocks in turn."""
 
-    def __init__(self, sampler: Sampler) -> None:
+    def __init__(self, sampler: Sampler, model: SurrogateSettings | None = None) -> None:
         self.sampler = sampler
+        self.model = model  # of the recommendation
         self.history: list[Observation] = []
 
     def ask(self) -> Request:
@@ -196,15 +199,28 @@ def all_rocks(name: str) -> Factory:
     )
 
 
-PEERS = ("sobol", "random", "tpe", "cmaes", "optuna-gp")
+def gp_variant(**options: Any) -> Factory:
+    """Our sampler with other settings of its surrogate."""
+    model = SurrogateSettings(**options)
+    return lambda problem, seed: OneRock(GPSampler(settings_of(problem, seed), model=model), model)
+
+
+PEERS = ("sobol", "random", "tpe", "cmaes", "optuna-gp", *available_peers())
 STRATEGIES: dict[str, Factory] = {
     "gp": one_rock("gp"),
     **{name: one_rock(name) for name in PEERS},
     **{f"{name}/all": all_rocks(name) for name in (*PEERS, "gp")},
     "tpe/pruned": PrunedTPE,
+    "gp+map": gp_variant(),
+    "gp+bayes4": gp_variant(members=4),
+    "gp+bayes8": gp_variant(members=8),
+    "gp+sparse": gp_variant(sparse=True),
+    "gp+sparse8": gp_variant(sparse=True, members=8),
+    "gp+long": gp_variant(length_median=1.0, length_spread=1.2),
+    "gp+deviations": gp_variant(deviations=True),
 }
 
 
 def applicable(name: str, rocks: Sequence[str]) -> bool:
     """Whether a strategy is another one than its one-rock variant on these rocks."""
-    return len(rocks) > 1 or "/" not in name
+    return len(rocks) > 1 or ("/" not in name and "deviations" not in name)

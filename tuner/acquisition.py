@@ -8,20 +8,23 @@ from typing import Any
 import numpy as np
 import torch
 from botorch.acquisition.logei import qLogNoisyExpectedImprovement
-from botorch.optim import optimize_acqf, optimize_acqf_mixed
+from botorch.optim import optimize_acqf
 from botorch.sampling import SobolQMCNormalSampler
 from botorch.utils.sampling import draw_sobol_samples
 
 from nbv.types import Floats
 from tuner.search_space import Values
-from tuner.surrogate import RockMeanGP, numerics
+from tuner.surrogate import RockMeanGP, moments, numerics
 
-RESTARTS = 6
-RAW_SAMPLES = 128
-MONTE_CARLO_SAMPLES = 128
-MAX_ITERATIONS = 100
+RESTARTS = 3
+GLOBAL_POINTS = 192  # of a Sobol sequence over the whole space
+LOCAL_POINTS = 64  # near the best configurations so far, where improvement is likeliest
+LOCAL_BEST = 4
+LOCAL_SD = 0.1  # of the unit cube
+MONTE_CARLO_SAMPLES = 64
+MAX_ITERATIONS = 50
 # Mixed spaces: the continuous part is optimised under this many of the best discrete combinations.
-DISCRETE_COMBINATIONS = 8
+DISCRETE_COMBINATIONS = 4
 
 
 def propose(
@@ -61,36 +64,66 @@ def _acquisition(
 def _maximise(
     model: RockMeanGP, acquisition: qLogNoisyExpectedImprovement, seed: int
 ) -> tuple[Floats, float]:
-    """Best (d,) unit position, exactly a configuration, and its acquisition value."""
+    """Best (d,) unit position, exactly a configuration, and its acquisition value.
+
+    Starts are the best of many global and local points, tried without gradients.
+    """
     d = model.space.dimension
-    # The last two columns are rock and slot: everything is compared without their offsets.
-    nowhere = dict(enumerate(model.inputs(np.zeros((1, d)))[0, d:].tolist(), start=d))
-    bounds = torch.zeros(2, d + len(nowhere), dtype=torch.float64)
-    bounds[1, :d] = 1.0
-    bounds[:, d:] = torch.tensor(list(nowhere.values()), dtype=torch.float64)
-    options = {"seed": seed, "maxiter": MAX_ITERATIONS}
-    discrete = model.space.discrete_dimensions
-    if not discrete:
-        best, score = optimize_acqf(
-            acquisition, bounds, 1, RESTARTS, RAW_SAMPLES, options=options, fixed_features=nowhere
-        )
-        return best[0, :d].numpy(), float(score)
-    raw = draw_sobol_samples(bounds[:, :d], RAW_SAMPLES * 4, 1, seed=seed).squeeze(1).numpy()
-    snapped = model.inputs(np.array([model.space.snap(x) for x in raw])).unsqueeze(1)
+    points = np.array([model.space.snap(x) for x in _starting_points(model, seed)])
+    starts = model.inputs(points).unsqueeze(1)
     with torch.no_grad():
-        scores = acquisition(snapped)
+        scores = torch.cat([acquisition(block) for block in starts.split(64)])
+    order = scores.argsort(descending=True)
+    best, best_score = points[int(order[0])], float(scores[order[0]])
+    discrete = model.space.discrete_dimensions
     if len(discrete) == d:
-        index = int(scores.argmax())
-        return snapped[index, 0, :d].numpy(), float(scores[index])
-    combinations: list[dict[int, float]] = []
-    for index in scores.argsort(descending=True).tolist():
-        fixed = {**{i: float(snapped[index, 0, i]) for i in discrete}, **nowhere}
-        if fixed not in combinations:
-            combinations.append(fixed)
-        if len(combinations) == DISCRETE_COMBINATIONS:
-            break
-    best, score = optimize_acqf_mixed(
-        acquisition, bounds, 1, fixed_features_list=combinations, num_restarts=2,
-        raw_samples=RAW_SAMPLES // 4, options=options,
-    )  # fmt: skip
-    return best[0, :d].numpy(), float(score)
+        return best, best_score
+    # The last columns are rock and slot: everything is compared without their offsets.
+    nowhere = dict(enumerate(starts[0, 0, d:].tolist(), start=d))
+    bounds = torch.zeros(2, starts.shape[-1], dtype=torch.float64)
+    bounds[1, :d] = 1.0
+    bounds[:, d:] = starts[0, 0, d:]
+    for fixed, chosen in _climbs(points, order.tolist(), discrete):
+        position, score = optimize_acqf(
+            acquisition, bounds, 1, len(chosen), batch_initial_conditions=starts[chosen],
+            options={"maxiter": MAX_ITERATIONS}, fixed_features={**fixed, **nowhere},
+        )  # fmt: skip
+        if float(score) > best_score:
+            best, best_score = position[0, :d].numpy(), float(score)
+    return best, best_score
+
+
+def _starting_points(model: RockMeanGP, seed: int) -> Floats:
+    """(GLOBAL_POINTS + LOCAL_POINTS, d) unit positions."""
+    d = model.space.dimension
+    cube = torch.stack([torch.zeros(d), torch.ones(d)]).to(torch.float64)
+    everywhere = draw_sobol_samples(cube, GLOBAL_POINTS, 1, seed=seed).squeeze(1).numpy()
+    seen = np.unique(model.unit, axis=0)
+    with torch.no_grad():
+        mean, _ = moments(model.model.posterior(model.inputs(seen)))
+    best = seen[np.argsort(-mean)[:LOCAL_BEST]]
+    rng = np.random.default_rng(seed)
+    near = best[np.arange(LOCAL_POINTS) % len(best)] + LOCAL_SD * rng.standard_normal((LOCAL_POINTS, d))
+    # Half of the coordinates stay: in many dimensions moving all of them at once leads nowhere.
+    stay = rng.random(near.shape) < 0.5
+    near[stay] = best[np.arange(LOCAL_POINTS) % len(best)][stay]
+    categorical = list(model.space.categorical_dimensions)
+    jump = rng.random((LOCAL_POINTS, len(categorical))) < 0.2
+    near[:, categorical] = np.where(
+        jump, rng.random(jump.shape), best[np.arange(LOCAL_POINTS) % len(best)][:, categorical]
+    )
+    return np.concatenate([everywhere, np.clip(near, 0.0, 1.0)])
+
+
+def _climbs(
+    points: Floats, order: Sequence[int], discrete: Sequence[int]
+) -> list[tuple[dict[int, float], list[int]]]:
+    """``(fixed coordinates, starting points)`` of each gradient search; one per discrete combination."""
+    if not discrete:
+        return [({}, list(order[:RESTARTS]))]
+    climbs: dict[tuple[float, ...], list[int]] = {}
+    for index in order:
+        combination = tuple(float(points[index, i]) for i in discrete)
+        if combination in climbs or len(climbs) < DISCRETE_COMBINATIONS:
+            climbs.setdefault(combination, []).append(index)
+    return [(dict(zip(discrete, c)), chosen[:2]) for c, chosen in climbs.items()]

@@ -8,7 +8,7 @@ most of its time between its layers: this one makes room for several starts in e
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ from nbv.types import Floats
 from tuner.mission_kernel import MissionKernel
 
 _JITTER = 1e-8
+_WARM_UP, _THINNING, _LEAPFROGS = 12, 4, 5
 _LOG_BOUND = 12.0
 _SQRT5 = math.sqrt(5.0)
 MIN_NOISE_VARIANCE = 1e-4
@@ -73,74 +74,139 @@ Prior = LogNormal | InverseSquareHalfCauchy
 class Fit:
     """Where the search ended."""
 
-    log_noise_variance: float
+    position: Floats  # logarithms of all parameters, the noise variance last
     mean: float
     log_posterior: float  # marginal likelihood plus log priors, up to a constant
 
+    @property
+    def log_noise_variance(self) -> float:
+        """The last of them."""
+        return float(self.position[-1])
 
-def fit_map(
-    kernel: MissionKernel,
-    x: torch.Tensor,
-    y: torch.Tensor,
-    priors: Mapping[str, Prior],
-    *,
-    starts: int = 1,
-    seed: int = 0,
-    iterations: int = 75,
-) -> Fit:
-    """Set ``kernel``'s parameters to the best of several searches.
+
+class Hyperparameters:
+    """Posterior density of the logarithms of a kernel's parameters and of the noise variance.
 
     Parameters
     ----------
     x, y
         (n, d + 2) inputs and (n,) outcomes.
     priors
-        By the names of the kernel's parameters, and ``NOISE``. The first search begins at their modes, the others
-        at draws around them.
-    iterations
-        Of one search; 0 leaves everything at the modes.
+        By the names of the kernel's parameters, and ``NOISE``.
     """
-    named = dict(kernel.named_parameters())
-    slices: dict[str, slice] = {}
-    begin = 0
-    for name, parameter in named.items():
-        slices[name] = slice(begin, begin + parameter.numel())
-        begin += parameter.numel()
-    slices[NOISE] = slice(begin, begin + 1)
-    home, low = np.empty(begin + 1), np.full(begin + 1, -_LOG_BOUND)
-    for name, part in slices.items():
-        home[part] = priors[name].log_mode
-    low[slices["log_lengthscale"]] = math.log(MIN_LENGTHSCALE)
-    low[-1] = math.log(MIN_NOISE_VARIANCE)
-    high = np.full(begin + 1, _LOG_BOUND)
-    home = np.clip(home, low, high)
-    evidence = Evidence(kernel, x.numpy(), y.numpy(), slices)
 
-    def loss(position: Floats) -> tuple[float, Floats]:
-        value, gradient, _ = evidence(position)
-        for name, part in slices.items():
-            own, slope = priors[name].log_density(position[part])
+    def __init__(self, kernel: MissionKernel, x: Floats, y: Floats, priors: Mapping[str, Prior]) -> None:
+        self.slices: dict[str, slice] = {}
+        begin = 0
+        for name, parameter in kernel.named_parameters():
+            self.slices[name] = slice(begin, begin + parameter.numel())
+            begin += parameter.numel()
+        self.slices[NOISE] = slice(begin, begin + 1)
+        self._priors = priors
+        self.low, self.high = np.full(begin + 1, -_LOG_BOUND), np.full(begin + 1, _LOG_BOUND)
+        self.low[self.slices["log_lengthscale"]] = math.log(MIN_LENGTHSCALE)
+        self.low[-1] = math.log(MIN_NOISE_VARIANCE)
+        home = np.empty(begin + 1)
+        for name, part in self.slices.items():
+            home[part] = priors[name].log_mode
+        self.home = np.clip(home, self.low, self.high)
+        self._evidence = Evidence(kernel, x, y, self.slices)
+
+    def log_density(self, position: Floats, *, over_logarithms: bool = False) -> tuple[float, Floats]:
+        """Log posterior and its gradient; over the quantities, or over their logarithms."""
+        value, gradient, _ = self._evidence(position)
+        for name, part in self.slices.items():
+            prior = self._priors[name]
+            own, slope = prior.log_density(position[part])
+            if over_logarithms and isinstance(prior, LogNormal):
+                own, slope = own + float(position[part].sum()), slope + 1.0
             value += own
             gradient[part] += slope
-        return (-value, -gradient) if math.isfinite(value) else (1e10, np.zeros_like(position))
+        return value, gradient
 
-    rng = np.random.default_rng(seed)
-    best, best_loss = home, loss(home)[0]
-    for start in range(max(1, starts) if iterations else 0):
-        at = home if start == 0 else np.clip(home + rng.normal(0.0, 0.7, len(home)), low, high)
-        end = minimize(
-            loss,
-            at,
-            jac=True,
-            method="L-BFGS-B",
-            bounds=list(zip(low, high)),
-            options={"maxiter": iterations},
-        )
-        if end.fun < best_loss:
-            best, best_loss = end.x, float(end.fun)
-    for name, parameter in named.items():
-        parameter.data = torch.tensor(best[slices[name]]).reshape(parameter.shape)
-    return Fit(float(best[-1]), evidence(best)[2], -best_loss)
+    def fit(self, *, starts: int = 1, seed: int = 0, iterations: int = 75) -> Fit:
+        """The most likely place. The first search begins at the priors' modes, the others around them.
+
+        With 0 ``iterations`` everything stays at the modes.
+        """
+
+        def loss(position: Floats) -> tuple[float, Floats]:
+            value, gradient = self.log_density(position)
+            return (-value, -gradient) if math.isfinite(value) else (1e10, np.zeros_like(position))
+
+        rng = np.random.default_rng(seed)
+        best, best_loss = self.home, loss(self.home)[0]
+        for start in range(max(1, starts) if iterations else 0):
+            noise = rng.normal(0.0, 0.7, len(self.home)) if start else 0.0
+            end = minimize(
+                loss, np.clip(self.home + noise, self.low, self.high), jac=True, method="L-BFGS-B",
+                bounds=list(zip(self.low, self.high)), options={"maxiter": iterations},
+            )  # fmt: skip
+            if end.fun < best_loss:
+                best, best_loss = end.x, float(end.fun)
+        return Fit(best, self._evidence(best)[2], -best_loss)
+
+    def sample(self, begin: Fit, count: int, seed: int) -> list[Fit]:
+        """``count`` draws by Hamiltonian Monte Carlo over the logarithms, from ``begin`` on.
+
+        Steps are scaled by the curvature at the beginning. Bounds reflect nothing: a trajectory that leaves them
+        is refused.
+        """
+        rng = np.random.default_rng(seed)
+        at = begin.position.copy()
+        value, gradient = self.log_density(at, over_logarithms=True)
+        scale = self._scales(at)
+        step, draws = 0.35, []
+        for turn in range(_WARM_UP + count * _THINNING):
+            momentum = rng.standard_normal(len(at))
+            energy = value - 0.5 * momentum @ momentum
+            new, new_value, new_gradient = at.copy(), value, gradient
+            for _ in range(_LEAPFROGS):
+                momentum = momentum + 0.5 * step * scale * new_gradient
+                new = new + step * scale * momentum
+                if np.any(new < self.low) or np.any(new > self.high):
+                    new_value = -math.inf
+                    break
+                new_value, new_gradient = self.log_density(new, over_logarithms=True)
+                if not math.isfinite(new_value):
+                    break
+                momentum = momentum + 0.5 * step * scale * new_gradient
+            gain = new_value - 0.5 * momentum @ momentum - energy
+            accepted = math.log(rng.random()) < gain if math.isfinite(gain) else False
+            if accepted:
+                at, value, gradient = new, new_value, new_gradient
+            if turn < _WARM_UP:  # towards three acceptances in four
+                step *= 1.1 if accepted else 0.75
+            elif (turn - _WARM_UP) % _THINNING == _THINNING - 1:
+                draws.append(Fit(at, self._evidence(at)[2], value))
+        return draws
+
+    def _scales(self, at: Floats) -> Floats:
+        """One over the root of the curvature, at least that of a broad prior."""
+        h = 1e-3
+        curvature = np.empty(len(at))
+        for i in range(len(at)):
+            ahead, behind = at.copy(), at.copy()
+            ahead[i] += h
+            behind[i] -= h
+            forward = self.log_density(ahead, over_logarithms=True)[1][i]
+            backward = self.log_density(behind, over_logarithms=True)[1][i]
+            curvature[i] = -(forward - backward) / (2 * h)
+        usable = np.nan_to_num(curvature, nan=1.0)
+        result: Floats = 1 / np.sqrt(np.clip(usable, 0.5, 1e4))
+        return result
+
+
+def set_parameters(kernel: MissionKernel, fits: Sequence[Fit]) -> None:
+    """Enter fitted values; several for an ensemble."""
+    begin = 0
+    positions = np.array([fit.position for fit in fits])
+    lead = len(kernel.batch_shape)
+    for parameter in kernel.parameters():
+        size = parameter.numel() // len(fits) if lead else parameter.numel()
+        block = torch.tensor(positions[:, begin : begin + size])
+        parameter.data = (block if lead else block[0]).reshape(parameter.shape).clone()
+        begin += size
 
 
 class Evidence:

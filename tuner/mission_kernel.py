@@ -38,6 +38,9 @@ class MissionKernel(Kernel):
         The rock's column; the slot's is the next one.
     slots, deviations
         Whether c^2 and delta are there.
+    members
+        Size of an ensemble that differs in the parameters: every parameter then has a leading dimension, and
+        inputs are (..., members, n, d + 2). 0: no ensemble.
     """
 
     has_lengthscale = False
@@ -51,28 +54,30 @@ class MissionKernel(Kernel):
         *,
         slots: bool,
         deviations: bool,
+        members: int = 0,
     ) -> None:
-        super().__init__()
+        lead = (members,) if members else ()
+        super().__init__(batch_shape=torch.Size(lead))
         self.ordered, self.categorical = list(ordered), list(categorical)
         self.rock_column = rock_column
         self.slots, self.deviations = slots, deviations
-        self.log_lengthscale = torch.nn.Parameter(torch.zeros(len(self.ordered), dtype=torch.float64))
-        self.log_choice_length = torch.nn.Parameter(torch.zeros(len(self.categorical), dtype=torch.float64))
-        self.log_variance = torch.nn.Parameter(torch.zeros((), dtype=torch.float64))
-        self.log_rock_variance = torch.nn.Parameter(torch.zeros((), dtype=torch.float64))
+        self.log_lengthscale = _parameter(*lead, len(self.ordered))
+        self.log_choice_length = _parameter(*lead, len(self.categorical))
+        self.log_variance = _parameter(*lead)
+        self.log_rock_variance = _parameter(*lead)
         if slots:
-            self.log_slot_variance = torch.nn.Parameter(torch.zeros((), dtype=torch.float64))
+            self.log_slot_variance = _parameter(*lead)
         if deviations:
-            self.log_deviation = torch.nn.Parameter(torch.zeros((), dtype=torch.float64))
+            self.log_deviation = _parameter(*lead)
 
     @property
     def slot_variance(self) -> float:
-        """c^2; 0 where it is not modelled."""
-        return math.exp(self.log_slot_variance.item()) if self.slots else 0.0
+        """c^2, geometric mean of an ensemble; 0 where it is not modelled."""
+        return math.exp(self.log_slot_variance.mean().item()) if self.slots else 0.0
 
     def correlation(self, x1: torch.Tensor, x2: torch.Tensor, diag: bool) -> torch.Tensor:
         """m: ``(..., n, m)``, or ``(..., n)`` where ``diag``."""
-        scale = self.log_lengthscale.exp()
+        scale = self.log_lengthscale.exp().unsqueeze(-2)
         a, b = x1[..., self.ordered] / scale, x2[..., self.ordered] / scale
         if diag:
             squared = ((a - b) ** 2).sum(-1)
@@ -87,19 +92,31 @@ class MissionKernel(Kernel):
             if not diag:
                 one, two = one.unsqueeze(-2), two.unsqueeze(-3)
             mismatch = ((one - two).abs() > 1e-9).to(m.dtype)
-            m = m * (-(mismatch / self.log_choice_length.exp()).mean(-1)).exp()
+            length = self.log_choice_length.exp().unsqueeze(-2)
+            if not diag:
+                length = length.unsqueeze(-2)
+            m = m * (-(mismatch / length).mean(-1)).exp()
         return m
 
     def forward(self, x1: torch.Tensor, x2: torch.Tensor, diag: bool = False, **params: Any) -> torch.Tensor:
         """``(..., n, m)`` covariance of ``(..., n, d + 2)`` and ``(..., m, d + 2)``; ``(..., n)`` if ``diag``."""
         same_rock = _same(x1, x2, self.rock_column, diag)
-        m = self.log_variance.exp() * self.correlation(x1, x2, diag)
-        k = m + self.log_rock_variance.exp() * same_rock
+
+        def wide(log_value: torch.Tensor) -> torch.Tensor:
+            value = log_value.exp().unsqueeze(-1)
+            return value if diag else value.unsqueeze(-1)
+
+        m = wide(self.log_variance) * self.correlation(x1, x2, diag)
+        k = m + wide(self.log_rock_variance) * same_rock
         if self.deviations:
-            k = k + self.log_deviation.exp() * m * same_rock
+            k = k + wide(self.log_deviation) * m * same_rock
         if self.slots:
-            k = k + self.log_slot_variance.exp() * _same(x1, x2, self.rock_column + 1, diag)
+            k = k + wide(self.log_slot_variance) * _same(x1, x2, self.rock_column + 1, diag)
         return k
+
+
+def _parameter(*shape: int) -> torch.nn.Parameter:
+    return torch.nn.Parameter(torch.zeros(shape, dtype=torch.float64))
 
 
 def _same(x1: torch.Tensor, x2: torch.Tensor, column: int, diag: bool) -> torch.Tensor:

@@ -32,13 +32,23 @@ import numpy as np
 import torch
 from botorch.exceptions import BotorchWarning, InputDataWarning, OptimizationWarning
 from botorch.models import SingleTaskGP
+from botorch.posteriors.fully_bayesian import MCMC_DIM, GaussianMixturePosterior
 from gpytorch.constraints import GreaterThan
 from gpytorch.likelihoods import GaussianLikelihood
 from threadpoolctl import threadpool_limits
 
 from nbv.types import Floats
 from tuner.history import Observation
-from tuner.map_fit import MIN_NOISE_VARIANCE, NOISE, Fit, InverseSquareHalfCauchy, LogNormal, Prior, fit_map
+from tuner.map_fit import (
+    MIN_NOISE_VARIANCE,
+    NOISE,
+    Fit,
+    Hyperparameters,
+    InverseSquareHalfCauchy,
+    LogNormal,
+    Prior,
+    set_parameters,
+)
 from tuner.mission_kernel import NO_OFFSET, MissionKernel
 from tuner.objective import RockStandardiser
 from tuner.search_space import SearchSpace
@@ -157,9 +167,32 @@ class SurrogateSettings:
     noise_median: float = 0.2  # variance, outcomes standardised
     noise_spread: float = 1.0
     starts: int = 1  # searches for the hyperparameters
+    members: int = 0  # draws from the hyperparameters' posterior to average over; 0: the most likely ones
 
 
 SPARSE_TAUS = (1e-3, 1e-2, 1e-1, 1.0)
+
+
+class EnsembleGP(SingleTaskGP):
+    """Gaussian processes that differ in their hyperparameters; predicts their equally weighted mixture."""
+
+    _is_ensemble = True
+    _supports_batched_models = False
+
+    def posterior(self, X: torch.Tensor, *args: Any, **kwargs: Any) -> GaussianMixturePosterior:
+        """At ``(..., q, d + 2)`` inputs: ``(..., members, q, 1)`` values."""
+        belief = super().posterior(X.unsqueeze(MCMC_DIM), *args, **kwargs)
+        return GaussianMixturePosterior(distribution=belief.distribution)
+
+
+def moments(posterior: Any) -> tuple[Floats, Floats]:
+    """``(mean, covariance)`` of a joint posterior, (m,) and (m, m); of a mixture, those of the whole."""
+    mean, covariance = posterior.distribution.mean.numpy(), posterior.distribution.covariance_matrix.numpy()
+    if mean.ndim == 1:
+        return mean, covariance
+    centre = mean.mean(axis=0)
+    spread = mean - centre
+    return centre, covariance.mean(axis=0) + spread.T @ spread / len(mean)
 
 
 class RockMeanGP:
@@ -215,25 +248,33 @@ class RockMeanGP:
         categorical = self.space.categorical_dimensions
         ordered = [i for i in range(d) if i not in categorical]
         x, y = tensor(np.column_stack([self.unit, columns])), tensor(self.targets[:, None])
-        kernel = MissionKernel(
-            ordered, categorical, d, slots=self.models_slots, deviations=self.settings.deviations
-        )
+        options: Any = {"slots": self.models_slots, "deviations": self.settings.deviations}
+        kernel = MissionKernel(ordered, categorical, d, **options)
         iterations = FIT_MAX_ITERATIONS if len(y) >= MIN_OBSERVATIONS_TO_FIT else 0
-        taus = SPARSE_TAUS if self.settings.sparse else (None,)
-        fits: list[tuple[Fit, dict[str, torch.Tensor]]] = []
-        for tau in taus:
-            fit = fit_map(
-                kernel, x, y[:, 0], self._priors(len(ordered), tau), starts=self.settings.starts, seed=seed,
-                iterations=iterations,
-            )  # fmt: skip
-            fits.append((fit, {name: p.detach().clone() for name, p in kernel.named_parameters()}))
-        fit, best = max(fits, key=lambda pair: pair[0].log_posterior)
-        kernel.load_state_dict(best, strict=False)
-        likelihood = GaussianLikelihood(noise_constraint=GreaterThan(MIN_NOISE_VARIANCE / 2, transform=None))
+        candidates = []
+        for tau in SPARSE_TAUS if self.settings.sparse else (None,):
+            belief = Hyperparameters(kernel, x.numpy(), y[:, 0].numpy(), self._priors(len(ordered), tau))
+            fit = belief.fit(starts=self.settings.starts, seed=seed, iterations=iterations)
+            candidates.append((fit.log_posterior, fit, belief))
+        _, fit, belief = max(candidates, key=lambda c: c[0])
+        fits, members = [fit], self.settings.members
+        if members and iterations:
+            fits = belief.sample(fit, members, seed)
+            kernel = MissionKernel(ordered, categorical, d, **options, members=members)
+        set_parameters(kernel, fits)
+        kind = EnsembleGP if len(kernel.batch_shape) else SingleTaskGP
+        if len(kernel.batch_shape):
+            x, y = x.repeat(members, 1, 1), y.repeat(members, 1, 1)
+        likelihood = GaussianLikelihood(
+            noise_constraint=GreaterThan(MIN_NOISE_VARIANCE / 2, transform=None),
+            batch_shape=kernel.batch_shape,
+        )
         # Standardised already; nothing may rescale the last columns either.
-        model = SingleTaskGP(x, y, likelihood=likelihood, covar_module=kernel, outcome_transform=None)
-        likelihood.noise = torch.tensor(math.exp(fit.log_noise_variance), dtype=torch.float64)
-        model.mean_module.constant.data.fill_(fit.mean)
+        model = kind(x, y, likelihood=likelihood, covar_module=kernel, outcome_transform=None)
+        noise = torch.tensor([math.exp(f.log_noise_variance) for f in fits], dtype=torch.float64)
+        likelihood.noise = noise.reshape(likelihood.noise.shape)
+        constant = model.mean_module.constant
+        constant.data = torch.tensor([f.mean for f in fits], dtype=torch.float64).reshape(constant.shape)
         model.eval()
         return model.requires_grad_(False), fit
 
@@ -270,9 +311,8 @@ class RockMeanGP:
         m, count = len(unit), len(self.rocks)
         x = torch.cat([self.inputs(unit, self._index[rock]) for rock in self.rocks])
         with torch.no_grad(), gpytorch.settings.fast_pred_var(False):
-            joint = self.model.posterior(x).distribution
-            mean = joint.mean.numpy().reshape(count, m)
-            covariance = joint.covariance_matrix.numpy().reshape(count, m, count, m)
+            joint_mean, joint_covariance = moments(self.model.posterior(x))
+        mean, covariance = joint_mean.reshape(count, m), joint_covariance.reshape(count, m, count, m)
         scales = np.array([self.standardiser.scale(rock) for rock in self.rocks])
         centres = np.array([self.standardiser.centre(rock) for rock in self.rocks])
         return Posterior(
@@ -292,8 +332,8 @@ class RockMeanGP:
         slot = unknown if replicate is None else self._slot_index.get((rock, replicate), unknown)
         with torch.no_grad():
             x = self.inputs(self.space.to_unit(values)[None], self._index[rock], slot)
-            belief = self.model.posterior(x, observation_noise=True)
-            mean, sd = belief.mean.item(), math.sqrt(belief.variance.item())
+            centre, covariance = moments(self.model.posterior(x, observation_noise=True))
+            mean, sd = float(centre[0]), math.sqrt(float(covariance[0, 0]))
         scale = self.standardiser.scale(rock)
         return self.standardiser.centre(rock) + scale * mean, scale * sd
 
@@ -304,7 +344,7 @@ class RockMeanGP:
     @property
     def noise_sd(self) -> float:
         """Standard deviation of one mission's outcome beside its slot's offset, objective's unit."""
-        return math.sqrt(self.model.likelihood.noise.item()) * self._mean_scale
+        return math.sqrt(self.model.likelihood.noise.log().mean().exp().item()) * self._mean_scale
 
     @property
     def slot_sd(self) -> float | None:
@@ -321,7 +361,8 @@ class RockMeanGP:
     def lengthscales(self) -> dict[str, float]:
         """Length scale per ordered parameter, in unit-cube units; long means unimportant."""
         ordered = [p.path for p in self.space.parameters if p.kind != "categorical"]
-        return dict(zip(ordered, self.model.covar_module.log_lengthscale.exp().tolist()))
+        lengths = self.model.covar_module.log_lengthscale.reshape(-1, len(ordered)).mean(0).exp()
+        return dict(zip(ordered, lengths.tolist()))
 
     def leave_one_out(self) -> LooCheck:
         """Leave-one-out check from the inverse training covariance (Rasmussen and Williams, Eq. 5.10-12)."""
@@ -329,11 +370,13 @@ class RockMeanGP:
         with torch.no_grad():
             x = model.train_inputs[0]
             prior = model.forward(x)
-            noisy = prior.covariance_matrix + model.likelihood.noise * torch.eye(len(x), dtype=x.dtype)
-            inverse = torch.linalg.inv(noisy)
-            residual = (inverse @ (model.train_targets - prior.mean)) / inverse.diagonal()
-            observed = model.train_targets.numpy()
-            return LooCheck(observed, observed - residual.numpy(), inverse.diagonal().rsqrt().numpy())
+            noise = model.likelihood.noise.unsqueeze(-1) * torch.eye(x.shape[-2], dtype=x.dtype)
+            inverse = torch.linalg.inv(prior.covariance_matrix + noise)
+            diagonal = inverse.diagonal(dim1=-2, dim2=-1)
+            residual = (inverse @ (model.train_targets - prior.mean).unsqueeze(-1)).squeeze(-1) / diagonal
+            mean = (model.train_targets - residual).reshape(-1, x.shape[-2]).numpy()
+            variance = (1 / diagonal).reshape(-1, x.shape[-2]).numpy()
+        return LooCheck(self.targets, mean.mean(0), np.sqrt(variance.mean(0) + mean.var(0)))
 
 
 def slots_identifiable(slots: Sequence[tuple[str, int]]) -> bool:
