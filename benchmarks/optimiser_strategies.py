@@ -22,6 +22,7 @@ from optimiser_problems import Problem
 
 from tuner.history import Observation
 from tuner.objective import RockStandardiser
+from tuner.peers import available_peers
 from tuner.samplers import GPSampler, Sampler, SamplerSettings, initial_design_size, make_sampler
 from tuner.search_space import Values
 from tuner.surrogate import SurrogateSettings

@@ -60,6 +60,19 @@ def peer_command(name: str) -> list[str]:
     return [str(python), str(server)]
 
 
+def available_peers() -> tuple[str, ...]:
+    """The peers that have been set up here."""
+
+    def is_there(name: str) -> bool:
+        try:
+            peer_command(name)
+        except UserError:
+            return False
+        return True
+
+    return tuple(name for name in PEER_NAMES if is_there(name))
+
+
 class PeerProcess:
     """A peer's server and the pipe to it.
 
