@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from nbv.frames import Similarity
 from nbv.sparse.alignment import Alignment
-from nbv.types import Floats, SparseModel
+from nbv.types import Floats, Ints, SparseModel
 
 
 def registered_names(reconstruction: pycolmap.Reconstruction) -> tuple[str, ...]:
@@ -46,22 +47,20 @@ def to_sparse_model(reconstruction: pycolmap.Reconstruction, alignment: Alignmen
     """
     reconstruction.update_point_3d_errors()
     image_ids = np.array(sorted(reconstruction.reg_image_ids()), dtype=np.int64)
-    points = sorted(reconstruction.points3D.items(), key=lambda item: item[0])
-    xyz = np.array([point.xyz for _, point in points]).reshape(-1, 3)
-    errors = np.array([point.error for _, point in points])
-    elements = [point.track.elements for _, point in points]
-    owners = np.repeat(np.arange(len(points)), [len(track) for track in elements])
-    observers = np.array([element.image_id for track in elements for element in track], dtype=np.int64)
+    xyz, errors, track_lengths, observers = _points_by_id(reconstruction)
+    count = len(xyz)
+    owners = np.repeat(np.arange(count), track_lengths)
     # One row per (point, camera), in that order, without repetitions.
-    keys = np.unique(owners * len(image_ids) + np.searchsorted(image_ids, observers))
-    offsets = np.zeros(len(points) + 1, dtype=np.int64)
-    np.cumsum(np.bincount(keys // len(image_ids), minlength=len(points)), out=offsets[1:])
+    keys = np.sort(owners * len(image_ids) + np.searchsorted(image_ids, observers))
+    keys = keys[np.concatenate([[True], np.diff(keys) > 0])] if len(keys) else keys
+    offsets = np.zeros(count + 1, dtype=np.int64)
+    np.cumsum(np.bincount(keys // len(image_ids), minlength=count), out=offsets[1:])
     cameras = (keys % len(image_ids)).astype(np.int64)
     world_from_model = alignment.world_from_model
     poses = camera_from_world_poses(camera_from_model_poses(reconstruction), world_from_model)
     centers = -np.einsum("mji,mj->mi", poses[:, :3, :3], poses[:, :3, 3])
     return SparseModel(
-        points_m=world_from_model.apply(xyz) if len(xyz) else np.zeros((0, 3)),
+        points_m=world_from_model.apply(xyz) if count else np.zeros((0, 3)),
         reprojection_error_px=errors,
         track_offsets=offsets,
         track_cameras=cameras,
@@ -70,6 +69,42 @@ def to_sparse_model(reconstruction: pycolmap.Reconstruction, alignment: Alignmen
         alignment_rms_m=alignment.rms_m,
         alignment_max_m=alignment.max_m,
     )
+
+
+# A record of points3D.bin: id, position, colour, error, track length; then (image id, keypoint) per observation.
+_POINT = np.dtype(
+    [("id", "<u8"), ("xyz", "<f8", 3), ("rgb", "u1", 3), ("error", "<f8"), ("track_length", "<u8")]
+)
+_OBSERVATION_BYTES = 8
+
+
+def _points_by_id(reconstruction: pycolmap.Reconstruction) -> tuple[Floats, Floats, Ints, Ints]:
+    """Positions (N, 3), errors (N,), track lengths (N,) and the observing image ids in track order, by point id.
+
+    Through COLMAP's own file: pycolmap hands out points and track elements as one Python object each, which
+    takes many times as long as writing and reading the model.
+    """
+    with tempfile.TemporaryDirectory(prefix="nbv-points-") as directory:
+        reconstruction.write_binary(directory)
+        data = (Path(directory) / "points3D.bin").read_bytes()
+    count = int.from_bytes(data[:8], "little")
+    starts = np.empty(count, dtype=np.int64)
+    start, fixed = 8, _POINT.itemsize
+    for row in range(count):  # the one loop that is left: where a record begins depends on all before it
+        starts[row] = start
+        start += fixed
+        start += _OBSERVATION_BYTES * int.from_bytes(data[start - 8 : start], "little")
+    octets = np.frombuffer(data, np.uint8)
+    records = octets[starts[:, None] + np.arange(_POINT.itemsize)].reshape(-1).view(_POINT)
+    order = np.argsort(records["id"])
+    records, starts = records[order], starts[order]
+    lengths = records["track_length"].astype(np.int64)
+    # Where each observation begins: its point's first, then one every 8 bytes.
+    before = np.cumsum(lengths) - lengths
+    within = np.arange(int(lengths.sum())) - np.repeat(before, lengths)
+    at = np.repeat(starts + _POINT.itemsize, lengths) + _OBSERVATION_BYTES * within
+    image_ids = octets[at[:, None] + np.arange(4)].reshape(-1).view("<u4").astype(np.int64)
+    return records["xyz"].copy(), records["error"].copy(), lengths, image_ids
 
 
 def export_colmap(

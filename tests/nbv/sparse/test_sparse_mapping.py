@@ -69,6 +69,20 @@ def test_everything_registers_in_millimetres(flown):
     )  # known intrinsics are never refined
 
 
+def test_the_model_holds_colmaps_points_and_tracks(flown):
+    """Against pycolmap's own objects, one by one; the model is read in bulk."""
+    sparse, reports = flown
+    model, colmap = reports[-1].model, sparse.reconstruction
+    ids = sorted(colmap.points3D)
+    image_ids = sorted(colmap.reg_image_ids())
+    tracks = [sorted({image_ids.index(e.image_id) for e in colmap.point3D(i).track.elements}) for i in ids]
+    assert model.track_cameras.tolist() == [camera for track in tracks for camera in track]
+    assert model.track_offsets.tolist() == np.cumsum([0] + [len(track) for track in tracks]).tolist()
+    np.testing.assert_array_equal(model.reprojection_error_px, [colmap.point3D(i).error for i in ids])
+    xyz = np.array([colmap.point3D(i).xyz for i in ids])
+    np.testing.assert_array_equal(model.points_m, sparse.alignment.world_from_model.apply(xyz))
+
+
 def test_the_model_is_what_it_says(flown):
     sparse, reports = flown
     world = LabelledPoints(SEEDS + LATER)
