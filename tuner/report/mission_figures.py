@@ -28,6 +28,7 @@ MAX_CLOUD_POINTS = 60_000  # more than a pixel each at the printed size
 # Ends of the colour bars, fixed so that missions compare: 1 % and 5 % of the rock's height.
 CLOUD_ERROR_RANGE_MM = 16.0
 MISSING_RANGE_MM = 80.0
+_ROCK_GREY = "#8d8d8d"
 SECTOR_KEY = "sector_completeness_48mm"
 _VIEWS = (
     (-60.0, 18.0),
@@ -66,6 +67,8 @@ def _trace(run: Path) -> list[dict[str, Any]]:
 def trajectory_figure(run: Path) -> Figure:
     """Flown path, seed and selected views, and the first iteration's candidates, in ENU (m).
 
+    Left in perspective, right the plan with the selected views numbered in the order of their capture.
+
     Parameters
     ----------
     run
@@ -82,59 +85,94 @@ def trajectory_figure(run: Path) -> Figure:
     if not states:
         raise UserError(f"{run} holds no planning states; fly the mission with everything kept")
     first, pool = load_state(states[0])
-    chosen = _chosen_positions(run)
-    path = np.array([sample[1:4] for sample in flight["samples"]])
-    seeds = first.visited_m[: first.n_seeds]
+    chosen, seeds = _chosen_positions(run), first.visited_m[: first.n_seeds]
     x, y, _ = config.target_m
     reach = 1.08 * max(config.seed.radius_m, config.pool.radius_m)
-    near = (np.abs(path[:, :2] - [x, y]) <= reach).all(1)
-    path = np.where(near[:, None], path, np.nan)  # the way from and to home would shrink everything else
+    orbit, adaptive = _paths(flight, {record["chosen"] for record in _trace(run)}, (x, y), reach)
+    cloud = run / "cleaned.ply"
+    rock = _thin(read_ply(cloud).points_m, 5000) if cloud.is_file() else np.zeros((0, 3))
     with look():
-        figure = new_figure(8.2, 5.6)
-        ax: Any = figure.add_subplot(projection="3d")
-        cloud = run / "cleaned.ply"
-        if cloud.is_file():
-            points = _thin(read_ply(cloud).points_m, 5000)
-            ax.scatter(*points.T, s=0.6, c="#8d8d8d", alpha=0.6, linewidths=0, rasterized=True)
-        ax.scatter(*pool.positions_m.T, s=9, c=SKY, alpha=0.55, linewidths=0)
-        ax.plot(*path.T, color=GREY, lw=0.8, alpha=0.9)
-        ax.scatter(*seeds.T, s=30, c=BLUE, marker="o", edgecolors="white", linewidths=0.5, depthshade=False)
-        if len(chosen):
+        figure = new_figure(11.6, 5.6)
+        figure.get_layout_engine().set(wspace=0.07)  # type: ignore[union-attr,call-arg]  # two axis labels meet
+        space: Any = figure.add_subplot(1, 2, 1, projection="3d")
+        plan: Any = figure.add_subplot(1, 2, 2)
+        for ax, axes in ((space, 3), (plan, 2)):
+            depth = {"depthshade": False} if axes == 3 else {"zorder": 3}
+            ax.scatter(*rock.T[:axes], s=0.6, c=_ROCK_GREY, alpha=0.6, linewidths=0, rasterized=True)
             ax.scatter(
-                *chosen.T, s=52, c=ORANGE, marker="^", edgecolors="black", linewidths=0.6, depthshade=False
+                *pool.positions_m.T[:axes],
+                s=10,
+                c=SKY,
+                linewidths=0,
+                alpha=0.8 if axes == 2 else 0.6,
+                **depth,
             )
-            for k, position in enumerate(chosen, 1):
-                ax.text(position[0], position[1], position[2] + 0.16, str(k), fontsize=7.5, ha="center")
-        top = max(float(np.nanmax(path[:, 2])), float(pool.positions_m[:, 2].max())) + 0.3
-        ax.set_xlim(x - reach, x + reach)
-        ax.set_ylim(y - reach, y + reach)
-        ax.set_zlim(0, top)
-        ax.set_box_aspect(
-            [np.ptp(limits) for limits in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())], zoom=1.28
+            ax.plot(*orbit.T[:axes], color=GREY, lw=0.9, ls=(0, (4, 2)))
+            ax.plot(*adaptive.T[:axes], color=VERMILION, lw=0.9, alpha=0.75)
+            ax.scatter(
+                *seeds.T[:axes], s=30 if axes == 3 else 46, c=BLUE, marker="o", edgecolors="white", linewidths=0.5,
+                **depth,
+            )  # fmt: skip
+            if len(chosen):
+                ax.scatter(
+                    *chosen.T[:axes], s=46 if axes == 3 else 105, c=ORANGE, marker="^" if axes == 3 else "o",
+                    edgecolors="black", linewidths=0.6, **(depth | ({"zorder": 4} if axes == 2 else {})),
+                )  # fmt: skip
+        for k, position in enumerate(chosen, 1):
+            plan.text(*position[:2], str(k), fontsize=6.5, ha="center", va="center_baseline", zorder=5)
+        top = max(float(np.nanmax(orbit[:, 2])), float(pool.positions_m[:, 2].max())) + 0.3
+        for ax in (space, plan):
+            ax.set_xlim(x - reach, x + reach)
+            ax.set_ylim(y - reach, y + reach)
+            ax.set_xlabel("east (m)")
+            ax.set_ylabel("north (m)")
+        plan.set_aspect("equal")
+        plan.set_title("from above; numbers: order of capture")
+        space.set_zlim(0, top)
+        space.set_zlabel("up (m)")
+        space.zaxis.set_major_locator(MaxNLocator(4))
+        space.set_box_aspect(
+            [np.ptp(limits) for limits in (space.get_xlim(), space.get_ylim(), space.get_zlim())], zoom=1.15
         )
-        ax.set_xlabel("east (m)")
-        ax.set_ylabel("north (m)")
-        ax.set_zlabel("up (m)")
-        ax.zaxis.set_major_locator(MaxNLocator(4))
-        ax.view_init(elev=27, azim=-58)
-        names = [
-            (Line2D([], [], color=BLUE, marker="o", ls="none", mec="white"), f"{len(seeds)} seed views"),
-            (
-                Line2D([], [], color=ORANGE, marker="^", ls="none", ms=8, mec="black", mew=0.6),
-                f"{len(chosen)} selected views, in order",
-            ),
-            (
-                Line2D([], [], color=SKY, marker="o", ls="none", ms=4),
-                f"{len(pool)} candidates at the first iteration",
-            ),
-            (Line2D([], [], color=GREY, lw=1), "flown path (markers: as commanded)"),
-        ]
-        if cloud.is_file():
-            names.append(
-                (Line2D([], [], color="#8d8d8d", marker=".", ls="none", ms=4), "dense cloud, cleaned")
-            )
-        figure.legend(*zip(*names), loc="outside lower center", ncols=3)
+        space.view_init(elev=27, azim=-58)
+        figure.legend(
+            *zip(*_trajectory_legend(len(seeds), len(chosen), len(pool), len(rock) > 0)),
+            loc="outside lower center", ncols=3,
+        )  # fmt: skip
         return figure
+
+
+def _trajectory_legend(seeds: int, chosen: int, pool: int, rock: bool) -> list[tuple[Line2D, str]]:
+    names = [
+        (Line2D([], [], color=BLUE, marker="o", ls="none", mec="white"), f"{seeds} seed views"),
+        (
+            Line2D([], [], color=ORANGE, marker="^", ls="none", ms=8, mec="black", mew=0.6),
+            f"{chosen} selected views (numbered discs from above)",
+        ),
+        (Line2D([], [], color=SKY, marker="o", ls="none", ms=4), f"{pool} candidates at the first iteration"),
+        (Line2D([], [], color=GREY, lw=1, ls=(0, (4, 2))), "flown in the seed phase (markers: as commanded)"),
+        (Line2D([], [], color=VERMILION, lw=1), "flown in the adaptive phase"),
+    ]
+    if rock:
+        names.append((Line2D([], [], color=_ROCK_GREY, marker=".", ls="none", ms=4), "dense cloud, cleaned"))
+    return names
+
+
+def _paths(
+    flight: dict[str, Any], chosen: set[str], center: tuple[float, float], reach_m: float
+) -> tuple[Floats, Floats]:
+    """(K, 3) flown in the seed phase and (L, 3) after it, way home left out; NaN outside the drawn square.
+
+    The way from and to home would shrink everything else.
+    """
+    samples = np.array([sample[:4] for sample in flight["samples"]])
+    begins = {event["name"]: event["start_s"] for event in reversed(flight["events"])}
+    adaptive_s = min((begins[name] for name in chosen if name in begins), default=np.inf)
+    home_s = begins.get("return", np.inf)
+    near: np.ndarray = np.all(np.abs(samples[:, 1:3] - center) <= reach_m, axis=1)
+    path = np.where(near[:, None], samples[:, 1:], np.nan)
+    time = samples[:, 0]
+    return path[time <= adaptive_s], path[(time >= adaptive_s) & (time <= home_s)]
 
 
 def _chosen_positions(run: Path) -> Floats:
@@ -237,7 +275,7 @@ def overlay_figure(run: Path, rock: str) -> Figure:
                 centred = points[order] - np.array(config.target_m)
                 mappable = ax.scatter(
                     centred @ right, centred @ up, c=error_mm[order], cmap=shades, vmin=0, vmax=span_mm,
-                    s=1.8 if row == 0 else 3.4, linewidths=0, rasterized=True,
+                    s=1.8 if row == 0 else 5.0, linewidths=0, rasterized=True,
                 )  # fmt: skip
                 ax.set_aspect("equal")
                 ax.grid(False)
@@ -385,7 +423,16 @@ def pipeline_figure(run: Path) -> Figure:
         handles = [Line2D([], [], color=shade[kind], lw=7, label=strategy_label(kind)) for kind in kinds]
         if len(trace[0].get("top", {})) > 1:
             handles.append(
-                Line2D([], [], ls="none", marker="$=$", color=GREY, label="both scorers prefer the same view")
+                Line2D(
+                    [],
+                    [],
+                    ls="none",
+                    marker="$=$",
+                    ms=9,
+                    mew=0,
+                    color=GREY,
+                    label="both scorers prefer the same view",
+                )
             )
         figure.legend(handles=handles, loc="outside upper center", ncols=4)
         figure.align_ylabels(axes[1:])

@@ -58,6 +58,13 @@ def sector_figure(
             near = next((n for a, n in _COMPASS.items() if abs((center - a + 180) % 360 - 180) < 1e-6), "")
             names.append(f"{center:g}°{' ' + near if near else ''}")
         ax.set_xticks(angles, names)
+        for azimuth_deg, letter in _COMPASS.items():  # where no sector's centre lies there
+            if not any(name.endswith(letter) for name in names):
+                a = np.deg2rad(azimuth_deg)
+                ax.text(
+                    0.5 + 0.535 * np.cos(a), 0.5 + 0.535 * np.sin(a), letter, transform=ax.transAxes,
+                    ha="center", va="center", fontsize=9.5, weight="bold", color="#444444",
+                )  # fmt: skip
         floor = 0.0 if lowest < 40 else 10 * np.floor(lowest / 10) - 10
         ax.set_ylim(max(0.0, floor), 100)
         ax.set_rlabel_position(

@@ -58,7 +58,16 @@ def made_mission(root: Path, gate: str = "hyb-h", offset_m: float = 0.01) -> Pat
             }
         )  # fmt: skip
     path = np.concatenate([[[0, -8, 0], [0, -8, 3]], seeds, pool_m[:CAPTURES]])
-    run.write_json("flight.json", {"samples": [[float(t), *map(float, p), 0.0] for t, p in enumerate(path)]})
+    # One sample a second: take-off, 24 seeds, the selected views, and back.
+    path = np.concatenate([path, [[0, -8, 3]]])
+    names = {"take-off": 0, "seed_00": 1, "cand_000": 25, "return": 25 + CAPTURES}
+    run.write_json(
+        "flight.json",
+        {
+            "samples": [[float(t), *map(float, p), 0.0] for t, p in enumerate(path)],
+            "events": [{"name": name, "start_s": float(t)} for name, t in names.items()],
+        },
+    )
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.8 + offset_m).vertices
     upper = ball[ball[:, 2] > 0] + [0, 0, 0.8]
     run.write_cloud("cleaned.ply", PointCloud(upper))
@@ -113,8 +122,15 @@ def test_overlay_measures_against_the_surface_itself(tmp_path: Path, rock: str) 
 def test_trajectory_shows_the_views_of_the_trace(tmp_path: Path) -> None:
     figure = trajectory_figure(made_mission(tmp_path / "run"))
     names = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert "24 seed views" in names and "3 selected views, in order" in names
+    assert "24 seed views" in names and any(name.startswith("3 selected views") for name in names)
     assert "24 candidates at the first iteration" in names
+    plan = figure.axes[1]
+    assert [text.get_text() for text in plan.texts] == ["1", "2", "3"]
+    assert plan.texts[0].get_position() == pytest.approx((3.5, 0.0))  # where cand_000 is
+    orbit, adaptive = (np.array(line.get_data()).T for line in plan.lines)
+    assert np.isnan(orbit[0]).all()  # home is outside the square
+    np.testing.assert_allclose(adaptive[0], orbit[-1])  # the last seed
+    assert len(adaptive) == 1 + CAPTURES and len(orbit) == 2 + 24
 
 
 def test_pipeline_marks_scorers_threshold_and_lost_images(tmp_path: Path) -> None:
