@@ -51,8 +51,10 @@ from tuner.map_fit import (
 )
 from tuner.mission_kernel import NO_OFFSET, MissionKernel
 from tuner.objective import RockStandardiser
+from tuner.risk import Risk, risk_of
 from tuner.search_space import SearchSpace
 
+RISK_DRAWS = 4000
 FIT_MAX_ITERATIONS = 75
 # With fewer observations the marginal likelihood says nothing about seven hyperparameters; keep the priors'.
 MIN_OBSERVATIONS_TO_FIT = 4
@@ -300,13 +302,20 @@ class RockMeanGP:
         """Rock column of no rock: its offset is 0, so configurations are compared by f alone."""
         return NO_OFFSET
 
+    def rock_level(self, rock: str) -> float:
+        """Rock column of a known rock."""
+        return self._index[rock]
+
     def inputs(self, unit: Floats, rock: float | None = None, slot: float | None = None) -> torch.Tensor:
         """(m, d + 2) model inputs for (m, d) unit positions; without rock and slot offsets unless told."""
         tail = [self.virtual_rock if rock is None else rock, NO_OFFSET if slot is None else slot]
         return tensor(np.column_stack([unit, np.tile(tail, (len(unit), 1))]))
 
-    def posterior(self, values: Sequence[Mapping[str, Any]]) -> Posterior:
-        """Joint posterior of the mean over the training rocks at the given configurations."""
+    def posterior(self, values: Sequence[Mapping[str, Any]], risk: Risk = "mean") -> Posterior:
+        """Joint posterior of the mean (or of a risk measure) over the training rocks at the configurations.
+
+        A risk measure is not Gaussian: its mean and covariance are those of ``RISK_DRAWS`` joint draws.
+        """
         unit = np.array([self.space.to_unit(v) for v in values])
         m, count = len(unit), len(self.rocks)
         x = torch.cat([self.inputs(unit, self._index[rock]) for rock in self.rocks])
@@ -315,10 +324,17 @@ class RockMeanGP:
         mean, covariance = joint_mean.reshape(count, m), joint_covariance.reshape(count, m, count, m)
         scales = np.array([self.standardiser.scale(rock) for rock in self.rocks])
         centres = np.array([self.standardiser.centre(rock) for rock in self.rocks])
-        return Posterior(
-            centres.mean() + scales @ mean / count,
-            np.einsum("r,s,rmsn->mn", scales, scales, covariance) / count**2,
+        if risk == "mean":
+            return Posterior(
+                centres.mean() + scales @ mean / count,
+                np.einsum("r,s,rmsn->mn", scales, scales, covariance) / count**2,
+            )
+        draws = np.random.default_rng(0).multivariate_normal(
+            joint_mean, joint_covariance, RISK_DRAWS, check_valid="ignore", method="eigh"
         )
+        outcomes = draws.reshape(-1, count, m).transpose(0, 2, 1) * scales + centres
+        measured = risk_of(torch.from_numpy(outcomes), risk).numpy()
+        return Posterior(measured.mean(axis=0), np.atleast_2d(np.cov(measured, rowvar=False)))
 
     def predict_mission(
         self, values: Mapping[str, Any], rock: str, replicate: int | None = None
