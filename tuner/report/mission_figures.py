@@ -89,6 +89,9 @@ def trajectory_figure(run: Path) -> Figure:
     x, y, _ = config.target_m
     reach = 1.08 * max(config.seed.radius_m, config.pool.radius_m)
     orbit, adaptive = _paths(flight, {record["chosen"] for record in _trace(run)}, (x, y), reach)
+    # Selected candidates have markers of their own; in perspective the small one would lie on the large.
+    taken = (pool.positions_m[:, None] == chosen[None]).all(axis=2).any(axis=1)
+    spare = pool.positions_m[~taken]
     cloud = run / "cleaned.ply"
     rock = _thin(read_ply(cloud).points_m, 5000) if cloud.is_file() else np.zeros((0, 3))
     with look():
@@ -100,7 +103,7 @@ def trajectory_figure(run: Path) -> Figure:
             depth = {"depthshade": False} if axes == 3 else {"zorder": 3}
             ax.scatter(*rock.T[:axes], s=0.6, c=_ROCK_GREY, alpha=0.6, linewidths=0, rasterized=True)
             ax.scatter(
-                *pool.positions_m.T[:axes],
+                *spare.T[:axes],
                 s=10,
                 c=SKY,
                 linewidths=0,
