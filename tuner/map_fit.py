@@ -222,6 +222,11 @@ class Evidence:
         self._same_rock = _shared(x[:, kernel.rock_column])
         self._same_slot = _shared(x[:, kernel.rock_column + 1])
         self._slots, self._deviations = kernel.slots, kernel.deviations
+        self._feature: Floats | None = None
+        if kernel.feature is not None:
+            with torch.no_grad():
+                level = kernel.feature(torch.from_numpy(x)).numpy()
+            self._feature = np.outer(level, level)
 
     def __call__(self, position: Floats) -> tuple[float, Floats, float]:
         """``(value, gradient, mean)``; value -inf where the covariance is not positive definite."""
@@ -248,6 +253,8 @@ class Evidence:
         covariance = common + rock
         if self._slots:
             covariance += at["log_slot_variance"][0] * self._same_slot
+        if self._feature is not None:
+            covariance += at["log_feature_variance"][0] * self._feature
         covariance[np.diag_indices(n)] += noise + _JITTER
         try:
             root = cholesky(covariance, lower=True, check_finite=False)
@@ -275,6 +282,9 @@ class Evidence:
         if self._deviations:
             own = at["log_deviation"][0] * self._same_rock * outer * matern
             gradient[self._slices["log_deviation"]] = (half * own).sum()
+        if self._feature is not None:
+            own = float(at["log_feature_variance"][0]) * self._feature
+            gradient[self._slices["log_feature_variance"]] = (half * own).sum()
         gradient[self._slices[NOISE]] = noise * np.trace(half)
         return value, gradient, mean
 

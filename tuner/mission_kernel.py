@@ -1,11 +1,12 @@
 """The covariance of missions, as one kernel.
 
-    k = s^2 m(x, x') (1 + delta [same rock]) + b^2 [same rock] + c^2 [same slot]
+    k = s^2 m(x, x') (1 + delta [same rock]) + b^2 [same rock] + c^2 [same slot] + v^2 g(x) g(x')
 
 m is Matern-5/2 with a length scale per ordered parameter, times exp(-mean of mismatches / length) over the
 choices. b^2 and c^2 are the variances of what all missions on a rock or on one (rock, replicate) slot share.
 delta is the share by which a rock's own landscape departs from the common one: an intrinsic coregionalisation
-model whose rocks are exchangeable, so that one number describes all correlations, 1 / (1 + delta).
+model whose rocks are exchangeable, so that one number describes all correlations, 1 / (1 + delta). g is a given
+function of the configuration, such as the landscape of a cheaper fidelity (``tuner.screening``).
 
 Inputs are (..., d + 2): the unit cube, then the rock's and the slot's column of exact whole numbers.
 ``NO_OFFSET`` there is the mean over rocks, or slots, that nobody has flown: it shares nothing, not even with
@@ -15,7 +16,7 @@ itself. One kernel instead of a sum of library kernels: an evaluation takes a fr
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
@@ -38,6 +39,8 @@ class MissionKernel(Kernel):
         The rock's column; the slot's is the next one.
     slots, deviations
         Whether c^2 and delta are there.
+    feature
+        g, of (..., n, d + 2) inputs: (..., n); None where there is none.
     members
         Size of an ensemble that differs in the parameters: every parameter then has a leading dimension, and
         inputs are (..., members, n, d + 2). 0: no ensemble.
@@ -54,6 +57,7 @@ class MissionKernel(Kernel):
         *,
         slots: bool,
         deviations: bool,
+        feature: Callable[[torch.Tensor], torch.Tensor] | None = None,
         members: int = 0,
     ) -> None:
         lead = (members,) if members else ()
@@ -69,6 +73,9 @@ class MissionKernel(Kernel):
             self.log_slot_variance = _parameter(*lead)
         if deviations:
             self.log_deviation = _parameter(*lead)
+        self.feature = feature
+        if feature is not None:
+            self.log_feature_variance = _parameter(*lead)
 
     @property
     def slot_variance(self) -> float:
@@ -112,6 +119,11 @@ class MissionKernel(Kernel):
             k = k + wide(self.log_deviation) * m * same_rock
         if self.slots:
             k = k + wide(self.log_slot_variance) * _same(x1, x2, self.rock_column + 1, diag)
+        if self.feature is not None:
+            one, two = self.feature(x1), self.feature(x2)
+            k = k + wide(self.log_feature_variance) * (
+                one * two if diag else one.unsqueeze(-1) * two.unsqueeze(-2)
+            )
         return k
 
 

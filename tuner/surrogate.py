@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import collections
 import contextlib
+import itertools
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -52,6 +53,7 @@ from tuner.map_fit import (
 from tuner.mission_kernel import NO_OFFSET, MissionKernel
 from tuner.objective import RockStandardiser
 from tuner.risk import Risk, risk_of
+from tuner.screening import Screen
 from tuner.search_space import SearchSpace
 
 RISK_DRAWS = 4000
@@ -212,6 +214,8 @@ class RockMeanGP:
         Seed of the fit.
     settings
         What the model is made of.
+    screen
+        Cheap missions whose landscape may explain part of this one.
     """
 
     def __init__(
@@ -221,8 +225,10 @@ class RockMeanGP:
         rocks: Sequence[str],
         seed: int = 0,
         settings: SurrogateSettings | None = None,
+        screen: Screen | None = None,
     ) -> None:
         self.settings = settings or SurrogateSettings()
+        self.screen = screen if screen is not None and screen.usable else None
         feasible = [o for o in observations if o.outcome is not None]
         if not feasible:
             raise ValueError("no feasible observation to learn from")
@@ -251,14 +257,17 @@ class RockMeanGP:
         ordered = [i for i in range(d) if i not in categorical]
         x, y = tensor(np.column_stack([self.unit, columns])), tensor(self.targets[:, None])
         options: Any = {"slots": self.models_slots, "deviations": self.settings.deviations}
-        kernel = MissionKernel(ordered, categorical, d, **options)
         iterations = FIT_MAX_ITERATIONS if len(y) >= MIN_OBSERVATIONS_TO_FIT else 0
+        taus = SPARSE_TAUS if self.settings.sparse else (None,)
+        features = (None,) if self.screen is None else (None, self.screen.feature)
         candidates = []
-        for tau in SPARSE_TAUS if self.settings.sparse else (None,):
+        for feature, tau in itertools.product(features, taus):
+            kernel = MissionKernel(ordered, categorical, d, **options, feature=feature)
             belief = Hyperparameters(kernel, x.numpy(), y[:, 0].numpy(), self._priors(len(ordered), tau))
             fit = belief.fit(starts=self.settings.starts, seed=seed, iterations=iterations)
-            candidates.append((fit.log_posterior, fit, belief))
-        _, fit, belief = max(candidates, key=lambda c: c[0])
+            candidates.append((fit.log_posterior, kernel, fit, belief))
+        _, kernel, fit, belief = max(candidates, key=lambda c: c[0])
+        options["feature"] = kernel.feature
         fits, members = [fit], self.settings.members
         if members and iterations:
             fits = belief.sample(fit, members, seed)
@@ -294,8 +303,14 @@ class RockMeanGP:
             # Wider still: measured slots differ by anything from nothing to several times what parameters do.
             "log_slot_variance": LogNormal(math.log(0.3), 1.5),
             "log_deviation": LogNormal(math.log(0.3), 1.0),
+            "log_feature_variance": LogNormal(math.log(0.5), 1.0),
             NOISE: LogNormal(math.log(s.noise_median), s.noise_spread),
         }
+
+    @property
+    def uses_screen(self) -> bool:
+        """Whether the cheap fidelity's landscape is part of the model: the missions flown prefer it so."""
+        return self.model.covar_module.feature is not None
 
     @property
     def virtual_rock(self) -> float:
