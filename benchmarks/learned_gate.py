@@ -3,6 +3,7 @@
     OMP_NUM_THREADS=1 python benchmarks/learned_gate.py learn runs/noise-08 runs/noise-full
     OMP_NUM_THREADS=1 python benchmarks/learned_gate.py fly runs/noise-08 runs/noise-full --out runs/learned-gate \
         --rock slab --rock vesicular --rock cavern --rock ../shared/rocks/apollo_15016_0/apollo_15016_0.obj
+    python benchmarks/learned_gate.py tables --out runs/learned-gate
 
 ``learn`` prints, for all logged decisions and for those made at the paper's weights: how often the oracle has
 a preference at all, and how trees of several depths and a random forest (a ceiling: nobody could read it)
@@ -10,8 +11,9 @@ fare on rocks left out of the training, and on decisions of known rocks (random 
 model can remember about a rock, not what it would do on another).
 
 ``fly`` trains a policy per rock from the missions on the *other* rocks, then flies it on that rock against the
-fixed scorers and the paper's gates, all with the same replicates, and prints Table I's layout with paired
-differences. Preset ``campaign`` with 6 agreeing views. Finished missions are not flown again.
+fixed scorers and the paper's gates, all with the same replicates. Preset ``campaign`` with 6 agreeing views.
+Finished missions are not flown again. ``tables`` prints which scorer flew, and Table I's layout with paired
+differences.
 """
 
 from __future__ import annotations
@@ -23,9 +25,10 @@ from pathlib import Path
 import numpy as np
 
 from nbv.config import MissionConfig, preset
+from nbv.result import MissionResult
 from nbv.rocks import load_rock
 from tuner.baselines import baseline_configs
-from tuner.evaluation import EvaluationPlan, EvaluationRecord, EvaluationRun, comparison_table, run_evaluation
+from tuner.evaluation import EvaluationPlan, EvaluationRecord, comparison_table, run_evaluation
 from tuner.executors import LocalProcessExecutor
 from tuner.gate_learning import GateDecisions, describe_tree, gate_decisions, learn_gate, without_rocks
 from tuner.report.comparison_tables import comparison_markdown
@@ -98,30 +101,45 @@ def describe(name: str, decisions: GateDecisions) -> None:
         print(f"| {label} | " + " | ".join(cells) + " |")
 
 
+def plan_of(rock: str, replicate: int, policy: Path) -> EvaluationPlan:
+    """All strategies on one rock with one replicate; the learned gate flies ``policy``."""
+    base = preset("campaign").with_values({"dense.agreeing_views": AGREEING_VIEWS})
+    configs = baseline_configs(STRATEGIES, base)
+    configs["learned"] = configs["learned"].with_values({"gate.learned_policy": str(policy)})
+    path = str(Path(rock).resolve()) if Path(rock).is_file() else rock
+    return EvaluationPlan(configs, (path,), 1, first_replicate=replicate)
+
+
 def fly(
-    missions: Sequence[FlownMission], rocks: Sequence[str], replicates: int, out: Path, workers: int
+    missions: Sequence[FlownMission], rocks: Sequence[str], replicates: Sequence[int], out: Path, workers: int
 ) -> None:
     """Leave-one-rock-out policies against the other gates."""
-    base = preset("campaign").with_values({"dense.agreeing_views": AGREEING_VIEWS})
-    records: list[EvaluationRecord] = []
-    plan = None
     for rock in rocks:
         name = load_rock(rock).name
-        policy = learn_gate(gate_decisions(without_rocks(missions, [name])))
         file = (out / "policies" / f"without-{name}.json").resolve()
         if not file.exists():  # a resumed study keeps the policy that it began with
+            policy = learn_gate(gate_decisions(without_rocks(missions, [name])))
             policy.save(file)
             print(f"policy without {name}:", *describe_tree(policy.root), sep="\n    ")
-        configs = baseline_configs(STRATEGIES, base.with_values({"gate.learned_policy": str(file)}))
-        configs = {
-            s: c if s == "learned" else c.with_values({"gate.learned_policy": ""}) for s, c in configs.items()
-        }
-        path = str(Path(rock).resolve()) if Path(rock).is_file() else rock
-        plan = EvaluationPlan(configs, (path,), replicates)
-        with LocalProcessExecutor(workers) as executor:
-            run: EvaluationRun = run_evaluation(plan, out / name, executor)
-        records += run.records
-    assert plan is not None
+        for replicate in replicates:
+            with LocalProcessExecutor(workers) as executor:
+                run_evaluation(plan_of(rock, replicate, file), out / f"{name}_r{replicate}", executor)
+
+
+def tables(out: Path) -> None:
+    """What has been flown so far."""
+    records: list[EvaluationRecord] = []
+    for directory in sorted(path.parent for path in out.glob("*/evaluation.yaml")):
+        records += EvaluationPlan.load(directory).records(directory)
+    print("| rock | replicate | " + " | ".join(f"captures by B-aware, {s}" for s in STRATEGIES) + " |")
+    print("|---|---:|" + "---:|" * len(STRATEGIES))
+    for rock, replicate in sorted({(r.rock, r.replicate) for r in records}):
+        flown = {r.strategy: r for r in records if (r.rock, r.replicate) == (rock, replicate)}
+        cells = []
+        for strategy in STRATEGIES:
+            result = MissionResult.load(Path(flown[strategy].outcome.directory))
+            cells.append(f"{sum(t.scorer == 'b-aware' for t in result.trace)} of {len(result.trace)}")
+        print(f"| {Path(rock).stem} | {replicate} | " + " | ".join(cells) + " |")
     for surface in ("observable", "whole"):
         table = comparison_table(records, STRATEGIES, REFERENCE, surface)  # type: ignore[arg-type]
         print(f"\n### {surface.capitalize()} surface\n\n{comparison_markdown(table)}")
@@ -129,19 +147,22 @@ def fly(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("what", choices=("learn", "fly"))
-    parser.add_argument("runs", nargs="+", type=Path, help="directories of missions to learn from")
+    parser.add_argument("what", choices=("learn", "fly", "tables"))
+    parser.add_argument("runs", nargs="*", type=Path, help="directories of missions to learn from")
     parser.add_argument("--rock", action="append", default=[], help="fly: training rock, repeatable")
-    parser.add_argument("--replicates", type=int, default=2)
+    parser.add_argument("--replicate", type=int, action="append", help="fly: repeatable (default: 0 and 1)")
     parser.add_argument("--out", type=Path, default=Path("runs/learned-gate"))
     parser.add_argument("--workers", type=int, default=1)
     arguments = parser.parse_args()
+    if arguments.what == "tables":
+        tables(arguments.out)
+        return
     missions = find_missions(arguments.runs)
     if arguments.what == "learn":
         describe("All missions", gate_decisions(missions))
         describe("At the paper's weights", gate_decisions([m for m in missions if at_paper_weights(m)]))
     else:
-        fly(missions, arguments.rock, arguments.replicates, arguments.out, arguments.workers)
+        fly(missions, arguments.rock, arguments.replicate or [0, 1], arguments.out, arguments.workers)
 
 
 if __name__ == "__main__":
