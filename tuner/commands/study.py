@@ -40,7 +40,9 @@ def noise(
     repeats: Annotated[int, typer.Option(help="Further replicates of the default configuration.")] = 5,
     controls: Annotated[
         list[str] | None,
-        typer.Option("--control", help="Repeatable (default: learned, random, greedy-oracle); none for no control."),
+        typer.Option(
+            "--control", help="Repeatable (default: learned, random, greedy-oracle); none for no control."
+        ),
     ] = None,
     metrics: Annotated[
         list[str] | None, typer.Option("--metric", help="Repeatable, e.g. observable.f_score_48mm.")
@@ -256,6 +258,30 @@ def oracles(
     output.print(oracles_table(findings))
     write_oracles_report(findings, out)
     _end_study(findings.failures, findings.missions, findings.expected, out / "oracles.md", complete)
+
+
+@app.command("oracle-states")
+def oracle_states(
+    runs: Annotated[
+        list[Path], typer.Argument(help="Directories with missions that were flown with everything kept.")
+    ],
+    rocks: Annotated[
+        list[str] | None, typer.Option("--rock", help="Mesh file that missions were flown on, repeatable.")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="Markdown file of the table.")] = Path("oracle_states.md"),
+) -> None:
+    """What every oracle would have preferred on the same planning states."""
+    from nbv.run_directory import write_atomic
+    from tuner.studies.oracle_states import judge
+    from tuner.studies.oracles_report import states_markdown, states_table
+
+    judged = judge(runs, rocks or [])
+    output.print(states_table(judged))
+    try:
+        write_atomic(out, states_markdown(judged))
+    except OSError as error:
+        raise UserError(f"cannot write {out}: {error.strerror}; choose another --out") from error
+    output.print(out)
 
 
 def _study_rocks(rocks: list[str] | None) -> tuple[str, ...]:

@@ -11,16 +11,8 @@ from tuner.baselines import label as strategy_label
 from tuner.evaluation import ComparisonRow, ComparisonTable
 from tuner.paper_table import PAPER_TABLE_I, MetricRow
 from tuner.report.campaign_facts import verdict
-from tuner.report.labels import MISSING, format_number
+from tuner.report.labels import MISSING, format_number, interval_methods
 from tuner.statistics import Interval, PairedDifference
-
-METHODS = {
-    "rocks": "t-intervals over rock means (every rock counts the same): they speak for unseen rocks of the same kind",
-    "replicates": "rocks taken as fixed, pooled variance between replicates: they speak for new replicates on these rocks "
-                  "only, not for other rocks",
-    "bootstrap": "percentile bootstrap, rocks resampled and then replicates within them; too narrow when rocks are few",
-    "none": "none where there are too few missions for one",
-}  # fmt: skip
 
 FLOOR_NOTE = (
     "The rocks’ own floor is what a reconstruction without error or omission would get: surface that no reachable camera "
@@ -147,8 +139,7 @@ def methods_sentence(tables: Sequence[ComparisonTable]) -> str:
     found |= {
         d.interval.method for t in tables for row in t.rows for d in row.differences.values() if d is not None
     }
-    said = [METHODS[name] for name in ("rocks", "replicates", "bootstrap", "none") if name in found]
-    return f"95 % intervals: {'; '.join(said)}." if said else "There are no missions yet."
+    return interval_methods(found)
 
 
 def _groups(table: ComparisonTable) -> list[tuple[str, list[ComparisonRow]]]:

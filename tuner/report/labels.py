@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -160,6 +161,21 @@ def strategy_label(kind: str) -> str:
         "greedy-oracle": "Greedy oracle", "learned": "Learned gate", "random": "Random views",
         "novelty-only": "Novelty only", "movement-only": "Nearest view", "uniform-coverage": "Uniform coverage",
     }.get(kind, kind)  # fmt: skip
+
+
+_INTERVAL_METHODS = {
+    "rocks": "t-intervals over rock means (every rock counts the same): they speak for unseen rocks of the same kind",
+    "replicates": "rocks taken as fixed, pooled variance between replicates: they speak for new replicates on these rocks "
+                  "only, not for other rocks",
+    "bootstrap": "percentile bootstrap, rocks resampled and then replicates within them; too narrow when rocks are few",
+    "none": "none where there are too few missions for one",
+}  # fmt: skip
+
+
+def interval_methods(methods: Collection[str]) -> str:
+    """A sentence on how intervals were made, from the ``method`` of each (``tuner.statistics.Interval``)."""
+    said = [text for name, text in _INTERVAL_METHODS.items() if name in methods]
+    return f"95 % intervals: {'; '.join(said)}." if said else "There are no missions yet."
 
 
 def _words(key: str) -> str:

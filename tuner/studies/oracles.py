@@ -146,7 +146,7 @@ class Preferences:
     same_candidate: int  # ties because both scorers chose the same viewpoint
     saturated: int  # other ties, with nothing to gain from either
     other_ties: int
-    saturates_at: int | None  # first decision from which on neither has anything to gain
+    saturates_at: int | None  # first decision at which neither has anything to gain
 
     @property
     def ties(self) -> int:
@@ -154,29 +154,42 @@ class Preferences:
         return self.same_candidate + self.saturated + self.other_ties
 
 
-def preferences(trace: Sequence[IterationRecord]) -> Preferences | None:
-    """The oracle's view of a mission; None if it logged no rewards of both scorers."""
-    counts = {"b_aware": 0, "covis": 0, "same_candidate": 0, "saturated": 0, "other_ties": 0}
-    first_of_the_empty: int | None = None
-    judged = 0
+@dataclass(frozen=True)
+class Judgement:
+    """What an oracle says about one decision."""
+
+    iteration: int
+    b_aware: float  # what B-aware's best candidate would gain
+    covis: float
+    same_candidate: bool  # whether that is Covis's best candidate too
+
+
+def judgements(trace: Sequence[IterationRecord]) -> list[Judgement]:
+    """The logged rewards of a mission; decisions without them are left out."""
+    found = []
     for record in trace:
-        ours, theirs = (record.oracle_rewards.get(name) for name in ("b-aware", "covis"))
-        if ours is None or theirs is None:
-            continue
-        judged += 1
-        nothing = ours == 0 and theirs == 0
-        if not nothing:
-            first_of_the_empty = None
-        elif first_of_the_empty is None:
-            first_of_the_empty = record.iteration
-        best = {record.top.get(name, {}).get("candidate", name) for name in ("b-aware", "covis")}
-        if ours != theirs:
-            counts["b_aware" if ours > theirs else "covis"] += 1
+        rewards, top = record.oracle_rewards, record.top
+        if "b-aware" in rewards and "covis" in rewards:
+            best = {top.get(name, {}).get("candidate", name) for name in ("b-aware", "covis")}
+            found.append(Judgement(record.iteration, rewards["b-aware"], rewards["covis"], len(best) == 1))
+    return found
+
+
+def preferences(judged: Sequence[Judgement]) -> Preferences | None:
+    """How one mission was judged; None if it was not."""
+    counts = {"b_aware": 0, "covis": 0, "same_candidate": 0, "saturated": 0, "other_ties": 0}
+    saturates_at: int | None = None
+    for j in judged:
+        nothing = j.b_aware == 0 and j.covis == 0
+        if nothing and saturates_at is None:
+            saturates_at = j.iteration
+        if j.b_aware != j.covis:
+            counts["b_aware" if j.b_aware > j.covis else "covis"] += 1
         elif nothing:
             counts["saturated"] += 1
         else:
-            counts["same_candidate" if len(best) == 1 else "other_ties"] += 1
-    return Preferences(judged, **counts, saturates_at=first_of_the_empty) if judged else None
+            counts["same_candidate" if j.same_candidate else "other_ties"] += 1
+    return Preferences(len(judged), **counts, saturates_at=saturates_at) if judged else None
 
 
 def covered_shares(trace: Sequence[IterationRecord]) -> tuple[float, float] | None:
@@ -211,8 +224,8 @@ class StrategyResult:
     other_ties: int
     missions_preferring_b_aware: int
     missions_preferring_covis: int
-    missions_saturated: int
-    saturates_at: float | None  # median first decision without anything to gain, over missions that saturate
+    missions_saturated: int  # with a decision without anything to gain
+    saturates_at: float | None  # median first such decision, over these missions
     covered_first: float | None  # percent of samples, means over missions; greedy oracles log it
     covered_last: float | None
 
@@ -284,7 +297,7 @@ def _strategy_result(
     coverage: str,
 ) -> StrategyResult:
     own = traces.get(name, {})
-    judged = {slot: p for slot, t in own.items() if (p := preferences(t)) is not None}
+    judged = {slot: p for slot, t in own.items() if (p := preferences(judgements(t))) is not None}
     covered = [shares for t in own.values() if (shares := covered_shares(t)) is not None]
     saturating = [p.saturates_at for p in judged.values() if p.saturates_at is not None]
     against = [r for r in settings.references if r != name]

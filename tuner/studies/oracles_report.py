@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.table import Table
@@ -12,7 +13,9 @@ from nbv.run_directory import write_atomic
 from tuner.report.labels import MISSING, format_number, strategy_label
 from tuner.report.style import short_names
 from tuner.statistics import PairedDifference
+from tuner.studies.decisions import PERCENT
 from tuner.studies.departures import METRICS, metric_key
+from tuner.studies.oracle_states import CoverageSummary, JudgedMission, summarise
 from tuner.studies.oracles import OracleFindings, StrategyResult
 from tuner.studies.paired_cells import difference_text, heading, interval_sentence, markdown_table, mean_text
 
@@ -24,7 +27,7 @@ _PREFERENCES = {
     "ties": "ties (%)",
     "ties by kind": "ties: same candidate, saturated, other",
     "missions": "missions that prefer B-aware at least once",
-    "saturates": "missions that saturate (median first capture)",
+    "saturates": "missions with nothing to gain at some capture (median first)",
     "covered": "samples covered before first and last capture (%)",
     "flew": "flew B-aware (%)",
 }
@@ -97,7 +100,7 @@ def oracles_markdown(findings: OracleFindings) -> str:
         "",
         "Every decision of a mission is judged by the mission's own coverage: which scorer's best candidate would "
         "gain more. Ties are split into both scorers having chosen the same candidate, nothing to gain from either "
-        "(saturated), and the rest. A mission saturates when neither has anything to gain from some capture on.",
+        "(saturated), and the rest.",
         "",
         *markdown_table(
             list(_PREFERENCES.values()), [_preferences_row(x, findings) for x in findings.strategies], left=2
@@ -133,6 +136,52 @@ def oracles_markdown(findings: OracleFindings) -> str:
             ],
         )  # fmt: skip
     return "\n".join(lines) + "\n"
+
+
+_STATES = (
+    "coverage", "missions", "decisions", "prefers B-aware (%)", "prefers Covis (%)", "ties (%)",
+    "ties: same candidate, saturated, other", "missions that prefer B-aware at least once",
+    "missions with nothing to gain at some capture (median first)", "samples covered before first and last capture (%)",
+)  # fmt: skip
+
+
+def states_markdown(judged: Sequence[JudgedMission]) -> str:
+    """Every coverage on the same states."""
+    flown = dict.fromkeys((j.rock, j.gate, j.directory) for j in judged)
+    rocks = ", ".join(dict.fromkeys(rock for rock, _, _ in flown))
+    gates = ", ".join(dict.fromkeys(strategy_label(gate) for _, gate, _ in flown))
+    lines = [
+        "# Every oracle on the same planning states",
+        "",
+        f"{len(flown)} missions flown by {gates} on {rocks}.",
+        "",
+        *markdown_table(_STATES, [_states_row(s) for s in summarise(judged)]),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _states_row(s: CoverageSummary) -> list[str]:
+    p = s.preferences
+    saturates = f"{s.missions_saturated} of {s.missions}"
+    if p.saturates_at is not None:
+        saturates += f" ({p.saturates_at + 1})"
+    return [
+        s.coverage, str(s.missions), str(p.decisions),
+        *(format_number(PERCENT * n / p.decisions, 0) for n in (p.b_aware, p.covis, p.ties)),
+        f"{p.same_candidate}, {p.saturated}, {p.other_ties}",
+        f"{s.missions_preferring_b_aware} of {s.missions}", saturates,
+        f"{format_number(s.covered_first)}, {format_number(s.covered_last)}",
+    ]  # fmt: skip
+
+
+def states_table(judged: Sequence[JudgedMission]) -> Table:
+    """The same for the terminal."""
+    table = Table(title="Every oracle on the same planning states")
+    for i, column in enumerate(_STATES):
+        table.add_column(column, justify="right" if i else "left")
+    for summary in summarise(judged):
+        table.add_row(*_states_row(summary))
+    return table
 
 
 def _all_differences(findings: OracleFindings) -> list[PairedDifference]:

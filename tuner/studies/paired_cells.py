@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tuner.paper_table import MetricRow
-from tuner.report.comparison_tables import METHODS
-from tuner.report.labels import MISSING, format_number
+from tuner.report.labels import MISSING, format_number, interval_methods
 from tuner.statistics import Interval, PairedDifference
 
 EXACTLY_ZERO = "0 exactly"
@@ -40,9 +39,7 @@ def heading(row: MetricRow, *, difference: bool = False) -> str:
 
 def interval_sentence(intervals: Sequence[Interval | None]) -> str:
     """How the intervals were made."""
-    found = {i.method for i in intervals if i is not None}
-    said = [METHODS[name] for name in ("rocks", "replicates", "bootstrap", "none") if name in found]
-    return f"95 % intervals: {'; '.join(said)}." if said else "There are no missions yet."
+    return interval_methods({i.method for i in intervals if i is not None})
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> list[str]:

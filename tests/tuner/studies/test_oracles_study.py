@@ -47,9 +47,9 @@ def test_preferences_are_counted(findings):
     assert r.missions_saturated == 0 and r.saturates_at is None
 
 
-def test_saturation_is_for_good(findings):
+def test_saturation_is_the_first_capture_with_nothing_to_gain(findings):
     seen = findings.strategy("hyb-o-seen")
-    assert seen.saturates_at == 3  # nothing to gain at 1, but again at 2
+    assert seen.saturates_at == 1 and seen.missions_saturated == 6
     assert (seen.same_candidate, seen.saturated, seen.other_ties) == (0, 12, 0)
     code = findings.strategy("hyb-o-paper-code")
     assert code.saturates_at == 0 and code.missions_saturated == 6 and code.saturated == 24

@@ -1,0 +1,89 @@
+"""Every oracle on the planning states of one geometric mission."""
+
+from __future__ import annotations
+
+import shutil
+
+import pytest
+
+from nbv.config import preset
+from nbv.errors import UserError
+from nbv.geometric import run_geometric_mission
+from tuner.studies.oracle_states import judge, summarise
+from tuner.studies.oracles import COVERAGES, judgements, preferences
+
+BUDGET = 3
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory):
+    """A mission that logged its own oracle's rewards, and its directory."""
+    directory = tmp_path_factory.mktemp("kept") / "mission"
+    values = {
+        "stop.adaptive_budget": BUDGET,
+        "gate.kind": "covis",
+        "gate.oracle_coverage": "matchable",
+        "gate.oracle_samples": 2000,
+    }
+    config = preset("campaign").with_values(values)
+    return run_geometric_mission(config, "boulder", 0, directory, keep="all", shadow=True), directory
+
+
+@pytest.fixture(scope="module")
+def judged(flown):
+    return {j.coverage: j for j in judge([flown[1]])}
+
+
+def test_the_own_oracle_says_what_the_mission_logged(flown, judged):
+    result, _ = flown
+    assert judged["matchable"].preferences == preferences(judgements(result.trace))
+    assert judged["matchable"].gate == "covis" and judged["matchable"].rock == "boulder"
+
+
+def test_coverages_differ_as_they_are_defined(judged):
+    assert set(judged) == set(COVERAGES)
+    code = judged["paper-code"]
+    assert code.covered_first == 100 and code.preferences.saturated == BUDGET
+    assert code.preferences.saturates_at == 0
+    # What enough matchable views see, one view sees; what is seen need not be reconstructed.
+    assert 0 < judged["matchable"].covered_first <= judged["seen"].covered_first < 100
+    assert judged["reconstruction"].covered_first < judged["seen"].covered_first
+    for j in judged.values():
+        assert j.covered_last >= j.covered_first and j.preferences.decisions == BUDGET
+
+
+def test_the_summary_adds_up(flown, judged, tmp_path):
+    shutil.copytree(flown[1], tmp_path / "again")
+    two = judge([flown[1], tmp_path / "again"])
+    for summary in summarise(two):
+        one = judged[summary.coverage]
+        assert summary.missions == 2 and summary.preferences.decisions == 2 * BUDGET
+        assert summary.preferences.covis == 2 * one.preferences.covis
+        assert summary.covered_first == pytest.approx(one.covered_first)
+        assert summary.preferences.saturates_at == one.preferences.saturates_at
+
+
+def test_the_command_writes_the_table(gatetune, flown, tmp_path):
+    code, out, _ = gatetune("study", "oracle-states", flown[1], "--out", "table.md")
+    assert code == 0 and "paper-code" in out
+    row = next(
+        line for line in (tmp_path / "table.md").read_text().splitlines() if line.startswith("| paper-code")
+    )
+    assert [cell.strip() for cell in row.split("|")[2:7]] == ["1", "3", "0", "0", "100"]
+
+
+def test_mistakes(flown, tmp_path):
+    with pytest.raises(UserError, match="holds no finished mission"):
+        judge([tmp_path])
+    shutil.copytree(flown[1], tmp_path / "summary")
+    shutil.rmtree(tmp_path / "summary" / "states")
+    with pytest.raises(UserError, match="planning states"):
+        judge([tmp_path / "summary"])
+    shutil.copytree(flown[1], tmp_path / "other")
+    text = (tmp_path / "other" / "mission.json").read_text()
+    (tmp_path / "other" / "mission.json").write_text(text.replace('"rock": "boulder"', '"rock": "moonstone"'))
+    sha = flown[0].provenance["rock_sha256"]
+    text = (tmp_path / "other" / "mission.json").read_text().replace(sha, "0" * len(sha))
+    (tmp_path / "other" / "mission.json").write_text(text)
+    with pytest.raises(UserError, match="--rock"):
+        judge([tmp_path / "other"])
