@@ -284,13 +284,20 @@ class Campaign:
             raise UserError(f"{directory} exists and is not an empty directory; choose another directory")
         settings.make_sampler()
         require_sampler(settings.sampler)  # here and not in make_sampler: a report must open without the peer
+        was_there = directory.exists()
         try:
             directory.mkdir(parents=True, exist_ok=True)
             identity = uuid.uuid4().hex
-            ledger = Ledger(
-                directory, settings.storage, settings.name, identity, settings.space, settings.objective,
-                create=True,
-            )  # fmt: skip
+            try:
+                ledger = Ledger(
+                    directory, settings.storage, settings.name, identity, settings.space, settings.objective,
+                    create=True,
+                )  # fmt: skip
+            except UserError:
+                if not was_there:
+                    with contextlib.suppress(OSError):  # not empty: somebody else's
+                        directory.rmdir()
+                raise
             tree = {
                 "format": FORMAT_VERSION,
                 "id": identity,

@@ -371,7 +371,11 @@ def test_any_optuna_storage(tmp_path: Path) -> None:
 def test_storage_that_cannot_be_used(tmp_path: Path, storage: str) -> None:
     with pytest.raises(UserError, match=r"storage|ledger"):
         Campaign.create(tmp_path / "run", settings(storage=storage))
-    assert not (tmp_path / "run" / "campaign.yaml").exists()
+    assert not (tmp_path / "run").exists()  # nothing is left behind
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(UserError):
+        Campaign.create(tmp_path / "mine", settings(storage=storage))
+    assert (tmp_path / "mine").is_dir()  # an empty directory of the user's own stays
 
 
 def test_minimised_objective(tmp_path: Path) -> None:

@@ -117,12 +117,17 @@ def run(
 def resume(
     directory: Annotated[Path, typer.Argument(help="A campaign's run directory.")],
     workers: Annotated[int | None, typer.Option(help="Missions side by side.")] = None,
+    missions: Annotated[
+        int | None, typer.Option(help="A larger budget than the campaign began with, to search further.")
+    ] = None,
     timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
 ) -> None:
     """Go on with an interrupted campaign; only the missions that were in flight are flown again."""
     from tuner.campaign import Campaign
+    from tuner.extension import extend_campaign
 
-    fly(Campaign.open(directory), workers, timeout_s)
+    campaign = Campaign.open(directory) if missions is None else extend_campaign(directory, missions)
+    fly(campaign, workers, timeout_s)
 
 
 @app.command()

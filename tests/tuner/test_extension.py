@@ -1,0 +1,38 @@
+"""A campaign's budget grows: nothing flown is lost or flown again, and the file says so."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+from test_campaign import run
+
+from nbv.errors import UserError
+from tuner.campaign import Campaign
+from tuner.executors import InProcessExecutor
+from tuner.extension import extend_campaign
+
+
+def test_a_finished_campaign_is_extended(tmp_path: Path) -> None:
+    first = run(tmp_path / "run", budget=6, sampler="gp")
+    before = [(t.number, t.rock, t.replicate, t.values, t.raw) for t in first.trials()]
+    with pytest.raises(UserError, match="budget of 6 missions; 6 does not extend"):
+        extend_campaign(tmp_path / "run", 6)
+    longer = extend_campaign(tmp_path / "run", 10)
+    assert longer.settings.initial_size() == first.settings.initial_size()
+    summary = longer.run(InProcessExecutor())
+    assert (summary.status.budget, summary.status.complete) == (10, 10)
+    after = [(t.number, t.rock, t.replicate, t.values, t.raw) for t in longer.trials()]
+    assert after[:6] == before and len(after) == 10
+    # It is the campaign that anyone finds there, and its file says that it grew.
+    assert Campaign.open(tmp_path / "run").status().remaining == 0
+    tree = yaml.safe_load((tmp_path / "run" / "campaign.yaml").read_text())
+    assert [(e["from"], e["to"]) for e in tree["extensions"]] == [(6, 10)]
+
+
+def test_a_confirmed_search_is_not_extended(tmp_path: Path) -> None:
+    run(tmp_path / "run", budget=8, confirmation=0.25)
+    with pytest.raises(UserError, match="begun to confirm its finalists"):
+        extend_campaign(tmp_path / "run", 20)
+    assert Campaign.open(tmp_path / "run").settings.budget == 8
