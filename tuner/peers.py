@@ -256,8 +256,8 @@ class PeerSampler:
         values: Values = {}
         for p in self.settings.space.parameters:
             value = proposed[p.path]
-            if p.kind != "categorical":  # logarithms and back leave the bounds by a rounding error
-                value = min(p.high, max(p.low, value))
+            if p.kind == "float" and isinstance(value, float):
+                value = _within_rounding(value, p)
             if not p.contains(value):
                 raise UserError(
                     f"the peer {self.name} proposed {p.path} = {value!r}, which is outside the search space; "
@@ -265,6 +265,13 @@ class PeerSampler:
                 )
             values[p.path] = value
         return values
+
+
+def _within_rounding(value: float, p: Parameter) -> float:
+    """``value`` put back on a bound that a logarithm and back has left by a rounding error."""
+    slack = 1e-9 * (p.high - p.low)
+    nearest = min(p.high, max(p.low, value))
+    return nearest if abs(nearest - value) <= slack else value
 
 
 def _fingerprint(o: Observation) -> str:

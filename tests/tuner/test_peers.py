@@ -1,0 +1,234 @@
+"""Peers in processes of their own: what they are told, how they fail, and that the real ones work where set up."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import synthetic
+
+import tuner.peers as peers
+from nbv.config import MissionConfig
+from nbv.errors import UserError
+from tuner.campaign import Campaign, CampaignSettings
+from tuner.executors import InProcessExecutor
+from tuner.history import Observation, Pending
+from tuner.peers import PEER_NAMES, PeerSampler, available_peers, make_peer_sampler
+from tuner.samplers import SamplerSettings
+from tuner.search_space import load_search_space, space_from_dict
+
+FAKE = str(Path(__file__).parent / "fake_peer_server.py")
+FIRST, SECOND = synthetic.SPACE.paths
+MIXED = space_from_dict(
+    {
+        "name": "mixed",
+        "parameters": {
+            "gate.budget_fraction": {"low": 0.0, "high": 1.0},
+            "gate.d95_m": {"low": 0.01, "high": 1.0, "scale": "log"},
+            "b_aware.target_track_length": {"kind": "int", "low": 3, "high": 12},
+            "visibility.mode": {"kind": "categorical", "choices": ["frustum", "occlusion"]},
+        },
+    },
+    "test_peers.py",
+)
+
+
+@pytest.fixture(autouse=True)
+def _no_process_survives() -> Iterator[None]:
+    yield
+    for shared in peers._processes.values():
+        shared.process.close()
+    peers._processes.clear()
+
+
+def fake(settings: SamplerSettings, accident: str = "", **changes: Any) -> PeerSampler:
+    return PeerSampler(settings, "ax", lambda: [sys.executable, FAKE, accident], **changes)
+
+
+def told(values: dict[str, Any]) -> int:
+    """How many missions the fake peer knew when it proposed ``values``."""
+    return round(100 * values[FIRST])
+
+
+def test_the_peer_is_told_every_mission_once_and_chooses_the_rock() -> None:
+    sampler = fake(synthetic.sampler_settings(0, 4))
+    history = synthetic.play(sampler, 4, 0.05, 0)
+    assert history[0].values == synthetic.DEFAULT and not peers._processes  # the common design needs no peer
+    for expected in (4, 5, 6):
+        proposal = sampler.ask(history, [])
+        assert told(proposal.values) == expected
+        assert (proposal.rock, proposal.replicate) == ("r3", 7)
+        assert proposal.why["phase"] == "model" and proposal.why["peer_cpu_s"] >= 0
+        history.append(synthetic.observe(len(history), proposal.values, "r3", 0.05, np.random.default_rng(0)))
+
+
+def test_a_resumed_sampler_is_told_everything_again() -> None:
+    settings = synthetic.sampler_settings(0, 4)
+    history = synthetic.random_design(9, 0.05, 0)
+    pending = [Pending(9, synthetic.SPACE.from_unit([0.5, 0.5]), "r0", 0)]
+    first, second = fake(settings), fake(settings)
+    before = first.ask(history, pending)
+    again = second.ask(history, pending)  # the process is shared: it has to forget the first sampler
+    assert told(again.values) == 9 and again.values == before.values
+    assert first.ask(history, pending).values == before.values
+    assert len(peers._processes) == 1
+
+
+def test_another_past_is_not_mixed_with_the_one_told_before() -> None:
+    sampler = fake(synthetic.sampler_settings(0, 4))
+    sampler.ask(synthetic.random_design(9, 0.05, 0), [])
+    assert told(sampler.ask(synthetic.random_design(5, 0.05, 1), []).values) == 5
+    failed = [Observation(i, synthetic.DEFAULT, "r0", i, None, None, "timeout") for i in range(6)]
+    assert sampler.ask(failed, []).why["phase"] == "initial design"  # nothing to learn from
+
+
+def test_a_peer_that_was_killed_is_started_again() -> None:
+    sampler = fake(synthetic.sampler_settings(0, 4))
+    history = synthetic.random_design(6, 0.05, 0)
+    before = sampler.ask(history, []).values
+    peers._processes["ax"].process._process.kill()
+    peers._processes["ax"].process._process.wait()
+    assert sampler.ask(history, []).values == before
+
+
+@pytest.mark.parametrize(
+    ("accident", "message"),
+    [
+        (
+            "die",
+            r"ax ended at 'ask' \(the last words\); set it up again with `python benchmarks/peers/setup.py ax`",
+        ),
+        ("raise", "ax cannot ask: ValueError: a matrix is singular; resume"),
+        ("outside", f"proposed {FIRST} = 'nowhere', which is outside the search space"),
+        ("hang", "gave no answer to 'ask'"),
+    ],
+)
+def test_accidents_are_told_in_one_line(accident: str, message: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if accident == "hang":
+        monkeypatch.setattr(peers, "REPLY_TIMEOUT_S", 1.5)
+    with pytest.raises(UserError, match=message) as caught:
+        fake(synthetic.sampler_settings(0, 4), accident).ask(synthetic.random_design(6, 0.05, 0), [])
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_interpreter_is_a_users_mistake() -> None:
+    sampler = PeerSampler(synthetic.sampler_settings(0, 4), "ax", lambda: ["/no/such/python", FAKE])
+    with pytest.raises(UserError, match="cannot start the peer ax"):
+        sampler.ask(synthetic.random_design(6, 0.05, 0), [])
+
+
+def campaign_settings(**changes: Any) -> CampaignSettings:
+    fields: dict[str, Any] = {
+        "name": "peer", "space": load_search_space("gate"), "rocks": ("a", "b"), "budget": 9, "initial": 4,
+        "sampler": "ax", "runner": "fake_missions:fake_mission",
+    }  # fmt: skip
+    return CampaignSettings(**{**fields, **changes})
+
+
+@pytest.mark.parametrize("name", PEER_NAMES)
+def test_a_campaign_without_the_peer_names_the_command(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GATETUNE_PEERS", str(tmp_path / "none"))
+    assert available_peers() == ()
+    with pytest.raises(UserError, match=f"set it up with `python benchmarks/peers/setup.py {name}`"):
+        Campaign.create(tmp_path / "run", campaign_settings(sampler=name))
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_campaign_with_a_peer_is_interrupted_resumed_and_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    environment = tmp_path / "peers"
+    (environment / "ax" / "bin").mkdir(parents=True)
+    (environment / "ax" / "bin" / "python").write_text(f'#!/bin/sh\nexec "{sys.executable}" "{FAKE}"\n')
+    (environment / "ax" / "bin" / "python").chmod(0o755)
+    (environment / "ax" / ".ready").touch()
+    monkeypatch.setenv("GATETUNE_PEERS", str(environment))
+    assert available_peers() == ("ax",)
+
+    campaign = Campaign.create(tmp_path / "run", campaign_settings())
+    proposed = 0
+
+    class Interrupted(Exception):
+        pass
+
+    def stop_after_six(event: Any) -> None:
+        nonlocal proposed
+        proposed += event.kind == "launched"
+        if proposed == 7:
+            raise Interrupted
+
+    with pytest.raises(Interrupted):
+        campaign.run(InProcessExecutor(), stop_after_six)
+    resumed = Campaign.open(tmp_path / "run")  # a sampler of its own, which knows nothing yet
+    resumed.run(InProcessExecutor())
+    trials = resumed.trials()
+    assert [t.state for t in trials] == ["complete"] * 9
+    share = [t.values["gate.budget_fraction"] for t in trials[4:]]
+    low, high = resumed.settings.space.parameters[0].low, resumed.settings.space.parameters[0].high
+    np.testing.assert_allclose(share, [low + k / 100 * (high - low) for k in range(4, 9)])
+    assert {(t.rock, t.replicate) for t in trials[4:]} == {("b", 7)}
+
+    monkeypatch.setenv("GATETUNE_PEERS", str(tmp_path / "none"))
+    assert Campaign.open(tmp_path / "run", read_only=True).status().complete == 9  # read without the peer
+
+
+# -- the real ones, where they have been set up --------------------------------------------------------------
+
+
+def real(name: str, settings: SamplerSettings) -> PeerSampler:
+    if name not in available_peers():
+        pytest.skip(f"{name} is not set up: python benchmarks/peers/setup.py {name}")
+    return make_peer_sampler(name, settings)
+
+
+def mixed_history(missions: int) -> list[Observation]:
+    """Random configurations of the mixed space on two rocks, every fifth a failure."""
+    rng = np.random.default_rng(0)
+    history: list[Observation] = []
+    for i in range(missions):
+        values = MIXED.from_unit(rng.random(MIXED.dimension))
+        kept = {k: v for k, v in values.items() if k in synthetic.SPACE.paths}
+        o = synthetic.observe(i, kept, f"r{i % 2}", 0.05, rng, i // 2 % 2)
+        y = None if i % 5 == 4 else o.outcome
+        history.append(replace(o, values=values, outcome=y, raw=y))
+    return history
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PEER_NAMES)
+def test_real_peer_is_told_failures_and_missions_in_flight_on_a_mixed_space(name: str) -> None:
+    default = MIXED.default(MissionConfig())
+    settings = SamplerSettings(MIXED, default, ("r0", "r1"), 3, 5, 2)
+    assert real(name, settings).ask([], []).values == default
+    history, pending = mixed_history(11), [Pending(11, default, "r1", 1)]
+    proposals = [real(name, settings).ask(history, pending) for _ in range(2)]
+    units = [MIXED.to_unit(p.values) for p in proposals]
+    for proposal in proposals:
+        assert all(p.contains(proposal.values[p.path]) for p in MIXED.parameters)
+        assert proposal.why["phase"] == "model"
+        assert proposal.rock in (None, "r0", "r1") and proposal.replicate in (None, 0, 1)
+    np.testing.assert_allclose(units[0], units[1], atol=1e-6)  # the same history, told to two samplers
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PEER_NAMES)
+def test_real_peer_learns(name: str) -> None:
+    """The best of three asks after 20 random points without noise beats nine tenths of these."""
+    settings = SamplerSettings(synthetic.SPACE, synthetic.DEFAULT, ("r0",), 0, 1)
+    rng = np.random.default_rng(0)
+    points = [synthetic.DEFAULT, *(synthetic.SPACE.from_unit(rng.random(2)) for _ in range(19))]
+    history = [synthetic.observe(i, v, "r0", 0.0, rng) for i, v in enumerate(points)]
+    sampler = real(name, settings)
+    proposals = []
+    for _ in range(3):
+        values = sampler.ask(history, []).values
+        proposals.append(synthetic.true_value(values))
+        history.append(synthetic.observe(len(history), values, "r0", 0.0, rng))
+    assert max(proposals) > np.quantile([synthetic.true_value(v) for v in points], 0.9)
