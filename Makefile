@@ -4,13 +4,14 @@ VENV ?= .venv
 RUN ?= tune
 BIN = $(VENV)/bin
 
-.PHONY: tune test fast-test lint setup clean
+.PHONY: tune test fast-test lint setup peers clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make tune   set up, run a small GP campaign on real missions, write runs/$(RUN)/report.html"
 	@echo "make test   set up, run the tests"
 	@echo "make lint   ruff and mypy"
+	@echo "make peers  set up Ax, SMAC3 and HEBO for --sampler ax, smac, hebo"
 
 setup: $(VENV)/.ready
 
@@ -26,5 +27,8 @@ test: setup
 lint: setup
 	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 
+peers: setup
+	$(BIN)/python benchmarks/peers/setup.py
+
 clean:
-	rm -rf $(VENV)
+	rm -rf $(VENV) .peers
