@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 import json
+import math
 import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -172,6 +173,13 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Pa
             f"gatetune mission run --rock {shlex.quote(s.rocks[0])} --preset {s.preset} {base} {sets}".split()
         ),
         "per_rock": _per_rock(facts, best),
+        "finalists": _finalists(facts, best),
+        "gain_unit": label.difference_unit,
+        "interval_covers_zero": any(
+            g.gain_interval_95 is not None and g.gain_interval_95[0] <= 0 <= g.gain_interval_95[1]
+            for g in best.confirmation
+            if g.values == best.values
+        ),
         "top": [
             {
                 "mean": f"{format_number(c.mean, facts.digits)} ± {format_number(c.sd, facts.digits)}",
@@ -310,6 +318,30 @@ def _per_rock(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
                 format_number(sum(default) / len(default) if default else None, facts.digits),
             ]
         )  # fmt: skip
+    return rows
+
+
+def _finalists(facts: CampaignFacts, best: Recommendation) -> list[dict[str, Any]]:
+    """The confirmation stage's paired gains over the default, recommended first, then by gain."""
+    gains = sorted(
+        best.confirmation,
+        key=lambda g: (g.values != best.values, -math.inf if g.gain is None else -g.gain),
+    )
+    rows = []
+    for g in gains:
+        low, high = g.gain_interval_95 or (None, None)
+        rows.append(
+            {
+                "recommended": g.values == best.values,
+                "values": _inline_values(g.values),
+                "missions": str(g.missions),
+                "pairs": str(g.pairs),
+                "gain": format_number(g.gain, facts.digits, signed=True),
+                "interval": "–"
+                if low is None or high is None
+                else f"{format_number(low, facts.digits, signed=True)} to {format_number(high, facts.digits, signed=True)}",
+            }
+        )
     return rows
 
 
