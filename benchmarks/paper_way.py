@@ -50,6 +50,8 @@ from nbv.threads import limit_threads
 from nbv.types import Capture, Floats
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
+pycolmap.logging.minloglevel = 2  # each extraction would warn about every image that it skips
+
 MAX_FEATURES = 16384
 GLOBAL_BA_ITERATIONS = 50
 FILTER_REPROJECTION_PX = 4.0

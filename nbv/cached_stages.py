@@ -98,14 +98,18 @@ class CachedSeedModel:
     def __init__(self, sparse: SparseReconstructor, store: Store) -> None:
         self._sparse, self._store = sparse, store
 
-    def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
-        """See `SparseReconstructor.bootstrap`; a failure is not kept, it is met again."""
+    def key(self, captures: Sequence[Capture]) -> str:
+        """What the seed model of ``captures`` is kept under."""
         images = [capture.image for capture in captures if capture.image is not None]
-        key = digest(
+        return digest(
             STAGE_VERSION, versions()["pycolmap"], dataclasses.asdict(self._sparse.camera),
             dataclasses.asdict(self._sparse.config), self._sparse.target_m, [c.name for c in captures],
             *(capture.camera_from_world for capture in captures), *images,
         )  # fmt: skip
+
+    def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
+        """See `SparseReconstructor.bootstrap`; a failure is not kept, it is met again."""
+        key = self.key(captures)
         with tempfile.TemporaryDirectory(prefix="gatetune-seed-") as folder:
             if (entry := self._store.get("seed_models", key)) is not None:
                 for name, data in entry.items():

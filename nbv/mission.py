@@ -33,6 +33,7 @@ from nbv.types import (
 from nbv.viewpoints import candidate_pool, seed_viewpoints
 
 if TYPE_CHECKING:
+    from nbv.evaluation import Evaluation
     from nbv.photogrammetric import PhotogrammetricReconstructor
     from nbv.rocks import Rock
 
@@ -232,17 +233,16 @@ def _top(ranking: Ranking, pool: CandidatePool) -> dict[str, float | str]:
 def _scores_at(
     agreeing_views: int,
     reconstructor: PhotogrammetricReconstructor,
+    evaluate: Callable[[PointCloud, Rock, MissionConfig], Evaluation],
     subject: Rock,
     config: MissionConfig,
     configured: dict[str, Any],
 ) -> dict[str, Any]:
     """Both surfaces' scores of the flown mission at another fusion strictness, or why there are none."""
-    from nbv.evaluation import evaluate_cloud
-
     if agreeing_views == config.dense.agreeing_views:
         return {surface: configured[surface] for surface in ("whole", "observable")}
     try:
-        metrics = evaluate_cloud(reconstructor.cloud_at(agreeing_views), subject, config).metrics
+        metrics = evaluate(reconstructor.cloud_at(agreeing_views), subject, config).metrics
     except MissionFailure as failure:
         return {"failed": failure.reason}
     return {surface: metrics[surface] for surface in ("whole", "observable")}
@@ -339,7 +339,8 @@ def run_mission(
         ``"all"`` leaves images, states, models and clouds in ``directory``; ``"summary"`` only the
         configuration, the trace and ``mission.json``.
     cache
-        Keep photographs, features, pairs and seed models in the user's store; the outcome is the same.
+        Keep photographs, features, pairs, models, clouds and metrics in the user's store; the outcome is
+        the same.
     agreement_levels
         Also measure the same flight at these values of ``dense.agreeing_views`` (none below the
         configured one): ``metrics["agreement"]["5"]`` then holds the ``whole`` and ``observable`` scores
@@ -359,6 +360,7 @@ def run_mission(
         Unknown rock, bad mesh, unwritable directory, missing backend.
     """
     from nbv.cache import Store
+    from nbv.cached_sequences import CachedEvaluation
     from nbv.cached_stages import CachedStudio
     from nbv.evaluation import evaluate_cloud
     from nbv.photogrammetric import PhotogrammetricReconstructor
@@ -385,6 +387,7 @@ def run_mission(
     studio = Studio(prepare_renderer, subject, replicate, config)
     photographer = CachedStudio(studio, store, subject, replicate, config) if store is not None else studio
     reconstructor = PhotogrammetricReconstructor(config, store)
+    evaluate = CachedEvaluation(store) if store is not None else evaluate_cloud
     oracle = make_oracle(config, subject)  # for the oracle gates, and for the shadow log of all others
     mission = AdaptiveMission(
         config=config,
@@ -398,14 +401,14 @@ def run_mission(
     )
 
     def measure(cloud: PointCloud) -> dict[str, Any]:
-        log("metrics", {"points": len(cloud.points_m)})
+        log("metrics", {"points": len(cloud)})
         with mission._timed("evaluation"):
-            evaluation = evaluate_cloud(cloud, subject, config)
+            evaluation = evaluate(cloud, subject, config)
         metrics = evaluation.metrics
         if agreement_levels:
             with mission._timed("agreement_levels"):
                 metrics["agreement"] = {
-                    str(level): _scores_at(level, reconstructor, subject, config, metrics)
+                    str(level): _scores_at(level, reconstructor, evaluate, subject, config, metrics)
                     for level in agreement_levels
                 }
         if full_run is not None:

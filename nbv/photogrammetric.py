@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from nbv.cache import Store
-from nbv.cached_stages import CachedCorrespondences, CachedSeedModel
+from nbv.cached_sequences import CachedClouds, CachedSparse
+from nbv.cached_stages import CachedCorrespondences
 from nbv.config import MissionConfig
 from nbv.dense.reconstruct import CheckedDepths, check_depths
 from nbv.sparse.reconstructor import SparseReconstructor
@@ -22,23 +23,28 @@ class PhotogrammetricReconstructor:
     Parameters
     ----------
     store
-        Where features, pairs and seed models are kept between missions; ``None`` computes everything.
+        Where features, pairs, models and clouds are kept between missions; ``None`` computes everything.
     """
 
     def __init__(self, config: MissionConfig, store: Store | None = None) -> None:
         self._config = config
         source = CachedCorrespondences(config.camera, config.sparse, store) if store is not None else None
-        self._sparse = SparseReconstructor(config.camera, config.sparse, config.target_m, source)
-        self._seed_stage = CachedSeedModel(self._sparse, store) if store is not None else self._sparse
+        sparse = SparseReconstructor(config.camera, config.sparse, config.target_m, source)
+        self._sparse: SparseReconstructor | CachedSparse = sparse
+        self._clouds: Callable[[int | None], PointCloud] = self._fuse
+        if store is not None:
+            self._sparse = cached = CachedSparse(sparse, store)
+            self._clouds = CachedClouds(self._fuse, cached, config, store)
         self._images: dict[str, Any] = {}
         self.dense_report: Any = None
+        self._finished = False
         self._checked: CheckedDepths | None = None
 
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         """The seed model."""
         for capture in captures:
             self._images[capture.name] = capture.image
-        return self._seed_stage.bootstrap(captures)
+        return self._sparse.bootstrap(captures)
 
     def add(self, capture: Capture) -> UpdateReport:
         """Register, triangulate and adjust one more photograph."""
@@ -48,12 +54,8 @@ class PhotogrammetricReconstructor:
     def finish(self) -> PointCloud:
         """Dense cloud from the registered photographs at the poses that SfM found."""
         self._sparse.refine()
-        poses = self._sparse.world_camera_poses()
-        images = {name: self._images[name] for name in poses}
-        self._checked, self.dense_report = check_depths(
-            images, poses, self._config.camera, self._config.target_m, self._config.dense
-        )
-        return self._checked.fuse()
+        self._finished = True
+        return self._clouds(None)
 
     def cloud_at(self, agreeing_views: int) -> PointCloud:
         """After ``finish``: the cloud of the same depth maps at a stricter ``dense.agreeing_views``.
@@ -63,8 +65,17 @@ class PhotogrammetricReconstructor:
         MissionFailure
             ``empty_dense_cloud``: nothing is confirmed by so many views.
         """
-        if self._checked is None:
+        if not self._finished:
             raise ValueError("finish() comes first")
+        return self._clouds(agreeing_views)
+
+    def _fuse(self, agreeing_views: int | None) -> PointCloud:
+        if self._checked is None:
+            poses = self._sparse.world_camera_poses()
+            images = {name: self._images[name] for name in poses}
+            self._checked, self.dense_report = check_depths(
+                images, poses, self._config.camera, self._config.target_m, self._config.dense
+            )
         return self._checked.fuse(agreeing_views)
 
     def export_sparse(self, directory: Path) -> None:

@@ -81,6 +81,9 @@ class PointCloud:
     colors: NDArray[np.uint8] | None = None  # (N, 3) RGB
     normals: Floats | None = None  # (N, 3)
 
+    def __len__(self) -> int:
+        return len(self.points_m)
+
 
 @dataclass(frozen=True)
 class CandidatePool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,7 +27,12 @@ class Evaluation:
 
     metrics: dict[str, Any]  # see `nbv.evaluation.metrics.Metrics`
     cleaning: dict[str, float]  # points after each cleaning step
-    cleaned: PointCloud
+    _make_cleaned: Callable[[], PointCloud]
+
+    @property
+    def cleaned(self) -> PointCloud:
+        """The cloud that was measured."""
+        return self._make_cleaned()
 
 
 def camera_shell(config: MissionConfig) -> Floats:
@@ -55,6 +61,11 @@ def rock_floors(rock: Rock, truth: GroundTruthSamples, config: MissionConfig) ->
     )  # fmt: skip
 
 
+def clean_for_evaluation(cloud: PointCloud, config: MissionConfig) -> tuple[PointCloud, dict[str, float]]:
+    """`clean_cloud` as it comes before the metrics."""
+    return clean_cloud(cloud, config.evaluation, config.target_m, _CLEANING_SEED)
+
+
 def evaluate_cloud(cloud: PointCloud, rock: Rock, config: MissionConfig) -> Evaluation:
     """Clean a dense cloud and measure it.
 
@@ -63,10 +74,10 @@ def evaluate_cloud(cloud: PointCloud, rock: Rock, config: MissionConfig) -> Eval
     MissionFailure
         Nothing is left after cleaning.
     """
-    cleaned, report = clean_cloud(cloud, config.evaluation, config.target_m, _CLEANING_SEED)
+    cleaned, report = clean_for_evaluation(cloud, config)
     truth = ground_truth(rock, config)
     metrics = compute_metrics(
         cleaned, truth, config.evaluation, config.target_m,
         distance_to_surface(cleaned.points_m, rock.vertices_m, rock.faces), rock_floors(rock, truth, config),
     )  # fmt: skip
-    return Evaluation(metrics.to_dict(), report, cleaned)
+    return Evaluation(metrics.to_dict(), report, lambda: cleaned)

@@ -1,0 +1,241 @@
+"""Models, clouds and metrics kept by the sequence of photographs: the same bits, or made anew."""
+
+import dataclasses
+import hashlib
+import json
+import multiprocessing
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent / "sparse"))
+from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures
+
+from nbv.cache import Store
+from nbv.cached_sequences import CachedClouds, CachedEvaluation, CachedSparse
+from nbv.config import config_from_dict
+from nbv.errors import MissionFailure
+from nbv.evaluation import evaluate_cloud
+from nbv.evaluation.ground_truth import sample_surface
+from nbv.rocks import load_rock
+from nbv.sparse.reconstructor import SparseReconstructor
+from nbv.types import PointCloud
+
+SEEDS = ring_captures(12)
+LATER = ring_captures(5, radius_m=3.5, start=12, turn_deg=5.0)
+ELSEWHERE = ring_captures(2, radius_m=3.5, start=17, turn_deg=20.0)
+
+
+class Counting(LabelledPoints):
+    """Counts the photographs whose features are asked for."""
+
+    asked = 0
+
+    def features(self, image):
+        self.asked += 1
+        return super().features(image)
+
+
+def reconstructor(world=None, config=CONFIG):
+    return SparseReconstructor(CAMERA, config, TARGET, world or Counting(SEEDS + LATER + ELSEWHERE))
+
+
+def fly(sparse, later):
+    return [sparse.bootstrap(SEEDS)] + [sparse.add(capture) for capture in later]
+
+
+def bits(reports):
+    hasher = hashlib.sha256()
+    for report in reports:
+        for name, value in sorted(dataclasses.asdict(report.model).items()):
+            if isinstance(value, np.ndarray):
+                hasher.update(f"{name} {value.dtype} {value.shape}".encode() + value.tobytes())
+            else:
+                hasher.update(f"{name} {value!r}".encode())
+        hasher.update(f"{report.registered} {report.message}".encode())
+    return hasher.hexdigest()
+
+
+def files(sparse, folder):
+    sparse.refine()
+    sparse.export(folder)
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.fixture(scope="module")
+def plain():
+    """Reports of missions without a store, by the captures after the seeds."""
+    return {len(later): bits(fly(reconstructor(), later)[1:]) for later in (LATER, [*LATER[:2], *ELSEWHERE])}
+
+
+@pytest.fixture
+def store(tmp_path):
+    return Store(tmp_path / "store")
+
+
+def filled(store):
+    return fly(CachedSparse(reconstructor(), store), LATER)
+
+
+def test_a_known_sequence_has_the_same_models_and_costs_nothing(store, plain):
+    assert bits(filled(store)[1:]) == plain[len(LATER)]
+    world = Counting(SEEDS + LATER)
+    again = CachedSparse(reconstructor(world), store)
+    reports = fly(again, LATER)
+    assert bits(reports[1:]) == plain[len(LATER)]
+    assert world.asked == 0  # the reconstructor behind has not moved
+    assert len(reports[0].model.camera_names) == len(SEEDS)
+
+
+def test_a_mission_that_leaves_a_known_sequence_goes_on_exactly(store, plain):
+    filled(store)
+    reports = fly(CachedSparse(reconstructor(), store), [*LATER[:2], *ELSEWHERE])
+    assert bits(reports[1:]) == plain[4]
+
+
+def test_a_sequence_whose_middle_was_pruned_is_replayed(store, plain):
+    filled(store)
+    entries = sorted((store.root / "sequence_models").rglob("??/*"), key=lambda p: p.stat().st_mtime_ns)
+    entries[3].unlink()
+    assert bits(fly(CachedSparse(reconstructor(), store), LATER)[1:]) == plain[len(LATER)]
+    assert entries[3].exists()
+
+
+@pytest.mark.parametrize("damage", ["flip", "truncate"])
+def test_damaged_models_are_noticed_and_rebuilt(store, plain, damage):
+    filled(store)
+    entries = [path for path in (store.root / "sequence_models").rglob("*") if path.is_file()]
+    for path in entries:
+        data = bytearray(path.read_bytes())
+        data[len(data) // 2] ^= 1
+        path.write_bytes(bytes(data if damage == "flip" else data[:-9]))
+    world = Counting(SEEDS + LATER)
+    assert bits(fly(CachedSparse(reconstructor(world), store), LATER)[1:]) == plain[len(LATER)]
+    assert world.asked > 0
+    assert store.verify()[1] == 0  # sound again
+
+
+def test_the_model_can_be_exported_after_a_known_sequence(store, tmp_path):
+    filled(store)
+    plain = reconstructor()
+    fly(plain, LATER)
+    known = CachedSparse(reconstructor(), store)
+    fly(known, LATER)
+    assert files(known, tmp_path / "known") == files(plain, tmp_path / "plain")
+    poses, expected = known.world_camera_poses(), plain.world_camera_poses()
+    assert all(np.array_equal(poses[name], pose) for name, pose in expected.items())
+
+
+def test_other_options_or_photographs_are_another_sequence(store):
+    filled(store)
+    other = Counting(SEEDS + LATER)
+    fly(CachedSparse(reconstructor(other, dataclasses.replace(CONFIG, global_ba_interval=3)), store), LATER)
+    assert other.asked > 0
+    moved = [dataclasses.replace(c, camera_from_world=c.camera_from_world.copy()) for c in LATER]
+    moved[0].camera_from_world[0, 3] += 1e-9
+    third = Counting(SEEDS + LATER)
+    fly(CachedSparse(reconstructor(third), store), moved)
+    assert third.asked > 0
+
+
+def _fill(root, answers):
+    answers.put(bits(fly(CachedSparse(reconstructor(), Store(root)), LATER)[1:]))
+
+
+def test_two_processes_may_fill_the_same_sequence(tmp_path, plain):
+    context = multiprocessing.get_context("spawn")
+    answers = context.Queue()
+    workers = [context.Process(target=_fill, args=(tmp_path / "store", answers)) for _ in range(2)]
+    for worker in workers:
+        worker.start()
+    assert [answers.get(timeout=120) for _ in workers] == [plain[len(LATER)]] * 2
+    for worker in workers:
+        worker.join()
+        assert worker.exitcode == 0
+    assert Store(tmp_path / "store").verify() == (1 + 1 + len(LATER), 0)  # seed model, and one per report
+
+
+# -- clouds and metrics ---------------------------------------------------------------------------------
+
+
+class Sequence:
+    key = "some sequence"
+
+
+def clouds(store, made, views=3, failure=None):
+    def make(level):
+        made.append(level)
+        if failure:
+            raise failure
+        points = np.random.default_rng(0).normal(size=(50, 3))
+        return PointCloud(points, np.zeros((50, 3), np.uint8), points[::-1].copy())
+
+    return CachedClouds(make, Sequence, config_from_dict({"dense": {"agreeing_views": views}}), store)
+
+
+def test_a_known_cloud_is_made_only_if_somebody_looks_at_it(store):
+    made = []
+    first, second = clouds(store, made)(None), clouds(store, made)(None)
+    assert len(first) == len(second) == 50
+    assert made == [None]
+    for name in ("points_m", "colors", "normals"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+    assert made == [None, None]
+
+
+def test_a_stricter_fusion_is_another_cloud_and_the_same_as_one_configured_so(store):
+    made = []
+    clouds(store, made)(None)
+    clouds(store, made)(5)
+    assert made == [None, 5]
+    clouds(store, made, views=5)(None)
+    assert made == [None, 5]
+    clouds(store, made, views=4)(None)
+    assert made == [None, 5, None]
+
+
+def test_that_there_is_no_cloud_is_remembered(store):
+    made = []
+    failure = MissionFailure("empty_dense_cloud", "nothing is confirmed")
+    for _ in range(2):
+        with pytest.raises(MissionFailure, match="nothing is confirmed") as caught:
+            clouds(store, made, failure=failure)(None)
+        assert caught.value.reason == "empty_dense_cloud"
+    assert made == [None]
+
+
+def test_the_metrics_of_a_known_sequence_need_no_cloud(store):
+    rock = load_rock("boulder")
+    config = config_from_dict({"evaluation": {"gt_samples": 2000}, "dense": {"fusion_voxel_m": 0.05}})
+    points, _ = sample_surface(rock.vertices_m, rock.faces, 3000, 5)
+    made = []
+
+    def make(level):
+        made.append(level)
+        return PointCloud(points)
+
+    first, second = (
+        CachedEvaluation(store)(CachedClouds(make, Sequence, config, store)(), rock, config) for _ in range(2)
+    )
+    assert made == [None]
+    assert second.metrics == first.metrics
+    np.testing.assert_array_equal(second.cleaned.points_m, first.cleaned.points_m)
+    assert made == [None, None]
+
+
+def test_metrics_come_back_as_they_were(store, monkeypatch):
+    rock = load_rock("boulder")
+    config = config_from_dict({"evaluation": {"gt_samples": 2000}, "dense": {"fusion_voxel_m": 0.05}})
+    points, _ = sample_surface(rock.vertices_m, rock.faces, 3000, 5)
+    cloud = PointCloud(points + np.random.default_rng(1).normal(0, 0.004, points.shape))
+    plain = evaluate_cloud(cloud, rock, config)
+    first = CachedEvaluation(store)(cloud, rock, config)
+    monkeypatch.setattr("nbv.cached_sequences.evaluate_cloud", None)  # not to be asked again
+    second = CachedEvaluation(store)(cloud, rock, config)
+    texts = [json.dumps([e.metrics, e.cleaning]) for e in (plain, first, second)]  # floats to the last bit
+    assert texts[0] == texts[1] == texts[2]
+    np.testing.assert_array_equal(second.cleaned.points_m, plain.cleaned.points_m)
+    with pytest.raises(TypeError):  # another cloud is another question
+        CachedEvaluation(store)(PointCloud(cloud.points_m + 1e-9), rock, config)
