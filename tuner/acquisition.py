@@ -16,7 +16,8 @@ from botorch.sampling import SobolQMCNormalSampler
 from botorch.utils.sampling import draw_sobol_samples
 
 from nbv.types import Floats
-from tuner.risk import Risk, RockOutcomes, risk_of
+from tuner.gp_options import Risk
+from tuner.risk import RockOutcomes, risk_of
 from tuner.search_space import Values
 from tuner.surrogate import RockMeanGP, moments, numerics
 
@@ -64,7 +65,7 @@ def propose(
         if prior is not None and prior.strength > 0:
             exponent = prior.strength / len(model.observations)
             acquisition = _Guided(acquisition, _LogPrior(model, prior), exponent)
-        position, score = _maximise(model, acquisition, seed)
+        position, score = maximise(model, acquisition, seed)
     values = model.space.from_unit(position)
     belief = model.posterior([values], risk)
     return values, {
@@ -127,7 +128,7 @@ class _LogPrior(torch.nn.Module):
         return -0.5 * (squares.sum(-1) + 4.0 * mismatches.sum(-1))
 
 
-def _maximise(model: RockMeanGP, acquisition: AcquisitionFunction, seed: int) -> tuple[Floats, float]:
+def maximise(model: RockMeanGP, acquisition: AcquisitionFunction, seed: int) -> tuple[Floats, float]:
     """Best (d,) unit position, exactly a configuration, and its acquisition value.
 
     Starts are the best of many global and local points, tried without gradients.

@@ -7,12 +7,15 @@ share replicate numbers, so that configurations meet on common (rock, replicate)
     study.journal          the ledger (unless another storage was named)
     missions/NNNN_ROCK_rK  one directory per mission
     recommendation.json    the current recommendation
+    screening.json         the missions of a low fidelity, where one was asked for
+    front.json             the Pareto front, where a second objective was asked for
 """
 
 from __future__ import annotations
 
 import collections
 import contextlib
+import dataclasses
 import datetime
 import json
 import threading
@@ -21,12 +24,12 @@ import uuid
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import yaml
 
 from nbv.config import MissionConfig, preset
-from nbv.errors import UserError
+from nbv.errors import MissionFailure, UserError
 from nbv.run_directory import write_atomic
 from tuner.confirmation import (
     MAX_SHARE,
@@ -36,9 +39,18 @@ from tuner.confirmation import (
     schedule,
 )
 from tuner.executors import Executor
+from tuner.gp_options import GPOptions
 from tuner.history import Observation, Proposal
 from tuner.ledger import Ledger, TrialRecord
-from tuner.missions import DEFAULT_RUNNER, Keep, MissionJob, MissionOutcome, collect_outcome
+from tuner.missions import (
+    DEFAULT_RUNNER,
+    Keep,
+    MissionJob,
+    MissionOutcome,
+    MissionRunner,
+    collect_outcome,
+    resolve_runner,
+)
 from tuner.objective import Direction, Objective
 from tuner.recommendation import Recommendation, recommend
 from tuner.samplers import (
@@ -48,16 +60,26 @@ from tuner.samplers import (
     initial_design_size,
     make_sampler,
     require_sampler,
+    surrogate_settings,
 )
 from tuner.search_space import SearchSpace, Values, space_from_dict
 from tuner.session import exclusive, stop_signals
 
+if TYPE_CHECKING:
+    from tuner.pareto import FrontPoint
+    from tuner.screening import Screen
+
 SETTINGS_FILE = "campaign.yaml"
 RECOMMENDATION_FILE = "recommendation.json"
+SCREENING_FILE = "screening.json"
+FRONT_FILE = "front.json"
+# What `low_fidelity` may be called instead of module:function.
+LOW_FIDELITIES = {"geometric": "nbv.geometric:run_geometric_mission"}
 FORMAT_VERSION = 1
 # So many failures in a row mean that something is wrong with the set-up, not with the configurations.
 MAX_CONSECUTIVE_FAILURES = 8
 _POLL_S = 0.5
+_SCREENING_EVENTS = 25
 
 
 @dataclass(frozen=True)
@@ -87,6 +109,10 @@ class CampaignSettings:
     keep: Keep = "summary"
     storage: str | None = None  # None: study.journal in the run directory
     confirmation: float = 0.0  # share of the budget that flies the finalists again, see tuner.confirmation
+    gp: GPOptions = field(default_factory=GPOptions)  # of sampler gp
+    second: Objective | None = None  # search the front between the objective and this one
+    low_fidelity: str | None = None  # screen with it first: geometric, or module:function of a mission runner
+    stop_when_settled: bool = False  # before the budget is used, see tuner.stopping
 
     def __post_init__(self) -> None:
         if not self.name:
@@ -113,9 +139,39 @@ class CampaignSettings:
                 f"a share of {self.confirmation:g} of {self.budget} missions confirms nothing: two configurations "
                 "must meet; raise the budget or the share"
             )
+        self._check_options()
         if self.sampler not in ALL_SAMPLER_NAMES:
             raise UserError(f"unknown sampler {self.sampler!r}; there are {', '.join(ALL_SAMPLER_NAMES)}")
         self.default_values()  # the space must fit the preset
+
+    def _check_options(self) -> None:
+        asked = {
+            "a risk measure, prior or sparse model": not self.gp.is_default,
+            "a second objective": self.second is not None,
+            "a low fidelity": self.low_fidelity is not None,
+            "stopping when settled": self.stop_when_settled,
+        }
+        for what, wanted in asked.items():
+            if wanted and self.sampler != "gp":
+                raise UserError(f"{what} needs sampler gp, not {self.sampler}; leave it out or choose gp")
+            if wanted and self.second is not None and what != "a second objective":
+                raise UserError(f"{what} cannot be combined with a second objective; leave one of them out")
+        if self.gp.risk != "mean" and len(self.rocks) < 2:
+            raise UserError(f"risk measure {self.gp.risk} is over rocks; name at least two")
+        if self.stop_when_settled and self.confirmation > 0:
+            raise UserError("a confirmation stage needs its budget; leave it or stopping when settled out")
+        if self.low_fidelity is not None:
+            self.low_fidelity_runner()
+
+    def low_fidelity_runner(self) -> MissionRunner:
+        """What flies the cheap missions.
+
+        Raises
+        ------
+        UserError
+            There is no such runner.
+        """
+        return resolve_runner(LOW_FIDELITIES.get(str(self.low_fidelity), str(self.low_fidelity)))
 
     def base_config(self) -> MissionConfig:
         """The mission configuration on which tuned values are laid."""
@@ -140,11 +196,12 @@ class CampaignSettings:
             return min(self.initial, self.search_budget)
         return initial_design_size(self.space.dimension, self.search_budget)
 
-    def make_sampler(self) -> Sampler:
-        """The sampler at work."""
+    def make_sampler(self, screen: Screen | None = None) -> Sampler:
+        """The sampler at work; ``screen``: the cheap missions flown beforehand."""
         settings = SamplerSettings(
-            self.space, self.default_values(), self.rocks, self.seed, self.initial_size(), self.replicates
-        )
+            self.space, self.default_values(), self.rocks, self.seed, self.initial_size(), self.replicates,
+            self.gp, screen, self.second is not None, self.stop_when_settled,
+        )  # fmt: skip
         return make_sampler(self.sampler, settings)
 
     def to_dict(self) -> dict[str, Any]:
@@ -165,6 +222,10 @@ class CampaignSettings:
             "keep": self.keep,
             "storage": self.storage,
             "confirmation": self.confirmation,
+            "gp": self.gp.to_dict(),
+            "second": None if self.second is None else dataclasses.asdict(self.second),
+            "low_fidelity": self.low_fidelity,
+            "stop_when_settled": self.stop_when_settled,
         }
 
     @staticmethod
@@ -186,14 +247,26 @@ class CampaignSettings:
                 runner=tree["runner"],
                 keep=tree["keep"],
                 storage=tree["storage"],
-                confirmation=tree.get("confirmation", 0.0),  # campaigns begun before there was one
+                confirmation=tree.get("confirmation", 0.0),  # campaigns begun before there was one, and so on
+                gp=GPOptions.from_dict(tree.get("gp") or {}),
+                second=Objective(**tree["second"]) if tree.get("second") else None,
+                low_fidelity=tree.get("low_fidelity"),
+                stop_when_settled=tree.get("stop_when_settled", False),
             )
         except (KeyError, TypeError, AttributeError) as error:
             raise UserError(f"{source} is not a campaign's settings ({error!r}); restore the file") from error
 
 
 EventKind = Literal[
-    "proposed", "launched", "finished", "failed", "recommendation", "interrupted", "stopped", "done"
+    "screening",
+    "proposed",
+    "launched",
+    "finished",
+    "failed",
+    "recommendation",
+    "interrupted",
+    "stopped",
+    "done",
 ]
 
 
@@ -243,7 +316,7 @@ class CampaignStatus:
 class CampaignSummary:
     """How one session of ``Campaign.run`` ended."""
 
-    stopped: Literal["budget", "interrupted", "failing"]
+    stopped: Literal["budget", "settled", "interrupted", "failing"]
     message: str
     elapsed_s: float
     ask_s: float  # spent by the sampler
@@ -258,7 +331,8 @@ class Campaign:
         self.directory = directory
         self.settings = settings
         self.ledger = ledger
-        self._sampler = settings.make_sampler()
+        self.screen = self._read_screen()
+        self._sampler = settings.make_sampler(self.screen)
 
     # -- the run directory -----------------------------------------------------------------------------------
 
@@ -359,9 +433,68 @@ class Campaign:
         """All missions, in trial order."""
         return self.ledger.trials()
 
-    def history(self) -> list[Observation]:
-        """Finished missions."""
-        return self.ledger.history()
+    def history(self, trials: Sequence[TrialRecord] | None = None) -> list[Observation]:
+        """Finished missions, with the second objective's outcome where there is one."""
+        trials = self.trials() if trials is None else trials
+        history = self.ledger.history(trials)
+        second = self.settings.second
+        if second is None:
+            return history
+        outcomes: dict[int, float | None] = {}
+        for t in trials:
+            value = second.measure({**t.metrics, "costs": t.costs}) if t.state == "complete" else None
+            outcomes[t.number] = None if value is None else second.sign * value
+        return [dataclasses.replace(o, second=outcomes[o.number]) for o in history]
+
+    def _read_screen(self) -> Screen | None:
+        path = self.directory / SCREENING_FILE
+        if self.settings.low_fidelity is None or not path.is_file():
+            return None
+        from tuner.screening import Screen
+
+        try:
+            return Screen.from_json(path.read_text(), self.settings.space)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise UserError(
+                f"{path} cannot be read ({error!r}); delete it and resume: it is flown again"
+            ) from error
+
+    def fly_screening(self, on_mission: Callable[[int, int], None]) -> None:
+        """Fly the missions of the low fidelity and keep them; ``on_mission`` hears (flown, total)."""
+        from threadpoolctl import threadpool_limits
+
+        from tuner.screening import screen
+
+        s = self.settings
+        runner = s.low_fidelity_runner()
+
+        def fly(values: Values, rock: str) -> float | None:
+            try:
+                result = runner(s.config(values), rock, 0, None)
+            except MissionFailure:
+                return None
+            value, _ = s.objective.outcome(result.status, result.metrics)
+            return None if value is None else s.objective.sign * value
+
+        with threadpool_limits(1):
+            flown = screen(s.space, s.rocks, s.default_values(), fly, s.seed, on_mission)
+        write_atomic(self.directory / SCREENING_FILE, flown.to_json())
+        self.screen = flown
+        self._sampler = s.make_sampler(flown)
+
+    def front(self, *, save: bool = True) -> list[FrontPoint]:
+        """The Pareto front of the configurations flown; empty without a second objective or missions that have both."""
+        s = self.settings
+        history = [o for o in self.history() if o.outcome is not None and o.second is not None]
+        if s.second is None or not history:
+            return []
+        from tuner.pareto import pareto_front, two_models
+
+        models = two_models(s.space, history, s.rocks, s.seed, surrogate_settings(s.gp))
+        points = pareto_front(models, (s.objective, s.second))
+        if save:
+            write_atomic(self.directory / FRONT_FILE, json.dumps([p.to_dict() for p in points], indent=1))
+        return points
 
     def status(self) -> CampaignStatus:
         """Counts and costs."""
@@ -399,7 +532,8 @@ class Campaign:
         s = self.settings
         return recommend(
             s.space, history, s.rocks, s.default_values(), s.objective, s.seed,
-            confirmed=range(s.search_budget, s.budget),
+            confirmed=range(s.search_budget, s.budget), settings=surrogate_settings(s.gp), risk=s.gp.risk,
+            screen=self.screen,
         )  # fmt: skip
 
     def confirmation_plan(self) -> list[Proposal]:
@@ -473,6 +607,10 @@ class Campaign:
             ) from error
 
 
+class _Stopped(Exception):
+    """A signal during the screening."""
+
+
 class _Session:
     """One call of ``Campaign.run``."""
 
@@ -497,6 +635,13 @@ class _Session:
         self._plan: list[Proposal] | None = None  # of the confirmation stage, once the search has ended
 
     def fly(self, stop: threading.Event) -> CampaignSummary:
+        if self._settings.low_fidelity is not None and self._campaign.screen is None:
+            try:
+                self._campaign.fly_screening(lambda done, total: self._screened(stop, done, total))
+            except _Stopped:
+                message = "the screening will be flown again by a resume"
+                self._emit("interrupted", message=message)
+                return self._summary("interrupted", message)
         again = self._recover()
         while True:
             if stop.is_set():
@@ -519,11 +664,36 @@ class _Session:
                     break
                 self._launch(trial)
             if not self._in_flight and not stop.is_set():
-                summary = self._summary("budget", "the budget is used")
+                if self._settled(self._ledger.trials()):
+                    summary = self._summary("settled", self._why_settled())
+                else:
+                    summary = self._summary("budget", "the budget is used")
+                if self._settings.second is not None:
+                    self._campaign.front()
                 self._emit("done", recommendation=summary.recommendation)
                 return summary
             for outcome in self._executor.wait_any(_POLL_S):
                 self._finish(outcome)
+
+    def _screened(self, stop: threading.Event, done: int, total: int) -> None:
+        if stop.is_set():
+            raise _Stopped
+        if done == total or done % _SCREENING_EVENTS == 0:
+            self._emit("screening", message=f"{done} of {total} missions of the low fidelity")
+
+    def _settled(self, trials: Sequence[TrialRecord]) -> bool:
+        if not self._settings.stop_when_settled:
+            return False
+        from tuner.stopping import settled
+
+        return settled([t.why for t in trials])
+
+    def _why_settled(self) -> str:
+        last = self._ledger.trials()[-1].why
+        return (
+            f"settled: {last['gain_left']:.3g} is expected to be left to gain, less than the "
+            f"{last['comparison_noise']:.3g} that a final comparison can tell"
+        )
 
     def _recover(self) -> collections.deque[TrialRecord]:
         """Enter missions that finished but were not told; return those to fly again."""
@@ -541,7 +711,7 @@ class _Session:
 
     def _next_trial(self) -> TrialRecord | None:
         trials = self._ledger.trials()
-        if len(trials) >= self._settings.budget:
+        if len(trials) >= self._settings.budget or self._settled(trials):
             return None
         confirming = len(trials) - self._settings.search_budget
         if confirming >= 0 and any(t.state == "running" for t in trials[: self._settings.search_budget]):
@@ -552,7 +722,9 @@ class _Session:
         if confirming >= 0 and self._plan:
             proposal = self._plan[confirming]
         else:
-            proposal = self._campaign._sampler.ask(self._ledger.history(trials), self._ledger.pending(trials))
+            proposal = self._campaign._sampler.ask(
+                self._campaign.history(trials), self._ledger.pending(trials)
+            )
         ask_s = time.monotonic() - started
         self._ask_s += ask_s
         rock, replicate = next_slot(self._settings.rocks, self._settings.replicates, trials, proposal)
@@ -595,7 +767,9 @@ class _Session:
             if recommendation is not None:
                 self._emit("recommendation", recommendation=recommendation)
 
-    def _summary(self, stopped: Literal["budget", "interrupted", "failing"], message: str) -> CampaignSummary:
+    def _summary(
+        self, stopped: Literal["budget", "settled", "interrupted", "failing"], message: str
+    ) -> CampaignSummary:
         return CampaignSummary(
             stopped,
             message,

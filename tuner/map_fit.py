@@ -77,6 +77,7 @@ class Fit:
     position: Floats  # logarithms of all parameters, the noise variance last
     mean: float
     log_posterior: float  # marginal likelihood plus log priors, up to a constant
+    log_evidence: float  # marginal likelihood, up to a constant
 
     @property
     def log_noise_variance(self) -> float:
@@ -144,7 +145,8 @@ class Hyperparameters:
             )  # fmt: skip
             if end.fun < best_loss:
                 best, best_loss = end.x, float(end.fun)
-        return Fit(best, self._evidence(best)[2], -best_loss)
+        evidence, _, mean = self._evidence(best)
+        return Fit(best, mean, -best_loss, evidence)
 
     def sample(self, begin: Fit, count: int, seed: int) -> list[Fit]:
         """``count`` draws by Hamiltonian Monte Carlo over the logarithms, from ``begin`` on.
@@ -178,7 +180,8 @@ class Hyperparameters:
             if turn < _WARM_UP:  # towards three acceptances in four
                 step *= 1.1 if accepted else 0.75
             elif (turn - _WARM_UP) % _THINNING == _THINNING - 1:
-                draws.append(Fit(at, self._evidence(at)[2], value))
+                evidence, _, mean = self._evidence(at)
+                draws.append(Fit(at, mean, value, evidence))
         return draws
 
     def _scales(self, at: Floats) -> Floats:

@@ -10,8 +10,10 @@ from typing import Any
 from scipy.stats import norm
 
 from tuner.confirmation import PairedGain, paired_gain
+from tuner.gp_options import Risk
 from tuner.history import Observation
 from tuner.objective import Objective
+from tuner.screening import Screen
 from tuner.search_space import SearchSpace
 from tuner.surrogate import NORMAL_95, RockMeanGP, SurrogateSettings
 
@@ -89,21 +91,24 @@ def recommend(
     *,
     confirmed: Collection[int] = (),
     settings: SurrogateSettings | None = None,
+    risk: Risk = "mean",
+    screen: Screen | None = None,
 ) -> Recommendation | None:
     """The recommendation after ``observations``; None before the first feasible one.
 
     ``confirmed`` are the trial numbers of a confirmation stage. ``settings``: of the surrogate.
+    ``risk``: the measure over rocks that is meant by the mean everywhere in the result. ``screen``: cheap missions.
     """
     feasible = [o for o in observations if o.feasible]
     if not feasible:
         return None
-    model = RockMeanGP(space, feasible, rocks, seed, settings)
+    model = RockMeanGP(space, feasible, rocks, seed, settings, screen)
     groups: dict[tuple[Any, ...], list[Observation]] = {}
     for o in observations:
         groups.setdefault(_key(space, o.values), []).append(o)
     evaluated = {key: group for key, group in groups.items() if any(o.feasible for o in group)}
     configurations = [dict(group[0].values) for group in evaluated.values()]
-    belief = model.posterior([*configurations, default])
+    belief = model.posterior([*configurations, default], risk)
     reference = len(configurations)
     finals: dict[tuple[Any, ...], list[Observation]] = {}
     for o in observations:

@@ -8,7 +8,7 @@ objective's unit: a rock that is hard for every configuration counts as it would
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any
 
 import torch
 from botorch.models.model import Model
@@ -16,11 +16,10 @@ from botorch.posteriors import GPyTorchPosterior
 from gpytorch.distributions import MultitaskMultivariateNormal
 from linear_operator.operators import DenseLinearOperator
 
+from tuner.gp_options import Risk
+
 if TYPE_CHECKING:
     from tuner.surrogate import RockMeanGP
-
-Risk = Literal["mean", "cvar", "worst"]
-RISKS: tuple[Risk, ...] = get_args(Risk)
 
 
 def worst_count(risk: Risk, rocks: int) -> int:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from nbv.errors import UserError
+from tuner.gp_options import GPOptions
 from tuner.history import Observation, Pending, Proposal
 from tuner.objective import RockStandardiser
 from tuner.peers import PEER_NAMES, make_peer_sampler, peer_command
@@ -26,6 +27,7 @@ from tuner.search_space import SearchSpace, Values
 if TYPE_CHECKING:
     import optuna
 
+    from tuner.screening import Screen
     from tuner.surrogate import SurrogateSettings
 
 MIN_FEASIBLE_FOR_MODEL = 2
@@ -54,6 +56,23 @@ class SamplerSettings:
     seed: int
     initial: int  # size of the initial design, the default configuration included
     replicates: int = 1  # per rock, for samplers that choose them
+    options: GPOptions = field(default_factory=GPOptions)  # of sampler gp
+    screen: Screen | None = None  # cheap missions flown beforehand, for sampler gp
+    two_objectives: bool = False  # sampler gp: search the front between the objective and the second one
+    measure_gain: bool = False  # sampler gp: every proposal says what is left to gain (``tuner.stopping``)
+
+    def surrogate(self) -> SurrogateSettings:
+        """What sampler gp and the recommendation model."""
+        return surrogate_settings(self.options)
+
+
+def surrogate_settings(options: GPOptions) -> SurrogateSettings:
+    """The surrogate that goes with a user's options."""
+    from tuner.surrogate import SurrogateSettings
+
+    if options.risk != "mean":  # risk is about what rocks do not share; not averaged over hyperparameters
+        return SurrogateSettings(deviations=True, sparse=options.sparse)
+    return SurrogateSettings(sparse=options.sparse)
 
 
 def initial_design_size(dimension: int, budget: int) -> int:
@@ -119,25 +138,50 @@ class RandomSampler:
 
 @dataclass(frozen=True)
 class GPSampler:
-    """Default configuration, Sobol design, then log noisy expected improvement on the rock-mean GP."""
+    """Default configuration, Sobol design, then log noisy expected improvement on the rock-mean GP.
+
+    After a screening, every second point of the design is the best of the cheap landscape not yet taken.
+    """
 
     settings: SamplerSettings
     name: str = "gp"
-    model: SurrogateSettings | None = None  # of the surrogate; None: its defaults
+    model: SurrogateSettings | None = None  # of the surrogate; None: by the settings' options
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
         """The maximiser of the acquisition, or the next point of the initial design."""
-        number = _asks(history, pending)
+        s, number = self.settings, _asks(history, pending)
         feasible = [o for o in history if o.feasible]
-        if number < self.settings.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
-            return _initial_proposal(self.settings, number, self.name)
-        from tuner.acquisition import propose
+        if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
+            return self._design(number)
+        from tuner.acquisition import Prior, propose
         from tuner.surrogate import RockMeanGP
 
-        seed = derived_seed(self.settings.seed, number)
-        model = RockMeanGP(self.settings.space, feasible, self.settings.rocks, seed, self.model)
-        values, figures = propose(model, [p.values for p in pending], seed)
+        seed = derived_seed(s.seed, number)
+        flying = [p.values for p in pending]
+        if s.two_objectives and sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL:
+            from tuner.pareto import propose_for_front, two_models
+
+            models = two_models(s.space, feasible, s.rocks, seed, self.model or s.surrogate())
+            values, figures = propose_for_front(models, flying, seed)
+            return Proposal(values, {"sampler": self.name, "phase": "front", **figures})
+        model = RockMeanGP(s.space, feasible, s.rocks, seed, self.model or s.surrogate(), s.screen)
+        prior = Prior(s.default, s.options.prior_strength)
+        values, figures = propose(model, flying, seed, s.options.risk, prior)
+        if s.measure_gain:
+            from tuner.stopping import comparison_noise, expected_gain_left
+
+            figures["gain_left"] = expected_gain_left(model, seed, s.options.risk)
+            figures["comparison_noise"] = comparison_noise(model, s.replicates)
         return Proposal(values, {"sampler": self.name, "phase": "model", **figures})
+
+    def _design(self, number: int) -> Proposal:
+        screen, rank = self.settings.screen, number // 2 - 1
+        if number % 2 == 1 or rank < 0 or screen is None or not screen.usable:
+            return _initial_proposal(self.settings, number, self.name)
+        best = screen.best(rank + 1)
+        if len(best) <= rank:
+            return _initial_proposal(self.settings, number, self.name)
+        return Proposal(best[rank], {"sampler": self.name, "phase": "screened", "rank": rank})
 
 
 @dataclass(frozen=True)

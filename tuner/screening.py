@@ -58,7 +58,9 @@ class Screen:
     def _model(self) -> Any:
         from tuner.surrogate import RockMeanGP, SurrogateSettings
 
-        return RockMeanGP(self.space, self.observations, self.rocks, 0, SurrogateSettings(slots=False))
+        # Next to no noise: what a rock's own spread is off by, from a third or so of the missions, would dominate.
+        settings = SurrogateSettings(slots=False, rock_scales=False)
+        return RockMeanGP(self.space, self.observations, self.rocks, 0, settings)
 
     @functools.cached_property
     def feature(self) -> Feature:

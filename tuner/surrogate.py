@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import collections
 import contextlib
-import itertools
+import dataclasses
 import math
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
@@ -39,6 +39,7 @@ from gpytorch.likelihoods import GaussianLikelihood
 from threadpoolctl import threadpool_limits
 
 from nbv.types import Floats
+from tuner.gp_options import Risk
 from tuner.history import Observation
 from tuner.map_fit import (
     MIN_NOISE_VARIANCE,
@@ -52,7 +53,7 @@ from tuner.map_fit import (
 )
 from tuner.mission_kernel import NO_OFFSET, MissionKernel
 from tuner.objective import RockStandardiser
-from tuner.risk import Risk, risk_of
+from tuner.risk import risk_of
 from tuner.screening import Screen
 from tuner.search_space import SearchSpace
 
@@ -165,6 +166,7 @@ class SurrogateSettings:
 
     slots: bool = True  # an offset per (rock, replicate), as soon as the data can tell it from rock and noise
     deviations: bool = False  # each rock departs from the common landscape, not only by an offset
+    rock_scales: bool = True  # outcomes are standardised by each rock's own spread, not by the pooled one
     sparse: bool = False  # most parameters are expected to be without effect (SAAS prior, MAP over four tau)
     length_median: float = 0.5  # median of the length-scale prior over sqrt(number of ordered parameters)
     length_spread: float = 0.8
@@ -242,6 +244,8 @@ class RockMeanGP:
         self.standardiser = RockStandardiser.fit(
             observed_rocks, outcomes, shrink_centres=False, blocks=flown if self.models_slots else None
         )
+        if not self.settings.rock_scales:
+            self.standardiser = dataclasses.replace(self.standardiser, scales={})
         self.unit = np.array([space.to_unit(o.values) for o in feasible])  # (n, d)
         self.targets = self.standardiser.standardise(observed_rocks, outcomes)  # (n,)
         names = dict.fromkeys([*self.rocks, *observed_rocks])
@@ -258,21 +262,25 @@ class RockMeanGP:
         x, y = tensor(np.column_stack([self.unit, columns])), tensor(self.targets[:, None])
         options: Any = {"slots": self.models_slots, "deviations": self.settings.deviations}
         iterations = FIT_MAX_ITERATIONS if len(y) >= MIN_OBSERVATIONS_TO_FIT else 0
-        taus = SPARSE_TAUS if self.settings.sparse else (None,)
-        features = (None,) if self.screen is None else (None, self.screen.feature)
         candidates = []
-        for feature, tau in itertools.product(features, taus):
+        for feature in (None,) if self.screen is None else (None, self.screen.feature):
             kernel = MissionKernel(ordered, categorical, d, **options, feature=feature)
-            belief = Hyperparameters(kernel, x.numpy(), y[:, 0].numpy(), self._priors(len(ordered), tau))
-            fit = belief.fit(starts=self.settings.starts, seed=seed, iterations=iterations)
-            candidates.append((fit.log_posterior, kernel, fit, belief))
+            fits = []
+            for tau in SPARSE_TAUS if self.settings.sparse else (None,):
+                belief = Hyperparameters(kernel, x.numpy(), y[:, 0].numpy(), self._priors(len(ordered), tau))
+                found = belief.fit(starts=self.settings.starts, seed=seed, iterations=iterations)
+                fits.append((found.log_posterior, found, belief))
+            _, fit, belief = max(fits, key=lambda f: f[0])
+            # One more parameter has to earn its place (Schwarz's criterion).
+            penalty = 0.5 * math.log(len(y)) if feature is not None else 0.0
+            candidates.append((fit.log_evidence - penalty, kernel, fit, belief))
         _, kernel, fit, belief = max(candidates, key=lambda c: c[0])
         options["feature"] = kernel.feature
-        fits, members = [fit], self.settings.members
+        chosen, members = [fit], self.settings.members
         if members and iterations:
-            fits = belief.sample(fit, members, seed)
+            chosen = belief.sample(fit, members, seed)
             kernel = MissionKernel(ordered, categorical, d, **options, members=members)
-        set_parameters(kernel, fits)
+        set_parameters(kernel, chosen)
         kind = EnsembleGP if len(kernel.batch_shape) else SingleTaskGP
         if len(kernel.batch_shape):
             x, y = x.repeat(members, 1, 1), y.repeat(members, 1, 1)
@@ -282,10 +290,10 @@ class RockMeanGP:
         )
         # Standardised already; nothing may rescale the last columns either.
         model = kind(x, y, likelihood=likelihood, covar_module=kernel, outcome_transform=None)
-        noise = torch.tensor([math.exp(f.log_noise_variance) for f in fits], dtype=torch.float64)
+        noise = torch.tensor([math.exp(f.log_noise_variance) for f in chosen], dtype=torch.float64)
         likelihood.noise = noise.reshape(likelihood.noise.shape)
         constant = model.mean_module.constant
-        constant.data = torch.tensor([f.mean for f in fits], dtype=torch.float64).reshape(constant.shape)
+        constant.data = torch.tensor([f.mean for f in chosen], dtype=torch.float64).reshape(constant.shape)
         model.eval()
         return model.requires_grad_(False), fit
 

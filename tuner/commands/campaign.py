@@ -61,6 +61,27 @@ def run(
         float,
         typer.Option(help="Share of the budget (0 to 0.5) that flies the best few again before naming one."),
     ] = 0.0,
+    risk: Annotated[
+        str, typer.Option(help="Over the rocks: mean, cvar (mean of the worse half) or worst.")
+    ] = "mean",
+    prior: Annotated[
+        float,
+        typer.Option(help="Missions for which the belief in the paper's values leads the search; 0: none."),
+    ] = 0.0,
+    sparse: Annotated[
+        bool, typer.Option("--sparse", help="Expect most parameters to be without effect (SAAS prior).")
+    ] = False,
+    low_fidelity: Annotated[
+        str | None, typer.Option(help="Screen with cheap missions first: geometric.")
+    ] = None,
+    stop_when_settled: Annotated[
+        bool, typer.Option("--stop-when-settled", help="Stop when what is left to gain is below the noise.")
+    ] = False,
+    second_metric: Annotated[
+        str | None,
+        typer.Option(help="Also optimise this, e.g. costs.flight_time_s, and list the Pareto front."),
+    ] = None,
+    second_minimise: Annotated[bool, typer.Option(help="Smaller is better for the second metric.")] = False,
     storage: Annotated[
         str | None, typer.Option(help="Optuna storage URL (default: a file in the run).")
     ] = None,
@@ -74,6 +95,7 @@ def run(
 ) -> None:
     """Run a campaign: the paper's defaults and a Sobol design, then a GP proposes; one mission per trial."""
     from tuner.campaign import SETTINGS_FILE, Campaign, CampaignSettings
+    from tuner.gp_options import GPOptions
     from tuner.objective import Objective
     from tuner.search_space import load_search_space
 
@@ -109,6 +131,12 @@ def run(
         keep=keep,  # type: ignore[arg-type]
         storage=storage,
         confirmation=confirm,
+        gp=GPOptions(risk, prior, sparse),  # type: ignore[arg-type]
+        second=Objective(second_metric, "minimise" if second_minimise else "maximise")
+        if second_metric
+        else None,
+        low_fidelity=low_fidelity,
+        stop_when_settled=stop_when_settled,
     )
     fly(Campaign.create(directory, settings), workers, timeout_s)
 
@@ -148,6 +176,7 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
     for reason, count in facts.failures.items():
         output.print(f"  failed {count} times: {reason}")
     show_recommendation(campaign.recommendation(save=False))
+    show_front(campaign)
 
 
 def refuse_held_out(rocks: list[str]) -> None:
@@ -181,7 +210,7 @@ class CampaignProgress:
         elif event.kind in ("finished", "failed") and event.trial is not None:
             self._in_flight = max(0, self._in_flight - 1)
             self._progress.console.print(self._line(event))
-        elif event.kind in ("interrupted", "stopped"):
+        elif event.kind in ("screening", "interrupted", "stopped"):
             self._progress.console.print(f"[yellow]{event.kind}[/]: {event.message}")
         self._progress.update(
             self._task,
@@ -221,6 +250,7 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
     with LocalProcessExecutor(count, timeout_s=timeout_s) as executor, progress_bar() as bar:
         summary = campaign.run(executor, CampaignProgress(bar, settings))
     show_recommendation(summary.recommendation)
+    show_front(campaign)
     output.print(
         f"{summary.message}; {seconds(summary.elapsed_s)}, of which the sampler {seconds(summary.ask_s)}"
     )
@@ -231,6 +261,21 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
         raise typer.Exit(130)
     if summary.stopped == "failing":
         raise typer.Exit(1)
+
+
+def show_front(campaign: Campaign) -> None:
+    """The Pareto front of a campaign with two objectives."""
+    second, points = campaign.settings.second, campaign.front(save=False)
+    if second is None or not points:
+        return
+    paths = list(points[0].values)
+    table = Table(title="Configurations flown that no other beats in both (posterior means over the rocks)")
+    for column in (campaign.settings.objective.metric, second.metric, *(p.split(".", 1)[-1] for p in paths)):
+        table.add_column(column, justify="right")
+    for p in points:
+        table.add_row(f"{p.first:.2f} ± {p.first_sd:.2f}", f"{p.second:.1f} ± {p.second_sd:.1f}",
+                      *(_short(p.values[path]) for path in paths))  # fmt: skip
+    output.print(table)
 
 
 def show_recommendation(recommendation: Recommendation | None) -> None:

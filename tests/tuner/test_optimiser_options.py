@@ -1,0 +1,271 @@
+"""Options of our optimiser: risk over rocks, a prior, sparsity, screening, two objectives, stopping."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import synthetic
+
+from nbv.errors import UserError
+from tuner.acquisition import Prior, propose
+from tuner.campaign import Campaign, CampaignSettings
+from tuner.executors import InProcessExecutor
+from tuner.gp_options import GPOptions
+from tuner.history import Observation
+from tuner.objective import Objective
+from tuner.pareto import pareto_front, propose_for_front, two_models
+from tuner.samplers import GPSampler
+from tuner.screening import Screen, screen
+from tuner.search_space import Values
+from tuner.stopping import expected_gain_left, settled
+from tuner.surrogate import RockMeanGP, SurrogateSettings
+
+RUNNER = "fake_missions:fake_mission"
+
+
+def settings(**changes: object) -> CampaignSettings:
+    fields: dict[str, object] = {
+        "name": "test", "space": synthetic.SPACE, "rocks": ("a", "b"), "budget": 9, "seed": 1, "sampler": "gp",
+        "initial": 4, "runner": RUNNER,
+    }  # fmt: skip
+    return CampaignSettings(**{**fields, **changes})  # type: ignore[arg-type]
+
+
+def run(directory: Path, **changes: object) -> Campaign:
+    campaign = Campaign.create(directory, settings(**changes))
+    campaign.run(InProcessExecutor())
+    return campaign
+
+
+# -- risk ----------------------------------------------------------------------------------------------------
+
+
+def opposed_rocks() -> list[Observation]:
+    """Two rocks along the first parameter u: 2 u on one, 1 - u on the other. Mean best at u = 1, worst at 1/3."""
+    rng = np.random.default_rng(0)
+    history = []
+    for i, u in enumerate(np.tile(np.linspace(0, 1, 9), 4)):
+        rock = ("up", "down")[i % 2]
+        y = (2 * u if rock == "up" else 1 - u) + 0.02 * rng.normal()
+        history.append(Observation(i, synthetic.SPACE.from_unit([u, rng.random()]), rock, 0, y, y))
+    return history
+
+
+@pytest.mark.parametrize(("risk", "best"), [("mean", 1.0), ("cvar", 1 / 3), ("worst", 1 / 3)])
+def test_risk_measures_have_their_own_optimum(risk: str, best: float) -> None:
+    model = RockMeanGP(
+        synthetic.SPACE, opposed_rocks(), ("up", "down"), settings=SurrogateSettings(deviations=True)
+    )
+    grid = [synthetic.SPACE.from_unit([u, 0.5]) for u in np.linspace(0, 1, 31)]
+    belief = model.posterior(grid, risk)  # type: ignore[arg-type]
+    assert abs(np.linspace(0, 1, 31)[belief.mean.argmax()] - best) < 0.1
+    values, figures = propose(model, [], 0, risk)  # type: ignore[arg-type]
+    assert abs(synthetic.SPACE.to_unit(values)[0] - best) < 0.2
+    assert np.isfinite(list(figures.values())).all()
+
+
+def test_risk_is_asked_for_and_kept(tmp_path: Path) -> None:
+    campaign = run(tmp_path / "run", gp=GPOptions(risk="worst"))
+    again = Campaign.open(tmp_path / "run")
+    assert again.settings.gp.risk == "worst" and again.settings == campaign.settings
+    result = campaign.recommendation()
+    mean = run(tmp_path / "mean").recommendation()
+    assert result is not None and mean is not None
+    assert result.mean < mean.mean  # the worst rock's outcome, not the mean's
+
+
+# -- prior and sparsity --------------------------------------------------------------------------------------
+
+
+def test_prior_leads_early_and_is_outvoted_later() -> None:
+    distance = {}
+    for count in (6, 48):
+        for strength in (0.0, 30.0):
+            model = RockMeanGP(synthetic.SPACE, synthetic.random_design(count, 0.05, 0), synthetic.ROCKS)
+            values, _ = propose(model, [], 0, prior=Prior(synthetic.DEFAULT, strength))
+            distance[count, strength] = np.linalg.norm(
+                synthetic.SPACE.to_unit(values) - synthetic.SPACE.to_unit(synthetic.DEFAULT)
+            )
+    assert distance[6, 30.0] < 0.5 * distance[6, 0.0]
+    assert distance[48, 30.0] > distance[6, 30.0]
+
+
+def test_sparse_model_switches_parameters_off() -> None:
+    """Only the first parameter matters; the sparse prior knows it from fewer missions."""
+    rng = np.random.default_rng(1)
+    history = []
+    for i in range(24):
+        u = rng.random(2)
+        y = math.sin(6 * u[0]) + 0.05 * rng.normal()
+        history.append(Observation(i, synthetic.SPACE.from_unit(u), "r0", 0, y, y))
+    ratio = {}
+    for sparse in (False, True):
+        model = RockMeanGP(synthetic.SPACE, history, ("r0",), settings=SurrogateSettings(sparse=sparse))
+        first, second = model.lengthscales.values()
+        ratio[sparse] = second / first
+    assert ratio[True] > 10 and ratio[True] > ratio[False]
+
+
+def test_averaging_over_hyperparameters_widens_what_little_data_say() -> None:
+    """Mean over seeds: with ten missions the most likely hyperparameters are surer than all likely ones."""
+    ratios, inside = [], []
+    for seed in range(4):
+        history = synthetic.random_design(10, 0.1, seed)
+        fresh = synthetic.random_design(20, 0.1, 100 + seed)
+        likely = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, seed)
+        average = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, seed, SurrogateSettings(members=8))
+        values = [o.values for o in fresh]
+        ratios.append(average.posterior(values).sd.mean() / likely.posterior(values).sd.mean())
+        for o in fresh:
+            mean, sd = average.predict_mission(o.values, o.rock)
+            inside.append(abs((o.outcome or 0) - mean) <= 1.96 * sd)
+        assert 0.8 <= average.leave_one_out().coverage_95 <= 1.0
+        assert len(average.lengthscales) == 2 and average.noise_sd > 0
+        propose(average, [synthetic.DEFAULT], seed)
+    assert np.mean(ratios) > 1.05
+    assert np.mean(inside) > 0.75
+
+
+# -- screening -----------------------------------------------------------------------------------------------
+
+
+def cheap(values: Values, rock: str) -> float | None:
+    return 3 * synthetic.true_value(values) + (1.0 if rock == "r1" else 0.0)
+
+
+def misleading(values: Values, rock: str) -> float | None:
+    u = synthetic.SPACE.to_unit(values)
+    return math.sin(9 * u[0]) * math.cos(11 * u[1])
+
+
+def screened(fly: object) -> Screen:
+    return screen(synthetic.SPACE, synthetic.ROCKS, synthetic.DEFAULT, fly, 0)  # type: ignore[arg-type]
+
+
+def test_agreeing_landscape_is_used_and_a_misleading_one_is_not() -> None:
+    history = synthetic.random_design(12, 0.05, 0)
+    good = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, screen=screened(cheap))
+    bad = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, screen=screened(misleading))
+    alone = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
+    assert good.uses_screen and not bad.uses_screen and not alone.uses_screen
+    rng = np.random.default_rng(5)
+    points = [synthetic.SPACE.from_unit(u) for u in rng.random((40, 2))]
+    truth = np.array([synthetic.true_rock_mean(v) for v in points])
+    error = {
+        name: np.std(model.posterior(points).mean - truth)
+        for name, model in (("good", good), ("alone", alone))
+    }
+    assert error["good"] < 0.4 * error["alone"]
+
+
+def test_screening_finds_configurations_apart_and_survives_failures() -> None:
+    flown = screened(
+        lambda values, rock: None if values["gate.budget_fraction"] < 0.2 else cheap(values, rock)
+    )
+    best = flown.best(4)
+    unit = np.array([synthetic.SPACE.to_unit(v) for v in best])
+    assert len(best) == 4 and synthetic.true_value(best[0]) > 0.95
+    assert min(np.linalg.norm(unit[i] - unit[j]) for i in range(4) for j in range(i)) > 0.15
+    assert not screened(lambda values, rock: None).usable
+    read = Screen.from_json(flown.to_json(), synthetic.SPACE)
+    assert read.best(4) == best
+
+
+def test_campaign_screens_first_and_resumes_with_the_same_screening(tmp_path: Path) -> None:
+    campaign = run(tmp_path / "run", low_fidelity=RUNNER, budget=6)
+    phases = [t.why["phase"] for t in campaign.trials()]
+    assert phases == ["default", "initial design", "screened", "initial design", "model", "model"]
+    assert json.loads((tmp_path / "run" / "screening.json").read_text())["rocks"] == ["a", "b"]
+    again = Campaign.open(tmp_path / "run")
+    assert again.screen is not None and campaign.screen is not None
+    assert again.screen.best(3) == campaign.screen.best(3)
+
+
+# -- two objectives ------------------------------------------------------------------------------------------
+
+
+def test_front_is_sought_and_found() -> None:
+    """First: u; second: 1 - u^2, minus what the other parameter wastes. The front is all u, at v = 0."""
+    rng = np.random.default_rng(0)
+
+    def fly(i: int, values: Values) -> Observation:
+        u, v = synthetic.SPACE.to_unit(values)
+        y = [u - 0.5 * v + 0.01 * rng.normal(), 1 - u**2 - v + 0.01 * rng.normal()]
+        return Observation(i, values, "r0", 0, y[0], y[0], second=y[1])
+
+    history = [fly(i, synthetic.SPACE.from_unit(u)) for i, u in enumerate(rng.random((8, 2)))]
+    for i in range(6):
+        models = two_models(synthetic.SPACE, history, ("r0",), i)
+        values, figures = propose_for_front(models, [], i)
+        assert np.isfinite(figures["log_nehvi"])
+        history.append(fly(8 + i, values))
+    proposed = np.array([synthetic.SPACE.to_unit(o.values) for o in history[8:]])
+    assert np.median(proposed[:, 1]) < 0.1 and np.ptp(proposed[:, 0]) > 0.4
+    objectives = (Objective("first"), Objective("second", "minimise"))
+    front = pareto_front(two_models(synthetic.SPACE, history, ("r0",), 0), objectives)
+    firsts, seconds = [p.first for p in front], [-p.second for p in front]
+    assert len(front) >= 4
+    assert firsts == sorted(firsts, reverse=True) and seconds == sorted(seconds)
+
+
+def test_campaign_with_two_objectives(tmp_path: Path) -> None:
+    campaign = run(tmp_path / "run", second=Objective("costs.images", "minimise"))
+    assert campaign.trials()[-1].why["phase"] == "front"
+    assert campaign.history()[0].second == -32.0
+    assert json.loads((tmp_path / "run" / "front.json").read_text())[0]["second"] == pytest.approx(32.0)
+    assert Campaign.open(tmp_path / "run").settings.second == Objective("costs.images", "minimise")
+
+
+# -- stopping ------------------------------------------------------------------------------------------------
+
+
+def test_gain_left_shrinks_with_knowledge() -> None:
+    few = RockMeanGP(synthetic.SPACE, synthetic.random_design(8, 0.05, 0), synthetic.ROCKS)
+    many = RockMeanGP(synthetic.SPACE, synthetic.random_design(80, 0.05, 0), synthetic.ROCKS)
+    assert 0 < expected_gain_left(many, 0) < 0.5 * expected_gain_left(few, 0)
+
+
+def test_settles_when_three_proposals_in_a_row_say_so() -> None:
+    yes, no = {"gain_left": 0.1, "comparison_noise": 0.2}, {"gain_left": 0.3, "comparison_noise": 0.2}
+    assert settled([no, yes, yes, yes])
+    assert not settled([yes, yes]) and not settled([yes, yes, no]) and not settled([{}, yes, yes])
+
+
+def test_campaign_stops_when_settled_and_says_so(tmp_path: Path) -> None:
+    campaign = Campaign.create(tmp_path / "run", settings(budget=60, stop_when_settled=True))
+    summary = campaign.run(InProcessExecutor())
+    assert summary.stopped == "settled" and "left to gain" in summary.message
+    assert 7 <= summary.status.finished < 60
+    result = campaign.recommendation()
+    assert result is not None and synthetic.true_value(result.values) > 0.9
+    assert Campaign.open(tmp_path / "run").run(InProcessExecutor()).status.finished == summary.status.finished
+
+
+# -- refusals ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"sampler": "tpe", "gp": GPOptions(sparse=True)}, "needs sampler gp, not tpe"),
+        ({"rocks": ("a",), "gp": GPOptions(risk="worst")}, "name at least two"),
+        ({"low_fidelity": "no.such:runner"}, "cannot be imported"),
+        ({"stop_when_settled": True, "confirmation": 0.3}, "needs its budget"),
+        ({"stop_when_settled": True, "second": Objective("costs.images")}, "cannot be combined"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(changes: dict[str, object], message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        settings(**changes)
+    with pytest.raises(UserError, match="unknown risk measure 'bad'; there are mean, cvar, worst"):
+        GPOptions(risk="bad")  # type: ignore[arg-type]
+
+
+def test_default_sampler_is_untouched_by_options() -> None:
+    history = synthetic.random_design(8, 0.05, 0)
+    plain = GPSampler(synthetic.sampler_settings(0, 4)).ask(history, [])
+    assert plain.why["phase"] == "model" and "gain_left" not in plain.why
