@@ -486,7 +486,10 @@ def paper_code() -> MissionConfig:
 
 
 def campaign() -> MissionConfig:
-    """Ours: the small budget and strict agreement at which configurations can be told apart."""
+    """Ours: the small budget and strict agreement at which configurations can be told apart.
+
+    Chosen by ``gatetune study noise`` on training rocks (docs/results/noise_floor.md).
+    """
     return MissionConfig(preset="campaign").with_values(
         {
             "stop.adaptive_budget": 8,
@@ -494,7 +497,7 @@ def campaign() -> MissionConfig:
             "stop.knn_region": "box",  # far ground points would drown the rock in the statistic
             "sparse.first_octave": 0,
             "sparse.max_features": 4096,
-            "dense.agreeing_views": 5,
+            "dense.agreeing_views": 6,
             "evaluation.gt_samples": 50_000,
         }
     )
