@@ -34,7 +34,7 @@ from tuner.search_space import Parameter, SearchSpace, Values
 
 ROCK = "one"
 ROCKS = ("boulder", "waist", "cavern", "breccia")
-TRUTH_REPLICATES = 6
+TRUTH_REPLICATES = 4
 FIRST_TRUTH_REPLICATE = 1000  # no campaign flies these
 
 

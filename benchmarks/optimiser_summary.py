@@ -1,0 +1,165 @@
+"""Tables and figures from the result files of ``optimiser_comparison.py``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nbv.types import Floats
+
+DRAWS = 10_000
+
+
+@dataclass(frozen=True)
+class Run:
+    """One (problem, strategy, seed)."""
+
+    problem: str
+    strategy: str
+    seed: int
+    budget: float
+    best: float | None
+    costs: Floats  # of the checkpoints
+    truths: Floats
+    ask_s: Floats  # CPU seconds of the asks that were not trivial
+    z: Floats  # standardised residuals of missions, as predicted before they were flown
+
+    def reached(self, level: float) -> float:
+        """Cost at which the recommendation was first as good as ``level``; infinite if never."""
+        there = self.costs[self.truths >= level - 1e-12]
+        return float(there[0]) if len(there) else float("inf")
+
+
+def read(path: Path) -> Run | None:
+    """A complete run; None otherwise."""
+    rows: list[dict[str, Any]] = [json.loads(line) for line in path.read_text().splitlines()]
+    if not rows or rows[-1]["kind"] != "done":
+        return None
+    head = rows[0]
+    points = [r for r in rows if r["kind"] == "checkpoint"]
+    missions = [r for r in rows if r["kind"] == "mission"]
+    z = [(m["value"] - m["mean"]) / m["sd"] for m in missions if "mean" in m and m["value"] is not None]
+    return Run(
+        head["problem"], head["strategy"], head["seed"], head["budget"], head["best"],
+        np.array([p["cost"] for p in points]), np.array([p["truth"] for p in points]),
+        np.array([m["ask_s"] for m in missions if m["ask_s"] > 1e-3]), np.array(z),
+    )  # fmt: skip
+
+
+def paired_interval(differences: Floats) -> tuple[float, float, float]:
+    """``(mean, low, high)``: 95 % bootstrap interval of the mean paired difference."""
+    rng = np.random.default_rng(0)
+    means = rng.choice(differences, (DRAWS, len(differences))).mean(axis=1)
+    low, high = np.percentile(means, [2.5, 97.5])
+    return float(differences.mean()), float(low), float(high)
+
+
+Table = dict[str, dict[int, Run]]  # strategy -> seed -> run
+
+
+def load(out: Path, problems: Sequence[str] | None, strategies: Sequence[str] | None) -> dict[str, Table]:
+    """Runs by problem, strategy and seed."""
+    found: dict[str, Table] = {}
+    for path in sorted(out.rglob("*.jsonl")):
+        run = read(path)
+        if run is None or (problems and run.problem not in problems):
+            continue
+        if strategies and run.strategy not in strategies:
+            continue
+        found.setdefault(run.problem, {}).setdefault(run.strategy, {})[run.seed] = run
+    return found
+
+
+def rows(table: Table, ours: str) -> list[str]:
+    """Markdown lines, best median first. Seeds are those that ``ours`` and the strategy share."""
+    mine = table.get(ours, {})
+    final = {name: np.median([r.truths[-1] for r in runs.values()]) for name, runs in table.items()}
+    lines = []
+    for name in sorted(table, key=lambda n: -final[n]):
+        runs = table[name]
+        common = sorted(set(runs) & set(mine))
+        difference = ratio = "" if name != ours else "–"
+        if name != ours and common:
+            mean, low, high = paired_interval(
+                np.array([mine[s].truths[-1] - runs[s].truths[-1] for s in common])
+            )
+            difference = f"{mean:+.3f} ({low:+.3f} to {high:+.3f})"
+            shares = [mine[s].reached(runs[s].truths[-1]) / runs[s].budget for s in common]
+            middle = float(np.median(shares))
+            ratio = f"{middle:.2f}" if np.isfinite(middle) else "not reached"
+        z = np.concatenate([r.z for r in runs.values()])
+        calibration = f"{100 * np.mean(np.abs(z) <= 1.96):.0f}" if name.startswith("gp") and len(z) else ""
+        asks = np.concatenate([r.ask_s for r in runs.values()])
+        worst = min(r.truths[-1] for r in runs.values())
+        lines.append(
+            f"| {name} | {len(runs)} | {final[name]:.3f} | {worst:.3f} | {difference} | {ratio} | "
+            f"{np.median(asks) if len(asks) else 0:.2f} | {calibration} |"
+        )
+    return lines
+
+
+HEAD = (
+    "| strategy | seeds | median | worst | ours minus this (mean, 95 %) | cost ratio | ask, CPU s | in 95 % |\n"
+    "|---|---:|---:|---:|---|---:|---:|---:|"
+)
+
+
+def summarise(
+    out: Path,
+    ours: str,
+    figures: Path | None,
+    problems: Sequence[str] | None,
+    strategies: Sequence[str] | None,
+) -> None:
+    """Print one table per problem; draw one figure of all where ``figures`` names a folder."""
+    found = load(out, problems, strategies)
+    for problem, table in found.items():
+        best = next(iter(next(iter(table.values())).values())).best
+        print(f"\n### {problem}{'' if best is None else f' (optimum {best:.3f})'}\n\n{HEAD}")
+        print("\n".join(rows(table, ours)))
+    if figures is not None:
+        draw(found, ours, figures)
+
+
+def draw(found: dict[str, Table], ours: str, folder: Path) -> None:
+    """Median value of the recommendation against cost, with the quartiles of the seeds."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    folder.mkdir(parents=True, exist_ok=True)
+    columns = min(3, len(found))
+    height = -(-len(found) // columns)
+    figure, axes = plt.subplots(height, columns, figsize=(4.2 * columns, 3.4 * height), squeeze=False)
+    colours = {name: f"C{i}" for i, name in enumerate(_names(found.values(), ours))}
+    for ax, (problem, table) in zip(axes.flat, found.items()):
+        for name, colour in colours.items():
+            runs = list(table.get(name, {}).values())
+            if not runs:
+                continue
+            grid = np.array(sorted({c for r in runs for c in np.round(r.costs / r.budget, 3)}))
+            grid = grid[grid >= max(r.costs[0] / r.budget for r in runs) - 1e-3]
+            values = np.array([[r.truths[r.costs / r.budget <= g + 2e-3][-1] for g in grid] for r in runs])
+            shown = values if runs[0].best is None else runs[0].best - values
+            low, middle, high = np.percentile(shown, [25, 50, 75], axis=0)
+            width = 2.4 if name == ours else 1.3
+            ax.plot(grid * runs[0].budget, middle, color=colour, lw=width, label=f"{name} ({len(runs)})")
+            ax.fill_between(grid * runs[0].budget, low, high, color=colour, alpha=0.15, lw=0)
+        known = next(iter(next(iter(table.values())).values())).best is not None
+        ax.set(title=problem, xlabel="cost (missions)", ylabel="regret" if known else "value")
+        ax.legend(fontsize=6)
+    for ax in axes.flat[len(found) :]:
+        ax.axis("off")
+    figure.tight_layout()
+    figure.savefig(folder / "optimiser_regret.png", dpi=110)
+
+
+def _names(tables: Iterable[Table], ours: str) -> list[str]:
+    names = {name for table in tables for name in table}
+    return sorted(names, key=lambda n: (n != ours, n))
