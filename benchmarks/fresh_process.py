@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 import multiprocessing
 import os
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 from nbv.config import MissionConfig
 from nbv.result import MissionResult
@@ -20,21 +22,27 @@ SEQUENCE_KINDS = ("sequence_models", "clouds", "evaluations")
 class Flown:
     """A mission and what it cost. Imports come before the clock: a campaign's workers fork with them."""
 
-    result: MissionResult
+    result: MissionResult  # its stage timings are CPU seconds
     wall_s: float
     cpu_s: float
     peak_rss_mb: float
+    capture_cpu_s: list[float]  # of each adaptive capture: planning, flight, photograph, update
 
 
 def fly_in_fresh_process(
-    config: MissionConfig, rock: str, replicate: int, home: Path, directory: Path | None = None
+    config: MissionConfig,
+    rock: str,
+    replicate: int,
+    home: Path,
+    directory: Path | None = None,
+    keep: Literal["all", "summary"] = "summary",
 ) -> Flown:
     """Fly with the rocks, caches and store of ``home``, on one thread."""
     single_thread_environment()  # inherited by the child, before it imports anything
     os.environ["GATETUNE_HOME"] = str(home)
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
-    child = context.Process(target=_fly, args=(config, rock, replicate, directory, sender))
+    child = context.Process(target=_fly, args=(config, rock, replicate, directory, keep, sender))
     child.start()
     sender.close()
     try:
@@ -44,20 +52,45 @@ def fly_in_fresh_process(
     return flown
 
 
-def _fly(config, rock, replicate, directory, sender) -> None:  # type: ignore[no-untyped-def]
+def _fly(config, rock, replicate, directory, keep, sender) -> None:  # type: ignore[no-untyped-def]
     import resource
 
+    # Other processes may share the cores: let every stage timer of the mission read the CPU clock.
+    time.perf_counter = time.process_time
     import nbv.evaluation
     import nbv.photogrammetric
     import nbv.scene  # noqa: F401
     from nbv.mission import run_mission
 
-    wall, cpu = time.perf_counter(), time.process_time()
-    result = run_mission(config, rock, replicate, directory, keep="summary")
-    wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+    marks: list[float] = []
+
+    def note(event, facts) -> None:  # type: ignore[no-untyped-def]
+        if event in ("seed-model", "capture"):
+            marks.append(time.process_time())
+
+    wall, cpu = time.monotonic(), time.process_time()
+    result = run_mission(config, rock, replicate, directory, keep=keep, log=note)
+    wall, cpu = time.monotonic() - wall, time.process_time() - cpu
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # Linux counts in KiB
-    sender.send(Flown(result, wall, cpu, peak_mb))
+    captures = [after - before for before, after in itertools.pairwise(marks)]
+    sender.send(Flown(result, wall, cpu, peak_mb, captures))
     sender.close()
+
+
+def timed_mission(
+    config: MissionConfig, rock: str, replicate: int, directory: Path, *, keep: str = "summary"
+) -> MissionResult:
+    """A mission runner for the tuner's executors that adds ``cpu_s`` and ``peak_rss_mb`` to the costs."""
+    import dataclasses
+    import resource
+
+    from nbv.mission import run_mission
+
+    started = time.process_time()
+    result = run_mission(config, rock, replicate)
+    peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    costs = {**result.costs, "cpu_s": time.process_time() - started, "peak_rss_mb": peak_mb}
+    return dataclasses.replace(result, costs=costs)
 
 
 def forget_sequences(home: Path) -> None:
