@@ -5,7 +5,8 @@ thresholds about 0.45, standard deviation over the space 0.31), four rocks with 
 replicates per rock, noise per mission, and an offset per (rock, replicate) slot that all configurations share.
 
 ``slots``: the Gaussian process with and without slot offsets. ``confirmation``: the same budget with different
-shares spent on the confirmation stage. Prints Markdown. Run from the repository root::
+shares spent on the confirmation stage. ``intervals``: the same campaigns, their last recommendation with the most
+likely hyperparameters and averaged over eight. Prints Markdown. Run from the repository root::
 
     OMP_NUM_THREADS=1 python benchmarks/optimiser_ablation.py slots
 """
@@ -13,11 +14,13 @@ shares spent on the confirmation stage. Prints Markdown. Run from the repository
 from __future__ import annotations
 
 import argparse
+import functools
 import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -53,8 +56,9 @@ class Outcome:
     loo_coverage: float
 
 
-def campaign(seed: int, budget: int, slot_sd: float, *, slots: bool = True, share: float = 0.0) -> Outcome:
-    """One campaign, one mission at a time."""
+@functools.cache
+def play(seed: int, budget: int, slot_sd: float, slots: bool, share: float) -> tuple[Observation, ...]:
+    """The missions of one campaign, one at a time."""
     space, rocks, default = synthetic.SPACE, synthetic.ROCKS, synthetic.DEFAULT
     settings = SurrogateSettings(slots=slots)
     sampler = GPSampler(synthetic.sampler_settings(seed), model=settings)
@@ -71,17 +75,29 @@ def campaign(seed: int, budget: int, slot_sd: float, *, slots: bool = True, shar
     for _ in range(budget - confirming):
         fly(sampler.ask(history, []))
     if confirming:
-        result = recommend(space, history, rocks, default, Objective(), seed, settings)
+        result = recommend(space, history, rocks, default, Objective(), seed, settings=settings)
         assert result is not None
         finalists = choose_finalists(
-            space, [c.values for c in result.top], default, finalist_count(confirming, len(rocks))
-        )
+            space, [c.values for c in result.top], default, finalist_count(confirming, len(rocks)),
+            result.lengthscales,
+        )  # fmt: skip
         for proposal in schedule(finalists, rocks, REPLICATES, confirming):
             fly(proposal)
-    confirmed = range(budget - confirming, budget)
+    return tuple(history)
+
+
+def campaign(
+    seed: int, budget: int, slot_sd: float, *, slots: bool = True, share: float = 0.0, members: int = 0
+) -> Outcome:
+    """How a campaign ends; ``members``: of the ensemble in its last recommendation."""
+    history = play(seed, budget, slot_sd, slots, share)
+    settings = SurrogateSettings(slots=slots, members=members)
+    confirmed = range(budget - confirmation_missions(budget, share), budget)
+    default = synthetic.DEFAULT
     result = recommend(
-        space, history, rocks, default, Objective(), seed, confirmed=confirmed, settings=settings
-    )
+        synthetic.SPACE, history, synthetic.ROCKS, default, Objective(), seed, confirmed=confirmed,
+        settings=settings,
+    )  # fmt: skip
     assert result is not None
     truth = synthetic.true_rock_mean(result.values) - synthetic.true_rock_mean(default)
     low, high = result.improvement_interval_95
@@ -118,15 +134,24 @@ def row(name: str, slot_sd: float, outcomes: Sequence[Outcome], reference: Seque
 def main() -> None:
     """Parse, play, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("part", choices=["slots", "confirmation"])
+    parser.add_argument("part", choices=["slots", "confirmation", "intervals"])
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--budget", type=int, default=24)
     parser.add_argument("--slot-sd", type=float, nargs="+", default=[0.0, 0.3, 0.6])
     parser.add_argument("--shares", type=float, nargs="+", default=[0.0, 0.2, 0.33])
     arguments = parser.parse_args()
-    variants: dict[str, dict[str, bool | float]]
+    variants: dict[str, dict[str, Any]]
     if arguments.part == "slots":
         variants = {"without slot offsets": {"slots": False}, "with slot offsets": {"slots": True}}
+    elif arguments.part == "intervals":
+        variants = {
+            f"confirmation {share:g}, {'averaged' if members else 'most likely'}": {
+                "share": share,
+                "members": members,
+            }
+            for share in arguments.shares
+            for members in (0, 8)
+        }
     else:
         variants = {f"confirmation {share:g}": {"share": share} for share in arguments.shares}
     began = time.process_time()
@@ -137,8 +162,7 @@ def main() -> None:
         reference: list[Outcome] | None = None
         for name, options in variants.items():
             outcomes = [
-                campaign(seed, arguments.budget, slot_sd, **options)  # type: ignore[arg-type]
-                for seed in range(arguments.seeds)
+                campaign(seed, arguments.budget, slot_sd, **options) for seed in range(arguments.seeds)
             ]
             print(row(name, slot_sd, outcomes, reference), flush=True)
             reference = reference or outcomes

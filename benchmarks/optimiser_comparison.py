@@ -40,7 +40,7 @@ from optimiser_strategies import STRATEGIES, applicable  # noqa: E402
 from tuner.campaign import next_slot  # noqa: E402
 from tuner.history import Observation, Proposal  # noqa: E402
 from tuner.search_space import Values  # noqa: E402
-from tuner.surrogate import RockMeanGP, SurrogateSettings  # noqa: E402
+from tuner.surrogate import RockMeanGP  # noqa: E402
 
 OUT = Path("runs/optimiser_comparison")
 # Shares of the budget at which a recommendation is made; ours more often, to see when it reaches a peer's last.
@@ -59,10 +59,17 @@ def complete(path: Path) -> bool:
 
 
 def common_recommendation(
-    problem: Problem, history: Sequence[Observation], seed: int, settings: SurrogateSettings | None
+    problem: Problem, history: Sequence[Observation], seed: int, strategy: object
 ) -> tuple[Values, float, float, RockMeanGP]:
     """Best posterior mean among the configurations flown, its mean and sd, and the model."""
-    model = RockMeanGP(problem.space, history, problem.rocks, seed, settings)
+    model = RockMeanGP(
+        problem.space,
+        history,
+        problem.rocks,
+        seed,
+        getattr(strategy, "model", None),
+        getattr(strategy, "screen", None),
+    )
     seen = {tuple(problem.space.to_unit(o.values)): dict(o.values) for o in history if o.feasible}
     configurations = list(seen.values())
     belief = model.posterior(configurations)
@@ -97,7 +104,7 @@ def play(problem: Problem, name: str, seed: int, log: TextIO) -> None:
         if model is not None and rock in problem.rocks:
             mean, sd = model.predict_mission(request.values, rock, replicate)
             expected = {"mean": mean, "sd": sd}
-        spent += flight.cost
+        spent += flight.cost + request.extra_cost
         observation = Observation(
             len(history), request.values, rock, replicate, flight.value, flight.value, memory=request.memory
         )
@@ -113,9 +120,7 @@ def play(problem: Problem, name: str, seed: int, log: TextIO) -> None:
             while marks and spent >= marks[0] - 1e-6:
                 marks.pop(0)
             full = [o for o in history if o.rock in problem.rocks]
-            values, mean, sd, model = common_recommendation(
-                problem, full, seed, getattr(strategy, "model", None)
-            )
+            values, mean, sd, model = common_recommendation(problem, full, seed, strategy)
             own = strategy.recommend()
             belief = {"mean": mean, "sd": sd} if own is None else {}
             values = own or values
@@ -170,8 +175,7 @@ def main() -> None:
         for seed in range(arguments.first_seed, arguments.first_seed + arguments.seeds)
         for problem in arguments.problem
         for strategy in arguments.strategy
-        if applicable(strategy, ("one", "two") if problem.startswith(("four", "geo")) else ("one",))
-        and not complete(result_file(arguments.out, problem, strategy, seed))
+        if applicable(strategy, problem) and not complete(result_file(arguments.out, problem, strategy, seed))
     ]
     if arguments.jobs == 1:
         for job in jobs:

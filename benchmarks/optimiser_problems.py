@@ -11,6 +11,9 @@ A problem is made for one seed (``make_problem(name, seed)``) and is a pure func
 ``four-rocks``
     Hartmann-6 in 10 dimensions on four rocks with their own shift (up to 0.08), scale and offset; noise 0.1 per
     mission, ``:SLOT_SD`` the offset that all missions on one (rock, replicate) share.
+``two-fidelities``
+    The four rocks with slot offsets of 0.3, and a second fidelity at 1/200 of the cost whose landscape correlates
+    by ``:AGREEMENT`` (Pearson, over the cube) with the full one's.
 ``geometric``
     Missions of the geometric fidelity at the campaign preset; ``:SPACE`` is the search space.
 """
@@ -80,6 +83,7 @@ _A = np.array([[10, 3, 17, 3.5, 1.7, 8], [0.05, 10, 17, 0.1, 8, 14],
 _P = 1e-4 * np.array([[1312, 1696, 5569, 124, 8283, 5886], [2329, 4135, 8307, 3736, 1004, 9991],
                       [2348, 1451, 3522, 2883, 3047, 6650], [4047, 8828, 8732, 5743, 1091, 381]])  # fmt: skip
 HARTMANN_BEST = 3.32237
+_HARTMANN_MEAN, _HARTMANN_SD = 0.26, 0.38  # over the cube
 
 
 def hartmann6(x: Floats) -> Floats:
@@ -166,11 +170,30 @@ class FourRocks:
     replicates: int = 2
     rocks: tuple[str, ...] = ("r0", "r1", "r2", "r3")
     best: float | None = None  # not known: the shifts move it; below Hartmann's 3.32
+    agreement: float | None = None  # of a cheap fidelity; None: there is none
+    cheap_cost: float = 1 / 200
 
     @property
     def name(self) -> str:
-        """With its slot offsets."""
+        """With its slot offsets, or the agreement of its fidelities."""
+        if self.agreement is not None:
+            return f"two-fidelities:{self.agreement:g}"
         return f"four-rocks:{self.slot_sd:g}"
+
+    @functools.cached_property
+    def _disagreement(self) -> tuple[Floats, Floats]:
+        """Frequencies and phases of a smooth random landscape of variance 1 (length scale 0.4)."""
+        rng = np.random.default_rng([self.seed, 4])
+        return rng.normal(0, 1 / 0.4, (256, 10)), rng.uniform(0, 2 * math.pi, 256)
+
+    def cheap(self, values: Values, rock: str) -> float:
+        """The cheap fidelity, without noise."""
+        assert self.agreement is not None
+        shift, scale, offset = self._rocks[rock]
+        frequencies, phases = self._disagreement
+        other = math.sqrt(2 / 256) * np.cos(frequencies @ self.space.to_unit(values) + phases).sum()
+        own = (hartmann6(self.space.to_unit(values)[:6] + shift) - _HARTMANN_MEAN) / _HARTMANN_SD
+        return offset + scale * float(self.agreement * own + math.sqrt(1 - self.agreement**2) * other)
 
     @functools.cached_property
     def space(self) -> SearchSpace:
@@ -321,6 +344,8 @@ def make_problem(
     limit: dict[str, Any] = {} if budget is None else {"budget": budget}
     if kind == "four-rocks":
         return FourRocks(seed, float(option or 0.0), **limit)
+    if kind == "two-fidelities":
+        return FourRocks(seed, 0.3, agreement=float(option or 0.7), **limit)
     if kind == "geometric":
         return GeometricProblem(
             option or "gate_and_weights", seed, Memo(memo, source_digest()), tuple(rocks), **limit
@@ -333,6 +358,8 @@ def make_problem(
         "levy10": (lambda u: levy(1 + 20 * (u - at)), 0.0),
     }
     if kind not in functions:
-        raise ValueError(f"unknown problem {name!r}; there are {', '.join(functions)}, four-rocks, geometric")
+        raise ValueError(
+            f"unknown problem {name!r}; there are {', '.join(functions)}, four-rocks, two-fidelities, geometric"
+        )
     function, best = functions[kind]
     return FunctionProblem(f"{kind}:{noise:g}", function, best, noise, seed, **limit)

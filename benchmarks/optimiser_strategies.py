@@ -11,21 +11,26 @@ every configuration on all rocks.
 
 from __future__ import annotations
 
+import collections
+import dataclasses
 import logging
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
+import torch
 from optimiser_problems import Problem
 
-from tuner.history import Observation
+from tuner.campaign import next_slot
+from tuner.history import Observation, Proposal
 from tuner.objective import RockStandardiser
 from tuner.peers import available_peers
 from tuner.samplers import GPSampler, Sampler, SamplerSettings, initial_design_size, make_sampler
+from tuner.screening import screen
 from tuner.search_space import Values
-from tuner.surrogate import SurrogateSettings
+from tuner.surrogate import RockMeanGP, SurrogateSettings, moments
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,7 @@ class Request:
     replicate: int | None = None
     memory: Mapping[str, Any] = field(default_factory=dict)  # comes back with the observation
     why: Mapping[str, Any] = field(default_factory=dict)
+    extra_cost: float = 0.0  # spent on cheaper things than missions before this one, in missions
 
 
 class Strategy(Protocol):
@@ -90,6 +96,58 @@ class OneRock:
     def recommend(self) -> Values | None:
         """By the common rule."""
         return None
+
+
+class Screened(OneRock):
+    """Our sampler after a screening with the problem's cheap fidelity, which counts towards the cost."""
+
+    def __init__(self, problem: Any, seed: int) -> None:
+        flown = screen(problem.space, problem.rocks, problem.default, problem.cheap, seed)
+        super().__init__(GPSampler(dataclasses.replace(settings_of(problem, seed), screen=flown)))
+        self.screen = flown  # of the recommendation
+        self._unpaid = len(flown.observations) * problem.cheap_cost
+
+    def ask(self) -> Request:
+        """The sampler's proposal; the first carries the screening's cost."""
+        request = dataclasses.replace(super().ask(), extra_cost=self._unpaid)
+        self._unpaid = 0.0
+        return request
+
+
+class RockByVariance(OneRock):
+    """Our sampler, its rock chosen by what the mission would tell.
+
+    That is the drop in the posterior variance of f(proposed) - f(best so far) by a mission on the rock's next
+    slot, in closed form; a rock may not be visited more than half as often again as the least visited one.
+    """
+
+    def __init__(self, problem: Problem, seed: int) -> None:
+        super().__init__(GPSampler(settings_of(problem, seed)))
+        self.problem = problem
+
+    def ask(self) -> Request:
+        """The sampler's proposal on the most telling rock."""
+        request = super().ask()
+        if request.why.get("phase") != "model":
+            return request
+        p, visits = self.problem, collections.Counter(o.rock for o in self.history)
+        least = min(visits[rock] for rock in p.rocks)
+        gp = RockMeanGP(p.space, self.history, p.rocks, 0)
+        best = gp.unit[int(gp.posterior([p.space.from_unit(u) for u in gp.unit]).mean.argmax())]
+        at = p.space.to_unit(request.values)
+        rocks = [rock for rock in p.rocks if visits[rock] <= 1.5 * least + 1]
+        slots = [
+            next_slot(p.rocks, p.replicates, self.history, Proposal(request.values, {}, rock))[1]  # type: ignore[arg-type]
+            for rock in rocks
+        ]
+        missions = [gp.inputs(at[None], gp.rock_level(r), gp.slot_level(r, k)) for r, k in zip(rocks, slots)]
+        x = torch.cat([gp.inputs(at[None]), gp.inputs(best[None]), *missions])
+        with torch.no_grad():
+            _, c = moments(gp.model.posterior(x))
+        noise = float(gp.model.likelihood.noise)
+        drop = [(c[0, i] - c[1, i]) ** 2 / (c[i, i] + noise) for i in range(2, len(x))]
+        i = int(np.argmax(drop))
+        return dataclasses.replace(request, rock=rocks[i], replicate=slots[i])
 
 
 class AllRocks:
@@ -212,7 +270,9 @@ STRATEGIES: dict[str, Factory] = {
     **{name: one_rock(name) for name in PEERS},
     **{f"{name}/all": all_rocks(name) for name in (*PEERS, "gp")},
     "tpe/pruned": PrunedTPE,
-    "gp+map": gp_variant(),
+    "gp+screen": Screened,
+    "gp+variance": RockByVariance,
+    "gp+pooled": gp_variant(rock_scales=False),
     "gp+bayes4": gp_variant(members=4),
     "gp+bayes8": gp_variant(members=8),
     "gp+sparse": gp_variant(sparse=True),
@@ -222,6 +282,12 @@ STRATEGIES: dict[str, Factory] = {
 }
 
 
-def applicable(name: str, rocks: Sequence[str]) -> bool:
-    """Whether a strategy is another one than its one-rock variant on these rocks."""
-    return len(rocks) > 1 or ("/" not in name and "deviations" not in name)
+_MANY_ROCKS = ("gp+deviations", "gp+variance", "gp+pooled")
+
+
+def applicable(name: str, problem: str) -> bool:
+    """Whether a strategy makes sense, and is another one than its plain variant, on a problem."""
+    if name == "gp+screen":
+        return problem.startswith("two-fidelities")
+    one_rock = not problem.startswith(("four-rocks", "two-fidelities", "geometric"))
+    return not (one_rock and ("/" in name or name in _MANY_ROCKS))

@@ -549,7 +549,7 @@ class Campaign:
             return []
         ranked = [candidate.values for candidate in result.top]
         count = finalist_count(missions, len(s.rocks))
-        finalists = choose_finalists(s.space, ranked, s.default_values(), count)
+        finalists = choose_finalists(s.space, ranked, s.default_values(), count, result.lengthscales)
         first_replicate = max(s.replicates, 1 + max(o.replicate for o in search))
         return schedule(finalists, s.rocks, first_replicate, missions)
 

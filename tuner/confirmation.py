@@ -15,11 +15,14 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student_t
 
+from nbv.types import Floats
 from tuner.history import Observation, Proposal
 from tuner.search_space import SearchSpace, Values
 
 MAX_SHARE = 0.5
 MAX_FINALISTS = 4  # the default configuration included
+# In length scales: the outcomes of two such configurations correlate by 0.93 in the surrogate (Matern-5/2).
+NEARLY_THE_SAME = 0.3
 
 
 def confirmation_missions(budget: int, share: float) -> int:
@@ -33,12 +36,35 @@ def finalist_count(missions: int, rocks: int) -> int:
 
 
 def choose_finalists(
-    space: SearchSpace, ranked: Sequence[Mapping[str, Any]], default: Mapping[str, Any], count: int
+    space: SearchSpace,
+    ranked: Sequence[Mapping[str, Any]],
+    default: Mapping[str, Any],
+    count: int,
+    lengthscales: Mapping[str, float] | None = None,
 ) -> list[Values]:
-    """The first of ``ranked`` (best first), with the default configuration among them; at most ``count``."""
+    """The first of ``ranked`` (best first), with the default configuration among them; at most ``count``.
+
+    With ``lengthscales`` (unit-cube units, by ordered parameter) a configuration that the model takes for nearly
+    the same as an earlier finalist is passed over: missions that tell the two apart would be wasted.
+    """
     home = space.to_unit(default)
-    others = [dict(v) for v in ranked if not np.allclose(space.to_unit(v), home, rtol=0, atol=1e-9)]
-    return [*others[: count - 1], dict(default)]
+    scale = np.array([(lengthscales or {}).get(p.path, 0.0) for p in space.parameters])
+    chosen: list[Values] = []
+    for values in ranked:
+        at = space.to_unit(values)
+        if np.allclose(at, home, rtol=0, atol=1e-9):
+            continue
+        if all(_distance(at, space.to_unit(other), scale) > NEARLY_THE_SAME for other in chosen):
+            chosen.append(dict(values))
+    return [*chosen[: count - 1], dict(default)]
+
+
+def _distance(one: Floats, two: Floats, scale: Floats) -> float:
+    """In length scales; parameters without one (choices, or all of them) make a difference if they differ."""
+    gap = np.abs(one - two)
+    if np.any(gap[scale <= 0] > 1e-9):
+        return math.inf
+    return float(np.linalg.norm(gap[scale > 0] / scale[scale > 0]))
 
 
 def schedule(

@@ -329,6 +329,11 @@ class RockMeanGP:
         """Rock column of a known rock."""
         return self._index[rock]
 
+    def slot_level(self, rock: str, replicate: int | None) -> float:
+        """Slot column of a (rock, replicate); one that has not been flown has an offset nobody knows."""
+        unknown = float(len(self._slot_index))
+        return unknown if replicate is None else self._slot_index.get((rock, replicate), unknown)
+
     def inputs(self, unit: Floats, rock: float | None = None, slot: float | None = None) -> torch.Tensor:
         """(m, d + 2) model inputs for (m, d) unit positions; without rock and slot offsets unless told."""
         tail = [self.virtual_rock if rock is None else rock, NO_OFFSET if slot is None else slot]
@@ -367,8 +372,7 @@ class RockMeanGP:
         On the slot of a ``replicate`` flown before, what that slot taught is used; any other replicate, or
         None, is a slot like the others whose offset is not known.
         """
-        unknown = float(len(self._slot_index))
-        slot = unknown if replicate is None else self._slot_index.get((rock, replicate), unknown)
+        slot = self.slot_level(rock, replicate)
         with torch.no_grad():
             x = self.inputs(self.space.to_unit(values)[None], self._index[rock], slot)
             centre, covariance = moments(self.model.posterior(x, observation_noise=True))

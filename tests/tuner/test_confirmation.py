@@ -53,6 +53,14 @@ def test_finalists_are_the_best_and_the_default() -> None:
     assert choose_finalists(space, [A, B, C], default, 3) == [A, B, default]
     assert choose_finalists(space, [A, default, C], default, 3) == [A, C, default]
     assert choose_finalists(space, [default], default, 4) == [default]
+    near = space.from_unit(space.to_unit(A) + 0.02)
+    lengths = dict.fromkeys(space.paths, 0.5)
+    assert choose_finalists(space, [A, near, B], default, 3, lengths) == [A, B, default]
+    assert choose_finalists(space, [A, near, B], default, 3, dict.fromkeys(space.paths, 0.02)) == [
+        A,
+        near,
+        default,
+    ]
     assert finalist_count(13, 3) == 4 and finalist_count(16, 6) == 2 and finalist_count(2, 4) == 2
     assert confirmation_missions(64, 0.2) == 13 and confirmation_missions(64, 0.0) == 0
 
