@@ -163,6 +163,9 @@ def departures(
         list[str] | None, typer.Option("--arm", help="Departure, repeatable (default: all).")
     ] = None,
     surface: Annotated[str, typer.Option(help="observable or whole.")] = "observable",
+    fidelity: Annotated[
+        str, typer.Option(help="photogrammetric, or geometric: seconds instead of hours, no photographs.")
+    ] = "photogrammetric",
     workers: Annotated[
         int | None, typer.Option(help="Missions side by side (default: one per core).")
     ] = None,
@@ -177,12 +180,13 @@ def departures(
     """What does each departure of the authors' public code do to the outcome? One at a time, paired."""
     from tuner.studies.departures import DEPARTURES, DepartureSettings, analyse, fly
     from tuner.studies.departures_report import departures_table, write_departures_report
+    from tuner.studies.fidelity import runner_of
 
     complete = True
     if not report_only:
         settings = DepartureSettings(
             _study_rocks(rocks), replicates, preset, gate, parse_overrides(set_ or []),
-            tuple(arms or DEPARTURES), surface,
+            tuple(arms or DEPARTURES), surface, runner_of(fidelity),
         )  # fmt: skip
         plan = settings.plan()
         output.print(
@@ -190,7 +194,11 @@ def departures(
             f"{plan.missions} missions"
         )
         complete = _fly_study(
-            lambda executor, show: fly(settings, out, executor, show), workers, timeout_s, surface
+            lambda executor, show: fly(settings, out, executor, show),
+            settings.runner,
+            workers,
+            timeout_s,
+            surface,
         )
     findings = analyse(out)
     output.print(departures_table(findings))
@@ -221,6 +229,9 @@ def oracles(
         ),
     ] = None,
     surface: Annotated[str, typer.Option(help="observable or whole.")] = "observable",
+    fidelity: Annotated[
+        str, typer.Option(help="photogrammetric, or geometric: seconds instead of hours, no photographs.")
+    ] = "photogrammetric",
     workers: Annotated[
         int | None, typer.Option(help="Missions side by side (default: one per core).")
     ] = None,
@@ -233,12 +244,13 @@ def oracles(
     ] = False,
 ) -> None:
     """When does the oracle count a sample as covered? Every reading of the paper, and what it gains."""
+    from tuner.studies.fidelity import runner_of
     from tuner.studies.oracles import OracleSettings, analyse, fly
     from tuner.studies.oracles_report import oracles_table, write_oracles_report
 
     complete = True
     if not report_only:
-        options: dict[str, Any] = {}
+        options: dict[str, Any] = {"runner": runner_of(fidelity)}
         if coverages:
             options["coverages"] = tuple(coverages)
         if greedy:
@@ -252,7 +264,11 @@ def oracles(
             f"{plan.missions} missions"
         )
         complete = _fly_study(
-            lambda executor, show: fly(settings, out, executor, show), workers, timeout_s, surface
+            lambda executor, show: fly(settings, out, executor, show),
+            settings.runner,
+            workers,
+            timeout_s,
+            surface,
         )
     findings = analyse(out)
     output.print(oracles_table(findings))
@@ -297,6 +313,7 @@ def _study_rocks(rocks: list[str] | None) -> tuple[str, ...]:
 
 def _fly_study(
     fly: Callable[[Executor, Callable[[EvaluationEvent], None]], bool],
+    runner: str,
     workers: int | None,
     timeout_s: float,
     surface: str,
@@ -306,7 +323,8 @@ def _fly_study(
     if workers is not None and workers < 1:
         raise UserError(f"--workers is {workers}; give at least 1")
     count = workers or len(os.sched_getaffinity(0))
-    with LocalProcessExecutor(count, timeout_s=timeout_s) as executor, progress_bar() as bar:
+    preload = (runner.partition(":")[0],)
+    with LocalProcessExecutor(count, timeout_s=timeout_s, preload=preload) as executor, progress_bar() as bar:
         return fly(executor, ComparisonProgress(bar, f"{surface}.f_score_48mm"))
 
 

@@ -18,6 +18,7 @@ from tuner.report.labels import format_number, strategy_label
 from tuner.report.style import BLUE, GREY, VERMILION, look, new_figure, short_names
 from tuner.statistics import Interval, PairedDifference
 from tuner.studies.departures import METRICS, ArmResult, BaseResult, DepartureFindings, DepartureSettings
+from tuner.studies.fidelity import GEOMETRIC_NOTE, RUNNERS
 from tuner.studies.paired_cells import (
     EXACTLY_ZERO,
     difference_text,
@@ -58,9 +59,11 @@ def departures_markdown(findings: DepartureFindings) -> str:
         "# What each departure does to the outcome",
         "",
         f"{base_sentence(s)} {s.surface.capitalize()} surface. {findings.missions} of {findings.expected} missions "
-        f"are in ({findings.wall_s / 60:.0f} min of one core).",
+        f"are in ({findings.wall_s / 60:.0f} min of missions).",
         "",
     ]
+    if s.runner == RUNNERS["geometric"]:
+        lines += [GEOMETRIC_NOTE, ""]
     if findings.failures:
         counts = ", ".join(f"{reason} {n}" for reason, n in sorted(findings.failures.items()))
         lines += [f"Failed missions by reason: {counts}.", ""]

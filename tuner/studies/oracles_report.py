@@ -15,6 +15,7 @@ from tuner.report.style import short_names
 from tuner.statistics import PairedDifference
 from tuner.studies.decisions import PERCENT
 from tuner.studies.departures import METRICS, metric_key
+from tuner.studies.fidelity import GEOMETRIC_NOTE, RUNNERS
 from tuner.studies.oracle_states import CoverageSummary, JudgedMission, summarise
 from tuner.studies.oracles import OracleFindings, StrategyResult
 from tuner.studies.paired_cells import difference_text, heading, interval_sentence, markdown_table, mean_text
@@ -89,9 +90,11 @@ def oracles_markdown(findings: OracleFindings) -> str:
         "",
         f"Preset `{s.preset}`{changed}; rocks {', '.join(short_names(s.rocks))}; {s.replicates} replicates. "
         f"{s.surface.capitalize()} surface. {findings.missions} of {findings.expected} missions are in "
-        f"({findings.wall_s / 60:.0f} min of one core).",
+        f"({findings.wall_s / 60:.0f} min of missions).",
         "",
     ]
+    if s.runner == RUNNERS["geometric"]:
+        lines += [GEOMETRIC_NOTE, ""]
     if findings.failures:
         counts = ", ".join(f"{reason} {n}" for reason, n in sorted(findings.failures.items()))
         lines += [f"Failed missions by reason: {counts}.", ""]

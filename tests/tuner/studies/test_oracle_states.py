@@ -87,3 +87,15 @@ def test_mistakes(flown, tmp_path):
     (tmp_path / "other" / "mission.json").write_text(text)
     with pytest.raises(UserError, match="--rock"):
         judge([tmp_path / "other"])
+
+
+def test_geometric_studies_fly_in_seconds_and_say_what_they_are(gatetune, tmp_path):
+    options = ["--set", "stop.adaptive_budget=2", "--set", "gate.oracle_samples=1000", "--replicates", "1"]
+    options += ["--fidelity", "geometric", "--rock", "boulder", "--workers", "1"]
+    code, out, err = gatetune("study", "oracles", *options, "--coverage", "seen", "--greedy", "none")
+    assert code == 0, err
+    assert "4 of 4 missions" in out
+    text = (tmp_path / "runs" / "oracles" / "oracles.md").read_text()
+    assert "no photographs" in text and "| Hyb-O, seen | seen |" in text
+    code, _, err = gatetune("study", "oracles", *options[:-4], "--fidelity", "felt", "--rock", "boulder")
+    assert code == 2 and "felt" in err

@@ -1,0 +1,36 @@
+"""What studies fly: photogrammetric missions, or geometric ones in a fraction of the time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from nbv.config import MissionConfig
+from nbv.errors import UserError
+from nbv.geometric import run_geometric_mission
+from nbv.result import MissionResult
+from tuner.missions import DEFAULT_RUNNER, Keep
+
+
+def run_geometric_with_oracle(
+    config: MissionConfig, rock: str, replicate: int, directory: Path, *, keep: Keep = "summary"
+) -> MissionResult:
+    """``run_geometric_mission`` that logs the oracle's rewards, as photogrammetric missions do."""
+    return run_geometric_mission(config, rock, replicate, directory, keep=keep, shadow=True)
+
+
+RUNNERS = {
+    "photogrammetric": DEFAULT_RUNNER,
+    "geometric": "tuner.studies.fidelity:run_geometric_with_oracle",
+}
+GEOMETRIC_NOTE = (
+    "Geometric missions: the same loop, scorers, gates and flight over simulated tracks, no photographs. Completeness is "
+    "predicted, accuracy is taken as 100 %, distances are absent, and features, matching and the ground-truth gate have "
+    "nothing to act on."
+)
+
+
+def runner_of(fidelity: str) -> str:
+    """The mission runner of a fidelity; ``UserError`` if there is none."""
+    if fidelity not in RUNNERS:
+        raise UserError(f"unknown fidelity {fidelity!r}; choose from {', '.join(RUNNERS)}")
+    return RUNNERS[fidelity]
