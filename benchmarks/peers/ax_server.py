@@ -8,6 +8,7 @@ of what was told and of its seed.
 from __future__ import annotations
 
 import logging
+import math
 import warnings
 from collections.abc import Mapping
 from importlib.metadata import version
@@ -15,6 +16,7 @@ from typing import Any
 
 from ax.api.client import Client
 from ax.api.configs import ChoiceParameterConfig, RangeParameterConfig
+from ax.core.data import Data
 from serving import Ask, Trial, serve
 
 warnings.filterwarnings("ignore")
@@ -45,14 +47,20 @@ class AxPeer:
             initialize_with_center=False, min_observed_initialization_trials=1,
             allow_exceeding_initialization_budget=True,
         )  # fmt: skip
+        rows: list[Any] = []
         for trial in self.trials:
             index = client.attach_trial(self._to_ax(trial.values))
             z = request.standardise(trial)
             if z is None:
                 client.mark_trial_abandoned(index)  # a failed one may be suggested again
-            else:
-                sem = request.standardised_sd(trial)
-                client.complete_trial(index, raw_data={"outcome": z if sem is None else (z, sem)})
+                continue
+            # What client.complete_trial does, but with one attachment for all: each one sorts all data.
+            entry = client._experiment.trials[index]
+            outcome = {"outcome": (z, request.standardised_sd(trial))}
+            evaluation = {entry.arm.name: [(math.nan, outcome)]}
+            rows += entry._raw_evaluations_to_data(raw_data=evaluation)._data_rows
+            entry.mark_completed()
+        client._experiment.attach_data(Data(data_rows=rows))
         for pending in request.pending:
             client.attach_trial(self._to_ax(pending["values"]))
         (arm,) = client.get_next_trials(max_trials=1).values()

@@ -50,9 +50,13 @@ def set_up(name: str, directory: Path) -> None:
 
 def main() -> None:
     """Parse and set up."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("peer", nargs="*", choices=[*CHECKS, []], help="default: all")
-    parser.add_argument("--directory", type=Path, default=Path(os.environ.get("GATETUNE_PEERS") or ROOT / ".peers"))
+    parser.add_argument(
+        "--directory", type=Path, default=Path(os.environ.get("GATETUNE_PEERS") or ROOT / ".peers")
+    )
     arguments = parser.parse_args()
     try:
         import torch  # noqa: F401

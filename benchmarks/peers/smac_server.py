@@ -27,6 +27,8 @@ from smac.runhistory.enumerations import StatusType
 
 warnings.filterwarnings("ignore")
 _NO_LIMIT = 100_000  # trials; the campaign owns the budget
+# Of new configurations: the default of SMAC's facade for hyperparameters, and of that for one black box.
+_RANDOM_SHARE = {AlgorithmConfigurationFacade: 0.2, BlackBoxFacade: 0.08447232371720552}
 
 
 def _never_called(config: Configuration, instance: str | None = None, seed: int = 0) -> float:
@@ -58,6 +60,10 @@ class SmacPeer:
             scenario, _never_called,
             initial_design=DefaultInitialDesign(scenario, n_configs=0, additional_configs=design),
             intensifier=facade.get_intensifier(scenario, max_config_calls=len(self.rocks) * self.replicates),
+            # SMAC's racing defaults are made for thousands of missions: half of the configurations random, the
+            # model trained anew after eight. At tens of missions: as its other facades, and after every one.
+            random_design=facade.get_random_design(scenario, probability=_RANDOM_SHARE[facade]),
+            config_selector=facade.get_config_selector(scenario, retrain_after=1),
             overwrite=True, logging_level=False,
         )  # fmt: skip
         self.smac.intensifier._tf_seeds = list(range(self.replicates))  # SMAC's seeds are our replicates
