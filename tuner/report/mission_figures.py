@@ -396,7 +396,7 @@ def pipeline_figure(run: Path) -> Figure:
                 for ax in axes[:2]:
                     ax.axvline(last + 0.5, color="black", ls=":", lw=1.3)
                 axes[1].annotate(
-                    f"f_b reaches {config.gate.budget_fraction:g}", (last + 0.5, 1), xycoords=axes[1].get_xaxis_transform(),
+                    f"$f_b$ reaches {config.gate.budget_fraction:g}", (last + 0.5, 1), xycoords=axes[1].get_xaxis_transform(),
                     xytext=(4, -10), textcoords="offset points", fontsize=8.5,
                 )  # fmt: skip
         axes[1].set_ylabel("d95 (mm)")

@@ -67,14 +67,18 @@ def sector_figure(
                 )  # fmt: skip
         floor = 0.0 if lowest < 40 else 10 * np.floor(lowest / 10) - 10
         ax.set_ylim(max(0.0, floor), 100)
-        ax.set_rlabel_position(
-            float(np.rad2deg(angles[0] + np.diff(angles[:2])[0] / 2)) if len(angles) > 1 else 20
-        )
-        ax.yaxis.set_major_locator(MaxNLocator(5))
-        ax.yaxis.set_major_formatter(lambda value, _: f"{value:g} %")
-        ax.tick_params(axis="y", labelsize=7.5)
+        # Texts of our own: the lines pass behind them, over tick labels they would be drawn.
+        bottom = max(0.0, floor)
+        rings = [r for r in MaxNLocator(5).tick_values(bottom, 100.0) if bottom < r < 100.0]
+        ax.set_yticks(rings, [""] * len(rings))
+        between = float(angles[0] + np.diff(angles[:2])[0] / 2) if len(angles) > 1 else np.deg2rad(20)
+        for ring in rings:
+            ax.text(
+                between, ring, f"{ring:g} %", fontsize=7.5, ha="center", va="center", zorder=6,
+                bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 0.8},
+            )  # fmt: skip
         ax.text(
-            0.0, -0.1, f"completeness at {threshold}\nazimuth from the target: 0° east, 90° north\nlabels at sector centres; the plot’s centre is {max(0.0, floor):g} %",
+            0.0, -0.1, f"completeness at {threshold}\nazimuth from the target: 0° east, 90° north\nlabels at sector centres; the plot’s centre is {bottom:g} %",
             transform=ax.transAxes, fontsize=8, va="top", ha="left",
         )  # fmt: skip
         ax.legend(loc="center left", bbox_to_anchor=(1.14, 0.5))
