@@ -33,7 +33,7 @@ def sample(home: Path, rock: str, preset_name: str, sender) -> None:  # type: ig
     """Fly and send ``{stack: CPU seconds}``; runs in a process of its own."""
     import nbv.evaluation
     import nbv.photogrammetric
-    import nbv.scene
+    import nbv.scene  # noqa: F401
     from nbv.config import preset
     from nbv.mission import run_mission
 

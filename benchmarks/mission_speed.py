@@ -80,7 +80,11 @@ def fly_all(jobs: list[tuple[MissionConfig, str]], workers: int, folder: Path) -
         for i, (config, rock) in enumerate(jobs)
     ]
     try:
-        time.sleep(20)  # the server imports
+        # Starts the server, which imports everything before it forks; the job itself fails at once.
+        executor.submit(MissionJob("warm-up", preset("campaign"), "no such rock", 0, folder / "warm-up",
+                                   runner="fresh_process:timed_mission"))  # fmt: skip
+        while executor.in_flight:
+            executor.wait_any(1.0)
         waiting, landed = list(queue), 0
         started = time.perf_counter()
         while landed < len(queue):
