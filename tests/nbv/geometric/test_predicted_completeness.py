@@ -8,7 +8,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nbv.config import DenseConfig
-from nbv.geometric.completeness import DenseModel, reconstruction_probability, within_reach
+from nbv.dense.consistency import choose_witnesses
+from nbv.dense.stereo import choose_neighbours
+from nbv.frames import look_at
+from nbv.geometric.completeness import (
+    DenseModel,
+    pairwise_angles_deg,
+    reconstruction_probability,
+    stereo_partners,
+    within_reach,
+    witness_mask,
+)
 
 DENSE = DenseConfig(agreeing_views=3)
 
@@ -18,15 +28,17 @@ def fan(angles_deg):
     return np.column_stack([np.sin(a), np.zeros(len(a)), np.cos(a)])
 
 
-def probability(angles_deg, seen=None, cosine=1.0, dense=DENSE, model=DenseModel()):  # noqa: B008
+def probability(angles_deg, seen=None, incidence_deg=0.0, contrast=0.05, dense=DENSE):
     n = len(angles_deg)
     seen = np.ones((n, 1), dtype=bool) if seen is None else seen
-    return reconstruction_probability(seen, np.full(seen.shape, cosine), fan(angles_deg), dense, model)
+    incidence = np.broadcast_to(np.asarray(incidence_deg, dtype=float), seen.shape)
+    texture = np.full(seen.shape[1], contrast)
+    return reconstruction_probability(seen, incidence, texture, fan(angles_deg), dense, DenseModel())
 
 
 def test_enough_close_views_reconstruct_and_too_few_do_not():
-    assert probability([0, 10, 20, 30, 40])[0] > 0.9
-    assert probability([0, 10])[0] < 0.2  # two agree, three are needed
+    assert probability([0, 8, 16, 24, 32, 40, 48])[0] > 0.9
+    assert probability([0, 10], dense=DenseConfig(agreeing_views=6))[0] < 0.1  # two can agree, six must
     assert probability([0])[0] == 0.0
 
 
@@ -40,34 +52,49 @@ def test_views_in_one_place_give_no_depth():
 
 def test_a_stricter_agreement_reconstructs_less():
     chance = [
-        probability([0, 8, 16, 24, 32], dense=DenseConfig(agreeing_views=need))[0] for need in range(2, 8)
+        probability([0, 8, 16, 24, 32], dense=DenseConfig(agreeing_views=need))[0] for need in range(2, 9)
     ]
     assert all(a >= b for a, b in pairwise(chance))
-    assert chance[0] > 0.9 > 0.1 > chance[-1]
+    assert chance[0] > 0.9 > 0.3 > chance[-1]
 
 
-def test_a_grazing_surface_is_not_reconstructed():
-    assert probability([0, 10, 20, 30], cosine=np.cos(np.deg2rad(89)))[0] < 0.05
+def test_grazing_views_and_faint_texture_reconstruct_less():
+    views = [0, 8, 16, 24, 32, 40]
+    by_incidence = [probability(views, incidence_deg=a)[0] for a in (0.0, 50.0, 70.0, 85.0)]
+    assert all(a > b for a, b in pairwise(by_incidence)) and by_incidence[-1] < 0.5
+    by_contrast = [probability(views, contrast=c)[0] for c in (0.05, 0.005, 0.0005, 0.0)]
+    assert all(a > b for a, b in pairwise(by_contrast)) and by_contrast[-1] == 0.0
 
 
-@settings(max_examples=40, deadline=None)
-@given(st.integers(0, 10_000))
-def test_one_more_view_never_hurts(seed):
+def test_a_pair_that_sees_the_surface_at_unlike_slants_matches_less():
+    like = probability([0, 20], incidence_deg=[[40.0], [40.0]])[0]
+    unlike = probability([0, 20], incidence_deg=[[20.0], [56.0]])[0]
+    assert unlike < like
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10_000), n=st.integers(2, 20))
+def test_partners_and_witnesses_are_those_of_the_dense_stage(seed, n):
     rng = np.random.default_rng(seed)
-    n = int(rng.integers(2, 12))
-    directions = rng.normal((0.0, 0.0, 1.0), 1.0, (n + 1, 3))
+    target = np.array([0.0, 0.0, 0.8])
+    directions = rng.normal((0.0, 0.0, 0.6), 1.0, (n, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    seen, cosine = rng.random((n + 1, 40)) < 0.6, rng.uniform(-0.2, 1.0, (n + 1, 40))
-    before = reconstruction_probability(seen[:n], cosine[:n], directions[:n], DENSE, DenseModel())
-    after = reconstruction_probability(seen, cosine, directions, DENSE, DenseModel())
-    assert (after >= before - 1e-12).all()
-    assert (after <= 1.0).all()
+    poses = {f"{i:02d}": look_at(target + 3.5 * d, target) for i, d in enumerate(directions)}
+    config = DenseConfig(consistency_views=6)
+    angles = pairwise_angles_deg(directions)
+    partner, usable = stereo_partners(angles, config)
+    witnesses = witness_mask(angles, config.consistency_views)
+    for i in range(n):
+        expected = choose_neighbours(f"{i:02d}", poses, target, config)
+        assert [f"{j:02d}" for j in partner[i][usable[i]]] == expected
+        expected = choose_witnesses(f"{i:02d}", poses, target, config.consistency_views)
+        assert {f"{j:02d}" for j in np.flatnonzero(witnesses[i])} == set(expected)
 
 
 def test_what_no_view_sees_is_never_reconstructed():
-    seen = np.ones((6, 3), dtype=bool)
+    seen = np.ones((7, 3), dtype=bool)
     seen[:, 1] = False
-    chance = probability([0, 10, 20, 30, 40, 50], seen=seen)
+    chance = probability([0, 8, 16, 24, 32, 40, 48], seen=seen)
     assert chance[1] == 0.0
     assert chance[0] > 0.9
 
