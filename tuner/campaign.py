@@ -68,6 +68,7 @@ from tuner.session import exclusive, stop_signals
 if TYPE_CHECKING:
     from tuner.pareto import FrontPoint
     from tuner.screening import Screen
+    from tuner.surrogate import RockMeanGP
 
 SETTINGS_FILE = "campaign.yaml"
 RECOMMENDATION_FILE = "recommendation.json"
@@ -523,18 +524,26 @@ class Campaign:
 
     def recommendation(self, *, save: bool = True) -> Recommendation | None:
         """The evaluated configuration with the best posterior mean over the training rocks."""
-        result = self._recommend(self.history())
+        result = self.recommend_from(self.history())
         if result is not None and save:
             write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
         return result
 
-    def _recommend(self, history: Sequence[Observation]) -> Recommendation | None:
+    def recommend_from(self, history: Sequence[Observation]) -> Recommendation | None:
+        """What would be recommended after ``history``."""
         s = self.settings
         return recommend(
             s.space, history, s.rocks, s.default_values(), s.objective, s.seed,
             confirmed=range(s.search_budget, s.budget), settings=surrogate_settings(s.gp), risk=s.gp.risk,
             screen=self.screen,
         )  # fmt: skip
+
+    def surrogate_from(self, history: Sequence[Observation]) -> RockMeanGP:
+        """The surrogate behind such a recommendation; ``ValueError`` without a successful mission."""
+        from tuner.surrogate import RockMeanGP
+
+        s = self.settings
+        return RockMeanGP(s.space, history, s.rocks, s.seed, surrogate_settings(s.gp), self.screen)
 
     def confirmation_plan(self) -> list[Proposal]:
         """The missions of the confirmation stage, a function of the search missions alone.
@@ -544,7 +553,7 @@ class Campaign:
         s = self.settings
         search = [o for o in self.history() if o.number < s.search_budget]
         missions = s.budget - s.search_budget
-        result = self._recommend(search) if missions else None
+        result = self.recommend_from(search) if missions else None
         if result is None:
             return []
         ranked = [candidate.values for candidate in result.top]

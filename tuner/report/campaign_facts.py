@@ -14,7 +14,7 @@ from nbv.types import Floats
 from tuner.campaign import MAX_CONSECUTIVE_FAILURES, Campaign, CampaignSettings, CampaignStatus
 from tuner.history import Observation
 from tuner.ledger import TrialRecord
-from tuner.recommendation import Recommendation, recommend
+from tuner.recommendation import Recommendation
 from tuner.report.labels import MetricLabel, decimals_for, metric_label
 from tuner.report.style import short_names
 from tuner.search_space import Parameter
@@ -91,7 +91,7 @@ class CampaignFacts:
         feasible = [o for o in self.observations if o.feasible]
         if not feasible:
             return None
-        return RockMeanGP(self.settings.space, feasible, self.settings.rocks, self.settings.seed)
+        return self.campaign.surrogate_from(feasible)
 
     @property
     def digits(self) -> int:
@@ -99,11 +99,7 @@ class CampaignFacts:
         return decimals_for(self.recommendation.sd) if self.recommendation is not None else 2
 
     def _recommend(self, observations: Sequence[Observation]) -> Recommendation | None:
-        s = self.settings
-        return recommend(
-            s.space, observations, s.rocks, self.default, s.objective, s.seed,
-            confirmed=range(s.search_budget, s.budget),
-        )  # fmt: skip
+        return self.campaign.recommend_from(observations)
 
     # -- stop reason -----------------------------------------------------------------------------------------
 
@@ -128,9 +124,9 @@ class CampaignFacts:
     # -- belief ----------------------------------------------------------------------------------------------
 
     def belief(self, configurations: Sequence[Mapping[str, Any]]) -> tuple[Floats, Floats]:
-        """Posterior mean and standard deviation of the mean over the training rocks, metric's unit."""
+        """Posterior mean and sd of the mean (or risk measure) over the training rocks, metric's unit."""
         assert self.model is not None
-        posterior = self.model.posterior(configurations)
+        posterior = self.model.posterior(configurations, self.settings.gp.risk)
         return self.sign * posterior.mean, posterior.sd
 
     @cached_property
