@@ -18,6 +18,7 @@ from tuner.gp_options import GPOptions
 from tuner.history import Observation
 from tuner.objective import Objective
 from tuner.pareto import pareto_front, propose_for_front, two_models
+from tuner.report.campaign_facts import CampaignFacts
 from tuner.samplers import GPSampler
 from tuner.screening import Screen, screen
 from tuner.search_space import Values
@@ -243,6 +244,7 @@ def test_campaign_stops_when_settled_and_says_so(tmp_path: Path) -> None:
     result = campaign.recommendation()
     assert result is not None and synthetic.true_value(result.values) > 0.9
     assert Campaign.open(tmp_path / "run").run(InProcessExecutor()).status.finished == summary.status.finished
+    assert CampaignFacts(campaign).stop_reason.startswith(f"Settled after {summary.status.finished} of 60")
 
 
 # -- refusals ------------------------------------------------------------------------------------------------

@@ -18,6 +18,7 @@ from tuner.recommendation import Recommendation
 from tuner.report.labels import MetricLabel, decimals_for, metric_label
 from tuner.report.style import short_names
 from tuner.search_space import Parameter
+from tuner.stopping import settled
 from tuner.surrogate import RockMeanGP
 
 CHECKPOINTS = 8  # each is one more fit of the surrogate
@@ -109,6 +110,11 @@ class CampaignFacts:
         status = self.status
         if status.finished >= status.budget:
             return f"The budget of {status.budget} missions is used."
+        if self.settings.stop_when_settled and not status.running and settled([t.why for t in self.trials]):
+            return (
+                f"Settled after {status.finished} of {status.budget} missions: less is expected to be left to gain "
+                "than a final comparison can tell."
+            )
         last = [t for t in self.trials if t.state != "running"][-MAX_CONSECUTIVE_FAILURES:]
         if len(last) == MAX_CONSECUTIVE_FAILURES and all(t.state == "failed" for t in last):
             return (
