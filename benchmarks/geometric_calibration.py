@@ -1,285 +1,286 @@
-"""How well geometric missions rank configurations, against photogrammetric missions.
+"""How well geometric missions rank configurations, against photogrammetric missions that others have flown.
 
-    OMP_NUM_THREADS=1 python benchmarks/geometric_calibration.py runs/geometric_calibration --workers 2
+    OMP_NUM_THREADS=1 python benchmarks/geometric_calibration.py runs/noise-08 runs/noise-full \\
+        --calibrated slab cavern --replicates 4 --work runs/geometric-calibration
 
-Flies spread-out configurations (the paper's strategies and the controls, then a Sobol sequence over gate
-thresholds, both scorers' weights, visibility mode and gate kind) with real photogrammetry, in processes of
-their own; stop it at any time and start it again to go on. Then:
+Reads the missions of studies (``gatetune study noise``: every configuration on every rock, measured at several
+fusion strictness levels), flies the same configurations geometrically, and writes to
+``docs/results/geometric_fidelity.md`` and a figure, per strictness level:
 
-1. fits the free constants of the stand-in's dense stage on the calibration rocks (grid search on the views
-   that the photogrammetric missions chose, so planning plays no part);
-2. flies the same configurations geometrically, with the constants in the code and with the fitted ones;
-3. prints Spearman's rank correlations per rock and for the mean over rocks, for both groups of rocks, and
-   writes them to a Markdown file.
+* end to end: Spearman's rank correlation of the configurations' means, the geometric mission having chosen its
+  own views; and how alike two photogrammetric replicates are (no stand-in can do better than these allow);
+* same views: the prediction for the very views that photogrammetry chose, so planning plays no part.
 
-The fitted constants are printed for `nbv.geometric.completeness.DenseModel`; nothing is changed by itself.
+Intervals are 95 % bootstrap percentiles over configurations. Nothing is fitted here: the constants of
+`nbv.geometric.completeness.DenseModel` come from ``benchmarks/geometric_fit.py``. Oracles are left out: they
+read the ground truth; learned gates too: their policies are files. Geometric choices are kept under ``--work``, so an
+interrupted run goes on.
 """
 
 from __future__ import annotations
 
 import argparse
-import itertools
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from scipy.stats import qmc, spearmanr
+import yaml
+from scipy.stats import rankdata, spearmanr
 from threadpoolctl import threadpool_limits
 
-from nbv.config import MissionConfig, preset
-from nbv.geometric import StandIn, predict_views, run_geometric_mission
-from nbv.geometric.completeness import DenseModel
-from nbv.result import MissionResult
+from nbv.config import MissionConfig, config_from_dict, preset
+from nbv.geometric import predict_views, run_geometric_mission
 from nbv.run_directory import write_atomic
-from tuner.evaluation import EvaluationEvent, EvaluationPlan, run_evaluation
-from tuner.executors import Executor, InProcessExecutor, LocalProcessExecutor
-from tuner.objective import Objective
-from tuner.search_space import load_search_space
+from nbv.types import Floats
 
-FIXED: dict[str, dict[str, Any]] = {
-    "hyb-h": {"gate.kind": "hyb-h"},
-    "covis": {"gate.kind": "covis"},
-    "b-aware": {"gate.kind": "b-aware"},
-    "random": {"gate.kind": "random"},
-    "uniform-coverage": {"gate.kind": "uniform-coverage"},
-    "novelty-only": {"gate.kind": "novelty-only"},
-    "movement-only": {"gate.kind": "movement-only"},
-}
-SOBOL_KINDS = ("hyb-h", "b-aware", "covis")
-GRID = {
-    "incidence_deg": (68.0, 72.0, 76.0, 80.0),
-    "incidence_width_deg": (6.0, 10.0),
-    "max_pair_angle_deg": (25.0, 35.0),
-    "witness_angle_deg": (45.0, 60.0, 90.0),
-    "agreement_offset": (-1.0, 0.0, 1.0),
-    "agreement_width": (0.5, 1.2),
-}
+METRIC = "f_score_48mm"
+BOOTSTRAP = 1000
+NOT_REPEATABLE = ("hyb-o", "greedy-oracle", "learned")  # they read the ground truth, or a file
 
 
 @dataclass(frozen=True)
 class Flight:
     """One photogrammetric mission."""
 
-    configuration: str
-    rock: str
+    digest: str
+    rock: str  # catalogue name or path
     replicate: int
-    value: float
+    values: dict[str, float]  # by strictness level
     chosen: tuple[str, ...]
 
 
-def configurations(count: int, base: MissionConfig, seed: int = 0) -> dict[str, MissionConfig]:
-    """``count`` named configurations: the fixed ones first, then the Sobol sequence."""
-    space = load_search_space("gate_and_weights")
-    named = {name: base.with_values(values) for name, values in list(FIXED.items())[:count]}
-    n_sobol = count - len(named)
-    if n_sobol > 0:
-        sampler = qmc.Sobol(space.dimension + 2, seed=seed)
-        positions = sampler.random_base2(int(np.ceil(np.log2(n_sobol))))[:n_sobol]
-        for i, u in enumerate(positions):
+@dataclass(frozen=True)
+class Cell:
+    """Values of complete configurations: (configurations, rocks, replicates)."""
+
+    digests: list[str]
+    rocks: list[str]
+    replicates: list[int]
+    measured: Floats
+    end_to_end: Floats  # replicates are the geometric ones
+    same_views: Floats
+
+
+def read_studies(
+    directories: Sequence[Path], levels: Sequence[str]
+) -> tuple[list[Flight], dict[str, MissionConfig]]:
+    """The flights below ``directories`` and their configurations by digest; failed missions are left out.
+
+    Noise studies measured every level; of other missions only the configured level is known. Strictness
+    does not change a flight, so it does not count as a difference between configurations.
+    """
+    flights, configs = [], {}
+    for plan in sorted(p for directory in directories for p in directory.rglob("evaluation.yaml")):
+        rocks = yaml.load(plan.read_text(), Loader=yaml.CSafeLoader)["rocks"]
+        for path in sorted((plan.parent / "missions").glob("*/*/mission.json")):
+            mission = json.loads(path.read_text())
+            tree = yaml.load((path.parent / "config.yaml").read_text(), Loader=yaml.CSafeLoader)
+            config = config_from_dict(tree)
+            if mission["status"] == "failed" or config.gate.kind in NOT_REPEATABLE:
+                continue
+            metrics = mission["metrics"]
+            measured = metrics.get("agreement", {str(config.dense.agreeing_views): metrics})
             values = {
-                **space.base,
-                **space.from_unit(u[:-2]),
-                "visibility.mode": "occlusion" if u[-2] < 0.5 else "frustum",
-                "gate.kind": SOBOL_KINDS[min(int(u[-1] * len(SOBOL_KINDS)), len(SOBOL_KINDS) - 1)],
+                k: measured[k]["observable"][METRIC] for k in levels if "observable" in measured.get(k, {})
             }
-            named[f"sobol-{i:02d}"] = base.with_values(values)
-    return named
+            config = config.with_values({"dense.agreeing_views": 3})
+            configs[config.digest()] = config
+            flights.append(
+                Flight(
+                    config.digest(), rocks[int(path.parent.name[:2])], mission["replicate"], values,
+                    tuple(t["chosen"] for t in mission["trace"]),
+                )
+            )  # fmt: skip
+    return flights, configs
 
 
-def collect(plan: EvaluationPlan, directory: Path, metric: str) -> list[Flight]:
-    """What the photogrammetric missions measured and which views they chose; failed ones are left out."""
-    flights = []
-    for record in plan.records(directory):
-        value = record.value(metric)
-        if value is not None:
-            trace = MissionResult.load(Path(record.outcome.directory)).trace
-            flights.append(Flight(record.strategy, record.rock, record.replicate, value, tuple(t.chosen for t in trace)))  # fmt: skip
-    return flights
+class GeometricChoices:
+    """The views that geometric missions choose, kept in a file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._known: dict[str, list[str]] = json.loads(path.read_text()) if path.exists() else {}
+
+    def get(self, config: MissionConfig, rock: str, replicate: int) -> tuple[str, ...]:
+        key = f"{config.digest()} {Path(rock).stem} {replicate}"
+        if key not in self._known:
+            trace = run_geometric_mission(config, rock, replicate).trace
+            self._known[key] = [t.chosen for t in trace]
+            if len(self._known) % 50 == 0:
+                self.save()
+        return tuple(self._known[key])
+
+    def save(self) -> None:
+        self._path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(self._path, json.dumps(self._known))
 
 
-def correlation(a: Sequence[float], b: Sequence[float]) -> float:
-    """Spearman's rank correlation; NaN for fewer than 3 pairs or without any variation."""
-    if len(a) < 3 or np.ptp(a) == 0 or np.ptp(b) == 0:
-        return float("nan")
-    return float(spearmanr(a, b).statistic)
+def predicted(level: str) -> Callable[[str, tuple[str, ...], int], float]:
+    """Predicted score of a set of views at a strictness level, remembered."""
+    config = preset("campaign").with_values({"dense.agreeing_views": int(level)})
+    known: dict[tuple[str, tuple[str, ...], int], float] = {}
 
-
-def by_configuration(
-    flights: Sequence[Flight], values: Sequence[float], rocks: Sequence[str]
-) -> dict[str, float]:
-    """Mean over rocks and replicates per configuration; only configurations with every mission."""
-    groups: dict[str, list[float]] = {}
-    for flight, value in zip(flights, values):
-        if flight.rock in rocks:
-            groups.setdefault(flight.configuration, []).append(value)
-    full = max((len(group) for group in groups.values()), default=0)
-    return {name: float(np.mean(group)) for name, group in groups.items() if len(group) == full}
-
-
-def rock_and_mean_correlations(
-    flights: Sequence[Flight], values: Sequence[float], rocks: Sequence[str]
-) -> tuple[dict[str, float], float]:
-    """Spearman's correlation of ``values`` with the measured ones: per rock, and for the mean over rocks."""
-    per_rock = {}
-    for rock in rocks:
-        pairs = [(by_configuration(flights, v, [rock])) for v in ([f.value for f in flights], values)]
-        per_rock[rock] = correlation([pairs[0][k] for k in pairs[0]], [pairs[1][k] for k in pairs[0]])
-    measured = by_configuration(flights, [f.value for f in flights], rocks)
-    predicted = by_configuration(flights, values, rocks)
-    return per_rock, correlation(list(measured.values()), [predicted[k] for k in measured])
-
-
-def replay(
-    flights: Sequence[Flight], configs: dict[str, MissionConfig], metric: str, stand_in: StandIn
-) -> list[float]:
-    """The prediction for the very views that photogrammetry chose."""
-    objective, known = Objective(metric), {}
-    values = []
-    for f in flights:
-        key = (f.rock, f.replicate, frozenset(f.chosen))
+    def value(rock: str, chosen: tuple[str, ...], replicate: int) -> float:
+        key = (rock, tuple(sorted(chosen)), replicate)
         if key not in known:
-            metrics = predict_views(configs[f.configuration], f.rock, sorted(f.chosen), f.replicate, stand_in=stand_in)  # fmt: skip
-            known[key] = objective.measure(metrics)
-        values.append(known[key])
-    return [float("nan") if v is None else v for v in values]
+            known[key] = float(predict_views(config, rock, key[1], replicate)["observable"][METRIC])
+        return known[key]
+
+    return value
 
 
-def fit(
-    flights: Sequence[Flight], configs: dict[str, MissionConfig], metric: str, rocks: Sequence[str]
-) -> tuple[DenseModel, float]:
-    """The grid's constants with the best mean of the rocks' rank correlations; ties: the smaller bias."""
-    mine = [f for f in flights if f.rock in rocks]
-    best: tuple[float, float] = (-np.inf, -np.inf)
-    chosen = DenseModel()
-    for point in itertools.product(*GRID.values()):
-        model = replace(DenseModel(), **dict(zip(GRID, point)))
-        values = replay(mine, configs, metric, StandIn(dense=model))
-        per_rock, _ = rock_and_mean_correlations(mine, values, rocks)
-        agreement = float(np.nanmean([-1.0, *per_rock.values()] if all(np.isnan(list(per_rock.values()))) else list(per_rock.values())))  # fmt: skip
-        bias = float(np.mean(np.abs(np.subtract(values, [f.value for f in mine]))))
-        if (round(agreement, 3), -bias) > best:
-            best, chosen = (round(agreement, 3), -bias), model
-    return chosen, best[0]
+def cell(
+    flights: Sequence[Flight],
+    configs: dict[str, MissionConfig],
+    rocks: Sequence[str],
+    measured_replicates: Sequence[int],
+    geometric_replicates: int,
+    level: str,
+    choices: GeometricChoices,
+    value: Callable[[str, tuple[str, ...], int], float],
+) -> Cell:
+    """Everything about the configurations that were flown on all ``rocks`` with all replicates."""
+    by_key = {(f.digest, f.rock, f.replicate): f for f in flights if level in f.values}
+    digests = [d for d in sorted({f.digest for f in flights})
+               if all((d, r, k) in by_key for r in rocks for k in measured_replicates)]  # fmt: skip
+    mine = [[[by_key[d, r, k] for k in measured_replicates] for r in rocks] for d in digests]
+    return Cell(
+        digests, list(rocks), list(measured_replicates),
+        np.array([[[f.values[level] for f in row] for row in group] for group in mine]),
+        np.array([[[value(r, choices.get(configs[d], r, k), k) for k in range(geometric_replicates)] for r in rocks]
+                  for d in digests]),
+        np.array([[[value(f.rock, f.chosen, f.replicate) for f in row] for row in group] for group in mine]),
+    )  # fmt: skip
 
 
-def fly_geometric(
-    flights: Sequence[Flight], configs: dict[str, MissionConfig], metric: str, stand_in: StandIn
-) -> tuple[list[float], list[float], float]:
-    """Values, shares of the photogrammetric mission's views that were chosen too, median wall time (s)."""
-    objective = Objective(metric)
-    values, shared, walls = [], [], []
-    for f in flights:
-        result = run_geometric_mission(configs[f.configuration], f.rock, f.replicate, stand_in=stand_in)
-        value = objective.measure(result.metrics)
-        values.append(float("nan") if value is None else value)
-        shared.append(len({t.chosen for t in result.trace} & set(f.chosen)) / max(1, len(f.chosen)))
-        walls.append(result.costs["wall_s"])
-    return values, shared, float(np.median(walls))
+def correlation(a: Floats, b: Floats) -> float:
+    """Spearman's rank correlation; NaN for fewer than 3 pairs."""
+    return float(spearmanr(a, b).statistic) if len(a) >= 3 else float("nan")
+
+
+def with_interval(a: Floats, b: Floats) -> str:
+    """Correlation and its 95 % bootstrap interval over configurations."""
+    draws = np.random.default_rng(0).integers(0, len(a), (BOOTSTRAP, len(a)))
+    x, y = (rankdata(values[draws], axis=1) for values in (a, b))
+    x, y = x - x.mean(axis=1, keepdims=True), y - y.mean(axis=1, keepdims=True)
+    with np.errstate(invalid="ignore"):
+        each = (x * y).sum(axis=1) / np.sqrt((x**2).sum(axis=1) * (y**2).sum(axis=1))
+    low, high = np.nanpercentile(each, [2.5, 97.5])
+    return f"**{correlation(a, b):.2f}** ({low:.2f} to {high:.2f})"
+
+
+def row(name: str, group: str, c: Cell) -> str:
+    """A line of the table."""
+    truth = c.measured.mean(axis=(1, 2))
+    alike, ceiling = "", ""
+    if len(c.replicates) == 2:
+        r = correlation(c.measured[:, :, 0].mean(axis=1), c.measured[:, :, 1].mean(axis=1))
+        alike, ceiling = f"{r:.2f}", f"{np.sqrt(max(0.0, 2 * r / (1 + r))):.2f}"
+    bias = float((c.same_views - c.measured).mean())
+    return (f"| {name} | {group} | {len(c.digests)} | {len(c.replicates)} | {with_interval(truth, c.end_to_end.mean(axis=(1, 2)))} |"
+            f" {with_interval(truth, c.same_views.mean(axis=(1, 2)))} | {alike} | {ceiling} |"
+            f" {truth.std():.2f} | {bias:+.2f} |")  # fmt: skip
+
+
+def scatter(cells: dict[str, Cell], path: Path) -> None:
+    """Measured against predicted configuration means, a panel per strictness level."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    fig, axes = plt.subplots(
+        2, len(cells), figsize=(3.4 * len(cells), 6.4), squeeze=False, layout="constrained"
+    )
+    for column, (level, c) in enumerate(cells.items()):
+        truth = c.measured.mean(axis=(1, 2))
+        for ax, values, title in (
+            (axes[0, column], c.same_views, "same views"), (axes[1, column], c.end_to_end, "end to end"),
+        ):  # fmt: skip
+            guess = values.mean(axis=(1, 2))
+            ax.plot(guess, truth, "o", ms=4, alpha=0.8)
+            ax.set_title(f"{title}, {level} agreeing views: {correlation(truth, guess):.2f}", fontsize=9)
+            ax.set_xlabel("geometric F-score @ 48 mm (%)", fontsize=8)
+            ax.set_ylabel("photogrammetric (%)", fontsize=8)
+            ax.tick_params(labelsize=7)
+            ax.grid(alpha=0.3)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    fig.savefig(path, dpi=130)
 
 
 def report(
     flights: Sequence[Flight],
     configs: dict[str, MissionConfig],
-    metric: str,
     calibrated: Sequence[str],
-    others: Sequence[str],
-    do_fit: bool,
+    geometric_replicates: int,
+    levels: Sequence[str],
+    choices: GeometricChoices,
+    figure: Path,
 ) -> str:
-    """The Markdown report."""
-    variants = {"constants in the code": StandIn()}
-    lines = [
-        "# Geometric against photogrammetric missions", "",
-        f"`benchmarks/geometric_calibration.py`: {len(configs)} configurations, {len(flights)} photogrammetric missions,"
-        f" metric `{metric}`. Spearman's rank correlation over configurations.", "",
-    ]  # fmt: skip
-    if do_fit:
-        model, agreement = fit(flights, configs, metric, calibrated)
-        variants["constants fitted here"] = StandIn(dense=model)
+    """The Markdown table; writes the figure."""
+    rocks = list(dict.fromkeys(f.rock for f in flights))
+    counts = {r: len({f.digest for f in flights if f.rock == r}) for r in rocks}
+    most = [r for r in rocks if counts[r] == max(counts.values())]
+    groups = [(f"mean over {len(most)} rocks", "all that saw every configuration", most)]
+    for name, members in (("calibrated on", [r for r in most if Path(r).stem in calibrated]),
+                          ("not calibrated on", [r for r in most if Path(r).stem not in calibrated])):  # fmt: skip
+        groups.append((f"mean over {', '.join(Path(r).stem for r in members)}", name, members))
+    groups += [
+        (Path(r).stem, "calibrated on" if Path(r).stem in calibrated else "not calibrated on", [r])
+        for r in rocks
+    ]
+    lines: list[str] = []
+    panels: dict[str, Cell] = {}
+    for level in levels:
+        value = predicted(level)
         lines += [
-            f"Fitted on {', '.join(calibrated)} (mean rank correlation of the replayed views {agreement:.3f}):", "",
-            "```", *(f"{name} = {value:g}" for name, value in asdict(model).items()), "```", "",
+            f"### {level} agreeing views", "",
+            "| rocks | group | configurations | measured replicates | end to end | same views | two replicates of photogrammetry | best possible | sd between configurations | bias, same views |",
+            "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|",
         ]  # fmt: skip
-    for title, stand_in in variants.items():
-        flown, shared, wall_s = fly_geometric(flights, configs, metric, stand_in)
-        replayed = replay(flights, configs, metric, stand_in)
-        lines += [
-            f"## {title[0].upper()}{title[1:]}", "",
-            f"Median wall time of a geometric mission: {1e3 * wall_s:.0f} ms.", "",
-            "| rock | group | missions | end to end | same views, predicted only | views in common | spread measured / predicted (sd) | bias |",
-            "|---|---|---|---|---|---|---|---|",
-        ]  # fmt: skip
-        for group, rocks in (("calibration", calibrated), ("other", others)):
-            if not rocks:
+        for name, group, members in groups:
+            if not members:
                 continue
-            rows, mean = rock_and_mean_correlations(flights, flown, rocks)
-            replay_rows, replay_mean = rock_and_mean_correlations(flights, replayed, rocks)
-            for rock in rocks:
-                mine = [i for i, f in enumerate(flights) if f.rock == rock]
-                if not mine:
-                    continue
-                truth, guess = np.array([flights[i].value for i in mine]), np.array([flown[i] for i in mine])
-                lines.append(
-                    f"| {rock} | {group} | {len(mine)} | {rows[rock]:.2f} | {replay_rows[rock]:.2f} |"
-                    f" {100 * np.mean([shared[i] for i in mine]):.0f} % | {truth.std():.2f} / {guess.std():.2f} |"
-                    f" {np.mean(guess - truth):+.2f} |"
-                )
-            lines.append(f"| **mean over rocks** | {group} | | **{mean:.2f}** | {replay_mean:.2f} | | | |")
+            for replicates in ([0, 1], [0]):
+                c = cell(flights, configs, members, replicates, geometric_replicates, level, choices, value)
+                if len(c.digests) >= 10:
+                    lines.append(row(name, group, c))
+                    if members == most and (
+                        level not in panels or len(c.digests) > len(panels[level].digests)
+                    ):
+                        panels[level] = c
         lines.append("")
+    scatter(panels, figure)
+    choices.save()
     return "\n".join(lines)
-
-
-def tell(event: EvaluationEvent) -> None:
-    """A line per mission."""
-    if event.kind in ("finished", "failed") and event.job is not None:
-        print(
-            f"{event.finished} of {event.total} after {event.elapsed_s:.0f} s: {event.job.id} {event.kind}",
-            flush=True,
-        )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("directory", type=Path, help="where the photogrammetric missions are kept")
-    parser.add_argument("--configurations", type=int, default=40)
+    parser.add_argument("studies", nargs="+", type=Path, help="directories of studies or evaluations")
     parser.add_argument(
-        "--rocks", nargs="+", default=["boulder", "waist", "vesicular"], help="to calibrate on"
+        "--calibrated", nargs="*", default=["slab", "cavern"], help="rocks whose depth maps were fitted"
     )
-    parser.add_argument("--others", nargs="*", default=["slab", "breccia", "cavern"], help="only to check on")
-    parser.add_argument("--replicates", type=int, default=1)
-    parser.add_argument("--workers", type=int, default=1, help="0: fly in this process")
-    parser.add_argument("--metric", default="observable.f_score_48mm")
     parser.add_argument(
-        "--set", action="append", default=[], metavar="PATH=VALUE", help="laid over the preset"
+        "--replicates", type=int, default=4, help="geometric replicates per configuration and rock"
     )
-    parser.add_argument("--no-fit", action="store_true")
-    parser.add_argument("--out", type=Path, default=Path("docs/results/geometric_calibration.md"))
+    parser.add_argument("--levels", nargs="+", default=["5", "6", "7"], help="dense.agreeing_views")
+    parser.add_argument("--work", type=Path, default=Path("runs/geometric-calibration"))
+    parser.add_argument("--out", type=Path, help="also write the table here")
+    parser.add_argument("--figure", type=Path, default=Path("docs/images/geometric_fidelity.png"))
     arguments = parser.parse_args()
-    import yaml
-
-    overrides = {
-        path: yaml.safe_load(value) for path, _, value in (item.partition("=") for item in arguments.set)
-    }
-    configs = configurations(arguments.configurations, preset("campaign").with_values(overrides))
-    plan = EvaluationPlan(configs, (*arguments.rocks, *arguments.others), arguments.replicates)
-    executor: Executor = InProcessExecutor() if arguments.workers == 0 else LocalProcessExecutor(arguments.workers)  # fmt: skip
-    try:
-        run = run_evaluation(plan, arguments.directory, executor, on_event=tell)
-    finally:
-        executor.close()
-    if not run.complete:
-        raise SystemExit(
-            f"interrupted; start again with the same arguments to go on ({run.failures or 'no failures'})"
-        )
+    flights, configs = read_studies(arguments.studies, arguments.levels)
+    print(f"{len(flights)} photogrammetric missions of {len(configs)} configurations", flush=True)
     with threadpool_limits(1):
         text = report(
-            collect(plan, arguments.directory, arguments.metric), configs, arguments.metric,
-            arguments.rocks, arguments.others, not arguments.no_fit,
+            flights, configs, arguments.calibrated, arguments.replicates, arguments.levels,
+            GeometricChoices(arguments.work / "choices.json"), arguments.figure,
         )  # fmt: skip
     print(text)
-    arguments.out.parent.mkdir(parents=True, exist_ok=True)
-    write_atomic(arguments.out, text)
+    if arguments.out is not None:
+        write_atomic(arguments.out, text + "\n")
 
 
 if __name__ == "__main__":

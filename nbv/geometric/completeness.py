@@ -94,7 +94,7 @@ def reconstruction_probability(
     angle_deg = pairwise_angles_deg(directions)
     texture = (contrast / (contrast + model.half_contrast)).astype(np.float32)
     # Of a pair's chance, what each view brings.
-    good = _logistic((model.incidence_deg - incidence) / np.float32(model.incidence_width_deg))
+    good = _logistic((np.float32(model.incidence_deg) - incidence) / np.float32(model.incidence_width_deg))
     good *= seen
 
     partner, usable = stereo_partners(angle_deg, dense)
@@ -152,7 +152,7 @@ def sample_probability(
     camera_centers_m: Floats,
     config: MissionConfig,
     model: DenseModel,
-) -> Floats32:
+) -> Floats:
     """(S,) `reconstruction_probability` of a world's samples.
 
     Parameters
@@ -170,6 +170,7 @@ def sample_probability(
     cosine /= np.sqrt(squared)
     np.clip(cosine, -1.0, 1.0, out=cosine)
     incidence = np.rad2deg(np.arccos(cosine, out=cosine), out=cosine)
+    seen = world.sample_seen[list(rows)]
     return reconstruction_probability(
-        world.sample_seen[list(rows)], incidence, world.sample_contrast, directions, config.dense, model
-    )
+        seen, incidence, world.sample_contrast, directions, config.dense, model
+    ).astype(np.float64)

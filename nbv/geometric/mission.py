@@ -18,7 +18,7 @@ from nbv.frames import look_at
 from nbv.gates import make_gate, make_oracle, oracle_rewards
 from nbv.geometric.completeness import sample_probability
 from nbv.geometric.metrics import predicted_metrics
-from nbv.geometric.reconstructor import GeometricReconstructor, StandIn
+from nbv.geometric.reconstructor import MODEL_VERSION, GeometricReconstructor, StandIn
 from nbv.geometric.world import WORLD_VERSION, GeometricWorld, load_world
 from nbv.mission import AdaptiveMission, Log, _silent, fly, mission_result
 from nbv.result import MissionResult
@@ -99,7 +99,8 @@ def run_geometric_mission(
     outcome = fly(mission, measure)
     result = mission_result(
         mission, outcome, subject, replicate, time.perf_counter() - started,
-        {"fidelity": "geometric", "geometric_world_version": WORLD_VERSION},
+        {"fidelity": "geometric", "geometric_world_version": WORLD_VERSION,
+         "geometric_model_version": MODEL_VERSION},
     )  # fmt: skip
     if run is not None:
         if full_run is not None:

@@ -15,6 +15,8 @@ from nbv.geometric.world import GeometricWorld
 from nbv.random_streams import keyed_rng
 from nbv.types import Capture, Floats, PointCloud, SparseModel, UpdateReport
 
+# Raise when the default constants below or in `DenseModel` change, or what is made of them.
+MODEL_VERSION = 2
 MIN_TRIANGULATION_ANGLE_DEG = 1.5  # COLMAP's default
 
 

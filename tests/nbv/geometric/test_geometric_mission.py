@@ -71,6 +71,7 @@ def test_the_mission_flies_the_loop_and_says_what_it_is(flown, config):
     assert len(chosen) == len(set(chosen)) == BUDGET
     assert set(chosen) <= legal
     assert flown.provenance["fidelity"] == flown.metrics["fidelity"] == "geometric"
+    assert flown.provenance["geometric_model_version"] == geometric_reconstructor.MODEL_VERSION
     for surface in ("observable", "whole"):
         scores = [flown.metric(f"{surface}.completeness_{t}mm") for t in (16, 32, 48, 64, 80)]
         assert scores == sorted(scores)
