@@ -130,3 +130,9 @@ def test_baselines_and_the_papers_table() -> None:
         for t in (48, 80):
             c = column[f"whole.completeness_{t}mm"] / 100
             assert column[f"whole.f_score_{t}mm"] <= 200 * c / (1 + c) + 1.0
+
+
+def test_the_greedy_oracle_is_paid_for_surface_that_stereo_can_match() -> None:
+    config = BASELINES["greedy-oracle"].config(BASE)
+    assert (config.gate.kind, config.gate.oracle_coverage) == ("greedy-oracle", "matchable")
+    assert BASELINES["hyb-o"].config(BASE).gate.oracle_coverage == "reconstruction"  # the paper's text
