@@ -287,6 +287,8 @@ _MANY_ROCKS = ("gp+deviations", "gp+variance", "gp+pooled")
 
 def applicable(name: str, problem: str) -> bool:
     """Whether a strategy makes sense, and is another one than its plain variant, on a problem."""
+    if name.startswith("cmaes") and problem == "geometric:full":
+        return False  # categorical parameters
     if name == "gp+screen":
         return problem.startswith("two-fidelities")
     one_rock = not problem.startswith(("four-rocks", "two-fidelities", "geometric"))

@@ -13,6 +13,7 @@ import numpy as np
 from nbv.types import Floats
 
 DRAWS = 10_000
+MIN_SEEDS = 3  # fewer common seeds get no interval
 
 
 @dataclass(frozen=True)
@@ -37,9 +38,10 @@ class Run:
 
 def read(path: Path) -> Run | None:
     """A complete run; None otherwise."""
-    rows: list[dict[str, Any]] = [json.loads(line) for line in path.read_text().splitlines()]
-    if not rows or rows[-1]["kind"] != "done":
+    text = path.read_text()
+    if '"kind": "done"' not in text:
         return None
+    rows: list[dict[str, Any]] = [json.loads(line) for line in text.splitlines()]
     head = rows[0]
     points = [r for r in rows if r["kind"] == "checkpoint"]
     missions = [r for r in rows if r["kind"] == "mission"]
@@ -85,10 +87,11 @@ def rows(table: Table, ours: str) -> list[str]:
         common = sorted(set(runs) & set(mine))
         difference = ratio = "" if name != ours else "–"
         if name != ours and common:
-            mean, low, high = paired_interval(
-                np.array([mine[s].truths[-1] - runs[s].truths[-1] for s in common])
-            )
-            difference = f"{mean:+.3f} ({low:+.3f} to {high:+.3f})"
+            gaps = np.array([mine[s].truths[-1] - runs[s].truths[-1] for s in common])
+            difference = f"{gaps.mean():+.3f} ({len(common)} seeds)"
+            if len(common) >= MIN_SEEDS:
+                mean, low, high = paired_interval(gaps)
+                difference = f"{mean:+.3f} ({low:+.3f} to {high:+.3f})"
             shares = [mine[s].reached(runs[s].truths[-1]) / runs[s].budget for s in common]
             middle = float(np.median(shares))
             ratio = f"{middle:.2f}" if np.isfinite(middle) else "not reached"

@@ -14,7 +14,9 @@ do not share beyond offsets and a scale ends up in the noise, which is right for
 
 The length-scale prior grows with the square root of the dimension (Hvarfner et al., ICML 2024), but is
 narrower than theirs, there is an output scale, and the noise prior expects noise: missions are noisy, and on
-synthetic data as noisy as the signal these choices were the better calibrated ones.
+synthetic data as noisy as the signal these choices were the better calibrated ones. ``SurrogateSettings`` has what
+may be added: rocks' own landscapes, a sparse prior, averaging over hyperparameters; ``tuner.screening`` a cheaper
+fidelity.
 """
 
 from __future__ import annotations
