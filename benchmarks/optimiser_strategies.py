@@ -264,6 +264,13 @@ def gp_variant(**options: Any) -> Factory:
     return lambda problem, seed: OneRock(GPSampler(settings_of(problem, seed), model=model), model)
 
 
+def short_design(problem: Problem, seed: int) -> Strategy:
+    """Our sampler after an initial design of half as many missions as parameters, and three."""
+    settings = settings_of(problem, seed)
+    initial = min(settings.initial, problem.space.dimension // 2 + 3)
+    return OneRock(GPSampler(dataclasses.replace(settings, initial=initial)))
+
+
 PEERS = ("sobol", "random", "tpe", "cmaes", "optuna-gp", *available_peers())
 STRATEGIES: dict[str, Factory] = {
     "gp": one_rock("gp"),
@@ -271,6 +278,7 @@ STRATEGIES: dict[str, Factory] = {
     **{f"{name}/all": all_rocks(name) for name in (*PEERS, "gp")},
     "tpe/pruned": PrunedTPE,
     "gp+screen": Screened,
+    "gp+short": short_design,
     "gp+variance": RockByVariance,
     "gp+pooled": gp_variant(rock_scales=False),
     "gp+bayes4": gp_variant(members=4),

@@ -88,7 +88,7 @@ def rows(table: Table, ours: str) -> list[str]:
         difference = ratio = "" if name != ours else "–"
         if name != ours and common:
             gaps = np.array([mine[s].truths[-1] - runs[s].truths[-1] for s in common])
-            difference = f"{gaps.mean():+.3f} ({len(common)} seeds)"
+            difference = f"{gaps.mean():+.3f} ({len(common)} seed{'s' * (len(common) > 1)})"
             if len(common) >= MIN_SEEDS:
                 mean, low, high = paired_interval(gaps)
                 difference = f"{mean:+.3f} ({low:+.3f} to {high:+.3f})"
