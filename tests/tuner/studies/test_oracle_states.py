@@ -52,10 +52,8 @@ def test_coverages_differ_as_they_are_defined(judged):
         assert j.covered_last >= j.covered_first and j.preferences.decisions == BUDGET
 
 
-def test_the_summary_adds_up(flown, judged, tmp_path):
-    shutil.copytree(flown[1], tmp_path / "again")
-    two = judge([flown[1], tmp_path / "again"])
-    for summary in summarise(two):
+def test_the_summary_adds_up(judged):
+    for summary in summarise([*judged.values(), *judged.values()]):
         one = judged[summary.coverage]
         assert summary.missions == 2 and summary.preferences.decisions == 2 * BUDGET
         assert summary.preferences.covis == 2 * one.preferences.covis
