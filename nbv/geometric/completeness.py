@@ -90,11 +90,13 @@ def reconstruction_probability(
     """
     if len(seen) < 2:
         return np.zeros(seen.shape[1], dtype=np.float32)
-    incidence = np.asarray(incidence_deg, dtype=np.float32)
+    incidence: Floats32 = np.asarray(incidence_deg, dtype=np.float32)
     angle_deg = pairwise_angles_deg(directions)
     texture = (contrast / (contrast + model.half_contrast)).astype(np.float32)
     # Of a pair's chance, what each view brings.
-    good = _logistic((np.float32(model.incidence_deg) - incidence) / np.float32(model.incidence_width_deg))
+    steepness: Floats32 = np.float32(model.incidence_deg) - incidence
+    steepness /= np.float32(model.incidence_width_deg)
+    good = _logistic(steepness)
     good *= seen
 
     partner, usable = stereo_partners(angle_deg, dense)
@@ -117,7 +119,8 @@ def reconstruction_probability(
     confirms = _logistic((np.float32(model.witness_incidence_deg) - incidence) / width)
     confirms *= depth
     witnesses = witness_mask(angle_deg, dense.consistency_views).astype(np.float32)
-    agreeing = (witnesses * np.float32(model.agreement)) @ confirms
+    witnesses *= np.float32(model.agreement)
+    agreeing: Floats32 = witnesses @ confirms
     agreeing += np.float32(1.5 - dense.agreeing_views)  # with the view itself; a count rounds at the half
     # The logistic curve nearest to the normal distribution's.
     agreeing *= np.float32(1.702 / model.agreement_sd)
