@@ -89,6 +89,15 @@ def without_rocks(missions: Sequence[FlownMission], rocks: Collection[str]) -> l
     return [m for m in missions if m.result.rock not in rocks]
 
 
+def judged_by(missions: Sequence[FlownMission], coverage: str) -> list[FlownMission]:
+    """The missions whose rewards come from one oracle; ``UserError`` if there is none."""
+    kept = [m for m in missions if m.config.gate.oracle_coverage == coverage]
+    if not kept:
+        found = ", ".join(sorted({m.config.gate.oracle_coverage for m in missions}))
+        raise UserError(f"no mission was judged by the oracle {coverage!r}; there are {found}")
+    return kept
+
+
 def gate_decisions(missions: Sequence[FlownMission]) -> GateDecisions:
     """All decisions that missions logged.
 
@@ -109,7 +118,7 @@ def gate_decisions(missions: Sequence[FlownMission]) -> GateDecisions:
     if len(kinds) > 1:
         raise UserError(
             f"the missions log rewards of different oracles (gate.oracle_coverage: {', '.join(kinds)}); "
-            "learn from missions of one"
+            "learn from missions of one, chosen with --oracle"
         )
     rows: dict[tuple[Any, ...], tuple[list[float], list[float], str]] = {}
     duplicates = incomplete = same_view = 0

@@ -21,6 +21,7 @@ from tuner.gate_learning import (
     GateDecisions,
     describe_tree,
     gate_decisions,
+    judged_by,
     learn_gate,
     score_choices,
     without_rocks,
@@ -183,8 +184,12 @@ def test_decisions_are_read_from_the_traces(tmp_path):
     assert sorted(found.rocks) == ["r0", "r0", "r0", "r1"]
     assert found.margin.tolist() == [2.0, 0.0, -8.0, 2.0]
     write_mission(tmp_path / "d", "r1", [record(0, 3.0, 5.0)], **{"gate.oracle_coverage": "seen"})
-    with pytest.raises(UserError, match=r"different oracles.*seen"):
+    with pytest.raises(UserError, match=r"different oracles.*seen.*--oracle"):
         gate_decisions(find_missions([tmp_path]))
+    assert gate_decisions(judged_by(find_missions([tmp_path]), "reconstruction")).counts == found.counts
+    assert gate_decisions(judged_by(find_missions([tmp_path]), "seen")).missions == 1
+    with pytest.raises(UserError, match="no mission was judged by the oracle 'best'; there are"):
+        judged_by(find_missions([tmp_path]), "best")
 
 
 def test_held_out_rocks_are_refused_by_name(tmp_path):

@@ -17,15 +17,19 @@ def learn_gate(
     without: Annotated[
         list[str] | None, typer.Option(help="Rock whose missions are left out, repeatable.")
     ] = None,
+    oracle: Annotated[
+        str | None, typer.Option(help="Only missions judged by this gate.oracle_coverage.")
+    ] = None,
     max_depth: Annotated[int, typer.Option(help="Of the decision tree.")] = 3,
     seed: Annotated[int, typer.Option(help="Breaks ties between equally good splits.")] = 0,
 ) -> None:
     """Train the learned gate from what the oracle thought of both scorers' choices; cross-validated by rock."""
-    from tuner.gate_learning import describe_tree, gate_decisions, without_rocks
+    from tuner.gate_learning import describe_tree, gate_decisions, judged_by, without_rocks
     from tuner.gate_learning import learn_gate as learn
     from tuner.studies.missions_as_data import find_missions
 
-    decisions = gate_decisions(without_rocks(find_missions(runs), without or []))
+    missions = without_rocks(find_missions(runs), without or [])
+    decisions = gate_decisions(judged_by(missions, oracle) if oracle is not None else missions)
     counts = decisions.counts
     output.print(
         f"{decisions.missions} missions on {len(set(decisions.rocks))} rocks, {len(decisions.rewards)} decisions "
