@@ -26,6 +26,7 @@ from nbv.threads import single_thread_environment
 
 INTERVAL_S = 0.005
 MIN_SHARE = 0.004  # narrower boxes are left out
+SAMPLER = f"{Path(__file__).parent.name}/{Path(__file__).stem}: take"
 Stack = tuple[str, ...]
 
 
@@ -64,7 +65,10 @@ def from_mission(stacks: dict[Stack, float]) -> dict[Stack, float]:
     for stack, value in stacks.items():
         starts = [i for i, name in enumerate(stack) if name.endswith(": run_mission")]
         if starts:
-            found[tuple(n for n in stack[starts[0] :] if "<" not in n)] += value
+            inside = stack[starts[0] :]
+            if SAMPLER in inside:  # a sample that fell into the sampler itself
+                inside = inside[: inside.index(SAMPLER)]
+            found[tuple(n for n in inside if "<" not in n)] += value
     return dict(found)
 
 

@@ -9,7 +9,7 @@ can be repeated.
 
 - captures: planning, flight, photograph and update of every adaptive capture of a paper mission, against the
   photographs in the model. Taken from the output of ``paper_way.py``, or of ``mission_speed.py --parts captures``
-  (``--speed``).
+  (``--speed``). With ``--missions`` the wall seconds that finished missions logged.
 - image size: features of one photograph, matching of one pair, depth map of one view with 3 neighbours, against
   the number of pixels; campaign preset, the same four views rendered at each size.
 - candidates, points: both rankings (frustum and occlusion), on the first planning state of a campaign mission; the
@@ -168,7 +168,23 @@ def captures_curve(speed: Path) -> Curve:
     """Cost of a capture against photographs in the model."""
     report = json.loads(speed.read_text())
     costs = (report["ours"]["cold"] if "ours" in report else report["captures"])["capture_cpu_s"]
-    return curve("a capture, paper preset", "photographs", [25.0 + k for k in range(len(costs))], costs)
+    return captures_in_blocks("a capture, paper preset", costs)
+
+
+def captures_in_blocks(name: str, costs: list[float]) -> Curve:
+    """Means of 5 captures, the interval of global adjustments, after 24 seeds."""
+    blocks = [costs[k : k + 5] for k in range(0, len(costs) - 4, 5)]
+    sizes = [24.0 + 5 * i + 3 for i in range(len(blocks))]
+    return curve(name, "photographs", sizes, [float(np.mean(b)) for b in blocks])
+
+
+def flown_captures_curve(folder: Path) -> Curve:
+    """Wall seconds of planning and update by capture, median over the finished missions under ``folder``."""
+    traces = [json.loads(f.read_text())["trace"] for f in sorted(folder.rglob("mission.json"))]
+    longest = max(map(len, traces))
+    costs = np.array([[r["update_s"] + r["planning_s"] for r in t] for t in traces if len(t) == longest])
+    name = f"planning, update (wall, {len(costs)} missions)"
+    return captures_in_blocks(name, np.median(costs, axis=0).tolist())
 
 
 def draw(curves: list[Curve], path: Path) -> None:
@@ -177,6 +193,7 @@ def draw(curves: list[Curve], path: Path) -> None:
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    import matplotlib.ticker
 
     kinds = list(dict.fromkeys(c["size"] for c in curves))
     figure, axes = plt.subplots(
@@ -187,9 +204,14 @@ def draw(curves: list[Curve], path: Path) -> None:
             axis.loglog(item["sizes"], item["seconds"], "o-", markersize=3, linewidth=1,
                         label=f"{item['name']}: p = {item['exponent']:.2f}")  # fmt: skip
         axis.set_xlabel(kind)
-        axis.set_ylabel("CPU seconds")
+        axis.set_ylabel("seconds")
         axis.grid(True, which="both", alpha=0.2)
-        axis.legend(fontsize=7)
+        sizes = next(c["sizes"] for c in curves if c["size"] == kind)
+        marks = [sizes[0], sizes[len(sizes) // 2], sizes[-1]]
+        axis.set_xticks(marks, [f"{m:,.0f}" for m in marks])
+        axis.xaxis.set_minor_formatter(matplotlib.ticker.NullFormatter())
+        axis.set_ylim(top=axis.get_ylim()[1] * 2)
+        axis.legend(fontsize=6.5, loc="upper left")
     figure.savefig(path, dpi=130)
 
 
@@ -200,21 +222,18 @@ def main() -> None:
     )
     parser.add_argument("--rocks", nargs="*", default=["boulder", "slab", "waist", "vesicular"])
     parser.add_argument("--speed", type=Path, help="output of paper_way.py or mission_speed.py")
+    parser.add_argument(
+        "--missions", type=Path, help="folder of finished missions: their captures, as logged"
+    )
+    parser.add_argument("--curves", type=Path, help="an earlier --out: add to it, measure nothing again")
     parser.add_argument("--figure", type=Path)
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix="growth-") as name:
-        home = Path(name) / "home"
-        os.environ["GATETUNE_HOME"] = str(home)
-        limit_threads()
-        curves = [captures_curve(arguments.speed)] if arguments.speed else []
-        curves += image_sizes(arguments.rocks[0])
-        mission = Path(name) / "mission"
-        short = preset("campaign").with_values({"stop.adaptive_budget": 1})
-        fly_in_fresh_process(short, arguments.rocks[0], 0, home, mission, keep="all")
-        curves += planning(load_state(mission / "states" / "iter_00.npz")[0])
-        if len(arguments.rocks) > 1:
-            curves.append(rocks_curve(Path(name) / "empty", arguments.rocks))
+    curves = json.loads(arguments.curves.read_text()) if arguments.curves else measure(arguments.rocks)
+    if arguments.speed:
+        curves.insert(0, captures_curve(arguments.speed))
+    if arguments.missions:
+        curves.insert(0, flown_captures_curve(arguments.missions))
     print("| what | against | from | to | CPU s, smallest | CPU s, largest | exponent | last two |")
     print("|---|---|---|---|---|---|---|---|")
     for c in curves:
@@ -224,6 +243,22 @@ def main() -> None:
         arguments.out.write_text(json.dumps(curves, indent=1))
     if arguments.figure:
         draw(curves, arguments.figure)
+
+
+def measure(rocks: list[str]) -> list[Curve]:
+    """All curves that this script measures itself."""
+    with tempfile.TemporaryDirectory(prefix="growth-") as name:
+        home = Path(name) / "home"
+        os.environ["GATETUNE_HOME"] = str(home)
+        limit_threads()
+        curves = image_sizes(rocks[0])
+        mission = Path(name) / "mission"
+        short = preset("campaign").with_values({"stop.adaptive_budget": 1})
+        fly_in_fresh_process(short, rocks[0], 0, home, mission, keep="all")
+        curves += planning(load_state(mission / "states" / "iter_00.npz")[0])
+        if len(rocks) > 1:
+            curves.append(rocks_curve(Path(name) / "empty", rocks))
+    return curves
 
 
 if __name__ == "__main__":
