@@ -106,7 +106,8 @@ def sensitivity_markdown(result: Sensitivity) -> str:
         "",
         "Sobol indices of the surrogate's posterior mean: the share of its variance over the search space that a "
         "parameter explains alone (first order) and with all its interactions (total). Intervals: posterior draws "
-        "and bootstrap, kernel parameters fixed. fANOVA and PED-ANOVA are Optuna's, from the missions without the "
+        "and bootstrap, kernel parameters fixed; a draw varies in more ways than the mean does, so where missions "
+        "are few a mean's index may lie outside of its interval. fANOVA and PED-ANOVA are Optuna's, from the missions without the "
         "surrogate; each sums to 1, PED-ANOVA asks what tells the best tenth from the rest. All are relative to "
         "the search space's bounds and scales, and missions of a campaign crowd where it looked.",
         "",
