@@ -20,7 +20,9 @@ class Observation:
     reason: str = ""  # why it failed
     cost_s: float = 0.0  # wall-clock seconds
     memory: Mapping[str, Any] = field(default_factory=dict)  # what the sampler asked to be kept
-    second: float | None = None  # outcome of a second objective, oriented alike; None: none asked for, or missing
+    second: float | None = (
+        None  # outcome of a second objective, oriented alike; None: none asked for, or missing
+    )
 
     @property
     def feasible(self) -> bool:
