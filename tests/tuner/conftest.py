@@ -3,6 +3,7 @@
 import pytest
 
 from tuner.cli import main
+from tuner.commands import console
 
 
 @pytest.fixture
@@ -10,6 +11,9 @@ def gatetune(monkeypatch, capfd, tmp_path):
     """Run the command in an empty working directory; returns (exit code, stdout, stderr)."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
+    # A console reads COLUMNS once, when it is made: whichever test imports it first would decide.
+    for shared in (console.output, console.errors):
+        monkeypatch.setattr(shared, "_width", 200)
 
     def run(*arguments):
         monkeypatch.setattr("sys.argv", ["gatetune", *map(str, arguments)])

@@ -86,6 +86,7 @@ def test_gp_campaign_is_deterministic_with_one_worker(tmp_path: Path) -> None:
 def test_interrupted_campaign_goes_on_as_if_it_had_not_been(tmp_path: Path) -> None:
     changes: dict[str, object] = {"sampler": "gp", "budget": 7, "initial": 4}
     whole = run(tmp_path / "whole", **changes)
+    handler = signal.getsignal(signal.SIGINT)
 
     def interrupt(event: CampaignEvent) -> None:
         if event.kind == "finished" and event.finished == 5:
@@ -94,7 +95,7 @@ def test_interrupted_campaign_goes_on_as_if_it_had_not_been(tmp_path: Path) -> N
     campaign = Campaign.create(tmp_path / "parts", settings(**changes))
     summary = campaign.run(InProcessExecutor(), interrupt)
     assert summary.stopped == "interrupted" and summary.status.finished == 5
-    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    assert signal.getsignal(signal.SIGINT) is handler
     resumed = Campaign.open(tmp_path / "parts", settings(**changes))
     assert resumed.run(InProcessExecutor()).stopped == "budget"
     assert [t.number for t in resumed.trials()] == list(range(7))
