@@ -10,7 +10,7 @@ from __future__ import annotations
 import collections
 import functools
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -221,8 +221,12 @@ def run_evaluation(
             f"cannot write to {directory}: {error.strerror or error}; make room, then resume"
         ) from error
     records = plan.records(directory)
-    failures = collections.Counter(r.outcome.reason for r in records if r.outcome.status == "failed")
-    return EvaluationRun(plan, records, complete, time.monotonic() - began, dict(failures))
+    return EvaluationRun(plan, records, complete, time.monotonic() - began, failure_counts(records))
+
+
+def failure_counts(records: Iterable[EvaluationRecord]) -> dict[str, int]:
+    """Failed missions by reason."""
+    return dict(collections.Counter(r.outcome.reason for r in records if r.outcome.status == "failed"))
 
 
 def _unfinished(job: MissionJob) -> bool:

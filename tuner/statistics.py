@@ -96,6 +96,11 @@ class PairedDifference:
         """Pairs without a difference."""
         return self.pairs - self.wins - self.losses
 
+    @property
+    def exactly_zero(self) -> bool:
+        """Whether no pair differs at all."""
+        return self.ties == self.pairs
+
 
 def paired_difference(
     strategy: Mapping[tuple[str, int], float],

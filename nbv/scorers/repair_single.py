@@ -1,6 +1,6 @@
 """Eq. 8 in single precision, several times faster than `nbv.scorers.b_aware.repair`.
 
-The sums are good to about 1e-7, which is enough to rank candidates unless two of them nearly tie:
+The sums are good to about 1e-6, which is enough to rank candidates unless two of them nearly tie:
 `nbv.scorers.scorer` works out such candidates again in double precision, so that the ranking is that of
 double precision. Everything is laid out so that each step is one pass over an array in the processor's cache.
 """
@@ -20,14 +20,15 @@ MAX_ERROR = 6e-6
 
 
 def precision(theta_low_deg: float, theta_saturation_deg: float) -> float:
-    """Error of `repair_single` that is allowed for: three times or more what states show; not a worst case.
+    """Error of `repair_single` that is allowed for: twice or more what states show; not a worst case.
 
-    An error of 3e-8 in the cosine is one of 3e-8 / sin(angle) in the angle, and angles below
-    ``theta_low_deg`` are clipped. The rounding errors of many points cancel. Infinite (do not use it)
-    where small angles count, since an arc cosine is useless there, or where it exceeds ``MAX_ERROR``.
+    The sum over the points, most of which gain nothing or everything alike, is off by up to 5e-7. An
+    error in the cosine is one of that / sin(angle) in the angle, and angles below ``theta_low_deg`` are
+    clipped; of many points these cancel. Infinite (do not use it) where small angles count, since an arc
+    cosine is useless there, or where it exceeds ``MAX_ERROR``.
     """
     low, high = np.deg2rad(theta_low_deg), np.deg2rad(theta_saturation_deg)
-    error = float(3e-8 / ((high - low) * np.sin(low))) if theta_low_deg >= MIN_ANGLE_DEG else np.inf
+    error = 1e-6 + float(3e-8 / ((high - low) * np.sin(low))) if theta_low_deg >= MIN_ANGLE_DEG else np.inf
     return error if error <= MAX_ERROR else np.inf
 
 
@@ -72,7 +73,7 @@ def repair_single(
     theta_low_deg: float,
     theta_saturation_deg: float,
 ) -> Floats:
-    """Eq. 8: (C,) share of all weakness that each candidate would repair, to about 1e-7.
+    """Eq. 8: (C,) share of all weakness that each candidate would repair, to about 1e-6.
 
     Arguments as for `nbv.scorers.b_aware.repair`, but the points must come longest track first.
     """

@@ -14,6 +14,8 @@ from tuner.commands.console import output, parse_overrides, rock_arguments, seco
 from tuner.commands.mission import progress_bar
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rich.progress import Progress
 
     from tuner.campaign import Campaign, CampaignEvent, CampaignSettings
@@ -179,8 +181,8 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
     show_front(campaign)
 
 
-def refuse_held_out(rocks: list[str]) -> None:
-    """Held-out rocks are never tuned on.
+def refuse_held_out(rocks: Sequence[str]) -> None:
+    """Held-out rocks are never tuned on, and no default is chosen on them.
 
     Raises
     ------
@@ -266,7 +268,12 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
 def show_front(campaign: Campaign) -> None:
     """The Pareto front of a campaign with two objectives."""
     second, points = campaign.settings.second, campaign.front(save=False)
-    if second is None or not points:
+    if second is None:
+        return
+    if not points:
+        output.print(
+            f"no front: no mission has both metrics; mission.json lists {second.metric!r}'s neighbours by name"
+        )
         return
     paths = list(points[0].values)
     table = Table(title="Configurations flown that no other beats in both (posterior means over the rocks)")

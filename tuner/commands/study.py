@@ -81,12 +81,7 @@ def noise(
         else:
             output.print(f"{metric}: not enough complete configurations yet")
     write_noise_report(findings, out)
-    for reason, times in findings.failures.items():
-        output.print(f"[red]failed {times} times: {reason}[/]")
-    output.print(f"{len(findings.records)} of {findings.expected} missions; report: {out / 'noise.md'}")
-    if not complete:
-        output.print("interrupted; the same command goes on where it stopped")
-        raise typer.Exit(130)
+    _end_study(findings.failures, len(findings.records), findings.expected, out / "noise.md", complete)
 
 
 def _fly_noise_study(
@@ -105,19 +100,15 @@ def _fly_noise_study(
     timeout_s: float,
     out: Path,
 ) -> bool:
-    from nbv.rocks import load_rock
-    from tuner.commands.campaign import training_rocks
-    from tuner.executors import LocalProcessExecutor
+    from tuner.commands.campaign import refuse_held_out, training_rocks
     from tuner.missions import DEFAULT_RUNNER
     from tuner.search_space import load_search_space
     from tuner.studies.noise import NoiseSettings, fly
     from tuner.studies.runner import STUDY_RUNNER
 
-    if workers is not None and workers < 1:
-        raise UserError(f"--workers is {workers}; give at least 1")
+    count = _worker_count(workers)
     chosen = tuple(rocks or training_rocks())
-    for rock in chosen:
-        load_rock(rock)
+    refuse_held_out(chosen)
     given: dict[str, Any] = {"budgets": budgets, "metrics": metrics}
     if controls is not None:
         given["controls"] = [name for name in controls if name != "none"]
@@ -133,16 +124,18 @@ def _fly_noise_study(
         overrides=parse_overrides(set_ or []),
         **options,
     )
-    count = workers or len(os.sched_getaffinity(0))
     output.print(
         f"{len(settings.configs(settings.budgets[0]))} configurations and controls x {len(chosen)} rocks x "
         f"{replicates} replicates x budgets {', '.join(map(str, settings.budgets))}, and {repeats} more replicates "
         f"of the default: {settings.missions} missions, {count} workers"
     )
-    preload = tuple(runner.partition(":")[0] for runner in (DEFAULT_RUNNER, STUDY_RUNNER))
-    metric = f"agreement.{min(settings.levels)}.{settings.metrics[0]}"
-    with LocalProcessExecutor(count, timeout_s=timeout_s, preload=preload) as executor, progress_bar() as bar:
-        return fly(settings, out, executor, ComparisonProgress(bar, metric))
+    return _fly_study(
+        lambda executor, show: fly(settings, out, executor, show),
+        (DEFAULT_RUNNER, STUDY_RUNNER),
+        count,
+        timeout_s,
+        f"agreement.{min(settings.levels)}.{settings.metrics[0]}",
+    )
 
 
 @app.command()
@@ -195,10 +188,10 @@ def departures(
         )
         complete = _fly_study(
             lambda executor, show: fly(settings, out, executor, show),
-            settings.runner,
-            workers,
+            (settings.runner,),
+            _worker_count(workers),
             timeout_s,
-            surface,
+            f"{surface}.f_score_48mm",
         )
     findings = analyse(out)
     output.print(departures_table(findings))
@@ -265,10 +258,10 @@ def oracles(
         )
         complete = _fly_study(
             lambda executor, show: fly(settings, out, executor, show),
-            settings.runner,
-            workers,
+            (settings.runner,),
+            _worker_count(workers),
             timeout_s,
-            surface,
+            f"{surface}.f_score_48mm",
         )
     findings = analyse(out)
     output.print(oracles_table(findings))
@@ -301,31 +294,34 @@ def oracle_states(
 
 
 def _study_rocks(rocks: list[str] | None) -> tuple[str, ...]:
-    from nbv.rocks import list_rocks
+    from tuner.commands.campaign import QUICK_ROCKS, refuse_held_out
 
-    chosen = rocks or ["slab", "vesicular", "cavern"]
-    held_out = {info.name for info in list_rocks() if info.split == "held-out"}
-    for rock in chosen:
-        if rock in held_out:
-            raise UserError(f"rock {rock!r} is held out, and a study chooses defaults; name training rocks")
-    return tuple(rock_arguments(chosen))
+    chosen = rock_arguments(rocks or QUICK_ROCKS)
+    refuse_held_out(chosen)
+    return tuple(chosen)
+
+
+def _worker_count(workers: int | None) -> int:
+    if workers is not None and workers < 1:
+        raise UserError(f"--workers is {workers}; give at least 1")
+    return workers or len(os.sched_getaffinity(0))
 
 
 def _fly_study(
     fly: Callable[[Executor, Callable[[EvaluationEvent], None]], bool],
-    runner: str,
-    workers: int | None,
+    runners: tuple[str, ...],
+    workers: int,
     timeout_s: float,
-    surface: str,
+    metric: str,
 ) -> bool:
     from tuner.executors import LocalProcessExecutor
 
-    if workers is not None and workers < 1:
-        raise UserError(f"--workers is {workers}; give at least 1")
-    count = workers or len(os.sched_getaffinity(0))
-    preload = (runner.partition(":")[0],)
-    with LocalProcessExecutor(count, timeout_s=timeout_s, preload=preload) as executor, progress_bar() as bar:
-        return fly(executor, ComparisonProgress(bar, f"{surface}.f_score_48mm"))
+    preload = tuple(runner.partition(":")[0] for runner in runners)
+    with (
+        LocalProcessExecutor(workers, timeout_s=timeout_s, preload=preload) as executor,
+        progress_bar() as bar,
+    ):
+        return fly(executor, ComparisonProgress(bar, metric))
 
 
 def _end_study(failures: dict[str, int], missions: int, expected: int, report: Path, complete: bool) -> None:

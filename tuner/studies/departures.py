@@ -21,7 +21,14 @@ from typing import Any, Literal
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from tuner.baselines import baseline
-from tuner.evaluation import EvaluationEvent, EvaluationPlan, EvaluationRecord, run_evaluation, values_of
+from tuner.evaluation import (
+    EvaluationEvent,
+    EvaluationPlan,
+    EvaluationRecord,
+    failure_counts,
+    run_evaluation,
+    values_of,
+)
 from tuner.executors import Executor
 from tuner.missions import DEFAULT_RUNNER
 from tuner.paper_table import MetricRow
@@ -38,6 +45,7 @@ from tuner.studies.decisions import (
 from tuner.studies.study_directory import claim, load_settings, settings_tree
 
 SETTINGS_FILE = "departures.yaml"
+STUDY = "study of departures"
 FLIGHTS = "evaluation"
 Origin = Literal["public code", "paper's text", "ours"]
 
@@ -200,7 +208,7 @@ class DepartureSettings:
     @staticmethod
     def load(directory: Path) -> DepartureSettings:
         """The settings of a study's directory; ``UserError`` if there are none."""
-        return DepartureSettings(**load_settings(directory, SETTINGS_FILE, "study of departures"))
+        return load_settings(directory, SETTINGS_FILE, STUDY, DepartureSettings)
 
 
 def fly(
@@ -216,7 +224,7 @@ def fly(
     UserError
         The directory holds something else or cannot be written; a mission met a user's mistake.
     """
-    claim(directory, SETTINGS_FILE, settings.to_dict())
+    claim(settings, directory, SETTINGS_FILE, STUDY)
     return run_evaluation(settings.plan(), directory / FLIGHTS, executor, on_event).complete
 
 
@@ -250,7 +258,7 @@ class ArmResult:
     def changes_nothing(self) -> bool:
         """Whether every pair is equal to the last bit in everything that is reported."""
         known = [d for d in (*self.differences.values(), self.b_aware) if d is not None]
-        return bool(known) and all(is_exactly_zero(d) for d in known)
+        return bool(known) and all(d.exactly_zero for d in known)
 
 
 @dataclass(frozen=True)
@@ -283,11 +291,6 @@ class DepartureFindings:
         }
 
 
-def is_exactly_zero(difference: PairedDifference) -> bool:
-    """Whether no pair differs at all."""
-    return difference.ties == difference.pairs
-
-
 def metric_key(row: MetricRow, surface: str, variant: str = "") -> str:
     """Path of ``row`` in a mission's metrics."""
     if row.key.startswith("costs."):
@@ -308,10 +311,7 @@ def analyse(directory: Path) -> DepartureFindings:
     records = plan.records(directory / FLIGHTS)
     traces = load_traces(records)
     flown = {r.outcome.directory: r for r in records}.values()  # strategies may share missions
-    failures: dict[str, int] = {}
-    for r in flown:
-        if r.outcome.status == "failed":
-            failures[r.outcome.reason] = failures.get(r.outcome.reason, 0) + 1
+    failures = failure_counts(flown)
     values = functools.partial(_values, settings, records)
 
     bases = []

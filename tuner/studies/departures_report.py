@@ -15,10 +15,9 @@ from rich.table import Table
 from nbv.result import json_ready
 from nbv.run_directory import write_atomic
 from tuner.report.labels import format_number, strategy_label
-from tuner.report.style import BLUE, GREY, VERMILION, look, new_figure, short_names
+from tuner.report.style import BLUE, GREY, VERMILION, look, new_figure
 from tuner.statistics import Interval, PairedDifference
 from tuner.studies.departures import METRICS, ArmResult, BaseResult, DepartureFindings, DepartureSettings
-from tuner.studies.fidelity import GEOMETRIC_NOTE, RUNNERS
 from tuner.studies.paired_cells import (
     EXACTLY_ZERO,
     difference_text,
@@ -27,6 +26,7 @@ from tuner.studies.paired_cells import (
     markdown_table,
     mean_text,
 )
+from tuner.studies.preamble import preamble
 
 _SHOWN = ("f_score_48mm", "c2c_mean_mm")  # of the figure, beside the views
 
@@ -45,28 +45,14 @@ def write_departures_report(findings: DepartureFindings, directory: Path) -> lis
     return [path]
 
 
-def base_sentence(settings: DepartureSettings) -> str:
-    """Preset, overrides, rocks and replicates in one sentence."""
-    changed = "".join(f", `{path}={value}`" for path, value in settings.overrides.items())
-    rocks = ", ".join(short_names(settings.rocks))
-    return f"Preset `{settings.preset}`{changed}; rocks {rocks}; {settings.replicates} replicates."
-
-
 def departures_markdown(findings: DepartureFindings) -> str:
     """The base's means, then every departure's paired differences."""
     s = findings.settings
     lines = [
         "# What each departure does to the outcome",
         "",
-        f"{base_sentence(s)} {s.surface.capitalize()} surface. {findings.missions} of {findings.expected} missions "
-        f"are in ({findings.wall_s / 60:.0f} min of missions).",
-        "",
+        *preamble(findings),
     ]
-    if s.runner == RUNNERS["geometric"]:
-        lines += [GEOMETRIC_NOTE, ""]
-    if findings.failures:
-        counts = ", ".join(f"{reason} {n}" for reason, n in sorted(findings.failures.items()))
-        lines += [f"Failed missions by reason: {counts}.", ""]
     header = ["base", *(heading(row) for row in METRICS), "B-aware flown (%)", "missions"]
     lines += [*markdown_table(header, [_base_row(b) for b in findings.bases]), ""]
     lines += [
@@ -171,7 +157,7 @@ def _difference_panel(ax: Axes, differences: Sequence[PairedDifference | None]) 
     for y, d in enumerate(differences):
         if d is None:
             continue
-        if d.ties == d.pairs:
+        if d.exactly_zero:
             ax.plot(0, y, "|", color=GREY, ms=9, mew=2)
             continue
         i = d.interval

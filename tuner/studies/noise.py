@@ -21,17 +21,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
-from nbv.run_directory import write_atomic
 from nbv.types import Floats
 from tuner.baselines import baseline
-from tuner.evaluation import EvaluationEvent, EvaluationPlan, EvaluationRecord, run_evaluation
+from tuner.evaluation import (
+    EvaluationEvent,
+    EvaluationPlan,
+    EvaluationRecord,
+    failure_counts,
+    run_evaluation,
+)
 from tuner.executors import Executor
 from tuner.search_space import SearchSpace, space_from_dict
 from tuner.studies.runner import AGREEMENT_LEVELS, STUDY_RUNNER
+from tuner.studies.study_directory import claim, load_settings, settings_tree
 from tuner.studies.variance import (
     MIN_CONFIGURATIONS,
     VarianceComponents,
@@ -41,7 +46,7 @@ from tuner.studies.variance import (
 )
 
 SETTINGS_FILE = "noise_study.yaml"
-FORMAT_VERSION = 1
+STUDY = "noise study"
 DEFAULT = "default"
 DEFAULT_METRICS = (
     "observable.f_score_48mm",
@@ -154,27 +159,18 @@ class NoiseSettings:
 
     def to_dict(self) -> dict[str, Any]:
         """YAML form."""
-        tree = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "space"}
-        tree = {name: list(value) if isinstance(value, tuple) else value for name, value in tree.items()}
-        return {"format": FORMAT_VERSION, "search_space": self.space.to_dict(), **tree}
+        tree = settings_tree(self)
+        del tree["space"]
+        return {"search_space": self.space.to_dict(), **tree}
 
     @staticmethod
     def load(directory: Path) -> NoiseSettings:
         """The settings of a study's directory; ``UserError`` if there are none."""
-        path = directory / SETTINGS_FILE
-        if not path.is_file():
-            raise UserError(f"{directory} holds no noise study ({SETTINGS_FILE} is missing)")
-        try:
-            tree = yaml.safe_load(path.read_text())
-            if tree.pop("format") != FORMAT_VERSION:
-                raise UserError(f"{path} was written by another version; start a new study elsewhere")
-            space = space_from_dict(tree.pop("search_space"), str(path))
-            lists = {name: tuple(value) for name, value in tree.items() if isinstance(value, list)}
-            return NoiseSettings(space, **{**tree, **lists})
-        except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
-            raise UserError(
-                f"{path} is not a noise study's settings ({error!r}); restore the file"
-            ) from error
+
+        def build(search_space: Any, **fields: Any) -> NoiseSettings:
+            return NoiseSettings(space_from_dict(search_space, str(directory / SETTINGS_FILE)), **fields)
+
+        return load_settings(directory, SETTINGS_FILE, STUDY, build)
 
 
 def strategy_name(budget: int, name: str) -> str:
@@ -195,18 +191,7 @@ def fly(
     UserError
         The directory holds something else or cannot be written; a mission met a user's mistake.
     """
-    path = directory / SETTINGS_FILE
-    if path.exists():
-        if NoiseSettings.load(directory).to_dict() != settings.to_dict():
-            raise UserError(f"{directory} holds another noise study; choose another --out")
-    elif directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
-        raise UserError(f"{directory} exists and is not an empty directory; choose another --out")
-    else:
-        try:
-            directory.mkdir(parents=True, exist_ok=True)
-            write_atomic(path, yaml.safe_dump(settings.to_dict(), sort_keys=False))
-        except OSError as error:
-            raise UserError(f"cannot write to {directory}: {error.strerror}; choose another --out") from error
+    claim(settings, directory, SETTINGS_FILE, STUDY)
     for name, plan in (("crossed", settings.crossed_plan()), ("repeats", settings.repeats_plan())):
         if plan is not None and not run_evaluation(plan, directory / name, executor, on_event).complete:
             return False
@@ -340,17 +325,13 @@ def analyse(directory: Path) -> NoiseFindings:
             raise UserError(
                 f"no mission of {directory} has the metric {metric!r}; mission.json lists them by name"
             )
-    failures: dict[str, int] = {}
-    for r in records:
-        if r.outcome.status == "failed":
-            failures[r.outcome.reason] = failures.get(r.outcome.reason, 0) + 1
     cells = [
         _cell(settings, records, _table(records, level, metric), budget, level, metric)
         for metric in settings.metrics
         for level in settings.levels
         for budget in settings.budgets
     ]
-    return NoiseFindings(settings, records, cells, failures, expected)
+    return NoiseFindings(settings, records, cells, failure_counts(records), expected)
 
 
 def _cell(

@@ -23,6 +23,7 @@ from tuner.evaluation import (
     EvaluationEvent,
     EvaluationPlan,
     EvaluationRecord,
+    failure_counts,
     run_evaluation,
     strategy_difference,
     strategy_interval,
@@ -44,6 +45,7 @@ from tuner.studies.departures import FLIGHTS, METRICS, metric_key
 from tuner.studies.study_directory import claim, load_settings, settings_tree
 
 SETTINGS_FILE = "oracles.yaml"
+STUDY = "study of oracles"
 COVERAGES: tuple[str, ...] = get_args(get_type_hints(GateConfig)["oracle_coverage"])
 REFERENCES = ("covis", "b-aware", "hyb-h")
 
@@ -113,7 +115,7 @@ class OracleSettings:
     @staticmethod
     def load(directory: Path) -> OracleSettings:
         """The settings of a study's directory; ``UserError`` if there are none."""
-        return OracleSettings(**load_settings(directory, SETTINGS_FILE, "study of oracles"))
+        return load_settings(directory, SETTINGS_FILE, STUDY, OracleSettings)
 
 
 def fly(
@@ -129,7 +131,7 @@ def fly(
     UserError
         The directory holds something else or cannot be written; a mission met a user's mistake.
     """
-    claim(directory, SETTINGS_FILE, settings.to_dict())
+    claim(settings, directory, SETTINGS_FILE, STUDY)
     return run_evaluation(settings.plan(), directory / FLIGHTS, executor, on_event).complete
 
 
@@ -276,10 +278,7 @@ def analyse(directory: Path) -> OracleFindings:
     traces = load_traces(records)
     rows = [dataclasses.replace(row, key=metric_key(row, settings.surface)) for row in METRICS]
     flown = {r.outcome.directory: r for r in records}.values()
-    failures: dict[str, int] = {}
-    for r in flown:
-        if r.outcome.status == "failed":
-            failures[r.outcome.reason] = failures.get(r.outcome.reason, 0) + 1
+    failures = failure_counts(flown)
     results = [
         _strategy_result(settings, records, traces, rows, name, config.gate.oracle_coverage)
         for name, config in plan.strategies.items()

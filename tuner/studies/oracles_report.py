@@ -11,14 +11,13 @@ from rich.table import Table
 from nbv.result import json_ready
 from nbv.run_directory import write_atomic
 from tuner.report.labels import MISSING, format_number, strategy_label
-from tuner.report.style import short_names
 from tuner.statistics import PairedDifference
 from tuner.studies.decisions import PERCENT
 from tuner.studies.departures import METRICS, metric_key
-from tuner.studies.fidelity import GEOMETRIC_NOTE, RUNNERS
 from tuner.studies.oracle_states import CoverageSummary, JudgedMission, summarise
 from tuner.studies.oracles import OracleFindings, StrategyResult
 from tuner.studies.paired_cells import difference_text, heading, interval_sentence, markdown_table, mean_text
+from tuner.studies.preamble import preamble
 
 _PREFERENCES = {
     "strategy": "strategy",
@@ -82,22 +81,13 @@ def oracles_table(findings: OracleFindings) -> Table:
 def oracles_markdown(findings: OracleFindings) -> str:
     """Preferences, means, and paired gains over every reference."""
     s = findings.settings
-    changed = "".join(f", `{path}={value}`" for path, value in s.overrides.items())
     rows = [(row, metric_key(row, s.surface)) for row in METRICS]
     intervals = [d.interval for d in _all_differences(findings)]
     lines = [
         "# When is a sample covered?",
         "",
-        f"Preset `{s.preset}`{changed}; rocks {', '.join(short_names(s.rocks))}; {s.replicates} replicates. "
-        f"{s.surface.capitalize()} surface. {findings.missions} of {findings.expected} missions are in "
-        f"({findings.wall_s / 60:.0f} min of missions).",
-        "",
+        *preamble(findings),
     ]
-    if s.runner == RUNNERS["geometric"]:
-        lines += [GEOMETRIC_NOTE, ""]
-    if findings.failures:
-        counts = ", ".join(f"{reason} {n}" for reason, n in sorted(findings.failures.items()))
-        lines += [f"Failed missions by reason: {counts}.", ""]
     lines += [
         "## What the oracles preferred",
         "",

@@ -15,7 +15,7 @@ def difference_text(difference: PairedDifference | None, decimals: int, *, bold:
     """``+1.2 [−0.3, +2.7]``, bold where the interval excludes zero; ``0 exactly`` if no pair differs."""
     if difference is None:
         return MISSING
-    if difference.ties == difference.pairs:
+    if difference.exactly_zero:
         return EXACTLY_ZERO
     i = difference.interval
     text = format_number(i.mean, decimals, signed=True)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import yaml
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 FORMAT_VERSION = 1
+Settings = TypeVar("Settings")
 
 
 def settings_tree(settings: DataclassInstance) -> dict[str, Any]:
@@ -24,13 +26,24 @@ def settings_tree(settings: DataclassInstance) -> dict[str, Any]:
     return {"format": FORMAT_VERSION, **plain}
 
 
-def load_settings(directory: Path, file_name: str, study: str) -> dict[str, Any]:
-    """The fields that ``settings_tree`` wrote, lists as tuples.
+class StudySettings(Protocol):
+    """What a study keeps in its settings file."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """YAML form."""
+
+    @staticmethod
+    def load(directory: Path) -> StudySettings:
+        """The settings of a study's directory; ``UserError`` if there are none."""
+
+
+def load_settings(directory: Path, file_name: str, study: str, build: Callable[..., Settings]) -> Settings:
+    """``build`` called with the fields that ``settings_tree`` wrote, lists as tuples.
 
     Raises
     ------
     UserError
-        The file is missing, damaged or of another version.
+        The file is missing, damaged, has a field that ``build`` does not know, or is of another version.
     """
     path = directory / file_name
     if not path.is_file():
@@ -39,12 +52,13 @@ def load_settings(directory: Path, file_name: str, study: str) -> dict[str, Any]
         tree = yaml.safe_load(path.read_text())
         if tree.pop("format") != FORMAT_VERSION:
             raise UserError(f"{path} was written by another version; start a new study elsewhere")
-        return {name: tuple(value) if isinstance(value, list) else value for name, value in tree.items()}
-    except (OSError, yaml.YAMLError, KeyError, AttributeError) as error:
+        fields = {name: tuple(value) if isinstance(value, list) else value for name, value in tree.items()}
+        return build(**fields)
+    except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
         raise UserError(f"{path} is not a study's settings ({error!r}); restore the file") from error
 
 
-def claim(directory: Path, file_name: str, tree: dict[str, Any]) -> None:
+def claim(settings: StudySettings, directory: Path, file_name: str, study: str) -> None:
     """Write a study's settings into a new directory, or find the same ones there.
 
     Raises
@@ -54,17 +68,13 @@ def claim(directory: Path, file_name: str, tree: dict[str, Any]) -> None:
     """
     path = directory / file_name
     if path.exists():
-        try:
-            known = yaml.safe_load(path.read_text())
-        except (OSError, yaml.YAMLError) as error:
-            raise UserError(f"cannot read {path} ({error}); restore it or choose another --out") from error
-        if known != tree:
-            raise UserError(f"{directory} holds another study; choose another --out")
+        if settings.load(directory).to_dict() != settings.to_dict():
+            raise UserError(f"{directory} holds another {study}; choose another --out")
         return
     if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
         raise UserError(f"{directory} exists and is not an empty directory; choose another --out")
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, yaml.safe_dump(tree, sort_keys=False))
+        write_atomic(path, yaml.safe_dump(settings.to_dict(), sort_keys=False))
     except OSError as error:
         raise UserError(f"cannot write to {directory}: {error.strerror}; choose another --out") from error

@@ -160,7 +160,7 @@ def test_reports_of_an_interrupted_study(tmp_path):
 
 
 def test_another_study_in_the_directory_is_refused(flown, tmp_path):
-    with pytest.raises(UserError, match="another study"):
+    with pytest.raises(UserError, match="another study of departures"):
         fly(settings(replicates=3), flown, InProcessExecutor())
     (tmp_path / "precious").write_text("mine")
     with pytest.raises(UserError, match="not an empty directory"):
@@ -185,6 +185,13 @@ def test_another_study_in_the_directory_is_refused(flown, tmp_path):
 def test_mistakes(changes, says):
     with pytest.raises(UserError, match=says):
         settings(**changes)
+
+
+def test_a_settings_file_with_an_unknown_field_is_named(flown, tmp_path):
+    text = (flown / "departures.yaml").read_text().replace("replicates:", "replicatez:")
+    (tmp_path / "departures.yaml").write_text(text)
+    with pytest.raises(UserError, match=r"departures.yaml is not a study's settings.*replicatez"):
+        DepartureSettings.load(tmp_path)
 
 
 @pytest.mark.parametrize(

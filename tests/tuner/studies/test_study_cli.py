@@ -26,6 +26,7 @@ NOISE = ["study", "noise", "--rock", "boulder", "--space", "gate"]
         ([*NOISE, "--set", "stop.adaptive_budgit=4"], "stop.adaptive_budget"),
         ([*NOISE, "--set", "dense.agreeing_views=4"], "all its levels"),
         (["study", "noise", "--rock", "no-such-rock"], "no-such-rock"),
+        (["study", "noise", "--rock", "arch"], "held out"),
         (["study", "noise", "--report-only"], "no noise study"),
         (["study", "sensitivity", "nowhere"], "nowhere"),
         (["learn-gate", "nowhere"], "nowhere"),
