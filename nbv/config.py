@@ -21,6 +21,7 @@ GATE_KINDS = (
     "covis", "b-aware", "hyb-h", "hyb-o", "greedy-oracle", "learned",
     "random", "novelty-only", "movement-only", "uniform-coverage",
 )  # fmt: skip
+LATER = {"later": True}  # of a field that came after missions had been flown; see MissionConfig.digest
 GateKind = Literal[
     "covis", "b-aware", "hyb-h", "hyb-o", "greedy-oracle", "learned",
     "random", "novelty-only", "movement-only", "uniform-coverage",
@@ -154,6 +155,11 @@ class BAwareConfig:
     density_neighbours: int = 5
     theta_low_deg: float = 5.0
     theta_saturation_deg: float = 25.0
+    # Ours: "matchable" asks which surface still lacks matchable views, instead of Eq. 6 to 8.
+    main_term: Literal["repair", "matchable"] = field(default="repair", metadata=LATER)
+    matchable_views: int = field(
+        default=6, metadata=LATER
+    )  # that must match one another on a piece of surface
 
 
 @dataclass(frozen=True)
@@ -222,6 +228,18 @@ class EvaluationConfig:
     azimuth_sectors: int = 12
 
 
+def _without_later(room: Any, tree: dict[str, Any]) -> dict[str, Any]:
+    """``tree``, the dictionary of ``room``, less the fields that came later and have their default."""
+    kept = {}
+    for f in dataclasses.fields(room):
+        value = getattr(room, f.name)
+        if dataclasses.is_dataclass(value):
+            kept[f.name] = _without_later(value, tree[f.name])
+        elif f.metadata != LATER or value != f.default:
+            kept[f.name] = tree[f.name]
+    return kept
+
+
 @dataclass(frozen=True)
 class MissionConfig:
     """Everything that decides a mission's outcome, together with the rock and the replicate."""
@@ -251,8 +269,12 @@ class MissionConfig:
         return typing.cast(dict[str, Any], json.loads(json.dumps(dataclasses.asdict(self))))
 
     def digest(self) -> str:
-        """First 16 hex digits of the SHA-256 of the canonical JSON form."""
-        text = json.dumps(self.to_dict(), sort_keys=True, separators=(",", ":"))
+        """First 16 hex digits of the SHA-256 of the canonical JSON form.
+
+        A field that is `LATER` and has its default is left out: a mission flown before the field existed
+        is the same mission.
+        """
+        text = json.dumps(_without_later(self, self.to_dict()), sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def with_values(self, values: dict[str, Any]) -> MissionConfig:
@@ -441,6 +463,7 @@ def validate(config: MissionConfig) -> None:
     need(config.b_aware.theta_low_deg < config.b_aware.theta_saturation_deg,
          "b_aware.theta_low_deg", "below b_aware.theta_saturation_deg")  # fmt: skip
     need(config.b_aware.target_track_length >= 1, "b_aware.target_track_length", "at least 1")
+    need(config.b_aware.matchable_views >= 2, "b_aware.matchable_views", "at least 2")
     need(config.shared.min_track_length >= 2, "shared.min_track_length", "at least 2")
     need(config.dense.agreeing_views >= 2, "dense.agreeing_views", "at least 2")
     need(config.dense.neighbours >= 1, "dense.neighbours", "at least 1")

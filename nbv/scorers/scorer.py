@@ -12,6 +12,7 @@ from nbv.config import MissionConfig, Weights
 from nbv.errors import MissionFailure
 from nbv.scorers.b_aware import repair, weakness
 from nbv.scorers.covis import co_visibility
+from nbv.scorers.matchable import matchable_repair, proxy_surface
 from nbv.scorers.occlusion import unoccluded
 from nbv.scorers.repair_single import longest_first, precision, repair_single
 from nbv.scorers.terms import angular_penalty, movement, novelty
@@ -54,6 +55,7 @@ class SharedTerms:
     order: Ints  # (P,) the same points, longest track first
     ordered: BoxPoints  # box.select(order)
     visible: NDArray[np.bool_]  # (P, C) rows as in ``ordered``
+    visited_m: Floats  # (V, 3)
     nov: Floats  # (C,)
     move: Floats  # (C,)
     ang: Floats  # (C,)
@@ -98,6 +100,7 @@ def shared_terms(state: PlanningState, pool: CandidatePool, config: MissionConfi
         order=order,
         ordered=ordered,
         visible=visible,
+        visited_m=state.visited_m,
         nov=novelty(pool.positions_m, state.visited_m, shared.d_scale_m),
         move=movement(pool.positions_m, pool.headings_rad, state.vehicle_position_m,
                       state.vehicle_heading_rad, shared.d_travel_m),
@@ -123,12 +126,27 @@ def rank_covis(terms: SharedTerms, config: MissionConfig) -> Ranking:
 
 
 def rank_b_aware(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Ranking:
-    """Baseline-aware repair (Eq. 6 to 8).
+    """Baseline-aware repair (Eq. 6 to 8), or with ``b_aware.main_term=matchable`` our own main term.
 
     Eq. 8 is worked out in single precision first, and in double precision for the candidates that this
     cannot put in order: the order is that of double precision throughout.
+
+    Raises
+    ------
+    MissionFailure
+        ``no_surface``: our main term, and the points near the target span no volume.
     """
     box, b_aware = terms.ordered, config.b_aware
+    if b_aware.main_term == "matchable":
+        surface = proxy_surface(terms.box.points_m, config)
+        if surface is None:
+            raise MissionFailure(
+                "no_surface",
+                f"the {len(terms.box.points_m)} sparse points near the target span no volume above the ground;"
+                " b_aware.main_term=repair needs none",
+            )
+        main = matchable_repair(surface, pool.positions_m, terms.visited_m, config)
+        return rank("b-aware", main, terms, b_aware.weights)
     weak = weakness(terms.box.points_m, terms.box.track_lengths, terms.box.reprojection_error_px, b_aware)[
         terms.order
     ]

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
+from nbv.viewpoints import candidate_pool
 from tuner.search_space import available_search_spaces, load_search_space, parse_search_space, space_from_dict
 
 MIXED = space_from_dict(
@@ -46,10 +47,19 @@ def test_shipped_spaces_start_at_the_papers_values() -> None:
     for space in (gate, both, ten, full):
         base = space.base_config(preset("campaign"))
         assert base.gate.kind == "hyb-h" and base.covis.weights.main == base.b_aware.weights.main == 1.0
+    pool, beyond = load_search_space("gate_weights_and_pool"), load_search_space("beyond_paper")
+    assert set(pool.paths) - set(both.paths) == {"pool.max_altitude_m"} and set(pool.paths) < set(
+        beyond.paths
+    )
+    # Where the space begins nothing is filtered: the paper's pool.
+    at = np.array([0.0, -4.0, 2.0]), np.zeros((0, 3))
+    paper = preset("paper")
+    unlimited = candidate_pool(paper, *at)
+    assert candidate_pool(pool.config(paper, pool.default(paper)), *at).ids == unlimited.ids
     assert {"gate", "gate_and_weights", "paper_ten", "full"} <= set(available_search_spaces())
 
 
-@pytest.mark.parametrize("name", ["gate", "gate_and_weights", "paper_ten", "full"])
+@pytest.mark.parametrize("name", available_search_spaces())
 def test_every_corner_and_point_of_the_shipped_spaces_is_a_mission(name: str) -> None:
     space = load_search_space(name)
     rng = np.random.default_rng(0)
@@ -143,7 +153,7 @@ def test_mistakes_are_named(text: str, message: str) -> None:
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(
-        UserError, match="unknown search space 'gates'; there are full, gate, gate_and_weights, paper_ten"
+        UserError, match="unknown search space 'gates'; there are beyond_paper, full, gate, gate_and_weights,"
     ):
         load_search_space("gates")
     with pytest.raises(UserError, match="cannot read"):

@@ -40,7 +40,10 @@ def training_rocks() -> list[str]:
 def run(
     name: Annotated[str, typer.Option(help="The campaign's name; it lives in runs/NAME.")] = "campaign",
     space: Annotated[
-        str, typer.Option(help="Search space: gate, gate_and_weights, paper_ten, full, or a YAML file.")
+        str,
+        typer.Option(
+            help="Search space: gate, gate_and_weights, paper_ten, gate_weights_and_pool, full, beyond_paper, or a YAML file."
+        ),
     ] = "gate_and_weights",
     rocks: Annotated[
         list[str] | None,

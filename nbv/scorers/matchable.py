@@ -1,0 +1,130 @@
+"""Matchable repair: how much of the surface a candidate would bring closer to dense reconstruction.
+
+Eq. 8 asks which *sparse points* are weak. Dense stereo reconstructs *surface*, and only where enough views see it
+at angles that can be matched. So this term closes the sparse points into a surface (their convex hull: the parts
+that no photograph has matched yet exist on it, too) and counts, for samples of it, the views that see them at a
+matchable angle to one another. Deployable: it reads the sparse model and the visited viewpoints only.
+Ours, not the paper's; `b_aware.main_term` chooses it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+from nbv.config import MissionConfig
+from nbv.scorers.visibility import in_frustum
+from nbv.types import Floats
+
+SAMPLES = 1_000
+SAMPLE_SEED = 42
+GROUND_CLEARANCE_M = 0.05  # points below are ground: the world frame's z = 0, good to a few centimetres
+STRAY_NEIGHBOURS = 10  # a point whose 10th neighbour is three times as far as usual is a stray
+STRAY_SPACINGS = 3.0
+MAX_INCIDENCE_DEG = 75.0  # beyond this a photograph says little about the surface
+BLOCK = 64  # samples at a time: a block's (BLOCK, C, V) arrays stay in the processor's cache
+
+
+@dataclass(frozen=True)
+class ProxySurface:
+    """Samples of a closed surface around the sparse points."""
+
+    samples_m: Floats  # (S, 3)
+    normals: Floats  # (S, 3) outward unit normals
+
+
+def proxy_surface(points_m: Floats, config: MissionConfig) -> ProxySurface | None:
+    """Even samples of the convex hull of the rock's points.
+
+    The rock's points are those above the ground within the dense stage's crop around the target, less strays.
+    None where they span no volume: there is no surface to ask about.
+    """
+    offset = np.abs(points_m[:, :2] - config.target_m[:2])
+    near = (offset.max(axis=1, initial=0.0) <= config.dense.crop_half_width_m) & (
+        points_m[:, 2] > GROUND_CLEARANCE_M
+    )
+    points = points_m[near]
+    if len(points) > STRAY_NEIGHBOURS:
+        distance = cKDTree(points).query(points, k=STRAY_NEIGHBOURS + 1)[0][:, -1]
+        points = points[distance <= STRAY_SPACINGS * np.median(distance)]
+    if len(points) < 4:
+        return None
+    try:
+        hull = ConvexHull(points)
+    except QhullError:  # all in one plane
+        return None
+    mesh = trimesh.Trimesh(points, hull.simplices, process=False)
+    samples, face = trimesh.sample.sample_surface(mesh, SAMPLES, seed=SAMPLE_SEED)
+    return ProxySurface(np.asarray(samples, dtype=float), hull.equations[face, :3])
+
+
+def sees(surface: ProxySurface, positions_m: Floats, config: MissionConfig) -> NDArray[np.bool_]:
+    """(S, N): in the image of each view aimed at the target, its front side, within 75 degrees of incidence.
+
+    A convex surface hides nothing else of itself.
+    """
+    to_view = positions_m[None] - surface.samples_m[:, None]
+    facing = np.einsum("snk,sk->sn", to_view, surface.normals)
+    distance = np.sqrt(np.einsum("snk,snk->sn", to_view, to_view))
+    front = facing > distance * np.cos(np.deg2rad(MAX_INCIDENCE_DEG))
+    return front & in_frustum(surface.samples_m, positions_m, np.array(config.target_m), config.camera)
+
+
+def matchable_repair(
+    surface: ProxySurface, candidates_m: Floats, visited_m: Floats, config: MissionConfig
+) -> Floats:
+    """(C,) share of all matchable views still missing that each candidate would add, in [0, 1].
+
+    A sample has as many matchable views as its best view has: itself and the visited views that see the
+    sample at an angle that dense stereo would match (``dense.min_pair_angle_deg`` to
+    ``dense.max_pair_angle_deg``, as seen from the sample). It needs ``b_aware.matchable_views``. Zeros where
+    nothing is missing.
+    """
+    need = config.b_aware.matchable_views
+    n_visited = len(visited_m)
+    views = np.concatenate([visited_m.reshape(-1, 3), candidates_m])
+    visible = sees(surface, views, config)
+    gained = np.zeros(len(candidates_m))
+    missing = 0
+    for start in range(0, len(surface.samples_m), BLOCK):
+        samples, seen = surface.samples_m[start : start + BLOCK], visible[start : start + BLOCK]
+        partners = _partners(samples, visited_m, seen[:, :n_visited], config)
+        before = np.minimum(partners.max(axis=1, initial=-1) + 1, need)  # (S,)
+        lacks = before < need
+        if not lacks.any():
+            continue
+        samples, seen, partners, before = samples[lacks], seen[lacks], partners[lacks], before[lacks]
+        new = _matchable(samples, candidates_m, visited_m, config)  # (S, C, V)
+        new &= seen[:, n_visited:, None] & seen[:, None, :n_visited]
+        helped = (partners[:, None, :] + new).max(axis=2, initial=-1)
+        own = np.where(seen[:, n_visited:], new.sum(axis=2), -1)
+        after = np.minimum(np.maximum(helped, own) + 1, need)  # (S, C)
+        gained += (after - before[:, None]).sum(axis=0)
+        missing += int((need - before).sum())
+    return gained / max(missing, 1)
+
+
+def _matchable(samples_m: Floats, a_m: Floats, b_m: Floats, config: MissionConfig) -> NDArray[np.bool_]:
+    """(S, A, B): is the angle between two views, as seen from a sample, one that dense stereo matches?"""
+
+    def directions(positions_m: Floats) -> NDArray[np.float32]:
+        delta = (positions_m.reshape(1, -1, 3) - samples_m[:, None]).astype(np.float32)
+        delta /= np.sqrt(np.einsum("snk,snk->sn", delta, delta))[:, :, None]
+        return delta
+
+    cosine = directions(a_m) @ directions(b_m).transpose(0, 2, 1)
+    near = np.float32(np.cos(np.deg2rad(config.dense.min_pair_angle_deg)))
+    far = np.float32(np.cos(np.deg2rad(config.dense.max_pair_angle_deg)))
+    return (cosine <= near) & (cosine >= far)
+
+
+def _partners(
+    samples_m: Floats, visited_m: Floats, seen: NDArray[np.bool_], config: MissionConfig
+) -> NDArray[np.int16]:
+    """(S, V): -1 where a visited view does not see a sample, else how many others match it there."""
+    pairs = _matchable(samples_m, visited_m, visited_m, config) & seen[:, None, :]
+    return np.where(seen, pairs.sum(axis=2), -1).astype(np.int16)
