@@ -11,6 +11,8 @@ from nbv.cached_sequences import CachedClouds, CachedSparse
 from nbv.cached_stages import CachedCorrespondences
 from nbv.config import MissionConfig
 from nbv.dense.reconstruct import CheckedDepths, check_depths
+from nbv.eight_bit_matching import FastCorrespondences
+from nbv.sparse.correspondences import Correspondences
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import Capture, PointCloud, UpdateReport
 
@@ -28,7 +30,9 @@ class PhotogrammetricReconstructor:
 
     def __init__(self, config: MissionConfig, store: Store | None = None) -> None:
         self._config = config
-        source = CachedCorrespondences(config.camera, config.sparse, store) if store is not None else None
+        source: Correspondences = FastCorrespondences(config.camera, config.sparse)
+        if store is not None:
+            source = CachedCorrespondences(config.camera, config.sparse, store)
         sparse = SparseReconstructor(config.camera, config.sparse, config.target_m, source)
         self._sparse: SparseReconstructor | CachedSparse = sparse
         self._clouds: Callable[[int | None], PointCloud] = self._fuse
