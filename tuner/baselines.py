@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 from dataclasses import dataclass, field
 from typing import Any
@@ -41,15 +42,21 @@ BASELINES: dict[str, Baseline] = {
         # The ceiling needs the reward that the dense stage pays back: docs/results/oracle_coverage.md.
         Baseline("greedy-oracle", "Greedy oracle", "each view chosen from the true surface", False, True,
                  {"gate.oracle_coverage": "matchable"}),
+        Baseline("matchable", "Matchable", "our own main term alone: the surface that lacks matchable views",
+                 values={"gate.kind": "b-aware", "b_aware.main_term": "matchable", "b_aware.weights.nov": 0.0,
+                         "b_aware.weights.move": 0.0, "b_aware.weights.ang": 0.0}),
     )
 }  # fmt: skip
 PAPER_STRATEGIES = tuple(name for name, b in BASELINES.items() if b.in_paper)
-# What `gatetune evaluate` compares with unless told otherwise: the paper's four, the learned gate, and what
-# chance and a planner that looks at the true surface reach.
-EVALUATION_BASELINES = (*PAPER_STRATEGIES, "learned", "random", "greedy-oracle")
+# What `gatetune evaluate` compares with unless told otherwise: the paper's four, the learned gate, our own term,
+# and what chance and a planner that looks at the true surface reach.
+EVALUATION_BASELINES = (*PAPER_STRATEGIES, "learned", "matchable", "random", "greedy-oracle")
 # What `gatetune reproduce` flies: Table I's columns, and the same two references for the gates.
 REPRODUCTION_STRATEGIES = (*PAPER_STRATEGIES, "learned", "greedy-oracle")
 TUNED = "tuned"
+# Chance in the pool that a tuned configuration plans in, where that is not the paper's: how much of the gain is
+# the pool's. Not a baseline by name, since the pool is the campaign's result.
+TUNED_POOL_RANDOM = "random-tuned-pool"
 
 
 def baseline(name: str) -> Baseline:
@@ -72,8 +79,22 @@ def baseline_configs(names: tuple[str, ...] | list[str], base: MissionConfig) ->
     return {name: baseline(name).config(base) for name in names}
 
 
+def tuned_configs(tuned: MissionConfig, base: MissionConfig) -> dict[str, MissionConfig]:
+    """The tuned configuration and, if it has changed the pool, random views in that pool."""
+    configs = {TUNED: tuned}
+    if tuned.pool != base.pool:
+        configs[TUNED_POOL_RANDOM] = baseline("random").config(dataclasses.replace(base, pool=tuned.pool))
+    return configs
+
+
 def label(strategy: str) -> str:
     """What tables print for a strategy."""
-    if strategy == TUNED:
-        return "Tuned"
-    return BASELINES[strategy].label if strategy in BASELINES else strategy
+    own = {TUNED: "Tuned", TUNED_POOL_RANDOM: "Random, tuned pool"}
+    return own.get(strategy) or (BASELINES[strategy].label if strategy in BASELINES else strategy)
+
+
+def description(strategy: str) -> str:
+    """One line on what a strategy does."""
+    own = {TUNED: "the recommended configuration",
+           TUNED_POOL_RANDOM: "a candidate at random in the pool of the recommended configuration"}  # fmt: skip
+    return own.get(strategy) or (BASELINES[strategy].description if strategy in BASELINES else "")

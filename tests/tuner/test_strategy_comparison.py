@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import signal
 from pathlib import Path
@@ -10,7 +11,14 @@ import pytest
 
 from nbv.config import preset
 from nbv.errors import UserError
-from tuner.baselines import BASELINES, PAPER_STRATEGIES, baseline_configs, label
+from tuner.baselines import (
+    BASELINES,
+    PAPER_STRATEGIES,
+    baseline_configs,
+    description,
+    label,
+    tuned_configs,
+)
 from tuner.evaluation import (
     EvaluationEvent,
     EvaluationPlan,
@@ -120,6 +128,9 @@ def test_mistakes(tmp_path: Path) -> None:
 
 def test_baselines_and_the_papers_table() -> None:
     configs = baseline_configs(list(BASELINES), BASE)
+    matchable = configs.pop("matchable")
+    assert matchable.gate.kind == "b-aware" and matchable.b_aware.main_term == "matchable"
+    assert dataclasses.astuple(matchable.b_aware.weights)[1:] == (0.0, 0.0, 0.0)
     assert all(config.gate.kind == name for name, config in configs.items())
     same = {"gate.kind": "hyb-h", "gate.oracle_coverage": BASE.gate.oracle_coverage}
     assert all(config.with_values(same) == BASE for config in configs.values())
@@ -131,6 +142,19 @@ def test_baselines_and_the_papers_table() -> None:
         for t in (48, 80):
             c = column[f"whole.completeness_{t}mm"] / 100
             assert column[f"whole.f_score_{t}mm"] <= 200 * c / (1 + c) + 1.0
+
+
+def test_chance_is_given_the_tuned_pool_too() -> None:
+    weights = BASE.with_values({"covis.weights.nov": 0.1})
+    assert tuned_configs(weights, BASE) == {"tuned": weights}
+    low = weights.with_values({"pool.max_altitude_m": 1.5})
+    configs = tuned_configs(low, BASE)
+    assert configs["tuned"] == low
+    assert configs["random-tuned-pool"] == BASE.with_values(
+        {"gate.kind": "random", "pool.max_altitude_m": 1.5}
+    )
+    assert label("random-tuned-pool") == "Random, tuned pool"
+    assert "pool" in description("random-tuned-pool") and description("mine") == ""
 
 
 def test_the_greedy_oracle_is_paid_for_surface_that_stereo_can_match() -> None:

@@ -30,7 +30,7 @@ def evaluate(
         list[str] | None,
         typer.Option(
             "--against",
-            help="Baseline, repeatable (default: the paper's four, learned, random, greedy-oracle).",
+            help="Baseline, repeatable (default: the paper's four, learned, matchable, random, greedy-oracle).",
         ),
     ] = None,
     reference: Annotated[str, typer.Option(help="Paired differences are against this strategy.")] = "hyb-h",
@@ -41,7 +41,7 @@ def evaluate(
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/evaluation).")] = None,
 ) -> None:
     """Fly the recommended configuration and the baselines on held-out rocks; print Table I with intervals."""
-    from tuner.baselines import EVALUATION_BASELINES, TUNED, baseline_configs
+    from tuner.baselines import EVALUATION_BASELINES, baseline_configs, tuned_configs
     from tuner.campaign import Campaign
     from tuner.evaluation import EvaluationPlan
 
@@ -56,7 +56,7 @@ def evaluate(
     configs = baseline_configs(list(strategies or EVALUATION_BASELINES), base)
     if reference not in configs:
         raise UserError(f"--reference {reference!r} is not evaluated; choose from {', '.join(configs)}")
-    plan = EvaluationPlan({TUNED: source.recommended_config(), **configs}, chosen, replicates)
+    plan = EvaluationPlan({**tuned_configs(source.recommended_config(), base), **configs}, chosen, replicates)
     compare(
         plan,
         out or campaign / "evaluation",

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from nbv.provenance import git_revision, versions
-from tuner.baselines import BASELINES, TUNED
+from tuner.baselines import BASELINES, TUNED, description
 from tuner.baselines import label as strategy_label
 from tuner.evaluation import ComparisonTable, EvaluationRecord, EvaluationRun, comparison_table
 from tuner.missions import RESULT_FILE
@@ -235,7 +235,7 @@ def _strategy(run: EvaluationRun, name: str) -> dict[str, str]:
     path, flight, wall = mean("path_length_m"), mean("flight_time_s"), mean("wall_s")
     known = BASELINES.get(name)
     same = next(n for n, c in run.plan.strategies.items() if c.digest() == run.plan.strategies[name].digest())
-    what = known.description if known else "the recommended configuration" if name == TUNED else ""
+    what = description(name)
     if same != name:
         what += f" (the same configuration as {strategy_label(same)}, flown once)"
     return {
