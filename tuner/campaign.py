@@ -483,16 +483,25 @@ class Campaign:
         self.screen = flown
         self._sampler = s.make_sampler(flown)
 
-    def front(self, *, save: bool = True) -> list[FrontPoint]:
-        """The Pareto front of the configurations flown; empty without a second objective or missions that have both."""
+    def flown_in_both(self) -> list[FrontPoint]:
+        """What is believed of every configuration in both objectives; empty without a second one or its values."""
         s = self.settings
         history = [o for o in self.history() if o.outcome is not None and o.second is not None]
         if s.second is None or not history:
             return []
-        from tuner.pareto import pareto_front, two_models
+        from tuner.pareto import flown_in_both, two_models
 
         models = two_models(s.space, history, s.rocks, s.seed, surrogate_settings(s.gp))
-        points = pareto_front(models, (s.objective, s.second))
+        return flown_in_both(models, (s.objective, s.second))
+
+    def front(self, *, save: bool = True) -> list[FrontPoint]:
+        """The Pareto front of the configurations flown; empty where `flown_in_both` is."""
+        points = self.flown_in_both()
+        if self.settings.second is None or not points:
+            return []
+        from tuner.pareto import pareto_front
+
+        points = pareto_front(points, (self.settings.objective, self.settings.second))
         if save:
             write_atomic(self.directory / FRONT_FILE, json.dumps([p.to_dict() for p in points], indent=1))
         return points

@@ -79,22 +79,24 @@ def propose_for_front(
     return first.space.from_unit(position), {"log_nehvi": score}
 
 
-def pareto_front(
+def flown_in_both(
     models: tuple[RockMeanGP, RockMeanGP], objectives: tuple[Objective, Objective]
 ) -> list[FrontPoint]:
-    """The configurations flown that no other dominates, best first objective first."""
+    """What the models believe of every configuration flown, best first objective first."""
     first = models[0]
     configurations = [first.space.from_unit(u) for u in np.unique(first.unit, axis=0)]
-    beliefs = [model.posterior(configurations) for model in models]
-    level: Floats = np.column_stack([belief.mean for belief in beliefs])
-    front = [
-        i for i in range(len(level)) if not ((level >= level[i]).all(1) & (level > level[i]).any(1)).any()
-    ]
-    one, two = objectives[0].sign, objectives[1].sign
+    one, two = (model.posterior(configurations) for model in models)
+    signs = objectives[0].sign, objectives[1].sign
     return [
         FrontPoint(
-            configurations[i], one * float(level[i, 0]), float(beliefs[0].sd[i]),
-            two * float(level[i, 1]), float(beliefs[1].sd[i]),
+            configurations[i], signs[0] * float(one.mean[i]), float(one.sd[i]),
+            signs[1] * float(two.mean[i]), float(two.sd[i]),
         )
-        for i in sorted(front, key=lambda i: -level[i, 0])
+        for i in np.argsort(-one.mean, kind="stable")
     ]  # fmt: skip
+
+
+def pareto_front(points: Sequence[FrontPoint], objectives: tuple[Objective, Objective]) -> list[FrontPoint]:
+    """Those that no other one dominates, in the same order."""
+    level: Floats = np.array([[p.first, p.second] for p in points]) * [o.sign for o in objectives]
+    return [p for p, own in zip(points, level) if not ((level >= own).all(1) & (level > own).any(1)).any()]

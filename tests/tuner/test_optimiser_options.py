@@ -17,7 +17,7 @@ from tuner.executors import InProcessExecutor
 from tuner.gp_options import GPOptions
 from tuner.history import Observation
 from tuner.objective import Objective
-from tuner.pareto import pareto_front, propose_for_front, two_models
+from tuner.pareto import flown_in_both, pareto_front, propose_for_front, two_models
 from tuner.report.campaign_facts import CampaignFacts
 from tuner.samplers import GPSampler
 from tuner.screening import Screen, screen
@@ -207,7 +207,11 @@ def test_front_is_sought_and_found() -> None:
     proposed = np.array([synthetic.SPACE.to_unit(o.values) for o in history[8:]])
     assert np.median(proposed[:, 1]) < 0.1 and np.ptp(proposed[:, 0]) > 0.4
     objectives = (Objective("first"), Objective("second", "minimise"))
-    front = pareto_front(two_models(synthetic.SPACE, history, ("r0",), 0), objectives)
+    points = flown_in_both(two_models(synthetic.SPACE, history, ("r0",), 0), objectives)
+    front = pareto_front(points, objectives)
+    assert len(points) == 14 and all(
+        any(q.first >= p.first and q.second <= p.second for q in front) for p in points
+    )
     firsts, seconds = [p.first for p in front], [-p.second for p in front]
     assert len(front) >= 4
     assert firsts == sorted(firsts, reverse=True) and seconds == sorted(seconds)

@@ -26,6 +26,7 @@ from tuner.report.campaign_figures import (
     slices_figure,
     time_figure,
 )
+from tuner.report.front import front_context
 from tuner.report.labels import decimals_for, format_number, parameter_label, parameter_value, with_unit
 from tuner.report.pages import duration, write_page
 from tuner.report.style import Illustration, embed
@@ -138,6 +139,7 @@ def _context(facts: CampaignFacts, figures: Path) -> dict[str, Any]:
         "version": versions().get("gatetune", ""),
         "revision": revision,
         "yaml": "", "mission_command": "", "per_rock": [], "top": [], "model_text": "",
+        "front": front_context(facts, figures),
         "mission_figures": [_history(facts, figures)],
         "model_figures": [],
         "cost_figures": [],

@@ -209,3 +209,21 @@ def test_recommendation_at_the_edge_of_the_range_is_pointed_out(tmp_path: Path) 
 
     assert edges() == []
     assert "d95" in edges(d95_m=1.0)[0] and "budget" not in edges(d95_m=1.0)[0]
+
+
+def test_two_objectives_have_their_front(tmp_path: Path) -> None:
+    second = Objective("whole.completeness_48mm", "minimise")  # the same number: one is bought with the other
+    campaign = flown(tmp_path / "run", budget=10, sampler="gp", second=second)
+    page = write_campaign_report(campaign)
+    source, text = page.read_text(), text_of(page)
+    front = campaign.front(save=False)
+    assert len(front) >= 5
+    section = re.search(r'<section id="front">(.*?)</section>', source, re.S)[1]  # type: ignore[index]
+    assert len(re.findall(r"<tr><td>", section)) == len(front)
+    assert f"{front[0].values['gate.budget_fraction']:.4g}" in section
+    assert "Completeness @ 48 mm" in text and (tmp_path / "run" / "figures" / "front.png").is_file()
+
+
+def test_one_objective_has_no_front(tmp_path: Path) -> None:
+    page = write_campaign_report(flown(tmp_path / "run"))
+    assert 'id="front"' not in page.read_text()

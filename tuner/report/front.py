@@ -1,0 +1,75 @@
+"""Two objectives in a campaign's report: the Pareto front as a figure and a table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from tuner.pareto import FrontPoint, pareto_front
+from tuner.report.campaign_facts import CampaignFacts
+from tuner.report.labels import decimals_for, format_number, metric_label, parameter_value
+from tuner.report.style import BLACK, BLUE, GREY, VERMILION, embed, look, new_figure
+from tuner.surrogate import NORMAL_95
+
+
+def front_context(facts: CampaignFacts, figures: Path) -> dict[str, Any] | None:
+    """What the page's section needs; None for a campaign with one objective, or without a mission that has both."""
+    s = facts.settings
+    points = facts.campaign.flown_in_both()
+    if s.second is None or not points:
+        return None
+    front = pareto_front(points, (s.objective, s.second))
+    one, two = facts.label, metric_label(s.second.metric)
+    digits = decimals_for(min(p.first_sd for p in front)), decimals_for(min(p.second_sd for p in front))
+    return {
+        "figure": embed(
+            front_figure(facts, points, front),
+            "front",
+            f"Scatter plot of {one.name} against {two.name} of all configurations flown; the Pareto front is a line.",
+            f"{one.full} ({s.objective.direction}d) against {two.name} ({s.second.direction}d): what the model believes of "
+            "every configuration flown, as means over the training rocks, with 95 % bars on the front.",
+            figures,
+            title="Both objectives",
+        ),
+        "first": one.axis,
+        "second": two.axis,
+        "rows": [
+            [
+                f"{format_number(p.first, digits[0])} ± {format_number(p.first_sd, digits[0])}",
+                f"{format_number(p.second, digits[1])} ± {format_number(p.second_sd, digits[1])}",
+                *(parameter_value(p.values[path]) for path in s.space.paths),
+            ]
+            for p in front
+        ],
+    }
+
+
+def front_figure(facts: CampaignFacts, points: list[FrontPoint], front: list[FrontPoint]) -> Figure:
+    """All configurations, the front as a line with 95 % bars, the paper's default and the recommendation marked."""
+    s = facts.settings
+    assert s.second is not None
+    with look():
+        figure = new_figure(7.4, 4.2)
+        ax = figure.subplots()
+        ax.plot([p.second for p in points], [p.first for p in points], "o", color=GREY, ms=4, mec="white", mew=0.3,
+                label="configurations flown")  # fmt: skip
+        ax.errorbar(
+            [p.second for p in front], [p.first for p in front],
+            xerr=[NORMAL_95 * p.second_sd for p in front], yerr=[NORMAL_95 * p.first_sd for p in front],
+            fmt="-o", color=BLUE, ms=5, lw=1.3, elinewidth=0.7, capsize=2, label="Pareto front, 95 %",
+        )  # fmt: skip
+        marked = {"paper's default": (facts.default, "D", BLACK)}
+        if facts.recommendation is not None:
+            marked["recommended by the first objective"] = (facts.recommendation.values, "s", VERMILION)
+        for label, (values, shape, colour) in marked.items():
+            at = s.space.to_unit(values)
+            own = [p for p in points if np.allclose(s.space.to_unit(p.values), at)]
+            ax.plot([p.second for p in own], [p.first for p in own], shape, ms=10, mfc="none", mec=colour, mew=1.6,
+                    ls="none", label=label)  # fmt: skip
+        ax.set_xlabel(metric_label(s.second.metric).axis)
+        ax.set_ylabel(facts.label.axis)
+        figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+        return figure
