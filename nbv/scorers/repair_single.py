@@ -117,7 +117,8 @@ def repair_single(
         if len(n_rays) == 0 or at >= n_rays[0]:
             nearest[:] = -np.inf
         distance = np.matmul(q[at:end], for_distance, out=product[: end - at])
-        np.maximum(distance, np.float32(1e-12), out=distance)  # a candidate on a point: no division by zero
+        # A candidate on a point: no division by zero. (np.maximum with a number takes three times as long.)
+        np.clip(distance, np.float32(1e-12), np.float32(np.inf), out=distance)
         np.sqrt(distance, out=distance)
         nearest /= distance
         np.clip(nearest, cos_high, cos_low, out=nearest)
