@@ -93,6 +93,28 @@ def table(records: list[EvaluationRecord]) -> str:
     return "\n".join(markdown_table(header, rows))
 
 
+def figure(records: list[EvaluationRecord], path: Path) -> None:
+    """Forest plot of the first metric's paired differences."""
+    from tuner.report.style import BLACK, BLUE, GREY, ORANGE, look, new_figure
+
+    colours = {"Hyb-H": BLUE, "Covis": BLUE, "Random": GREY, "Matchable": ORANGE, "Greedy oracle": BLACK}
+    titles = [title for title in ARMS if title != "Hyb-H"]
+    with look():
+        sheet = new_figure(7.2, 4.6)
+        ax = sheet.subplots()
+        ax.axvline(0.0, color=GREY, lw=0.8)
+        for y, title in enumerate(reversed(titles)):
+            d = strategy_difference(records, file_name(title), file_name("Hyb-H"), SHOWN[0])
+            if d is None or d.interval.low is None or d.interval.high is None:
+                continue
+            i = d.interval
+            ax.plot([i.low, i.high], [y, y], color=colours[title.split(",")[0]], lw=1.6)
+            ax.plot(i.mean, y, "o", color=colours[title.split(",")[0]], ms=5)
+        ax.set_yticks(range(len(titles)), list(reversed(titles)))
+        ax.set_xlabel("F-score @ 48 mm, observable: points over Hyb-H, 95 %")
+        sheet.savefig(path, dpi=150)
+
+
 def main() -> None:
     """Fly and print."""
     parser = argparse.ArgumentParser(
@@ -103,6 +125,7 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs/freedoms"))
     parser.add_argument("--report-only", action="store_true")
+    parser.add_argument("--figure", type=Path)
     arguments = parser.parse_args()
     try:
         rocks = tuple(rock_arguments(arguments.rock))
@@ -114,7 +137,10 @@ def main() -> None:
         with LocalProcessExecutor(arguments.workers, preload=(DEFAULT_RUNNER.partition(":")[0],)) as executor:
             run_evaluation(plan, arguments.out, executor,
                            lambda e: print(f"{e.finished}/{e.total}", end="\r", flush=True))  # fmt: skip
-    print(table(plan.records(arguments.out)))
+    records = plan.records(arguments.out)
+    print(table(records))
+    if arguments.figure is not None:
+        figure(records, arguments.figure)
 
 
 if __name__ == "__main__":

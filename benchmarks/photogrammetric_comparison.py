@@ -1,0 +1,112 @@
+"""Samplers against each other on real missions: campaigns of equal budget, judged on fresh replicates.
+
+    OMP_NUM_THREADS=1 python benchmarks/photogrammetric_comparison.py --seeds 3 --sampler gp tpe optuna-gp random
+
+Every (sampler, seed) is a campaign of its own in ``--out``, begun at the paper's values, recommended by the same rule
+(the product's: best posterior mean among what was flown). The recommendations then fly on the same training rocks
+with replicates that no campaign has seen; a seed's value is the mean over them. Held-out rocks are not used. Finished
+missions are not flown again.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from scipy import stats
+
+from nbv.errors import UserError
+from tuner.campaign import SETTINGS_FILE, Campaign, CampaignSettings
+from tuner.commands.campaign import QUICK_ROCKS, refuse_held_out
+from tuner.commands.console import rock_arguments
+from tuner.evaluation import EvaluationPlan, run_evaluation, values_of
+from tuner.executors import LocalProcessExecutor
+from tuner.missions import DEFAULT_RUNNER
+from tuner.objective import Objective
+from tuner.search_space import load_search_space
+
+REPLICATES = 2  # of a campaign; the judges begin after them
+
+
+def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str, seed: int) -> Campaign:
+    """Flown to its end."""
+    directory = arguments.out / f"{sampler}-{seed}"
+    if (directory / SETTINGS_FILE).is_file():
+        found = Campaign.open(directory)
+    else:
+        space = load_search_space(arguments.space)
+        found = Campaign.create(directory, CampaignSettings(
+            directory.name, space, rocks, arguments.budget, REPLICATES, seed, sampler=sampler))  # fmt: skip
+    if found.status().finished < arguments.budget:
+        with LocalProcessExecutor(arguments.workers, preload=(DEFAULT_RUNNER.partition(":")[0],)) as executor:
+            found.run(executor)
+    return found
+
+
+def interval_text(values: Sequence[float]) -> str:
+    """Mean with its 95 % t-interval."""
+    mean = float(np.mean(values))
+    if len(values) < 2:
+        return f"{mean:+.2f}"
+    half = float(stats.t.ppf(0.975, len(values) - 1) * np.std(values, ddof=1) / np.sqrt(len(values)))
+    return f"{mean:+.2f} [{mean - half:+.2f}, {mean + half:+.2f}]"
+
+
+def main() -> None:
+    """Fly, judge, print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--sampler", nargs="+", default=["gp", "tpe", "optuna-gp", "random"])
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--budget", type=int, default=48)
+    parser.add_argument("--space", default="gate_weights_and_pool")
+    parser.add_argument("--rock", action="append", help="training rock; default: those of make tune")
+    parser.add_argument("--judges", type=int, default=4, help="fresh replicates per rock")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--out", type=Path, default=Path("runs/samplers"))
+    arguments = parser.parse_args()
+    try:
+        rocks = tuple(rock_arguments(arguments.rock or QUICK_ROCKS))
+        refuse_held_out(rocks)
+        configs = {}
+        for seed in range(arguments.seeds):
+            for sampler in arguments.sampler:
+                flown = campaign(arguments, rocks, sampler, seed)
+                configs[f"{sampler}-{seed}"] = flown.recommended_config()
+                configs.setdefault("default", flown.settings.config(flown.settings.default_values()))
+                print(f"{sampler}-{seed} flown", flush=True)
+    except UserError as error:
+        parser.error(str(error))
+    plan = EvaluationPlan(configs, rocks, arguments.judges, REPLICATES)
+    judges = arguments.out / "judges"
+    with LocalProcessExecutor(arguments.workers, preload=(DEFAULT_RUNNER.partition(":")[0],)) as executor:
+        records = run_evaluation(plan, judges, executor).records
+
+    metric = Objective().metric
+
+    def value(name: str) -> float:
+        """Mean over the rocks' means."""
+        found = values_of(records, name, metric)
+        return float(np.mean([np.mean([v for (r, _), v in found.items() if r == rock]) for rock in rocks]))
+
+    ours = [value(f"{arguments.sampler[0]}-{seed}") for seed in range(arguments.seeds)]
+    print(
+        f"| sampler | {metric}, seeds | mean | over the paper's values | {arguments.sampler[0]} minus this |"
+    )
+    print("|---|---|---:|---:|---:|")
+    for sampler in arguments.sampler:
+        own = [value(f"{sampler}-{seed}") for seed in range(arguments.seeds)]
+        gains = [v - value("default") for v in own]
+        against = (
+            "–" if sampler == arguments.sampler[0] else interval_text([a - b for a, b in zip(ours, own)])
+        )
+        seeds = ", ".join(f"{v:.2f}" for v in own)
+        print(f"| {sampler} | {seeds} | {np.mean(own):.2f} | {interval_text(gains)} | {against} |")
+    print(f"| paper's values | {value('default'):.2f} | | | |")
+
+
+if __name__ == "__main__":
+    main()
