@@ -8,10 +8,11 @@ complete. ``summary`` (``optimiser_summary.py``) turns them into tables and figu
 
 ``{"kind": "run", "problem", "strategy", "seed", "budget", "dimension", "rocks", "best", "default_truth"}``
 ``{"kind": "mission", "cost", "values", "rock", "replicate", "value", "ask_s", "mean", "sd"}``
-    ``cost`` is what has been spent so far, in missions; ``ask_s`` CPU seconds; ``mean`` and ``sd`` what our GP,
-    fitted at the last checkpoint, predicted for this very mission (absent before the first).
-``{"kind": "checkpoint", "cost", "values", "truth", "mean", "sd"}``
-    the recommendation at that cost, its noiseless value, and our GP's belief about it.
+    ``cost`` is what has been spent so far, in missions; ``ask_s`` CPU seconds; ``mean`` and ``sd``, of our
+    strategies after their initial design, what our GP fitted to all missions before predicted for this one.
+``{"kind": "checkpoint", "cost", "values", "truth", "mean", "sd", "loo"}``
+    the recommendation at that cost, its noiseless value, our GP's belief about it, and the share of missions in
+    their leave-one-out 95 % intervals.
 ``{"kind": "done", "ask_s"}``
 
 Every strategy starts at the problem's default configuration. Where a strategy recommends nothing itself, our
@@ -58,18 +59,17 @@ def complete(path: Path) -> bool:
     return path.is_file() and '"kind": "done"' in path.read_text()
 
 
+def surrogate(problem: Problem, history: Sequence[Observation], seed: int, strategy: object) -> RockMeanGP:
+    """Our GP, with the strategy's settings where it has some."""
+    settings, screen = getattr(strategy, "model", None), getattr(strategy, "screen", None)
+    return RockMeanGP(problem.space, history, problem.rocks, seed, settings, screen)
+
+
 def common_recommendation(
     problem: Problem, history: Sequence[Observation], seed: int, strategy: object
 ) -> tuple[Values, float, float, RockMeanGP]:
     """Best posterior mean among the configurations flown, its mean and sd, and the model."""
-    model = RockMeanGP(
-        problem.space,
-        history,
-        problem.rocks,
-        seed,
-        getattr(strategy, "model", None),
-        getattr(strategy, "screen", None),
-    )
+    model = surrogate(problem, history, seed, strategy)
     seen = {tuple(problem.space.to_unit(o.values)): dict(o.values) for o in history if o.feasible}
     configurations = list(seen.values())
     belief = model.posterior(configurations)
@@ -88,7 +88,6 @@ def play(problem: Problem, name: str, seed: int, log: TextIO) -> None:
           default_truth=problem.truth(problem.default))  # fmt: skip
     strategy = STRATEGIES[name](problem, seed)
     history: list[Observation] = []
-    model: RockMeanGP | None = None
     spent = total_ask_s = 0.0
     shares = OUR_CHECKPOINTS if name.startswith("gp") else CHECKPOINTS
     marks = [share * problem.budget for share in shares]
@@ -101,7 +100,8 @@ def play(problem: Problem, name: str, seed: int, log: TextIO) -> None:
         rock, replicate = next_slot(problem.rocks, problem.replicates, history, proposal)  # type: ignore[arg-type]
         flight = problem.fly(request.values, rock, replicate)
         expected = {}
-        if model is not None and rock in problem.rocks:
+        if request.why.get("phase") == "model" and name.startswith("gp") and rock in problem.rocks:
+            model = surrogate(problem, history, seed, strategy)
             mean, sd = model.predict_mission(request.values, rock, replicate)
             expected = {"mean": mean, "sd": sd}
         spent += flight.cost + request.extra_cost
@@ -123,6 +123,7 @@ def play(problem: Problem, name: str, seed: int, log: TextIO) -> None:
             values, mean, sd, model = common_recommendation(problem, full, seed, strategy)
             own = strategy.recommend()
             belief = {"mean": mean, "sd": sd} if own is None else {}
+            belief["loo"] = model.leave_one_out().coverage_95
             values = own or values
             write(
                 "checkpoint", cost=round(spent, 6), values=dict(values), truth=problem.truth(values), **belief

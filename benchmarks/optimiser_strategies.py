@@ -23,6 +23,7 @@ import numpy as np
 import torch
 from optimiser_problems import Problem
 
+from tuner.acquisition import SearchSettings
 from tuner.campaign import next_slot
 from tuner.history import Observation, Proposal
 from tuner.objective import RockStandardiser
@@ -258,17 +259,19 @@ def all_rocks(name: str) -> Factory:
     )
 
 
-def gp_variant(**options: Any) -> Factory:
-    """Our sampler with other settings of its surrogate."""
+def gp_variant(
+    *, search: SearchSettings | None = None, initial: int | None = None, **options: Any
+) -> Factory:
+    """Our sampler with other settings of its surrogate, of its search or of its initial design."""
     model = SurrogateSettings(**options)
-    return lambda problem, seed: OneRock(GPSampler(settings_of(problem, seed), model=model), model)
 
+    def make(problem: Problem, seed: int) -> Strategy:
+        settings = settings_of(problem, seed)
+        if initial is not None:
+            settings = dataclasses.replace(settings, initial=initial)
+        return OneRock(GPSampler(settings, model=model, search=search), model)
 
-def short_design(problem: Problem, seed: int) -> Strategy:
-    """Our sampler after an initial design of half as many missions as parameters, and three."""
-    settings = settings_of(problem, seed)
-    initial = min(settings.initial, problem.space.dimension // 2 + 3)
-    return OneRock(GPSampler(dataclasses.replace(settings, initial=initial)))
+    return make
 
 
 PEERS = ("sobol", "random", "tpe", "cmaes", "optuna-gp", *available_peers())
@@ -278,7 +281,13 @@ STRATEGIES: dict[str, Factory] = {
     **{f"{name}/all": all_rocks(name) for name in (*PEERS, "gp")},
     "tpe/pruned": PrunedTPE,
     "gp+screen": Screened,
-    "gp+short": short_design,
+    "gp+short": gp_variant(initial=8),
+    "gp+sampled": gp_variant(search=SearchSettings(closed_form=False)),
+    "gp+old-priors": gp_variant(
+        length_median=0.5, variance_median=0.7, variance_spread=0.7, noise_median=0.2
+    ),
+    "gp+noisy": gp_variant(noise_median=0.5),
+    "gp+short12": gp_variant(initial=12),
     "gp+variance": RockByVariance,
     "gp+pooled": gp_variant(rock_scales=False),
     "gp+bayes4": gp_variant(members=4),

@@ -17,19 +17,28 @@ from botorch.utils.sampling import draw_sobol_samples
 
 from nbv.types import Floats
 from tuner.gp_options import Risk
+from tuner.improvement import LogNoisyImprovement
 from tuner.risk import RockOutcomes, risk_of
 from tuner.search_space import Values
 from tuner.surrogate import RockMeanGP, moments, numerics
 
-RESTARTS = 3
-GLOBAL_POINTS = 192  # of a Sobol sequence over the whole space
-LOCAL_POINTS = 64  # near the best configurations so far, where improvement is likeliest
+BLOCK = 128  # points tried at once
 LOCAL_BEST = 4
-LOCAL_SD = 0.1  # of the unit cube
+LOCAL_SD = (0.01, 0.25)  # of the unit cube: smallest and largest, evenly spread logarithms
 MONTE_CARLO_SAMPLES = 64
 MAX_ITERATIONS = 50
 # Mixed spaces: the continuous part is optimised under this many of the best discrete combinations.
 DISCRETE_COMBINATIONS = 4
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """How the maximum of the acquisition is looked for; each default is there by an ablation."""
+
+    restarts: int = 4  # gradient searches
+    global_points: int = 512  # of a Sobol sequence over the whole space
+    local_points: int = 256  # near the best configurations so far, where improvement is likeliest
+    closed_form: bool = True  # ``LogNoisyImprovement`` instead of BoTorch's, where the risk is the mean
 
 
 @dataclass(frozen=True)
@@ -53,6 +62,7 @@ def propose(
     seed: int,
     risk: Risk = "mean",
     prior: Prior | None = None,
+    search: SearchSettings | None = None,
 ) -> tuple[Values, dict[str, float]]:
     """The configuration with the largest acquisition value.
 
@@ -61,11 +71,12 @@ def propose(
     the model's mean and standard deviation there (objective's unit, larger is better).
     """
     with numerics(seed):
-        acquisition = _acquisition(model, pending, seed, risk)
+        search = search or SearchSettings()
+        acquisition = _acquisition(model, pending, seed, risk, search)
         if prior is not None and prior.strength > 0:
             exponent = prior.strength / len(model.observations)
             acquisition = _Guided(acquisition, _LogPrior(model, prior), exponent)
-        position, score = maximise(model, acquisition, seed)
+        position, score = maximise(model, acquisition, seed, search)
     values = model.space.from_unit(position)
     belief = model.posterior([values], risk)
     return values, {
@@ -76,11 +87,16 @@ def propose(
 
 
 def _acquisition(
-    model: RockMeanGP, pending: Sequence[Mapping[str, Any]], seed: int, risk: Risk
+    model: RockMeanGP, pending: Sequence[Mapping[str, Any]], seed: int, risk: Risk, search: SearchSettings
 ) -> AcquisitionFunction:
+    # Rocks' own landscapes count by their scales, which the common landscape does not know.
+    over_rocks = risk != "mean" or model.settings.deviations
+    if not over_rocks and search.closed_form:
+        flying = np.array([model.space.to_unit(v) for v in pending]).reshape(-1, model.space.dimension)
+        return LogNoisyImprovement(model, flying, seed)
     options: dict[str, Any] = {}
     target = model.model
-    if risk != "mean":
+    if over_rocks:
         target = RockOutcomes(model)
         options = {
             "objective": GenericMCObjective(lambda samples, X=None: risk_of(samples, risk)),
@@ -128,19 +144,24 @@ class _LogPrior(torch.nn.Module):
         return -0.5 * (squares.sum(-1) + 4.0 * mismatches.sum(-1))
 
 
-def maximise(model: RockMeanGP, acquisition: AcquisitionFunction, seed: int) -> tuple[Floats, float]:
+def maximise(
+    model: RockMeanGP, acquisition: AcquisitionFunction, seed: int, search: SearchSettings | None = None
+) -> tuple[Floats, float]:
     """Best (d,) unit position, exactly a configuration, and its acquisition value.
 
     Starts are the best of many global and local points, tried without gradients.
     """
+    search = search or SearchSettings()
     d = model.space.dimension
-    points = np.array([model.space.snap(x) for x in _starting_points(model, seed)])
+    discrete = model.space.discrete_dimensions
+    points = _starting_points(model, seed, search)
+    if discrete:
+        points = np.array([model.space.snap(x) for x in points])
     starts = model.inputs(points).unsqueeze(1)
     with torch.no_grad():
-        scores = torch.cat([acquisition(block) for block in starts.split(64)])
+        scores = torch.cat([acquisition(block) for block in starts.split(BLOCK)])
     order = scores.argsort(descending=True)
     best, best_score = points[int(order[0])], float(scores[order[0]])
-    discrete = model.space.discrete_dimensions
     if len(discrete) == d:
         return best, best_score
     # The last columns are rock and slot: everything is compared without their offsets.
@@ -148,7 +169,7 @@ def maximise(model: RockMeanGP, acquisition: AcquisitionFunction, seed: int) -> 
     bounds = torch.zeros(2, starts.shape[-1], dtype=torch.float64)
     bounds[1, :d] = 1.0
     bounds[:, d:] = starts[0, 0, d:]
-    for fixed, chosen in _climbs(points, order.tolist(), discrete):
+    for fixed, chosen in _climbs(points, order.tolist(), discrete, search.restarts):
         position, score = optimize_acqf(
             acquisition, bounds, 1, len(chosen), batch_initial_conditions=starts[chosen],
             options={"maxiter": MAX_ITERATIONS}, fixed_features={**fixed, **nowhere},
@@ -158,34 +179,39 @@ def maximise(model: RockMeanGP, acquisition: AcquisitionFunction, seed: int) -> 
     return best, best_score
 
 
-def _starting_points(model: RockMeanGP, seed: int) -> Floats:
-    """(GLOBAL_POINTS + LOCAL_POINTS, d) unit positions."""
-    d = model.space.dimension
-    cube = torch.stack([torch.zeros(d), torch.ones(d)]).to(torch.float64)
-    everywhere = draw_sobol_samples(cube, GLOBAL_POINTS, 1, seed=seed).squeeze(1).numpy()
+def _best_flown(model: RockMeanGP, count: int) -> Floats:
+    """(count or fewer, d) unit positions with the best posterior means among those flown, best first."""
     seen = np.unique(model.unit, axis=0)
     with torch.no_grad():
         mean, _ = moments(model.model.posterior(model.inputs(seen)))
-    best = seen[np.argsort(-mean)[:LOCAL_BEST]]
+    return seen[np.argsort(-mean)[:count]]
+
+
+def _starting_points(model: RockMeanGP, seed: int, search: SearchSettings) -> Floats:
+    """(global + local points, d) unit positions."""
+    d, count = model.space.dimension, search.local_points
+    cube = torch.stack([torch.zeros(d), torch.ones(d)]).to(torch.float64)
+    everywhere = draw_sobol_samples(cube, search.global_points, 1, seed=seed).squeeze(1).numpy()
+    best = _best_flown(model, LOCAL_BEST)
+    best = best[np.arange(count) % len(best)]
     rng = np.random.default_rng(seed)
-    near = best[np.arange(LOCAL_POINTS) % len(best)] + LOCAL_SD * rng.standard_normal((LOCAL_POINTS, d))
-    # Half of the coordinates stay: in many dimensions moving all of them at once leads nowhere.
-    stay = rng.random(near.shape) < 0.5
-    near[stay] = best[np.arange(LOCAL_POINTS) % len(best)][stay]
+    sd = np.exp(rng.uniform(*np.log(LOCAL_SD), (count, 1)))
+    near = best + sd * rng.standard_normal((count, d))
+    # Some coordinates stay: in many dimensions moving all of them at once leads nowhere.
+    stay = rng.random(near.shape) < rng.random((count, 1))
+    near[stay] = best[stay]
     categorical = list(model.space.categorical_dimensions)
-    jump = rng.random((LOCAL_POINTS, len(categorical))) < 0.2
-    near[:, categorical] = np.where(
-        jump, rng.random(jump.shape), best[np.arange(LOCAL_POINTS) % len(best)][:, categorical]
-    )
+    jump = rng.random((count, len(categorical))) < 0.2
+    near[:, categorical] = np.where(jump, rng.random(jump.shape), best[:, categorical])
     return np.concatenate([everywhere, np.clip(near, 0.0, 1.0)])
 
 
 def _climbs(
-    points: Floats, order: Sequence[int], discrete: Sequence[int]
+    points: Floats, order: Sequence[int], discrete: Sequence[int], restarts: int
 ) -> list[tuple[dict[int, float], list[int]]]:
     """``(fixed coordinates, starting points)`` of each gradient search; one per discrete combination."""
     if not discrete:
-        return [({}, list(order[:RESTARTS]))]
+        return [({}, list(order[:restarts]))]
     climbs: dict[tuple[float, ...], list[int]] = {}
     for index in order:
         combination = tuple(float(points[index, i]) for i in discrete)

@@ -27,6 +27,7 @@ from tuner.search_space import SearchSpace, Values
 if TYPE_CHECKING:
     import optuna
 
+    from tuner.acquisition import SearchSettings
     from tuner.screening import Screen
     from tuner.surrogate import SurrogateSettings
 
@@ -146,6 +147,7 @@ class GPSampler:
     settings: SamplerSettings
     name: str = "gp"
     model: SurrogateSettings | None = None  # of the surrogate; None: by the settings' options
+    search: SearchSettings | None = None  # of the acquisition's maximum; None: the defaults
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
         """The maximiser of the acquisition, or the next point of the initial design."""
@@ -166,7 +168,7 @@ class GPSampler:
             return Proposal(values, {"sampler": self.name, "phase": "front", **figures})
         model = RockMeanGP(s.space, feasible, s.rocks, seed, self.model or s.surrogate(), s.screen)
         prior = Prior(s.default, s.options.prior_strength)
-        values, figures = propose(model, flying, seed, s.options.risk, prior)
+        values, figures = propose(model, flying, seed, s.options.risk, prior, self.search)
         if s.measure_gain:
             from tuner.stopping import comparison_noise, expected_gain_left
 

@@ -170,8 +170,10 @@ class SurrogateSettings:
     deviations: bool = False  # each rock departs from the common landscape, not only by an offset
     rock_scales: bool = True  # outcomes are standardised by each rock's own spread, not by the pooled one
     sparse: bool = False  # most parameters are expected to be without effect (SAAS prior, MAP over four tau)
-    length_median: float = 0.5  # median of the length-scale prior over sqrt(number of ordered parameters)
+    length_median: float = 0.3  # median of the length-scale prior over sqrt(number of ordered parameters)
     length_spread: float = 0.8
+    variance_median: float = 2.0  # of f, outcomes standardised
+    variance_spread: float = 1.0
     noise_median: float = 0.2  # variance, outcomes standardised
     noise_spread: float = 1.0
     starts: int = 1  # searches for the hyperparameters
@@ -307,7 +309,7 @@ class RockMeanGP:
         return {
             "log_lengthscale": length,
             "log_choice_length": LogNormal(0.0, 1.0),
-            "log_variance": LogNormal(math.log(0.7), 0.7),
+            "log_variance": LogNormal(math.log(s.variance_median), s.variance_spread),
             # Wide: a rock's centre is the mean of a few configurations and may be off by a standard deviation.
             "log_rock_variance": LogNormal(0.0, 1.0),
             # Wider still: measured slots differ by anything from nothing to several times what parameters do.
