@@ -29,6 +29,7 @@ class Run:
     truths: Floats
     ask_s: Floats  # CPU seconds of the asks that were not trivial
     z: Floats  # standardised residuals of missions, as predicted before they were flown
+    left_out: float | None = None  # share inside of the leave-one-out 95 % intervals, all missions flown
 
     def reached(self, level: float) -> float:
         """Cost at which the recommendation was first as good as ``level``; infinite if never."""
@@ -50,6 +51,7 @@ def read(path: Path) -> Run | None:
         head["problem"], head["strategy"], head["seed"], head["budget"], head["best"],
         np.array([p["cost"] for p in points]), np.array([p["truth"] for p in points]),
         np.array([m["ask_s"] for m in missions if m["ask_s"] > 1e-3]), np.array(z),
+        points[-1].get("loo"),
     )  # fmt: skip
 
 
@@ -96,7 +98,10 @@ def rows(table: Table, ours: str) -> list[str]:
             middle = float(np.median(shares))
             ratio = f"{middle:.2f}" if np.isfinite(middle) else "not reached"
         z = np.concatenate([r.z for r in runs.values()])
-        calibration = f"{100 * np.mean(np.abs(z) <= 1.96):.0f}" if name.startswith("gp") and len(z) else ""
+        calibration = ""
+        if name.startswith("gp") and len(z):
+            left_out = np.mean([r.left_out for r in runs.values() if r.left_out is not None])
+            calibration = f"{100 * np.mean(np.abs(z) <= 1.96):.0f} / {100 * left_out:.0f}"
         asks = np.concatenate([r.ask_s for r in runs.values()])
         worst = min(r.truths[-1] for r in runs.values())
         lines.append(
@@ -107,7 +112,7 @@ def rows(table: Table, ours: str) -> list[str]:
 
 
 HEAD = (
-    "| strategy | seeds | median | worst | ours minus this (mean, 95 %) | cost ratio | ask, CPU s | in 95 % |\n"
+    "| strategy | seeds | median | worst | ours minus this (mean, 95 %) | cost ratio | ask, CPU s | in 95 %: ahead / left out |\n"
     "|---|---:|---:|---:|---|---:|---:|---:|"
 )
 

@@ -13,6 +13,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
 
 import optimiser_comparison
 import optimiser_problems as problems
+import optimiser_rescore
 import optimiser_summary as summary
 from optimiser_strategies import AllRocks, applicable, settings_of
 
@@ -64,6 +65,22 @@ def test_a_run_is_written_skipped_and_summarised(tmp_path: Path, capsys: pytest.
     assert run.reached(run.truths.max()) <= 10 and run.reached(99.0) == float("inf")
     path.write_text("\n".join(path.read_text().splitlines()[:-1]))
     assert summary.read(path) is None and not optimiser_comparison.complete(path)
+
+
+def test_our_predictions_come_before_their_missions_and_peers_are_scored_anew(tmp_path: Path) -> None:
+    """Of 9 missions 3 are the initial design; a peer's recommendations follow the present rule, its missions stay."""
+    for strategy in ("gp", "random"):
+        optimiser_comparison.run_one(("levy10:0.1", strategy, 0, tmp_path, problems.ROCKS, 9))
+    ours = summary.read(optimiser_comparison.result_file(tmp_path, "levy10:0.1", "gp", 0))
+    assert ours is not None and len(ours.z) == 6 and ours.left_out is not None
+    path = optimiser_comparison.result_file(tmp_path, "levy10:0.1", "random", 0)
+    optimiser_rescore.rescore(path, tmp_path / "anew")
+    old, new = (summary.read(folder / path.name) for folder in (tmp_path, tmp_path / "anew"))
+    assert old is not None and new is not None
+    assert new.costs.tolist() == old.costs.tolist() and new.truths.tolist() == old.truths.tolist()
+    path.write_text(path.read_text().replace('"value": -', '"value": -1', 1))
+    with pytest.raises(SystemExit, match="gives another value now"):
+        optimiser_rescore.rescore(path, tmp_path / "anew")
 
 
 def test_paired_difference_and_cost_ratio() -> None:
