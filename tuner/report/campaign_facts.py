@@ -17,6 +17,8 @@ from tuner.ledger import TrialRecord
 from tuner.recommendation import Recommendation
 from tuner.report.labels import MetricLabel, decimals_for, metric_label
 from tuner.report.style import short_names
+from tuner.rock_calibration import RockCheck, leave_one_rock_out
+from tuner.samplers import surrogate_settings
 from tuner.search_space import Parameter
 from tuner.stopping import settled
 from tuner.surrogate import RockMeanGP
@@ -230,6 +232,18 @@ class CampaignFacts:
         observed = self.sign * (centre + scale * check.observed)
         predicted = self.sign * (centre + scale * check.mean)
         return observed, predicted, scale * check.sd, rocks
+
+    @cached_property
+    def leave_one_rock_out(self) -> list[RockCheck]:
+        """Every rock predicted from the others; empty for a single rock."""
+        s = self.settings
+        return leave_one_rock_out(
+            self.observations,
+            s.rocks,
+            lambda history, rocks: RockMeanGP(
+                s.space, history, rocks, s.seed, surrogate_settings(s.gp), self.campaign.screen
+            ),
+        )
 
 
 def verdict(interval_95: tuple[float, float]) -> str:

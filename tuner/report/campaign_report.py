@@ -141,7 +141,7 @@ def _context(facts: CampaignFacts, figures: Path) -> dict[str, Any]:
         "yaml": "", "mission_command": "", "per_rock": [], "top": [], "model_text": "",
         "front": front_context(facts, figures),
         "mission_figures": [_history(facts, figures)],
-        "model_figures": [],
+        "model_figures": [], "rock_checks": [],
         "cost_figures": [],
     }  # fmt: skip
     spent = time_figure(facts)
@@ -204,7 +204,14 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Pa
             )
         ),
         "model_figures": _model_figures(facts, best, figures),
-    }
+        "rock_checks": [
+            [
+                facts.rock_names[c.rock], str(c.missions), f"{100 * c.inside_95:.0f} %", format_number(c.z_sd, 2),
+                format_number(c.spearman, 2, signed=True),
+            ]
+            for c in facts.leave_one_rock_out
+        ],
+    }  # fmt: skip
 
 
 def _headline(facts: CampaignFacts) -> dict[str, Any]:
