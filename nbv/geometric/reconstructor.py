@@ -190,10 +190,10 @@ class GeometricReconstructor:
         point = np.repeat(np.arange(len(landmark)), lengths)
         mean, half_angle = np.zeros((0, 3)), np.zeros(0)
         if len(landmark):
-            rays = self._tracks.directions[views, landmark[point]].T.astype(float, order="C")  # (3, T)
+            rays = self._tracks.directions_of(views, landmark[point]).T.astype(float, order="C")  # (3, T)
             axis = np.add.reduceat(rays, offsets[:-1], axis=1)
             axis /= np.sqrt(np.einsum("ij,ij->j", axis, axis))
-            nearest = np.minimum.reduceat(np.einsum("ij,ij->j", rays, axis[:, point]), offsets[:-1])
+            nearest = np.minimum.reduceat(np.einsum("ij,ij->j", rays, axis.take(point, axis=1)), offsets[:-1])
             mean, half_angle = axis.T, np.arccos(np.clip(nearest, -1.0, 1.0))
         good = half_angle * 2.0 >= np.deg2rad(MIN_TRIANGULATION_ANGLE_DEG)
         if not good.all():

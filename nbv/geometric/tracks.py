@@ -53,7 +53,7 @@ class Tracks:
         here = directions[columns].astype(np.float32)
         self.directions[m, columns] = here
         before = self.labels[:m, columns]
-        cosine = np.einsum("mnk,nk->mn", self.directions[:m, columns], here)
+        cosine = np.einsum("mnk,nk->mn", self.directions[:m].take(columns, axis=1), here)
         linked = (before >= 0) & (cosine >= self._cosine_limit[columns])
         view, column = np.nonzero(linked)
         joined = np.zeros((m + 1, len(columns)), dtype=bool)  # [label, column]; row m stays False
@@ -61,21 +61,32 @@ class Tracks:
         matched = joined.any(axis=0)
         self.labels[m, columns] = np.where(matched, joined.argmax(axis=0), m)
         if m:
-            member = joined[before, np.arange(len(columns))[None]]  # label -1 reads row m
+            # joined[before, column], but several times faster; label -1 reads row m, from the end
+            member = joined.ravel().take(before * np.int64(len(columns)) + np.arange(len(columns)))
             merged = np.where(member, self.labels[m, columns][None], before)
             self.labels[:m, columns] = merged
         return int(matched.sum())
 
+    def directions_of(self, views: Ints, landmarks: Ints) -> NDArray[np.float32]:
+        """(T, 3) directions from landmarks to cameras, ``directions[views, landmarks]`` in a third of the time."""
+        return self.directions.reshape(-1, 3).take(views * self.directions.shape[1] + landmarks, axis=0)
+
     def points(self, min_views: int) -> tuple[Ints, Ints, Ints]:
         """Tracks of at least ``min_views`` views: their landmarks (P,), offsets (P + 1,), views (T,) (CSR)."""
         n = self.n_views
-        view, landmark = np.nonzero(self.labels[:n] >= 0)
-        key = (landmark * n + self.labels[view, landmark]) * n + view
+        count = self.labels.shape[1]
+        # Small integers sort and divide several times faster, np.floor_divide faster than np.divmod.
+        small = np.int32 if count * n * n <= np.iinfo(np.int32).max else np.int64
+        labels = self.labels[:n].ravel()
+        place = np.flatnonzero(labels >= 0).astype(small)
+        view = place // count
+        key = ((place - view * count) * n + labels[place]) * n + view
         key.sort()  # by landmark, track, view
-        track, view = np.divmod(key, n)
+        track = key // n
+        view = key - track * n
         first = np.flatnonzero(np.concatenate([[True], track[1:] != track[:-1]])) if len(key) else key
         length = np.diff(np.append(first, len(key)))
         long = length >= min_views
         keep = np.repeat(long, length)
         offsets = np.concatenate([[0], np.cumsum(length[long])]).astype(np.int64)
-        return track[first[long]] // n, offsets, view[keep]
+        return (track[first[long]] // n).astype(np.int64), offsets, view[keep].astype(np.int64)
