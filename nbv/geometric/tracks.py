@@ -78,8 +78,8 @@ class Tracks:
         # Small integers sort and divide several times faster, np.floor_divide faster than np.divmod.
         small = np.int32 if count * n * n <= np.iinfo(np.int32).max else np.int64
         labels = self.labels[:n].ravel()
-        place = np.flatnonzero(labels >= 0).astype(small)
-        view = place // count
+        place: Ints = np.flatnonzero(labels >= 0).astype(small)
+        view: Ints = place // count
         key = ((place - view * count) * n + labels[place]) * n + view
         key.sort()  # by landmark, track, view
         track = key // n
