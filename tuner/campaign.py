@@ -531,9 +531,21 @@ class Campaign:
             best_observed=best(values) if values else None,
         )
 
-    def recommendation(self, *, save: bool = True) -> Recommendation | None:
-        """The evaluated configuration with the best posterior mean over the training rocks."""
-        result = self.recommend_from(self.history())
+    def recommendation(self, *, save: bool = True, check: bool = False) -> Recommendation | None:
+        """The evaluated configuration with the best posterior mean over the training rocks.
+
+        ``check``: how well the missions were predicted before they were flown, a fit each for up to 24 of them.
+        """
+        history = self.history()
+        result = self.recommend_from(history)
+        if result is not None and check:
+            from tuner.forward_check import check_ahead
+
+            s = self.settings
+            found = check_ahead(
+                s.space, history, s.rocks, s.initial_size, s.seed, surrogate_settings(s.gp), self.screen
+            )
+            result = dataclasses.replace(result, ahead_of_search=found.to_dict() if found else None)
         if result is not None and save:
             write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
         return result
@@ -794,7 +806,7 @@ class _Session:
             time.monotonic() - self._began,
             self._ask_s,
             self._campaign.status(),
-            self._campaign.recommendation(),
+            self._campaign.recommendation(check=True),
         )
 
     def _emit(

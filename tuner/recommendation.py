@@ -75,6 +75,7 @@ class Recommendation:
     lengthscales: dict[str, float]
     leave_one_out: dict[str, float]
     confirmation: list[PairedGain]  # finalists against the default; empty without a confirmation stage
+    ahead_of_search: dict[str, float] | None = None  # ``tuner.forward_check``, where it was asked for
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""

@@ -180,7 +180,7 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
     )
     for reason, count in facts.failures.items():
         output.print(f"  failed {count} times: {reason}")
-    show_recommendation(campaign.recommendation(save=False))
+    show_recommendation(campaign.recommendation(save=False, check=True))
     show_front(campaign)
 
 
@@ -307,6 +307,13 @@ def show_recommendation(recommendation: Recommendation | None) -> None:
         f"(95 % interval {low:+.2f} to {high:+.2f}) on the training rocks, by the surrogate; "
         "`gatetune evaluate` measures it on held-out rocks"
     )
+    ahead = recommendation.ahead_of_search
+    if ahead is not None:
+        output.print(
+            f"{100 * ahead['coverage_95']:.0f} % of {ahead['missions']:.0f} missions lay inside the 95 % intervals "
+            f"predicted before they were flown; widened as the missions before them taught, "
+            f"{100 * ahead['coverage_95_widened']:.0f} %"
+        )
     chosen = [g for g in recommendation.confirmation if g.values == recommendation.values]
     if chosen and chosen[0].gain is not None:
         interval = chosen[0].gain_interval_95
