@@ -543,7 +543,7 @@ class Campaign:
 
             s = self.settings
             found = check_ahead(
-                s.space, history, s.rocks, s.initial_size, s.seed, surrogate_settings(s.gp), self.screen
+                s.space, history, s.rocks, s.initial_size(), s.seed, surrogate_settings(s.gp), self.screen
             )
             result = dataclasses.replace(result, ahead_of_search=found.to_dict() if found else None)
         if result is not None and save:
