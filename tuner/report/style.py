@@ -20,10 +20,10 @@ from matplotlib.figure import Figure
 # Okabe and Ito, "Color universal design" (2008); yellow left out, too light on white paper.
 BLUE, ORANGE, GREEN = "#0072B2", "#E69F00", "#009E73"
 VERMILION, PURPLE, SKY, BLACK = "#D55E00", "#CC79A7", "#56B4E9", "#000000"
-MARKERS = ("o", "s", "^", "D", "v", "P", "h", "<", ">", "p")
+MARKERS = ("o", "s", "^", "D", "v", "P", "h", "<", ">", "p", "*")
 GREY, LIGHT = "#6b6b6b", "#e9ecef"
-# Eight series: as many as an evaluation compares by default.
-CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK, "#999999")
+# Ten series: as many as an evaluation compares by default. The last two are Tol's wine and olive.
+CYCLE = (BLUE, VERMILION, GREEN, PURPLE, ORANGE, SKY, BLACK, "#999999", "#882255", "#999933")
 SEQUENTIAL = "cividis"  # uniform, readable without colour vision
 
 _RC = {
