@@ -119,6 +119,9 @@ class ParameterLabel:
 _PARAMETERS = {
     "gate.budget_fraction": ("Gate: budget fraction f_b", "f_b", ""),
     "gate.d95_m": ("Gate: KNN distance d95", "d95", "m"),
+    "pool.max_altitude_m": ("Pool: altitude limit", "altitude limit", "m"),
+    "b_aware.main_term": ("B-aware: main term", "main term", ""),
+    "b_aware.matchable_views": ("B-aware: matchable views wanted", "matchable views", ""),
     "visibility.mode": ("Visibility model", "visibility", ""),
     "shared.d_scale_m": ("Novelty scale d_scale", "d_scale", "m"),
     "shared.d_travel_m": ("Travel scale d_travel", "d_travel", "m"),
