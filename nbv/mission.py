@@ -57,6 +57,7 @@ class AdaptiveMission:
     shadow: Callable[[PlanningState, CandidatePool, dict[str, Ranking]], dict[str, float]] | None = None
     run: RunDirectory | None = None
     log: Log = _silent
+    landed: Callable[[], None] | None = None  # after the last photograph, before the dense stage
     captures: list[Capture] = field(default_factory=list)
     trace: list[IterationRecord] = field(default_factory=list)
     timings_s: dict[str, float] = field(default_factory=dict)
@@ -105,6 +106,8 @@ class AdaptiveMission:
     def finish(self) -> PointCloud:
         """Fly home and reconstruct the dense cloud."""
         self.flight.return_and_land()
+        if self.landed is not None:
+            self.landed()
         with self._timed("dense"):
             return self.reconstructor.finish()
 
@@ -363,6 +366,7 @@ def run_mission(
     from nbv.cached_sequences import CachedEvaluation
     from nbv.cached_stages import CachedStudio
     from nbv.evaluation import evaluate_cloud
+    from nbv.memory import give_back_freed_memory
     from nbv.photogrammetric import PhotogrammetricReconstructor
     from nbv.rocks import load_rock
     from nbv.scene import Renderer, build_scene, make_renderer
@@ -384,6 +388,11 @@ def run_mission(
         with mission._timed("scene"):
             return make_renderer(build_scene(subject, config.scene, config.camera), config.scene.backend)
 
+    def put_away() -> None:
+        # The dense stage decides how much memory a mission takes: the scene, 0.15 GB, goes before it.
+        studio.close()
+        give_back_freed_memory()
+
     studio = Studio(prepare_renderer, subject, replicate, config)
     photographer = CachedStudio(studio, store, subject, replicate, config) if store is not None else studio
     reconstructor = PhotogrammetricReconstructor(config, store)
@@ -398,6 +407,7 @@ def run_mission(
         flight=Flight(config, rock_sha256=subject.sha256, replicate=replicate),
         run=full_run,
         log=log,
+        landed=put_away,
     )
 
     def measure(cloud: PointCloud) -> dict[str, Any]:

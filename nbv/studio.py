@@ -23,6 +23,10 @@ class Studio:
         self._renderer: Renderer | None = None
         self._rock, self._replicate, self._config = rock, replicate, config
 
+    def close(self) -> None:
+        """Let the renderer and its scene go; another photograph would make them again."""
+        self._renderer = None
+
     def aim(self, position_m: np.ndarray) -> Floats:
         """(4, 4) ``camera_from_world`` of the gimbal camera at ``position_m`` (3,)."""
         return look_at(position_m, np.asarray(self._config.target_m))
