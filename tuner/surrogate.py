@@ -171,6 +171,7 @@ class SurrogateSettings:
     rock_scales: bool = True  # outcomes are standardised by each rock's own spread, not by the pooled one
     sparse: bool = False  # most parameters are expected to be without effect (SAAS prior, MAP over four tau)
     length_median: float = 0.3  # median of the length-scale prior over sqrt(number of ordered parameters)
+    length_least: float = 0.7  # but not below this: with few parameters there are missions enough to say so
     length_spread: float = 0.8
     variance_median: float = 2.0  # of f, outcomes standardised
     variance_spread: float = 1.0
@@ -303,7 +304,8 @@ class RockMeanGP:
 
     def _priors(self, ordered: int, tau: float | None) -> dict[str, Prior]:
         s = self.settings
-        length: Prior = LogNormal(math.log(s.length_median * math.sqrt(max(1, ordered))), s.length_spread)
+        median = max(s.length_least, s.length_median * math.sqrt(max(1, ordered)))
+        length: Prior = LogNormal(math.log(median), s.length_spread)
         if tau is not None:
             length = InverseSquareHalfCauchy(tau)
         return {
