@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -195,7 +196,8 @@ def _starting_points(model: RockMeanGP, seed: int, search: SearchSettings) -> Fl
     best = _best_flown(model, LOCAL_BEST)
     best = best[np.arange(count) % len(best)]
     rng = np.random.default_rng(seed)
-    sd = np.exp(rng.uniform(*np.log(LOCAL_SD), (count, 1)))
+    smallest, largest = LOCAL_SD
+    sd = np.exp(rng.uniform(math.log(smallest), math.log(largest), (count, 1)))
     near = best + sd * rng.standard_normal((count, d))
     # Some coordinates stay: in many dimensions moving all of them at once leads nowhere.
     stay = rng.random(near.shape) < rng.random((count, 1))
