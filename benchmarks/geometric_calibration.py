@@ -3,9 +3,8 @@
     OMP_NUM_THREADS=1 python benchmarks/geometric_calibration.py runs/noise-08 runs/noise-full \\
         --calibrated slab cavern --replicates 4 --work runs/geometric-calibration
 
-Reads the missions of studies (``gatetune study noise``: every configuration on every rock, measured at several
-fusion strictness levels), flies the same configurations geometrically, and writes to
-``docs/results/geometric_fidelity.md`` and a figure, per strictness level:
+Reads the missions below some folders (studies, campaigns, evaluations), flies the same configurations
+geometrically, and prints a table and draws a figure, per strictness level of the fusion:
 
 * end to end: Spearman's rank correlation of the configurations' means, the geometric mission having chosen its
   own views; and how alike two photogrammetric replicates are (no stand-in can do better than these allow);
@@ -27,16 +26,19 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 from scipy.stats import rankdata, spearmanr
 from threadpoolctl import threadpool_limits
 
 from nbv.config import MissionConfig, config_from_dict, preset
 from nbv.geometric import predict_views, run_geometric_mission
+from nbv.mission import run_mission
 from nbv.run_directory import write_atomic
 from nbv.types import Floats
 
 METRIC = "f_score_48mm"
 BOOTSTRAP = 1000
+APOLLO = "../shared/rocks"
 NOT_REPEATABLE = ("hyb-o", "greedy-oracle", "learned")  # they read the ground truth, or a file
 
 
@@ -63,37 +65,63 @@ class Cell:
     same_views: Floats
 
 
-def read_studies(
-    directories: Sequence[Path], levels: Sequence[str]
+def read_flights(
+    directories: Sequence[Path], levels: Sequence[str], rocks: Sequence[str], budget: int
 ) -> tuple[list[Flight], dict[str, MissionConfig]]:
-    """The flights below ``directories`` and their configurations by digest; failed missions are left out.
+    """The flights below ``directories`` on ``rocks``, and their configurations by digest.
 
-    Noise studies measured every level; of other missions only the configured level is known. Strictness
-    does not change a flight, so it does not count as a difference between configurations.
+    Failed missions and other adaptive budgets are left out. Noise studies measured every level; of other missions
+    only the configured level is known. Strictness does not change a flight, so it does not count as a difference
+    between configurations.
     """
     flights, configs = [], {}
-    for plan in sorted(p for directory in directories for p in directory.rglob("evaluation.yaml")):
-        rocks = yaml.load(plan.read_text(), Loader=yaml.CSafeLoader)["rocks"]
-        for path in sorted((plan.parent / "missions").glob("*/*/mission.json")):
-            mission = json.loads(path.read_text())
-            tree = yaml.load((path.parent / "config.yaml").read_text(), Loader=yaml.CSafeLoader)
-            config = config_from_dict(tree)
-            if mission["status"] == "failed" or config.gate.kind in NOT_REPEATABLE:
-                continue
-            metrics = mission["metrics"]
-            measured = metrics.get("agreement", {str(config.dense.agreeing_views): metrics})
-            values = {
-                k: measured[k]["observable"][METRIC] for k in levels if "observable" in measured.get(k, {})
-            }
-            config = config.with_values({"dense.agreeing_views": 3})
-            configs[config.digest()] = config
-            flights.append(
-                Flight(
-                    config.digest(), rocks[int(path.parent.name[:2])], mission["replicate"], values,
-                    tuple(t["chosen"] for t in mission["trace"]),
-                )
-            )  # fmt: skip
+    by_stem = {Path(rock).stem: rock for rock in rocks}
+    for path in sorted(p for directory in directories for p in directory.rglob("mission.json")):
+        mission = json.loads(path.read_text())
+        if mission["status"] == "failed" or Path(mission["rock"]).stem not in by_stem:
+            continue
+        tree = yaml.load((path.parent / "config.yaml").read_text(), Loader=yaml.CSafeLoader)
+        config = config_from_dict(tree)
+        if config.gate.kind in NOT_REPEATABLE or config.stop.adaptive_budget != budget:
+            continue
+        metrics = mission["metrics"]
+        measured = metrics.get("agreement", {str(config.dense.agreeing_views): metrics})
+        values = {k: measured[k]["observable"][METRIC] for k in levels if "observable" in measured.get(k, {})}
+        config = config.with_values({"dense.agreeing_views": 3})
+        configs[config.digest()] = config
+        flights.append(
+            Flight(
+                config.digest(), by_stem[Path(mission["rock"]).stem], mission["replicate"], values,
+                tuple(t["chosen"] for t in mission["trace"]),
+            )
+        )  # fmt: skip
     return flights, configs
+
+
+def fly_missing(
+    flights: Sequence[Flight],
+    configs: dict[str, MissionConfig],
+    rocks: Sequence[str],
+    wanted: int,
+    level: str,
+    directory: Path,
+) -> None:
+    """Photogrammetric missions, replicate 0, until ``wanted`` configurations are known on all ``rocks``.
+
+    Those that were flown on most of the rocks come first.
+    """
+    flown = {
+        d: {f.rock for f in flights if f.digest == d and f.replicate == 0 and level in f.values}
+        for d in configs
+    }
+    flown = {d: where & set(rocks) for d, where in flown.items()}
+    for digest in sorted(flown, key=lambda d: (-len(flown[d]), d))[:wanted]:
+        config = configs[digest].with_values({"dense.agreeing_views": int(level)})
+        for rock in sorted(set(rocks) - flown[digest]):
+            result = run_mission(
+                config, rock, 0, directory / f"{digest}_{Path(rock).stem}_{level}", keep="summary"
+            )
+            print(f"flown: {digest} on {Path(rock).stem}, {result.status}", flush=True)
 
 
 class GeometricChoices:
@@ -184,6 +212,46 @@ def row(name: str, group: str, c: Cell) -> str:
             f" {truth.std():.2f} | {bias:+.2f} |")  # fmt: skip
 
 
+def mean_over_rocks(
+    cells: Sequence[Cell], rng: np.random.Generator, of: Callable[[Cell], Floats]
+) -> tuple[float, float, float]:
+    """Mean over rocks, one cell each, of the rank correlation with what was measured; bootstrap interval."""
+
+    def once(draws: Sequence[NDArray[np.int64]]) -> float:
+        return float(
+            np.mean(
+                [correlation(c.measured.mean(axis=(1, 2))[d], of(c).mean(axis=(1, 2))[d]) for c, d in zip(cells, draws)]
+            )
+        )  # fmt: skip
+
+    counts = [len(c.digests) for c in cells]
+    draws = [once([rng.integers(0, n, n) for n in counts]) for _ in range(BOOTSTRAP)]
+    low, high = np.nanpercentile(draws, [2.5, 97.5])
+    return once([np.arange(n) for n in counts]), float(low), float(high)
+
+
+def rock_by_rock(name: str, group: str, singles: Sequence[Cell], doubles: Sequence[Cell]) -> str:
+    """A line for the mean of the rocks' own correlations, each over all configurations that the rock saw.
+
+    ``doubles`` are the cells with two measured replicates, of the rocks that have enough of them.
+    """
+    rng = np.random.default_rng(0)
+    parts = [
+        "**{:.2f}** ({:.2f} to {:.2f})".format(*mean_over_rocks(singles, rng, of))
+        for of in (lambda c: c.end_to_end, lambda c: c.same_views)
+    ]
+    alike, bound = "", ""
+    if doubles:
+        each = [correlation(c.measured[:, 0, 0], c.measured[:, 0, 1]) for c in doubles]
+        r = float(np.mean(each))
+        rocks = ", ".join(Path(c.rocks[0]).stem for c in doubles)
+        alike, bound = f"{r:.2f} ({rocks})", f"{np.sqrt(max(0.0, r)):.2f}"
+    counts = sorted(len(c.digests) for c in singles)
+    return (f"| {name} | {group} | {counts[0]} to {counts[-1]} | 1 | {parts[0]} | {parts[1]} | {alike} | {bound} |"
+            f" {np.mean([c.measured.std() for c in singles]):.2f} |"
+            f" {np.mean([(c.same_views - c.measured).mean() for c in singles]):+.2f} |")  # fmt: skip
+
+
 def scatter(cells: dict[str, Cell], path: Path) -> None:
     """Measured against predicted configuration means, a panel per strictness level."""
     import matplotlib
@@ -218,12 +286,11 @@ def report(
     levels: Sequence[str],
     choices: GeometricChoices,
     figure: Path,
+    most: Sequence[str],
 ) -> str:
-    """The Markdown table; writes the figure."""
+    """The Markdown table; writes the figure. ``most`` are the rocks whose means are correlated."""
     rocks = list(dict.fromkeys(f.rock for f in flights))
-    counts = {r: len({f.digest for f in flights if f.rock == r}) for r in rocks}
-    most = [r for r in rocks if counts[r] == max(counts.values())]
-    groups = [(f"mean over {len(most)} rocks", "all that saw every configuration", most)]
+    groups = [(f"mean over {len(most)} rocks", "all", list(most))]
     for name, members in (("calibrated on", [r for r in most if Path(r).stem in calibrated]),
                           ("not calibrated on", [r for r in most if Path(r).stem not in calibrated])):  # fmt: skip
         groups.append((f"mean over {', '.join(Path(r).stem for r in members)}", name, members))
@@ -251,6 +318,17 @@ def report(
                         level not in panels or len(c.digests) > len(panels[level].digests)
                     ):
                         panels[level] = c
+        for group in ("calibrated on", "not calibrated on"):
+            own = [r for r in rocks if (Path(r).stem in calibrated) == (group == "calibrated on")]
+            cells = {
+                k: [cell(flights, configs, [r], range(k), geometric_replicates, level, choices, value) for r in own]
+                for k in (1, 2)
+            }  # fmt: skip
+            singles = [c for c in cells[1] if len(c.digests) >= 40]
+            doubles = [c for c in cells[2] if len(c.digests) >= 10 and c.rocks in [s.rocks for s in singles]]
+            if singles:
+                name = f"each of {', '.join(Path(c.rocks[0]).stem for c in singles)} by itself, mean"
+                lines.append(rock_by_rock(name, group, singles, doubles))
         lines.append("")
     scatter(panels, figure)
     choices.save()
@@ -259,7 +337,18 @@ def report(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("studies", nargs="+", type=Path, help="directories of studies or evaluations")
+    parser.add_argument("studies", nargs="+", type=Path, help="folders with missions")
+    parser.add_argument(
+        "--together", nargs="+", default=["slab", "vesicular", "cavern", f"{APOLLO}/apollo_15016_0/apollo_15016_0.obj"],
+        help="rocks over which configurations are averaged",
+    )  # fmt: skip
+    parser.add_argument(
+        "--rocks", nargs="*", default=["breccia", f"{APOLLO}/apollo_65035_0/apollo_65035_0.obj"], help="further rocks"
+    )  # fmt: skip
+    parser.add_argument(
+        "--fly", type=int, default=0, metavar="N",
+        help="first fly until the first level is known of N configurations on all rocks of --together",
+    )  # fmt: skip
     parser.add_argument(
         "--calibrated", nargs="*", default=["slab", "cavern"], help="rocks whose depth maps were fitted"
     )
@@ -271,12 +360,18 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="also write the table here")
     parser.add_argument("--figure", type=Path, default=Path("docs/images/geometric_fidelity.png"))
     arguments = parser.parse_args()
-    flights, configs = read_studies(arguments.studies, arguments.levels)
-    print(f"{len(flights)} photogrammetric missions of {len(configs)} configurations", flush=True)
+    rocks = arguments.together + [r for r in arguments.rocks if r not in arguments.together]
+    budget = 8
+    folders = [*arguments.studies, arguments.work / "flown"]
     with threadpool_limits(1):
+        flights, configs = read_flights(folders, arguments.levels, rocks, budget)
+        if arguments.fly:
+            fly_missing(flights, configs, arguments.together, arguments.fly, arguments.levels[0], folders[-1])
+            flights, configs = read_flights(folders, arguments.levels, rocks, budget)
+        print(f"{len(flights)} photogrammetric missions of {len(configs)} configurations", flush=True)
         text = report(
             flights, configs, arguments.calibrated, arguments.replicates, arguments.levels,
-            GeometricChoices(arguments.work / "choices.json"), arguments.figure,
+            GeometricChoices(arguments.work / "choices.json"), arguments.figure, arguments.together,
         )  # fmt: skip
     print(text)
     if arguments.out is not None:
