@@ -12,6 +12,7 @@ from nbv.cached_stages import CachedCorrespondences
 from nbv.config import MissionConfig
 from nbv.dense.reconstruct import CheckedDepths, check_depths
 from nbv.eight_bit_matching import FastCorrespondences
+from nbv.memory import give_back_freed_memory
 from nbv.sparse.correspondences import Correspondences
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import Capture, PointCloud, UpdateReport
@@ -80,6 +81,7 @@ class PhotogrammetricReconstructor:
             self._checked, self.dense_report = check_depths(
                 images, poses, self._config.camera, self._config.target_m, self._config.dense
             )
+            give_back_freed_memory()  # fusion, which comes next, needs the most of all stages
         return self._checked.fuse(agreeing_views)
 
     def export_sparse(self, directory: Path) -> None:
