@@ -1,7 +1,8 @@
-"""Samplers against each other on real missions: campaigns of equal budget, judged on fresh replicates.
+"""Samplers against each other on real missions: campaigns judged on fresh replicates.
 
-    OMP_NUM_THREADS=1 python benchmarks/photogrammetric_comparison.py --seeds 3 --sampler gp tpe optuna-gp random
+    OMP_NUM_THREADS=1 python benchmarks/photogrammetric_comparison.py --seeds 3 --sampler gp optuna-gp gp+screen:16
 
+``gp+screen`` screens with geometric missions first (``--low-fidelity geometric``); ``:16`` is another budget than ``--budget``.
 Every (sampler, seed) is a campaign of its own in ``--out``, begun at the paper's values, recommended by the same rule
 (the product's: best posterior mean among what was flown). The recommendations then fly on the same training rocks
 with replicates that no campaign has seen; a seed's value is the mean over them. Held-out rocks are not used. Finished
@@ -32,17 +33,26 @@ REPLICATES = 2  # of a campaign; the judges begin after them
 
 def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str, seed: int) -> Campaign:
     """Flown to its end."""
-    directory = arguments.out / f"{sampler}-{seed}"
+    name, _, own_budget = sampler.partition(":")
+    name, _, screened = name.partition("+")
+    budget = int(own_budget or arguments.budget)
+    directory = arguments.out / directory_name(sampler, seed)
     if (directory / SETTINGS_FILE).is_file():
         found = Campaign.open(directory)
     else:
         space = load_search_space(arguments.space)
         found = Campaign.create(directory, CampaignSettings(
-            directory.name, space, rocks, arguments.budget, REPLICATES, seed, sampler=sampler))  # fmt: skip
-    if found.status().finished < arguments.budget:
+            directory.name, space, rocks, budget, REPLICATES, seed, sampler=name,
+            low_fidelity="geometric" if screened else None))  # fmt: skip
+    if found.status().finished < budget:
         with LocalProcessExecutor(arguments.workers, preload=(DEFAULT_RUNNER.partition(":")[0],)) as executor:
             found.run(executor)
     return found
+
+
+def directory_name(sampler: str, seed: int) -> str:
+    """Of one campaign."""
+    return f"{sampler.replace('+', '-').replace(':', '-')}-{seed}"
 
 
 def interval_text(values: Sequence[float]) -> str:
@@ -75,15 +85,16 @@ def main() -> None:
         for seed in range(arguments.seeds):
             for sampler in arguments.sampler:
                 flown = campaign(arguments, rocks, sampler, seed)
-                configs[f"{sampler}-{seed}"] = flown.recommended_config()
+                configs[directory_name(sampler, seed)] = flown.recommended_config()
                 configs.setdefault("default", flown.settings.config(flown.settings.default_values()))
-                print(f"{sampler}-{seed} flown", flush=True)
+                print(f"{sampler} {seed} flown", flush=True)
     except UserError as error:
         parser.error(str(error))
-    plan = EvaluationPlan(configs, rocks, arguments.judges, REPLICATES)
-    judges = arguments.out / "judges"
+    records = []
     with LocalProcessExecutor(arguments.workers, preload=(DEFAULT_RUNNER.partition(":")[0],)) as executor:
-        records = run_evaluation(plan, judges, executor).records
+        for name, config in configs.items():
+            plan = EvaluationPlan({name: config}, rocks, arguments.judges, REPLICATES)
+            records += run_evaluation(plan, arguments.out / "judges" / name, executor).records
 
     metric = Objective().metric
 
@@ -92,13 +103,13 @@ def main() -> None:
         found = values_of(records, name, metric)
         return float(np.mean([np.mean([v for (r, _), v in found.items() if r == rock]) for rock in rocks]))
 
-    ours = [value(f"{arguments.sampler[0]}-{seed}") for seed in range(arguments.seeds)]
+    ours = [value(directory_name(arguments.sampler[0], seed)) for seed in range(arguments.seeds)]
     print(
         f"| sampler | {metric}, seeds | mean | over the paper's values | {arguments.sampler[0]} minus this |"
     )
     print("|---|---|---:|---:|---:|")
     for sampler in arguments.sampler:
-        own = [value(f"{sampler}-{seed}") for seed in range(arguments.seeds)]
+        own = [value(directory_name(sampler, seed)) for seed in range(arguments.seeds)]
         gains = [v - value("default") for v in own]
         against = (
             "–" if sampler == arguments.sampler[0] else interval_text([a - b for a, b in zip(ours, own)])
