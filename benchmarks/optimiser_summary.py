@@ -120,6 +120,43 @@ HEAD = (
 )
 
 
+def against_best_peer(found: dict[str, Table], ours: str) -> list[str]:
+    """One Markdown line per problem: ours and the peer with the best median among those with most seeds.
+
+    Strategies whose names begin with ``ours`` are variants, not peers.
+    """
+    lines = []
+    for problem, table in found.items():
+        mine = table.get(ours, {})
+        common = {n: sorted(set(r) & set(mine)) for n, r in table.items() if not n.startswith(ours)}
+        most = max((len(seeds) for seeds in common.values()), default=0)
+        peers = [n for n, seeds in common.items() if len(seeds) == most >= MIN_SEEDS]
+        if not peers:
+            continue
+        best = max(peers, key=lambda n: float(np.median([r.truths[-1] for r in table[n].values()])))
+        gaps = {
+            n: np.array([mine[s].truths[-1] - table[n][s].truths[-1] for s in common[n]])
+            for n in common
+            if len(common[n]) >= MIN_SEEDS
+        }
+        mean, low, high = paired_interval(gaps[best])
+        better = [n for n, gap in gaps.items() if paired_interval(gap)[2] < 0]
+        shares = [mine[s].reached(table[best][s].truths[-1]) / table[best][s].budget for s in common[best]]
+        middle = float(np.median(shares))
+        ratio = f"{middle:.2f}" if np.isfinite(middle) else "not reached"
+        lines.append(
+            f"| {problem} | {best} | {most} | {mean:+.3f} ({low:+.3f} to {high:+.3f}) | {ratio} | "
+            f"{', '.join(better) or 'none'} |"
+        )
+    return lines
+
+
+BEST_HEAD = (
+    "| problem | best peer | seeds | ours minus it (mean, 95 %) | cost ratio | significantly better than ours |\n"
+    "|---|---|---:|---:|---:|---|"
+)
+
+
 def summarise(
     out: Path,
     ours: str,
@@ -129,6 +166,7 @@ def summarise(
 ) -> None:
     """Print one table per problem; draw one figure of all where ``figures`` names a folder."""
     found = load(out, problems, strategies)
+    print(f"{BEST_HEAD}\n" + "\n".join(against_best_peer(found, ours)))
     for problem, table in found.items():
         best = next(iter(next(iter(table.values())).values())).best
         print(f"\n### {problem}{'' if best is None else f' (optimum {best:.3f})'}\n\n{HEAD}")

@@ -94,6 +94,12 @@ def test_paired_difference_and_cost_ratio() -> None:
     }
     lines = summary.rows(table, "gp")
     assert lines[0].startswith("| gp |") and "+0.200 (+0.200 to +0.200) | 0.50 |" in lines[1]
+    table["lucky"] = {0: run("lucky", 0, [2.0, 2.0, 2.0])}  # one seed does not make it the best peer
+    table["cmaes"] = {s: run("cmaes", s, [0.1, 0.4, 1.5 if s else 1.4]) for s in range(3)}
+    (line,) = summary.against_best_peer({"p": table}, "gp")
+    assert line.startswith("| p | tpe | 4 | +0.200 (+0.200 to +0.200) | 0.50 |") and line.endswith(
+        "| cmaes |"
+    )
 
 
 def test_all_rocks_tells_its_sampler_one_mean_per_configuration() -> None:
