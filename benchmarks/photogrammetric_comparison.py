@@ -47,6 +47,8 @@ def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str
     if found.status().finished < budget:
         with LocalProcessExecutor(arguments.workers, preload=(DEFAULT_RUNNER.partition(":")[0],)) as executor:
             found.run(executor)
+    if found.status().finished < budget:
+        raise SystemExit(f"{directory} was interrupted; the same command goes on")
     return found
 
 
