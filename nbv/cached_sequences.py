@@ -79,6 +79,10 @@ class CachedSparse:
         self._catch_up()
         self._sparse.export(path)
 
+    def let_go(self) -> None:
+        """Forget the reconstructor and all that it holds; of the sequence only ``key`` remains."""
+        del self._sparse, self._seed_stage
+
     def _report(self) -> UpdateReport:
         if (entry := self._store.get("sequence_models", self.key)) is not None:
             return _unpack_report(entry)

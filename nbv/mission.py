@@ -395,7 +395,7 @@ def run_mission(
 
     studio = Studio(prepare_renderer, subject, replicate, config)
     photographer = CachedStudio(studio, store, subject, replicate, config) if store is not None else studio
-    reconstructor = PhotogrammetricReconstructor(config, store)
+    reconstructor = PhotogrammetricReconstructor(config, store, keep_sparse=full_run is not None)
     evaluate = CachedEvaluation(store) if store is not None else evaluate_cloud
     oracle = make_oracle(config, subject)  # for the oracle gates, and for the shadow log of all others
     mission = AdaptiveMission(

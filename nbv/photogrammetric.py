@@ -27,15 +27,21 @@ class PhotogrammetricReconstructor:
     ----------
     store
         Where features, pairs, models and clouds are kept between missions; ``None`` computes everything.
+    keep_sparse
+        Whether the sparse model can be exported after the dense stage. If not, it is let go once its poses are
+        known, with all features and matches, since fusion decides how much memory a mission takes.
     """
 
-    def __init__(self, config: MissionConfig, store: Store | None = None) -> None:
+    def __init__(
+        self, config: MissionConfig, store: Store | None = None, *, keep_sparse: bool = True
+    ) -> None:
         self._config = config
+        self._keep_sparse = keep_sparse
         source: Correspondences = FastCorrespondences(config.camera, config.sparse)
         if store is not None:
             source = CachedCorrespondences(config.camera, config.sparse, store)
         sparse = SparseReconstructor(config.camera, config.sparse, config.target_m, source)
-        self._sparse: SparseReconstructor | CachedSparse = sparse
+        self._sparse: SparseReconstructor | CachedSparse | None = sparse
         self._clouds: Callable[[int | None], PointCloud] = self._fuse
         if store is not None:
             self._sparse = cached = CachedSparse(sparse, store)
@@ -49,16 +55,16 @@ class PhotogrammetricReconstructor:
         """The seed model."""
         for capture in captures:
             self._images[capture.name] = capture.image
-        return self._sparse.bootstrap(captures)
+        return self._mapped().bootstrap(captures)
 
     def add(self, capture: Capture) -> UpdateReport:
         """Register, triangulate and adjust one more photograph."""
         self._images[capture.name] = capture.image
-        return self._sparse.add(capture)
+        return self._mapped().add(capture)
 
     def finish(self) -> PointCloud:
         """Dense cloud from the registered photographs at the poses that SfM found."""
-        self._sparse.refine()
+        self._mapped().refine()
         self._finished = True
         return self._clouds(None)
 
@@ -76,7 +82,12 @@ class PhotogrammetricReconstructor:
 
     def _fuse(self, agreeing_views: int | None) -> PointCloud:
         if self._checked is None:
-            poses = self._sparse.world_camera_poses()
+            poses = self._mapped().world_camera_poses()
+            if not self._keep_sparse:
+                if isinstance(self._sparse, CachedSparse):
+                    self._sparse.let_go()
+                self._sparse = None
+                give_back_freed_memory()
             images = {name: self._images[name] for name in poses}
             self._checked, self.dense_report = check_depths(
                 images, poses, self._config.camera, self._config.target_m, self._config.dense
@@ -86,4 +97,9 @@ class PhotogrammetricReconstructor:
 
     def export_sparse(self, directory: Path) -> None:
         """Write the sparse model in COLMAP's format (world frame, metres) into ``directory``."""
-        self._sparse.export(directory)
+        self._mapped().export(directory)
+
+    def _mapped(self) -> SparseReconstructor | CachedSparse:
+        if self._sparse is None:
+            raise ValueError("the sparse model was not kept; ask for keep_sparse")
+        return self._sparse
