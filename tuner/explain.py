@@ -53,15 +53,18 @@ def explain_state(
     )
     for name, ranking in rankings.items():
         weights = (config.covis if name == "covis" else config.b_aware).weights
-        yield _ranking_table(name, ranking, pool, weights, top)
+        own = name == "b-aware" and config.b_aware.main_term != "repair"
+        title = f"{name} (main: {config.b_aware.main_term})" if own else name
+        yield _ranking_table(title, ranking, pool, weights, top)
         yield _why(name, ranking, pool, weights)
 
 
-def _ranking_table(name: str, ranking: Ranking, pool: CandidatePool, weights: Any, top: int) -> Table:
-    table = Table(title=f"{name}: S = {weights.main:g} main + {weights.nov:g} nov - {weights.move:g} move - "
+def _ranking_table(title: str, ranking: Ranking, pool: CandidatePool, weights: Any, top: int) -> Table:
+    table = Table(title=f"{title}: S = {weights.main:g} main + {weights.nov:g} nov - {weights.move:g} move - "
                         f"{weights.ang:g} ang")  # fmt: skip
-    for column in ("rank", "candidate", "elevation", "azimuth", "main", "nov", "move", "ang", "score"):
-        table.add_column(column, justify="right")
+    # In full on a terminal of 80 columns: names of candidates are what one looks up.
+    for column in ("#", "candidate", "elev.", "azim.", "main", "nov", "move", "ang", "score"):
+        table.add_column(column, justify="right", no_wrap=True)
     for rank, index in enumerate(ranking.order[:top]):
         table.add_row(
             str(rank + 1), pool.ids[index], f"{pool.elevations_deg[index]:.0f}°", f"{pool.azimuths_deg[index]:.0f}°",
