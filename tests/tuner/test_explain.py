@@ -1,0 +1,39 @@
+"""``gatetune mission explain`` on a bare planning state."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from nbv.config import preset
+from nbv.planning_state import save_state
+from nbv.scorers import rank_candidates
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from scoring_speed import synthetic_state
+
+
+@pytest.mark.parametrize("main_term", ["repair", "matchable"])
+def test_candidates_are_named_in_full_and_in_the_scorers_order(
+    gatetune, tmp_path: Path, main_term: str
+) -> None:
+    config = preset("paper").with_values({"b_aware.main_term": main_term})
+    state, pool = synthetic_state(400, config, 0)
+    save_state(tmp_path / "state.npz", state, pool)
+    code, out, _ = gatetune(
+        "mission", "explain", "state.npz", "--set", f"b_aware.main_term={main_term}", "--top", "3"
+    )
+    assert code == 0
+    assert max(len(line) for line in out.splitlines() if line.startswith("│")) <= 80  # a usual terminal
+    rankings = rank_candidates(state, pool, config)
+    for name in ("covis", "b-aware"):
+        table = out[out.index(f"{name}") :]
+        rows = re.findall(r"│ +(\d) │ +(cand_\d+) │.*│ +(-?[\d.]+) │\n", table)[:3]
+        assert [row[1] for row in rows] == [pool.ids[i] for i in rankings[name].order[:3]]
+        assert [float(row[2]) for row in rows] == pytest.approx(
+            [rankings[name].scores[i] for i in rankings[name].order[:3]], abs=1e-4
+        )
+    assert ("main: matchable" in out) == (main_term == "matchable")
