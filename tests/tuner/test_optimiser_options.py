@@ -275,3 +275,12 @@ def test_default_sampler_is_untouched_by_options() -> None:
     history = synthetic.random_design(8, 0.05, 0)
     plain = GPSampler(synthetic.sampler_settings(0, 4)).ask(history, [])
     assert plain.why["phase"] == "model" and "gain_left" not in plain.why
+
+
+def test_status_lists_the_front_with_numbers_in_full(gatetune, tmp_path: Path) -> None:
+    campaign = run(tmp_path / "run", second=Objective("whole.completeness_48mm", "minimise"))
+    code, out, _ = gatetune("campaign", "status", "run")
+    assert code == 0
+    for point in campaign.front(save=False):
+        assert f"{point.first:.2f} ± {point.first_sd:.2f}" in out
+    assert "f_score_48mm" in out and "completeness_48mm" in out and "f_b " in out

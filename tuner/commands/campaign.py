@@ -270,6 +270,8 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
 
 def show_front(campaign: Campaign) -> None:
     """The Pareto front of a campaign with two objectives."""
+    from tuner.report.labels import parameter_label
+
     second, points = campaign.settings.second, campaign.front(save=False)
     if second is None:
         return
@@ -278,13 +280,15 @@ def show_front(campaign: Campaign) -> None:
             f"no front: no mission has both metrics; mission.json lists {second.metric!r}'s neighbours by name"
         )
         return
-    paths = list(points[0].values)
     table = Table(title="Configurations flown that no other beats in both (posterior means over the rocks)")
-    for column in (campaign.settings.objective.metric, second.metric, *(p.split(".", 1)[-1] for p in paths)):
-        table.add_column(column, justify="right")
+    for metric in (campaign.settings.objective.metric, second.metric):
+        table.add_column(metric.split(".")[-1], justify="right", no_wrap=True)
+    table.add_column("configuration")
     for p in points:
-        table.add_row(f"{p.first:.2f} ± {p.first_sd:.2f}", f"{p.second:.1f} ± {p.second_sd:.1f}",
-                      *(_short(p.values[path]) for path in paths))  # fmt: skip
+        values = ", ".join(
+            f"{parameter_label(path).short} {_short(value)}" for path, value in p.values.items()
+        )
+        table.add_row(f"{p.first:.2f} ± {p.first_sd:.2f}", f"{p.second:.1f} ± {p.second_sd:.1f}", values)
     output.print(table)
 
 
