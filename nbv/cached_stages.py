@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from nbv.cache import Store, digest
 from nbv.config import CameraConfig, MissionConfig, SparseConfig
-from nbv.eight_bit_matching import FastCorrespondences
 from nbv.provenance import versions
 from nbv.rocks import Rock
+from nbv.sparse.correspondences import ComputedCorrespondences
 from nbv.sparse.features import Features
 from nbv.sparse.matching import VerifiedPair
 from nbv.sparse.reconstructor import SparseReconstructor
@@ -57,7 +57,7 @@ class CachedCorrespondences:
     """Features by pixels and options; verified pairs by the two feature sets and options."""
 
     def __init__(self, camera: CameraConfig, config: SparseConfig, store: Store) -> None:
-        self._computed = FastCorrespondences(camera, config)
+        self._computed = ComputedCorrespondences(camera, config)
         self.timer = self._computed.timer
         self._store = store
         common = [STAGE_VERSION, versions()["pycolmap"]]

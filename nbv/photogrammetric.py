@@ -11,9 +11,8 @@ from nbv.cached_sequences import CachedClouds, CachedSparse
 from nbv.cached_stages import CachedCorrespondences
 from nbv.config import MissionConfig
 from nbv.dense.reconstruct import CheckedDepths, check_depths
-from nbv.eight_bit_matching import FastCorrespondences
 from nbv.memory import give_back_freed_memory
-from nbv.sparse.correspondences import Correspondences
+from nbv.sparse.correspondences import ComputedCorrespondences, Correspondences
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import Capture, PointCloud, UpdateReport
 
@@ -37,7 +36,7 @@ class PhotogrammetricReconstructor:
     ) -> None:
         self._config = config
         self._keep_sparse = keep_sparse
-        source: Correspondences = FastCorrespondences(config.camera, config.sparse)
+        source: Correspondences = ComputedCorrespondences(config.camera, config.sparse)
         if store is not None:
             source = CachedCorrespondences(config.camera, config.sparse, store)
         sparse = SparseReconstructor(config.camera, config.sparse, config.target_m, source)

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, SparseConfig
+from nbv.sparse.eight_bit_matching import match_pair_fast
 from nbv.sparse.features import Features, extract_features
-from nbv.sparse.matching import VerifiedPair, match_pair, verify_pair
+from nbv.sparse.matching import VerifiedPair, verify_pair
 from nbv.sparse.timing import StageTimer
 
 
@@ -47,6 +48,6 @@ class ComputedCorrespondences:
     def pair(self, a: Features, b: Features) -> VerifiedPair:
         """See :func:`nbv.sparse.matching.match_pair` and :func:`nbv.sparse.matching.verify_pair`."""
         with self.timer("matching"):
-            matches = match_pair(a.descriptors, b.descriptors, self.config.match_ratio)
+            matches = match_pair_fast(a.descriptors, b.descriptors, self.config.match_ratio)
         with self.timer("verification"):
             return verify_pair(a, b, matches, self.camera, self.config)

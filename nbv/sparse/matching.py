@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,9 @@ MAX_DISTANCE_RAD = 0.7  # COLMAP's default largest angle between matching descri
 _NORM_SQUARED = np.float32(512.0**2)  # COLMAP stores unit descriptors times 512 as uint8
 _BLOCK_BYTES = 4 << 20  # a block of similarities that stays in the cache
 _RANSAC_SEED = 0
+Descriptors = NDArray[np.uint8]
+# Per row: the index of the nearest candidate, its product with the row, and the second-largest product, float32.
+NearestTwo = tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]
 
 
 @dataclass(frozen=True)
@@ -37,45 +41,15 @@ def pair_angle_deg(center_a_m: Floats, center_b_m: Floats, target_m: Floats) -> 
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
 
 
-def match_pair(
-    a: NDArray[np.uint8],
-    b: NDArray[np.uint8],
-    max_ratio: float = 0.8,
-    max_distance_rad: float = MAX_DISTANCE_RAD,
-) -> NDArray[np.uint32]:
-    """(M, 2) mutual nearest neighbours of two descriptor sets (Ka, 128) and (Kb, 128), sorted by the first.
-
-    COLMAP's rule: the distance is the angle between descriptors; a match must be nearer than
-    ``max_distance_rad`` and than ``max_ratio`` times the second-nearest distance, in both directions.
-    Exact: sums of products of bytes stay below 2**24, so the float32 matrix product has no rounding
-    and the result does not depend on the linear-algebra library or its threads.
-    """
-    empty = np.zeros((0, 2), np.uint32)
-    if len(a) == 0 or len(b) == 0:
-        return empty
-    fa, fb = a.astype(np.float32), b.astype(np.float32)
-    forward, accepted = _nearest(fa, fb, max_ratio, max_distance_rad)
-    rows = np.flatnonzero(accepted)
-    if len(rows) == 0:
-        return empty
-    # Only columns that some row has chosen need the check in the other direction.
-    columns, position = np.unique(forward[rows], return_inverse=True)
-    backward, accepted_back = _nearest(fb[columns], fa, max_ratio, max_distance_rad)
-    mutual = accepted_back[position] & (backward[position] == rows)
-    return np.stack([rows[mutual], forward[rows[mutual]]], axis=1).astype(np.uint32)
-
-
-def _nearest(
-    a: NDArray[np.float32], b: NDArray[np.float32], max_ratio: float, max_distance_rad: float
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """For each row of ``a`` the nearest row of ``b``, and whether it passes distance and ratio."""
+def nearest_in_single_precision(a: Descriptors, b: Descriptors) -> NearestTwo:
+    """For each row of ``a`` (Ka, 128) the nearest row of ``b`` (Kb, 128): `NearestTwo`."""
+    left, right = a.astype(np.float32), b.T.astype(np.float32)
     nearest = np.empty(len(a), np.int64)
     best = np.empty(len(a), np.float32)
     second = np.zeros(len(a), np.float32)  # with a single candidate the second best is at a right angle
-    bt = b.T
     step = max(1, _BLOCK_BYTES // (4 * len(b)))
     for start in range(0, len(a), step):
-        block = a[start : start + step] @ bt
+        block = left[start : start + step] @ right
         rows = np.arange(len(block))
         index = block.argmax(axis=1)
         nearest[start : start + step] = index
@@ -83,9 +57,41 @@ def _nearest(
         if len(b) > 1:
             block[rows, index] = -1.0
             second[start : start + step] = block.max(axis=1)
-    best_rad = np.arccos(np.minimum(best / _NORM_SQUARED, 1.0))
-    second_rad = np.arccos(np.minimum(second / _NORM_SQUARED, 1.0))
-    return nearest, (best_rad <= max_distance_rad) & (best_rad < max_ratio * second_rad)
+    return nearest, best, second
+
+
+def match_pair(
+    a: Descriptors,
+    b: Descriptors,
+    max_ratio: float = 0.8,
+    max_distance_rad: float = MAX_DISTANCE_RAD,
+    nearest: Callable[[Descriptors, Descriptors], NearestTwo] = nearest_in_single_precision,
+) -> NDArray[np.uint32]:
+    """(M, 2) mutual nearest neighbours of two descriptor sets (Ka, 128) and (Kb, 128), sorted by the first.
+
+    COLMAP's rule: the distance is the angle between descriptors; a match must be nearer than
+    ``max_distance_rad`` and than ``max_ratio`` times the second-nearest distance, in both directions.
+    Exact: sums of products of bytes stay below 2**24, so the float32 matrix product has no rounding
+    and the result does not depend on the linear-algebra library, its threads or the way to ``nearest``.
+    """
+    empty = np.zeros((0, 2), np.uint32)
+    if len(a) == 0 or len(b) == 0:
+        return empty
+
+    def accepted(x: Descriptors, y: Descriptors) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        index, *products = nearest(x, y)
+        best_rad, second_rad = (np.arccos(np.minimum(p / _NORM_SQUARED, 1.0)) for p in products)
+        return index, (best_rad <= max_distance_rad) & (best_rad < max_ratio * second_rad)
+
+    forward, accepted_forward = accepted(a, b)
+    rows = np.flatnonzero(accepted_forward)
+    if len(rows) == 0:
+        return empty
+    # Only columns that some row has chosen need the check in the other direction.
+    columns, position = np.unique(forward[rows], return_inverse=True)
+    backward, accepted_back = accepted(b[columns], a)
+    mutual = accepted_back[position] & (backward[position] == rows)
+    return np.stack([rows[mutual], forward[rows[mutual]]], axis=1).astype(np.uint32)
 
 
 def verify_pair(

@@ -1,5 +1,6 @@
 """The 8-bit way gives what `nbv.sparse.matching.match_pair` gives, to the bit."""
 
+import functools
 import subprocess
 import sys
 
@@ -8,17 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nbv import eight_bit_matching
 from nbv.config import CameraConfig, SparseConfig
-from nbv.eight_bit_matching import (
-    FastCorrespondences,
+from nbv.sparse import eight_bit_matching
+from nbv.sparse.correspondences import ComputedCorrespondences
+from nbv.sparse.eight_bit_matching import (
     eight_bit_products_are_exact,
     match_pair_fast,
-    match_pair_in_8_bits,
+    nearest_in_8_bits,
 )
-from nbv.sparse.correspondences import ComputedCorrespondences
 from nbv.sparse.features import Features
-from nbv.sparse.matching import match_pair
+from nbv.sparse.matching import match_pair, verify_pair
+
+match_pair_in_8_bits = functools.partial(match_pair, nearest=nearest_in_8_bits)
 
 needs_8_bits = pytest.mark.skipif(
     not eight_bit_products_are_exact(), reason="this processor has no exact 8-bit dot products"
@@ -83,7 +85,7 @@ def test_no_descriptors_no_matches():
 def test_a_processor_without_8_bit_products_gets_the_same_matches(monkeypatch):
     a, b = overlapping(7, 200, 150, 0.02, 0.05)
     monkeypatch.setattr(eight_bit_matching, "eight_bit_products_are_exact", lambda: False)
-    monkeypatch.setattr(eight_bit_matching, "match_pair_in_8_bits", None)  # must not be called
+    monkeypatch.setattr(eight_bit_matching, "nearest_in_8_bits", None)  # must not be called
     np.testing.assert_array_equal(match_pair_fast(a, b), match_pair(a, b))
 
 
@@ -93,10 +95,9 @@ def test_correspondences_are_the_same_pairs():
     a, b = overlapping(9, 200, 200, 0.01, 0.02)
     keypoints = np.concatenate([rng.uniform(0, 480, (200, 2)), np.ones((200, 2))], axis=1).astype(np.float32)
     shifted = keypoints + np.float32([6, 0, 0, 0])
-    ours, plain = (
-        source(camera, config).pair(Features(keypoints, a), Features(shifted, b))
-        for source in (FastCorrespondences, ComputedCorrespondences)
-    )
+    first, second = Features(keypoints, a), Features(shifted, b)
+    ours = ComputedCorrespondences(camera, config).pair(first, second)
+    plain = verify_pair(first, second, match_pair(a, b, config.match_ratio), camera, config)
     assert ours.config == plain.config
     np.testing.assert_array_equal(ours.matches, plain.matches)
 
@@ -105,7 +106,7 @@ def test_pytorch_is_loaded_only_where_it_pays():
     script = """
 import sys
 import numpy as np
-from nbv.eight_bit_matching import match_pair_fast
+from nbv.sparse.eight_bit_matching import match_pair_fast
 few = np.full((50, 128), 20, np.uint8)
 match_pair_fast(few, few)
 assert "torch" not in sys.modules

@@ -4,9 +4,6 @@ Nearly all the time of matching is the product of two descriptor sets, and singl
 speed of the core. Descriptors are bytes, so a processor with 8-bit dot products (AVX512-VNNI) forms the same sums
 in a quarter of the instructions, exactly: they stay below 2**24. The product comes from PyTorch's int8
 multiplication, in blocks that stay in the cache until their rows are searched.
-
-This module is kept outside of ``nbv.sparse`` on purpose. What the store holds of whole missions is keyed by the
-source of that package; here is only another way to the same result, which tests prove, so those keys need not change.
 """
 
 from __future__ import annotations
@@ -18,10 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.sparse import matching
-from nbv.sparse.correspondences import ComputedCorrespondences
-from nbv.sparse.features import Features
-from nbv.sparse.matching import MAX_DISTANCE_RAD, VerifiedPair, match_pair, verify_pair
+from nbv.sparse.matching import (
+    MAX_DISTANCE_RAD,
+    Descriptors,
+    NearestTwo,
+    match_pair,
+    nearest_in_single_precision,
+)
 
 _BLOCK_BYTES = 2 << 20  # of products, which are int32: still in the cache when their rows are searched
 _LARGEST_INT8 = 127
@@ -30,58 +30,25 @@ _LARGEST_INT8 = 127
 _PRODUCTS_BEFORE_LOADING = 300_000_000
 
 
-class FastCorrespondences(ComputedCorrespondences):
-    """Features and verified pairs, computed; equal to its base class, but faster."""
-
-    def pair(self, a: Features, b: Features) -> VerifiedPair:
-        """See `nbv.sparse.correspondences.ComputedCorrespondences.pair`."""
-        with self.timer("matching"):
-            matches = match_pair_fast(a.descriptors, b.descriptors, self.config.match_ratio)
-        with self.timer("verification"):
-            return verify_pair(a, b, matches, self.camera, self.config)
-
-
 _products_formed = 0
 
 
 def match_pair_fast(
-    a: NDArray[np.uint8],
-    b: NDArray[np.uint8],
-    max_ratio: float = 0.8,
-    max_distance_rad: float = MAX_DISTANCE_RAD,
+    a: Descriptors, b: Descriptors, max_ratio: float = 0.8, max_distance_rad: float = MAX_DISTANCE_RAD
 ) -> NDArray[np.uint32]:
     """`nbv.sparse.matching.match_pair`, in 8 bits where the processor multiplies them and it pays."""
     global _products_formed
+    nearest = nearest_in_8_bits
     if "torch" not in sys.modules and _products_formed < _PRODUCTS_BEFORE_LOADING:
         _products_formed += len(a) * len(b)
-        return match_pair(a, b, max_ratio, max_distance_rad)
-    if len(a) == 0 or len(b) == 0 or not eight_bit_products_are_exact():
-        return match_pair(a, b, max_ratio, max_distance_rad)
-    return match_pair_in_8_bits(a, b, max_ratio, max_distance_rad)
+        nearest = nearest_in_single_precision
+    elif not eight_bit_products_are_exact():
+        nearest = nearest_in_single_precision
+    return match_pair(a, b, max_ratio, max_distance_rad, nearest)
 
 
-def match_pair_in_8_bits(
-    a: NDArray[np.uint8],
-    b: NDArray[np.uint8],
-    max_ratio: float = 0.8,
-    max_distance_rad: float = MAX_DISTANCE_RAD,
-) -> NDArray[np.uint32]:
-    """`nbv.sparse.matching.match_pair` for non-empty sets, whatever the processor."""
-    forward, accepted = _nearest(a, b, max_ratio, max_distance_rad)
-    rows = np.flatnonzero(accepted)
-    if len(rows) == 0:
-        return np.zeros((0, 2), np.uint32)
-    # Only columns that some row has chosen need the check in the other direction.
-    columns, position = np.unique(forward[rows], return_inverse=True)
-    backward, accepted_back = _nearest(b[columns], a, max_ratio, max_distance_rad)
-    mutual = accepted_back[position] & (backward[position] == rows)
-    return np.stack([rows[mutual], forward[rows[mutual]]], axis=1).astype(np.uint32)
-
-
-def _nearest(
-    a: NDArray[np.uint8], b: NDArray[np.uint8], max_ratio: float, max_distance_rad: float
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """For each row of ``a`` (Ka, 128) the nearest row of ``b`` (Kb, 128), and whether it passes distance and ratio."""
+def nearest_in_8_bits(a: Descriptors, b: Descriptors) -> NearestTwo:
+    """`nbv.sparse.matching.nearest_in_single_precision`, whatever the processor."""
     torch = _torch()
     step = max(32, _BLOCK_BYTES // (4 * len(b)) // 32 * 32)
     left, right = (torch.from_numpy(np.minimum(x, _LARGEST_INT8).view(np.int8)) for x in (a, b))
@@ -105,13 +72,10 @@ def _nearest(
         if len(b) > 1:
             products[within, index] = -1
             second[start:stop] = products.max(axis=1)
-    best_rad, second_rad = (
-        np.arccos(np.minimum(x.astype(np.float32) / matching._NORM_SQUARED, 1.0)) for x in (best, second)
-    )
-    return nearest, (best_rad <= max_distance_rad) & (best_rad < max_ratio * second_rad)
+    return nearest, best.astype(np.float32), second.astype(np.float32)
 
 
-def _single_precision_products(a: NDArray[np.uint8], b: NDArray[np.uint8]) -> NDArray[np.float32]:
+def _single_precision_products(a: Descriptors, b: Descriptors) -> NDArray[np.float32]:
     """(Ka, Kb) sums of products of bytes, below 2**24 and therefore exact."""
     return a.astype(np.float32) @ b.T.astype(np.float32)
 
