@@ -559,12 +559,17 @@ class Campaign:
             screen=self.screen,
         )  # fmt: skip
 
-    def surrogate_from(self, history: Sequence[Observation]) -> RockMeanGP:
-        """The surrogate behind such a recommendation; ``ValueError`` without a successful mission."""
+    def surrogate_from(
+        self, history: Sequence[Observation], rocks: Sequence[str] | None = None
+    ) -> RockMeanGP:
+        """The surrogate behind such a recommendation, of ``rocks`` (the campaign's where None).
+
+        ``ValueError`` without a successful mission.
+        """
         from tuner.surrogate import RockMeanGP
 
         s = self.settings
-        return RockMeanGP(s.space, history, s.rocks, s.seed, surrogate_settings(s.gp), self.screen)
+        return RockMeanGP(s.space, history, rocks or s.rocks, s.seed, surrogate_settings(s.gp), self.screen)
 
     def confirmation_plan(self) -> list[Proposal]:
         """The missions of the confirmation stage, a function of the search missions alone.

@@ -18,7 +18,6 @@ from tuner.recommendation import Recommendation
 from tuner.report.labels import MetricLabel, decimals_for, metric_label
 from tuner.report.style import short_names
 from tuner.rock_calibration import RockCheck, leave_one_rock_out
-from tuner.samplers import surrogate_settings
 from tuner.search_space import Parameter
 from tuner.stopping import settled
 from tuner.surrogate import RockMeanGP
@@ -236,14 +235,7 @@ class CampaignFacts:
     @cached_property
     def leave_one_rock_out(self) -> list[RockCheck]:
         """Every rock predicted from the others; empty for a single rock."""
-        s = self.settings
-        return leave_one_rock_out(
-            self.observations,
-            s.rocks,
-            lambda history, rocks: RockMeanGP(
-                s.space, history, rocks, s.seed, surrogate_settings(s.gp), self.campaign.screen
-            ),
-        )
+        return leave_one_rock_out(self.observations, self.settings.rocks, self.campaign.surrogate_from)
 
 
 def verdict(interval_95: tuple[float, float]) -> str:
