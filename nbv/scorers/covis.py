@@ -13,8 +13,12 @@ def co_visibility(visible: NDArray[np.bool_]) -> Floats:
 
     ``visible`` is (P, C).
     """
-    total = np.zeros(visible.shape[1], dtype=np.int64)
+    n_points, n_candidates = visible.shape
     as_bytes = np.ascontiguousarray(visible).view(np.uint8)
-    for start in range(0, len(as_bytes), 255):  # 255 ones fit into a byte, and bytes add up fastest
-        total += np.add.reduce(as_bytes[start : start + 255], axis=0, dtype=np.uint8)
-    return total / visible.shape[0]
+    # 255 ones fit into a byte, and bytes add up fastest, in long rows.
+    together = -(-n_points // 255)
+    whole = n_points // together * together
+    counts = np.add.reduce(as_bytes[:whole].reshape(-1, together * n_candidates), axis=0, dtype=np.uint8)
+    total = np.add.reduce(counts.reshape(together, n_candidates), axis=0, dtype=np.int64)
+    total += np.add.reduce(as_bytes[whole:], axis=0, dtype=np.int64)
+    return total / n_points

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,12 +53,17 @@ class SharedTerms:
 
     box: BoxPoints  # in the model's order, which the memory of neighbour distances knows
     order: Ints  # (P,) the same points, longest track first
-    ordered: BoxPoints  # box.select(order)
-    visible: NDArray[np.bool_]  # (P, C) rows as in ``ordered``
+    points_m: Floats  # (P, 3) box.points_m[order]
+    visible: NDArray[np.bool_]  # (P, C) rows as in ``points_m``
     visited_m: Floats  # (V, 3)
     nov: Floats  # (C,)
     move: Floats  # (C,)
     ang: Floats  # (C,)
+
+    @cached_property
+    def ordered(self) -> BoxPoints:
+        """The box points in that order with their tracks; frustum visibility and clear scores do not need them."""
+        return self.box.select(self.order)
 
 
 def box_points(model: SparseModel, config: MissionConfig) -> BoxPoints:
@@ -88,9 +93,10 @@ def shared_terms(state: PlanningState, pool: CandidatePool, config: MissionConfi
             f" {shared.box_half_extent_m} m of the target with {shared.min_track_length} or more views",
         )
     order = longest_first(box.track_offsets)
-    ordered = box.select(order)
-    visible = in_frustum(ordered.points_m, pool.positions_m, target, config.camera)
+    points = box.points_m[order]
+    visible = in_frustum(points, pool.positions_m, target, config.camera)
     if config.visibility.mode == "occlusion":
+        ordered = box.select(order)
         visible = unoccluded(
             visible, ordered.points_m, ordered.track_offsets, ordered.track_cameras,
             ordered.camera_centers_m, pool.positions_m,
@@ -98,7 +104,7 @@ def shared_terms(state: PlanningState, pool: CandidatePool, config: MissionConfi
     return SharedTerms(
         box=box,
         order=order,
-        ordered=ordered,
+        points_m=points,
         visible=visible,
         visited_m=state.visited_m,
         nov=novelty(pool.positions_m, state.visited_m, shared.d_scale_m),
@@ -136,38 +142,42 @@ def rank_b_aware(terms: SharedTerms, pool: CandidatePool, config: MissionConfig)
     MissionFailure
         ``no_surface``: our main term, and the points near the target span no volume.
     """
-    box, b_aware = terms.ordered, config.b_aware
+    box, b_aware = terms.box, config.b_aware
     if b_aware.main_term == "matchable":
-        surface = proxy_surface(terms.box.points_m, config)
+        surface = proxy_surface(box.points_m, config)
         if surface is None:
             raise MissionFailure(
                 "no_surface",
-                f"the {len(terms.box.points_m)} sparse points near the target span no volume above the ground;"
+                f"the {len(box.points_m)} sparse points near the target span no volume above the ground;"
                 " b_aware.main_term=repair needs none",
             )
         main = matchable_repair(surface, pool.positions_m, terms.visited_m, config)
         return rank("b-aware", main, terms, b_aware.weights)
-    weak = weakness(terms.box.points_m, terms.box.track_lengths, terms.box.reprojection_error_px, b_aware)[
-        terms.order
-    ]
+    lengths = box.track_lengths
+    weak = weakness(box.points_m, lengths, box.reprojection_error_px, b_aware)[terms.order]
+    angles = (b_aware.theta_low_deg, b_aware.theta_saturation_deg)
 
-    def arguments(columns: slice | Ints) -> tuple[Any, ...]:
-        return (
-            terms.visible[:, columns], weak, pool.positions_m[columns], box.points_m, box.track_offsets,
-            box.track_cameras, box.camera_centers_m, b_aware.theta_low_deg, b_aware.theta_saturation_deg,
+    def exactly(columns: slice | Ints) -> Floats:
+        ordered = terms.ordered
+        return repair(
+            terms.visible[:, columns], weak, pool.positions_m[columns], ordered.points_m, ordered.track_offsets,
+            ordered.track_cameras, ordered.camera_centers_m, *angles,
         )  # fmt: skip
 
-    error = precision(b_aware.theta_low_deg, b_aware.theta_saturation_deg)
+    error = precision(*angles)
     if len(box.points_m) < MIN_POINTS_SINGLE or not np.isfinite(error):
-        return rank("b-aware", repair(*arguments(slice(None))), terms, b_aware.weights)
-    main = repair_single(*arguments(slice(None)))
+        return rank("b-aware", exactly(slice(None)), terms, b_aware.weights)
+    main = repair_single(
+        terms.visible, weak, pool.positions_m, terms.points_m, box.track_offsets[terms.order],
+        lengths[terms.order], box.track_cameras, box.camera_centers_m, *angles,
+    )  # fmt: skip
     ranking = rank("b-aware", main, terms, b_aware.weights)
     sorted_scores = ranking.scores[ranking.order]
     close = np.abs(np.diff(sorted_scores)) <= 2.0 * error * b_aware.weights.main + 1e-11
     unsettled = ranking.order[np.append(close, False) | np.append(False, close)]
     if len(unsettled) == 0:
         return ranking
-    main[unsettled] = repair(*arguments(unsettled))
+    main[unsettled] = exactly(unsettled)
     return rank("b-aware", main, terms, b_aware.weights)
 
 

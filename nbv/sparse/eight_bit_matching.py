@@ -23,8 +23,9 @@ from nbv.sparse.matching import (
     nearest_in_single_precision,
 )
 
-_BLOCK_BYTES = 2 << 20  # of products, which are int32: still in the cache when their rows are searched
+_BLOCK_BYTES = 4 << 20  # of products, which are int32: still in the cache when their rows are searched
 _LARGEST_INT8 = 127
+_HIGH_BITS = np.uint64(0x8080808080808080)  # of eight bytes at once
 # Loading PyTorch costs about 1 s and 0.2 GB. A process pays that only after it has formed so many products in
 # single precision, about 1 s of them: at worst it loses another second, and with a warm store it loses nothing.
 _PRODUCTS_BEFORE_LOADING = 300_000_000
@@ -50,39 +51,60 @@ def match_pair_fast(
 def nearest_in_8_bits(a: Descriptors, b: Descriptors) -> NearestTwo:
     """`nbv.sparse.matching.nearest_in_single_precision`, whatever the processor."""
     torch = _torch()
-    step = max(32, _BLOCK_BYTES // (4 * len(b)) // 32 * 32)
-    left, right = (torch.from_numpy(np.minimum(x, _LARGEST_INT8).view(np.int8)) for x in (a, b))
-    # Descriptors with a larger byte than int8 holds, about one in a thousand, are multiplied in single precision.
-    large_rows, large_columns = (np.flatnonzero(x.max(axis=1) > _LARGEST_INT8) for x in (a, b))
-    of_large_columns = _single_precision_products(a, b[large_columns])
-    of_large_rows = _single_precision_products(a[large_rows], b)
+    a, b = (np.require(x, requirements=["C", "W"]) for x in (a, b))  # what PyTorch can share; no copy, usually
+    # Products are of unsigned bytes with signed ones. Rows of b with a larger byte than int8 holds, about one in a
+    # thousand, have products of 0 in the blocks, which wins over nothing, and are looked at apart.
+    large = np.flatnonzero((b.view(np.uint64) & _HIGH_BITS).any(axis=1))
+    narrow = b.view(np.int8)
+    if len(large):
+        narrow = narrow.copy()
+        narrow[large] = 0
+    left, right = torch.from_numpy(a), torch.from_numpy(narrow).T
     nearest = np.empty(len(a), np.int64)
     best = np.empty(len(a), np.int32)
-    second = np.zeros(len(a), np.int32)  # with a single candidate the second best is at a right angle
+    second = np.empty(len(a), np.int32)
+    step = min(len(a), max(32, _BLOCK_BYTES // (4 * len(b)) // 32 * 32))
+    block = torch.empty((step, len(b)), dtype=torch.int32)  # one for all: fresh memory costs a tenth of the product
     for start in range(0, len(a), step):
         stop = min(start + step, len(a))
-        products = torch._int_mm(left[start:stop], right.T).numpy()
-        products[:, large_columns] = of_large_columns[start:stop]
-        first, last = np.searchsorted(large_rows, (start, stop))
-        products[large_rows[first:last] - start] = of_large_rows[first:last]
-        index = products.argmax(axis=1)
-        within = np.arange(stop - start)
-        nearest[start:stop] = index
-        best[start:stop] = products[within, index]
-        if len(b) > 1:
-            products[within, index] = -1
-            second[start:stop] = products.max(axis=1)
+        products = block[: stop - start]
+        torch._int_mm(left[start:stop], right, out=products)
+        nearest[start:stop], best[start:stop], second[start:stop] = _largest_two(products.numpy())
+    if len(large):
+        index, value, next_value = _largest_two(_products_with_large_bytes(a, b[large]))
+        index = large[index]
+        second = np.maximum(np.maximum(second, next_value), np.minimum(best, value))
+        # Of equal products the first counts.
+        nearest = np.where((value > best), index, nearest)
+        best = np.maximum(best, value)
     return nearest, best.astype(np.float32), second.astype(np.float32)
 
 
-def _single_precision_products(a: Descriptors, b: Descriptors) -> NDArray[np.float32]:
-    """(Ka, Kb) sums of products of bytes, below 2**24 and therefore exact."""
-    return a.astype(np.float32) @ b.T.astype(np.float32)
+def _largest_two(
+    products: NDArray[np.int32],
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.int32]]:
+    """Per row (R, N): index and value of the first largest entry, and the next value; writes over ``products``."""
+    rows = np.arange(len(products))
+    index = products.argmax(axis=1)
+    best = products[rows, index]
+    if products.shape[1] == 1:  # with a single candidate the second best is at a right angle
+        return index, best, np.zeros_like(best)
+    products[rows, index] = -1
+    return index, best, products.max(axis=1)
+
+
+def _products_with_large_bytes(a: Descriptors, b: Descriptors) -> NDArray[np.int32]:
+    """(Ka, Kb) sums of products of any bytes, through their low seven bits and the high one."""
+    torch = _torch()
+    low, high = (torch.from_numpy(part.view(np.int8)).T for part in (b & _LARGEST_INT8, b >> 7))
+    left = torch.from_numpy(a)
+    products: NDArray[np.int32] = (torch._int_mm(left, low) + 128 * torch._int_mm(left, high)).numpy()
+    return products
 
 
 @functools.cache
 def eight_bit_products_are_exact() -> bool:
-    """Whether this processor multiplies int8 matrices fast and without saturation (loads PyTorch).
+    """Whether this processor multiplies matrices of bytes fast and without saturation (loads PyTorch).
 
     Without 8-bit dot products oneDNN adds pairs of products in 16 bits, which may overflow: tried here with the
     largest bytes that there are.
@@ -91,14 +113,14 @@ def eight_bit_products_are_exact() -> bool:
     try:
         if not torch.cpu._is_vnni_supported():
             return False
-        extremes = np.array([0, 1, 126, 127], np.int8)
-        a = np.random.default_rng(0).choice(extremes, (64, 128))
-        a[0] = _LARGEST_INT8
-        got = torch._int_mm(torch.from_numpy(a), torch.from_numpy(a).T).numpy()
+        rng = np.random.default_rng(0)
+        a = rng.choice(np.array([0, 1, 127, 128, 254, 255], np.uint8), (64, 128))
+        b = rng.choice(np.array([0, 1, 126, 127], np.int8), (64, 128))
+        a[0], b[0] = 255, _LARGEST_INT8
+        got = torch._int_mm(torch.from_numpy(a), torch.from_numpy(b).T).numpy()
     except (AttributeError, RuntimeError):  # another PyTorch, or one built without these products
         return False
-    wide = a.astype(np.int64)
-    return np.array_equal(got, wide @ wide.T)
+    return np.array_equal(got, a.astype(np.int64) @ b.T.astype(np.int64))
 
 
 @functools.cache

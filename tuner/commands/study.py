@@ -100,15 +100,14 @@ def _fly_noise_study(
     timeout_s: float,
     out: Path,
 ) -> bool:
-    from tuner.commands.campaign import refuse_held_out, training_rocks
+    from tuner.commands.campaign import training_rocks
     from tuner.missions import DEFAULT_RUNNER
     from tuner.search_space import load_search_space
     from tuner.studies.noise import NoiseSettings, fly
     from tuner.studies.runner import STUDY_RUNNER
 
     count = _worker_count(workers)
-    chosen = tuple(rocks or training_rocks())
-    refuse_held_out(chosen)
+    chosen = _study_rocks(rocks, training_rocks())
     given: dict[str, Any] = {"budgets": budgets, "metrics": metrics}
     if controls is not None:
         given["controls"] = [name for name in controls if name != "none"]
@@ -171,6 +170,7 @@ def departures(
     ] = False,
 ) -> None:
     """What does each departure of the authors' public code do to the outcome? One at a time, paired."""
+    from tuner.commands.campaign import QUICK_ROCKS
     from tuner.studies.departures import DEPARTURES, DepartureSettings, analyse, fly
     from tuner.studies.departures_report import departures_table, write_departures_report
     from tuner.studies.fidelity import runner_of
@@ -178,7 +178,7 @@ def departures(
     complete = True
     if not report_only:
         settings = DepartureSettings(
-            _study_rocks(rocks), replicates, preset, gate, parse_overrides(set_ or []),
+            _study_rocks(rocks, QUICK_ROCKS), replicates, preset, gate, parse_overrides(set_ or []),
             tuple(arms or DEPARTURES), surface, runner_of(fidelity),
         )  # fmt: skip
         plan = settings.plan()
@@ -237,6 +237,7 @@ def oracles(
     ] = False,
 ) -> None:
     """When does the oracle count a sample as covered? Every reading of the paper, and what it gains."""
+    from tuner.commands.campaign import QUICK_ROCKS
     from tuner.studies.fidelity import runner_of
     from tuner.studies.oracles import OracleSettings, analyse, fly
     from tuner.studies.oracles_report import oracles_table, write_oracles_report
@@ -249,7 +250,12 @@ def oracles(
         if greedy:
             options["greedy"] = tuple(name for name in greedy if name != "none")
         settings = OracleSettings(
-            _study_rocks(rocks), replicates, preset, parse_overrides(set_ or []), surface=surface, **options
+            _study_rocks(rocks, QUICK_ROCKS),
+            replicates,
+            preset,
+            parse_overrides(set_ or []),
+            surface=surface,
+            **options,
         )
         plan = settings.plan()
         output.print(
@@ -293,10 +299,10 @@ def oracle_states(
     output.print(out)
 
 
-def _study_rocks(rocks: list[str] | None) -> tuple[str, ...]:
-    from tuner.commands.campaign import QUICK_ROCKS, refuse_held_out
+def _study_rocks(rocks: list[str] | None, otherwise: list[str]) -> tuple[str, ...]:
+    from tuner.commands.campaign import refuse_held_out
 
-    chosen = rock_arguments(rocks or QUICK_ROCKS)
+    chosen = rock_arguments(rocks or otherwise)
     refuse_held_out(chosen)
     return tuple(chosen)
 

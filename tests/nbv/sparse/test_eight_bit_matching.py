@@ -18,7 +18,7 @@ from nbv.sparse.eight_bit_matching import (
     nearest_in_8_bits,
 )
 from nbv.sparse.features import Features
-from nbv.sparse.matching import match_pair, verify_pair
+from nbv.sparse.matching import match_pair, nearest_in_single_precision, verify_pair
 
 match_pair_in_8_bits = functools.partial(match_pair, nearest=nearest_in_8_bits)
 
@@ -65,6 +65,33 @@ def test_equals_single_precision_on_extreme_bytes_and_ties():
     b = np.concatenate([a[::-1], a[:20]])  # every product of a row with itself is found twice by 20 rows
     for x, y in ((a, b), (b, a), (a, a), (a[:1], a[:1]), (np.full_like(a, 255), a)):
         np.testing.assert_array_equal(match_pair_in_8_bits(x, y, 1.0, 3.0), match_pair(x, y, 1.0, 3.0))
+
+
+@needs_8_bits
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 10_000), st.integers(1, 40), st.integers(1, 40), st.sampled_from([0, 0.3, 1]))
+def test_the_two_nearest_are_the_same_as_in_single_precision(seed, count_a, count_b, large):
+    """Also for rows that no match comes from: few values, so nearly all rows have ties, and products of zero."""
+    rng = np.random.default_rng(seed)
+    a, b = (rng.choice(np.array([0, 0, 0, 0, 0, 0, 1, 127], np.uint8), (n, 128)) for n in (count_a, count_b))
+    for x in (a, b):
+        x[rng.random(len(x)) < 0.3] = 0
+        x[rng.random(len(x)) < large, 5] = rng.choice([128, 255])
+    b[rng.integers(count_b)] = b[rng.integers(count_b)]
+    for got, expected in zip(nearest_in_8_bits(a, b), nearest_in_single_precision(a, b), strict=True):
+        assert got.dtype == expected.dtype
+        np.testing.assert_array_equal(got, expected)
+
+
+@needs_8_bits
+def test_descriptors_that_cannot_be_written_to_are_matched_and_left_alone():
+    a, b = overlapping(4, 60, 50, 0.02, 0.1)
+    before = a.copy(), b.copy()
+    expected = match_pair(a, b)
+    for x in (a, b):
+        x.flags.writeable = False
+    np.testing.assert_array_equal(match_pair_in_8_bits(a, b), expected)
+    np.testing.assert_array_equal(np.concatenate([a, b]), np.concatenate(before))
 
 
 @needs_8_bits
