@@ -125,8 +125,8 @@ def report(points: int, repeats: int) -> None:
             lambda: weakness(box.points_m, box.track_lengths, box.reprojection_error_px, config.b_aware),
             repeats)  # fmt: skip
     measure("  gain and repair", lambda: repair_single(
-        terms.visible, weak, pool.positions_m, box.points_m, box.track_offsets, box.track_cameras,
-        box.camera_centers_m, 5.0, 25.0), repeats)  # fmt: skip
+        terms.visible, weak, pool.positions_m, box.points_m, box.track_offsets[:-1], box.track_lengths,
+        box.track_cameras, box.camera_centers_m, 5.0, 25.0), repeats)  # fmt: skip
     for mode, n in (("frustum", repeats), ("occlusion", max(3, repeats // 4))):
         seen = config.with_values({"visibility.mode": mode})
         measure(f"both scorers, {mode}", lambda seen=seen: rank_candidates(state, pool, seen), n,  # type: ignore[misc]

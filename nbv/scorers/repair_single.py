@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.scorers.scratch import scratch
 from nbv.types import Floats, Ints
 
 Floats32 = NDArray[np.float32]
@@ -36,8 +37,9 @@ def longest_first(track_offsets: Ints) -> Ints:
     """(P,) the points by falling track length; of equals, the earlier first."""
     lengths = np.diff(track_offsets)
     # Short integers are sorted by counting, four times faster.
-    small = np.int16 if lengths.max(initial=0) <= np.iinfo(np.int16).max else np.int64
-    return np.argsort(-lengths.astype(small), kind="stable")
+    if lengths.max(initial=0) <= np.iinfo(np.int16).max:
+        return np.argsort(-lengths.astype(np.int16), kind="stable")
+    return np.argsort(-lengths, kind="stable")
 
 
 def observation_rays(
@@ -114,7 +116,7 @@ def repair_single(
     # Within rounding of a point a candidate must be kept from a division by zero; nearly always all are far.
     apart = separation(points, candidates.T) > 0.1
 
-    product, best = np.empty((2, BLOCK, n_candidates), dtype=np.float32)
+    product, best = scratch(2, BLOCK, n_candidates)
     mass = np.zeros(n_candidates)
     for at in range(0, n_points, BLOCK):
         end = min(at + BLOCK, n_points)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from nbv.config import CameraConfig
 from nbv.frames import look_at
+from nbv.scorers.scratch import scratch
 from nbv.types import Floats
 
 BLOCK = 256  # points at a time: a block's (BLOCK, C) arrays stay in the processor's cache
@@ -77,7 +78,7 @@ def in_frustum(
     x32, y32, z32 = (np.concatenate([plane[:3], (at_target @ plane)[None]]).astype(np.float32)
                      for plane in (x, y, z))  # fmt: skip
     border = np.float32(BORDER_M * max(1.0, np.abs(x).max(), np.abs(y).max()))
-    one, other = np.empty((2, BLOCK, n_candidates), dtype=np.float32)
+    one, other = scratch(2, BLOCK, n_candidates)
     unsure = []  # flat indices into (ask, candidates)
     for start in range(0, len(ask), BLOCK):
         now = q32[start : start + BLOCK]

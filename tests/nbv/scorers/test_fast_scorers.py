@@ -60,10 +60,32 @@ def test_single_precision_is_as_good_as_it_says(
     terms = shared_terms(state, pool, config)
     box = terms.ordered
     weak = weakness(box.points_m, box.track_lengths, box.reprojection_error_px, config.b_aware)
-    arguments = (terms.visible, weak, pool.positions_m, box.points_m, box.track_offsets, box.track_cameras,
-                 box.camera_centers_m, low_deg, low_deg + width_deg)  # fmt: skip
-    error = np.abs(repair_single(*arguments) - repair(*arguments)).max()
-    assert error < precision(low_deg, low_deg + width_deg)
+    cameras = (box.track_cameras, box.camera_centers_m, low_deg, low_deg + width_deg)
+    single = repair_single(terms.visible, weak, pool.positions_m, box.points_m, box.track_offsets[:-1],
+                           box.track_lengths, *cameras)  # fmt: skip
+    double = repair(terms.visible, weak, pool.positions_m, box.points_m, box.track_offsets, *cameras)
+    assert np.abs(single - double).max() < precision(low_deg, low_deg + width_deg)
+
+
+def test_a_candidate_on_a_point_and_points_without_observations_are_no_trouble_in_single_precision() -> None:
+    config = MissionConfig()
+    state, pool = synthetic_state(1_200, config)
+    box = shared_terms(state, pool, config).ordered
+    points = box.points_m.copy()
+    points[7] = pool.positions_m[3]
+    seen = np.ones((1_400, len(pool)), dtype=bool)
+    points = np.concatenate([points, points[:200] + 0.01])  # the last 200 are observed by nobody
+    starts = np.concatenate([box.track_offsets[:-1], np.zeros(200, dtype=np.int64)])
+    lengths = np.concatenate([box.track_lengths, np.zeros(200, dtype=np.int64)])
+    offsets = np.concatenate([box.track_offsets, np.full(200, box.track_offsets[-1])])
+    cameras = (box.track_cameras, box.camera_centers_m, 5.0, 25.0)
+    weak = np.linspace(0.1, 1.0, 1_400)
+    single = repair_single(seen, weak, pool.positions_m, points, starts, lengths, *cameras)
+    double = repair(seen, weak, pool.positions_m, points, offsets, *cameras)
+    others = np.arange(len(pool)) != 3  # its own angle to that point means nothing
+    assert np.isfinite(single).all()
+    np.testing.assert_allclose(single[others], double[others], rtol=0, atol=precision(5.0, 25.0))
+    assert abs(single[3] - double[3]) <= weak[7] / weak.sum() + precision(5.0, 25.0)
 
 
 def test_near_ties_are_settled_in_double_precision(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -73,8 +95,10 @@ def test_near_ties_are_settled_in_double_precision(monkeypatch: pytest.MonkeyPat
     rng = np.random.default_rng(0)
     asked: list[int] = []
 
-    def noisy(*arguments: object) -> np.ndarray:
-        exact = repair(*arguments)  # type: ignore[arg-type]
+    def noisy(visible, weak, candidates_m, points_m, starts, lengths, cameras, *rest):  # type: ignore[no-untyped-def]
+        offsets = np.concatenate([[0], np.cumsum(lengths)])
+        ordered = np.concatenate([cameras[s : s + n] for s, n in zip(starts, lengths)])
+        exact = repair(visible, weak, candidates_m, points_m, offsets, ordered, *rest)
         return exact + rng.uniform(-0.01, 0.01, len(exact))
 
     def counting(*arguments: object) -> np.ndarray:
