@@ -51,7 +51,7 @@ def match_pair_fast(
 def nearest_in_8_bits(a: Descriptors, b: Descriptors) -> NearestTwo:
     """`nbv.sparse.matching.nearest_in_single_precision`, whatever the processor."""
     torch = _torch()
-    a, b = (np.require(x, requirements=["C", "W"]) for x in (a, b))  # what PyTorch can share; no copy, usually
+    a, b = (np.require(x, requirements=["C", "W"]) for x in (a, b))  # what PyTorch shares; rarely a copy
     # Products are of unsigned bytes with signed ones. Rows of b with a larger byte than int8 holds, about one in a
     # thousand, have products of 0 in the blocks, which wins over nothing, and are looked at apart.
     large = np.flatnonzero((b.view(np.uint64) & _HIGH_BITS).any(axis=1))
@@ -64,7 +64,8 @@ def nearest_in_8_bits(a: Descriptors, b: Descriptors) -> NearestTwo:
     best = np.empty(len(a), np.int32)
     second = np.empty(len(a), np.int32)
     step = min(len(a), max(32, _BLOCK_BYTES // (4 * len(b)) // 32 * 32))
-    block = torch.empty((step, len(b)), dtype=torch.int32)  # one for all: fresh memory costs a tenth of the product
+    # One for all: fresh memory for each would cost a tenth of the product.
+    block = torch.empty((step, len(b)), dtype=torch.int32)
     for start in range(0, len(a), step):
         stop = min(start + step, len(a))
         products = block[: stop - start]
@@ -75,7 +76,7 @@ def nearest_in_8_bits(a: Descriptors, b: Descriptors) -> NearestTwo:
         index = large[index]
         second = np.maximum(np.maximum(second, next_value), np.minimum(best, value))
         # Of equal products the first counts.
-        nearest = np.where((value > best), index, nearest)
+        nearest = np.where((value > best) | ((value == best) & (index < nearest)), index, nearest)
         best = np.maximum(best, value)
     return nearest, best.astype(np.float32), second.astype(np.float32)
 

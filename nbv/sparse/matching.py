@@ -112,15 +112,17 @@ def verify_pair(
     options.detect_watermark = False  # rendered and telemetry images carry none
     options.ransac.random_seed = _RANSAC_SEED
     options.ransac.num_threads = 1
+    # Only the keypoints that are matched: to hand over all of them takes longer than a short RANSAC.
+    count = np.arange(len(matches), dtype=np.uint32)
     geometry = pycolmap.estimate_calibrated_two_view_geometry(
         colmap,
-        a.keypoints[:, :2].astype(np.float64),
+        a.keypoints[matches[:, 0], :2].astype(np.float64),
         colmap,
-        b.keypoints[:, :2].astype(np.float64),
-        matches,
+        b.keypoints[matches[:, 1], :2].astype(np.float64),
+        np.stack([count, count], axis=1),
         options,
     )
     inliers = np.array(geometry.inlier_matches, dtype=np.uint32).reshape(-1, 2)
     if len(inliers) < config.min_inliers:
         return rejected
-    return VerifiedPair(inliers, int(geometry.config))
+    return VerifiedPair(matches[inliers[:, 0]], int(geometry.config))
