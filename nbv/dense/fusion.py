@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.interface import Floats32, Image
 from nbv.dense.stereo import backproject, depth_normals
 from nbv.errors import MissionFailure
-from nbv.types import Floats, PointCloud
+from nbv.types import Floats, Ints, PointCloud
+
+_SLAB_POINTS = 400_000  # averaged at once, at about 150 bytes each
 
 
 def fuse(
@@ -39,53 +44,114 @@ def fuse(
         ``empty_dense_cloud``: no depth at all.
     """
     target = np.asarray(target_m, dtype=float)
-    points, normals, colors = [], [], []
+    views = []
     for name in sorted(depth_maps):
-        depth = depth_maps[name]
-        rotation, translation = camera_from_world[name][:3, :3], camera_from_world[name][:3, 3]
-        rows, columns = np.nonzero(np.isfinite(depth))
-        if rows.size == 0:
-            continue
-        y0, y1, x0, x1 = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
-        local = backproject(depth, camera, (y0, y1, x0, x1))
-        normal = depth_normals(local)[rows - y0, columns - x0]
-        camera_points = local[rows - y0, columns - x0]
-        world = (camera_points - translation.astype(np.float32)) @ rotation.astype(np.float32)
-        inside = np.abs(world - target.astype(np.float32)).max(axis=1) <= config.crop_half_width_m
-        missing = ~np.isfinite(normal[:, 0])
-        # A small weight: only decides where no real normal falls into the voxel.
-        fallback = camera_points[missing]
-        normal[missing] = -1e-3 * fallback / np.linalg.norm(fallback, axis=1, keepdims=True)
-        points.append(world[inside])
-        normals.append((normal @ rotation.astype(np.float32))[inside])
-        colors.append(images[name][rows, columns][inside])
-    if sum(map(len, points)) == 0:
+        view = _view_points(depth_maps[name], images[name], camera_from_world[name], camera, target, config)
+        if view is not None:
+            views.append(view)
+    if not views:
         raise MissionFailure(
             "empty_dense_cloud", f"no depth is confirmed by {config.agreeing_views} views near the target"
         )
-    return _voxel_average(
-        np.concatenate(points), np.concatenate(normals), np.concatenate(colors), target, config.fusion_voxel_m
+    return _average_in_slabs(views)
+
+
+@dataclass(frozen=True)
+class _ViewPoints:
+    """What one view gives to the cloud: n points near the target, by their voxel's first index."""
+
+    points_m: Floats32  # (n, 3) world frame
+    normals: Floats32  # (n, 3) world frame; short ones are guesses
+    colors: NDArray[np.uint8]  # (n, 3)
+    cells: NDArray[np.int16]  # (n, 3) indices of the voxels, from the target; the first column ascends
+
+    def part(self, start: int, stop: int) -> _ViewPoints:
+        """Those whose voxel's first index is at least ``start`` and less than ``stop``."""
+        rows = slice(*np.searchsorted(self.cells[:, 0], (start, stop)))
+        return _ViewPoints(self.points_m[rows], self.normals[rows], self.colors[rows], self.cells[rows])
+
+
+def _view_points(
+    depth: Floats32,
+    image: Image,
+    camera_from_world: Floats,
+    camera: CameraConfig,
+    target: Floats,
+    config: DenseConfig,
+) -> _ViewPoints | None:
+    """The points of one depth map (H, W), or None if it has none near the target."""
+    rotation, translation = camera_from_world[:3, :3], camera_from_world[:3, 3]
+    rows, columns = np.nonzero(np.isfinite(depth))
+    if rows.size == 0:
+        return None
+    y0, y1, x0, x1 = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
+    local = backproject(depth, camera, (y0, y1, x0, x1))
+    normal = depth_normals(local)[rows - y0, columns - x0]
+    camera_points = local[rows - y0, columns - x0]
+    world = (camera_points - translation.astype(np.float32)) @ rotation.astype(np.float32)
+    offset = world - target.astype(np.float32)
+    inside = np.flatnonzero(np.abs(offset).max(axis=1) <= config.crop_half_width_m)
+    if inside.size == 0:
+        return None
+    missing = ~np.isfinite(normal[:, 0])
+    # A small weight: only decides where no real normal falls into the voxel.
+    fallback = camera_points[missing]
+    normal[missing] = -1e-3 * fallback / np.linalg.norm(fallback, axis=1, keepdims=True)
+    cells = np.floor(offset[inside] / np.float32(config.fusion_voxel_m)).astype(_cell_type(config))
+    order = np.argsort(cells[:, 0], kind="stable")
+    inside = inside[order]
+    return _ViewPoints(
+        world[inside],
+        (normal @ rotation.astype(np.float32))[inside],
+        image[rows[inside], columns[inside]],
+        cells[order],
     )
 
 
-def _voxel_average(
-    points: Floats32, normals: Floats32, colors: np.ndarray, origin: Floats, voxel_m: float
-) -> PointCloud:
-    cell = np.floor((points - origin.astype(np.float32)) / np.float32(voxel_m)).astype(np.int64)
-    cell -= cell.min(axis=0)
-    extent = cell.max(axis=0) + 1
+def _cell_type(config: DenseConfig) -> type[np.signedinteger]:
+    """Small, as there is a triple for every depth, and sorted in linear time by NumPy."""
+    most = config.crop_half_width_m / config.fusion_voxel_m + 2
+    return np.int16 if most < np.iinfo(np.int16).max else np.int64
+
+
+def _average_in_slabs(views: list[_ViewPoints]) -> PointCloud:
+    """The voxels' averages, in lexicographic order of the voxels.
+
+    Voxels are averaged slab by slab along their first index, since the sums take several times the memory of the
+    points. A voxel's members come in the same order as they would all at once, so its sums are the same to the bit.
+    """
+    low = np.min([view.cells.min(axis=0) for view in views], axis=0).astype(np.int64)
+    extent = np.max([view.cells.max(axis=0) for view in views], axis=0).astype(np.int64) - low + 1
+    per_sheet = sum(
+        np.bincount(view.cells[:, 0].astype(np.int64) - low[0], minlength=extent[0]) for view in views
+    )
+    slab_of_sheet = np.cumsum(per_sheet) // _SLAB_POINTS
+    bounds = low[0] + np.append(np.flatnonzero(np.diff(slab_of_sheet, prepend=-1)), extent[0])
+    slabs = []
+    for start, stop in itertools.pairwise(bounds):
+        parts = [view.part(start, stop) for view in views]
+        slabs.append(_average_voxels(parts, low, extent))
+    points, colors, normals = (np.concatenate(values) for values in zip(*slabs, strict=True))
+    return PointCloud(points_m=points, colors=colors, normals=normals)
+
+
+def _average_voxels(
+    parts: list[_ViewPoints], low: Ints, extent: Ints
+) -> tuple[Floats, NDArray[np.uint8], Floats]:
+    """Points (V, 3), colours (V, 3) and unit normals (V, 3) of the V occupied voxels of some views' points."""
+    cell = np.concatenate([part.cells for part in parts]) - low
     key = (cell[:, 0] * extent[1] + cell[:, 1]) * extent[2] + cell[:, 2]
     order = np.argsort(key, kind="stable")
-    starts = np.flatnonzero(np.concatenate([[True], np.diff(key[order]) > 0]))
+    starts = np.flatnonzero(np.diff(key[order], prepend=-1))
     counts = np.diff(np.append(starts, len(order)))[:, None]
 
-    def total(values: np.ndarray) -> Floats:
-        return np.add.reduceat(values[order].astype(np.float64), starts, axis=0)
+    def total(values: list[np.ndarray]) -> Floats:
+        return np.add.reduceat(np.concatenate(values)[order].astype(np.float64), starts, axis=0)
 
-    normal = total(normals)
+    normal = total([part.normals for part in parts])
     length = np.linalg.norm(normal, axis=1, keepdims=True)
-    return PointCloud(
-        points_m=total(points) / counts,
-        colors=np.rint(total(colors) / counts).astype(np.uint8),
-        normals=normal / np.maximum(length, 1e-12),
+    return (
+        total([part.points_m for part in parts]) / counts,
+        np.rint(total([part.colors for part in parts]) / counts).astype(np.uint8),
+        normal / np.maximum(length, 1e-12),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.consistency import ConsistentDepth, check_consistency
 from nbv.dense.fusion import fuse
-from nbv.dense.interface import DenseReport, DepthBackend, Image
+from nbv.dense.interface import DenseReport, DepthBackend, Floats32, Image
 from nbv.errors import MissionFailure, UserError
 from nbv.types import Floats, PointCloud
 
@@ -62,9 +62,25 @@ class CheckedDepths:
         need = self.config.agreeing_views if agreeing_views is None else agreeing_views
         if need < self.config.agreeing_views:
             raise ValueError(f"depths were checked with {self.config.agreeing_views} views, not {need}")
-        maps = {name: item.at(need) for name, item in self.depths.items()}
+        maps = _DepthsAt(self.depths, need)
         config = dataclasses.replace(self.config, agreeing_views=need)
         return fuse(maps, self.images, self.camera_from_world, self.camera, self.target_m, config)
+
+
+class _DepthsAt(Mapping[str, Floats32]):
+    """Depth maps at a number of agreeing views, made one by one as they are asked for."""
+
+    def __init__(self, depths: Mapping[str, ConsistentDepth], agreeing_views: int) -> None:
+        self._depths, self._agreeing_views = depths, agreeing_views
+
+    def __getitem__(self, name: str) -> Floats32:
+        return self._depths[name].at(self._agreeing_views)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._depths)
+
+    def __len__(self) -> int:
+        return len(self._depths)
 
 
 def reconstruct_dense(

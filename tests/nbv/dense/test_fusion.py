@@ -1,0 +1,117 @@
+"""Fusion in slabs: the cloud is the one of all points averaged at once, for less memory."""
+
+import dataclasses
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from nbv.config import CameraConfig, DenseConfig
+from nbv.dense import fusion
+from nbv.dense.fusion import fuse
+from nbv.dense.stereo import backproject, depth_normals
+from nbv.frames import look_at
+
+CAMERA = CameraConfig(width_px=64, height_px=48, focal_px=60.0)
+CONFIG = DenseConfig(crop_half_width_m=0.9, fusion_voxel_m=0.05)
+TARGET = (0.1, -0.2, 0.8)
+
+
+@pytest.fixture
+def views():
+    """Noisy depth maps with holes; voxels are shared by several views, some points lie beyond the crop."""
+    rng = np.random.default_rng(0)
+    depths, images, poses = {}, {}, {}
+    for k in range(5):
+        name = f"v{k}"
+        position = np.array([3 * np.cos(k), 3 * np.sin(k), 1.0 + 0.3 * k])
+        poses[name] = look_at(position, np.array(TARGET))
+        depth = (3.0 + 0.4 * rng.standard_normal((48, 64))).astype(np.float32)
+        depth[:, ::2] = 3.0  # here normals exist
+        depth[rng.random((48, 64)) < 0.2] = np.nan
+        depths[name] = depth
+        images[name] = rng.integers(0, 256, (48, 64, 3), dtype=np.uint8)
+    depths["v3"][:] = np.nan  # a view may have nothing to give
+    return depths, images, poses
+
+
+def all_at_once(depths, images, poses):
+    """Voxels as keys of a dictionary, members in the order of views and pixels."""
+    target = np.array(TARGET, np.float32)
+    members = {}
+    for name in sorted(depths):
+        rotation = poses[name][:3, :3].astype(np.float32)
+        grid = backproject(depths[name], CAMERA)
+        pixels = np.argwhere(np.isfinite(depths[name]))
+        if not len(pixels):
+            continue
+        normals = depth_normals(grid)
+        local = grid[pixels[:, 0], pixels[:, 1]]
+        world = (local - poses[name][:3, 3].astype(np.float32)) @ rotation
+        normal = normals[pixels[:, 0], pixels[:, 1]]
+        guess = -1e-3 * local / np.linalg.norm(local, axis=1, keepdims=True)
+        normal = np.where(np.isfinite(normal[:, :1]), normal, guess) @ rotation
+        for (row, column), point, n in zip(pixels, world, normal):
+            offset = point - target
+            if np.abs(offset).max() <= CONFIG.crop_half_width_m:
+                cell = tuple(np.floor(offset / np.float32(CONFIG.fusion_voxel_m)).astype(int))
+                members.setdefault(cell, []).append((point, n, images[name][row, column]))
+    points, normals, colors = [], [], []
+    for cell in sorted(members):
+        point, normal, color = (np.array(v, float) for v in zip(*members[cell]))
+        points.append(point.mean(axis=0))
+        normals.append(normal.sum(axis=0) / np.linalg.norm(normal.sum(axis=0)))
+        colors.append(np.rint(color.sum(axis=0) / len(color)))
+    return np.array(points), np.array(normals), np.array(colors)
+
+
+def test_the_cloud_is_the_mean_of_each_voxels_members(views):
+    cloud = fuse(*views, CAMERA, TARGET, CONFIG)
+    points, normals, colors = all_at_once(*views)
+    assert len(points) > 500
+    np.testing.assert_allclose(cloud.points_m, points, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(cloud.normals, normals, rtol=0, atol=1e-6)  # single-precision products
+    np.testing.assert_array_equal(cloud.colors, colors)
+
+
+@pytest.mark.parametrize("slab_points", [1, 50, 333, 2000])
+def test_slabs_do_not_change_a_bit(views, monkeypatch, slab_points):
+    whole = fuse(*views, CAMERA, TARGET, CONFIG)
+    monkeypatch.setattr(fusion, "_SLAB_POINTS", slab_points)
+    slabs = fuse(*views, CAMERA, TARGET, CONFIG)
+    for a, b in (
+        (whole.points_m, slabs.points_m),
+        (whole.normals, slabs.normals),
+        (whole.colors, slabs.colors),
+    ):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_very_fine_voxels_are_told_apart(views):
+    """More voxels along an axis than the small integers hold that are enough otherwise."""
+    fine = dataclasses.replace(CONFIG, fusion_voxel_m=2e-5)
+    cloud = fuse(*views, CAMERA, TARGET, fine)
+    inside = sum(
+        int((np.abs(_world(views, name) - np.array(TARGET)).max(axis=1) <= CONFIG.crop_half_width_m).sum())
+        for name in views[0]
+    )
+    assert 0.99 * inside < len(cloud) <= inside
+    assert np.diff(cloud.points_m[:, 0]).min() > -1.01 * fine.fusion_voxel_m  # in the voxels' order
+
+
+def test_slabs_take_less_memory_than_all_at_once(views, monkeypatch):
+    many = [{f"{name}-{copy}": value for name, value in part.items() for copy in range(40)} for part in views]
+    peaks = []
+    for slab_points in (10**9, 10_000):
+        monkeypatch.setattr(fusion, "_SLAB_POINTS", slab_points)
+        tracemalloc.start()
+        fuse(*many, CAMERA, TARGET, CONFIG)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[1] < 0.5 * peaks[0]
+
+
+def _world(views, name):
+    depths, _, poses = views
+    local = backproject(depths[name], CAMERA)[np.isfinite(depths[name])].astype(float)
+    return (local - poses[name][:3, 3]) @ poses[name][:3, :3]

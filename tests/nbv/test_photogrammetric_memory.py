@@ -1,0 +1,116 @@
+"""What a mission that keeps only a summary lets go of before the stage that needs the most memory."""
+
+import weakref
+
+import numpy as np
+import pytest
+
+from nbv import photogrammetric
+from nbv.cache import Store
+from nbv.config import preset
+from nbv.photogrammetric import PhotogrammetricReconstructor
+from nbv.sparse.features import Features
+from nbv.sparse.matching import VerifiedPair
+from nbv.sparse.reconstructor import SparseReconstructor
+from nbv.types import Capture, PointCloud, SparseModel, UpdateReport, Viewpoint
+
+REPORT = UpdateReport(
+    SparseModel(np.zeros((1, 3)), np.zeros(1), np.zeros(2, int), np.zeros(0, int), np.zeros((1, 3)), ("a",), 0, 0),
+    True, "",
+)  # fmt: skip
+
+
+class NoMapping(SparseReconstructor):
+    """Takes features and pairs from its source as the real one does, then stands still."""
+
+    def bootstrap(self, captures):
+        for capture in captures:
+            features = self._source.features(capture.image)
+            self._features.append(features)
+            self._model.add_image(capture.name, features.keypoints)
+        self._model.add_pairs({(1, 2): self._source.pair(*self._features)})
+        return REPORT
+
+    def refine(self):
+        return REPORT
+
+    def save_state(self, path):
+        (path / "state").write_bytes(b"")
+
+    def world_camera_poses(self):
+        return {"a": np.eye(4), "b": np.eye(4)}
+
+    def export(self, path):
+        (path / "exported").touch()
+
+
+class Dense:
+    """Stands for both dense stages; notes what of the sparse stage is alive while they work."""
+
+    def __init__(self):
+        self.watched, self.alive = [], []
+
+    def check_depths(self, images, poses, *rest):
+        self.alive.append([ref() is not None for ref in self.watched])
+        return self, None
+
+    def fuse(self, agreeing_views):
+        self.alive.append([ref() is not None for ref in self.watched])
+        return PointCloud(np.zeros((1, 3)))
+
+
+@pytest.fixture
+def dense(monkeypatch):
+    dense = Dense()
+
+    def features(image, config):
+        found = Features(np.zeros((20, 4), np.float32), np.zeros((20, 128), np.uint8))
+        dense.watched.append(weakref.ref(found.descriptors))
+        return found
+
+    def verify(*arguments):
+        pair = VerifiedPair(np.zeros((20, 2), np.uint32), 2)
+        dense.watched.append(weakref.ref(pair.matches))
+        return pair
+
+    monkeypatch.setattr(photogrammetric, "check_depths", dense.check_depths)
+    monkeypatch.setattr(photogrammetric, "SparseReconstructor", NoMapping)
+    monkeypatch.setattr("nbv.sparse.correspondences.extract_features", features)
+    monkeypatch.setattr("nbv.sparse.correspondences.verify_pair", verify)
+    return dense
+
+
+def fly(dense, store, *, keep_sparse):
+    config = preset("campaign")
+    reconstructor = PhotogrammetricReconstructor(config, store, keep_sparse=keep_sparse)
+    size = (config.camera.height_px, config.camera.width_px, 3)
+    place = Viewpoint("seed_00", (3.0, 0.0, 1.0), 0.0, 0.0, "seed")
+    captures = [
+        Capture(name, place, np.eye(4), np.full(size, i, np.uint8)) for i, name in enumerate(("a", "b"))
+    ]
+    reconstructor.bootstrap(captures)
+    # The reconstructor holds the only reference to the sparse model, as in a mission.
+    sparse = reconstructor._sparse
+    dense.watched.append(weakref.ref(sparse if store is None else sparse._sparse))
+    del sparse
+    reconstructor.finish()
+    return reconstructor
+
+
+@pytest.mark.parametrize("cached", [False, True])
+def test_a_summary_mission_has_let_features_matches_and_model_go_before_the_dense_stage(
+    dense, tmp_path, cached
+):
+    reconstructor = fly(dense, Store(tmp_path / "store") if cached else None, keep_sparse=False)
+    assert len(dense.watched) == 4  # two photographs' features, their matches, the model
+    assert dense.alive == [[False] * 4] * 2
+    with pytest.raises(ValueError, match="keep_sparse"):
+        reconstructor.export_sparse(tmp_path)
+
+
+@pytest.mark.parametrize("cached", [False, True])
+def test_a_mission_that_keeps_everything_can_still_export_the_model(dense, tmp_path, cached):
+    reconstructor = fly(dense, Store(tmp_path / "store") if cached else None, keep_sparse=True)
+    assert dense.alive == [[True] * 4] * 2
+    reconstructor.export_sparse(tmp_path)
+    assert (tmp_path / "exported").exists()
