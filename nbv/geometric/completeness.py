@@ -139,14 +139,22 @@ def _logistic(x: Floats32) -> Floats32:
     return np.divide(np.float32(1.0), x, out=x)
 
 
-def within_reach(
-    probability: Floats | Floats32, neighbours: NDArray[np.integer], distance_m: Floats, t_m: float
-) -> Floats:
-    """(S,) chance that something is reconstructed within ``t_m`` of each sample.
+def best_so_far(probability: Floats, neighbours: NDArray[np.integer]) -> Floats:
+    """(K + 1, S) highest probability among each sample's first 0, 1, ..., K neighbours; of none it is 0.
 
-    ``neighbours`` and ``distance_m`` are (S, K): each sample's nearest samples, itself first.
+    ``neighbours`` is (K, S): the samples themselves, their nearest neighbours, their second nearest, ...
     """
-    return np.where(distance_m < t_m, probability[neighbours], 0.0).max(axis=1)
+    best = np.zeros((len(neighbours) + 1, neighbours.shape[1]))
+    np.take(probability, neighbours, out=best[1:], mode="clip")
+    for rank in range(len(neighbours)):
+        np.maximum(best[rank], best[rank + 1], out=best[rank + 1])
+    return best
+
+
+def within_reach(best: Floats, count: NDArray[np.integer]) -> Floats:
+    """(S,) chance that something is reconstructed among each sample's ``count`` (S,) nearest (`best_so_far`)."""
+    reached: Floats = best.ravel().take(count * best.shape[1] + np.arange(best.shape[1]))
+    return reached
 
 
 def sample_probability(

@@ -15,7 +15,7 @@ from nbv.evaluation.metrics import (
     f_score,
     sector_centers_deg,
 )
-from nbv.geometric.completeness import within_reach
+from nbv.geometric.completeness import best_so_far, within_reach
 from nbv.geometric.world import GeometricWorld
 from nbv.types import Floats
 
@@ -28,10 +28,8 @@ def predicted_metrics(world: GeometricWorld, probability: Floats, config: Missio
     of the photogrammetric score. Distances (C2C, Hausdorff) are not predicted and are absent.
     """
     thresholds = sorted({*config.evaluation.thresholds_mm, SECTOR_THRESHOLD_MM})
-    reached = {
-        t: within_reach(probability, world.sample_neighbours, world.sample_distances_m, t / 1000.0)
-        for t in thresholds
-    }
+    best = best_so_far(probability, world.neighbours_by_rank)
+    reached = {t: within_reach(best, world.reach_counts(t / 1000.0)) for t in thresholds}
     sectors = azimuth_sectors(world.samples_m, config.target_m, config.evaluation.azimuth_sectors)
     everything = np.ones(len(probability), dtype=bool)
     metrics: dict[str, Any] = {

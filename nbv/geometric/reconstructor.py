@@ -10,30 +10,14 @@ import numpy as np
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.geometric.completeness import DenseModel, sample_probability
+from nbv.geometric.landmarks import FeatureModel, landmarks_of
 from nbv.geometric.tracks import Tracks
 from nbv.geometric.world import GeometricWorld
-from nbv.random_streams import keyed_rng
 from nbv.types import Capture, Floats, PointCloud, SparseModel, UpdateReport
 
-# Raise when the default constants below or in `DenseModel` change, or what is made of them.
+# Raise when the default constants in `FeatureModel` or `DenseModel` change, or what is made of them.
 MODEL_VERSION = 2
 MIN_TRIANGULATION_ANGLE_DEG = 1.5  # COLMAP's default
-
-
-@dataclass(frozen=True)
-class FeatureModel:
-    """Free constants of detection and matching, set to reproduce real seed models (see the benchmark)."""
-
-    rock_rate: float = 0.7  # share of views in which a strong, well-lit landmark is detected
-    ground_rate: float = 0.9
-    half_contrast: float = 0.012  # at this local contrast it is half of that
-    incidence_power: float = 1.0  # how fast detection falls towards grazing views
-    max_incidence_deg: float = 75.0
-    far_max_incidence_deg: float = 86.0  # flat ground far away is only ever seen at a grazing angle
-    rock_match_deg: tuple[float, float] = (12.0, 45.0)  # lines of sight that match: drawn per landmark
-    ground_match_deg: tuple[float, float] = (15.0, 125.0)  # flat, so it looks alike from farther
-    min_track_length: int = 3
-    noise_px: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -51,6 +35,7 @@ class _SeedState:
     world: GeometricWorld
     tracks: Tracks
     registered: tuple[int, ...]
+    centers_m: tuple[Floats, ...]  # of the registered cameras
     report: UpdateReport
 
 
@@ -81,45 +66,25 @@ class GeometricReconstructor:
         self._stand_in = stand_in or StandIn()
         # Far ground only matters to statistics over the whole cloud.
         self._n = len(world.landmarks_m) if config.stop.knn_region == "all" else world.n_near
-        self._landmarks_m = world.landmarks_m[: self._n]
         sparse = config.sparse
         self._identity: tuple[object, ...] = (
             rock_sha256, replicate, self._stand_in, self._n, config.target_m, config.camera,
             sparse.min_inliers, sparse.min_registered_seeds, sparse.max_pair_angle_deg,
         )  # fmt: skip
-        self._draw_landmarks()
+        self._landmarks = landmarks_of(
+            world, self._n, self._stand_in.features, sparse.max_pair_angle_deg, rock_sha256, replicate
+        )
         self._tracks: Tracks | None = None
         self._rows: list[int] = []  # of the registered captures, in the world's tables
         self._captures: list[Capture] = []  # registered
+        self._centers_m: list[Floats] = []  # theirs
         self._predicted: tuple[int, Floats] | None = None  # with the number of views that it is for
-
-    def _draw_landmarks(self) -> None:
-        features, world, n = self._stand_in.features, self._world, self._n
-        rng = keyed_rng("geometric-landmarks", self._rock_sha256, self._replicate)
-        strength, reach = rng.random((n, 2)).T  # row by row, so a landmark's draw does not depend on n
-        rng = keyed_rng("geometric-noise", self._rock_sha256, self._replicate)
-        noise = rng.standard_normal((n, 4))
-        on_rock = np.arange(n) < world.n_rock
-        # The ground's landmarks are a thinned lattice of its strongest features: all are worth something.
-        rate = np.where(on_rock, features.rock_rate * 2.0 * strength, features.ground_rate)
-        contrast = world.landmark_contrast[:n]
-        self._quality = np.minimum(rate, 1.0) * contrast / (contrast + features.half_contrast)
-        low = np.where(on_rock, features.rock_match_deg[0], features.ground_match_deg[0])
-        high = np.where(on_rock, features.rock_match_deg[1], features.ground_match_deg[1])
-        limit_deg = np.minimum(low + (high - low) * reach**2, self._config.sparse.max_pair_angle_deg)
-        self._cosine_limit = np.cos(np.deg2rad(limit_deg))
-        limits = np.where(
-            np.arange(n) < world.n_near, features.max_incidence_deg, features.far_max_incidence_deg
-        )
-        self._grazing = np.cos(np.deg2rad(limits))
-        self._noise = noise[:, :3]
-        self._error_px = 0.28 * np.exp(0.8 * noise[:, 3])
 
     # -- the sparse model ----------------------------------------------------------------------------
 
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         """The seed model; `MissionFailure` if too few seeds share landmarks."""
-        key = (*self._identity, tuple((c.name, c.camera_center_m.tobytes()) for c in captures))
+        key = (*self._identity, tuple((c.name, c.camera_from_world.tobytes()) for c in captures))
         seed = _SEEDS.get(key)
         if seed is None or seed.world is not self._world:
             seed = self._build_seed(captures)
@@ -129,12 +94,14 @@ class GeometricReconstructor:
         budget = self._config.stop.adaptive_budget
         self._tracks = seed.tracks.copy(len(captures) + budget)
         self._captures = [captures[i] for i in seed.registered]
+        self._centers_m = list(seed.centers_m)
         self._rows = [self._world.index(capture.viewpoint.id) for capture in self._captures]
         return seed.report
 
     def _build_seed(self, captures: Sequence[Capture]) -> _SeedState:
-        looks = [self._look(capture) for capture in captures]
-        tracks = Tracks(self._cosine_limit, len(captures))
+        centers = [capture.camera_center_m for capture in captures]
+        looks = [self._landmarks.look(c.viewpoint.id, center) for c, center in zip(captures, centers)]
+        tracks = Tracks(self._landmarks.cosine_limit, len(captures))
         for look in looks:
             tracks.add(*look)
         # A seed takes part if it shares landmarks with the others, whichever came first.
@@ -147,44 +114,33 @@ class GeometricReconstructor:
                 f"{len(good)} of {len(captures)} seeds share {self._config.sparse.min_inliers} landmarks",
             )
         if len(good) < len(captures):
-            tracks = Tracks(self._cosine_limit, len(captures))
+            tracks = Tracks(self._landmarks.cosine_limit, len(captures))
             for i in good:
                 tracks.add(*looks[i])
         self._tracks = tracks
         self._captures = [captures[i] for i in good]
+        self._centers_m = [centers[i] for i in good]
         report = UpdateReport(self._model(), True, f"{len(good)} of {len(captures)} seeds registered")
-        return _SeedState(self._world, tracks, tuple(good), report)
+        return _SeedState(self._world, tracks, tuple(good), tuple(self._centers_m), report)
 
     def add(self, capture: Capture) -> UpdateReport:
         """One more view; unregistered if it shares too few landmarks with the earlier ones."""
         assert self._tracks is not None, "bootstrap comes first"
-        directions, detected = self._look(capture)
-        matches = self._tracks.add(directions, detected)
+        center = capture.camera_center_m
+        matches = self._tracks.add(*self._landmarks.look(capture.viewpoint.id, center))
         if matches < self._config.sparse.min_inliers:
-            self._tracks.labels[self._tracks.n_views - 1] = -1
-            self._tracks.n_views -= 1
+            self._tracks.drop_last()
             return UpdateReport(self._model(), False, f"shares only {matches} landmarks")
         self._captures.append(capture)
+        self._centers_m.append(center)
         self._rows.append(self._world.index(capture.viewpoint.id))
         return UpdateReport(self._model(), True)
-
-    def _look(self, capture: Capture) -> tuple[Floats, np.ndarray]:
-        """Directions (L, 3) from the landmarks to the camera, and which landmarks the view detects."""
-        n = self._n
-        row = self._world.index(capture.viewpoint.id)
-        directions = capture.camera_center_m - self._landmarks_m
-        directions /= np.sqrt(np.einsum("ij,ij->i", directions, directions))[:, None]
-        cosine = np.einsum("ij,ij->i", directions, self._world.landmark_normals[:n])
-        facing = np.clip((cosine - self._grazing) / (1.0 - self._grazing), 0.0, 1.0)
-        chance = self._quality * facing**self._stand_in.features.incidence_power
-        draw = keyed_rng("geometric-detection", self._rock_sha256, self._replicate, capture.viewpoint.id)
-        return directions, self._world.landmark_seen[row, :n] & (draw.random(n) < chance)
 
     def _model(self) -> SparseModel:
         assert self._tracks is not None
         features, camera = self._stand_in.features, self._config.camera
         landmark, offsets, views = self._tracks.points(features.min_track_length)
-        centers = np.array([capture.camera_center_m for capture in self._captures])
+        centers = np.array(self._centers_m)
         lengths = np.diff(offsets)
         # Spread of the rays around their mean: half the widest angle, about.
         point = np.repeat(np.arange(len(landmark)), lengths)
@@ -206,12 +162,12 @@ class GeometricReconstructor:
             features.noise_px / camera.focal_px * self._distance_m(centers) / np.sqrt(np.maximum(lengths, 1))
         )
         along = across / np.maximum(np.sin(half_angle), 0.02)
-        noise = self._noise[landmark]
-        points = self._landmarks_m[landmark] + across[:, None] * noise
+        noise = self._landmarks.noise[landmark]
+        points = self._world.landmarks_m[landmark] + across[:, None] * noise
         points += ((along - across) * np.einsum("ij,ij->i", noise, mean))[:, None] * mean
         return SparseModel(
             points_m=points,
-            reprojection_error_px=self._error_px[landmark],
+            reprojection_error_px=self._landmarks.error_px[landmark],
             track_offsets=offsets,
             track_cameras=views,
             camera_centers_m=centers,
@@ -229,7 +185,7 @@ class GeometricReconstructor:
         """(S,) chance that each of the world's surface samples is reconstructed from the registered views."""
         if self._predicted is not None and self._predicted[0] == len(self._rows):
             return self._predicted[1]
-        centers = np.array([capture.camera_center_m for capture in self._captures]).reshape(-1, 3)
+        centers = np.array(self._centers_m).reshape(-1, 3)
         chance = sample_probability(self._world, self._rows, centers, self._config, self._stand_in.dense)
         self._predicted = (len(self._rows), chance)
         return chance

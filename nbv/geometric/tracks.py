@@ -27,66 +27,77 @@ class Tracks:
     def __init__(self, cosine_limit: Floats, capacity: int) -> None:
         self._cosine_limit = cosine_limit.astype(np.float32)
         self.n_views = 0
-        self.directions = np.zeros((capacity, len(cosine_limit), 3), dtype=np.float32)
+        self._directions = np.zeros((capacity, len(cosine_limit), 3), dtype=np.float32)
         # The number of a view in the track, or -1: which one is arbitrary, equal numbers are one track.
-        self.labels = np.full((capacity, len(cosine_limit)), -1, dtype=np.int16)
+        # A row per landmark, since tracks are listed landmark by landmark.
+        self._labels = np.full((len(cosine_limit), capacity), -1, dtype=np.int16)
 
     def copy(self, capacity: int) -> Tracks:
         """The same tracks with room for ``capacity`` views."""
         other = Tracks.__new__(Tracks)
         other._cosine_limit, other.n_views = self._cosine_limit, self.n_views
         n = self.n_views
-        other.directions = np.empty((capacity, *self.directions.shape[1:]), dtype=np.float32)
-        other.directions[:n] = self.directions[:n]
-        other.labels = np.full((capacity, self.labels.shape[1]), -1, dtype=np.int16)
-        other.labels[:n] = self.labels[:n]
+        other._directions = np.empty((capacity, *self._directions.shape[1:]), dtype=np.float32)
+        other._directions[:n] = self._directions[:n]
+        other._labels = np.full((len(self._labels), capacity), -1, dtype=np.int16)
+        other._labels[:, :n] = self._labels[:, :n]
         return other
 
-    def add(self, directions: Floats, detected: Mask) -> int:
-        """Add a view: unit directions (L, 3) from landmark to camera, detections (L,). Returns its matches.
+    def add(self, landmarks: Ints, directions: NDArray[np.floating]) -> int:
+        """Add a view: the landmarks (K,) that it detects, and unit directions (K, 3) from them to the camera.
 
-        The number of matches counts landmarks whose detection here joins an earlier view's.
+        Returns its matches: how many of the detections join an earlier view's.
         """
         m = self.n_views
         self.n_views = m + 1
-        columns = np.flatnonzero(detected)
-        here = directions[columns].astype(np.float32)
-        self.directions[m, columns] = here
-        before = self.labels[:m, columns]
-        cosine = np.einsum("mnk,nk->mn", self.directions[:m].take(columns, axis=1), here)
-        linked = (before >= 0) & (cosine >= self._cosine_limit[columns])
-        view, column = np.nonzero(linked)
-        joined = np.zeros((m + 1, len(columns)), dtype=bool)  # [label, column]; row m stays False
-        joined[before[view, column], column] = True
+        here = directions.astype(np.float32, copy=False)
+        self._directions[m, landmarks] = here
+        # All earlier detections of these landmarks: which of ours (0 to K - 1), in which view, in which track.
+        before = self._labels.take(landmarks, axis=0).ravel()
+        place = np.flatnonzero(before >= 0)
+        ours = place // self._labels.shape[1]
+        view = place - ours * self._labels.shape[1]
+        track = before[place].astype(np.int64)
+        cosine = np.einsum("ij,ij->i", self.directions_of(view, landmarks[ours]), here.take(ours, axis=0))
+        linked = cosine >= self._cosine_limit[landmarks][ours]
+        joined = np.zeros((m + 1, len(landmarks)), dtype=bool)  # [track, ours]; row m stays False
+        joined[track[linked], ours[linked]] = True
         matched = joined.any(axis=0)
-        self.labels[m, columns] = np.where(matched, joined.argmax(axis=0), m)
-        if m:
-            # joined[before, column], but several times faster; label -1 reads row m, from the end
-            member = joined.ravel().take(before * np.int64(len(columns)) + np.arange(len(columns)))
-            merged = np.where(member, self.labels[m, columns][None], before)
-            self.labels[:m, columns] = merged
+        label = np.where(matched, joined.argmax(axis=0), m)
+        # Where this view joins several tracks, they become one.
+        merged = joined[track, ours]
+        self._labels[landmarks[ours[merged]], view[merged]] = label[ours[merged]]
+        self._labels[landmarks, m] = label
         return int(matched.sum())
+
+    def drop_last(self) -> None:
+        """Take the detections of the view added last out again; tracks that it has joined stay joined."""
+        self.n_views -= 1
+        self._labels[:, self.n_views] = -1
 
     def directions_of(self, views: Ints, landmarks: Ints) -> NDArray[np.float32]:
         """(T, 3) directions from landmarks to cameras, ``directions[views, landmarks]`` in a third of the time."""
-        return self.directions.reshape(-1, 3).take(views * self.directions.shape[1] + landmarks, axis=0)
+        flat = self._directions.reshape(-1, 3)
+        return flat.take(views * self._directions.shape[1] + landmarks, axis=0)
 
     def points(self, min_views: int) -> tuple[Ints, Ints, Ints]:
         """Tracks of at least ``min_views`` views: their landmarks (P,), offsets (P + 1,), views (T,) (CSR)."""
-        n = self.n_views
-        count = self.labels.shape[1]
+        count, capacity = self._labels.shape
         # Small integers sort and divide several times faster, np.floor_divide faster than np.divmod.
-        small = np.int32 if count * n * n <= np.iinfo(np.int32).max else np.int64
-        labels = self.labels[:n].ravel()
-        place: Ints = np.flatnonzero(labels >= 0).astype(small)
-        view: Ints = place // count
-        key = ((place - view * count) * n + labels[place]) * n + view
-        key.sort()  # by landmark, track, view
-        track = key // n
-        view = key - track * n
+        small = np.int32 if count * capacity * capacity <= np.iinfo(np.int32).max else np.int64
+        labels = self._labels.ravel()
+        place: Ints = np.flatnonzero(labels >= 0)
+        label = labels.take(place)
+        place = place.astype(small)
+        view = place % capacity
+        key = (place - view + label) * capacity + view
+        # By landmark, track, view. Most landmarks have one track, so nearly in order: a merge sort is fast on that.
+        key.sort(kind="stable")
+        track = key // capacity
+        view = key - track * capacity
         first = np.flatnonzero(np.concatenate([[True], track[1:] != track[:-1]])) if len(key) else key
         length = np.diff(np.append(first, len(key)))
         long = length >= min_views
         keep = np.repeat(long, length)
         offsets = np.concatenate([[0], np.cumsum(length[long])]).astype(np.int64)
-        return (track[first[long]] // n).astype(np.int64), offsets, view[keep].astype(np.int64)
+        return (track[first[long]] // capacity).astype(np.int64), offsets, view[keep].astype(np.int64)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import open3d as o3d
@@ -68,6 +69,26 @@ class GeometricWorld:
     def index(self, viewpoint_id: str) -> int:
         """Row of a viewpoint in the visibility tables."""
         return self._rows[viewpoint_id]
+
+    @cached_property
+    def memory(self) -> dict[Any, Any]:
+        """What `nbv.geometric.landmarks` has drawn for this world; goes when the world goes."""
+        return {}
+
+    def reach_counts(self, t_m: float) -> NDArray[np.intp]:
+        """(S,) how many of each sample's listed neighbours, itself included, are nearer than ``t_m``."""
+        if t_m not in self._reach_counts:
+            self._reach_counts[t_m] = (self.sample_distances_m < t_m).sum(axis=1)
+        return self._reach_counts[t_m]
+
+    @cached_property
+    def _reach_counts(self) -> dict[float, NDArray[np.intp]]:
+        return {}
+
+    @cached_property
+    def neighbours_by_rank(self) -> NDArray[np.intp]:
+        """(K, S) `sample_neighbours`: every sample's nearest (itself), every sample's second nearest, ..."""
+        return np.ascontiguousarray(self.sample_neighbours.T, dtype=np.intp)
 
     @cached_property
     def _rows(self) -> dict[str, int]:

@@ -20,17 +20,23 @@ BORDER_M = 1e-5  # single precision errs by some 1e-6 m at 5 m
 
 def look_at_many(positions_m: Floats, target_m: Floats) -> Floats:
     """(C, 4, 4) `nbv.frames.look_at` for every position at once."""
-    forward = target_m - positions_m
-    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
-    right = np.stack([forward[:, 1], -forward[:, 0], np.zeros(len(forward))], axis=1)  # forward x up
-    length = np.linalg.norm(right, axis=1, keepdims=True)
+    forward = (target_m - positions_m).T.copy()
+    fx, fy, fz = forward
+    forward /= np.sqrt(fx * fx + fy * fy + fz * fz)
+    length = np.sqrt(fy * fy + fx * fx)
     if (length < 1e-9).any():  # straight above or below: look_at's convention
         return np.stack([look_at(p, target_m) for p in positions_m])
-    right /= length
-    rotation = np.stack([right, np.cross(forward, right), forward], axis=1)  # (C, 3, 3)
-    poses = np.tile(np.eye(4), (len(forward), 1, 1))
+    rx, ry = fy / length, -fx / length  # forward x up; level
+    rotation = np.zeros((len(positions_m), 3, 3))  # rows: right, forward x right, forward
+    for (row, column), value in {
+        (0, 0): rx, (0, 1): ry, (1, 0): -(fz * ry), (1, 1): fz * rx, (1, 2): fx * ry - fy * rx,
+        (2, 0): fx, (2, 1): fy, (2, 2): fz,
+    }.items():  # fmt: skip
+        rotation[:, row, column] = value
+    poses = np.zeros((len(positions_m), 4, 4))
     poses[:, :3, :3] = rotation
     poses[:, :3, 3] = -(rotation @ positions_m[:, :, None])[:, :, 0]
+    poses[:, 3, 3] = 1.0
     return poses
 
 

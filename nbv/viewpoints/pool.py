@@ -110,12 +110,13 @@ def candidate_pool(
     keep = filters.diverse(positions, keep, pool.max_candidates)
     counts["diversity"] = len(keep)
 
+    chosen = keep.tolist()
     return CandidatePool(
-        ids=tuple(raw[i].id for i in keep),
+        ids=tuple([raw[i].id for i in chosen]),
         positions_m=positions[keep],
         headings_rad=heading_to(positions[keep], target),
         azimuths_deg=azimuths[keep],
         elevations_deg=elevations[keep],
-        bands=tuple(raw[i].band for i in keep),
+        bands=tuple([raw[i].band for i in chosen]),
         counts=counts,
     )

@@ -16,6 +16,10 @@ def random_views(seed, n_views, n_landmarks):
     return directions, rng.random((n_views, n_landmarks)) < 0.7, np.cos(rng.uniform(0.2, 1.2, n_landmarks))
 
 
+def add(tracks, directions, detected):
+    return tracks.add(np.flatnonzero(detected), directions[detected])
+
+
 def grouped(tracks, min_views, names):
     landmark, offsets, views = tracks.points(min_views)
     found = [
@@ -32,7 +36,7 @@ def test_tracks_are_the_connected_components_of_matches(seed, n_views, n_landmar
     directions, detected, limit = random_views(seed, n_views, n_landmarks)
     tracks = Tracks(limit, n_views)
     for v in range(n_views):
-        tracks.add(directions[v], detected[v])
+        add(tracks, directions[v], detected[v])
     expected = set()
     for landmark in range(n_landmarks):
         views = np.flatnonzero(detected[:, landmark])
@@ -50,9 +54,9 @@ def test_the_order_of_views_does_not_matter(seed, order):
     directions, detected, limit = random_views(seed, 7, 10)
     forward, shuffled = Tracks(limit, 7), Tracks(limit, 7)
     for v in range(7):
-        forward.add(directions[v], detected[v])
+        add(forward, directions[v], detected[v])
     for v in order:
-        shuffled.add(directions[v], detected[v])
+        add(shuffled, directions[v], detected[v])
     assert grouped(forward, 2, range(7)) == grouped(shuffled, 2, order)
 
 
@@ -60,18 +64,32 @@ def test_matches_counts_landmarks_that_join():
     toward = np.tile([0.0, 0.0, 1.0], (3, 1))
     away = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     tracks = Tracks(np.full(3, np.cos(0.5)), 2)
-    assert tracks.add(toward, np.array([True, True, False])) == 0
-    assert tracks.add(away, np.array([True, True, True])) == 1  # the second looks different, the third is new
+    assert add(tracks, toward, np.array([True, True, False])) == 0
+    # The second landmark looks different from there, the third is new.
+    assert add(tracks, away, np.array([True, True, True])) == 1
 
 
 def test_a_copy_goes_its_own_way():
     directions, detected, limit = random_views(3, 4, 6)
     tracks = Tracks(limit, 2)
     for v in range(2):
-        tracks.add(directions[v], detected[v])
+        add(tracks, directions[v], detected[v])
     before = grouped(tracks, 2, range(4))
     other = tracks.copy(4)
     for v in (2, 3):
-        other.add(directions[v], detected[v])
+        add(other, directions[v], detected[v])
     assert grouped(tracks, 2, range(4)) == before
     assert other.n_views == 4
+
+
+def test_a_view_that_is_dropped_leaves_its_place_to_the_next():
+    directions, detected, limit = random_views(5, 4, 8)
+    tracks, without = Tracks(limit, 4), Tracks(limit, 4)
+    far = -directions[0]  # joins nothing
+    add(tracks, directions[0], detected[0])
+    add(tracks, far, np.ones(8, dtype=bool))
+    tracks.drop_last()
+    add(without, directions[0], detected[0])
+    for v in (1, 2):
+        assert add(tracks, directions[v], detected[v]) == add(without, directions[v], detected[v])
+    assert grouped(tracks, 2, range(4)) == grouped(without, 2, range(4))

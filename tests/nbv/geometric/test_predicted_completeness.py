@@ -3,7 +3,6 @@
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -13,6 +12,7 @@ from nbv.dense.stereo import choose_neighbours
 from nbv.frames import look_at
 from nbv.geometric.completeness import (
     DenseModel,
+    best_so_far,
     pairwise_angles_deg,
     reconstruction_probability,
     stereo_partners,
@@ -102,7 +102,12 @@ def test_what_no_view_sees_is_never_reconstructed():
 def test_reach_takes_the_best_neighbour_within_the_threshold():
     neighbours = np.array([[0, 1, 2], [1, 0, 2], [2, 1, 0]])
     distance = np.array([[0, 0.02, 0.06], [0, 0.02, 0.04], [0, 0.04, 0.06]])
-    chance = np.array([0.1, 0.5, 0.9])
-    assert within_reach(chance, neighbours, distance, 0.01) == pytest.approx([0.1, 0.5, 0.9])
-    assert within_reach(chance, neighbours, distance, 0.03) == pytest.approx([0.5, 0.5, 0.9])
-    assert within_reach(chance, neighbours, distance, 0.05) == pytest.approx([0.5, 0.9, 0.9])
+    best = best_so_far(np.array([0.1, 0.5, 0.9]), neighbours.T)
+
+    def reached(t_m):
+        return within_reach(best, (distance < t_m).sum(axis=1)).tolist()
+
+    assert reached(0.01) == [0.1, 0.5, 0.9]
+    assert reached(0.03) == [0.5, 0.5, 0.9]
+    assert reached(0.05) == [0.5, 0.9, 0.9]
+    assert reached(0.0) == [0.0, 0.0, 0.0]

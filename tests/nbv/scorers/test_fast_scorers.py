@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from nbv.config import MissionConfig
 from nbv.scorers import rank_candidates, shared_terms
 from nbv.scorers import scorer as scorer_module
-from nbv.scorers.b_aware import repair, weakness
+from nbv.scorers.b_aware import percentiles, repair, weakness
+from nbv.scorers.covis import co_visibility
 from nbv.scorers.repair_single import precision, repair_single
 
 sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
@@ -86,6 +87,21 @@ def test_a_candidate_on_a_point_and_points_without_observations_are_no_trouble_i
     assert np.isfinite(single).all()
     np.testing.assert_allclose(single[others], double[others], rtol=0, atol=precision(5.0, 25.0))
     assert abs(single[3] - double[3]) <= weak[7] / weak.sum() + precision(5.0, 25.0)
+
+
+@settings(max_examples=50, deadline=None)
+@given(seed=st.integers(0, 10_000), n=st.integers(1, 400), percent=st.floats(0.0, 100.0))
+def test_percentiles_are_numpys_to_the_bit(seed: int, n: int, percent: float) -> None:
+    values = np.random.default_rng(seed).gamma(2.0, 0.5, n)
+    expected = np.percentile(values, [percent, 95.0])
+    assert percentiles(values, (percent, 95.0)) == expected.tolist()
+
+
+@pytest.mark.parametrize("n_points", [1, 254, 255, 256, 510, 511, 2_000])
+def test_co_visibility_counts_any_number_of_points(n_points: int) -> None:
+    visible = np.random.default_rng(n_points).random((n_points, 7)) < 0.9
+    visible[:, 0], visible[:, 1] = True, False
+    np.testing.assert_array_equal(co_visibility(visible), visible.mean(axis=0))
 
 
 def test_near_ties_are_settled_in_double_precision(monkeypatch: pytest.MonkeyPatch) -> None:
