@@ -6,7 +6,8 @@
 Every (sampler, seed) is a campaign of its own in ``--out``, begun at the paper's values, recommended by the same rule
 (the product's: best posterior mean among what was flown). The recommendations then fly on the same training rocks
 with replicates that no campaign has seen; a seed's value is the mean over them. Held-out rocks are not used. Finished
-missions are not flown again.
+missions are not flown again. ``--after 16 24`` also judges what would have been recommended after so many missions of
+the samplers named by ``--looked-into`` (default: the first one).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from tuner.campaign import SETTINGS_FILE, Campaign, CampaignSettings
 from tuner.commands.campaign import QUICK_ROCKS, refuse_held_out
@@ -57,6 +59,19 @@ def directory_name(sampler: str, seed: int) -> str:
     return f"{sampler.replace('+', '-').replace(':', '-')}-{seed}"
 
 
+def name_after(sampler: str, seed: int, missions: int) -> str:
+    """Of the recommendation after the first ``missions`` of a campaign."""
+    return f"{directory_name(sampler, seed)}-after-{missions}"
+
+
+def recommended_after(found: Campaign, missions: int) -> MissionConfig:
+    """What the campaign would have recommended after its first ``missions``."""
+    result = found.recommend_from([o for o in found.history() if o.number < missions])
+    if result is None:
+        raise SystemExit(f"{found.directory}: none of the first {missions} missions succeeded")
+    return found.settings.config(result.values)
+
+
 def interval_text(values: Sequence[float]) -> str:
     """Mean with its 95 % t-interval."""
     mean = float(np.mean(values))
@@ -77,9 +92,12 @@ def main() -> None:
     parser.add_argument("--space", default="gate_weights_and_pool")
     parser.add_argument("--rock", action="append", help="training rock; default: those of make tune")
     parser.add_argument("--judges", type=int, default=4, help="fresh replicates per rock")
+    parser.add_argument("--after", nargs="+", type=int, default=[], help="missions")
+    parser.add_argument("--looked-into", nargs="+", help="samplers")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs/samplers"))
     arguments = parser.parse_args()
+    looked_into = arguments.looked_into or arguments.sampler[:1]
     try:
         rocks = tuple(rock_arguments(arguments.rock or QUICK_ROCKS))
         refuse_held_out(rocks)
@@ -88,6 +106,9 @@ def main() -> None:
             for sampler in arguments.sampler:
                 flown = campaign(arguments, rocks, sampler, seed)
                 configs[directory_name(sampler, seed)] = flown.recommended_config()
+                if sampler in looked_into:
+                    for missions in arguments.after:
+                        configs[name_after(sampler, seed, missions)] = recommended_after(flown, missions)
                 configs.setdefault("default", flown.settings.config(flown.settings.default_values()))
                 print(f"{sampler} {seed} flown", flush=True)
     except UserError as error:
@@ -119,6 +140,18 @@ def main() -> None:
         seeds = ", ".join(f"{v:.2f}" for v in own)
         print(f"| {sampler} | {seeds} | {np.mean(own):.2f} | {interval_text(gains)} | {against} |")
     print(f"| paper's values | {value('default'):.2f} | | | |")
+    if not arguments.after:
+        return
+    finals = {s: [value(directory_name(s, k)) for k in range(arguments.seeds)] for s in arguments.sampler}
+    print("\n| sampler | after missions | seeds | mean | "
+          + " | ".join(f"minus {s}'s last" for s in arguments.sampler) + " |")  # fmt: skip
+    print("|---|---:|---|---:|" + "---:|" * len(arguments.sampler))
+    for sampler in looked_into:
+        for missions in arguments.after:
+            own = [value(name_after(sampler, seed, missions)) for seed in range(arguments.seeds)]
+            behind = [interval_text([a - b for a, b in zip(own, last)]) for last in finals.values()]
+            seeds = ", ".join(f"{v:.2f}" for v in own)
+            print(f"| {sampler} | {missions} | {seeds} | {np.mean(own):.2f} | {' | '.join(behind)} |")
 
 
 if __name__ == "__main__":
