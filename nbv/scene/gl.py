@@ -11,6 +11,7 @@ import os
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nbv.errors import UserError
 from nbv.scene.bake import GROUND_TINT, Scene
@@ -64,6 +65,10 @@ class GLRenderer:
             np.where(depth > 0, depth, np.float32(np.inf)),
             rgba[..., 3] >= 128,
         )
+
+    def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
+        """See ``Renderer.rgb``; depth comes with it here."""
+        return self.render(camera_from_world).rgb
 
     def close(self) -> None:
         """Give the GL context back."""

@@ -43,5 +43,5 @@ def photograph(
     config: SceneConfig,
 ) -> NDArray[np.uint8]:
     """(H, W, 3) RGB with sensor noise; a function of its arguments alone."""
-    clean = renderer.render(camera_from_world).rgb
+    clean = renderer.rgb(camera_from_world)
     return add_sensor_noise(clean, config, noise_rng(rock.sha256, replicate, viewpoint_id))

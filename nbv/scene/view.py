@@ -32,6 +32,10 @@ class Renderer(Protocol):
         """
         ...
 
+    def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
+        """The picture (H, W, 3) of ``render`` alone, where the rest is not needed."""
+        ...
+
     def close(self) -> None:
         """Give back what the operating system lent (a GL context); rendering afterwards is a mistake."""
         ...

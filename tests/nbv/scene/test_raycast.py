@@ -194,3 +194,9 @@ def test_features_are_found_on_rock_and_ground(ball):
     on_rock = [view.rock_mask[int(p.pt[1]), int(p.pt[0])] for p in points]
     assert sum(on_rock) > 150
     assert len(on_rock) - sum(on_rock) > 400
+
+
+def test_the_picture_alone_is_the_picture_of_the_whole_view(raycast):
+    for azimuth_deg in (0, 130):
+        pose = look_at(orbit(azimuth_deg, 25), CENTRE)
+        assert np.array_equal(raycast.rgb(pose), raycast.render(pose).rgb)
