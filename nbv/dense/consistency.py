@@ -91,32 +91,42 @@ def _check(
     agreeing = np.ones(len(depth), dtype=np.uint8)
     total = depth.copy()
     height, width = depth_m.shape
+    whole = np.float32 if height * width < 2**24 else np.float64  # exact for all indices of pixels
     inverse_rotation = pose[:3, :3].T
     for other_depth, other_pose in witnesses:
         rotation64 = other_pose[:3, :3] @ inverse_rotation
         translation64 = other_pose[:3, 3] - rotation64 @ pose[:3, 3]
         rotation, translation = rotation64.astype(np.float32), translation64.astype(np.float32)[:, None]
-        seen = rotation @ points + translation
+        seen = rotation @ points
+        seen += translation
         z = np.maximum(seen[2], np.float32(1e-6))
         column = np.rint(seen[0] / z * focal + cx)
         row = np.rint(seen[1] / z * focal + cy)
         inside = (column >= 0) & (column < width) & (row >= 0) & (row < height) & (seen[2] > 0)
-        index = np.flatnonzero(inside)
-        measured = other_depth[row[index].astype(np.intp), column[index].astype(np.intp)]
+        # Where all pixels project into the witness, as is usual, nothing needs to be picked out.
+        index = None if inside.all() else np.flatnonzero(inside)
+        pixel = row.astype(whole) * width + column
+        z, pixel = _picked(z, index), _picked(pixel, index)
+        measured = other_depth.reshape(-1).take(pixel.astype(np.intp))
         # NaN compares false, so unknown depths drop out here.
-        close = np.abs(measured - z[index]) < config.consistency_relative_depth * z[index]
-        index, measured = index[close], measured[close]
+        close = np.flatnonzero(np.abs(measured - z) < config.consistency_relative_depth * z)
+        measured, z = measured.take(close), z.take(close)
+        index = close if index is None else index.take(close)
         # The witness's point on the same ray, back in the reference.
-        back = rotation.T @ (seen[:, index] * (measured / z[index]) - translation)
-        du = back[0] / back[2] * focal + cx - u[index]
-        dv = back[1] / back[2] * focal + cy - v[index]
-        near = du * du + dv * dv < np.float32(config.consistency_px**2)
-        index = index[near]
+        back = rotation.T @ (seen.take(index, axis=1) * (measured / z) - translation)
+        du = back[0] / back[2] * focal + cx - u.take(index)
+        dv = back[1] / back[2] * focal + cy - v.take(index)
+        near = np.flatnonzero(du * du + dv * dv < np.float32(config.consistency_px**2))
+        index = index.take(near)
         agreeing[index] += 1
-        total[index] += back[2][near]
+        total[index] += back[2].take(near)
     keep = agreeing >= config.agreeing_views
     out = np.full_like(depth_m, np.nan)
     out[rows[keep], columns[keep]] = total[keep] / agreeing[keep]
     counts = np.zeros(depth_m.shape, dtype=np.uint8)
     counts[rows, columns] = agreeing
     return ConsistentDepth(out, counts)
+
+
+def _picked(values: Floats32, index: NDArray[np.intp] | None) -> Floats32:
+    return values if index is None else values.take(index)

@@ -36,9 +36,7 @@ class RaycastRenderer:
         self._caster = raycasting_scene(scene.vertices_m, scene.faces)
         self._k = intrinsic_matrix(scene.camera)
         self._mips = _with_far_mips(scene)
-        self._face_radiance = scene.vertex_radiance[
-            scene.faces
-        ]  # (F, 3, 3) by face and corner: one look-up a ray
+        self._face_radiance = scene.vertex_radiance[scene.faces]  # (F, 3, 3): one look-up a ray, not four
         self._ground_mean = np.float32(scene.ground_mean_radiance * 65535.0)
         low, high = scene.vertices_m.min(0), scene.vertices_m.max(0)
         self._corners = np.array(
