@@ -147,7 +147,7 @@ class CampaignSettings:
 
     def _check_options(self) -> None:
         asked = {
-            "a risk measure, prior or sparse model": not self.gp.is_default,
+            "a risk measure, prior, sparse or fully Bayesian model": not self.gp.is_default,
             "a second objective": self.second is not None,
             "a low fidelity": self.low_fidelity is not None,
             "stopping when settled": self.stop_when_settled,

@@ -19,18 +19,23 @@ class GPOptions:
     Raises
     ------
     UserError
-        An unknown risk measure or a negative strength.
+        An unknown risk measure, a negative strength, or options that exclude one another.
     """
 
     risk: Risk = "mean"  # over the training rocks: mean, mean of the worse half, worst
     prior_strength: float = 0.0  # missions for which the belief in the default configuration leads; 0: none
     sparse: bool = False  # expect most parameters to be without effect
+    fully_bayesian: bool = False  # average over hyperparameters; with ``sparse``: SAAS
 
     def __post_init__(self) -> None:
         if self.risk not in RISKS:
             raise UserError(f"unknown risk measure {self.risk!r}; there are {', '.join(RISKS)}")
         if not self.prior_strength >= 0:
             raise UserError(f"the prior's strength is {self.prior_strength:g}; give 0 or more missions")
+        if self.fully_bayesian and self.risk != "mean":
+            raise UserError(
+                f"risk {self.risk} is not averaged over hyperparameters; leave out --fully-bayesian"
+            )
 
     @property
     def is_default(self) -> bool:

@@ -26,6 +26,8 @@ _SQRT5 = math.sqrt(5.0)
 MIN_NOISE_VARIANCE = 1e-4
 MIN_LENGTHSCALE = 2.5e-2
 NOISE = "log_noise_variance"
+TAU_SCALE = 0.1
+TAU_GRID = tuple(float(tau) for tau in np.logspace(-4, 1, 31))
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,17 @@ class InverseSquareHalfCauchy:
         ratio = np.exp(-4 * log_value) / self.tau**2
         value = -2 * log_value - math.log(self.tau) - np.log1p(ratio)
         return float(value.sum()), -2 + 4 * ratio / (1 + ratio)
+
+
+def draw_tau(log_lengths: Floats, rng: np.random.Generator) -> InverseSquareHalfCauchy:
+    """The sparse prior with tau drawn given the length scales, tau ~ HalfCauchy(0.1) on a logarithmic grid."""
+    log_weights = [
+        math.log(tau) - math.log1p((tau / TAU_SCALE) ** 2)
+        + InverseSquareHalfCauchy(tau).log_density(log_lengths)[0]
+        for tau in TAU_GRID
+    ]  # fmt: skip
+    weights = np.exp(np.array(log_weights) - max(log_weights))
+    return InverseSquareHalfCauchy(float(rng.choice(TAU_GRID, p=weights / weights.sum())))
 
 
 Prior = LogNormal | InverseSquareHalfCauchy
@@ -152,14 +165,19 @@ class Hyperparameters:
         """``count`` draws by Hamiltonian Monte Carlo over the logarithms, from ``begin`` on.
 
         Steps are scaled by the curvature at the beginning. Bounds reflect nothing: a trajectory that leaves them
-        is refused.
+        is refused. A sparse prior's tau is drawn in turn with the rest (Gibbs), and left at its last draw.
         """
         rng = np.random.default_rng(seed)
+        lengths = self.slices["log_lengthscale"]
+        sparse = isinstance(self._priors["log_lengthscale"], InverseSquareHalfCauchy)
         at = begin.position.copy()
         value, gradient = self.log_density(at, over_logarithms=True)
         scale = self._scales(at)
         step, draws = 0.35, []
         for turn in range(_WARM_UP + count * _THINNING):
+            if sparse and lengths.stop > lengths.start:
+                self._priors = {**self._priors, "log_lengthscale": draw_tau(at[lengths], rng)}
+                value, gradient = self.log_density(at, over_logarithms=True)
             momentum = rng.standard_normal(len(at))
             energy = value - 0.5 * momentum @ momentum
             new, new_value, new_gradient = at.copy(), value, gradient

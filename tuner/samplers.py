@@ -73,7 +73,11 @@ def surrogate_settings(options: GPOptions) -> SurrogateSettings:
 
     if options.risk != "mean":  # risk is about what rocks do not share; not averaged over hyperparameters
         return SurrogateSettings(deviations=True, sparse=options.sparse)
-    return SurrogateSettings(sparse=options.sparse)
+    members = FULLY_BAYESIAN_MEMBERS if options.fully_bayesian else 0
+    return SurrogateSettings(sparse=options.sparse, members=members)
+
+
+FULLY_BAYESIAN_MEMBERS = 16  # draws of the hyperparameters
 
 
 def initial_design_size(dimension: int, budget: int) -> int:

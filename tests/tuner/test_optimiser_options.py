@@ -16,12 +16,13 @@ from tuner.campaign import Campaign, CampaignSettings
 from tuner.executors import InProcessExecutor
 from tuner.gp_options import GPOptions
 from tuner.history import Observation
+from tuner.map_fit import TAU_GRID, draw_tau
 from tuner.objective import Objective
 from tuner.pareto import flown_in_both, pareto_front, propose_for_front, two_models
 from tuner.report.campaign_facts import CampaignFacts
-from tuner.samplers import GPSampler
+from tuner.samplers import GPSampler, surrogate_settings
 from tuner.screening import Screen, screen
-from tuner.search_space import Values
+from tuner.search_space import Values, space_from_dict
 from tuner.stopping import expected_gain_left, settled
 from tuner.surrogate import RockMeanGP, SurrogateSettings
 
@@ -109,6 +110,48 @@ def test_sparse_model_switches_parameters_off() -> None:
         first, second = model.lengthscales.values()
         ratio[sparse] = second / first
     assert ratio[True] > 10 and ratio[True] > ratio[False]
+
+
+def test_tau_is_drawn_from_its_conditional_distribution() -> None:
+    """Against the density written out: HalfCauchy(0.1) on tau times that of each inverse squared length."""
+    log_lengths = np.log([0.4, 3.0, 8.0])
+    taus = np.array(TAU_GRID)
+    inverse_squares = np.exp(-2 * log_lengths)[:, None]
+    density = np.prod(1 / (taus * (1 + (inverse_squares / taus) ** 2)), axis=0) / (1 + (taus / 0.1) ** 2)
+    expected = density * taus / (density * taus).sum()  # per step of the logarithmic grid
+    rng = np.random.default_rng(0)
+    drawn = [draw_tau(log_lengths, rng).tau for _ in range(4000)]
+    found = np.array([drawn.count(tau) for tau in TAU_GRID]) / len(drawn)
+    np.testing.assert_allclose(found, expected, atol=0.02)
+
+
+def test_fully_bayesian_sparse_model_switches_parameters_off_and_flies_a_campaign(tmp_path: Path) -> None:
+    """Four parameters of which the first matters: the draws know it, and differ where the data leave room."""
+    rng = np.random.default_rng(2)
+    names = [f"covis.weights.{w}" for w in ("nov", "move", "ang", "main")]
+    space = space_from_dict(
+        {"name": "four", "parameters": {name: {"low": 0.0, "high": 2.0} for name in names}}, "here"
+    )
+    history = []
+    for i in range(24):
+        u = rng.random(4)
+        y = math.sin(6 * u[0]) + 0.05 * rng.normal()
+        history.append(Observation(i, space.from_unit(u), "r0", 0, y, y))
+    model = RockMeanGP(
+        space, history, ("r0",), 0, surrogate_settings(GPOptions(sparse=True, fully_bayesian=True))
+    )
+    draws = model.model.covar_module.log_lengthscale.detach().numpy().reshape(-1, 4)
+    assert len(draws) == 16 and (draws[:, 1:].min(axis=1) > draws[:, 0] + 1).mean() > 0.9
+    assert draws[:, 1].std() > 0.3
+    grid = [space.from_unit([u, 0.5, 0.5, 0.5]) for u in np.linspace(0, 1, 9)]
+    truth = np.sin(6 * np.linspace(0, 1, 9))
+    belief = model.posterior(grid)
+    assert np.all(np.abs(belief.mean - truth) < 3 * belief.sd + 0.1)
+
+    campaign = run(tmp_path / "run", budget=8, gp=GPOptions(sparse=True, fully_bayesian=True))
+    assert campaign.status().finished == 8
+    again = Campaign.open(tmp_path / "run")
+    assert again.settings.gp.fully_bayesian and again.recommendation() is not None
 
 
 def test_averaging_over_hyperparameters_widens_what_little_data_say() -> None:
@@ -258,6 +301,8 @@ def test_campaign_stops_when_settled_and_says_so(tmp_path: Path) -> None:
     ("changes", "message"),
     [
         ({"sampler": "tpe", "gp": GPOptions(sparse=True)}, "needs sampler gp, not tpe"),
+        ({"sampler": "tpe", "gp": GPOptions(fully_bayesian=True)}, "fully Bayesian model needs sampler gp"),
+        ({"second": Objective("costs.images"), "gp": GPOptions(fully_bayesian=True)}, "cannot be combined"),
         ({"rocks": ("a",), "gp": GPOptions(risk="worst")}, "name at least two"),
         ({"low_fidelity": "no.such:runner"}, "cannot be imported"),
         ({"stop_when_settled": True, "confirmation": 0.3}, "needs its budget"),
@@ -269,6 +314,8 @@ def test_options_that_make_no_sense_are_refused(changes: dict[str, object], mess
         settings(**changes)
     with pytest.raises(UserError, match="unknown risk measure 'bad'; there are mean, cvar, worst"):
         GPOptions(risk="bad")  # type: ignore[arg-type]
+    with pytest.raises(UserError, match="risk worst is not averaged over hyperparameters"):
+        GPOptions(risk="worst", fully_bayesian=True)
 
 
 def test_default_sampler_is_untouched_by_options() -> None:

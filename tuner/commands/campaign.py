@@ -76,6 +76,13 @@ def run(
     sparse: Annotated[
         bool, typer.Option("--sparse", help="Expect most parameters to be without effect (SAAS prior).")
     ] = False,
+    fully_bayesian: Annotated[
+        bool,
+        typer.Option(
+            "--fully-bayesian",
+            help="Average over the model's hyperparameters, drawn by Monte Carlo; with --sparse: SAAS.",
+        ),
+    ] = False,
     low_fidelity: Annotated[
         str | None, typer.Option(help="Screen with cheap missions first: geometric.")
     ] = None,
@@ -136,7 +143,7 @@ def run(
         keep=keep,  # type: ignore[arg-type]
         storage=storage,
         confirmation=confirm,
-        gp=GPOptions(risk, prior, sparse),  # type: ignore[arg-type]
+        gp=GPOptions(risk, prior, sparse, fully_bayesian),  # type: ignore[arg-type]
         second=Objective(second_metric, "minimise" if second_minimise else "maximise")
         if second_metric
         else None,

@@ -10,7 +10,7 @@ from nbv.frames import look_at
 
 CAMERA = CameraConfig(width_px=32, height_px=24, focal_px=40.0)
 CONFIG = DenseConfig(
-    agreeing_views=2, consistency_views=3, consistency_relative_depth=0.05, consistency_px=1.5
+    agreeing_views=2, consistency_views=3, consistency_relative_depth=0.05, consistency_px=0.35
 )
 TARGET = np.array([0.0, 0.0, 0.8])
 
