@@ -117,7 +117,7 @@ def _check(
         du = back[0] / back[2] * focal + cx - u.take(index)
         dv = back[1] / back[2] * focal + cy - v.take(index)
         near = np.flatnonzero(du * du + dv * dv < np.float32(config.consistency_px**2))
-        index = index[:len(near)]
+        index = index.take(near)
         agreeing[index] += 1
         total[index] += back[2].take(near)
     keep = agreeing >= config.agreeing_views
