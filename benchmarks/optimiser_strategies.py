@@ -295,6 +295,7 @@ STRATEGIES: dict[str, Factory] = {
     "gp+sparse": gp_variant(sparse=True),
     "gp+sparse8": gp_variant(sparse=True, members=8),
     "gp+long": gp_variant(length_median=1.0, length_spread=1.2),
+    "gp+long4": gp_variant(length_median=1.2),  # four times the default's
     "gp+deviations": gp_variant(deviations=True),
 }
 

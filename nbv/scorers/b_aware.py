@@ -12,6 +12,7 @@ from nbv.neighbours import neighbour_distances
 from nbv.types import Floats, Ints
 
 BLOCK = 128  # points at a time: a block's (BLOCK, C) arrays stay in the processor's cache
+BLOCK_PAIRS = BLOCK * 160  # of few candidates several blocks at a time, or the calls take longer than the work
 
 
 def percentiles(values: Floats, percents: Sequence[float]) -> list[float]:
@@ -64,7 +65,7 @@ def weakness(
 
 
 def _observations_by_block(
-    order: Ints, lengths: Ints, track_offsets: Ints, track_cameras: Ints
+    order: Ints, lengths: Ints, track_offsets: Ints, track_cameras: Ints, block: int
 ) -> tuple[Ints, Ints, list[list[int]]]:
     """Observations sorted by (block of points, rank within the track), so that each group is a slice.
 
@@ -74,8 +75,8 @@ def _observations_by_block(
     sizes = []
     firsts = []
     points = []
-    for start in range(0, len(order), BLOCK):
-        rows = order[start : start + BLOCK]
+    for start in range(0, len(order), block):
+        rows = order[start : start + block]
         n_rays = lengths[rows]
         longest = int(n_rays[0])
         # Points with more than j rays, for j = 0, 1, ...: a prefix, since the longest come first.
@@ -103,11 +104,12 @@ def _gain_blocks(
     low, high = np.deg2rad(theta_low_deg), np.deg2rad(theta_saturation_deg)
     cos_low, cos_high = np.cos(low), np.cos(high)
     lengths = np.diff(track_offsets)
+    size = BLOCK * max(1, BLOCK_PAIRS // (BLOCK * max(1, n_candidates)))
 
     # Longest tracks first: within a block, the points that have a j-th ray are then a prefix, and
     # (p - c) . ray = ray . p - ray . c for all candidates is one small matrix product.
     order = np.argsort(-lengths, kind="stable")
-    point, camera, sizes = _observations_by_block(order, lengths, track_offsets, track_cameras)
+    point, camera, sizes = _observations_by_block(order, lengths, track_offsets, track_cameras, size)
     rays = np.empty((len(point), 4))  # unit ray, ray . p
     position = points_m[point]
     np.subtract(position, camera_centers_m[camera], out=rays[:, :3])
@@ -117,10 +119,10 @@ def _gain_blocks(
     for_distance = np.concatenate([-2.0 * candidates_m.T, np.ones((1, n_candidates)),
                                    (candidates_m**2).sum(axis=1)[None]])  # fmt: skip
 
-    product, best = np.empty((BLOCK, n_candidates)), np.empty((BLOCK, n_candidates))
+    product, best = np.empty((2, min(size, len(order)), n_candidates))
     at = 0
     for block, counts in enumerate(sizes):
-        rows = order[block * BLOCK : (block + 1) * BLOCK]
+        rows = order[block * size : (block + 1) * size]
         nearest = best[: len(rows)]  # becomes |p - c| cos(angle to the nearest ray)
         observed = counts[0] if counts else 0
         nearest[observed:] = -np.inf
@@ -192,5 +194,6 @@ def repair(
         theta_low_deg, theta_saturation_deg,
     ):  # fmt: skip
         gain *= visible[rows]
-        mass += weak[rows] @ gain
+        for start in range(0, len(rows), BLOCK):  # summed in the same order, however many come at a time
+            mass += weak[rows[start : start + BLOCK]] @ gain[start : start + BLOCK]
     return np.maximum(mass, 0.0) / max(float(weak.sum()), 1e-8)
