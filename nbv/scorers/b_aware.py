@@ -12,7 +12,8 @@ from nbv.neighbours import neighbour_distances
 from nbv.types import Floats, Ints
 
 BLOCK = 128  # points at a time: a block's (BLOCK, C) arrays stay in the processor's cache
-BLOCK_PAIRS = BLOCK * 160  # of few candidates several blocks at a time, or the calls take longer than the work
+# Of few candidates several blocks at a time, or the calls take longer than the work.
+BLOCK_PAIRS = BLOCK * 160
 
 
 def percentiles(values: Floats, percents: Sequence[float]) -> list[float]:
