@@ -112,9 +112,12 @@ def _gain_blocks(
     order = np.argsort(-lengths, kind="stable")
     point, camera, sizes = _observations_by_block(order, lengths, track_offsets, track_cameras, size)
     rays = np.empty((len(point), 4))  # unit ray, ray . p
-    position = points_m[point]
-    np.subtract(position, camera_centers_m[camera], out=rays[:, :3])
-    rays[:, :3] /= np.sqrt(np.einsum("ij,ij->i", rays[:, :3], rays[:, :3]))[:, None]
+    position = points_m.take(point, axis=0)
+    for axis in range(3):  # several times faster than rows of three
+        np.subtract(position[:, axis], camera_centers_m[:, axis].take(camera), out=rays[:, axis])
+    length = np.sqrt(np.einsum("ij,ij->i", rays[:, :3], rays[:, :3]))
+    for axis in range(3):
+        rays[:, axis] /= length
     np.einsum("ij,ij->i", rays[:, :3], position, out=rays[:, 3])
     minus_c = np.concatenate([-candidates_m.T, np.ones((1, n_candidates))])  # (4, C)
     for_distance = np.concatenate([-2.0 * candidates_m.T, np.ones((1, n_candidates)),
