@@ -39,7 +39,9 @@ from optimiser_problems import ROCKS, Problem, make_problem  # noqa: E402
 from optimiser_strategies import STRATEGIES, applicable  # noqa: E402
 
 from tuner.campaign import next_slot  # noqa: E402
+from tuner.gp_options import GPOptions  # noqa: E402
 from tuner.history import Observation, Proposal  # noqa: E402
+from tuner.samplers import surrogate_settings  # noqa: E402
 from tuner.search_space import Values  # noqa: E402
 from tuner.surrogate import RockMeanGP  # noqa: E402
 
@@ -60,8 +62,9 @@ def complete(path: Path) -> bool:
 
 
 def surrogate(problem: Problem, history: Sequence[Observation], seed: int, strategy: object) -> RockMeanGP:
-    """Our GP, with the strategy's settings where it has some."""
-    settings, screen = getattr(strategy, "model", None), getattr(strategy, "screen", None)
+    """Our GP, with the strategy's settings where it has some, else the product's."""
+    settings = getattr(strategy, "model", None) or surrogate_settings(GPOptions(), problem.space)
+    screen = getattr(strategy, "screen", None)
     return RockMeanGP(problem.space, history, problem.rocks, seed, settings, screen)
 
 

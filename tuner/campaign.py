@@ -491,7 +491,7 @@ class Campaign:
             return []
         from tuner.pareto import flown_in_both, two_models
 
-        models = two_models(s.space, history, s.rocks, s.seed, surrogate_settings(s.gp))
+        models = two_models(s.space, history, s.rocks, s.seed, surrogate_settings(s.gp, s.space))
         return flown_in_both(models, (s.objective, s.second))
 
     def front(self, *, save: bool = True) -> list[FrontPoint]:
@@ -543,7 +543,13 @@ class Campaign:
 
             s = self.settings
             found = check_ahead(
-                s.space, history, s.rocks, s.initial_size(), s.seed, surrogate_settings(s.gp), self.screen
+                s.space,
+                history,
+                s.rocks,
+                s.initial_size(),
+                s.seed,
+                surrogate_settings(s.gp, s.space),
+                self.screen,
             )
             result = dataclasses.replace(result, ahead_of_search=found.to_dict() if found else None)
         if result is not None and save:
@@ -555,7 +561,7 @@ class Campaign:
         s = self.settings
         return recommend(
             s.space, history, s.rocks, s.default_values(), s.objective, s.seed,
-            confirmed=range(s.search_budget, s.budget), settings=surrogate_settings(s.gp), risk=s.gp.risk,
+            confirmed=range(s.search_budget, s.budget), settings=surrogate_settings(s.gp, s.space), risk=s.gp.risk,
             screen=self.screen,
         )  # fmt: skip
 
@@ -569,7 +575,9 @@ class Campaign:
         from tuner.surrogate import RockMeanGP
 
         s = self.settings
-        return RockMeanGP(s.space, history, rocks or s.rocks, s.seed, surrogate_settings(s.gp), self.screen)
+        return RockMeanGP(
+            s.space, history, rocks or s.rocks, s.seed, surrogate_settings(s.gp, s.space), self.screen
+        )
 
     def confirmation_plan(self) -> list[Proposal]:
         """The missions of the confirmation stage, a function of the search missions alone.

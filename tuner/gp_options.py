@@ -24,7 +24,7 @@ class GPOptions:
 
     risk: Risk = "mean"  # over the training rocks: mean, mean of the worse half, worst
     prior_strength: float = 0.0  # missions for which the belief in the default configuration leads; 0: none
-    sparse: bool = False  # expect most parameters to be without effect
+    sparse: bool | None = None  # expect most parameters to be without effect; None: where there are many
     fully_bayesian: bool = False  # average over hyperparameters; with ``sparse``: SAAS
 
     def __post_init__(self) -> None:

@@ -64,19 +64,23 @@ class SamplerSettings:
 
     def surrogate(self) -> SurrogateSettings:
         """What sampler gp and the recommendation model."""
-        return surrogate_settings(self.options)
+        return surrogate_settings(self.options, self.space)
 
 
-def surrogate_settings(options: GPOptions) -> SurrogateSettings:
-    """The surrogate that goes with a user's options."""
+def surrogate_settings(options: GPOptions, space: SearchSpace) -> SurrogateSettings:
+    """The surrogate that goes with a user's options on a search space."""
     from tuner.surrogate import SurrogateSettings
 
+    sparse = space.dimension >= SPARSE_DIMENSION if options.sparse is None else options.sparse
     if options.risk != "mean":  # risk is about what rocks do not share; not averaged over hyperparameters
-        return SurrogateSettings(deviations=True, sparse=options.sparse)
+        return SurrogateSettings(deviations=True, sparse=sparse)
     members = FULLY_BAYESIAN_MEMBERS if options.fully_bayesian else 0
-    return SurrogateSettings(sparse=options.sparse, members=members)
+    return SurrogateSettings(sparse=sparse, members=members)
 
 
+# With so many parameters most of them do next to nothing, and a campaign's budget tells only under that assumption
+# which ones do (docs/results/optimiser_ablation.md, "Many parameters").
+SPARSE_DIMENSION = 13
 FULLY_BAYESIAN_MEMBERS = 16  # draws of the hyperparameters
 
 

@@ -22,7 +22,7 @@ from tuner.pareto import flown_in_both, pareto_front, propose_for_front, two_mod
 from tuner.report.campaign_facts import CampaignFacts
 from tuner.samplers import GPSampler, surrogate_settings
 from tuner.screening import Screen, screen
-from tuner.search_space import Values, space_from_dict
+from tuner.search_space import Values, load_search_space, space_from_dict
 from tuner.stopping import expected_gain_left, settled
 from tuner.surrogate import RockMeanGP, SurrogateSettings
 
@@ -112,6 +112,16 @@ def test_sparse_model_switches_parameters_off() -> None:
     assert ratio[True] > 10 and ratio[True] > ratio[False]
 
 
+@pytest.mark.parametrize(
+    ("space", "sparse"), [("gate_and_weights", False), ("beyond_paper", False), ("full", True)]
+)
+def test_many_parameters_are_expected_to_be_mostly_without_effect(space: str, sparse: bool) -> None:
+    shipped = load_search_space(space)
+    assert surrogate_settings(GPOptions(), shipped).sparse is sparse
+    for asked in (True, False):
+        assert surrogate_settings(GPOptions(sparse=asked), shipped).sparse is asked
+
+
 def test_tau_is_drawn_from_its_conditional_distribution() -> None:
     """Against the density written out: HalfCauchy(0.1) on tau times that of each inverse squared length."""
     log_lengths = np.log([0.4, 3.0, 8.0])
@@ -138,7 +148,7 @@ def test_fully_bayesian_sparse_model_switches_parameters_off_and_flies_a_campaig
         y = math.sin(6 * u[0]) + 0.05 * rng.normal()
         history.append(Observation(i, space.from_unit(u), "r0", 0, y, y))
     model = RockMeanGP(
-        space, history, ("r0",), 0, surrogate_settings(GPOptions(sparse=True, fully_bayesian=True))
+        space, history, ("r0",), 0, surrogate_settings(GPOptions(sparse=True, fully_bayesian=True), space)
     )
     draws = model.model.covar_module.log_lengthscale.detach().numpy().reshape(-1, 4)
     assert len(draws) == 16 and (draws[:, 1:].min(axis=1) > draws[:, 0] + 1).mean() > 0.9

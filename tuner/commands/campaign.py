@@ -74,8 +74,9 @@ def run(
         typer.Option(help="Missions for which the belief in the paper's values leads the search; 0: none."),
     ] = 0.0,
     sparse: Annotated[
-        bool, typer.Option("--sparse", help="Expect most parameters to be without effect (SAAS prior).")
-    ] = False,
+        bool | None,
+        typer.Option(help="Expect most parameters to be without effect (SAAS prior; default: from 13 on)."),
+    ] = None,
     fully_bayesian: Annotated[
         bool,
         typer.Option(
