@@ -599,17 +599,36 @@ class Campaign:
     def recommended_config(self) -> MissionConfig:
         """The recommendation as a complete mission configuration.
 
+        What the campaign ended with stands, so that an evaluation goes on after an upgrade of this program whose
+        surrogate would choose another one; it is made anew where missions have come since.
+
         Raises
         ------
         UserError
             No mission has succeeded yet.
         """
-        result = self.recommendation(save=False)
-        if result is None:
-            raise UserError(
-                f"{self.directory} has no successful mission yet; run or resume the campaign first"
-            )
-        return self.settings.config(result.values)
+        values = self._saved_recommendation()
+        if values is None:
+            result = self.recommendation(save=False)
+            if result is None:
+                raise UserError(
+                    f"{self.directory} has no successful mission yet; run or resume the campaign first"
+                )
+            values = result.values
+        return self.settings.config(values)
+
+    def _saved_recommendation(self) -> dict[str, Any] | None:
+        """The values saved after exactly the missions there are; None without such a file."""
+        history = self.history()
+        failures = sum(not o.feasible for o in history)
+        try:
+            saved = json.loads((self.directory / RECOMMENDATION_FILE).read_text())
+            counted = (saved["observations"], saved["failures"])
+            values = dict(saved["values"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+        known = set(values) == {p.path for p in self.settings.space.parameters}
+        return values if known and counted == (len(history) - failures, failures) else None
 
     # -- flying ----------------------------------------------------------------------------------------------
 

@@ -387,3 +387,17 @@ def test_minimised_objective(tmp_path: Path) -> None:
     worst = max(fake_missions.truth(campaign.settings.config(t.values)) for t in campaign.trials())
     assert fake_missions.truth(campaign.settings.config(result.values)) < worst / 2
     assert result.mean < result.default_mean and result.improvement > 0
+
+
+def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -> None:
+    """An upgraded surrogate may prefer another configuration; an evaluation under way must not change its mind."""
+    campaign = run(tmp_path / "run", budget=6)
+    path = tmp_path / "run" / "recommendation.json"
+    saved = json.loads(path.read_text())
+    other = next(t.values for t in campaign.trials() if t.values != saved["values"])
+    path.write_text(json.dumps({**saved, "values": other}))
+    assert Campaign.open(tmp_path / "run").recommended_config() == campaign.settings.config(other)
+    for stale in ({**saved, "values": other, "observations": 5}, {**saved, "values": {}}, [], None):
+        path.write_text(json.dumps(stale) if stale is not None else "{")
+        found = Campaign.open(tmp_path / "run").recommended_config()
+        assert found == campaign.settings.config(saved["values"])
