@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table
 
 from tuner.baselines import label as strategy_label
@@ -14,6 +15,8 @@ from tuner.report.campaign_facts import verdict
 from tuner.report.labels import MISSING, format_number, interval_methods
 from tuner.statistics import Interval, PairedDifference
 
+# Of the terminal's columns: "– the rocks’ own floor (mm)" and "410.8 ± 115.8" with their borders.
+_METRIC_WIDTH, _STRATEGY_WIDTH = 30, 16
 FLOOR_NOTE = (
     "The rocks’ own floor is what a reconstruction without error or omission would get: surface that no reachable camera "
     "sees, and what is cut away with the ground, keep a distance from every cloud."
@@ -222,56 +225,89 @@ def _equals(p: str) -> str:
     return p if p.startswith("<") else f"= {p}"
 
 
+@dataclass(frozen=True)
+class InBlocks:
+    """A table for the terminal with a column per strategy, as several below one another where it is too wide.
+
+    ``build`` makes the table of some of the strategies.
+    """
+
+    strategies: Sequence[str]
+    title: str
+    caption: str
+    build: Callable[[Sequence[str]], Table]
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        together = max(1, (options.max_width - _METRIC_WIDTH) // _STRATEGY_WIDTH)
+        for start in range(0, len(self.strategies), together):
+            block = self.build(self.strategies[start : start + together])
+            block.title = self.title if start == 0 else None
+            block.caption = self.caption if start + together >= len(self.strategies) else None
+            yield block
+
+
 def comparison_terminal_table(
     table: ComparisonTable, *, title: str = "Dense cloud against ground truth", paper: bool = False
-) -> Table:
+) -> InBlocks:
     """The table for the terminal; the paper's own value stands below ours."""
-    out = Table(title=title, caption="mean over rocks ± 95 % interval; best mean in bold")
-    out.add_column("metric", no_wrap=True)
-    for name in table.strategies:
-        out.add_column(strategy_label(name), justify="right")
-    for group, rows in _groups(table):
-        out.add_row(f"[italic]{group}[/]", *([""] * len(table.strategies)))
-        for row in rows:
-            texts = []
-            for name in table.strategies:
-                value = cell(row, name)
-                text = f"[bold]{value.text}[/]" if value.best else value.text
-                texts.append(f"{text}\n[dim]paper {value.paper}[/]" if paper and value.paper else text)
-            out.add_row(row_name(row.metric), *texts)
-            if row.floor is not None:
-                own = [f"[dim]{floor_text(row)}[/]"] * len(table.strategies)
-                out.add_row(f"[dim]{floor_name(row)}[/]", *own)
-        out.add_section()
-    counts = []
-    for name in table.strategies:
-        failed = f" [red]+ {table.failures[name]} failed[/]" if table.failures[name] else ""
-        counts.append(f"{table.missions[name]}{failed}")
-    out.add_row("missions", *counts)
-    return out
+
+    def build(strategies: Sequence[str]) -> Table:
+        out = _terminal_table(strategies)
+        for group, rows in _groups(table):
+            out.add_row(f"[italic]{group}[/]", *([""] * len(strategies)))
+            for row in rows:
+                texts = []
+                for name in strategies:
+                    value = cell(row, name)
+                    text = f"[bold]{value.text}[/]" if value.best else value.text
+                    texts.append(f"{text}\n[dim]paper {value.paper}[/]" if paper and value.paper else text)
+                out.add_row(row_name(row.metric), *texts)
+                if row.floor is not None:
+                    own = [f"[dim]{floor_text(row)}[/]"] * len(strategies)
+                    out.add_row(f"[dim]{floor_name(row)}[/]", *own)
+            out.add_section()
+        counts = []
+        for name in strategies:
+            failed = f" [red]+ {table.failures[name]} failed[/]" if table.failures[name] else ""
+            counts.append(f"{table.missions[name]}{failed}")
+        out.add_row("missions", *counts)
+        return out
+
+    return InBlocks(table.strategies, title, "mean over rocks ± 95 % interval; best mean in bold", build)
 
 
-def difference_terminal_table(table: ComparisonTable) -> Table | None:
+def difference_terminal_table(table: ComparisonTable) -> InBlocks | None:
     """Paired differences for the terminal; None without a reference or without another strategy."""
     others = [name for name in table.strategies if name != table.reference]
     if table.reference is None or not others:
         return None
-    out = Table(
-        title=f"Paired differences against {strategy_label(table.reference)}",
-        caption="95 % interval; green better, red worse, plain: no difference detected",
-    )
-    out.add_column("metric", no_wrap=True)
-    for name in others:
-        out.add_column(strategy_label(name), justify="right")
     colours = {"better": "green", "worse": "red"}
-    for row in table.rows:
-        texts = []
-        for name in others:
-            d = difference_cell(row, name)
-            if d is None:
-                texts.append(MISSING)
-                continue
-            text = f"{d.difference}\n{d.interval}"
-            texts.append(f"[{colours[d.verdict]}]{text}[/]" if d.verdict in colours else text)
-        out.add_row(full_row_name(row.metric), *texts)
+
+    def build(strategies: Sequence[str]) -> Table:
+        out = _terminal_table(strategies)
+        for row in table.rows:
+            texts = []
+            for name in strategies:
+                d = difference_cell(row, name)
+                if d is None:
+                    texts.append(MISSING)
+                    continue
+                text = f"{d.difference}\n{d.interval}"
+                texts.append(f"[{colours[d.verdict]}]{text}[/]" if d.verdict in colours else text)
+            out.add_row(full_row_name(row.metric), *texts)
+        return out
+
+    return InBlocks(
+        others,
+        f"Paired differences against {strategy_label(table.reference)}",
+        "95 % interval; green better, red worse, plain: no difference detected",
+        build,
+    )
+
+
+def _terminal_table(strategies: Sequence[str]) -> Table:
+    out = Table()
+    out.add_column("metric", no_wrap=True)
+    for name in strategies:
+        out.add_column(strategy_label(name), justify="right")
     return out

@@ -17,6 +17,7 @@ from tuner.report import write_comparison_report
 from tuner.report.comparison_report import comparison_context
 from tuner.report.comparison_tables import (
     PAPER_NOT_COMPARABLE,
+    cell,
     comparison_markdown,
     comparison_terminal_table,
     difference_cell,
@@ -117,6 +118,34 @@ def test_terminal_tables() -> None:
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert "paper 535.1" in text and "11 + 1 failed" in text and "F-score @ 80 mm ↑ (%)" in text
     assert difference_terminal_table(comparison_table(run.records, ("covis",))) is None
+
+
+def test_terminal_tables_of_many_strategies_keep_their_numbers_on_80_columns() -> None:
+    names = (
+        "tuned",
+        "novelty-only",
+        "covis",
+        "b-aware",
+        "hyb-h",
+        "hyb-o",
+        "learned",
+        "uniform-coverage",
+        "random",
+    )
+    run = made_run({name: 60.0 + 1.5 * i for i, name in enumerate(names)}, noise=0.5)
+    table = comparison_table(run.records, names, "hyb-h")
+    differences = difference_terminal_table(table)
+    assert differences is not None
+    console = Console(file=io.StringIO(), width=80)
+    console.print(comparison_terminal_table(table), differences)
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "…" not in text and max(map(len, text.splitlines())) <= 80
+    f_score = table.rows[5]
+    for name in names:
+        assert cell(f_score, name).text in text
+        found = difference_cell(f_score, name)
+        assert found is None or (found.difference in text and found.interval in text), name
+    assert text.count("Paired differences against") == 1 == text.count("green better")
 
 
 def test_page_and_markdown_file(tmp_path: Path) -> None:
