@@ -68,7 +68,7 @@ from tuner.session import exclusive, stop_signals
 if TYPE_CHECKING:
     from tuner.pareto import FrontPoint
     from tuner.screening import Screen
-    from tuner.surrogate import RockMeanGP
+    from tuner.surrogate import RockMeanGP, SurrogateSettings
 
 SETTINGS_FILE = "campaign.yaml"
 RECOMMENDATION_FILE = "recommendation.json"
@@ -204,6 +204,10 @@ class CampaignSettings:
             self.gp, screen, self.second is not None, self.stop_when_settled,
         )  # fmt: skip
         return make_sampler(self.sampler, settings)
+
+    def surrogate(self) -> SurrogateSettings:
+        """What sampler gp, the recommendation and the report model."""
+        return surrogate_settings(self.gp, self.space)
 
     def to_dict(self) -> dict[str, Any]:
         """YAML form."""
@@ -491,7 +495,7 @@ class Campaign:
             return []
         from tuner.pareto import flown_in_both, two_models
 
-        models = two_models(s.space, history, s.rocks, s.seed, surrogate_settings(s.gp, s.space))
+        models = two_models(s.space, history, s.rocks, s.seed, s.surrogate())
         return flown_in_both(models, (s.objective, s.second))
 
     def front(self, *, save: bool = True) -> list[FrontPoint]:
@@ -543,13 +547,7 @@ class Campaign:
 
             s = self.settings
             found = check_ahead(
-                s.space,
-                history,
-                s.rocks,
-                s.initial_size(),
-                s.seed,
-                surrogate_settings(s.gp, s.space),
-                self.screen,
+                s.space, history, s.rocks, s.initial_size(), s.seed, s.surrogate(), self.screen
             )
             result = dataclasses.replace(result, ahead_of_search=found.to_dict() if found else None)
         if result is not None and save:
@@ -561,7 +559,7 @@ class Campaign:
         s = self.settings
         return recommend(
             s.space, history, s.rocks, s.default_values(), s.objective, s.seed,
-            confirmed=range(s.search_budget, s.budget), settings=surrogate_settings(s.gp, s.space), risk=s.gp.risk,
+            confirmed=range(s.search_budget, s.budget), settings=s.surrogate(), risk=s.gp.risk,
             screen=self.screen,
         )  # fmt: skip
 
@@ -575,9 +573,7 @@ class Campaign:
         from tuner.surrogate import RockMeanGP
 
         s = self.settings
-        return RockMeanGP(
-            s.space, history, rocks or s.rocks, s.seed, surrogate_settings(s.gp, s.space), self.screen
-        )
+        return RockMeanGP(s.space, history, rocks or s.rocks, s.seed, s.surrogate(), self.screen)
 
     def confirmation_plan(self) -> list[Proposal]:
         """The missions of the confirmation stage, a function of the search missions alone.

@@ -38,13 +38,22 @@ class FeatureModel:
 
 
 @dataclass(frozen=True)
+class Draw:
+    """What the landmarks of a world depend on."""
+
+    count: int  # L: the world's first so many
+    features: FeatureModel
+    max_pair_angle_deg: float
+    rock_sha256: str
+    replicate: int
+
+
+@dataclass(frozen=True)
 class Landmarks:
     """The draws of one (rock, replicate) for the world's first L landmarks, and what its viewpoints detect."""
 
     world: GeometricWorld
-    features: FeatureModel
-    rock_sha256: str
-    replicate: int
+    draw: Draw
     quality: Floats  # (L,) chance of a detection face on
     cosine_limit: Floats  # (L,) of the angle between two lines of sight that still match
     grazing: Floats  # (L,) cosine of the incidence beyond which nothing is detected
@@ -70,42 +79,28 @@ class Landmarks:
         cosine = np.einsum("ij,ij->i", directions, world.landmark_normals[seen])
         grazing = self.grazing[seen]
         facing = np.clip((cosine - grazing) / (1.0 - grazing), 0.0, 1.0)
-        chance = self.quality[seen] * facing**self.features.incidence_power
-        draw = keyed_rng("geometric-detection", self.rock_sha256, self.replicate, viewpoint_id)
-        detected = draw.random(len(self.quality))[seen] < chance
+        chance = self.quality[seen] * facing**self.draw.features.incidence_power
+        rng = keyed_rng("geometric-detection", self.draw.rock_sha256, self.draw.replicate, viewpoint_id)
+        detected = rng.random(len(self.quality))[seen] < chance
         return seen[detected], directions[detected].astype(np.float32)
 
 
-def landmarks_of(
-    world: GeometricWorld,
-    n: int,
-    features: FeatureModel,
-    max_pair_angle_deg: float,
-    rock_sha256: str,
-    replicate: int,
-) -> Landmarks:
-    """The draws for the first ``n`` landmarks, made once per world."""
-    kept: dict[object, Landmarks] = world.memory
-    key = (n, features, max_pair_angle_deg, rock_sha256, replicate)
-    landmarks = kept.get(key)
+def landmarks_of(world: GeometricWorld, draw: Draw) -> Landmarks:
+    """The landmarks as drawn, made once per world."""
+    kept: dict[Draw, Landmarks] = world.memory
+    landmarks = kept.get(draw)
     if landmarks is None:
         while len(kept) >= _MAX_KEPT:
             kept.pop(next(iter(kept)))
-        landmarks = kept[key] = _draw(world, *key)
+        landmarks = kept[draw] = _drawn(world, draw)
     return landmarks
 
 
-def _draw(
-    world: GeometricWorld,
-    n: int,
-    features: FeatureModel,
-    max_pair_angle_deg: float,
-    rock_sha256: str,
-    replicate: int,
-) -> Landmarks:
-    rng = keyed_rng("geometric-landmarks", rock_sha256, replicate)
+def _drawn(world: GeometricWorld, draw: Draw) -> Landmarks:
+    n, features = draw.count, draw.features
+    rng = keyed_rng("geometric-landmarks", draw.rock_sha256, draw.replicate)
     strength, reach = rng.random((n, 2)).T  # row by row, so a landmark's draw does not depend on n
-    rng = keyed_rng("geometric-noise", rock_sha256, replicate)
+    rng = keyed_rng("geometric-noise", draw.rock_sha256, draw.replicate)
     noise = rng.standard_normal((n, 4))
     on_rock = np.arange(n) < world.n_rock
     # The ground's landmarks are a thinned lattice of its strongest features: all are worth something.
@@ -113,13 +108,11 @@ def _draw(
     contrast = world.landmark_contrast[:n]
     low = np.where(on_rock, features.rock_match_deg[0], features.ground_match_deg[0])
     high = np.where(on_rock, features.rock_match_deg[1], features.ground_match_deg[1])
-    limit_deg = np.minimum(low + (high - low) * reach**2, max_pair_angle_deg)
+    limit_deg = np.minimum(low + (high - low) * reach**2, draw.max_pair_angle_deg)
     far = np.arange(n) >= world.n_near
     return Landmarks(
         world=world,
-        features=features,
-        rock_sha256=rock_sha256,
-        replicate=replicate,
+        draw=draw,
         quality=np.minimum(rate, 1.0) * contrast / (contrast + features.half_contrast),
         cosine_limit=np.cos(np.deg2rad(limit_deg)),
         grazing=np.cos(np.deg2rad(np.where(far, features.far_max_incidence_deg, features.max_incidence_deg))),

@@ -10,7 +10,7 @@ import numpy as np
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.geometric.completeness import DenseModel, sample_probability
-from nbv.geometric.landmarks import FeatureModel, landmarks_of
+from nbv.geometric.landmarks import Draw, FeatureModel, landmarks_of
 from nbv.geometric.tracks import Tracks
 from nbv.geometric.world import GeometricWorld
 from nbv.types import Capture, Floats, PointCloud, SparseModel, UpdateReport
@@ -71,9 +71,8 @@ class GeometricReconstructor:
             rock_sha256, replicate, self._stand_in, self._n, config.target_m, config.camera,
             sparse.min_inliers, sparse.min_registered_seeds, sparse.max_pair_angle_deg,
         )  # fmt: skip
-        self._landmarks = landmarks_of(
-            world, self._n, self._stand_in.features, sparse.max_pair_angle_deg, rock_sha256, replicate
-        )
+        draw = Draw(self._n, self._stand_in.features, sparse.max_pair_angle_deg, rock_sha256, replicate)
+        self._landmarks = landmarks_of(world, draw)
         self._tracks: Tracks | None = None
         self._rows: list[int] = []  # of the registered captures, in the world's tables
         self._captures: list[Capture] = []  # registered

@@ -18,6 +18,7 @@ from nbv.scene.view import RenderedView, camera_position, grey_levels
 from nbv.types import Floats
 
 Floats32 = NDArray[np.float32]
+_Box = tuple[int, int, int, int]  # rows from, to, columns from, to
 
 GROUND_ROWS = 3  # sub-rows per pixel: towards the horizon a footprint is several times longer than wide
 ROCK_SUBSAMPLES = 2  # per axis
@@ -45,29 +46,30 @@ class RaycastRenderer:
 
     def render(self, camera_from_world: Floats) -> RenderedView:
         """See ``Renderer.render``."""
-        position = camera_position(camera_from_world)
-        matrix = np.asarray(camera_from_world, dtype=float)
-        rays = _PixelRays(matrix[:3, :3], self._k)
+        rays, position, box = self._look(camera_from_world)
         depth = self._ground_depth(rays, position)
         mask = np.zeros(depth.shape, dtype=bool)
-        box = self._rock_box(matrix)
         if box is not None:
             self._measure_rock(rays, position, box, depth, mask)
-        return RenderedView(self.rgb(camera_from_world), depth, mask)
+        return RenderedView(self._picture(rays, position, box), depth, mask)
 
     def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
         """See ``Renderer.rgb``."""
-        position = camera_position(camera_from_world)
-        matrix = np.asarray(camera_from_world, dtype=float)
-        rays = _PixelRays(matrix[:3, :3], self._k)
-        rgb = self._background(rays, position)
-        box = self._rock_box(matrix)
-        if box is not None:
-            self._draw_rock(rays, position, box, rgb)
-        return grey_levels(rgb)
+        return self._picture(*self._look(camera_from_world))
 
     def close(self) -> None:
         """Nothing to give back."""
+
+    def _look(self, camera_from_world: Floats) -> tuple[_PixelRays, Floats, _Box | None]:
+        """The pixels' rays, the camera's position, and the pixels that may show the rock."""
+        matrix = np.asarray(camera_from_world, dtype=float)
+        return _PixelRays(matrix[:3, :3], self._k), camera_position(camera_from_world), self._rock_box(matrix)
+
+    def _picture(self, rays: _PixelRays, position: Floats, box: _Box | None) -> NDArray[np.uint8]:
+        rgb = self._background(rays, position)
+        if box is not None:
+            self._draw_rock(rays, position, box, rgb)
+        return grey_levels(rgb)
 
     # ---------------------------------------------------------------- ground and sky
 
@@ -157,7 +159,7 @@ class RaycastRenderer:
 
     # ---------------------------------------------------------------- rock
 
-    def _rock_box(self, camera_from_world: Floats) -> tuple[int, int, int, int] | None:
+    def _rock_box(self, camera_from_world: Floats) -> _Box | None:
         """(r0, r1, c0, c1) around the rock's image; all of the image if the rock reaches behind the camera."""
         camera = self._scene.camera
         corners = self._corners @ camera_from_world[:3].T
@@ -177,7 +179,7 @@ class RaycastRenderer:
         self,
         rays: _PixelRays,
         position: Floats,
-        box: tuple[int, int, int, int],
+        box: _Box,
         depth: Floats32,
         mask: NDArray[np.bool_],
     ) -> None:
@@ -188,9 +190,7 @@ class RaycastRenderer:
         depth[r0:r1, c0:c1][nearer] = t[nearer]
         mask[r0:r1, c0:c1] = nearer
 
-    def _draw_rock(
-        self, rays: _PixelRays, position: Floats, box: tuple[int, int, int, int], rgb: Floats32
-    ) -> None:
+    def _draw_rock(self, rays: _PixelRays, position: Floats, box: _Box, rgb: Floats32) -> None:
         r0, r1, c0, c1 = box
         n = ROCK_SUBSAMPLES
         fine_rows = r0 + (np.arange((r1 - r0) * n) + 0.5) / n
