@@ -614,7 +614,7 @@ class Campaign:
         return self.settings.config(values)
 
     def _saved_recommendation(self) -> dict[str, Any] | None:
-        """The values saved after exactly the missions there are; None without such a file."""
+        """The values saved after exactly the missions there are, and flown by one of them; None without such a file."""
         history = self.history()
         failures = sum(not o.feasible for o in history)
         try:
@@ -623,8 +623,8 @@ class Campaign:
             values = dict(saved["values"])
         except (OSError, ValueError, KeyError, TypeError):
             return None
-        known = set(values) == {p.path for p in self.settings.space.parameters}
-        return values if known and counted == (len(history) - failures, failures) else None
+        flown = any(values == dict(o.values) for o in history)
+        return values if flown and counted == (len(history) - failures, failures) else None
 
     # -- flying ----------------------------------------------------------------------------------------------
 

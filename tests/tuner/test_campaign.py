@@ -397,7 +397,10 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
     other = next(t.values for t in campaign.trials() if t.values != saved["values"])
     path.write_text(json.dumps({**saved, "values": other}))
     assert Campaign.open(tmp_path / "run").recommended_config() == campaign.settings.config(other)
-    for stale in ({**saved, "values": other, "observations": 5}, {**saved, "values": {}}, [], None):
+    never_flown = {**other, "gate.d95_m": 1e9}
+    for stale in (
+        {**saved, "values": other, "observations": 5}, {**saved, "values": {}}, {**saved, "values": never_flown}, [], None,
+    ):  # fmt: skip
         path.write_text(json.dumps(stale) if stale is not None else "{")
         found = Campaign.open(tmp_path / "run").recommended_config()
         assert found == campaign.settings.config(saved["values"])
