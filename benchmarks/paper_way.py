@@ -143,7 +143,10 @@ def outcome(
     for image_id, name in zip(sorted(model.reg_image_ids()), names):
         fx, fy, cx, cy = model.image(image_id).camera.params
         images[name] = to_known_camera(by_name[name].image, (fx, fy, cx, cy), config)
-    checked, _ = check_depths(images, dict(zip(names, poses)), config.camera, config.target_m, config.dense)
+    points_m = alignment.world_from_model.apply(np.array([p.xyz for p in model.points3D.values()]))
+    checked, _ = check_depths(
+        images, dict(zip(names, poses)), config.camera, config.target_m, config.dense, None, points_m
+    )
     cloud = checked.fuse()
     dense_s = time.process_time() - started
     metrics = evaluate_cloud(cloud, rock, config).metrics["observable"]

@@ -24,7 +24,7 @@ import numpy as np
 import nbv
 from nbv.cache import Arrays, Store, digest
 from nbv.cached_stages import STAGE_VERSION, CachedSeedModel
-from nbv.config import MissionConfig
+from nbv.config import MissionConfig, canonical
 from nbv.errors import MissionFailure
 from nbv.evaluation import Evaluation, camera_shell, evaluate_cloud
 from nbv.evaluation.evaluate import clean_for_evaluation
@@ -73,6 +73,11 @@ class CachedSparse:
         """See `SparseReconstructor.world_camera_poses`."""
         self._catch_up()
         return self._sparse.world_camera_poses()
+
+    def world_points_m(self) -> Floats:
+        """See `SparseReconstructor.world_points_m`."""
+        self._catch_up()
+        return self._sparse.world_points_m()
 
     def export(self, path: Path) -> None:
         """See `SparseReconstructor.export`."""
@@ -167,7 +172,7 @@ class CachedClouds:
         dense = dataclasses.replace(config.dense, agreeing_views=level)
         key = digest(
             _stage_code("dense"), self._sparse.key, dataclasses.asdict(config.camera), list(config.target_m),
-            dataclasses.asdict(dense),
+            canonical(dense),
         )  # fmt: skip
         if (entry := self._store.get("clouds", key)) is not None:
             if "failure" in entry:

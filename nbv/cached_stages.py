@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.cache import Store, digest
-from nbv.config import CameraConfig, MissionConfig, SparseConfig
+from nbv.config import CameraConfig, MissionConfig, SparseConfig, canonical
 from nbv.provenance import versions
 from nbv.rocks import Rock
 from nbv.sparse.correspondences import ComputedCorrespondences
@@ -63,6 +63,10 @@ class CachedCorrespondences:
         common = [STAGE_VERSION, versions()["pycolmap"]]
         self._feature_options = [*common, config.max_features, config.first_octave, config.peak_threshold]
         self._pair_options = [*common, dataclasses.asdict(camera), config.match_ratio, config.min_inliers]
+        if (
+            config.min_ransac_trials != SparseConfig().min_ransac_trials
+        ):  # pairs kept before it existed stay valid
+            self._pair_options.append(config.min_ransac_trials)
         self._keys: dict[int, tuple[Features, str]] = {}  # holds the features, so that ids stay theirs
 
     def features(self, image: NDArray[np.uint8]) -> Features:
@@ -103,7 +107,7 @@ class CachedSeedModel:
         images = [capture.image for capture in captures if capture.image is not None]
         return digest(
             STAGE_VERSION, versions()["pycolmap"], dataclasses.asdict(self._sparse.camera),
-            dataclasses.asdict(self._sparse.config), self._sparse.target_m, [c.name for c in captures],
+            canonical(self._sparse.config), self._sparse.target_m, [c.name for c in captures],
             *(capture.camera_from_world for capture in captures), *images,
         )  # fmt: skip
 

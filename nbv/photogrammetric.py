@@ -82,6 +82,7 @@ class PhotogrammetricReconstructor:
     def _fuse(self, agreeing_views: int | None) -> PointCloud:
         if self._checked is None:
             poses = self._mapped().world_camera_poses()
+            points_m = self._mapped().world_points_m() if self._config.dense.search == "sparse" else None
             if not self._keep_sparse:
                 if isinstance(self._sparse, CachedSparse):
                     self._sparse.let_go()
@@ -89,7 +90,7 @@ class PhotogrammetricReconstructor:
                 give_back_freed_memory()
             images = {name: self._images[name] for name in poses}
             self._checked, self.dense_report = check_depths(
-                images, poses, self._config.camera, self._config.target_m, self._config.dense
+                images, poses, self._config.camera, self._config.target_m, self._config.dense, None, points_m
             )
             give_back_freed_memory()  # fusion, which comes next, needs the most of all stages
         return self._checked.fuse(agreeing_views)

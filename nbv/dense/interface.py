@@ -52,6 +52,7 @@ class DepthBackend(Protocol):
         camera: CameraConfig,
         target_m: tuple[float, float, float] | Floats,
         config: DenseConfig,
+        surface_m: Floats | None = None,
     ) -> dict[str, DepthMap]:
         """Depth maps of the views that have at least one usable neighbour, in sorted name order.
 
@@ -63,5 +64,8 @@ class DepthBackend(Protocol):
             (4, 4) rigid transforms for the same names, metres.
         target_m
             The point that the cameras aim at; depths are sought around it.
+        surface_m
+            (N, 3) points near which the surface lies, or ``None`` where nothing is known of it. A backend may leave
+            out the rest.
         """
         ...

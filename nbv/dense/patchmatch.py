@@ -49,10 +49,11 @@ class PatchMatchBackend:
         camera: CameraConfig,
         target_m: tuple[float, float, float] | Floats,
         config: DenseConfig,
+        surface_m: Floats | None = None,
     ) -> dict[str, DepthMap]:
         """See `nbv.dense.interface.DepthBackend`; every view is matched with ``consistency_views`` others.
 
-        Depths are sought within ``crop_half_width_m`` of the target, as in the SGBM backend.
+        Depths are sought within ``crop_half_width_m`` of the target, as in the SGBM backend without ``surface_m``.
         """
         target = np.asarray(target_m, dtype=float)
         poses = {name: camera_from_world[name] for name in sorted(images)}
@@ -62,6 +63,7 @@ class PatchMatchBackend:
             min_pair_angle_deg=config.min_pair_angle_deg,
             max_pair_angle_deg=config.max_pair_angle_deg,
             best_pair_angle_deg=config.best_pair_angle_deg,
+            min_baseline_angle_deg=config.min_baseline_angle_deg,
         )
         sources = {name: choose_neighbours(name, poses, target, wide) for name in poses}
         sources = {name: chosen for name, chosen in sources.items() if chosen}

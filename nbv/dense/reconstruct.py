@@ -13,6 +13,7 @@ from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.consistency import ConsistentDepth, check_consistency
 from nbv.dense.fusion import fuse
 from nbv.dense.interface import DenseReport, DepthBackend, Floats32, Image
+from nbv.dense.surface import points_to_search
 from nbv.errors import MissionFailure, UserError
 from nbv.types import Floats, PointCloud
 
@@ -90,6 +91,7 @@ def reconstruct_dense(
     target_m: tuple[float, float, float] | Floats,
     config: DenseConfig,
     backend: DepthBackend | None = None,
+    sparse_points_m: Floats | None = None,
 ) -> tuple[PointCloud, DenseReport]:
     """Dense point cloud from images with known poses: ``check_depths``, then ``CheckedDepths.fuse``.
 
@@ -98,7 +100,9 @@ def reconstruct_dense(
     cloud, report
         Points in the world frame with colours and normals; timings and pixel counts.
     """
-    checked, report = check_depths(images, camera_from_world, camera, target_m, config, backend)
+    checked, report = check_depths(
+        images, camera_from_world, camera, target_m, config, backend, sparse_points_m
+    )
     started = time.perf_counter()
     cloud = checked.fuse()
     timings_s = {**report.timings_s, "fusion": time.perf_counter() - started}
@@ -112,6 +116,7 @@ def check_depths(
     target_m: tuple[float, float, float] | Floats,
     config: DenseConfig,
     backend: DepthBackend | None = None,
+    sparse_points_m: Floats | None = None,
 ) -> tuple[CheckedDepths, DenseReport]:
     """Depth maps from images with known poses, checked against each other.
 
@@ -123,6 +128,8 @@ def check_depths(
         (4, 4) rigid transforms by name, metres; poses without an image are left out.
     backend
         Default: the one that ``config.backend`` names.
+    sparse_points_m
+        (N, 3) points of the sparse model, world frame; with ``config.search`` "sparse" depths are sought near these.
 
     Returns
     -------
@@ -135,6 +142,8 @@ def check_depths(
         ``too_few_views``: fewer than two views, or no two within the pair angles.
     UserError
         The backend needs CUDA; an image has another size than the camera.
+    ValueError
+        ``config.search`` is "sparse" and there are no ``sparse_points_m``.
     """
     names = sorted(set(images) & set(camera_from_world))
     if len(names) < 2:
@@ -150,7 +159,12 @@ def check_depths(
     backend = backend or make_backend(config.backend)
 
     marks = [time.perf_counter()]
-    maps = backend.depth_maps(photos, poses, camera, target_m, config)
+    surface_m = None
+    if config.search == "sparse":
+        if sparse_points_m is None:
+            raise ValueError('dense.search "sparse" needs the points of the sparse model')
+        surface_m = points_to_search(sparse_points_m, target_m, config)
+    maps = backend.depth_maps(photos, poses, camera, target_m, config, surface_m)
     if not maps:
         raise MissionFailure(
             "too_few_views",

@@ -24,6 +24,7 @@ class SgbmBackend:
         camera: CameraConfig,
         target_m: tuple[float, float, float] | Floats,
         config: DenseConfig,
+        surface_m: Floats | None = None,
     ) -> dict[str, DepthMap]:
         """See `nbv.dense.interface.DepthBackend`."""
         cv2.setNumThreads(1)
@@ -35,6 +36,6 @@ class SgbmBackend:
             if chosen:
                 pairs = [(grey[other], poses[other]) for other in chosen]
                 maps[name] = DepthMap(
-                    estimate_depth(grey[name], poses[name], pairs, camera, target_m, config)
+                    estimate_depth(grey[name], poses[name], pairs, camera, target_m, config, surface_m)
                 )
         return maps

@@ -25,6 +25,8 @@ MERGE_RELATIVE_DEPTH = 0.01  # neighbours' depths within 1 % of each other are o
 _BLOCK_PX = 3  # 5 loses 0.5 to 1.2 points of F-score at 16 mm (15016, 24 + 8 views)
 _MIN_DEPTH_M = 0.3
 _MAX_INTERPOLATION_JUMP_PX = 1.0  # beyond this between adjacent disparities there is an edge
+SEARCH_MARGIN_M = 0.15  # from the points of the sparse model to where depths are still sought
+_SMALLEST_WINDOW_PX = 16  # SGBM needs more than a block
 
 
 def pixel_matrix(camera: CameraConfig) -> Floats:
@@ -56,7 +58,8 @@ def choose_neighbours(
 
     Usable views lie between ``min_pair_angle_deg`` and ``max_pair_angle_deg`` away as seen from the
     target; the best angle is ``best_pair_angle_deg``, and a factor off it costs the same either way
-    (too narrow: imprecise; too wide: different looks). Ties are broken by name.
+    (too narrow: imprecise; too wide: different looks). Ties are broken by name. A view less than
+    ``min_baseline_angle_deg`` off the line to the target, in front or behind, is not usable.
     """
     target = np.asarray(target_m, dtype=float)
     center = camera_center_m(camera_from_world[reference])
@@ -64,10 +67,23 @@ def choose_neighbours(
     for name in sorted(camera_from_world):
         if name == reference:
             continue
-        angle = viewing_angle_deg(center, camera_center_m(camera_from_world[name]), target)
+        other = camera_center_m(camera_from_world[name])
+        angle = viewing_angle_deg(center, other, target)
         if config.min_pair_angle_deg <= angle <= config.max_pair_angle_deg:
-            scored.append((abs(np.log(angle / config.best_pair_angle_deg)), name))
-    return [name for _, name in sorted(scored)[: config.neighbours]]
+            scored.append((abs(np.log(angle / config.best_pair_angle_deg)), name, other))
+    chosen: list[str] = []
+    for _, name, other in sorted(scored, key=lambda entry: entry[:2]):
+        if len(chosen) == config.neighbours:
+            break
+        if baseline_angle_deg(center, other, target) >= config.min_baseline_angle_deg:
+            chosen.append(name)
+    return chosen
+
+
+def baseline_angle_deg(center_a_m: Floats, center_b_m: Floats, target_m: Floats) -> float:
+    """Angle, 0 to 90, between the line through two cameras and the line from their midpoint to the target."""
+    baseline, gaze = center_b_m - center_a_m, target_m - (center_a_m + center_b_m) / 2
+    return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(baseline, gaze)), abs(baseline @ gaze))))
 
 
 def estimate_depth(
@@ -77,6 +93,7 @@ def estimate_depth(
     camera: CameraConfig,
     target_m: tuple[float, float, float] | Floats,
     config: DenseConfig,
+    surface_m: Floats | None = None,
 ) -> Floats32:
     """Depth map (H, W) of one view, metres, NaN where unknown.
 
@@ -86,6 +103,9 @@ def estimate_depth(
         The reference view.
     neighbours
         Images and poses to match it with, best first.
+    surface_m
+        (N, 3) points near which the surface lies (see `nbv.dense.surface.points_to_search`); ``None``: it may lie
+        anywhere in the crop.
     """
     roi = target_window(camera_from_world, camera, target_m, config)
     depth = np.full((camera.height_px, camera.width_px), np.nan, dtype=np.float32)
@@ -93,7 +113,7 @@ def estimate_depth(
         return depth
     grey = _grey(image)
     estimates = [
-        pair_depth(grey, camera_from_world, _grey(other), pose, camera, target_m, config, roi)
+        pair_depth(grey, camera_from_world, _grey(other), pose, camera, target_m, config, roi, surface_m)
         for other, pose in neighbours
     ]
     x0, y0, x1, y1 = roi
@@ -127,8 +147,13 @@ def pair_depth(
     target_m: tuple[float, float, float] | Floats,
     config: DenseConfig,
     roi: tuple[int, int, int, int],
+    surface_m: Floats | None = None,
 ) -> Floats32:
-    """Depth of the reference's window ``roi`` from one rectified pair, NaN where unknown."""
+    """Depth of the reference's window ``roi`` from one rectified pair, NaN where unknown.
+
+    With ``surface_m`` (N, 3) only the part of the rectified images and the disparities around these points are
+    matched: `SEARCH_MARGIN_M` beyond them.
+    """
     x0, y0, x1, y1 = roi
     unknown = np.full((y1 - y0, x1 - x0), np.nan, dtype=np.float32)
     target = np.asarray(target_m, dtype=float)
@@ -147,18 +172,34 @@ def pair_depth(
 
     focal = camera.focal_px
     half = round(focal * config.crop_half_width_m / target_depth)
+    left, top, right, bottom = -half, -half, half, half  # of the crop; the target is at (0, 0)
+    if surface_m is not None:
+        points = (surface_m - center) @ rectified_from_world.T
+        points = points[points[:, 2] > nearest]
+        if len(points) == 0:
+            return unknown
+        nearest = max(nearest, float(points[:, 2].min()) - SEARCH_MARGIN_M)
+        farthest = min(farthest, float(points[:, 2].max()) + SEARCH_MARGIN_M)
+        x_target, y_target, _ = rectified_from_world @ (target - center) / target_depth
+        columns = focal * (points[:, 0] / points[:, 2] - x_target)
+        rows = focal * (points[:, 1] / points[:, 2] - y_target)
+        margin = focal * SEARCH_MARGIN_M / target_depth
+        left, right = max(left, int(columns.min() - margin)), min(right, int(columns.max() + margin) + 1)
+        top, bottom = max(top, int(rows.min() - margin)), min(bottom, int(rows.max() + margin) + 1)
+        if right - left < _SMALLEST_WINDOW_PX or bottom - top < _SMALLEST_WINDOW_PX or nearest >= farthest:
+            return unknown
     scale = focal * baseline
     lowest = int(np.floor(scale * (1 / farthest - 1 / target_depth)))
     highest = int(np.ceil(scale * (1 / nearest - 1 / target_depth)))
     count = 16 * int(np.ceil((highest - lowest + 1) / 16))
     # SGBM gives no disparity where the partner may fall outside; real image content is padded there.
-    left_pad, right_pad = lowest + count, -lowest
-    width, height = 2 * half + left_pad + right_pad, 2 * half
+    left_pad, right_pad = max(lowest + count, 0), max(-lowest, 0)
+    width, height = right - left + left_pad + right_pad, bottom - top
 
     def rectified_matrix(camera_center: Floats) -> Floats:
         x, y, z = rectified_from_world @ (target - camera_center)
         return np.array(
-            [[focal, 0, left_pad + half - focal * x / z], [0, focal, half - focal * y / z], [0, 0, 1]]
+            [[focal, 0, left_pad - left - focal * x / z], [0, focal, -top - focal * y / z], [0, 0, 1]]
         )
 
     matrix = pixel_matrix(camera)

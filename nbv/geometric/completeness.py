@@ -51,7 +51,8 @@ def pairwise_angles_deg(directions: Floats) -> Floats:
 def stereo_partners(angle_deg: Floats, dense: DenseConfig) -> tuple[NDArray[np.intp], Mask]:
     """(V, K) each view's partners, best first, and which of them are within the pair angles.
 
-    As `nbv.dense.stereo.choose_neighbours` has it.
+    As `nbv.dense.stereo.choose_neighbours` has it, but for ``min_baseline_angle_deg``: directions do not tell which
+    view is in front. With 40 degrees (preset ``paper``) that concerns 2 to 6 pairs in a hundred.
     """
     off_best = np.abs(np.log(np.maximum(angle_deg, 1e-9) / dense.best_pair_angle_deg))
     usable = (angle_deg >= dense.min_pair_angle_deg) & (angle_deg <= dense.max_pair_angle_deg)

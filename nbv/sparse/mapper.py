@@ -25,7 +25,6 @@ from nbv.sparse.timing import StageTimer
 _SEED = 0
 _MAX_INITIAL_PAIRS = 3  # seed models tried before giving up
 _BOOTSTRAP_GROWTH = 1.25  # global adjustment each time the seed model has grown by this factor
-_LOCAL_REFINEMENTS = 2
 _GLOBAL_REFINEMENTS = 3
 _LOCAL_CHANGE = 1e-3  # a refinement stops once fewer observations than this fraction change
 _GLOBAL_CHANGE = 5e-4
@@ -50,6 +49,7 @@ def mapping_options(config: SparseConfig) -> pycolmap.IncrementalPipelineOptions
     options.mapper.constant_cameras = {CAMERA_ID}
     options.mapper.abs_pose_refine_focal_length = False
     options.mapper.abs_pose_refine_extra_params = False
+    options.mapper.ba_local_num_images = config.local_ba_images
     options.min_num_matches = config.min_inliers
     # COLMAP iterates to the last bit by default; one part in a million of the cost is far below the noise.
     options.ba_global_function_tolerance = 1e-6
@@ -266,7 +266,7 @@ class IncrementalModel:
     def _refine_locally(self, mapper: pycolmap.IncrementalMapper, image_id: int) -> None:
         with self.timer("ba"):
             mapper.iterative_local_refinement(
-                _LOCAL_REFINEMENTS,
+                self.config.local_ba_rounds,
                 _LOCAL_CHANGE,
                 self._mapper_options,
                 self._local_ba,

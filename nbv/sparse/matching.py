@@ -112,6 +112,7 @@ def verify_pair(
     options.detect_watermark = False  # rendered and telemetry images carry none
     options.ransac.random_seed = _RANSAC_SEED
     options.ransac.num_threads = 1
+    options.ransac.min_num_trials = config.min_ransac_trials
     # Only the keypoints that are matched: to hand over all of them takes longer than a short RANSAC.
     count = np.arange(len(matches), dtype=np.uint32)
     geometry = pycolmap.estimate_calibrated_two_view_geometry(

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from nbv.config import CameraConfig, SparseConfig
+from nbv.config import CameraConfig, SparseConfig, canonical
 from nbv.errors import MissionFailure, UserError
 from nbv.sparse.alignment import Alignment, align_cameras, camera_centers, outlier_limit_m
 from nbv.sparse.correspondences import ComputedCorrespondences, Correspondences
@@ -62,6 +62,7 @@ class SparseReconstructor:
         self._captures: list[Capture] = []
         self._features: list[Features] = []
         self._alignment: Alignment | None = None
+        self._points_m: Floats = np.zeros((0, 3))
 
     # ------------------------------------------------------------------------------------ what others see
 
@@ -83,6 +84,10 @@ class SparseReconstructor:
             camera_from_model_poses(self.reconstruction), self.alignment.world_from_model
         )
         return dict(zip(registered_names(self.reconstruction), poses))
+
+    def world_points_m(self) -> Floats:
+        """(N, 3) the model's points in metres, as last reported."""
+        return self._points_m
 
     def export(self, path: Path) -> None:
         """Write the model in the world frame to directory ``path``: COLMAP binary and ``points.ply``."""
@@ -238,6 +243,7 @@ class SparseReconstructor:
     def _report(self, registered: bool, message: str) -> UpdateReport:
         with self._timer("model"):
             model = to_sparse_model(self.reconstruction, self.alignment)
+        self._points_m = model.points_m
         timings = {**self._source.timer.take(), **self._model.timer.take(), **self._timer.take()}
         return UpdateReport(model, registered, message, timings)
 
@@ -319,7 +325,7 @@ class SparseReconstructor:
     def _options(self) -> dict[str, object]:
         return {
             "camera": dataclasses.asdict(self.camera),
-            "sparse": dataclasses.asdict(self.config),
+            "sparse": canonical(self.config),
             "target_m": self.target_m.tolist(),
             "pycolmap": pycolmap.__version__,
         }

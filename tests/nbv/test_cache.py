@@ -1,11 +1,17 @@
 """The store: whole entries or none, damage noticed, bounded, safe for several processes."""
 
+import dataclasses
 import multiprocessing
 
 import numpy as np
 import pytest
 
 from nbv.cache import Store, digest
+from nbv.cached_stages import STAGE_VERSION, CachedCorrespondences
+from nbv.config import CameraConfig, SparseConfig
+from nbv.provenance import versions
+from nbv.sparse.features import Features
+from nbv.sparse.matching import VerifiedPair
 
 
 def test_an_entry_comes_back_as_it_was(tmp_path):
@@ -101,3 +107,24 @@ def test_digest_tells_values_shapes_and_types_apart():
     ]
     assert len(set(keys)) == len(keys)
     assert digest({"b": 1, "a": 2}) == digest({"a": 2, "b": 1})
+
+
+def test_pairs_verified_with_other_trials_are_other_pairs_and_earlier_ones_stay_valid(tmp_path, monkeypatch):
+    asked = []
+
+    def verify(a, b, matches, camera, config):
+        asked.append(config.min_ransac_trials)
+        return VerifiedPair(np.zeros((20, 2), np.uint32), 2)
+
+    monkeypatch.setattr("nbv.sparse.correspondences.verify_pair", verify)
+    rng = np.random.default_rng(0)
+    a, b = (Features(np.zeros((9, 4), np.float32), rng.integers(0, 99, (9, 128), np.uint8)) for _ in range(2))
+    store, camera = Store(tmp_path / "store"), CameraConfig()
+    for trials in (100, 30, 100, 30):
+        CachedCorrespondences(camera, SparseConfig(min_ransac_trials=trials), store).pair(a, b)
+    assert asked == [100, 30]
+    # The key of a pair with COLMAP's number of trials is that of the time when there was no choice.
+    options = SparseConfig()
+    key = digest([STAGE_VERSION, versions()["pycolmap"], dataclasses.asdict(camera), options.match_ratio,
+                  options.min_inliers], digest(a.keypoints, a.descriptors), digest(b.keypoints, b.descriptors))  # fmt: skip
+    assert store.get("pairs", key) is not None

@@ -13,6 +13,7 @@ from nbv.dense.fusion import fuse
 from nbv.dense.interface import DepthMap
 from nbv.dense.reconstruct import check_depths, make_backend, reconstruct_dense
 from nbv.dense.sgbm import SgbmBackend
+from nbv.dense.surface import points_to_search
 from nbv.errors import MissionFailure, UserError
 from nbv.frames import look_at
 
@@ -197,6 +198,41 @@ def test_colmaps_own_fusion_finds_the_same_surface(scene, maps, tmp_path):
     assert len(cloud.points_m) > 3_000
     assert np.median(error) < 0.008
     assert (tmp_path / "ws" / "fused.ply").stat().st_size > 0
+
+
+def test_a_search_near_the_sparse_model_finds_the_same_sphere(scene, dense):
+    config = dataclasses.replace(CONFIG, search="sparse")
+    with pytest.raises(ValueError, match="sparse model"):
+        reconstruct_dense(scene.images, scene.poses, scene.camera, TARGET, config)
+    cloud, _ = dense
+    on_sphere = cloud.points_m[
+        np.abs(np.linalg.norm(cloud.points_m - np.array(TARGET), axis=1) - RADIUS_M) < 0.02
+    ]
+    stray = np.add(TARGET, [[0.0, 0.0, 1.4]])
+    near, _ = reconstruct_dense(
+        scene.images,
+        scene.poses,
+        scene.camera,
+        TARGET,
+        config,
+        None,
+        np.concatenate([on_sphere[::20], stray]),
+    )
+    again = near.points_m[np.abs(np.linalg.norm(near.points_m - np.array(TARGET), axis=1) - RADIUS_M) < 0.02]
+    assert 0.97 * len(on_sphere) < len(again) < 1.03 * len(on_sphere)
+    assert len(near) < len(cloud)  # less of the ground
+
+
+def test_what_is_searched_is_the_sparse_model_without_strays():
+    rng = np.random.default_rng(0)
+    body = np.array(TARGET) + 0.5 * rng.uniform(-1, 1, (2000, 3))
+    tip = np.add(TARGET, [[0, 0, z] for z in (0.55, 0.6, 0.64, 0.68, 0.72, 0.76, 0.8)])
+    stray = np.add(TARGET, [[0.0, 0.0, 1.4], [1.2, 0.0, 0.0]])
+    outside = np.add(TARGET, (0.0, 2.0, 0.0)) + rng.uniform(-0.1, 0.1, (50, 3))
+    found = points_to_search(np.concatenate([body, tip, stray, outside]), TARGET, CONFIG)
+    assert np.array_equal(found, np.concatenate([body, tip]))
+    assert points_to_search(body[:99], TARGET, CONFIG) is None  # too few to say where nothing is
+    assert points_to_search(np.zeros((0, 3)), TARGET, CONFIG) is None
 
 
 def test_one_check_serves_all_stricter_requirements(scene):

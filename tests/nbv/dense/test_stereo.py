@@ -9,7 +9,9 @@ import pytest
 from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.sgbm import SgbmBackend
 from nbv.dense.stereo import (
+    SEARCH_MARGIN_M,
     backproject,
+    baseline_angle_deg,
     camera_center_m,
     choose_neighbours,
     depth_normals,
@@ -35,6 +37,18 @@ def test_neighbours_lie_within_the_angles_best_first():
     assert choose_neighbours("v000", poses, TARGET, DenseConfig(neighbours=9)) == ["v010", "v006", "v020"]
     assert choose_neighbours("v000", poses, TARGET, DenseConfig(neighbours=2)) == ["v010", "v006"]
     assert choose_neighbours("v180", poses, TARGET, DenseConfig()) == []
+
+
+def test_a_view_in_front_of_or_behind_another_is_no_partner_if_so_configured():
+    """Six degrees and a metre: the baseline is 22 degrees off the line to the target."""
+    poses = {"here": orbit_pose(0, 0.0), "behind": orbit_pose(6, 0.0, 4.5), "front": orbit_pose(-6, 0.0, 2.5),
+             "beside": orbit_pose(14, 0.0)}  # fmt: skip
+    here, behind, beside = (camera_center_m(poses[n]) for n in ("here", "behind", "beside"))
+    assert baseline_angle_deg(here, behind, np.array(TARGET)) == pytest.approx(25.75 - 3.38, abs=0.01)
+    assert baseline_angle_deg(beside, here, np.array(TARGET)) == pytest.approx(90.0)
+    assert choose_neighbours("here", poses, TARGET, DenseConfig()) == ["beside", "behind", "front"]
+    choosy = DenseConfig(min_baseline_angle_deg=40.0, neighbours=2)
+    assert choose_neighbours("here", poses, TARGET, choosy) == ["beside"]
 
 
 @pytest.mark.parametrize(
@@ -100,6 +114,59 @@ def test_a_view_that_does_not_see_the_target_has_no_depth(scene):
     assert target_window(away, scene.camera, TARGET, CONFIG) is None
     pairs = [(scene.images["view_009.png"], scene.poses["view_009.png"])]
     depth = estimate_depth(scene.images[name], away, pairs, scene.camera, TARGET, CONFIG)
+    assert np.isnan(depth).all()
+
+
+def near_the_sphere(points_m):
+    """Every 40th of the sphere's points that a view sees, as a sparse model might have them."""
+    return points_m[np.abs(np.linalg.norm(points_m - np.array(TARGET), axis=1) - 0.6) < 0.01][::40]
+
+
+def test_only_what_is_near_the_sparse_points_is_searched_and_found_as_before(scene):
+    name = "view_009.png"
+    pose, true = scene.poses[name], scene.depths[name]
+    pairs = [(scene.images[other], scene.poses[other]) for other in ("view_000.png", "view_018.png")]
+    known = np.isfinite(true)
+    world = (backproject(true, scene.camera)[known] - pose[:3, 3]) @ pose[:3, :3]
+    surface = near_the_sphere(world)
+    full = estimate_depth(scene.images[name], pose, pairs, scene.camera, TARGET, CONFIG)
+    near = estimate_depth(scene.images[name], pose, pairs, scene.camera, TARGET, CONFIG, surface)
+    v, u = np.indices(true.shape)
+    on_sphere = np.hypot(u - 159.5, v - 119.5) < 35
+    both = np.isfinite(near) & np.isfinite(full) & on_sphere
+    assert both.sum() > 0.97 * (np.isfinite(full) & on_sphere).sum()
+    assert np.quantile(np.abs(near - full)[both], 0.99) < 0.01
+    assert np.isfinite(near).sum() < 0.8 * np.isfinite(full).sum()  # the ground behind and before is left out
+    found = np.isfinite(near)
+    offset = (backproject(near, scene.camera)[found] - pose[:3, 3]) @ pose[:3, :3] - np.array(TARGET)
+    assert np.abs(offset).max() < 0.6 + 2.5 * SEARCH_MARGIN_M
+
+
+@pytest.mark.parametrize("distance_m", [0.9, -0.9])
+def test_a_surface_wholly_before_or_behind_the_target_is_found(scene, distance_m):
+    """All disparities have one sign then; the padding must not cut into the window."""
+    name = "view_009.png"
+    pose = scene.poses[name]
+    center, pairs = camera_center_m(pose), [(scene.images["view_000.png"], scene.poses["view_000.png"])]
+    toward = (np.array(TARGET) - center) / np.linalg.norm(np.array(TARGET) - center)
+    # The same pictures and cameras, but the target, which only centres the search, is moved.
+    moved = tuple(np.array(TARGET) + distance_m * toward)
+    config = dataclasses.replace(CONFIG, crop_half_width_m=1.8)
+    true = scene.depths[name]
+    known = np.isfinite(true)
+    surface = near_the_sphere((backproject(true, scene.camera)[known] - pose[:3, 3]) @ pose[:3, :3])
+    depth = estimate_depth(scene.images[name], pose, pairs, scene.camera, moved, config, surface)
+    v, u = np.indices(true.shape)
+    on_sphere = np.hypot(u - 159.5, v - 119.5) < 30
+    assert np.isfinite(depth[on_sphere]).mean() > 0.9
+    assert np.nanmedian(np.abs(depth - true)[on_sphere]) < 0.01
+
+
+def test_no_sparse_point_in_front_of_a_pair_gives_no_depth(scene):
+    name = "view_009.png"
+    pairs = [(scene.images["view_000.png"], scene.poses["view_000.png"])]
+    behind = camera_center_m(scene.poses[name]) * 1.5 + np.zeros((200, 1))
+    depth = estimate_depth(scene.images[name], scene.poses[name], pairs, scene.camera, TARGET, CONFIG, behind)
     assert np.isnan(depth).all()
 
 

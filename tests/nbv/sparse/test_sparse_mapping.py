@@ -181,6 +181,23 @@ def test_a_saved_model_is_refused_under_other_conditions(flown, tmp_path):
         reconstructor(world).load_state(tmp_path / "nowhere", captures)
 
 
+def test_less_adjustment_between_captures_ends_in_the_same_place():
+    """What preset `paper` does: three photographs in a local adjustment, once, and a global one at the end."""
+    world = LabelledPoints(SEEDS + LATER, noise_px=1.0)
+    lazy = dataclasses.replace(CONFIG, global_ba_interval=100, local_ba_images=3, local_ba_rounds=1)
+    ends = []
+    for config in (CONFIG, lazy):
+        sparse = reconstructor(world, config)
+        sparse.bootstrap(SEEDS)
+        reports = [sparse.add(capture) for capture in LATER]
+        assert all(report.registered for report in reports)
+        ends.append(sparse.refine().model)
+        assert np.array_equal(sparse.world_points_m(), ends[-1].points_m)
+    assert ends[0].camera_names == ends[1].camera_names
+    apart_m = np.linalg.norm(ends[0].camera_centers_m - ends[1].camera_centers_m, axis=1)
+    assert 0 < apart_m.max() < 0.002
+
+
 def test_refining_before_the_dense_stage_helps(flown):
     world = LabelledPoints(SEEDS + LATER, noise_px=1.0)
     sparse = SparseReconstructor(CAMERA, dataclasses.replace(CONFIG, global_ba_interval=100), TARGET, world)

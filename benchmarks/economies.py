@@ -1,0 +1,130 @@
+"""What preset ``paper`` leaves out (`nbv.config.ECONOMIES`), and what that does to the outcome, along the same views.
+
+    OMP_NUM_THREADS=1 python benchmarks/economies.py [--rocks boulder slab] [--replicates 1] [--parts all adjustment]
+
+The views are drawn at random, by rock and replicate alone, so that the missions of one flight differ in nothing but
+the economies. Part "none" flies none of them, "all" the preset, the others a few: see `PARTS`. Features and pairs come
+from the user's store where it has them, so the CPU seconds of a stage count only where nothing of it is kept: mapping,
+bundle adjustment, dense stage.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from fresh_process import fly_in_fresh_process
+
+from nbv.cache import home
+from nbv.config import ECONOMIES, MissionConfig
+
+PAIRS = ("sparse.max_pairs",)
+VERIFICATION = ("sparse.min_ransac_trials",)
+ADJUSTMENT = ("sparse.global_ba_interval", "sparse.local_ba_images", "sparse.local_ba_rounds")
+STEREO = ("dense.min_baseline_angle_deg", "dense.search")
+PARTS: dict[str, tuple[str, ...]] = {
+    "none": (),
+    "pairs": PAIRS,
+    "verification": VERIFICATION,
+    "adjustment": ADJUSTMENT,
+    "dense": STEREO,
+    "all": tuple(ECONOMIES),
+}
+METRICS = (
+    "f_score_48mm", "f_score_16mm", "completeness_16mm", "accuracy_16mm", "c2c_mean_mm", "hausdorff_gt_to_cloud_mm",
+)  # fmt: skip
+STAGES = {"mapping": "sparse.mapping", "adjustment": "sparse.ba", "dense": "dense"}
+
+
+def fly(rock: str, replicate: int, part: str, budget: int) -> dict[str, Any]:
+    """One flight with some economies, as a line of the record."""
+    config = MissionConfig().with_values(
+        {
+            **{path: ECONOMIES[path] for path in PARTS[part]},
+            "gate.kind": "random",
+            "stop.criterion": "budget",
+            "stop.adaptive_budget": budget,
+        }
+    )
+    flown = fly_in_fresh_process(config, rock, replicate, home())
+    result = flown.result
+    if result.status == "failed":
+        raise SystemExit(f"{rock}, replicate {replicate}, {part}: {result.reason}: {result.message}")
+    last = result.trace[-1]
+    return {
+        "rock": Path(rock).stem,
+        "replicate": replicate,
+        "part": part,
+        "budget": budget,
+        "config_digest": result.config_digest,
+        "cpu_s": flown.cpu_s,
+        "timings_s": dict(result.timings_s),
+        "views": [step.chosen for step in result.trace],
+        "n_points": last.n_points,
+        "n_registered": int(result.costs["registered_images"]),
+        "alignment_rms_mm": 1e3 * last.alignment_rms_m,
+        **{name: result.metrics["observable"][name] for name in METRICS},
+    }
+
+
+def table(lines: Sequence[dict[str, Any]]) -> str:
+    """Means by part, and the paired difference from part "none" (mean, largest absolute)."""
+    flights: dict[tuple[str, int], dict[str, dict[str, Any]]] = {}
+    for line in lines:
+        flights.setdefault((line["rock"], line["replicate"]), {})[line["part"]] = line
+    rows = [
+        f"| economies | flights | registered | sparse points | {' | '.join(f'{s}, CPU s' for s in STAGES)} | "
+        + " | ".join(METRICS) + " |",
+        "|---" * (4 + len(STAGES) + len(METRICS)) + "|",
+    ]  # fmt: skip
+    for part in PARTS:
+        paired = [(f["none"], f[part]) for f in flights.values() if "none" in f and part in f]
+        if not paired:
+            continue
+        if any(a["views"] != b["views"] for a, b in paired):
+            raise SystemExit(f"flights with parts none and {part} have different views")
+        cells = [
+            f"{statistics.mean(b['timings_s'].get(s, 0.0) for _, b in paired):.1f}" for s in STAGES.values()
+        ]
+        for name in METRICS:
+            differences = [b[name] - a[name] for a, b in paired]
+            mean = statistics.mean(b[name] for _, b in paired)
+            cells.append(
+                f"{mean:.3f} ({statistics.mean(differences):+.3f}, {max(map(abs, differences)):.3f})"
+            )
+        rows.append(
+            f"| {part} | {len(paired)} | {min(b['n_registered'] for _, b in paired)} | "
+            f"{statistics.mean(b['n_points'] for _, b in paired):.0f} | " + " | ".join(cells) + " |"
+        )
+    return "\n".join(rows)
+
+
+def main() -> None:
+    """Fly what is not in the record yet; print the table of all of it."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rocks", nargs="+", default=["boulder", "slab", "vesicular", "cavern"])
+    parser.add_argument("--replicates", type=int, default=1)
+    parser.add_argument("--parts", nargs="+", choices=list(PARTS), default=["none", "all"])
+    parser.add_argument("--budget", type=int, default=40)
+    parser.add_argument("--out", type=Path, default=Path("runs/economies.jsonl"))
+    arguments = parser.parse_args()
+    lines = [json.loads(x) for x in arguments.out.read_text().splitlines()] if arguments.out.is_file() else []
+    done = {(x["rock"], x["replicate"], x["part"], x["budget"]) for x in lines}
+    for replicate in range(arguments.replicates):
+        for rock in arguments.rocks:
+            for part in arguments.parts:
+                if (Path(rock).stem, replicate, part, arguments.budget) in done:
+                    continue
+                lines.append(fly(rock, replicate, part, arguments.budget))
+                with arguments.out.open("a") as record:
+                    print(json.dumps(lines[-1]), file=record)
+                print({k: v for k, v in lines[-1].items() if k not in ("views", "timings_s")}, flush=True)
+    print(table([x for x in lines if x["budget"] == arguments.budget]))
+
+
+if __name__ == "__main__":
+    main()
