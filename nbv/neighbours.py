@@ -24,6 +24,8 @@ def neighbour_distances(points_m: Floats, k: int) -> Floats:
 def _distances(data: bytes, n: int, k: int) -> Floats:
     points = np.frombuffer(data).reshape(n, -1)
     tree = cKDTree(points, balanced_tree=False)
-    distances: Floats = tree.query(points, k=k + 1)[0][:, 1:]  # the nearest is the point itself, at 0
+    found = np.empty((n, k + 1))
+    found[tree.indices] = tree.query(points[tree.indices], k=k + 1)[0]  # in the order of the tree: a tenth faster
+    distances: Floats = found[:, 1:]  # the nearest is the point itself, at 0
     distances.setflags(write=False)
     return distances
