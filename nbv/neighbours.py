@@ -25,7 +25,8 @@ def _distances(data: bytes, n: int, k: int) -> Floats:
     points = np.frombuffer(data).reshape(n, -1)
     tree = cKDTree(points, balanced_tree=False)
     found = np.empty((n, k + 1))
-    found[tree.indices] = tree.query(points[tree.indices], k=k + 1)[0]  # in the order of the tree: a tenth faster
+    order = tree.indices  # a tenth faster than the points' own order
+    found[order] = tree.query(points[order], k=k + 1)[0]
     distances: Floats = found[:, 1:]  # the nearest is the point itself, at 0
     distances.setflags(write=False)
     return distances
