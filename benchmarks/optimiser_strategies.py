@@ -74,7 +74,7 @@ def settings_of(problem: Problem, seed: int, *, configurations: bool = False) ->
     budget = problem.budget // len(problem.rocks) if configurations else problem.budget
     initial = initial_design_size(problem.space.dimension, budget)
     replicates = 1 if configurations else problem.replicates
-    return SamplerSettings(problem.space, problem.default, rocks, seed, initial, replicates)
+    return SamplerSettings(problem.space, problem.default, rocks, seed, initial, replicates, budget=budget)
 
 
 class OneRock:
@@ -260,7 +260,7 @@ def all_rocks(name: str) -> Factory:
 
 
 def gp_variant(
-    *, search: SearchSettings | None = None, initial: int | None = None, **options: Any
+    *, search: SearchSettings | None = None, initial: int | None = None, verify: bool = True, **options: Any
 ) -> Factory:
     """Our sampler with other settings of its surrogate, of its search or of its initial design."""
     model = SurrogateSettings(**options)
@@ -269,7 +269,7 @@ def gp_variant(
         settings = settings_of(problem, seed)
         if initial is not None:
             settings = dataclasses.replace(settings, initial=initial)
-        return OneRock(GPSampler(settings, model=model, search=search), model)
+        return OneRock(GPSampler(settings, model=model, search=search, verify=verify), model)
 
     return make
 
@@ -281,6 +281,7 @@ STRATEGIES: dict[str, Factory] = {
     **{f"{name}/all": all_rocks(name) for name in (*PEERS, "gp")},
     "tpe/pruned": PrunedTPE,
     "gp+screen": Screened,
+    "gp+trusting": lambda problem, seed: OneRock(GPSampler(settings_of(problem, seed), verify=False)),
     "gp+short": gp_variant(initial=8),
     "gp+sampled": gp_variant(search=SearchSettings(closed_form=False)),
     "gp+old-priors": gp_variant(
@@ -301,7 +302,7 @@ STRATEGIES: dict[str, Factory] = {
 }
 
 
-_MANY_ROCKS = ("gp+deviations", "gp+variance", "gp+pooled")
+_MANY_ROCKS = ("gp+deviations", "gp+variance", "gp+pooled", "gp+trusting")
 
 
 def applicable(name: str, problem: str) -> bool:

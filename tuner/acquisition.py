@@ -68,8 +68,8 @@ def propose(
     """The configuration with the largest acquisition value.
 
     Missions in flight (``pending`` configurations) count as points whose outcome is not known yet, so that
-    simultaneous proposals differ. Returns the values and figures that explain them: the acquisition value and
-    the model's mean and standard deviation there (objective's unit, larger is better).
+    simultaneous proposals differ. Returns the values and figures that explain them: the acquisition value, the
+    improvement it stands for, and the model's mean and standard deviation there (objective's unit, larger is better).
     """
     with numerics(seed):
         search = search or SearchSettings()
@@ -80,8 +80,11 @@ def propose(
         position, score = maximise(model, acquisition, seed, search)
     values = model.space.from_unit(position)
     belief = model.posterior([values], risk)
+    # Over rocks outcomes are in the objective's unit already; a prior's factor is left in, it is near 1 by then.
+    unit = 1.0 if _over_rocks(model, risk) else model.mean_scale
     return values, {
         "log_nei": score,
+        "expected_gain": math.exp(score) * unit,
         "predicted_mean": float(belief.mean[0]),
         "predicted_sd": float(belief.sd[0]),
     }
@@ -90,8 +93,7 @@ def propose(
 def _acquisition(
     model: RockMeanGP, pending: Sequence[Mapping[str, Any]], seed: int, risk: Risk, search: SearchSettings
 ) -> AcquisitionFunction:
-    # Rocks' own landscapes count by their scales, which the common landscape does not know.
-    over_rocks = risk != "mean" or model.settings.deviations
+    over_rocks = _over_rocks(model, risk)
     if not over_rocks and search.closed_form:
         flying = np.array([model.space.to_unit(v) for v in pending]).reshape(-1, model.space.dimension)
         return LogNoisyImprovement(model, flying, seed)
@@ -111,6 +113,11 @@ def _acquisition(
         prune_baseline=True,
         **options,
     )
+
+
+def _over_rocks(model: RockMeanGP, risk: Risk) -> bool:
+    """Whether rocks are looked at one by one: their own landscapes count by scales that the common one does not know."""
+    return risk != "mean" or model.settings.deviations
 
 
 class _Guided(AcquisitionFunction):

@@ -201,7 +201,7 @@ class CampaignSettings:
         """The sampler at work; ``screen``: the cheap missions flown beforehand."""
         settings = SamplerSettings(
             self.space, self.default_values(), self.rocks, self.seed, self.initial_size(), self.replicates,
-            self.gp, screen, self.second is not None, self.stop_when_settled,
+            self.gp, screen, self.second is not None, self.stop_when_settled, self.search_budget,
         )  # fmt: skip
         return make_sampler(self.sampler, settings)
 

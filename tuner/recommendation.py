@@ -16,6 +16,7 @@ from tuner.objective import Objective
 from tuner.screening import Screen
 from tuner.search_space import SearchSpace
 from tuner.surrogate import NORMAL_95, RockMeanGP, SurrogateSettings
+from tuner.verification import configuration_key, expected_shortfall, markdown
 
 TOP = 5
 
@@ -49,7 +50,8 @@ class Recommendation:
     ``mean``, ``sd`` and ``interval_95`` are about the mean over the training rocks, without the noise of single
     missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
     positive when the recommendation is better, whatever the direction. After a confirmation stage only what it
-    flew can be recommended, and ``confirmation`` holds the paired differences without any model.
+    flew can be recommended, and ``confirmation`` holds the paired differences without any model. After verification
+    missions (``tuner.verification``) what has not flown every rock is marked down by ``expected_shortfall``.
     """
 
     values: dict[str, Any]
@@ -75,6 +77,7 @@ class Recommendation:
     lengthscales: dict[str, float]
     leave_one_out: dict[str, float]
     confirmation: list[PairedGain]  # finalists against the default; empty without a confirmation stage
+    expected_shortfall: float | None = None  # by the verification missions; None without one
     ahead_of_search: dict[str, float] | None = None  # ``tuner.forward_check``, where it was asked for
 
     def to_dict(self) -> dict[str, Any]:
@@ -106,7 +109,7 @@ def recommend(
     model = RockMeanGP(space, feasible, rocks, seed, settings, screen)
     groups: dict[tuple[Any, ...], list[Observation]] = {}
     for o in observations:
-        groups.setdefault(_key(space, o.values), []).append(o)
+        groups.setdefault(configuration_key(space, o.values), []).append(o)
     evaluated = {key: group for key, group in groups.items() if any(o.feasible for o in group)}
     configurations = [dict(group[0].values) for group in evaluated.values()]
     belief = model.posterior([*configurations, default], risk)
@@ -114,16 +117,18 @@ def recommend(
     finals: dict[tuple[Any, ...], list[Observation]] = {}
     for o in observations:
         if o.number in confirmed:
-            finals.setdefault(_key(space, o.values), []).append(o)
+            finals.setdefault(configuration_key(space, o.values), []).append(o)
     flown = [i for i, key in enumerate(evaluated) if any(o.feasible for o in finals.get(key, ()))]
-    order = sorted(flown or range(len(configurations)), key=lambda i: -belief.mean[i])
+    shortfall = None if flown else expected_shortfall(observations, model.noise_sd)
+    worth = belief.mean[:reference] - markdown(space, observations, configurations, rocks, shortfall)
+    order = sorted(flown or range(len(configurations)), key=lambda i: -worth[i])
     top = order[:TOP]
     shares = belief.probability_best(top, seed)
     best, sign = top[0], objective.sign
 
     candidates = []
     for index, share in zip(top, shares):
-        group = evaluated[_key(space, configurations[index])]
+        group = evaluated[configuration_key(space, configurations[index])]
         failed = sum(not o.feasible for o in group)
         candidates.append(
             Candidate(
@@ -133,7 +138,7 @@ def recommend(
         )  # fmt: skip
     mean, sd = candidates[0].mean, candidates[0].sd
     gain, gain_sd = belief.difference(best, reference)
-    own = evaluated[_key(space, configurations[best])]
+    own = evaluated[configuration_key(space, configurations[best])]
     return Recommendation(
         values=configurations[best],
         mean=mean,
@@ -158,15 +163,12 @@ def recommend(
         lengthscales=model.lengthscales,
         leave_one_out=model.leave_one_out().to_dict(),
         confirmation=[
-            paired_gain(group[0].values, group, finals.get(_key(space, default), ()))
+            paired_gain(group[0].values, group, finals.get(configuration_key(space, default), ()))
             for key, group in finals.items()
-            if key != _key(space, default)
+            if key != configuration_key(space, default)
         ],
+        expected_shortfall=shortfall,
     )
-
-
-def _key(space: SearchSpace, values: Mapping[str, Any]) -> tuple[Any, ...]:
-    return tuple(round(float(u), 12) for u in space.to_unit(values))
 
 
 def _rock_row(

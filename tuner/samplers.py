@@ -9,6 +9,7 @@ Every sampler starts at the default configuration: each optimiser may know where
 
 from __future__ import annotations
 
+import dataclasses
 import logging
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -61,6 +62,7 @@ class SamplerSettings:
     screen: Screen | None = None  # cheap missions flown beforehand, for sampler gp
     two_objectives: bool = False  # sampler gp: search the front between the objective and the second one
     measure_gain: bool = False  # sampler gp: every proposal says what is left to gain (``tuner.stopping``)
+    budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
 
     def surrogate(self) -> SurrogateSettings:
         """What sampler gp and the recommendation model."""
@@ -149,13 +151,15 @@ class RandomSampler:
 class GPSampler:
     """Default configuration, Sobol design, then log noisy expected improvement on the rock-mean GP.
 
-    After a screening, every second point of the design is the best of the cheap landscape not yet taken.
+    After a screening, every second point of the design is the best of the cheap landscape not yet taken. Near the
+    end of the budget the favourite is flown on rocks it has not seen, where that is worth more (``tuner.verification``).
     """
 
     settings: SamplerSettings
     name: str = "gp"
     model: SurrogateSettings | None = None  # of the surrogate; None: by the settings' options
     search: SearchSettings | None = None  # of the acquisition's maximum; None: the defaults
+    verify: bool = True
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
         """The maximiser of the acquisition, or the next point of the initial design."""
@@ -165,6 +169,7 @@ class GPSampler:
             return self._design(number)
         from tuner.acquisition import Prior, propose
         from tuner.surrogate import RockMeanGP
+        from tuner.verification import BEGINS, verification
 
         seed = derived_seed(s.seed, number)
         flying = [p.values for p in pending]
@@ -182,6 +187,11 @@ class GPSampler:
 
             figures["gain_left"] = expected_gain_left(model, seed, s.options.risk)
             figures["comparison_noise"] = comparison_noise(model, s.replicates)
+        if self.verify and s.budget is not None and number >= BEGINS * s.budget:
+            gain = figures["expected_gain"]
+            again = verification(model, history, pending, s.replicates, gain, s.options.risk)
+            if again is not None:
+                return dataclasses.replace(again, why={**figures, **again.why})
         return Proposal(values, {"sampler": self.name, "phase": "model", **figures})
 
     def _design(self, number: int) -> Proposal:

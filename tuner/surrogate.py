@@ -393,17 +393,18 @@ class RockMeanGP:
     @property
     def noise_sd(self) -> float:
         """Standard deviation of one mission's outcome beside its slot's offset, objective's unit."""
-        return math.sqrt(self.model.likelihood.noise.log().mean().exp().item()) * self._mean_scale
+        return math.sqrt(self.model.likelihood.noise.log().mean().exp().item()) * self.mean_scale
 
     @property
     def slot_sd(self) -> float | None:
         """Standard deviation of the (rock, replicate) offsets, objective's unit; None where not modelled."""
         if not self.models_slots:
             return None
-        return math.sqrt(self.model.covar_module.slot_variance) * self._mean_scale
+        return math.sqrt(self.model.covar_module.slot_variance) * self.mean_scale
 
     @property
-    def _mean_scale(self) -> float:
+    def mean_scale(self) -> float:
+        """Objective's unit per unit of the common landscape, mean over the training rocks."""
         return float(np.mean([self.standardiser.scale(rock) for rock in self.rocks]))
 
     @property

@@ -75,7 +75,9 @@ def test_campaign_flies_its_budget_over_rocks_in_turn(tmp_path: Path) -> None:
 def test_gp_campaign_is_deterministic_with_one_worker(tmp_path: Path) -> None:
     changes: dict[str, object] = {"sampler": "gp", "budget": 7, "initial": 4}
     one, two = run(tmp_path / "one", **changes), run(tmp_path / "two", **changes)
-    assert [t.why["phase"] for t in one.trials()] == ["default"] + ["initial design"] * 3 + ["model"] * 3
+    phases = [t.why["phase"] for t in one.trials()]
+    assert phases[:5] == ["default"] + ["initial design"] * 3 + ["model"]
+    assert set(phases[5:]) <= {"model", "verification"}
     for a, b in zip(one.trials(), two.trials()):
         assert (a.rock, a.replicate) == (b.rock, b.replicate)
         np.testing.assert_allclose(list(a.values.values()), list(b.values.values()), rtol=1e-6)
@@ -285,7 +287,9 @@ def test_every_sampler_runs_on_the_mixed_space(tmp_path: Path, sampler: str) -> 
     trials = campaign.trials()
     assert [t.state for t in trials] == ["complete"] * 10
     assert all(p.contains(t.values[p.path]) for t in trials for p in space.parameters)
-    assert len({tuple(t.values.values()) for t in trials[:8]}) == 8
+    searching = [t for t in trials[:8] if t.why["phase"] != "verification"]
+    assert len(searching) >= 6
+    assert len({tuple(t.values.values()) for t in searching}) == len(searching)
     assert {t.why["phase"] for t in trials[8:]} == {"confirmation"}
 
 

@@ -232,7 +232,8 @@ def test_screening_finds_configurations_apart_and_survives_failures() -> None:
 def test_campaign_screens_first_and_resumes_with_the_same_screening(tmp_path: Path) -> None:
     campaign = run(tmp_path / "run", low_fidelity=RUNNER, budget=6)
     phases = [t.why["phase"] for t in campaign.trials()]
-    assert phases == ["default", "initial design", "screened", "initial design", "model", "model"]
+    assert phases[:4] == ["default", "initial design", "screened", "initial design"]
+    assert set(phases[4:]) <= {"model", "verification"}
     assert json.loads((tmp_path / "run" / "screening.json").read_text())["rocks"] == ["a", "b"]
     again = Campaign.open(tmp_path / "run")
     assert again.screen is not None and campaign.screen is not None

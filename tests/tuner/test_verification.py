@@ -1,0 +1,116 @@
+"""Verification missions: flown when they are worth more than exploring, and counted in the recommendation."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+import synthetic
+
+from tuner.history import Observation, Pending
+from tuner.objective import Objective
+from tuner.recommendation import recommend
+from tuner.samplers import GPSampler
+from tuner.search_space import Values
+from tuner.surrogate import RockMeanGP
+from tuner.verification import PREDICTED, expected_shortfall, markdown, verification
+
+ROCKS = ("r0", "r1", "r2")
+GOOD, FAIR = synthetic.SPACE.from_unit([0.7, 0.3]), synthetic.SPACE.from_unit([0.2, 0.8])
+
+
+def seen(
+    number: int, values: Values, rock: str, outcome: float | None, replicate: int = 0, **memory: Any
+) -> Observation:
+    return Observation(number, values, rock, replicate, outcome, outcome, memory=memory)
+
+
+def a_clear_favourite() -> list[Observation]:
+    """GOOD has flown r0 only; FAIR, ten points worse, has flown everywhere."""
+    history = [seen(i, FAIR, rock, 50.0 + 0.1 * i) for i, rock in enumerate(ROCKS)]
+    return [*history, seen(3, GOOD, "r0", 60.0)]
+
+
+def model_of(history: list[Observation]) -> RockMeanGP:
+    return RockMeanGP(synthetic.SPACE, history, ROCKS)
+
+
+def test_shortfall_is_the_mean_gap_with_one_made_up_mission() -> None:
+    history = [seen(0, GOOD, "r0", 60.0), seen(1, GOOD, "r1", 57.0, **{PREDICTED: 60.0}),
+               seen(2, GOOD, "r2", 61.0, **{PREDICTED: 60.0}), seen(3, GOOD, "r2", None, 1, **{PREDICTED: 60.0})]  # fmt: skip
+    assert expected_shortfall(history, 0.4) == pytest.approx((0.4 + 3.0 - 1.0) / 3)
+    assert expected_shortfall(history[:1], 0.4) is None
+    better = [seen(0, GOOD, "r1", 70.0, **{PREDICTED: 60.0})]
+    assert expected_shortfall(better, 0.4) == 0.0
+
+
+def test_favourite_flies_a_rock_it_has_not_seen() -> None:
+    history = a_clear_favourite()
+    proposal = verification(model_of(history), history, [], 2, expected_gain=0.0)
+    assert proposal is not None and proposal.values == GOOD and proposal.why["phase"] == "verification"
+    assert (proposal.rock, proposal.replicate) == ("r1", 1)  # replicate 0 of r1 has been flown once, 1 never
+    assert proposal.memory[PREDICTED] == pytest.approx(proposal.why["predicted_mean"])
+    flying = [Pending(4, GOOD, "r1", 1)]
+    second = verification(model_of(history), history, flying, 2, expected_gain=0.0)
+    assert second is not None and second.rock == "r2"
+    assert verification(model_of(history), history, [*flying, Pending(5, GOOD, "r2", 0)], 2, 0.0) is None
+
+
+def test_nothing_to_verify_while_exploring_promises_more() -> None:
+    history = a_clear_favourite()
+    model = model_of(history)
+    assert verification(model, history, [], 1, expected_gain=10 * model.noise_sd) is None
+    # Where such missions fell far short before, the same promise is not enough.
+    history[1] = dataclasses.replace(history[1], memory={PREDICTED: history[1].outcome + 50 * model.noise_sd})
+    assert verification(model, history, [], 1, expected_gain=10 * model.noise_sd) is not None
+
+
+def test_only_what_has_not_flown_everywhere_is_marked_down() -> None:
+    history = a_clear_favourite()
+    np.testing.assert_array_equal(markdown(synthetic.SPACE, history, [FAIR, GOOD], ROCKS, 1.5), [0.0, 1.5])
+    np.testing.assert_array_equal(markdown(synthetic.SPACE, history, [FAIR, GOOD], ROCKS, None), [0.0, 0.0])
+
+
+def test_recommendation_counts_what_verification_found() -> None:
+    """A lead that is smaller than what favourites fell short by so far is not believed; a larger one is."""
+
+    def recommended(lead: float, counted: bool = True) -> tuple[Values, float | None]:
+        rng = np.random.default_rng(0)
+        history = [seen(i, FAIR, rock, 50.0 + 0.05 * rng.normal()) for i, rock in enumerate(ROCKS * 2)]
+        other = synthetic.SPACE.from_unit([0.95, 0.05])
+        history += [seen(6, other, "r0", 51.0), seen(7, other, "r1", 47.0, **{PREDICTED: 51.0})]
+        history += [seen(8, GOOD, "r2", 50.0 + lead)]
+        if not counted:
+            history = [dataclasses.replace(o, memory={}) for o in history]
+        result = recommend(synthetic.SPACE, history, ROCKS, FAIR, Objective())
+        assert result is not None
+        return result.values, result.expected_shortfall
+
+    small, shortfall = recommended(1.5)
+    assert shortfall is not None and shortfall > 1.0
+    assert small == FAIR
+    assert recommended(1.5, counted=False)[0] == GOOD
+    assert recommended(20.0)[0] == GOOD
+
+
+@pytest.mark.parametrize("verify", [True, False])
+def test_sampler_verifies_near_the_end_of_its_budget_on_a_plateau(verify: bool) -> None:
+    settings = dataclasses.replace(synthetic.sampler_settings(0, 4), budget=12, replicates=2)
+    sampler = GPSampler(settings, verify=verify)
+    rng = np.random.default_rng(0)
+    history: list[Observation] = []
+    phases = []
+    for i in range(12):
+        p = sampler.ask(history, [])
+        rock = p.rock or synthetic.ROCKS[i % 4]
+        low = synthetic.SPACE.to_unit(p.values)[0] < 0.3  # a cliff; nothing to gain elsewhere
+        history.append(
+            seen(
+                i, p.values, rock, (40.0 if low else 60.0) + 0.1 * rng.normal(), p.replicate or 0, **p.memory
+            )
+        )
+        phases.append(p.why["phase"])
+    assert "verification" not in phases[:8]
+    assert ("verification" in phases[8:]) == verify

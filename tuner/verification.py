@@ -1,0 +1,122 @@
+"""Flying the favourite once more before anybody recommends it.
+
+The search flies a new configuration with every mission, so most of what it knows of its favourite is what the
+surrogate concludes from neighbours. A planner's outcome jumps wherever another view is chosen, the surrogate takes it
+for smooth, and the best of many such conclusions is too good more often than not. Near the end of a budget, when little
+is left to gain by exploring, the favourite is therefore flown on a rock it has not seen; what such missions fall short
+of the prediction by, on average, is what every configuration not flown everywhere is marked down by in a recommendation.
+"""
+
+from __future__ import annotations
+
+import collections
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tuner.gp_options import Risk
+from tuner.history import Observation, Pending, Proposal
+from tuner.search_space import SearchSpace
+from tuner.surrogate import RockMeanGP
+
+BEGINS = 2 / 3  # of the search budget
+PREDICTED = "predicted"  # in the memory of a verification mission: the mean that was predicted for it
+# The model's noise counts like this many verification missions that fell short by it.
+PRIOR_MISSIONS = 1.0
+
+Key = tuple[float, ...]
+
+
+def configuration_key(space: SearchSpace, values: Mapping[str, Any]) -> Key:
+    """The same for the same configuration."""
+    return tuple(round(float(u), 12) for u in space.to_unit(values))
+
+
+def rocks_flown(space: SearchSpace, missions: Sequence[Observation | Pending]) -> dict[Key, set[str]]:
+    """The rocks that each configuration has flown, or is flying."""
+    flown: dict[Key, set[str]] = collections.defaultdict(set)
+    for mission in missions:
+        flown[configuration_key(space, mission.values)].add(mission.rock)
+    return flown
+
+
+def expected_shortfall(history: Sequence[Observation], noise_sd: float) -> float | None:
+    """How far the next verification mission will stay behind its prediction; None before the first one.
+
+    The mean over the verification missions so far and one made-up one that falls short by the noise of a mission;
+    objective's unit, never negative.
+    """
+    gaps = [
+        float(o.memory[PREDICTED]) - o.outcome
+        for o in history
+        if o.memory.get(PREDICTED) is not None and o.outcome is not None
+    ]
+    return _shortfall(gaps, noise_sd) if gaps else None
+
+
+def _shortfall(gaps: Sequence[float], noise_sd: float) -> float:
+    return max(0.0, (PRIOR_MISSIONS * noise_sd + sum(gaps)) / (PRIOR_MISSIONS + len(gaps)))
+
+
+def verification(
+    model: RockMeanGP,
+    history: Sequence[Observation],
+    pending: Sequence[Pending],
+    replicates: int,
+    expected_gain: float,
+    risk: Risk = "mean",
+) -> Proposal | None:
+    """The favourite on a rock it has not flown, if that is worth more than exploring.
+
+    Parameters
+    ----------
+    model
+        The surrogate of the successful missions in ``history``.
+    replicates
+        Per rock, numbered from 0.
+    expected_gain
+        What the best mission of the search promises, objective's unit.
+
+    Returns
+    -------
+    None where the favourite (best posterior mean) has flown every rock, or where exploring promises more than
+    verification missions are expected to fall short by.
+    """
+    configurations = list(
+        {configuration_key(model.space, o.values): o.values for o in model.observations}.values()
+    )
+    favourite = configurations[int(model.posterior(configurations, risk).mean.argmax())]
+    missions: list[Observation | Pending] = [*history, *pending]
+    flown = rocks_flown(model.space, missions)[configuration_key(model.space, favourite)]
+    missing = [rock for rock in model.rocks if rock not in flown]
+    shortfall = expected_shortfall(history, model.noise_sd)
+    if shortfall is None:
+        shortfall = _shortfall([], model.noise_sd)
+    if not missing or shortfall <= expected_gain:
+        return None
+    visits = collections.Counter(m.rock for m in missions)
+    rock = min(missing, key=lambda name: visits[name])
+    used = collections.Counter(m.replicate for m in missions if m.rock == rock)
+    replicate = min(range(replicates), key=lambda k: used[k])
+    predicted, sd = model.predict_mission(favourite, rock, replicate)
+    why = {
+        "sampler": "gp", "phase": "verification", "predicted_mean": predicted, "predicted_sd": sd,
+        "expected_shortfall": shortfall, "expected_gain": expected_gain,
+    }  # fmt: skip
+    return Proposal(dict(favourite), why, rock, replicate, {PREDICTED: predicted})
+
+
+def markdown(
+    space: SearchSpace,
+    history: Sequence[Observation],
+    configurations: Sequence[Mapping[str, Any]],
+    rocks: Sequence[str],
+    shortfall: float | None,
+) -> np.ndarray:
+    """(len(configurations),) what each loses in a recommendation: ``shortfall``, or nothing if flown on every rock."""
+    if shortfall is None:
+        return np.zeros(len(configurations))
+    flown = rocks_flown(space, history)
+    everywhere = [flown[configuration_key(space, values)].issuperset(rocks) for values in configurations]
+    return np.where(everywhere, 0.0, shortfall)
