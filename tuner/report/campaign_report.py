@@ -162,6 +162,19 @@ def _context(facts: CampaignFacts, figures: Path) -> dict[str, Any]:
     return context
 
 
+def _verification_text(facts: CampaignFacts, best: Recommendation) -> str:
+    flown = sum(t.why.get("phase") == "verification" for t in facts.trials)
+    if best.expected_shortfall is None or not flown:
+        return ""
+    shortfall = with_unit(best.expected_shortfall, facts.label.difference_unit, facts.digits)
+    missions = "One mission" if flown == 1 else f"{flown} missions"
+    return (
+        f" {missions} near the end of the search flew its favourite on a rock it had not seen. By what they stayed behind "
+        f"their prediction, {shortfall} on average (the noise counted as one more such mission), configurations that have "
+        "not flown every rock are marked down before one is recommended."
+    )
+
+
 def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Path) -> dict[str, Any]:
     label, s = facts.label, facts.settings
     assert facts.model is not None
@@ -202,6 +215,7 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Pa
                 if best.slot_sd is not None
                 else ""
             )
+            + _verification_text(facts, best)
         ),
         "model_figures": _model_figures(facts, best, figures),
         "rock_checks": [
