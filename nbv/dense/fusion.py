@@ -86,25 +86,30 @@ def _view_points(
         return None
     y0, y1, x0, x1 = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
     local = backproject(depth, camera, (y0, y1, x0, x1))
-    normal = depth_normals(local)[rows - y0, columns - x0]
-    camera_points = local[rows - y0, columns - x0]
+    known = (rows - y0) * (x1 - x0) + (columns - x0)
+    normal = depth_normals(local).reshape(-1, 3).take(known, axis=0)
+    camera_points = local.reshape(-1, 3).take(known, axis=0)
     world = (camera_points - translation.astype(np.float32)) @ rotation.astype(np.float32)
     offset = world - target.astype(np.float32)
-    inside = np.flatnonzero(np.abs(offset).max(axis=1) <= config.crop_half_width_m)
+    away = np.abs(offset)
+    farthest = np.maximum(np.maximum(away[:, 0], away[:, 1]), away[:, 2])
+    inside = np.flatnonzero(farthest <= config.crop_half_width_m)
     if inside.size == 0:
         return None
     missing = ~np.isfinite(normal[:, 0])
     # A small weight: only decides where no real normal falls into the voxel.
     fallback = camera_points[missing]
     normal[missing] = -1e-3 * fallback / np.linalg.norm(fallback, axis=1, keepdims=True)
-    cells = np.floor(offset[inside] / np.float32(config.fusion_voxel_m)).astype(_cell_type(config))
+    cells = np.floor(offset.take(inside, axis=0) / np.float32(config.fusion_voxel_m)).astype(
+        _cell_type(config)
+    )
     order = np.argsort(cells[:, 0], kind="stable")
     inside = inside[order]
     return _ViewPoints(
-        world[inside],
-        (normal @ rotation.astype(np.float32))[inside],
-        image[rows[inside], columns[inside]],
-        cells[order],
+        world.take(inside, axis=0),
+        (normal @ rotation.astype(np.float32)).take(inside, axis=0),
+        image.reshape(-1, 3).take(rows[inside] * depth.shape[1] + columns[inside], axis=0),
+        cells.take(order, axis=0),
     )
 
 
@@ -146,7 +151,7 @@ def _average_voxels(
     counts = np.diff(np.append(starts, len(order)))[:, None]
 
     def total(values: list[np.ndarray]) -> Floats:
-        return np.add.reduceat(np.concatenate(values)[order].astype(np.float64), starts, axis=0)
+        return np.add.reduceat(np.concatenate(values).take(order, axis=0).astype(np.float64), starts, axis=0)
 
     normal = total([part.normals for part in parts])
     length = np.linalg.norm(normal, axis=1, keepdims=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import os
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -85,15 +87,12 @@ def _points_by_id(reconstruction: pycolmap.Reconstruction) -> tuple[Floats, Floa
     takes many times as long as writing and reading the model.
     """
     with tempfile.TemporaryDirectory(prefix="nbv-points-") as directory:
+        # Three quarters of a model are its images' keypoints, which nobody reads here.
+        with contextlib.suppress(OSError):  # no symbolic links on this system: then they are written
+            (Path(directory) / "images.bin").symlink_to(os.devnull)
         reconstruction.write_binary(directory)
         data = (Path(directory) / "points3D.bin").read_bytes()
-    count = int.from_bytes(data[:8], "little")
-    starts = np.empty(count, dtype=np.int64)
-    start, fixed = 8, _POINT.itemsize
-    for row in range(count):  # the one loop that is left: where a record begins depends on all before it
-        starts[row] = start
-        start += fixed
-        start += _OBSERVATION_BYTES * int.from_bytes(data[start - 8 : start], "little")
+    starts = _record_starts(data)
     octets = np.frombuffer(data, np.uint8)
     records = octets[starts[:, None] + np.arange(_POINT.itemsize)].reshape(-1).view(_POINT)
     order = np.argsort(records["id"])
@@ -105,6 +104,20 @@ def _points_by_id(reconstruction: pycolmap.Reconstruction) -> tuple[Floats, Floa
     at = np.repeat(starts + _POINT.itemsize, lengths) + _OBSERVATION_BYTES * within
     image_ids = octets[at[:, None] + np.arange(4)].reshape(-1).view("<u4").astype(np.int64)
     return records["xyz"].copy(), records["error"].copy(), lengths, image_ids
+
+
+def _record_starts(data: bytes) -> Ints:
+    """Where each record of points3D.bin begins: the one loop that is left, since each depends on all before it."""
+    starts: list[int] = []
+    add = starts.append
+    start, fixed, length_at = 8, _POINT.itemsize, _POINT.itemsize - 8
+    for _ in range(int.from_bytes(data[:8], "little")):
+        add(start)
+        # The lowest two bytes of the track's length: no point is observed 65,536 times.
+        start += fixed + _OBSERVATION_BYTES * (data[start + length_at] | data[start + length_at + 1] << 8)
+    if start != len(data):
+        raise RuntimeError(f"points3D.bin has {len(data)} bytes, its records {start}")
+    return np.array(starts, dtype=np.int64)
 
 
 def export_colmap(
