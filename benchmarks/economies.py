@@ -24,13 +24,18 @@ from nbv.config import ECONOMIES, MissionConfig
 
 PAIRS = ("sparse.max_pairs",)
 VERIFICATION = ("sparse.min_ransac_trials",)
-ADJUSTMENT = ("sparse.global_ba_interval", "sparse.local_ba_images", "sparse.local_ba_rounds")
+ADJUSTMENT = (
+    "sparse.global_ba_interval", "sparse.local_ba_images", "sparse.local_ba_rounds", "sparse.local_ba_iterations",
+    "sparse.global_ba_iterations",
+)  # fmt: skip
+TABLES = ("sparse.update_pairs",)
 STEREO = ("dense.min_baseline_angle_deg", "dense.search")
 PARTS: dict[str, tuple[str, ...]] = {
     "none": (),
     "pairs": PAIRS,
     "verification": VERIFICATION,
     "adjustment": ADJUSTMENT,
+    "tables": TABLES,
     "dense": STEREO,
     "all": tuple(ECONOMIES),
 }
@@ -40,9 +45,9 @@ METRICS = (
 STAGES = {"mapping": "sparse.mapping", "adjustment": "sparse.ba", "dense": "dense"}
 
 
-def fly(rock: str, replicate: int, part: str, budget: int) -> dict[str, Any]:
-    """One flight with some economies, as a line of the record."""
-    config = MissionConfig().with_values(
+def configuration(part: str, budget: int) -> MissionConfig:
+    """Random views, with some economies."""
+    return MissionConfig().with_values(
         {
             **{path: ECONOMIES[path] for path in PARTS[part]},
             "gate.kind": "random",
@@ -50,6 +55,11 @@ def fly(rock: str, replicate: int, part: str, budget: int) -> dict[str, Any]:
             "stop.adaptive_budget": budget,
         }
     )
+
+
+def fly(rock: str, replicate: int, part: str, budget: int) -> dict[str, Any]:
+    """One flight with some economies, as a line of the record."""
+    config = configuration(part, budget)
     flown = fly_in_fresh_process(config, rock, replicate, home())
     result = flown.result
     if result.status == "failed":
@@ -113,17 +123,19 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("runs/economies.jsonl"))
     arguments = parser.parse_args()
     lines = [json.loads(x) for x in arguments.out.read_text().splitlines()] if arguments.out.is_file() else []
-    done = {(x["rock"], x["replicate"], x["part"], x["budget"]) for x in lines}
+    digests = {part: configuration(part, arguments.budget).digest() for part in PARTS}
+    lines = [x for x in lines if x["config_digest"] == digests[x["part"]]]  # of today's economies and budget
+    done = {(x["rock"], x["replicate"], x["part"]) for x in lines}
     for replicate in range(arguments.replicates):
         for rock in arguments.rocks:
             for part in arguments.parts:
-                if (Path(rock).stem, replicate, part, arguments.budget) in done:
+                if (Path(rock).stem, replicate, part) in done:
                     continue
                 lines.append(fly(rock, replicate, part, arguments.budget))
                 with arguments.out.open("a") as record:
                     print(json.dumps(lines[-1]), file=record)
                 print({k: v for k, v in lines[-1].items() if k not in ("views", "timings_s")}, flush=True)
-    print(table([x for x in lines if x["budget"] == arguments.budget]))
+    print(table(lines))
 
 
 if __name__ == "__main__":

@@ -170,7 +170,7 @@ def main() -> None:
             print("| function, with the libraries it calls | CPU s | share |\n|---|---|---|")
             for function, value in heaviest(stacks):
                 print(f"| {function} | {value:.2f} | {100 * value / total:.0f} % |", flush=True)
-            report[kind] = {"total_s": total, "functions": heaviest(stacks, 40)}
+            report[kind] = {"total_s": total, "functions": heaviest(stacks, 400)}
             if arguments.folder:
                 title = {"cold": "nothing cached", "new": "warm store, new sequence of views",
                          "known": "warm store, known sequence of views"}[kind]  # fmt: skip

@@ -195,6 +195,11 @@ class SparseConfig:
     # Photographs in a local adjustment, the new one included, and how often at most it is repeated; COLMAP's defaults.
     local_ba_images: int = field(default=6, metadata=LATER)
     local_ba_rounds: int = field(default=2, metadata=LATER)
+    # Solver iterations of one adjustment after the seed model, at most; 0: COLMAP's limits, 25 and 50.
+    local_ba_iterations: int = field(default=0, metadata=LATER)
+    global_ba_iterations: int = field(default=0, metadata=LATER)
+    # Pairs whose matches an update between global adjustments sees: all, or those of the new photograph's partners.
+    update_pairs: Literal["all", "near"] = field(default="all", metadata=LATER)
     max_alignment_rms_m: float = 0.10  # beyond this the model is wrong, not noisy
     min_registered_seeds: int = 12
 
@@ -496,6 +501,8 @@ def validate(config: MissionConfig) -> None:
     need(config.sparse.global_ba_interval >= 1, "sparse.global_ba_interval", "at least 1")
     need(config.sparse.local_ba_images >= 2, "sparse.local_ba_images", "at least 2")
     need(config.sparse.local_ba_rounds >= 1, "sparse.local_ba_rounds", "at least 1")
+    need(config.sparse.local_ba_iterations >= 0, "sparse.local_ba_iterations", "0 or more")
+    need(config.sparse.global_ba_iterations >= 0, "sparse.global_ba_iterations", "0 or more")
     need(config.sparse.max_alignment_rms_m > 0, "sparse.max_alignment_rms_m", "above 0")
     need(config.sparse.min_registered_seeds >= 3, "sparse.min_registered_seeds", "at least 3")
     need(len(config.evaluation.thresholds_mm) > 0, "evaluation.thresholds_mm", "at least one threshold")
@@ -515,6 +522,9 @@ ECONOMIES: dict[str, Any] = {
     "sparse.global_ba_interval": 20,
     "sparse.local_ba_images": 3,
     "sparse.local_ba_rounds": 1,
+    "sparse.local_ba_iterations": 2,
+    "sparse.global_ba_iterations": 1,
+    "sparse.update_pairs": "near",
     "dense.min_baseline_angle_deg": 40.0,
     "dense.search": "sparse",
 }

@@ -11,7 +11,7 @@ state, and lets a seed model be saved and continued bit for bit.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import pycolmap
@@ -116,7 +116,7 @@ class IncrementalModel:
         """
         pycolmap.set_random_seed(_SEED)
         with self.timer("mapping"):
-            cache = self._database_cache()
+            cache = self._database_cache(self.pairs)
             mapper = pycolmap.IncrementalMapper(cache)
         reason = "no pair of seed images is fit to start from"
         for _ in range(_MAX_INITIAL_PAIRS):
@@ -148,6 +148,15 @@ class IncrementalModel:
             fresh = pycolmap.Reconstruction()
             fresh.read_binary(directory)
         self.reconstruction = fresh
+
+    def _limit_iterations(self) -> None:
+        """For all adjustments after the seed model, which begin close to where they end."""
+        for ba, limit in (
+            (self._local_ba, self.config.local_ba_iterations),
+            (self._global_ba, self.config.global_ba_iterations),
+        ):
+            if limit:
+                ba.ceres.solver_options.max_num_iterations = limit
 
     def _initialise(self, mapper: pycolmap.IncrementalMapper) -> bool:
         """Start from the best pair; thresholds are relaxed as COLMAP's controller does."""
@@ -199,12 +208,15 @@ class IncrementalModel:
         ``config.global_ba_interval`` captures.
         """
         pycolmap.set_random_seed(_SEED)
+        self._limit_iterations()
         reasons: dict[int, str] = {}
-        with self.timer("mapping"):
-            mapper = pycolmap.IncrementalMapper(self._database_cache())
-            mapper.begin_reconstruction(self.reconstruction)
         registered = set(self.registered_ids)
         waiting = [new_id] + [i for i in range(1, len(self.names) + 1) if i not in registered | {new_id}]
+        is_global = self.captures_since_global + 1 >= self.config.global_ba_interval
+        pairs = self.pairs if is_global or self.config.update_pairs == "all" else self._pairs_near(waiting)
+        with self.timer("mapping"):
+            mapper = pycolmap.IncrementalMapper(self._database_cache(pairs))
+            mapper.begin_reconstruction(self.reconstruction)
         progress = True
         while waiting and progress:  # a new registration can make an earlier image registrable
             progress = False
@@ -217,7 +229,7 @@ class IncrementalModel:
                     waiting.remove(image_id)
                     progress = True
         self.captures_since_global += 1
-        if self.captures_since_global >= self.config.global_ba_interval:
+        if is_global:
             self._refine_globally(mapper)
             self.captures_since_global = 0
         with self.timer("mapping"):
@@ -227,8 +239,9 @@ class IncrementalModel:
     def refine(self) -> None:
         """Global adjustment of the model as it stands, e.g. before the dense stage."""
         pycolmap.set_random_seed(_SEED)
+        self._limit_iterations()
         with self.timer("mapping"):
-            mapper = pycolmap.IncrementalMapper(self._database_cache())
+            mapper = pycolmap.IncrementalMapper(self._database_cache(self.pairs))
             mapper.begin_reconstruction(self.reconstruction)
         self._refine_globally(mapper)
         with self.timer("mapping"):
@@ -285,8 +298,25 @@ class IncrementalModel:
                 True,
             )
 
-    def _database_cache(self) -> pycolmap.DatabaseCache:
-        """All images and pairs as COLMAP's in-memory cache (one rig and frame per image, as COLMAP wants)."""
+    def _pairs_near(self, image_ids: Sequence[int]) -> dict[tuple[int, int], VerifiedPair]:
+        """The pairs of these images, and of the images that they were matched with.
+
+        Registration and triangulation need those of the images themselves; the others let tracks that the new
+        observations join grow and merge. What lies farther is left to the next global adjustment, which sees all
+        pairs. Every image keeps one pair at least, since COLMAP's graph drops images that have none.
+        """
+        own = set(image_ids)
+        near = own | {i for pair in self.pairs if not own.isdisjoint(pair) for i in pair}
+        chosen = {ids: pair for ids, pair in self.pairs.items() if not near.isdisjoint(ids)}
+        held = {i for ids in chosen for i in ids}
+        for ids, pair in self.pairs.items():
+            if not held.issuperset(ids):
+                chosen[ids] = pair
+                held.update(ids)
+        return chosen
+
+    def _database_cache(self, pairs: Mapping[tuple[int, int], VerifiedPair]) -> pycolmap.DatabaseCache:
+        """All images and some pairs as COLMAP's in-memory cache (one rig and frame per image, as COLMAP wants)."""
         cache = pycolmap.DatabaseCache()
         camera = colmap_camera(self.camera)
         cache.add_camera(camera)
@@ -307,7 +337,7 @@ class IncrementalModel:
             cache.add_image(image)
             if not graph.exists_image(image_id):
                 graph.add_image(image_id, len(keypoints))
-        for (a, b), pair in sorted(self.pairs.items()):
+        for (a, b), pair in sorted(pairs.items()):
             geometry = pycolmap.TwoViewGeometry()
             geometry.config = pair.config
             geometry.inlier_matches = pair.matches

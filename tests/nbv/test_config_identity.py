@@ -11,7 +11,14 @@ from nbv.config import ECONOMIES, MissionConfig, canonical, config_from_dict, pr
 
 CAME_LATER = {
     "b_aware": ("main_term", "matchable_views"),
-    "sparse": ("min_ransac_trials", "local_ba_images", "local_ba_rounds"),
+    "sparse": (
+        "min_ransac_trials",
+        "local_ba_images",
+        "local_ba_rounds",
+        "local_ba_iterations",
+        "global_ba_iterations",
+        "update_pairs",
+    ),
     "dense": ("min_baseline_angle_deg", "search"),
 }
 

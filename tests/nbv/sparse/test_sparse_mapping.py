@@ -13,6 +13,7 @@ from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures
 
 from nbv.errors import MissionFailure, UserError
 from nbv.sparse.correspondences import ComputedCorrespondences
+from nbv.sparse.mapper import IncrementalModel
 from nbv.sparse.reconstructor import SparseReconstructor
 
 SEEDS = ring_captures(12)
@@ -182,11 +183,15 @@ def test_a_saved_model_is_refused_under_other_conditions(flown, tmp_path):
 
 
 def test_less_adjustment_between_captures_ends_in_the_same_place():
-    """What preset `paper` does: three photographs in a local adjustment, once, and a global one at the end."""
+    """What preset `paper` does: few photographs, iterations and pairs in a local adjustment, a global one at the end."""
     world = LabelledPoints(SEEDS + LATER, noise_px=1.0)
-    lazy = dataclasses.replace(CONFIG, global_ba_interval=100, local_ba_images=3, local_ba_rounds=1)
+    plain = dataclasses.replace(CONFIG, max_pairs=6)
+    lazy = dataclasses.replace(
+        plain, global_ba_interval=100, local_ba_images=3, local_ba_rounds=1, local_ba_iterations=2,
+        global_ba_iterations=1, update_pairs="near",
+    )  # fmt: skip
     ends = []
-    for config in (CONFIG, lazy):
+    for config in (plain, lazy):
         sparse = reconstructor(world, config)
         sparse.bootstrap(SEEDS)
         reports = [sparse.add(capture) for capture in LATER]
@@ -196,6 +201,32 @@ def test_less_adjustment_between_captures_ends_in_the_same_place():
     assert ends[0].camera_names == ends[1].camera_names
     apart_m = np.linalg.norm(ends[0].camera_centers_m - ends[1].camera_centers_m, axis=1)
     assert 0 < apart_m.max() < 0.002
+
+
+def test_an_update_with_near_pairs_leaves_out_only_what_is_far_and_no_photograph():
+    class Recording(IncrementalModel):
+        def _database_cache(self, pairs):
+            seen.append((set(pairs), set(self.pairs)))
+            return super()._database_cache(pairs)
+
+    def fly(**changes):
+        config = dataclasses.replace(CONFIG, max_pairs=3, global_ba_interval=3, **changes)
+        sparse = reconstructor(LabelledPoints(SEEDS + LATER), config)
+        sparse._model = Recording(CAMERA, config)
+        reports = [sparse.bootstrap(SEEDS)] + [sparse.add(capture) for capture in LATER[:3]]
+        assert all(report.registered for report in reports)
+
+    seen: list[tuple[set, set]] = []
+    fly(update_pairs="near")
+    (_, *updates), new_ids = seen, (13, 14, 15)
+    for (used, known), new_id in zip(updates, new_ids, strict=True):
+        assert {pair for pair in known if new_id in pair} <= used <= known
+        assert {i for pair in used for i in pair} == {i for pair in known for i in pair}
+    assert len(updates[0][0]) < len(updates[0][1])
+    assert updates[2][0] == updates[2][1]  # the third update ends with a global adjustment, which needs all
+    seen.clear()
+    fly()
+    assert all(used == known for used, known in seen)
 
 
 def test_refining_before_the_dense_stage_helps(flown):
