@@ -17,9 +17,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fresh_process import fly_in_fresh_process
+from fresh_process import fly_for_record
 
-from nbv.cache import home
 from nbv.config import ECONOMIES, MissionConfig
 
 PAIRS = ("sparse.max_pairs",)
@@ -60,24 +59,13 @@ def configuration(part: str, budget: int) -> MissionConfig:
 def fly(rock: str, replicate: int, part: str, budget: int) -> dict[str, Any]:
     """One flight with some economies, as a line of the record."""
     config = configuration(part, budget)
-    flown = fly_in_fresh_process(config, rock, replicate, home())
+    flown, line = fly_for_record(config, rock, replicate, {"part": part, "budget": budget}, METRICS)
     result = flown.result
-    if result.status == "failed":
-        raise SystemExit(f"{rock}, replicate {replicate}, {part}: {result.reason}: {result.message}")
-    last = result.trace[-1]
     return {
-        "rock": Path(rock).stem,
-        "replicate": replicate,
-        "part": part,
-        "budget": budget,
+        **line,
         "config_digest": result.config_digest,
-        "cpu_s": flown.cpu_s,
-        "timings_s": dict(result.timings_s),
-        "views": [step.chosen for step in result.trace],
-        "n_points": last.n_points,
         "n_registered": int(result.costs["registered_images"]),
-        "alignment_rms_mm": 1e3 * last.alignment_rms_m,
-        **{name: result.metrics["observable"][name] for name in METRICS},
+        "alignment_rms_mm": 1e3 * result.trace[-1].alignment_rms_m,
     }
 
 

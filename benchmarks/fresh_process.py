@@ -6,10 +6,12 @@ import itertools
 import multiprocessing
 import os
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
+from nbv.cache import home
 from nbv.config import MissionConfig
 from nbv.result import MissionResult
 from nbv.threads import single_thread_environment
@@ -50,6 +52,30 @@ def fly_in_fresh_process(
     finally:
         child.join()
     return flown
+
+
+def fly_for_record(
+    config: MissionConfig, rock: str, replicate: int, what: dict[str, Any], metrics: Sequence[str]
+) -> tuple[Flown, dict[str, Any]]:
+    """Fly with the user's rocks and store; the flight, and its line of a benchmark's record.
+
+    ``what`` tells the line from others of its rock and replicate; ``metrics`` are of the observable surface.
+    ``SystemExit`` where the mission fails.
+    """
+    flown = fly_in_fresh_process(config, rock, replicate, home())
+    result = flown.result
+    if result.status == "failed":
+        raise SystemExit(f"{rock}, replicate {replicate}, {what}: {result.reason}: {result.message}")
+    return flown, {
+        "rock": Path(rock).stem,
+        "replicate": replicate,
+        **what,
+        "cpu_s": flown.cpu_s,
+        "timings_s": dict(result.timings_s),
+        "views": [step.chosen for step in result.trace],
+        "n_points": result.trace[-1].n_points,
+        **{name: result.metrics["observable"][name] for name in metrics},
+    }
 
 
 def _fly(config, rock, replicate, directory, keep, sender) -> None:  # type: ignore[no-untyped-def]

@@ -16,9 +16,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from fresh_process import fly_in_fresh_process
+from fresh_process import fly_for_record
 
-from nbv.cache import home
 from nbv.config import MissionConfig
 
 METRICS = ("f_score_48mm", "f_score_16mm", "completeness_16mm", "accuracy_16mm", "c2c_mean_mm")
@@ -34,24 +33,8 @@ def fly(rock: str, replicate: int, limit: int, budget: int) -> dict[str, Any]:
             "stop.adaptive_budget": budget,
         }
     )
-    flown = fly_in_fresh_process(config, rock, replicate, home())
-    result = flown.result
-    if result.status == "failed":
-        raise SystemExit(f"{rock}, replicate {replicate}, limit {limit}: {result.reason}: {result.message}")
-    last = result.trace[-1]
-    return {
-        "rock": Path(rock).stem,
-        "replicate": replicate,
-        "limit": limit,
-        "budget": budget,
-        "cpu_s": flown.cpu_s,
-        "peak_rss_mb": flown.peak_rss_mb,
-        "timings_s": dict(result.timings_s),
-        "views": [step.chosen for step in result.trace],
-        "n_points": last.n_points,
-        "n_registered": last.n_registered,
-        **{name: result.metrics["observable"][name] for name in METRICS},
-    }
+    flown, line = fly_for_record(config, rock, replicate, {"limit": limit, "budget": budget}, METRICS)
+    return {**line, "peak_rss_mb": flown.peak_rss_mb, "n_registered": flown.result.trace[-1].n_registered}
 
 
 def table(lines: Sequence[dict[str, Any]]) -> str:
