@@ -28,11 +28,11 @@ import numpy as np  # noqa: E402
 
 from nbv.config import preset  # noqa: E402
 from nbv.errors import UserError  # noqa: E402
-from tuner.campaign import next_slot  # noqa: E402
 from tuner.history import Observation, Proposal  # noqa: E402
 from tuner.peers import OWN_DESIGN, available_peers  # noqa: E402
 from tuner.samplers import SAMPLER_NAMES, Sampler, SamplerSettings, make_sampler  # noqa: E402
 from tuner.search_space import load_search_space  # noqa: E402
+from tuner.slots import next_slot  # noqa: E402
 
 SPACE = load_search_space("gate_and_weights")
 ROCKS = tuple(f"rock-{i}" for i in range(6))
@@ -46,7 +46,7 @@ def observe(
     number: int, proposal: Proposal, history: list[Observation], rng: np.random.Generator
 ) -> Observation:
     """Fly ``proposal``."""
-    rock, replicate = next_slot(ROCKS, REPLICATES, history, proposal)  # type: ignore[arg-type]
+    rock, replicate = next_slot(ROCKS, REPLICATES, history, proposal)
     u = SPACE.to_unit(proposal.values)
     i = ROCKS.index(rock)
     smooth = float(-3 * ((u - _CENTRE) ** 2).sum() + np.sin(3 * u @ _WEIGHTS))

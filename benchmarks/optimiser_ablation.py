@@ -29,7 +29,6 @@ sys.path[:0] = [str(Path(__file__).resolve().parent.parent / part) for part in (
 import synthetic  # noqa: E402
 
 from nbv.types import Floats  # noqa: E402
-from tuner.campaign import next_slot  # noqa: E402
 from tuner.confirmation import (  # noqa: E402
     choose_finalists,
     confirmation_missions,
@@ -40,6 +39,7 @@ from tuner.history import Observation, Proposal  # noqa: E402
 from tuner.objective import Objective  # noqa: E402
 from tuner.recommendation import recommend  # noqa: E402
 from tuner.samplers import GPSampler  # noqa: E402
+from tuner.slots import next_slot  # noqa: E402
 from tuner.surrogate import SurrogateSettings  # noqa: E402
 
 REPLICATES = 2
@@ -66,7 +66,7 @@ def play(seed: int, budget: int, slot_sd: float, slots: bool, share: float) -> t
     history: list[Observation] = []
 
     def fly(proposal: Proposal) -> None:
-        rock, replicate = next_slot(rocks, REPLICATES, history, proposal)  # type: ignore[arg-type]
+        rock, replicate = next_slot(rocks, REPLICATES, history, proposal)
         history.append(
             synthetic.observe(len(history), proposal.values, rock, NOISE_SD, rng, replicate, slot_sd, seed)
         )

@@ -38,11 +38,11 @@ sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve
 from optimiser_problems import ROCKS, Problem, make_problem  # noqa: E402
 from optimiser_strategies import STRATEGIES, applicable  # noqa: E402
 
-from tuner.campaign import next_slot  # noqa: E402
 from tuner.gp_options import GPOptions  # noqa: E402
 from tuner.history import Observation, Proposal  # noqa: E402
 from tuner.samplers import surrogate_settings  # noqa: E402
 from tuner.search_space import Values  # noqa: E402
+from tuner.slots import next_slot  # noqa: E402
 from tuner.surrogate import RockMeanGP  # noqa: E402
 from tuner.verification import expected_shortfall, markdown  # noqa: E402
 
@@ -106,7 +106,7 @@ def play(problem: Problem, name: str, seed: int, log: TextIO) -> None:
         ask_s = time.process_time() - began
         total_ask_s += ask_s
         proposal = Proposal(request.values, {}, request.rock, request.replicate)
-        rock, replicate = next_slot(problem.rocks, problem.replicates, history, proposal)  # type: ignore[arg-type]
+        rock, replicate = next_slot(problem.rocks, problem.replicates, history, proposal)
         flight = problem.fly(request.values, rock, replicate)
         expected = {}
         if (

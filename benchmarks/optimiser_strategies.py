@@ -24,13 +24,13 @@ import torch
 from optimiser_problems import Problem
 
 from tuner.acquisition import SearchSettings
-from tuner.campaign import next_slot
 from tuner.history import Observation, Proposal
 from tuner.objective import RockStandardiser
 from tuner.peers import available_peers
 from tuner.samplers import GPSampler, Sampler, SamplerSettings, initial_design_size, make_sampler
 from tuner.screening import screen
 from tuner.search_space import Values
+from tuner.slots import next_slot
 from tuner.surrogate import RockMeanGP, SurrogateSettings, moments
 
 
@@ -138,7 +138,7 @@ class RockByVariance(OneRock):
         at = p.space.to_unit(request.values)
         rocks = [rock for rock in p.rocks if visits[rock] <= 1.5 * least + 1]
         slots = [
-            next_slot(p.rocks, p.replicates, self.history, Proposal(request.values, {}, rock))[1]  # type: ignore[arg-type]
+            next_slot(p.rocks, p.replicates, self.history, Proposal(request.values, {}, rock))[1]
             for rock in rocks
         ]
         missions = [gp.inputs(at[None], gp.rock_level(r), gp.slot_level(r, k)) for r, k in zip(rocks, slots)]
@@ -260,7 +260,7 @@ def all_rocks(name: str) -> Factory:
 
 
 def gp_variant(
-    *, search: SearchSettings | None = None, initial: int | None = None, verify: bool = True, **options: Any
+    *, search: SearchSettings | None = None, initial: int | None = None, **options: Any
 ) -> Factory:
     """Our sampler with other settings of its surrogate, of its search or of its initial design."""
     model = SurrogateSettings(**options)
@@ -269,7 +269,7 @@ def gp_variant(
         settings = settings_of(problem, seed)
         if initial is not None:
             settings = dataclasses.replace(settings, initial=initial)
-        return OneRock(GPSampler(settings, model=model, search=search, verify=verify), model)
+        return OneRock(GPSampler(settings, model=model, search=search), model)
 
     return make
 

@@ -145,7 +145,12 @@ def outcome(
         images[name] = to_known_camera(by_name[name].image, (fx, fy, cx, cy), config)
     points_m = alignment.world_from_model.apply(np.array([p.xyz for p in model.points3D.values()]))
     checked, _ = check_depths(
-        images, dict(zip(names, poses)), config.camera, config.target_m, config.dense, None, points_m
+        images,
+        dict(zip(names, poses)),
+        config.camera,
+        config.target_m,
+        config.dense,
+        sparse_points_m=points_m,
     )
     cloud = checked.fuse()
     dense_s = time.process_time() - started

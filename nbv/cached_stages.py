@@ -63,9 +63,8 @@ class CachedCorrespondences:
         common = [STAGE_VERSION, versions()["pycolmap"]]
         self._feature_options = [*common, config.max_features, config.first_octave, config.peak_threshold]
         self._pair_options = [*common, dataclasses.asdict(camera), config.match_ratio, config.min_inliers]
-        if (
-            config.min_ransac_trials != SparseConfig().min_ransac_trials
-        ):  # pairs kept before it existed stay valid
+        # Left out where it is COLMAP's, so that pairs kept before it was an option stay valid.
+        if config.min_ransac_trials != SparseConfig().min_ransac_trials:
             self._pair_options.append(config.min_ransac_trials)
         self._keys: dict[int, tuple[Features, str]] = {}  # holds the features, so that ids stay theirs
 

@@ -64,6 +64,7 @@ from tuner.samplers import (
 )
 from tuner.search_space import SearchSpace, Values, space_from_dict
 from tuner.session import exclusive, stop_signals
+from tuner.slots import next_slot
 
 if TYPE_CHECKING:
     from tuner.pareto import FrontPoint
@@ -853,27 +854,6 @@ class _Session:
         )
 
 
-def next_slot(
-    rocks: Sequence[str], replicates: int, trials: Sequence[TrialRecord], proposal: Proposal
-) -> tuple[str, int]:
-    """Rock and replicate of the next mission, where the sampler left them open.
-
-    The rock visited least (ties: list order), so rocks are taken in turn; on it the replicate used least among
-    those this configuration has not flown there. A configuration that has flown them all gets a fresh number.
-    """
-    visits = collections.Counter(t.rock for t in trials)
-    rock = proposal.rock if proposal.rock is not None else min(rocks, key=lambda name: visits[name])
-    if proposal.replicate is not None:
-        return rock, proposal.replicate
-    here = [t for t in trials if t.rock == rock]
-    used = collections.Counter(t.replicate for t in here)
-    own = {t.replicate for t in here if t.values == proposal.values}
-    fresh = [k for k in range(replicates) if k not in own]
-    if fresh:
-        return rock, min(fresh, key=lambda k: (used[k], k))
-    return rock, next(k for k in range(replicates, replicates + len(own) + 1) if k not in own)
-
-
 # -- helpers -------------------------------------------------------------------------------------------------
 
 
@@ -909,5 +889,4 @@ __all__ = [
     "CampaignSummary",
     "Direction",
     "Keep",
-    "next_slot",
 ]

@@ -18,6 +18,7 @@ import numpy as np
 from tuner.gp_options import Risk
 from tuner.history import Observation, Pending, Proposal
 from tuner.search_space import SearchSpace
+from tuner.slots import next_slot
 from tuner.surrogate import RockMeanGP
 
 BEGINS = 2 / 3  # of the search budget
@@ -52,10 +53,8 @@ def expected_shortfall(history: Sequence[Observation], noise_sd: float) -> float
         for o in history
         if o.memory.get(PREDICTED) is not None and o.outcome is not None
     ]
-    return _shortfall(gaps, noise_sd) if gaps else None
-
-
-def _shortfall(gaps: Sequence[float], noise_sd: float) -> float:
+    if not gaps:
+        return None
     return max(0.0, (PRIOR_MISSIONS * noise_sd + sum(gaps)) / (PRIOR_MISSIONS + len(gaps)))
 
 
@@ -83,28 +82,26 @@ def verification(
     None where the favourite (best posterior mean) has flown every rock, or where exploring promises more than
     verification missions are expected to fall short by.
     """
-    configurations = list(
-        {configuration_key(model.space, o.values): o.values for o in model.observations}.values()
-    )
-    favourite = configurations[int(model.posterior(configurations, risk).mean.argmax())]
+    shortfall = expected_shortfall(history, model.noise_sd)
+    if shortfall is None:
+        shortfall = model.noise_sd
+    if shortfall <= expected_gain:
+        return None
+    seen = {configuration_key(model.space, o.values): o.values for o in model.observations}
+    configurations = list(seen.values())
+    favourite = dict(configurations[int(model.posterior(configurations, risk).mean.argmax())])
     missions: list[Observation | Pending] = [*history, *pending]
     flown = rocks_flown(model.space, missions)[configuration_key(model.space, favourite)]
     missing = [rock for rock in model.rocks if rock not in flown]
-    shortfall = expected_shortfall(history, model.noise_sd)
-    if shortfall is None:
-        shortfall = _shortfall([], model.noise_sd)
-    if not missing or shortfall <= expected_gain:
+    if not missing:
         return None
-    visits = collections.Counter(m.rock for m in missions)
-    rock = min(missing, key=lambda name: visits[name])
-    used = collections.Counter(m.replicate for m in missions if m.rock == rock)
-    replicate = min(range(replicates), key=lambda k: used[k])
+    rock, replicate = next_slot(missing, replicates, missions, Proposal(favourite, {}))
     predicted, sd = model.predict_mission(favourite, rock, replicate)
     why = {
         "sampler": "gp", "phase": "verification", "predicted_mean": predicted, "predicted_sd": sd,
         "expected_shortfall": shortfall, "expected_gain": expected_gain,
     }  # fmt: skip
-    return Proposal(dict(favourite), why, rock, replicate, {PREDICTED: predicted})
+    return Proposal(favourite, why, rock, replicate, {PREDICTED: predicted})
 
 
 def markdown(
