@@ -10,11 +10,13 @@ of the prediction by, on average, is what every configuration not flown everywhe
 from __future__ import annotations
 
 import collections
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from nbv.errors import UserError
 from tuner.gp_options import Risk
 from tuner.history import Observation, Pending, Proposal
 from tuner.search_space import SearchSpace
@@ -46,16 +48,21 @@ def expected_shortfall(history: Sequence[Observation], noise_sd: float) -> float
     """How far the next verification mission will stay behind its prediction; None before the first one.
 
     The mean over the verification missions so far and one made-up one that falls short by the noise of a mission;
-    objective's unit, never negative.
+    objective's unit, never negative. `UserError` where the ledger has something else than a prediction.
     """
-    gaps = [
-        float(o.memory[PREDICTED]) - o.outcome
-        for o in history
-        if o.memory.get(PREDICTED) is not None and o.outcome is not None
-    ]
+    gaps = [_predicted(o) - o.outcome for o in history if PREDICTED in o.memory and o.outcome is not None]
     if not gaps:
         return None
     return max(0.0, (PRIOR_MISSIONS * noise_sd + sum(gaps)) / (PRIOR_MISSIONS + len(gaps)))
+
+
+def _predicted(mission: Observation) -> float:
+    value = mission.memory[PREDICTED]
+    if isinstance(value, (int, float)) and math.isfinite(value):
+        return float(value)
+    raise UserError(
+        f"the ledger says {value!r} was predicted for trial {mission.number}, which is no number; restore the ledger"
+    )
 
 
 def verification(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import synthetic
 
+from nbv.errors import UserError
 from tuner.history import Observation, Pending
 from tuner.objective import Objective
 from tuner.recommendation import recommend
@@ -44,6 +45,12 @@ def test_shortfall_is_the_mean_gap_with_one_made_up_mission() -> None:
     assert expected_shortfall(history[:1], 0.4) is None
     better = [seen(0, GOOD, "r1", 70.0, **{PREDICTED: 60.0})]
     assert expected_shortfall(better, 0.4) == 0.0
+
+
+@pytest.mark.parametrize("value", ["high", None, float("nan")])
+def test_prediction_that_is_no_number_is_one_line(value: object) -> None:
+    with pytest.raises(UserError, match="predicted for trial 7, which is no number; restore the ledger"):
+        expected_shortfall([seen(7, GOOD, "r1", 57.0, **{PREDICTED: value})], 0.4)
 
 
 def test_favourite_flies_a_rock_it_has_not_seen() -> None:
