@@ -90,12 +90,7 @@ class PhotogrammetricReconstructor:
                 give_back_freed_memory()
             images = {name: self._images[name] for name in poses}
             self._checked, self.dense_report = check_depths(
-                images,
-                poses,
-                self._config.camera,
-                self._config.target_m,
-                self._config.dense,
-                sparse_points_m=points_m,
+                images, poses, self._config.camera, self._config.target_m, self._config.dense, None, points_m
             )
             give_back_freed_memory()  # fusion, which comes next, needs the most of all stages
         return self._checked.fuse(agreeing_views)
