@@ -47,9 +47,10 @@ from tuner.surrogate import RockMeanGP  # noqa: E402
 from tuner.verification import expected_shortfall, markdown  # noqa: E402
 
 OUT = Path("runs/optimiser_comparison")
-# Shares of the budget at which a recommendation is made; ours more often, to see when it reaches a peer's last.
+# Shares of the budget at which a recommendation is made; ours more often, to see when it reaches a peer's last:
+# every second mission of 64 in the first half of the budget, and at the peers' places.
 CHECKPOINTS = (0.2, 0.4, 0.6, 0.8, 1.0)
-OUR_CHECKPOINTS = (0.125, 0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+OUR_CHECKPOINTS = tuple(sorted({*CHECKPOINTS, 0.7, 0.9, *(i / 32 for i in range(2, 17))}))
 
 
 def result_file(out: Path, problem: str, strategy: str, seed: int) -> Path:

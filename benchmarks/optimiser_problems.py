@@ -59,6 +59,7 @@ class Problem(Protocol):
     default: Values  # where every sampler starts
     best: float | None  # largest truth there is, where known
     budget: int  # missions
+    trusted_default: bool  # chosen by hand, not a random place
 
     def fly(self, values: Values, rock: str, replicate: int) -> Flight:
         """One mission."""
@@ -127,6 +128,7 @@ class FunctionProblem:
     budget: int = 60
     replicates: int = 1
     rocks: tuple[str, ...] = (ROCK,)
+    trusted_default: bool = False
 
     @functools.cached_property
     def space(self) -> SearchSpace:
@@ -172,6 +174,7 @@ class FourRocks:
     best: float | None = None  # not known: the shifts move it; below Hartmann's 3.32
     agreement: float | None = None  # of a cheap fidelity; None: there is none
     cheap_cost: float = 1 / 200
+    trusted_default: bool = False
 
     @property
     def name(self) -> str:
@@ -281,6 +284,7 @@ class GeometricProblem:
     budget: int = 64
     replicates: int = 2
     best: float | None = None
+    trusted_default: bool = True
     space: SearchSpace = field(init=False)
     default: Values = field(init=False)
     name: str = field(init=False)

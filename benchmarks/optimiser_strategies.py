@@ -25,9 +25,10 @@ from optimiser_problems import Problem
 
 from tuner.acquisition import SearchSettings
 from tuner.history import Observation, Proposal
+from tuner.initial_design import initial_design_size
 from tuner.objective import RockStandardiser
 from tuner.peers import available_peers
-from tuner.samplers import GPSampler, Sampler, SamplerSettings, initial_design_size, make_sampler
+from tuner.samplers import GPSampler, Sampler, SamplerSettings, make_sampler
 from tuner.screening import screen
 from tuner.search_space import Values
 from tuner.slots import next_slot
@@ -65,16 +66,29 @@ class Strategy(Protocol):
 Factory = Callable[[Problem, int], Strategy]
 
 
-def settings_of(problem: Problem, seed: int, *, configurations: bool = False) -> SamplerSettings:
+def settings_of(
+    problem: Problem, seed: int, *, configurations: bool = False, ours: bool = False
+) -> SamplerSettings:
     """What a campaign on ``problem`` would give its sampler.
 
     ``configurations``: for samplers that see configurations, each flown on all rocks, as single results.
+    ``ours``: for our sampler, whose design trusts a default that was chosen by hand.
     """
     rocks = ("mean",) if configurations else problem.rocks
     budget = problem.budget // len(problem.rocks) if configurations else problem.budget
-    initial = initial_design_size(problem.space.dimension, budget)
+    trusted = ours and problem.trusted_default
+    initial = initial_design_size(problem.space.dimension, budget, trusted_default=trusted)
     replicates = 1 if configurations else problem.replicates
-    return SamplerSettings(problem.space, problem.default, rocks, seed, initial, replicates, budget=budget)
+    return SamplerSettings(
+        problem.space,
+        problem.default,
+        rocks,
+        seed,
+        initial,
+        replicates,
+        budget=budget,
+        trusted_default=trusted,
+    )
 
 
 class OneRock:
@@ -99,12 +113,28 @@ class OneRock:
         return None
 
 
+class OurDesign(OneRock):
+    """Optuna's GP after our sampler's initial design: what of a difference is the design's."""
+
+    def __init__(self, problem: Problem, seed: int) -> None:
+        settings = settings_of(problem, seed, ours=True)
+        self._initial = settings.initial
+        self._design = GPSampler(settings)
+        super().__init__(make_sampler("optuna-gp", settings))
+
+    def ask(self) -> Request:
+        """A point of our design, then Optuna's proposal."""
+        if len(self.history) < self._initial:
+            return Request(self._design.ask(self.history, []).values)
+        return super().ask()
+
+
 class Screened(OneRock):
     """Our sampler after a screening with the problem's cheap fidelity, which counts towards the cost."""
 
     def __init__(self, problem: Any, seed: int) -> None:
         flown = screen(problem.space, problem.rocks, problem.default, problem.cheap, seed)
-        super().__init__(GPSampler(dataclasses.replace(settings_of(problem, seed), screen=flown)))
+        super().__init__(GPSampler(dataclasses.replace(settings_of(problem, seed, ours=True), screen=flown)))
         self.screen = flown  # of the recommendation
         self._unpaid = len(flown.observations) * problem.cheap_cost
 
@@ -123,7 +153,7 @@ class RockByVariance(OneRock):
     """
 
     def __init__(self, problem: Problem, seed: int) -> None:
-        super().__init__(GPSampler(settings_of(problem, seed)))
+        super().__init__(GPSampler(settings_of(problem, seed, ours=True)))
         self.problem = problem
 
     def ask(self) -> Request:
@@ -249,13 +279,13 @@ class PrunedTPE:
 
 def one_rock(name: str) -> Factory:
     """A campaign with sampler ``name``."""
-    return lambda problem, seed: OneRock(make_sampler(name, settings_of(problem, seed)))
+    return lambda problem, seed: OneRock(make_sampler(name, settings_of(problem, seed, ours=name == "gp")))
 
 
 def all_rocks(name: str) -> Factory:
     """The sampler on configurations that fly all rocks."""
     return lambda problem, seed: AllRocks(
-        problem, make_sampler(name, settings_of(problem, seed, configurations=True))
+        problem, make_sampler(name, settings_of(problem, seed, configurations=True, ours=name == "gp"))
     )
 
 
@@ -266,7 +296,7 @@ def gp_variant(
     model = SurrogateSettings(**options)
 
     def make(problem: Problem, seed: int) -> Strategy:
-        settings = settings_of(problem, seed)
+        settings = settings_of(problem, seed, ours=True)
         if initial is not None:
             settings = dataclasses.replace(settings, initial=initial)
         return OneRock(GPSampler(settings, model=model, search=search), model)
@@ -281,7 +311,11 @@ STRATEGIES: dict[str, Factory] = {
     **{f"{name}/all": all_rocks(name) for name in (*PEERS, "gp")},
     "tpe/pruned": PrunedTPE,
     "gp+screen": Screened,
-    "gp+trusting": lambda problem, seed: OneRock(GPSampler(settings_of(problem, seed), verify=False)),
+    "gp+trusting": lambda problem, seed: OneRock(
+        GPSampler(settings_of(problem, seed, ours=True), verify=False)
+    ),
+    "gp+sobol": lambda problem, seed: OneRock(GPSampler(settings_of(problem, seed))),  # its design before
+    "optuna-gp+near": OurDesign,
     "gp+short": gp_variant(initial=8),
     "gp+sampled": gp_variant(search=SearchSettings(closed_form=False)),
     "gp+old-priors": gp_variant(
@@ -303,12 +337,15 @@ STRATEGIES: dict[str, Factory] = {
 
 
 _MANY_ROCKS = ("gp+deviations", "gp+variance", "gp+pooled", "gp+trusting")
+_TRUSTED_DEFAULT = ("gp+sobol", "optuna-gp+near")
 
 
 def applicable(name: str, problem: str) -> bool:
     """Whether a strategy makes sense, and is another one than its plain variant, on a problem."""
     if name.startswith("cmaes") and problem == "geometric:full":
         return False  # categorical parameters
+    if name in _TRUSTED_DEFAULT:
+        return problem.startswith("geometric")
     if name == "gp+screen":
         return problem.startswith("two-fidelities")
     one_rock = not problem.startswith(("four-rocks", "two-fidelities", "geometric"))

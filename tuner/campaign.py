@@ -41,6 +41,7 @@ from tuner.confirmation import (
 from tuner.executors import Executor
 from tuner.gp_options import GPOptions
 from tuner.history import Observation, Proposal
+from tuner.initial_design import initial_design_size
 from tuner.ledger import Ledger, TrialRecord
 from tuner.missions import (
     DEFAULT_RUNNER,
@@ -57,7 +58,6 @@ from tuner.samplers import (
     ALL_SAMPLER_NAMES,
     Sampler,
     SamplerSettings,
-    initial_design_size,
     make_sampler,
     require_sampler,
     surrogate_settings,
@@ -104,9 +104,7 @@ class CampaignSettings:
     overrides: dict[str, Any] = field(default_factory=dict)  # parameter paths laid over the preset
     objective: Objective = field(default_factory=Objective)
     sampler: str = "gp"
-    initial: int | None = (
-        None  # missions of the initial design; None: 2 (d + 1), at most a third of the budget
-    )
+    initial: int | None = None  # missions of the initial design; None: as many as suit sampler and budget
     runner: str = DEFAULT_RUNNER
     keep: Keep = "summary"
     storage: str | None = None  # None: study.journal in the run directory
@@ -196,13 +194,16 @@ class CampaignSettings:
         """Missions of the initial design."""
         if self.initial is not None:
             return min(self.initial, self.search_budget)
-        return initial_design_size(self.space.dimension, self.search_budget)
+        # The paper's values were chosen by hand. Other samplers keep the designs their authors recommend.
+        trusted = self.sampler == "gp"
+        return initial_design_size(self.space.dimension, self.search_budget, trusted_default=trusted)
 
     def make_sampler(self, screen: Screen | None = None) -> Sampler:
         """The sampler at work; ``screen``: the cheap missions flown beforehand."""
         settings = SamplerSettings(
             self.space, self.default_values(), self.rocks, self.seed, self.initial_size(), self.replicates,
             self.gp, screen, self.second is not None, self.stop_when_settled, self.search_budget,
+            trusted_default=True,
         )  # fmt: skip
         return make_sampler(self.sampler, settings)
 

@@ -21,6 +21,7 @@ import numpy as np
 from nbv.errors import UserError
 from tuner.gp_options import GPOptions
 from tuner.history import Observation, Pending, Proposal
+from tuner.initial_design import near_default, sobol_point
 from tuner.objective import RockStandardiser
 from tuner.peers import PEER_NAMES, make_peer_sampler, peer_command
 from tuner.search_space import SearchSpace, Values
@@ -63,6 +64,7 @@ class SamplerSettings:
     two_objectives: bool = False  # sampler gp: search the front between the objective and the second one
     measure_gain: bool = False  # sampler gp: every proposal says what is left to gain (``tuner.stopping``)
     budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
+    trusted_default: bool = False  # sampler gp: chosen by hand, so half of the initial design stays near it
 
     def surrogate(self) -> SurrogateSettings:
         """What sampler gp and the recommendation model."""
@@ -86,11 +88,6 @@ SPARSE_DIMENSION = 13
 FULLY_BAYESIAN_MEMBERS = 16  # draws of the hyperparameters
 
 
-def initial_design_size(dimension: int, budget: int) -> int:
-    """2 (d + 1) missions, at most a third of the budget, at least 1."""
-    return max(1, min(2 * (dimension + 1), budget // 3))
-
-
 def derived_seed(seed: int, number: int) -> int:
     """Seed of the ask for trial ``number``: a function of both, well mixed."""
     return int(np.random.SeedSequence([seed, number]).generate_state(1)[0]) % (2**31)
@@ -100,22 +97,11 @@ def _asks(history: Sequence[Observation], pending: Sequence[Pending]) -> int:
     return len(history) + len(pending)
 
 
-def _sobol_point(settings: SamplerSettings, index: int) -> Values:
-    from scipy.stats import qmc
-
-    engine = qmc.Sobol(settings.space.dimension, scramble=True, rng=settings.seed)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # balance needs powers of two; a sequence is wanted here
-        if index:
-            engine.fast_forward(index)
-        return settings.space.from_unit(engine.random(1)[0])
-
-
 def _initial_proposal(settings: SamplerSettings, number: int, sampler: str) -> Proposal:
     if number == 0:
         return Proposal(dict(settings.default), {"sampler": sampler, "phase": "default"})
     why = {"sampler": sampler, "phase": "initial design", "point": number - 1}
-    return Proposal(_sobol_point(settings, number - 1), why)
+    return Proposal(sobol_point(settings.space, settings.seed, number - 1), why)
 
 
 @dataclass(frozen=True)
@@ -149,10 +135,11 @@ class RandomSampler:
 
 @dataclass(frozen=True)
 class GPSampler:
-    """Default configuration, Sobol design, then log noisy expected improvement on the rock-mean GP.
+    """Default configuration, initial design, then log noisy expected improvement on the rock-mean GP.
 
-    After a screening, every second point of the design is the best of the cheap landscape not yet taken. Near the
-    end of the budget the favourite is flown on rocks it has not seen, where that is worth more (``tuner.verification``).
+    The design is a Sobol sequence; every second point stays near a trusted default, and the others are the best of
+    the cheap landscape not yet taken where there was a screening. Near the end of the budget the favourite is
+    flown on rocks it has not seen, where that is worth more (``tuner.verification``).
     """
 
     settings: SamplerSettings
@@ -195,13 +182,20 @@ class GPSampler:
         return Proposal(values, {"sampler": self.name, "phase": "model", **figures})
 
     def _design(self, number: int) -> Proposal:
-        screen, rank = self.settings.screen, number // 2 - 1
-        if number % 2 == 1 or rank < 0 or screen is None or not screen.usable:
-            return _initial_proposal(self.settings, number, self.name)
-        best = screen.best(rank + 1)
-        if len(best) <= rank:
-            return _initial_proposal(self.settings, number, self.name)
-        return Proposal(best[rank], {"sampler": self.name, "phase": "screened", "rank": rank})
+        s, rank = self.settings, number // 2 - 1
+        if number == 0:
+            return _initial_proposal(s, 0, self.name)
+        if number % 2 == 0 and s.screen is not None and s.screen.usable:
+            best = s.screen.best(rank + 1)
+            if len(best) > rank:
+                return Proposal(best[rank], {"sampler": self.name, "phase": "screened", "rank": rank})
+        if not s.trusted_default:
+            return _initial_proposal(s, number, self.name)
+        why: dict[str, Any] = {"sampler": self.name, "phase": "initial design"}
+        if number % 2 == 1:
+            values = near_default(s.space, s.default, s.seed, number // 2)
+            return Proposal(values, {**why, "near": "default", "point": number // 2})
+        return Proposal(sobol_point(s.space, s.seed, rank), {**why, "point": rank})
 
 
 @dataclass(frozen=True)

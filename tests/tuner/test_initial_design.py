@@ -1,0 +1,81 @@
+"""The initial design: how large it is, where its points lie, and that a trusted default pays."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import synthetic
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tuner.history import Observation
+from tuner.initial_design import NEAR_SD, initial_design_size, near_default, sobol_point
+from tuner.samplers import make_sampler
+from tuner.search_space import Parameter, SearchSpace
+
+MIXED = SearchSpace(
+    "mixed",
+    (
+        Parameter("weight", "float", 0.01, 2.0, scale="log"),
+        Parameter("views", "int", 3, 10),
+        Parameter("mode", "categorical", choices=("a", "b", "c")),
+    ),
+)
+MIXED_DEFAULT = {"weight": 1.2, "views": 5, "mode": "b"}
+
+
+@pytest.mark.parametrize(
+    ("dimension", "budget", "trusted", "size"),
+    [(2, 100, False, 6), (8, 100, False, 18), (8, 24, False, 8), (8, 1, False, 1),
+     (2, 100, True, 4), (8, 64, True, 10), (8, 24, True, 6), (18, 64, True, 16), (8, 1, True, 1)],
+)  # fmt: skip
+def test_size(dimension: int, budget: int, trusted: bool, size: int) -> None:
+    assert initial_design_size(dimension, budget, trusted_default=trusted) == size
+
+
+@given(seed=st.integers(0, 10_000), index=st.integers(0, 40))
+def test_points_are_configurations_and_functions_of_seed_and_index(seed: int, index: int) -> None:
+    for point in (
+        near_default(MIXED, MIXED_DEFAULT, seed, index),
+        sobol_point(MIXED, seed, index),
+    ):
+        assert all(p.contains(point[p.path]) for p in MIXED.parameters)
+    assert near_default(MIXED, MIXED_DEFAULT, seed, index) == near_default(MIXED, MIXED_DEFAULT, seed, index)
+
+
+def test_near_points_lie_around_the_default() -> None:
+    space = SearchSpace("cube", tuple(Parameter(f"x{i}", "float", 0.0, 1.0) for i in range(20)))
+    centre = np.full(20, 0.5)
+    default = space.from_unit(centre)
+    offsets = np.array([space.to_unit(near_default(space, default, 3, i)) - centre for i in range(400)])
+    assert abs(offsets.mean()) < 0.01
+    sd = offsets.std(axis=1)  # of one point over its coordinates: the point's own
+    assert NEAR_SD[0] / 2 < np.quantile(sd, 0.01) and np.quantile(sd, 0.99) < 1.5 * NEAR_SD[1]
+    kept = [near_default(MIXED, MIXED_DEFAULT, 3, i)["mode"] == "b" for i in range(400)]
+    assert 0.8 < np.mean(kept) < 0.93  # jumps at 0.2, a third of them back to the same choice
+
+
+def test_every_second_point_of_a_trusted_design_is_near() -> None:
+    settings = dataclasses.replace(synthetic.sampler_settings(0, 9), trusted_default=True)
+    history: list[Observation] = []
+    sampler = make_sampler("gp", settings)
+    proposals = []
+    for number in range(9):
+        proposals.append(sampler.ask(history, []))
+        history.append(Observation(number, proposals[-1].values, "r0", 0, 0.1 * number, 0.1 * number))
+    assert proposals[0].values == synthetic.DEFAULT
+    assert ["near" in p.why for p in proposals] == [False, True, False, True, False, True, False, True, False]
+    sobol = [sobol_point(synthetic.SPACE, 0, i) for i in range(4)]
+    assert [p.values for p in proposals[2::2]] == sobol
+    assert sampler.ask(history, []).why["phase"] == "model"
+    other = dataclasses.replace(settings, trusted_default=False)
+    assert all("near" not in make_sampler("gp", other).ask(history[:n], []).why for n in range(1, 9))
+
+
+def test_other_samplers_keep_their_own_design() -> None:
+    settings = dataclasses.replace(synthetic.sampler_settings(0, 4), trusted_default=True)
+    history = [Observation(0, synthetic.DEFAULT, "r0", 0, 0.5, 0.5)]
+    for name in ("tpe", "optuna-gp", "sobol"):
+        assert make_sampler(name, settings).ask(history, []).values == sobol_point(synthetic.SPACE, 0, 0)

@@ -1,0 +1,54 @@
+"""What is flown before a model can say anything: the default configuration, then points that need no outcomes."""
+
+from __future__ import annotations
+
+import math
+import warnings
+
+import numpy as np
+
+from tuner.search_space import SearchSpace, Values
+
+# Standard deviation of a point near a trusted default, per parameter, of the unit cube: smallest and largest,
+# evenly spread logarithms (docs/results/optimiser_ablation.md, "A design that trusts the default").
+NEAR_SD = (0.075, 0.3)
+NEAR_JUMP = 0.2  # probability with which a categorical parameter, where nothing is near, is drawn anew
+
+
+def initial_design_size(dimension: int, budget: int, *, trusted_default: bool = False) -> int:
+    """Missions before the model leads: 2 (d + 1), at most a third of the budget, at least 1.
+
+    With a default that can be trusted d + 2, at most a quarter of the budget.
+    """
+    if trusted_default:
+        return max(1, min(dimension + 2, budget // 4))
+    return max(1, min(2 * (dimension + 1), budget // 3))
+
+
+def sobol_point(space: SearchSpace, seed: int, index: int) -> Values:
+    """Point ``index`` of the seed's scrambled Sobol sequence over the space."""
+    from scipy.stats import qmc
+
+    engine = qmc.Sobol(space.dimension, scramble=True, rng=seed)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # balance needs powers of two; a sequence is wanted here
+        if index:
+            engine.fast_forward(index)
+        return space.from_unit(engine.random(1)[0])
+
+
+def near_default(space: SearchSpace, default: Values, seed: int, index: int) -> Values:
+    """Point ``index`` of the seed's random points around ``default``, near ones and less near ones.
+
+    A default that somebody chose by hand is better than most of the space: where its neighbourhood is better still
+    a handful of such points show it, before a space-filling design has found anything as good as the default.
+    """
+    rng = np.random.default_rng([seed, index, 77])
+    smallest, largest = NEAR_SD
+    sd = math.exp(rng.uniform(math.log(smallest), math.log(largest)))
+    centre = space.to_unit(default)
+    moved = np.clip(centre + sd * rng.standard_normal(space.dimension), 0.0, 1.0)
+    categorical = list(space.categorical_dimensions)
+    jump = rng.random(len(categorical)) < NEAR_JUMP
+    moved[categorical] = np.where(jump, rng.random(len(categorical)), centre[categorical])
+    return space.from_unit(moved)
