@@ -15,6 +15,9 @@ from tuner.forward_check import widening
 
 DRAWS = 10_000
 MIN_SEEDS = 3  # fewer common seeds get no interval
+# Values this near are the same: on geometric missions a plateau of equal views has steps of 0.001, a mission's noise
+# is a hundred times that; the functions are in standard deviations.
+PLATEAU = 0.002
 
 
 @dataclass(frozen=True)
@@ -34,8 +37,12 @@ class Run:
 
     def reached(self, level: float) -> float:
         """Cost at which the recommendation was first as good as ``level``; infinite if never."""
-        there = self.costs[self.truths >= level - 1e-12]
+        there = self.costs[self.truths >= level - PLATEAU]
         return float(there[0]) if len(there) else float("inf")
+
+    def at(self, share: float) -> float:
+        """Value of the recommendation at the first checkpoint after ``share`` of the budget."""
+        return float(self.truths[self.costs >= share * self.budget - 1e-6][0])
 
 
 def read(path: Path) -> Run | None:
@@ -114,6 +121,32 @@ def rows(table: Table, ours: str) -> list[str]:
     return lines
 
 
+PEER_SHARES = (0.2, 0.4, 0.6, 0.8, 1.0)  # of the budget: where peers are looked at
+EQUAL_HEAD = (
+    "| ours minus it after this share of the budget | "
+    + " | ".join(f"{share:.0%}" for share in PEER_SHARES)
+    + " |\n|---|"
+    + "---|" * len(PEER_SHARES)
+)
+
+
+def at_equal_cost(table: Table, ours: str) -> list[str]:
+    """Markdown lines: ours minus each strategy at the same cost, mean and 95 % over common seeds."""
+    mine = table.get(ours, {})
+    lines = []
+    for name, runs in table.items():
+        common = sorted(set(runs) & set(mine))
+        if name == ours or len(common) < MIN_SEEDS:
+            continue
+        cells = []
+        for share in PEER_SHARES:
+            gaps = [mine[s].at(share) - runs[s].at(share) for s in common]
+            mean, low, high = paired_interval(np.array(gaps))
+            cells.append(f"{mean:+.3f} ({low:+.3f} to {high:+.3f})")
+        lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    return lines
+
+
 HEAD = (
     "| strategy | seeds | median | worst | ours minus this (mean, 95 %) | cost ratio | ask, CPU s | in 95 %: ahead / widened / left out |\n"
     "|---|---:|---:|---:|---|---:|---:|---:|"
@@ -171,6 +204,7 @@ def summarise(
         best = next(iter(next(iter(table.values())).values())).best
         print(f"\n### {problem}{'' if best is None else f' (optimum {best:.3f})'}\n\n{HEAD}")
         print("\n".join(rows(table, ours)))
+        print(f"\n{EQUAL_HEAD}\n" + "\n".join(at_equal_cost(table, ours)))
     if figures is not None:
         draw(found, ours, figures)
 
