@@ -255,7 +255,8 @@ class CampaignSettings:
                 keep=tree["keep"],
                 storage=tree["storage"],
                 confirmation=tree.get("confirmation", 0.0),  # campaigns begun before there was one, and so on
-                gp=GPOptions.from_dict(tree.get("gp") or {}),
+                # Of no meaning to other samplers; earlier versions wrote defaults that are none any more.
+                gp=GPOptions.from_dict(tree.get("gp") or {}) if tree["sampler"] == "gp" else GPOptions(),
                 second=Objective(**tree["second"]) if tree.get("second") else None,
                 low_fidelity=tree.get("low_fidelity"),
                 stop_when_settled=tree.get("stop_when_settled", False),

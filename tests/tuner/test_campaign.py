@@ -15,6 +15,7 @@ from pathlib import Path
 import fake_missions
 import numpy as np
 import pytest
+import yaml
 
 from nbv.errors import UserError
 from tuner.campaign import Campaign, CampaignEvent, CampaignSettings
@@ -408,3 +409,17 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
         path.write_text(json.dumps(stale) if stale is not None else "{")
         found = Campaign.open(tmp_path / "run").recommended_config()
         assert found == campaign.settings.config(saved["values"])
+
+
+@pytest.mark.parametrize("sampler", ["tpe", "gp"])
+def test_a_campaign_of_an_earlier_version_is_opened(tmp_path: Path, sampler: str) -> None:
+    """It wrote ``sparse: false`` as a default, which is no default any more and an option of sampler gp only."""
+    campaign = Campaign.create(tmp_path / "run", settings(budget=2, sampler=sampler))
+    path = campaign.directory / "campaign.yaml"
+    tree = yaml.safe_load(path.read_text())
+    tree["settings"]["gp"] = {"risk": "mean", "prior_strength": 0.0, "sparse": False}
+    path.write_text(yaml.safe_dump(tree))
+    opened = Campaign.open(campaign.directory)
+    assert opened.settings.gp.sparse is (False if sampler == "gp" else None)
+    opened.run(InProcessExecutor())
+    assert opened.status().complete == 2

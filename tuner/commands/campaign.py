@@ -106,7 +106,7 @@ def run(
     quick: Annotated[bool, typer.Option("--quick", help="The small campaign of `make tune`.")] = False,
     resume_if_present: Annotated[bool, typer.Option(help="Go on if the directory holds it already.")] = False,
 ) -> None:
-    """Run a campaign: the paper's defaults and a Sobol design, then a GP proposes; one mission per trial."""
+    """Run a campaign: the paper's defaults, an initial design, then a GP proposes; one mission per trial."""
     from tuner.campaign import SETTINGS_FILE, Campaign, CampaignSettings
     from tuner.gp_options import GPOptions
     from tuner.objective import Objective
