@@ -15,8 +15,8 @@ from tuner.forward_check import widening
 
 DRAWS = 10_000
 MIN_SEEDS = 3  # fewer common seeds get no interval
-# Values this near are the same: on geometric missions a plateau of equal views has steps of 0.001, a mission's noise
-# is a hundred times that; the functions are in standard deviations.
+# Values this near are the same: on geometric missions a plateau of equal views has steps of 0.001 points of F-score,
+# replicates of one mission differ by a tenth of a point; the functions are in standard deviations.
 PLATEAU = 0.002
 
 
