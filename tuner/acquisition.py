@@ -209,9 +209,7 @@ def _starting_points(model: RockMeanGP, seed: int, search: SearchSettings) -> Fl
     # Some coordinates stay: in many dimensions moving all of them at once leads nowhere.
     stay = rng.random(near.shape) < rng.random((count, 1))
     near[stay] = best[stay]
-    categorical = list(model.space.categorical_dimensions)
-    jump = rng.random((count, len(categorical))) < 0.2
-    near[:, categorical] = np.where(jump, rng.random(jump.shape), best[:, categorical])
+    near = model.space.redraw_choices(near, best, rng)
     return np.concatenate([everywhere, np.clip(near, 0.0, 1.0)])
 
 

@@ -12,7 +12,6 @@ from tuner.search_space import SearchSpace, Values
 # Standard deviation of a point near a trusted default, per parameter, of the unit cube: smallest and largest,
 # evenly spread logarithms (docs/results/optimiser_ablation.md, "A design that trusts the default").
 NEAR_SD = (0.075, 0.3)
-NEAR_JUMP = 0.2  # probability with which a categorical parameter, where nothing is near, is drawn anew
 
 
 def initial_design_size(dimension: int, budget: int, *, trusted_default: bool = False) -> int:
@@ -48,7 +47,4 @@ def near_default(space: SearchSpace, default: Values, seed: int, index: int) -> 
     sd = math.exp(rng.uniform(math.log(smallest), math.log(largest)))
     centre = space.to_unit(default)
     moved = np.clip(centre + sd * rng.standard_normal(space.dimension), 0.0, 1.0)
-    categorical = list(space.categorical_dimensions)
-    jump = rng.random(len(categorical)) < NEAR_JUMP
-    moved[categorical] = np.where(jump, rng.random(len(categorical)), centre[categorical])
-    return space.from_unit(moved)
+    return space.from_unit(space.redraw_choices(moved, centre, rng))

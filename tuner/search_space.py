@@ -37,6 +37,7 @@ Value = float | int | str | bool
 Values = dict[str, Any]
 
 _PARAMETER_KEYS = ("kind", "low", "high", "scale", "choices", "default")
+CHOICE_JUMP = 0.2  # probability of another choice where a configuration is moved a little
 _SPACE_KEYS = ("name", "description", "base", "parameters")
 
 
@@ -182,6 +183,18 @@ class SearchSpace:
     def snap(self, position: Floats) -> Floats:
         """(d,) nearest position that is exactly a configuration (integers and choices settle)."""
         return self.to_unit(self.from_unit(position))
+
+    def redraw_choices(self, moved: Floats, origin: Floats, rng: np.random.Generator) -> Floats:
+        """(..., d) ``moved`` with the choices of ``origin``, each drawn anew with probability ``CHOICE_JUMP``.
+
+        Nothing is near a choice, so a small move cannot change one.
+        """
+        categorical = list(self.categorical_dimensions)
+        kept = origin[..., categorical]
+        jump = rng.random(kept.shape) < CHOICE_JUMP
+        result = moved.copy()
+        result[..., categorical] = np.where(jump, rng.random(kept.shape), kept)
+        return result
 
     @property
     def discrete_dimensions(self) -> tuple[int, ...]:
