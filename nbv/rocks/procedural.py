@@ -12,7 +12,8 @@ from skimage.measure import marching_cubes
 
 from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.mesh import body_labels, drop_unused_vertices, face_areas, rest_on_ground, vertex_normals
-from nbv.rocks.recipes import RECIPES, Recipe, Shape
+from nbv.rocks.recipe import Recipe, Shape
+from nbv.rocks.recipes import RECIPES
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, Rock, make_rock
 from nbv.types import Floats, Ints
 
@@ -27,7 +28,7 @@ _LEVELS = 3  # blocks of 8, 4, 2 cells
 def generator_key() -> str:
     """Changes whenever the code that shapes rocks does, so that no stale rock is read from the cache."""
     digest = hashlib.sha256(f"{GENERATOR_VERSION} {GRID_M}".encode())
-    for name in ("noise", "sdf", "recipes", "albedo", "procedural", "mesh"):
+    for name in ("noise", "sdf", "recipe", "recipes", "recipes_held_out", "albedo", "procedural", "mesh"):
         digest.update((Path(__file__).parent / f"{name}.py").read_bytes())
     return digest.hexdigest()[:16]
 

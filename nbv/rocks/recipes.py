@@ -6,87 +6,40 @@ regolith, so its base is a flat contact and not a point.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-
 import numpy as np
 
 from nbv.rocks import sdf
 from nbv.rocks.albedo import Paint
-from nbv.rocks.noise import octaves
-from nbv.rocks.rock import Split
+from nbv.rocks.recipe import Recipe, Shape, facets, grounded, rough, warp
+from nbv.rocks.recipes_held_out import MORE_HELD_OUT
 from nbv.types import Floats
-
-Shape = Callable[[Floats], Floats]  # (N, 3) points in metres -> (N,) signed distance, negative inside
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """One procedural rock. ``shape(seed)`` returns its signed distance function."""
-
-    name: str
-    split: Split
-    seed: int
-    difficulty: str
-    shape: Callable[[int], Shape]
-    paint: Paint = field(default_factory=Paint)
-
-
-def _rough(points: Floats, seed: int, scale: float = 1.0) -> Floats:
-    """Surface relief of five octaves, 0.6 m down to 4 cm."""
-    relief = octaves(points, (0.62, 0.31, 0.155, 0.078, 0.039), (0.034, 0.020, 0.011, 0.0055, 0.0028), seed)
-    return scale * relief.astype(np.float64)
-
-
-def _warp(points: Floats, seed: int, amplitude: float, wavelength: float) -> Floats:
-    """Points moved by a smooth random field, which bends whatever is evaluated at them."""
-    moved = [octaves(points, (wavelength,), (amplitude,), seed * 7 + axis) for axis in range(3)]
-    return points + np.stack(moved, axis=1)
-
-
-def _facets(
-    points: Floats, seed: int, count: int, center: tuple[float, float, float], reach: float
-) -> Floats:
-    """A random convex polyhedron: ``count`` planes at 0.85 to 1.1 times ``reach`` from ``center``."""
-    rng = np.random.default_rng(seed)
-    local = points - np.asarray(center)
-    distance = np.full(len(points), -np.inf)
-    for _ in range(count):
-        normal = rng.normal(size=3)
-        distance = np.maximum(distance, sdf.half_space(local, normal, reach * rng.uniform(0.85, 1.1)))
-    return distance
-
-
-def _grounded(points: Floats, distance: Floats) -> Floats:
-    """Cut flat at the ground."""
-    return np.maximum(distance, -points[:, 2])
 
 
 def _boulder(seed: int) -> Shape:
     def shape(p: Floats) -> Floats:
-        q = _warp(p, seed, 0.03, 0.9)
+        q = warp(p, seed, 0.03, 0.9)
         d = sdf.box(q, (0, 0, 0.74), (0.66, 0.58, 0.84), 0.24, sdf.rotation(25, 8, -6))
-        d = sdf.intersection(d, _facets(q, seed, 9, (0, 0, 0.75), 0.78), 0.06)
-        return _grounded(p, d + _rough(p, seed))
+        d = sdf.intersection(d, facets(q, seed, 9, (0, 0, 0.75), 0.78), 0.06)
+        return grounded(p, d + rough(p, seed))
 
     return shape
 
 
 def _slab(seed: int) -> Shape:
     def shape(p: Floats) -> Floats:
-        q = _warp(p, seed, 0.03, 0.7)
+        q = warp(p, seed, 0.03, 0.7)
         d = sdf.box(q, (0.05, 0, 0.66), (0.27, 0.62, 0.93), 0.1, sdf.rotation(20, 24, 0))
         toe = sdf.ellipsoid(q, (-0.3, 0.08, 0.0), (0.42, 0.5, 0.3))
-        return _grounded(p, sdf.union(d, toe, 0.12) + _rough(p, seed, 0.8))
+        return grounded(p, sdf.union(d, toe, 0.12) + rough(p, seed, 0.8))
 
     return shape
 
 
 def _vesicular(seed: int) -> Shape:
     def body(p: Floats) -> Floats:
-        q = _warp(p, seed, 0.05, 0.8)
+        q = warp(p, seed, 0.05, 0.8)
         d = sdf.ellipsoid(q, (0, 0, 0.66), (0.72, 0.6, 0.96), sdf.rotation(40, 10, 0))
-        return d + _rough(p, seed, 0.9)
+        return d + rough(p, seed, 0.9)
 
     rng = np.random.default_rng(seed)
     places = rng.uniform((-0.9, -0.9, 0.0), (0.9, 0.9, 1.7), size=(30_000, 3))
@@ -95,56 +48,56 @@ def _vesicular(seed: int) -> Shape:
     places, radii = places[near][:900], radii[near][:900]
 
     def shape(p: Floats) -> Floats:
-        return _grounded(p, sdf.subtract(body(p), sdf.spheres(p, places, radii), 0.008))
+        return grounded(p, sdf.subtract(body(p), sdf.spheres(p, places, radii), 0.008))
 
     return shape
 
 
 def _waist(seed: int) -> Shape:
     def shape(p: Floats) -> Floats:
-        q = _warp(p, seed, 0.04, 0.7)
+        q = warp(p, seed, 0.04, 0.7)
         low = sdf.ellipsoid(q, (0, 0, 0.22), (0.66, 0.58, 0.42))
         high = sdf.ellipsoid(q, (0.1, -0.05, 1.2), (0.64, 0.52, 0.42), sdf.rotation(30, 12, 0))
         neck = sdf.capsule(q, (0, 0, 0.3), (0.06, 0, 1.1), 0.3)
         d = sdf.union(sdf.union(low, neck, 0.12), high, 0.12)
-        return _grounded(p, d + _rough(p, seed))
+        return grounded(p, d + rough(p, seed))
 
     return shape
 
 
 def _breccia(seed: int) -> Shape:
     def shape(p: Floats) -> Floats:
-        q = _warp(p, seed, 0.06, 0.6)
+        q = warp(p, seed, 0.06, 0.6)
         big = sdf.ellipsoid(q, (-0.3, 0, 0.68), (0.5, 0.58, 0.92), sdf.rotation(10, -10, 0))
         small = sdf.ellipsoid(q, (0.46, 0.12, 0.36), (0.5, 0.42, 0.56), sdf.rotation(-20, 20, 0))
-        small = sdf.intersection(small, _facets(q, seed + 1, 8, (0.46, 0.12, 0.36), 0.4), 0.04)
+        small = sdf.intersection(small, facets(q, seed + 1, 8, (0.46, 0.12, 0.36), 0.4), 0.04)
         d = sdf.union(big, small, 0.05)
-        d = sdf.intersection(d, _facets(q, seed, 14, (0, 0, 0.7), 0.92), 0.03)
-        return _grounded(p, d + _rough(p, seed, 1.15))
+        d = sdf.intersection(d, facets(q, seed, 14, (0, 0, 0.7), 0.92), 0.03)
+        return grounded(p, d + rough(p, seed, 1.15))
 
     return shape
 
 
 def _cavern(seed: int) -> Shape:
     def shape(p: Floats) -> Floats:
-        q = _warp(p, seed, 0.05, 0.7)
+        q = warp(p, seed, 0.05, 0.7)
         d = sdf.ellipsoid(q, (0, 0, 0.6), (0.74, 0.7, 1.0))
         cave = sdf.ellipsoid(q, (0.62, -0.1, 0.42), (0.55, 0.42, 0.34), sdf.rotation(-8, 10, 0))
         niche = sdf.ellipsoid(q, (-0.42, 0.55, 0.72), (0.3, 0.34, 0.26))
         d = sdf.subtract(sdf.subtract(d, cave, 0.05), niche, 0.04)
-        return _grounded(p, d + _rough(p, seed))
+        return grounded(p, d + rough(p, seed))
 
     return shape
 
 
 def _arch(seed: int) -> Shape:
     def shape(p: Floats) -> Floats:
-        q = _warp(p, seed, 0.05, 0.7)
+        q = warp(p, seed, 0.05, 0.7)
         left = sdf.capsule(q, (-0.55, 0.05, 0.0), (-0.42, 0, 0.95), 0.3)
         right = sdf.capsule(q, (0.58, -0.05, 0.0), (0.4, 0, 0.9), 0.25)
         top = sdf.ellipsoid(q, (-0.02, 0, 1.2), (0.72, 0.36, 0.36), sdf.rotation(0, -6, 0))
         d = sdf.union(sdf.union(left, right, 0.1), top, 0.16)
-        return _grounded(p, d + _rough(p, seed, 0.9))
+        return grounded(p, d + rough(p, seed, 0.9))
 
     return shape
 
@@ -154,38 +107,38 @@ def _spire(seed: int) -> Shape:
         angle = 1.1 * p[:, 2]
         c, s = np.cos(angle), np.sin(angle)
         q = np.stack([c * p[:, 0] + s * p[:, 1], -s * p[:, 0] + c * p[:, 1], p[:, 2]], axis=1)
-        q = _warp(q, seed, 0.03, 0.5)
+        q = warp(q, seed, 0.03, 0.5)
         taper = 0.56 - 0.26 * np.clip(q[:, 2] / 1.6, 0, 1)
         ledges = 0.05 * np.sin(q[:, 2] * 15.0)
         d = 0.7 * (np.maximum(np.abs(q[:, 0]) / 1.15, np.abs(q[:, 1])) - taper - ledges)
         d = sdf.intersection(d, q[:, 2] - 1.6, 0.2)
         shoulder = sdf.ellipsoid(p, (0.42, 0.3, 0.2), (0.34, 0.4, 0.46))
-        return _grounded(p, sdf.union(d, shoulder, 0.06) + _rough(p, seed, 0.9))
+        return grounded(p, sdf.union(d, shoulder, 0.06) + rough(p, seed, 0.9))
 
     return shape
 
 
 def _mushroom(seed: int) -> Shape:
     def shape(p: Floats) -> Floats:
-        q = _warp(p, seed, 0.05, 0.8)
+        q = warp(p, seed, 0.05, 0.8)
         stem = sdf.capsule(q, (-0.05, 0, -0.2), (0.0, 0, 1.0), 0.36)
         foot = sdf.ellipsoid(q, (0, 0, 0.0), (0.56, 0.5, 0.22))
         cap = sdf.ellipsoid(q, (0.06, 0.02, 1.18), (0.86, 0.74, 0.42), sdf.rotation(15, 6, 0))
         d = sdf.union(sdf.union(stem, foot, 0.15), cap, 0.08)
-        return _grounded(p, d + _rough(p, seed))
+        return grounded(p, d + rough(p, seed))
 
     return shape
 
 
 def _cleft(seed: int) -> Shape:
     def shape(p: Floats) -> Floats:
-        q = _warp(p, seed, 0.05, 0.7)
+        q = warp(p, seed, 0.05, 0.7)
         d = sdf.box(q, (0, 0, 0.72), (0.72, 0.62, 0.86), 0.3, sdf.rotation(10, -5, 4))
-        d = sdf.intersection(d, _facets(q, seed, 8, (0, 0, 0.75), 0.82), 0.05)
+        d = sdf.intersection(d, facets(q, seed, 8, (0, 0, 0.75), 0.82), 0.05)
         crack = sdf.box(q, (0.08, 0.1, 1.3), (0.09, 1.2, 0.5), 0.05, sdf.rotation(24, 9, 0))
         side = sdf.box(q, (0.5, -0.3, 0.5), (0.6, 0.07, 0.34), 0.04, sdf.rotation(-30, 0, 25))
         d = sdf.subtract(sdf.subtract(d, crack, 0.04), side, 0.03)
-        return _grounded(p, d + _rough(p, seed, 0.9))
+        return grounded(p, d + rough(p, seed, 0.9))
 
     return shape
 
@@ -221,4 +174,4 @@ _RECIPES = (
            Paint(dust=0.55)),
 )  # fmt: skip
 
-RECIPES: dict[str, Recipe] = {recipe.name: recipe for recipe in _RECIPES}
+RECIPES: dict[str, Recipe] = {recipe.name: recipe for recipe in (*_RECIPES, *MORE_HELD_OUT)}

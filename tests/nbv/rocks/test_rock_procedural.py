@@ -43,7 +43,7 @@ def test_stands_on_the_ground_and_is_closed(rocks, name):
 
 def test_split_is_disjoint_and_large_enough():
     splits = [recipe.split for recipe in RECIPES.values()]
-    assert splits.count("train") >= 5 and splits.count("held-out") >= 3
+    assert splits.count("train") >= 5 and splits.count("held-out") >= 12
     seeds = [recipe.seed for recipe in RECIPES.values()]
     assert len(set(seeds)) == len(seeds)
 
@@ -65,24 +65,42 @@ def test_claimed_overhangs_exist(rocks):
     assert cover(rocks["waist"], 0.5, 1.3) > 0.3
     assert cover(rocks["arch"], 0.5, 1.3) > 0.2
     assert cover(rocks["cavern"], 0.3, 1.3) > 0.25
+    assert cover(rocks["stack"], 0.3, 1.5) > 1.0
+    assert cover(rocks["tripod"], 0.5, 1.3) > 0.5
+    assert cover(rocks["prow"], 0.2, 1.4) > 1.0
+    assert cover(rocks["horn"], 0.3, 1.5) > 0.2
     assert describe(rocks["mushroom"]).overhang_fraction > describe(rocks["boulder"]).overhang_fraction
 
 
-def test_arch_has_a_window_and_boulder_has_not(rocks):
+def hits(rock, rays):
+    """How far along each ray (six numbers: from, direction) the rock is; infinite where it is missed."""
     import open3d as o3d
 
-    def sees_through(rock):
-        """Whether a level ray through the middle of the rock's lower half, across it, meets nothing."""
-        scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        scene.add_triangles(rock.vertices_m.astype(np.float32), rock.faces.astype(np.uint32))
-        rays = [[x, -3.0, 0.4, 0.0, 1.0, 0.0] for x in np.linspace(-0.2, 0.2, 9)]
-        return bool(np.isinf(scene.cast_rays(o3d.core.Tensor(rays, o3d.core.float32))["t_hit"].numpy()).any())
-
-    assert sees_through(rocks["arch"])
-    assert not sees_through(rocks["boulder"])
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(rock.vertices_m.astype(np.float32), rock.faces.astype(np.uint32))
+    return scene.cast_rays(o3d.core.Tensor(rays, o3d.core.float32))["t_hit"].numpy()
 
 
-@pytest.mark.parametrize("name", ["spire", "vesicular", "cleft"])
+def test_arch_has_a_window_and_boulder_has_not(rocks):
+    # Level rays through the middle of the rock's lower half, across it.
+    rays = [[x, -3.0, 0.4, 0.0, 1.0, 0.0] for x in np.linspace(-0.2, 0.2, 9)]
+    assert np.isinf(hits(rocks["arch"], rays)).any()
+    assert not np.isinf(hits(rocks["boulder"], rays)).any()
+
+
+def test_claimed_hollows_are_open_where_they_should_be(rocks):
+    def height(name, x, y):
+        return 4.0 - hits(rocks[name], [[x, y, 4.0, 0.0, 0.0, -1.0]])[0]
+
+    rim = np.median(
+        [height("bowl", 0.55 * np.cos(a), 0.55 * np.sin(a)) for a in np.linspace(0, 2 * np.pi, 24)]
+    )
+    assert height("bowl", 0.05, 0.0) < rim - 0.25
+    # Between tripod's legs a ray from the ground up meets the ceiling, not the ground's contact.
+    assert 0.3 < hits(rocks["tripod"], [[0.0, 0.0, 0.01, 0.0, 0.0, 1.0]])[0] < 1.2
+
+
+@pytest.mark.parametrize("name", ["spire", "vesicular", "cleft", "fin", "horn"])
 def test_blocks_that_are_skipped_hold_no_surface(name):
     """The narrow band finds the same solid as evaluating the shape at every node."""
     shape = RECIPES[name].shape(RECIPES[name].seed)
