@@ -9,17 +9,27 @@ import numpy as np
 
 from tuner.search_space import SearchSpace, Values
 
+# With so many parameters most of them do next to nothing, and what does is found by spreading, not near the default;
+# a campaign's budget tells which parameters matter only under that assumption
+# (docs/results/optimiser_ablation.md, "Many parameters").
+MANY_PARAMETERS = 13
+
 # Standard deviation of a point near a trusted default, per parameter, of the unit cube: smallest and largest,
 # evenly spread logarithms (docs/results/optimiser_ablation.md, "A design that trusts the default").
 NEAR_SD = (0.075, 0.3)
 
 
+def stays_near_default(dimension: int, trusted_default: bool) -> bool:
+    """Whether half of the design stays near the default: one that can be trusted, in not too many dimensions."""
+    return trusted_default and dimension < MANY_PARAMETERS
+
+
 def initial_design_size(dimension: int, budget: int, *, trusted_default: bool = False) -> int:
     """Missions before the model leads: 2 (d + 1), at most a third of the budget, at least 1.
 
-    With a default that can be trusted d + 2, at most a quarter of the budget.
+    Where half of it stays near the default d + 2, at most a quarter of the budget.
     """
-    if trusted_default:
+    if stays_near_default(dimension, trusted_default):
         return max(1, min(dimension + 2, budget // 4))
     return max(1, min(2 * (dimension + 1), budget // 3))
 

@@ -51,7 +51,7 @@ class Recommendation:
     missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
     positive when the recommendation is better, whatever the direction. After a confirmation stage only what it
     flew can be recommended, and ``confirmation`` holds the paired differences without any model. After verification
-    missions (``tuner.verification``) what has not flown every rock is marked down by ``expected_shortfall``.
+    missions (``tuner.verification``) what has not flown every slot is marked down by its share of ``expected_shortfall``.
     """
 
     values: dict[str, Any]

@@ -21,7 +21,7 @@ import numpy as np
 from nbv.errors import UserError
 from tuner.gp_options import GPOptions
 from tuner.history import Observation, Pending, Proposal
-from tuner.initial_design import near_default, sobol_point
+from tuner.initial_design import MANY_PARAMETERS, near_default, sobol_point, stays_near_default
 from tuner.objective import RockStandardiser
 from tuner.peers import PEER_NAMES, make_peer_sampler, peer_command
 from tuner.search_space import SearchSpace, Values
@@ -64,7 +64,7 @@ class SamplerSettings:
     two_objectives: bool = False  # sampler gp: search the front between the objective and the second one
     measure_gain: bool = False  # sampler gp: every proposal says what is left to gain (``tuner.stopping``)
     budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
-    trusted_default: bool = False  # sampler gp: chosen by hand, so half of the initial design stays near it
+    trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it
 
     def surrogate(self) -> SurrogateSettings:
         """What sampler gp and the recommendation model."""
@@ -75,16 +75,13 @@ def surrogate_settings(options: GPOptions, space: SearchSpace) -> SurrogateSetti
     """The surrogate that goes with a user's options on a search space."""
     from tuner.surrogate import SurrogateSettings
 
-    sparse = space.dimension >= SPARSE_DIMENSION if options.sparse is None else options.sparse
+    sparse = space.dimension >= MANY_PARAMETERS if options.sparse is None else options.sparse
     if options.risk != "mean":  # risk is about what rocks do not share; not averaged over hyperparameters
         return SurrogateSettings(deviations=True, sparse=sparse)
     members = FULLY_BAYESIAN_MEMBERS if options.fully_bayesian else 0
     return SurrogateSettings(sparse=sparse, members=members)
 
 
-# With so many parameters most of them do next to nothing, and a campaign's budget tells only under that assumption
-# which ones do (docs/results/optimiser_ablation.md, "Many parameters").
-SPARSE_DIMENSION = 13
 FULLY_BAYESIAN_MEMBERS = 16  # draws of the hyperparameters
 
 
@@ -137,9 +134,9 @@ class RandomSampler:
 class GPSampler:
     """Default configuration, initial design, then log noisy expected improvement on the rock-mean GP.
 
-    The design is a Sobol sequence; every second point stays near a trusted default, and the others are the best of
-    the cheap landscape not yet taken where there was a screening. Near the end of the budget the favourite is
-    flown on rocks it has not seen, where that is worth more (``tuner.verification``).
+    The design is a Sobol sequence; unless parameters are many every second point stays near a trusted default, and
+    the others are the best of the cheap landscape not yet taken where there was a screening. Near the end of the
+    budget the favourite is flown on slots it has not seen, where that is worth more (``tuner.verification``).
     """
 
     settings: SamplerSettings
@@ -175,8 +172,8 @@ class GPSampler:
             figures["gain_left"] = expected_gain_left(model, seed, s.options.risk)
             figures["comparison_noise"] = comparison_noise(model, s.replicates)
         if self.verify and s.budget is not None and number >= BEGINS * s.budget:
-            gain = figures["expected_gain"]
-            again = verification(model, history, pending, s.replicates, gain, s.options.risk)
+            gain, last = figures["expected_gain"], number >= s.budget - len(s.rocks) * s.replicates
+            again = verification(model, history, pending, s.replicates, gain, s.options.risk, last=last)
             if again is not None:
                 return dataclasses.replace(again, why={**figures, **again.why})
         return Proposal(values, {"sampler": self.name, "phase": "model", **figures})
@@ -189,7 +186,7 @@ class GPSampler:
             best = s.screen.best(rank + 1)
             if len(best) > rank:
                 return Proposal(best[rank], {"sampler": self.name, "phase": "screened", "rank": rank})
-        if not s.trusted_default:
+        if not stays_near_default(s.space.dimension, s.trusted_default):
             return _initial_proposal(s, number, self.name)
         why: dict[str, Any] = {"sampler": self.name, "phase": "initial design"}
         if number % 2 == 1:

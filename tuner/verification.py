@@ -3,8 +3,13 @@
 The search flies a new configuration with every mission, so most of what it knows of its favourite is what the
 surrogate concludes from neighbours. A planner's outcome jumps wherever another view is chosen, the surrogate takes it
 for smooth, and the best of many such conclusions is too good more often than not. Near the end of a budget, when little
-is left to gain by exploring, the favourite is therefore flown on a rock it has not seen; what such missions fall short
-of the prediction by, on average, is what every configuration not flown everywhere is marked down by in a recommendation.
+is left to gain by exploring, the favourite is therefore flown on a (rock, replicate) slot it has not seen; what such
+missions fall short of the prediction by, on average, is what a configuration is marked down by in a recommendation for
+the share of the slots it has not flown.
+
+Slots, not rocks: one that chooses the plateau's views on every rock once may lose half a point with the other replicate.
+The last missions of a budget, as many as there are slots, are the favourite's whatever exploring promises: a newcomer
+that nobody can check any more is of no use to anybody.
 """
 
 from __future__ import annotations
@@ -29,6 +34,7 @@ PREDICTED = "predicted"  # in the memory of a verification mission: the mean tha
 PRIOR_MISSIONS = 1.0
 
 Key = tuple[float, ...]
+Slot = tuple[str, int]  # rock, replicate
 
 
 def configuration_key(space: SearchSpace, values: Mapping[str, Any]) -> Key:
@@ -36,11 +42,11 @@ def configuration_key(space: SearchSpace, values: Mapping[str, Any]) -> Key:
     return tuple(round(float(u), 12) for u in space.to_unit(values))
 
 
-def rocks_flown(space: SearchSpace, missions: Sequence[Observation | Pending]) -> dict[Key, set[str]]:
-    """The rocks that each configuration has flown, or is flying."""
-    flown: dict[Key, set[str]] = collections.defaultdict(set)
+def slots_flown(space: SearchSpace, missions: Sequence[Observation | Pending]) -> dict[Key, set[Slot]]:
+    """The (rock, replicate) slots that each configuration has flown, or is flying."""
+    flown: dict[Key, set[Slot]] = collections.defaultdict(set)
     for mission in missions:
-        flown[configuration_key(space, mission.values)].add(mission.rock)
+        flown[configuration_key(space, mission.values)].add((mission.rock, mission.replicate))
     return flown
 
 
@@ -72,8 +78,10 @@ def verification(
     replicates: int,
     expected_gain: float,
     risk: Risk = "mean",
+    *,
+    last: bool = False,
 ) -> Proposal | None:
-    """The favourite on a rock it has not flown, if that is worth more than exploring.
+    """The favourite on a slot it has not flown, if that is worth more than exploring.
 
     Parameters
     ----------
@@ -83,26 +91,30 @@ def verification(
         Per rock, numbered from 0.
     expected_gain
         What the best mission of the search promises, objective's unit.
+    last
+        Whether to verify whatever exploring promises.
 
     Returns
     -------
-    None where the favourite (best posterior mean) has flown every rock, or where exploring promises more than
-    verification missions are expected to fall short by.
+    None where the favourite (best posterior mean) has flown every slot, or where exploring promises more than
+    verification missions are expected to fall short by. The rock is one of those it has flown least.
     """
     shortfall = expected_shortfall(history, model.noise_sd)
     if shortfall is None:
         shortfall = model.noise_sd
-    if shortfall <= expected_gain:
+    if shortfall <= expected_gain and not last:
         return None
     seen = {configuration_key(model.space, o.values): o.values for o in model.observations}
     configurations = list(seen.values())
     favourite = dict(configurations[int(model.posterior(configurations, risk).mean.argmax())])
     missions: list[Observation | Pending] = [*history, *pending]
-    flown = rocks_flown(model.space, missions)[configuration_key(model.space, favourite)]
-    missing = [rock for rock in model.rocks if rock not in flown]
-    if not missing:
+    flown = slots_flown(model.space, missions)[configuration_key(model.space, favourite)]
+    counts = {rock: sum((rock, k) in flown for k in range(replicates)) for rock in model.rocks}
+    least = min(counts.values())
+    if least >= replicates:
         return None
-    rock, replicate = next_slot(missing, replicates, missions, Proposal(favourite, {}))
+    rocks = [rock for rock, count in counts.items() if count == least]
+    rock, replicate = next_slot(rocks, replicates, missions, Proposal(favourite, {}))
     predicted, sd = model.predict_mission(favourite, rock, replicate)
     why = {
         "sampler": "gp", "phase": "verification", "predicted_mean": predicted, "predicted_sd": sd,
@@ -118,9 +130,13 @@ def markdown(
     rocks: Sequence[str],
     shortfall: float | None,
 ) -> np.ndarray:
-    """(len(configurations),) what each loses in a recommendation: ``shortfall``, or nothing if flown on every rock."""
+    """(len(configurations),) what each loses in a recommendation: ``shortfall`` for its share of unseen slots.
+
+    Slots are those of ``rocks`` that any configuration has flown.
+    """
     if shortfall is None:
         return np.zeros(len(configurations))
-    flown = rocks_flown(space, history)
-    everywhere = [flown[configuration_key(space, values)].issuperset(rocks) for values in configurations]
-    return np.where(everywhere, 0.0, shortfall)
+    slots = {(o.rock, o.replicate) for o in history if o.rock in rocks}
+    flown = slots_flown(space, history)
+    unseen = [len(slots - flown[configuration_key(space, values)]) for values in configurations]
+    return shortfall * np.array(unseen) / len(slots)

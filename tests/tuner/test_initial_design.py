@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tuner.history import Observation
-from tuner.initial_design import NEAR_SD, initial_design_size, near_default, sobol_point
-from tuner.samplers import make_sampler
+from tuner.initial_design import MANY_PARAMETERS, NEAR_SD, initial_design_size, near_default, sobol_point
+from tuner.samplers import SamplerSettings, make_sampler
 from tuner.search_space import Parameter, SearchSpace
 
 MIXED = SearchSpace(
@@ -29,7 +29,7 @@ MIXED_DEFAULT = {"weight": 1.2, "views": 5, "mode": "b"}
 @pytest.mark.parametrize(
     ("dimension", "budget", "trusted", "size"),
     [(2, 100, False, 6), (8, 100, False, 18), (8, 24, False, 8), (8, 1, False, 1),
-     (2, 100, True, 4), (8, 64, True, 10), (8, 24, True, 6), (18, 64, True, 16), (8, 1, True, 1)],
+     (2, 100, True, 4), (8, 64, True, 10), (8, 24, True, 6), (12, 64, True, 14), (18, 64, True, 21), (8, 1, True, 1)],
 )  # fmt: skip
 def test_size(dimension: int, budget: int, trusted: bool, size: int) -> None:
     assert initial_design_size(dimension, budget, trusted_default=trusted) == size
@@ -72,6 +72,14 @@ def test_every_second_point_of_a_trusted_design_is_near() -> None:
     assert sampler.ask(history, []).why["phase"] == "model"
     other = dataclasses.replace(settings, trusted_default=False)
     assert all("near" not in make_sampler("gp", other).ask(history[:n], []).why for n in range(1, 9))
+
+
+def test_many_parameters_are_spread_instead() -> None:
+    space = SearchSpace("many", tuple(Parameter(f"x{i}", "float", 0.0, 1.0) for i in range(MANY_PARAMETERS)))
+    default = space.from_unit(np.full(MANY_PARAMETERS, 0.5))
+    settings = SamplerSettings(space, default, ("r0",), 0, 9, trusted_default=True)
+    history = [Observation(0, default, "r0", 0, 0.5, 0.5)]
+    assert make_sampler("gp", settings).ask(history, []).values == sobol_point(space, 0, 0)
 
 
 def test_other_samplers_keep_their_own_design() -> None:

@@ -53,31 +53,39 @@ def test_prediction_that_is_no_number_is_one_line(value: object) -> None:
         expected_shortfall([seen(7, GOOD, "r1", 57.0, **{PREDICTED: value})], 0.4)
 
 
-def test_favourite_flies_a_rock_it_has_not_seen() -> None:
+def test_favourite_flies_every_slot_it_has_not_seen() -> None:
     history = a_clear_favourite()
     proposal = verification(model_of(history), history, [], 2, expected_gain=0.0)
     assert proposal is not None and proposal.values == GOOD and proposal.why["phase"] == "verification"
     assert (proposal.rock, proposal.replicate) == ("r1", 1)  # replicate 0 of r1 has been flown once, 1 never
     assert proposal.memory[PREDICTED] == pytest.approx(proposal.why["predicted_mean"])
-    flying = [Pending(4, GOOD, "r1", 1)]
-    second = verification(model_of(history), history, flying, 2, expected_gain=0.0)
-    assert second is not None and second.rock == "r2"
-    assert verification(model_of(history), history, [*flying, Pending(5, GOOD, "r2", 0)], 2, 0.0) is None
+    slots = [("r0", 0)]
+    flying: list[Pending] = []
+    while (proposal := verification(model_of(history), history, flying, 2, expected_gain=0.0)) is not None:
+        slots.append((proposal.rock or "", -1 if proposal.replicate is None else proposal.replicate))
+        flying.append(Pending(4 + len(flying), GOOD, *slots[-1]))
+    assert {rock for rock, _ in slots[:3]} == set(ROCKS), "every rock once comes before any rock twice"
+    assert sorted(slots) == [(rock, k) for rock in ROCKS for k in range(2)]
 
 
 def test_nothing_to_verify_while_exploring_promises_more() -> None:
     history = a_clear_favourite()
     model = model_of(history)
     assert verification(model, history, [], 1, expected_gain=10 * model.noise_sd) is None
+    assert verification(model, history, [], 1, expected_gain=10 * model.noise_sd, last=True) is not None
     # Where such missions fell far short before, the same promise is not enough.
     history[1] = dataclasses.replace(history[1], memory={PREDICTED: history[1].outcome + 50 * model.noise_sd})
     assert verification(model, history, [], 1, expected_gain=10 * model.noise_sd) is not None
 
 
-def test_only_what_has_not_flown_everywhere_is_marked_down() -> None:
+def test_marked_down_for_the_share_of_slots_not_flown() -> None:
     history = a_clear_favourite()
-    np.testing.assert_array_equal(markdown(synthetic.SPACE, history, [FAIR, GOOD], ROCKS, 1.5), [0.0, 1.5])
-    np.testing.assert_array_equal(markdown(synthetic.SPACE, history, [FAIR, GOOD], ROCKS, None), [0.0, 0.0])
+    space = synthetic.SPACE
+    np.testing.assert_allclose(markdown(space, history, [FAIR, GOOD], ROCKS, 1.5), [0.0, 1.0])
+    history.append(seen(4, FAIR, "r0", 50.0, 1))  # a fourth slot, which GOOD has not flown either
+    np.testing.assert_allclose(markdown(space, history, [FAIR, GOOD], ROCKS, 1.0), [0.0, 0.75])
+    np.testing.assert_allclose(markdown(space, history, [FAIR, GOOD], ("r0",), 1.0), [0.0, 0.5])
+    np.testing.assert_array_equal(markdown(space, history, [FAIR, GOOD], ROCKS, None), [0.0, 0.0])
 
 
 def test_recommendation_counts_what_verification_found() -> None:
@@ -121,3 +129,21 @@ def test_sampler_verifies_near_the_end_of_its_budget_on_a_plateau(verify: bool) 
         phases.append(p.why["phase"])
     assert "verification" not in phases[:8]
     assert ("verification" in phases[8:]) == verify
+
+
+def test_last_missions_are_the_favourites() -> None:
+    """Wherever exploring promises something to the end, as many missions as there are slots check the favourite."""
+    settings = dataclasses.replace(synthetic.sampler_settings(0, 4), budget=20, replicates=2)
+    sampler = GPSampler(settings)
+    rng = np.random.default_rng(1)
+    history: list[Observation] = []
+    phases = []
+    for i in range(20):
+        p = sampler.ask(history, [])
+        rock = p.rock or synthetic.ROCKS[i % 4]
+        outcome = 50.0 + 10.0 * float(synthetic.SPACE.to_unit(p.values).sum()) + 0.1 * rng.normal()
+        history.append(seen(i, p.values, rock, outcome, p.replicate or 0, **p.memory))
+        phases.append(p.why["phase"])
+    assert phases[12:].count("verification") >= 6
+    best = recommend(synthetic.SPACE, history, synthetic.ROCKS, synthetic.DEFAULT, Objective())
+    assert best is not None and sum(o.values == best.values for o in history) >= 4

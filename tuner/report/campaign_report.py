@@ -169,9 +169,10 @@ def _verification_text(facts: CampaignFacts, best: Recommendation) -> str:
     shortfall = with_unit(best.expected_shortfall, facts.label.difference_unit, facts.digits)
     missions = "One mission" if flown == 1 else f"{flown} missions"
     return (
-        f" {missions} near the end of the search flew its favourite on a rock it had not seen. By what they stayed behind "
-        f"their prediction, {shortfall} on average (the noise counted as one more such mission), configurations that have "
-        "not flown every rock are marked down before one is recommended."
+        f" {missions} near the end of the search flew its favourite on a rock, or with a replicate, it had not seen. By "
+        f"what they stayed behind their prediction, {shortfall} on average (the noise counted as one more such mission), "
+        "configurations are marked down before one is recommended, each for its share of the rocks and replicates it has "
+        "not flown."
     )
 
 
