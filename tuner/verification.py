@@ -3,20 +3,21 @@
 The search flies a new configuration with every mission, so most of what it knows of its favourite is what the
 surrogate concludes from neighbours. A planner's outcome jumps wherever another view is chosen, the surrogate takes it
 for smooth, and the best of many such conclusions is too good more often than not. Near the end of a budget, when little
-is left to gain by exploring, the favourite is therefore flown on a (rock, replicate) slot it has not seen; what such
-missions fall short of the prediction by, on average, is what a configuration is marked down by in a recommendation for
-the share of the slots it has not flown.
+is left to gain by exploring, the favourite is therefore flown on the (rock, replicate) slots it has not seen. What the
+first such mission of a favourite falls short of its prediction by, on average, is what a configuration is marked down
+by in a recommendation for the share of the slots it has not flown. Later ones say nothing of what has flown once: they
+are predicted from those before.
 
 Slots, not rocks: one that chooses the plateau's views on every rock once may lose half a point with the other replicate.
-The last missions of a budget, as many as there are slots, are the favourite's whatever exploring promises: a newcomer
-that nobody can check any more is of no use to anybody.
+The last missions of a budget, as many as there are slots, complete what would be recommended whatever exploring
+promises: a newcomer that nobody can check any more is of no use to anybody.
 """
 
 from __future__ import annotations
 
 import collections
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,13 +25,15 @@ import numpy as np
 from nbv.errors import UserError
 from tuner.gp_options import Risk
 from tuner.history import Observation, Pending, Proposal
-from tuner.search_space import SearchSpace
+from tuner.search_space import SearchSpace, Values
 from tuner.slots import next_slot
 from tuner.surrogate import RockMeanGP
 
 BEGINS = 2 / 3  # of the search budget
-PREDICTED = "predicted"  # in the memory of a verification mission: the mean that was predicted for it
-# The model's noise counts like this many verification missions that fell short by it.
+PREDICTED = (
+    "predicted"  # in the memory of a favourite's first verification mission: the mean predicted for it
+)
+# The model's noise counts like this many such missions that fell short by it.
 PRIOR_MISSIONS = 1.0
 
 Key = tuple[float, ...]
@@ -51,10 +54,10 @@ def slots_flown(space: SearchSpace, missions: Sequence[Observation | Pending]) -
 
 
 def expected_shortfall(history: Sequence[Observation], noise_sd: float) -> float | None:
-    """How far the next verification mission will stay behind its prediction; None before the first one.
+    """How far a favourite's first verification mission will stay behind its prediction; None before the first one.
 
-    The mean over the verification missions so far and one made-up one that falls short by the noise of a mission;
-    objective's unit, never negative. `UserError` where the ledger has something else than a prediction.
+    The mean over those so far and one made-up one that falls short by the noise of a mission; objective's unit,
+    never negative. `UserError` where the ledger has something else than a prediction.
     """
     gaps = [_predicted(o) - o.outcome for o in history if PREDICTED in o.memory and o.outcome is not None]
     if not gaps:
@@ -92,12 +95,12 @@ def verification(
     expected_gain
         What the best mission of the search promises, objective's unit.
     last
-        Whether to verify whatever exploring promises.
+        Whether to verify whatever exploring promises, and what would be recommended before the favourite.
 
     Returns
     -------
-    None where the favourite (best posterior mean) has flown every slot, or where exploring promises more than
-    verification missions are expected to fall short by. The rock is one of those it has flown least.
+    None where the favourite (best posterior mean) has flown every slot, or where exploring promises more than it is
+    expected to fall short by. The rock is one of those it has flown least.
     """
     shortfall = expected_shortfall(history, model.noise_sd)
     if shortfall is None:
@@ -105,22 +108,43 @@ def verification(
     if shortfall <= expected_gain and not last:
         return None
     seen = {configuration_key(model.space, o.values): o.values for o in model.observations}
-    configurations = list(seen.values())
-    favourite = dict(configurations[int(model.posterior(configurations, risk).mean.argmax())])
+    configurations = [dict(values) for values in seen.values()]
+    mean = model.posterior(configurations, risk).mean
+    candidates = [int(mean.argmax())]
+    if last:
+        cautious = mean - markdown(model.space, history, configurations, model.rocks, shortfall)
+        candidates.insert(0, int(cautious.argmax()))
     missions: list[Observation | Pending] = [*history, *pending]
-    flown = slots_flown(model.space, missions)[configuration_key(model.space, favourite)]
-    counts = {rock: sum((rock, k) in flown for k in range(replicates)) for rock in model.rocks}
+    flown = slots_flown(model.space, missions)
+    for i in candidates:
+        values = configurations[i]
+        own = flown[configuration_key(model.space, values)]
+        slot = _unseen_slot(model.rocks, replicates, own, missions, values)
+        if slot is None:
+            continue
+        predicted, sd = model.predict_mission(values, *slot)
+        why = {
+            "sampler": "gp", "phase": "verification", "predicted_mean": predicted, "predicted_sd": sd,
+            "expected_shortfall": shortfall, "expected_gain": expected_gain,
+        }  # fmt: skip
+        return Proposal(values, why, *slot, memory={PREDICTED: predicted} if len(own) <= 1 else {})
+    return None
+
+
+def _unseen_slot(
+    rocks: Sequence[str],
+    replicates: int,
+    own: Collection[Slot],
+    missions: Sequence[Observation | Pending],
+    values: Values,
+) -> Slot | None:
+    """The next slot of a configuration that has flown ``own``, on a rock it has flown least; None if there is none."""
+    counts = {rock: sum((rock, k) in own for k in range(replicates)) for rock in rocks}
     least = min(counts.values())
     if least >= replicates:
         return None
-    rocks = [rock for rock, count in counts.items() if count == least]
-    rock, replicate = next_slot(rocks, replicates, missions, Proposal(favourite, {}))
-    predicted, sd = model.predict_mission(favourite, rock, replicate)
-    why = {
-        "sampler": "gp", "phase": "verification", "predicted_mean": predicted, "predicted_sd": sd,
-        "expected_shortfall": shortfall, "expected_gain": expected_gain,
-    }  # fmt: skip
-    return Proposal(favourite, why, rock, replicate, {PREDICTED: predicted})
+    fewest = [rock for rock, count in counts.items() if count == least]
+    return next_slot(fewest, replicates, missions, Proposal(values, {}))
 
 
 def markdown(
