@@ -30,9 +30,8 @@ from tuner.slots import next_slot
 from tuner.surrogate import RockMeanGP
 
 BEGINS = 2 / 3  # of the search budget
-PREDICTED = (
-    "predicted"  # in the memory of a favourite's first verification mission: the mean predicted for it
-)
+# In the memory of a favourite's first verification mission: the mean predicted for it.
+PREDICTED = "predicted"
 # The model's noise counts like this many such missions that fell short by it.
 PRIOR_MISSIONS = 1.0
 

@@ -63,6 +63,7 @@ def test_favourite_flies_every_slot_it_has_not_seen() -> None:
     flying: list[Pending] = []
     while (proposal := verification(model_of(history), history, flying, 2, expected_gain=0.0)) is not None:
         slots.append((proposal.rock or "", -1 if proposal.replicate is None else proposal.replicate))
+        assert (PREDICTED in proposal.memory) == (len(slots) == 2), "only the first check tells of the model"
         flying.append(Pending(4 + len(flying), GOOD, *slots[-1]))
     assert {rock for rock, _ in slots[:3]} == set(ROCKS), "every rock once comes before any rock twice"
     assert sorted(slots) == [(rock, k) for rock in ROCKS for k in range(2)]
@@ -76,6 +77,20 @@ def test_nothing_to_verify_while_exploring_promises_more() -> None:
     # Where such missions fell far short before, the same promise is not enough.
     history[1] = dataclasses.replace(history[1], memory={PREDICTED: history[1].outcome + 50 * model.noise_sd})
     assert verification(model, history, [], 1, expected_gain=10 * model.noise_sd) is not None
+
+
+def test_last_missions_complete_what_would_be_recommended() -> None:
+    """GOOD promises a little more than FAIR, but the favourites before it fell short by much more than that."""
+    history = [seen(0, FAIR, "r0", 50.0), seen(1, FAIR, "r1", 50.1), seen(2, FAIR, "r2", 50.0),
+               seen(3, FAIR, "r2", 50.1, 1, **{PREDICTED: 60.0}), seen(4, GOOD, "r0", 52.0)]  # fmt: skip
+    model = model_of(history)
+    early = verification(model, history, [], 2, expected_gain=0.0)
+    assert early is not None and early.values == GOOD
+    late = verification(model, history, [], 2, expected_gain=0.0, last=True)
+    assert late is not None and late.values == FAIR and late.replicate == 1 and late.rock in ("r0", "r1")
+    complete = [*history, seen(5, FAIR, "r0", 50.0, 1), seen(6, FAIR, "r1", 50.0, 1)]
+    then = verification(model_of(complete), complete, [], 2, expected_gain=0.0, last=True)
+    assert then is not None and then.values == GOOD, "what is complete leaves the missions to the favourite"
 
 
 def test_marked_down_for_the_share_of_slots_not_flown() -> None:

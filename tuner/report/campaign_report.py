@@ -170,9 +170,9 @@ def _verification_text(facts: CampaignFacts, best: Recommendation) -> str:
     missions = "One mission" if flown == 1 else f"{flown} missions"
     return (
         f" {missions} near the end of the search flew its favourite on a rock, or with a replicate, it had not seen. By "
-        f"what they stayed behind their prediction, {shortfall} on average (the noise counted as one more such mission), "
-        "configurations are marked down before one is recommended, each for its share of the rocks and replicates it has "
-        "not flown."
+        f"what the first of a favourite stayed behind its prediction, {shortfall} on average (the noise counted as one "
+        "more), configurations are marked down before one is recommended, each for its share of the rocks and replicates "
+        "it has not flown."
     )
 
 
