@@ -345,7 +345,9 @@ def applicable(name: str, problem: str) -> bool:
     if name.startswith("cmaes") and problem == "geometric:full":
         return False  # categorical parameters
     if name in _TRUSTED_DEFAULT:
-        return problem.startswith("geometric")
+        return (
+            problem.startswith("geometric") and problem != "geometric:full"
+        )  # many parameters: the same design
     if name == "gp+screen":
         return problem.startswith("two-fidelities")
     one_rock = not problem.startswith(("four-rocks", "two-fidelities", "geometric"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -125,23 +126,30 @@ def test_recommendation_counts_what_verification_found() -> None:
     assert recommended(20.0)[0] == GOOD
 
 
+def campaign(
+    sampler: GPSampler, missions: int, outcome: Callable[[np.ndarray], float], seed: int
+) -> tuple[list[Observation], list[str]]:
+    """The observations and phases of a campaign on synthetic rocks in turn; ``outcome`` of a position, without noise."""
+    rng = np.random.default_rng(seed)
+    history: list[Observation] = []
+    phases: list[str] = []
+    for i in range(missions):
+        p = sampler.ask(history, [])
+        value = outcome(synthetic.SPACE.to_unit(p.values)) + 0.1 * rng.normal()
+        history.append(
+            seen(i, p.values, p.rock or synthetic.ROCKS[i % 4], value, p.replicate or 0, **p.memory)
+        )
+        phases.append(p.why["phase"])
+    return history, phases
+
+
 @pytest.mark.parametrize("verify", [True, False])
 def test_sampler_verifies_near_the_end_of_its_budget_on_a_plateau(verify: bool) -> None:
     settings = dataclasses.replace(synthetic.sampler_settings(0, 4), budget=12, replicates=2)
-    sampler = GPSampler(settings, verify=verify)
-    rng = np.random.default_rng(0)
-    history: list[Observation] = []
-    phases = []
-    for i in range(12):
-        p = sampler.ask(history, [])
-        rock = p.rock or synthetic.ROCKS[i % 4]
-        low = synthetic.SPACE.to_unit(p.values)[0] < 0.3  # a cliff; nothing to gain elsewhere
-        history.append(
-            seen(
-                i, p.values, rock, (40.0 if low else 60.0) + 0.1 * rng.normal(), p.replicate or 0, **p.memory
-            )
-        )
-        phases.append(p.why["phase"])
+    # A cliff; nothing to gain elsewhere.
+    _, phases = campaign(
+        GPSampler(settings, verify=verify), 12, lambda x: 40.0 if x[0] < 0.3 else 60.0, seed=0
+    )
     assert "verification" not in phases[:8]
     assert ("verification" in phases[8:]) == verify
 
@@ -149,16 +157,7 @@ def test_sampler_verifies_near_the_end_of_its_budget_on_a_plateau(verify: bool) 
 def test_last_missions_are_the_favourites() -> None:
     """Wherever exploring promises something to the end, as many missions as there are slots check the favourite."""
     settings = dataclasses.replace(synthetic.sampler_settings(0, 4), budget=20, replicates=2)
-    sampler = GPSampler(settings)
-    rng = np.random.default_rng(1)
-    history: list[Observation] = []
-    phases = []
-    for i in range(20):
-        p = sampler.ask(history, [])
-        rock = p.rock or synthetic.ROCKS[i % 4]
-        outcome = 50.0 + 10.0 * float(synthetic.SPACE.to_unit(p.values).sum()) + 0.1 * rng.normal()
-        history.append(seen(i, p.values, rock, outcome, p.replicate or 0, **p.memory))
-        phases.append(p.why["phase"])
+    history, phases = campaign(GPSampler(settings), 20, lambda x: 50.0 + 10.0 * float(x.sum()), seed=1)
     assert phases[12:].count("verification") >= 6
     best = recommend(synthetic.SPACE, history, synthetic.ROCKS, synthetic.DEFAULT, Objective())
     assert best is not None and sum(o.values == best.values for o in history) >= 4
