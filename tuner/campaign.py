@@ -591,7 +591,9 @@ class Campaign:
             return []
         ranked = [candidate.values for candidate in result.top]
         count = finalist_count(missions, len(s.rocks))
-        finalists = choose_finalists(s.space, ranked, s.default_values(), count, result.lengthscales)
+        # Beside a trend length scales say nothing of how alike two configurations are.
+        lengths = None if s.surrogate().trend else result.lengthscales
+        finalists = choose_finalists(s.space, ranked, s.default_values(), count, lengths)
         first_replicate = max(s.replicates, 1 + max(o.replicate for o in search))
         return schedule(finalists, s.rocks, first_replicate, missions)
 

@@ -1,12 +1,13 @@
 """The covariance of missions, as one kernel.
 
-    k = s^2 m(x, x') (1 + delta [same rock]) + b^2 [same rock] + c^2 [same slot] + v^2 g(x) g(x')
+    k = s^2 m(x, x') (1 + delta [same rock]) + b^2 [same rock] + c^2 [same slot] + t^2 l(x, x') + v^2 g(x) g(x')
 
 m is Matern-5/2 with a length scale per ordered parameter, times exp(-mean of mismatches / length) over the
 choices. b^2 and c^2 are the variances of what all missions on a rock or on one (rock, replicate) slot share.
 delta is the share by which a rock's own landscape departs from the common one: an intrinsic coregionalisation
-model whose rocks are exchangeable, so that one number describes all correlations, 1 / (1 + delta). g is a given
-function of the configuration, such as the landscape of a cheaper fidelity (``tuner.screening``).
+model whose rocks are exchangeable, so that one number describes all correlations, 1 / (1 + delta). l is the
+covariance of a linear trend with a slope per ordered parameter, scaled so that t^2 is the trend's mean variance over
+the cube. g is a given function of the configuration, such as the landscape of a cheaper fidelity (``tuner.screening``).
 
 Inputs are (..., d + 2): the unit cube, then the rock's and the slot's column of exact whole numbers.
 ``NO_OFFSET`` there is the mean over rocks, or slots, that nobody has flown: it shares nothing, not even with
@@ -37,8 +38,8 @@ class MissionKernel(Kernel):
         Columns of the ordered parameters and of the choices.
     rock_column
         The rock's column; the slot's is the next one.
-    slots, deviations
-        Whether c^2 and delta are there.
+    slots, deviations, trend
+        Whether c^2, delta and t^2 are there.
     feature
         g, of (..., n, d + 2) inputs: (..., n); None where there is none.
     members
@@ -57,6 +58,7 @@ class MissionKernel(Kernel):
         *,
         slots: bool,
         deviations: bool,
+        trend: bool = False,
         feature: Callable[[torch.Tensor], torch.Tensor] | None = None,
         members: int = 0,
     ) -> None:
@@ -64,7 +66,7 @@ class MissionKernel(Kernel):
         super().__init__(batch_shape=torch.Size(lead))
         self.ordered, self.categorical = list(ordered), list(categorical)
         self.rock_column = rock_column
-        self.slots, self.deviations = slots, deviations
+        self.slots, self.deviations, self.trend = slots, deviations, trend and len(self.ordered) > 0
         self.log_lengthscale = _parameter(*lead, len(self.ordered))
         self.log_choice_length = _parameter(*lead, len(self.categorical))
         self.log_variance = _parameter(*lead)
@@ -73,6 +75,8 @@ class MissionKernel(Kernel):
             self.log_slot_variance = _parameter(*lead)
         if deviations:
             self.log_deviation = _parameter(*lead)
+        if self.trend:
+            self.log_trend_variance = _parameter(*lead)
         self.feature = feature
         if feature is not None:
             self.log_feature_variance = _parameter(*lead)
@@ -119,12 +123,24 @@ class MissionKernel(Kernel):
             k = k + wide(self.log_deviation) * m * same_rock
         if self.slots:
             k = k + wide(self.log_slot_variance) * _same(x1, x2, self.rock_column + 1, diag)
+        if self.trend:
+            k = k + wide(self.log_trend_variance) * linear(x1[..., self.ordered], x2[..., self.ordered], diag)
         if self.feature is not None:
             one, two = self.feature(x1), self.feature(x2)
             k = k + wide(self.log_feature_variance) * (
                 one * two if diag else one.unsqueeze(-1) * two.unsqueeze(-2)
             )
         return k
+
+
+def linear(one: torch.Tensor, two: torch.Tensor, diag: bool = False) -> torch.Tensor:
+    """l of ``(..., n, k)`` and ``(..., m, k)`` unit positions: ``(..., n, m)``, or ``(..., n)`` where ``diag``.
+
+    Slopes are independent and alike; l(x, x) has mean 1 over the cube.
+    """
+    one, two = one - 0.5, two - 0.5
+    product = (one * two).sum(-1) if diag else one @ two.transpose(-1, -2)
+    return product * (12.0 / one.shape[-1])
 
 
 def _parameter(*shape: int) -> torch.nn.Parameter:

@@ -75,11 +75,13 @@ def surrogate_settings(options: GPOptions, space: SearchSpace) -> SurrogateSetti
     """The surrogate that goes with a user's options on a search space."""
     from tuner.surrogate import SurrogateSettings
 
-    sparse = space.dimension >= MANY_PARAMETERS if options.sparse is None else options.sparse
+    many = space.dimension >= MANY_PARAMETERS
+    sparse = many if options.sparse is None else options.sparse
     if options.risk != "mean":  # risk is about what rocks do not share; not averaged over hyperparameters
-        return SurrogateSettings(deviations=True, sparse=sparse)
-    members = FULLY_BAYESIAN_MEMBERS if options.fully_bayesian else 0
-    return SurrogateSettings(sparse=sparse, members=members)
+        return SurrogateSettings(deviations=True, sparse=sparse, trend=many)
+    if options.fully_bayesian:
+        return SurrogateSettings(sparse=sparse, members=FULLY_BAYESIAN_MEMBERS)
+    return SurrogateSettings(sparse=sparse, trend=many)
 
 
 FULLY_BAYESIAN_MEMBERS = 16  # draws of the hyperparameters

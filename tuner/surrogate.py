@@ -15,8 +15,8 @@ do not share beyond offsets and a scale ends up in the noise, which is right for
 The length-scale prior grows with the square root of the dimension (Hvarfner et al., ICML 2024), but is
 narrower than theirs, there is an output scale, and the noise prior expects noise: missions are noisy, and on
 synthetic data as noisy as the signal these choices were the better calibrated ones. ``SurrogateSettings`` has what
-may be added: rocks' own landscapes, a sparse prior, averaging over hyperparameters; ``tuner.screening`` a cheaper
-fidelity.
+may be added: rocks' own landscapes, a sparse prior, a linear trend, averaging over hyperparameters;
+``tuner.screening`` a cheaper fidelity.
 """
 
 from __future__ import annotations
@@ -170,6 +170,8 @@ class SurrogateSettings:
     deviations: bool = False  # each rock departs from the common landscape, not only by an offset
     rock_scales: bool = True  # outcomes are standardised by each rock's own spread, not by the pooled one
     sparse: bool = False  # most parameters are expected to be without effect (SAAS prior, MAP over four tau)
+    trend: bool = False  # a linear trend beside f's other part, one slope per ordered parameter
+    trend_median: float = 2.0  # of the trend's variance
     length_median: float = 0.3  # median of the length-scale prior over sqrt(number of ordered parameters)
     length_least: float = 0.7  # but not below this: with few parameters there are missions enough to say so
     length_spread: float = 0.8
@@ -265,7 +267,8 @@ class RockMeanGP:
         categorical = self.space.categorical_dimensions
         ordered = [i for i in range(d) if i not in categorical]
         x, y = tensor(np.column_stack([self.unit, columns])), tensor(self.targets[:, None])
-        options: Any = {"slots": self.models_slots, "deviations": self.settings.deviations}
+        s = self.settings
+        options: Any = {"slots": self.models_slots, "deviations": s.deviations, "trend": s.trend}
         iterations = FIT_MAX_ITERATIONS if len(y) >= MIN_OBSERVATIONS_TO_FIT else 0
         candidates = []
         for feature in (None,) if self.screen is None else (None, self.screen.feature):
@@ -317,6 +320,7 @@ class RockMeanGP:
             # Wider still: measured slots differ by anything from nothing to several times what parameters do.
             "log_slot_variance": LogNormal(math.log(0.3), 1.5),
             "log_deviation": LogNormal(math.log(0.3), 1.0),
+            "log_trend_variance": LogNormal(math.log(s.trend_median), 1.0),
             "log_feature_variance": LogNormal(math.log(0.5), 1.0),
             NOISE: LogNormal(math.log(s.noise_median), s.noise_spread),
         }

@@ -120,6 +120,8 @@ def test_many_parameters_are_expected_to_be_mostly_without_effect(space: str, sp
     assert surrogate_settings(GPOptions(), shipped).sparse is sparse
     for asked in (True, False):
         assert surrogate_settings(GPOptions(sparse=asked), shipped).sparse is asked
+    assert surrogate_settings(GPOptions(), shipped).trend is sparse
+    assert not surrogate_settings(GPOptions(fully_bayesian=True), shipped).trend  # SAAS as published
 
 
 def test_tau_is_drawn_from_its_conditional_distribution() -> None:

@@ -8,7 +8,7 @@ import synthetic
 import torch
 
 from tuner.history import Observation
-from tuner.search_space import space_from_dict
+from tuner.search_space import Parameter, SearchSpace, space_from_dict
 from tuner.surrogate import NORMAL_95, Posterior, RockMeanGP, SurrogateSettings
 
 
@@ -146,13 +146,54 @@ def test_kernel_is_materns_times_mismatches() -> None:
     assert k.item() == pytest.approx((1 + r + r**2 / 3) * np.exp(-r) * np.exp(-1.0))
 
 
-def test_gradient_of_the_evidence_is_its_slope() -> None:
+def test_a_trend_is_linear_with_slopes_alike() -> None:
+    """Its covariance is that of sum of slope_i (x_i - 1/2), of variance t^2 on average over the cube."""
+    from tuner.mission_kernel import MissionKernel
+
+    kernel = MissionKernel([0, 1], [2], 3, slots=False, deviations=False, trend=True)
+    kernel.log_variance.data -= 50
+    kernel.log_rock_variance.data -= 50
+    kernel.log_trend_variance.data = torch.tensor(4.0, dtype=torch.float64).log()
+    rng = np.random.default_rng(0)
+    x = np.column_stack([rng.random((400, 3)), -np.ones((400, 2))])
+    k = kernel(torch.from_numpy(x)).to_dense().detach().numpy()
+    slopes = rng.normal(0, np.sqrt(4.0 * 12 / 2), (200_000, 2))
+    levels = slopes @ (x[:3, :2] - 0.5).T
+    np.testing.assert_allclose(k[:3, :3], levels.T @ levels / len(levels), rtol=0.02, atol=0.02)
+    assert k.diagonal().mean() == pytest.approx(4.0, rel=0.1)
+    np.testing.assert_allclose(kernel(torch.from_numpy(x), diag=True).detach(), k.diagonal(), rtol=1e-9)
+
+
+def test_a_trend_reaches_where_nothing_was_flown() -> None:
+    """Slopes seen in the middle of 15 parameters go on towards the corners; a smooth f alone falls back."""
+    path = [f"x{i}" for i in range(15)]
+    space = SearchSpace("cube", tuple(Parameter(p, "float", 0.0, 1.0) for p in path))
+    slopes = np.r_[np.ones(5), -np.ones(5), np.zeros(5)]
+    rng = np.random.default_rng(1)
+    history = []
+    for i, x in enumerate(rng.uniform(0.3, 0.7, (40, 15))):
+        y = float(slopes @ x) + 0.05 * rng.normal()
+        history.append(Observation(i, space.from_unit(x), "r0", i % 2, y, y))
+    corner = [space.from_unit((slopes > 0).astype(float))]
+    truth = float(slopes.clip(0).sum())
+    with_trend, without = (
+        RockMeanGP(space, history, ("r0",), settings=SurrogateSettings(sparse=True, trend=trend)).posterior(
+            corner
+        )
+        for trend in (True, False)
+    )
+    assert abs(with_trend.mean[0] - truth) < 0.15 * truth
+    assert abs(with_trend.mean[0] - truth) < 0.5 * abs(without.mean[0] - truth)
+
+
+@pytest.mark.parametrize("trend", [False, True])
+def test_gradient_of_the_evidence_is_its_slope(trend: bool) -> None:
     from tuner.map_fit import NOISE, Evidence
     from tuner.mission_kernel import MissionKernel
 
     rng = np.random.default_rng(0)
     x = np.column_stack([rng.random((20, 2)), rng.integers(0, 2, 20), np.arange(20) % 3, np.arange(20) % 6])
-    kernel = MissionKernel([0, 1], [2], 3, slots=True, deviations=True)
+    kernel = MissionKernel([0, 1], [2], 3, slots=True, deviations=True, trend=trend)
     slices, begin = {}, 0
     for name, parameter in kernel.named_parameters():
         slices[name] = slice(begin, begin + parameter.numel())
