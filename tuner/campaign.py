@@ -113,6 +113,9 @@ class CampaignSettings:
     second: Objective | None = None  # search the front between the objective and this one
     low_fidelity: str | None = None  # screen with it first: geometric, or module:function of a mission runner
     stop_when_settled: bool = False  # before the budget is used, see tuner.stopping
+    # A proposal knows every earlier mission but the last in_step - 1, whichever of those have ended: the same campaign
+    # with any number of workers (of which in_step have work). None: it knows what has ended, so that nobody waits.
+    in_step: int | None = None
 
     def __post_init__(self) -> None:
         if not self.name:
@@ -121,6 +124,8 @@ class CampaignSettings:
             raise UserError(f"the budget is {self.budget} missions; give at least 1")
         if self.replicates < 1:
             raise UserError(f"replicates is {self.replicates}; give at least 1")
+        if self.in_step is not None and self.in_step < 1:
+            raise UserError(f"in step is {self.in_step} missions; give at least 1")
         if self.seed < 0:
             raise UserError(f"the seed is {self.seed}; give 0 or more")
         if not self.rocks:
@@ -233,6 +238,7 @@ class CampaignSettings:
             "second": None if self.second is None else dataclasses.asdict(self.second),
             "low_fidelity": self.low_fidelity,
             "stop_when_settled": self.stop_when_settled,
+            "in_step": self.in_step,
         }
 
     @staticmethod
@@ -260,6 +266,7 @@ class CampaignSettings:
                 second=Objective(**tree["second"]) if tree.get("second") else None,
                 low_fidelity=tree.get("low_fidelity"),
                 stop_when_settled=tree.get("stop_when_settled", False),
+                in_step=tree.get("in_step"),
             )
         except (KeyError, TypeError, AttributeError) as error:
             raise UserError(f"{source} is not a campaign's settings ({error!r}); restore the file") from error
@@ -779,6 +786,11 @@ class _Session:
         confirming = len(trials) - self._settings.search_budget
         if confirming >= 0 and any(t.state == "running" for t in trials[: self._settings.search_budget]):
             return None  # the finalists are known when the search has ended
+        known = trials
+        if self._settings.in_step is not None:
+            known = trials[: max(0, len(trials) + 1 - self._settings.in_step)]
+            if any(t.state == "running" for t in known):
+                return None  # its turn comes when they have ended
         started = time.monotonic()
         if confirming >= 0 and self._plan is None:
             self._plan = self._campaign.confirmation_plan()
@@ -786,7 +798,7 @@ class _Session:
             proposal = self._plan[confirming]
         else:
             proposal = self._campaign._sampler.ask(
-                self._campaign.history(trials), self._ledger.pending(trials)
+                self._campaign.history(known), self._ledger.pending(trials, known=len(known))
             )
         ask_s = time.monotonic() - started
         self._ask_s += ask_s

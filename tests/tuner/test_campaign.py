@@ -106,6 +106,43 @@ def test_interrupted_campaign_goes_on_as_if_it_had_not_been(tmp_path: Path) -> N
         np.testing.assert_allclose(list(a.values.values()), list(b.values.values()), rtol=1e-6)
 
 
+def test_in_step_a_campaign_is_the_same_with_any_number_of_workers(tmp_path: Path) -> None:
+    changes: dict[str, object] = {
+        "sampler": "gp", "budget": 10, "initial": 4, "rocks": ("slow", "b"), "in_step": 3
+    }  # fmt: skip
+    alone = run(tmp_path / "alone", **changes)
+    side_by_side = Campaign.create(tmp_path / "four", settings(**changes))
+    flying: set[int] = set()
+    most = 0
+
+    def watch(event: CampaignEvent) -> None:
+        nonlocal most
+        if event.trial is not None and event.kind == "launched":
+            flying.add(event.trial.number)
+        elif event.trial is not None and event.kind == "finished":
+            flying.discard(event.trial.number)
+        most = max(most, len(flying))
+
+    with workers(4) as executor:
+        assert side_by_side.run(executor, watch).stopped == "budget"
+    assert 2 <= most <= 3  # a fourth worker would have to know less
+
+    def interrupt(event: CampaignEvent) -> None:
+        if event.kind == "finished" and event.finished == 6:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    parts = Campaign.create(tmp_path / "parts", settings(**changes))
+    with workers(2) as executor:
+        assert parts.run(executor, interrupt).stopped == "interrupted"
+        assert Campaign.open(tmp_path / "parts").run(executor).stopped == "budget"
+    expected = [(t.number, t.rock, t.replicate, t.values, t.raw) for t in alone.trials()]
+    assert len(expected) == 10
+    for other in (side_by_side, Campaign.open(tmp_path / "parts")):
+        assert [(t.number, t.rock, t.replicate, t.values, t.raw) for t in other.trials()] == expected
+    with pytest.raises(UserError, match="in step is 0 missions; give at least 1"):
+        settings(in_step=0)
+
+
 def test_ctrl_c_kills_missions_in_flight_and_keeps_them_open(tmp_path: Path) -> None:
     campaign = Campaign.create(tmp_path / "run", settings(rocks=("a", "hang"), budget=4))
     started = threading.Event()

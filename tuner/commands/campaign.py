@@ -62,6 +62,13 @@ def run(
     workers: Annotated[
         int | None, typer.Option(help="Missions side by side (default: one per core).")
     ] = None,
+    in_step: Annotated[
+        int | None,
+        typer.Option(
+            help="Reproducible with any number of workers: a proposal knows all missions but the last N - 1; "
+            "N workers have work (default: it knows what has ended)."
+        ),
+    ] = None,
     confirm: Annotated[
         float,
         typer.Option(help="Share of the budget (0 to 0.5) that flies the best few again before naming one."),
@@ -150,6 +157,7 @@ def run(
         else None,
         low_fidelity=low_fidelity,
         stop_when_settled=stop_when_settled,
+        in_step=in_step,
     )
     fly(Campaign.create(directory, settings), workers, timeout_s)
 
