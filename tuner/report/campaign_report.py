@@ -162,6 +162,10 @@ def _context(facts: CampaignFacts, figures: Path) -> dict[str, Any]:
     return context
 
 
+def _trend_text(facts: CampaignFacts) -> str:
+    return ", beside a linear trend" if facts.model is not None and facts.model.settings.trend else ""
+
+
 def _verification_text(facts: CampaignFacts, best: Recommendation) -> str:
     flown = sum(t.why.get("phase") == "verification" for t in facts.trials)
     if best.expected_shortfall is None or not flown:
@@ -206,7 +210,8 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Pa
             for c in best.top
         ],
         "model_text": (
-            f"A Gaussian process (Matérn 5/2, one length scale per parameter) on {best.observations} missions, outcomes "
+            f"A Gaussian process (Matérn 5/2, one length scale per parameter{_trend_text(facts)}) on "
+            f"{best.observations} missions, outcomes "
             "standardised per rock. One mission scatters about its configuration’s mean over rocks with a standard "
             f"deviation of {with_unit(best.noise_sd, label.difference_unit, facts.digits)}: that is the noise against which "
             "differences have to be seen."
@@ -460,7 +465,7 @@ def _model_figures(facts: CampaignFacts, best: Recommendation, figures: Path) ->
             relevance_figure(facts), "relevance",
             "Bar chart of each parameter's influence on the posterior mean with its length scale.",
             "How far the posterior mean moves along each slice above, and the length scale ℓ in units of the searched "
-            "range: long means unimportant.",
+            f"range: long means {'no more than the linear trend' if _trend_text(facts) else 'unimportant'}.",
             figures, title="Which parameters matter",
         )
     )  # fmt: skip
@@ -533,7 +538,26 @@ def reproduce_command(campaign: Campaign) -> str:
         words.append("--minimise")
     for path, value in s.overrides.items():
         words += ["--set", f"{path}={json.dumps(value)}"]
-    return " ".join(shlex.quote(word) for word in words)
+    return " ".join(shlex.quote(word) for word in [*words, *_optional_words(campaign)])
+
+
+def _optional_words(campaign: Campaign) -> list[str]:
+    """What of the settings is not a campaign's default."""
+    s, gp, words = campaign.settings, campaign.settings.gp, []
+    with_values = {
+        "--keep": s.keep if s.keep != "summary" else None, "--in-step": s.in_step, "--confirm": s.confirmation or None, "--low-fidelity": s.low_fidelity,
+        "--risk": gp.risk if gp.risk != "mean" else None, "--prior": gp.prior_strength or None,
+        "--second-metric": s.second.metric if s.second is not None else None,
+    }  # fmt: skip
+    for option, value in with_values.items():
+        if value is not None:
+            words += [option, str(value)]
+    flags = {
+        "--sparse": gp.sparse is True, "--no-sparse": gp.sparse is False, "--fully-bayesian": gp.fully_bayesian,
+        "--stop-when-settled": s.stop_when_settled,
+        "--second-minimise": s.second is not None and s.second.direction == "minimise",
+    }  # fmt: skip
+    return [*words, *(option for option, wanted in flags.items() if wanted)]
 
 
 def _space_argument(campaign: Campaign) -> str:
@@ -556,9 +580,11 @@ def _command_note(campaign: Campaign) -> str:
         )
     if s.runner != DEFAULT_RUNNER:
         notes.append(f"Missions were flown by {s.runner}, which the command line cannot name.")
-    notes.append(
-        "With one worker the sequence of proposals repeats exactly; with more it depends on which mission ends first."
-    )
+    if s.in_step is None:
+        notes.append(
+            "With one worker the sequence of proposals repeats exactly; with more it depends on which mission ends "
+            "first, unless the campaign is run --in-step."
+        )
     return " ".join(notes)
 
 

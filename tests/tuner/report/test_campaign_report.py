@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import html
 import re
+import shlex
 import sys
 from pathlib import Path
 
@@ -18,7 +19,9 @@ from made_evaluations import made_run
 from nbv.config import preset
 from nbv.errors import UserError
 from tuner.campaign import Campaign, CampaignSettings
+from tuner.cli import app
 from tuner.executors import InProcessExecutor
+from tuner.gp_options import GPOptions
 from tuner.objective import Objective
 from tuner.recommendation import Recommendation
 from tuner.report import write_campaign_report
@@ -80,6 +83,52 @@ def test_page_says_what_is_recommended_and_needs_nothing_from_outside(tmp_path: 
     named = set(re.findall(r'<figure id="figure-([a-z_]+)"', source))
     assert named == {p.stem for p in (tmp_path / "run" / "figures").glob("*.png")}
     assert {"missions", "running_recommendation", "slices", "map", "relevance", "calibration"} <= named
+
+
+class _Made(Exception):
+    """Carries the settings of a campaign that a command line would begin."""
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"rocks": ("waist",), "budget": 5, "replicates": 2, "seed": 7, "in_step": 3, "keep": "all"},
+        {"sampler": "gp", "confirmation": 0.4, "budget": 10, "gp": GPOptions(prior_strength=4.0, sparse=True)},
+        {"sampler": "gp", "gp": GPOptions(risk="worst", sparse=False), "low_fidelity": "geometric"},
+        {"sampler": "gp", "gp": GPOptions(fully_bayesian=True), "stop_when_settled": True},
+        {"sampler": "gp", "second": Objective("costs.flight_time_s", "minimise"),
+         "overrides": {"gate.kind": "hyb-o", "b_aware.target_track_length": 5}},
+    ],
+)  # fmt: skip
+def test_the_command_runs_the_same_campaign(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, object]
+) -> None:
+    fields: dict[str, object] = {
+        "name": "tiny", "space": load_search_space("gate"), "rocks": ("waist", "slab"), "budget": 6, "seed": 1,
+        "sampler": "sobol",
+    }  # fmt: skip
+    made = Campaign.create(tmp_path / "run", CampaignSettings(**{**fields, **changes}))  # type: ignore[arg-type]
+
+    def create(directory: Path, settings: CampaignSettings) -> Campaign:
+        raise _Made(settings)
+
+    monkeypatch.setattr(Campaign, "create", staticmethod(create))
+    words = shlex.split(reproduce_command(made))
+    assert words[0] == "gatetune"
+    with pytest.raises(_Made) as found:
+        app(words[1:], standalone_mode=False)
+    again = found.value.args[0]
+    assert again.to_dict() == made.settings.to_dict()
+
+
+def test_the_page_names_the_trend_of_a_model_with_many_parameters(tmp_path: Path) -> None:
+    assert "beside a linear trend" not in text_of(
+        write_campaign_report(flown(tmp_path / "few", sampler="gp"))
+    )
+    many = flown(tmp_path / "many", sampler="gp", space=load_search_space("full"), budget=8, initial=6)
+    text = text_of(write_campaign_report(many))
+    assert "one length scale per parameter, beside a linear trend" in text
+    assert "long means no more than the linear trend" in text
 
 
 def test_the_confirmation_stage_shows_its_paired_gains(tmp_path: Path) -> None:
