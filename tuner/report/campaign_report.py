@@ -545,7 +545,8 @@ def _optional_words(campaign: Campaign) -> list[str]:
     """What of the settings is not a campaign's default."""
     s, gp, words = campaign.settings, campaign.settings.gp, []
     with_values = {
-        "--keep": s.keep if s.keep != "summary" else None, "--in-step": s.in_step, "--confirm": s.confirmation or None, "--low-fidelity": s.low_fidelity,
+        "--keep": s.keep if s.keep != "summary" else None, "--in-step": s.in_step,
+        "--confirm": s.confirmation or None, "--low-fidelity": s.low_fidelity,
         "--risk": gp.risk if gp.risk != "mean" else None, "--prior": gp.prior_strength or None,
         "--second-metric": s.second.metric if s.second is not None else None,
     }  # fmt: skip
