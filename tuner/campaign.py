@@ -798,7 +798,7 @@ class _Session:
             proposal = self._plan[confirming]
         else:
             proposal = self._campaign._sampler.ask(
-                self._campaign.history(known), self._ledger.pending(trials, known=len(known))
+                self._campaign.history(known), self._ledger.pending(trials, len(known))
             )
         ask_s = time.monotonic() - started
         self._ask_s += ask_s

@@ -199,14 +199,12 @@ class Ledger:
             if t.state != "running"
         ]  # fmt: skip
 
-    def pending(
-        self, trials: Sequence[TrialRecord] | None = None, *, known: int | None = None
-    ) -> list[Pending]:
-        """Missions in flight; with ``known`` also those after the first so many, which count as if they were."""
+    def pending(self, trials: Sequence[TrialRecord], known: int) -> list[Pending]:
+        """Missions in flight, and those after the first ``known``, which count as if they were."""
         return [
             Pending(t.number, t.values, t.rock, t.replicate, t.memory)
-            for i, t in enumerate(self.trials() if trials is None else trials)
-            if t.state == "running" or (known is not None and i >= known)
+            for i, t in enumerate(trials)
+            if t.state == "running" or i >= known
         ]
 
 

@@ -17,7 +17,7 @@ from scipy.linalg import cho_solve, cholesky
 from scipy.optimize import minimize
 
 from nbv.types import Floats
-from tuner.mission_kernel import MissionKernel, linear
+from tuner.mission_kernel import MissionKernel
 
 _JITTER = 1e-8
 _WARM_UP, _THINNING, _LEAPFROGS = 12, 4, 5
@@ -243,15 +243,9 @@ class Evidence:
         self._same_rock = _shared(x[:, kernel.rock_column])
         self._same_slot = _shared(x[:, kernel.rock_column + 1])
         self._slots, self._deviations = kernel.slots, kernel.deviations
-        self._trend: Floats | None = None
-        if kernel.trend:
-            ordered = torch.from_numpy(x[:, kernel.ordered])
-            self._trend = linear(ordered, ordered).numpy()
-        self._feature: Floats | None = None
-        if kernel.feature is not None:
-            with torch.no_grad():
-                level = kernel.feature(torch.from_numpy(x)).numpy()
-            self._feature = np.outer(level, level)
+        with torch.no_grad():
+            terms = kernel.linear_terms(torch.from_numpy(x))
+        self._linear = {name: (term @ term.T).numpy() for name, term in terms.items()}
 
     def __call__(self, position: Floats) -> tuple[float, Floats, float]:
         """``(value, gradient, mean)``; value -inf where the covariance is not positive definite."""
@@ -278,10 +272,8 @@ class Evidence:
         covariance = common + rock
         if self._slots:
             covariance += at["log_slot_variance"][0] * self._same_slot
-        if self._trend is not None:
-            covariance += at["log_trend_variance"][0] * self._trend
-        if self._feature is not None:
-            covariance += at["log_feature_variance"][0] * self._feature
+        for name, products in self._linear.items():
+            covariance += at[name][0] * products
         covariance[np.diag_indices(n)] += noise + _JITTER
         try:
             root = cholesky(covariance, lower=True, check_finite=False)
@@ -309,12 +301,8 @@ class Evidence:
         if self._deviations:
             own = at["log_deviation"][0] * self._same_rock * outer * matern
             gradient[self._slices["log_deviation"]] = (half * own).sum()
-        if self._trend is not None:
-            own = float(at["log_trend_variance"][0]) * self._trend
-            gradient[self._slices["log_trend_variance"]] = (half * own).sum()
-        if self._feature is not None:
-            own = float(at["log_feature_variance"][0]) * self._feature
-            gradient[self._slices["log_feature_variance"]] = (half * own).sum()
+        for name, products in self._linear.items():
+            gradient[self._slices[name]] = at[name] * (half * products).sum()
         gradient[self._slices[NOISE]] = noise * np.trace(half)
         return value, gradient, mean
 

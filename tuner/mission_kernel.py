@@ -109,6 +109,15 @@ class MissionKernel(Kernel):
             m = m * (-(mismatch / length).mean(-1)).exp()
         return m
 
+    def linear_terms(self, x: torch.Tensor) -> dict[str, torch.Tensor]:
+        """What f is linear in, by the name of its coefficients' variance: ``(..., n, p)`` of ``(..., n, d + 2)``."""
+        terms = {}
+        if self.trend:
+            terms["log_trend_variance"] = math.sqrt(12.0 / len(self.ordered)) * (x[..., self.ordered] - 0.5)
+        if self.feature is not None:
+            terms["log_feature_variance"] = self.feature(x).unsqueeze(-1)
+        return terms
+
     def forward(self, x1: torch.Tensor, x2: torch.Tensor, diag: bool = False, **params: Any) -> torch.Tensor:
         """``(..., n, m)`` covariance of ``(..., n, d + 2)`` and ``(..., m, d + 2)``; ``(..., n)`` if ``diag``."""
         same_rock = _same(x1, x2, self.rock_column, diag)
@@ -123,24 +132,11 @@ class MissionKernel(Kernel):
             k = k + wide(self.log_deviation) * m * same_rock
         if self.slots:
             k = k + wide(self.log_slot_variance) * _same(x1, x2, self.rock_column + 1, diag)
-        if self.trend:
-            k = k + wide(self.log_trend_variance) * linear(x1[..., self.ordered], x2[..., self.ordered], diag)
-        if self.feature is not None:
-            one, two = self.feature(x1), self.feature(x2)
-            k = k + wide(self.log_feature_variance) * (
-                one * two if diag else one.unsqueeze(-1) * two.unsqueeze(-2)
-            )
+        one, two = self.linear_terms(x1), self.linear_terms(x2)
+        for name in one:
+            product = (one[name] * two[name]).sum(-1) if diag else one[name] @ two[name].transpose(-1, -2)
+            k = k + wide(getattr(self, name)) * product
         return k
-
-
-def linear(one: torch.Tensor, two: torch.Tensor, diag: bool = False) -> torch.Tensor:
-    """l of ``(..., n, k)`` and ``(..., m, k)`` unit positions: ``(..., n, m)``, or ``(..., n)`` where ``diag``.
-
-    Slopes are independent and alike; l(x, x) has mean 1 over the cube.
-    """
-    one, two = one - 0.5, two - 0.5
-    product = (one * two).sum(-1) if diag else one @ two.transpose(-1, -2)
-    return product * (12.0 / one.shape[-1])
 
 
 def _parameter(*shape: int) -> torch.nn.Parameter:
