@@ -24,11 +24,12 @@ import torch
 from optimiser_problems import Problem
 
 from tuner.acquisition import SearchSettings
+from tuner.gp_options import GPOptions
 from tuner.history import Observation, Proposal
 from tuner.initial_design import initial_design_size
 from tuner.objective import RockStandardiser
 from tuner.peers import available_peers
-from tuner.samplers import GPSampler, Sampler, SamplerSettings, make_sampler
+from tuner.samplers import GPSampler, Sampler, SamplerSettings, make_sampler, surrogate_settings
 from tuner.screening import screen
 from tuner.search_space import Values
 from tuner.slots import next_slot
@@ -292,10 +293,10 @@ def all_rocks(name: str) -> Factory:
 def gp_variant(
     *, search: SearchSettings | None = None, initial: int | None = None, **options: Any
 ) -> Factory:
-    """Our sampler with other settings of its surrogate, of its search or of its initial design."""
-    model = SurrogateSettings(**options)
+    """Our sampler with other settings of its surrogate, of its search or of its initial design; the rest as in ``gp``."""
 
     def make(problem: Problem, seed: int) -> Strategy:
+        model = dataclasses.replace(surrogate_settings(GPOptions(), problem.space), **options)
         settings = settings_of(problem, seed, ours=True)
         if initial is not None:
             settings = dataclasses.replace(settings, initial=initial)
@@ -327,11 +328,13 @@ STRATEGIES: dict[str, Factory] = {
     "gp+pooled": gp_variant(rock_scales=False),
     "gp+bayes4": gp_variant(members=4),
     "gp+bayes8": gp_variant(members=8),
-    "gp+dense": gp_variant(sparse=False),  # as gp on fewer than 13 parameters
-    "gp+sparse": gp_variant(sparse=True),  # as gp from 13 parameters on, without its linear trend
-    "gp+sparse8": gp_variant(sparse=True, members=8),
+    "gp+dense": gp_variant(sparse=False, trend=False),  # as gp on fewer than 13 parameters
+    "gp+sparse": gp_variant(
+        sparse=True, trend=False
+    ),  # as gp from 13 parameters on, without its linear trend
+    "gp+sparse8": gp_variant(sparse=True, trend=False, members=8),
     "gp+long": gp_variant(length_median=1.0, length_spread=1.2),
-    "gp+long4": gp_variant(length_median=1.2),  # four times the default's
+    "gp+long4": gp_variant(sparse=False, trend=False, length_median=1.2),  # four times the default's
     "gp+deviations": gp_variant(deviations=True),
 }
 

@@ -9,6 +9,7 @@ search spaces and command-line overrides use these paths.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import json
 import types
@@ -318,7 +319,7 @@ class MissionConfig:
             if not isinstance(node, dict) or parts[-1] not in node or isinstance(node[parts[-1]], dict):
                 raise UserError(_unknown_path(path))
             node[parts[-1]] = value
-        return config_from_dict(tree)
+        return typing.cast(MissionConfig, _build(MissionConfig, tree, ""))
 
 
 def _unknown_path(path: str) -> str:
@@ -329,9 +330,12 @@ def _unknown_path(path: str) -> str:
     return f"unknown mission parameter {path!r}{hint}"
 
 
+_type_hints = functools.cache(typing.get_type_hints)  # takes longer than everything else of a copy
+
+
 def parameter_paths(cls: type = MissionConfig, prefix: str = "") -> list[str]:
     """All leaf parameter paths of ``MissionConfig`` in declaration order."""
-    hints = typing.get_type_hints(cls)
+    hints = _type_hints(cls)
     paths: list[str] = []
     for f in dataclasses.fields(cls):
         kind = hints[f.name]
@@ -370,7 +374,7 @@ def _merge(into: dict[str, Any], new: dict[str, Any], prefix: str) -> None:
 
 
 def _build(cls: type, tree: dict[str, Any], prefix: str) -> Any:
-    hints = typing.get_type_hints(cls)
+    hints = _type_hints(cls)
     values = {}
     for f in dataclasses.fields(cls):
         kind, raw, path = hints[f.name], tree[f.name], f"{prefix}{f.name}"

@@ -16,6 +16,7 @@ The unit cube has one dimension per parameter: floats and integers are scaled (a
 
 from __future__ import annotations
 
+import itertools
 import math
 import sys
 from collections.abc import Mapping, Sequence
@@ -73,6 +74,11 @@ class Parameter:
         if self.scale == "log":
             low, high, number = math.log(low), math.log(high), math.log(number)
         return min(1.0, max(0.0, (number - low) / (high - low)))
+
+    @property
+    def ends(self) -> tuple[Any, ...]:
+        """Both bounds, or all choices."""
+        return self.choices if self.kind == "categorical" else (self.from_unit(0.0), self.from_unit(1.0))
 
     def from_unit(self, position: float) -> Any:
         """Value at ``position``, clipped to [0, 1]; integers are rounded, choices are binned."""
@@ -158,17 +164,32 @@ class SearchSpace:
                 )
             values[parameter.path] = value
         for parameter in self.parameters:
-            ends: Sequence[Any] = parameter.choices
-            if parameter.kind != "categorical":
-                ends = (parameter.from_unit(0.0), parameter.from_unit(1.0))
-            for value in ends:
-                try:
-                    base.with_values({**values, parameter.path: value})
-                except UserError as error:
-                    raise UserError(
-                        f"search space {self.name!r}: {parameter.path} = {value!r} is no mission: {error}"
-                    ) from error
+            self._require_missions(base, values, [parameter])
         return values
+
+    def check_pairs(self, preset: MissionConfig) -> None:
+        """Whether every two parameters may be anything at once; what excludes combinations, such as an order, does so for two.
+
+        Raises
+        ------
+        UserError
+            As ``default``, or bounds of two parameters that ``MissionConfig`` refuses together: a sampler that comes
+            there would end the campaign.
+        """
+        base, values = self.base_config(preset), self.default(preset)
+        for pair in itertools.combinations(self.parameters, 2):
+            self._require_missions(base, values, pair)
+
+    def _require_missions(self, base: MissionConfig, values: Values, parameters: Sequence[Parameter]) -> None:
+        for ends in itertools.product(*(p.ends for p in parameters)):
+            changed = {p.path: value for p, value in zip(parameters, ends)}
+            try:
+                base.with_values({**values, **changed})
+            except UserError as error:
+                text = " with ".join(f"{path} = {value!r}" for path, value in changed.items())
+                raise UserError(
+                    f"search space {self.name!r}: {text} is no mission: {error}; narrow the bounds"
+                ) from error
 
     def to_unit(self, values: Mapping[str, Any]) -> Floats:
         """(d,) position of ``values`` in the unit cube."""
@@ -303,7 +324,9 @@ def parse_search_space(text: str, source: str) -> SearchSpace:
         raise UserError(f"{source}{line}: {error.problem or error.context}; mend the YAML") from error
     except yaml.YAMLError as error:
         raise UserError(f"{source}: not YAML ({str(error).splitlines()[0]}); mend it") from error
-    return space_from_dict(tree, source)
+    space = space_from_dict(tree, source)
+    space.check_pairs(MissionConfig())  # here: a campaign that flew without the check can still be read
+    return space
 
 
 def space_from_dict(tree: Any, source: str) -> SearchSpace:
