@@ -347,8 +347,8 @@ def applicable(name: str, problem: str) -> bool:
     """Whether a strategy makes sense, and is another one than its plain variant, on a problem."""
     if name.startswith("cmaes") and problem == "geometric:full":
         return False  # categorical parameters
-    if name in _TRUSTED_DEFAULT:  # where parameters are many the design is the same
-        return problem.startswith("geometric") and problem != "geometric:full"
+    if name in _TRUSTED_DEFAULT:
+        return problem.startswith("geometric")
     if name == "gp+screen":
         return problem.startswith("two-fidelities")
     one_rock = not problem.startswith(("four-rocks", "two-fidelities", "geometric"))

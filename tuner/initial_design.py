@@ -27,11 +27,12 @@ def stays_near_default(dimension: int, trusted_default: bool) -> bool:
 def initial_design_size(dimension: int, budget: int, *, trusted_default: bool = False) -> int:
     """Missions before the model leads: 2 (d + 1), at most a third of the budget, at least 1.
 
-    Where half of it stays near the default d + 2, at most a quarter of the budget.
+    From a default that can be trusted fewer: d + 2, at most a quarter of the budget, where half of the design stays near
+    it, and at most a fifth of the budget where parameters are many.
     """
     if stays_near_default(dimension, trusted_default):
         return max(1, min(dimension + 2, budget // 4))
-    return max(1, min(2 * (dimension + 1), budget // 3))
+    return max(1, min(2 * (dimension + 1), budget // (5 if trusted_default else 3)))
 
 
 def sobol_point(space: SearchSpace, seed: int, index: int) -> Values:

@@ -29,7 +29,7 @@ MIXED_DEFAULT = {"weight": 1.2, "views": 5, "mode": "b"}
 @pytest.mark.parametrize(
     ("dimension", "budget", "trusted", "size"),
     [(2, 100, False, 6), (8, 100, False, 18), (8, 24, False, 8), (8, 1, False, 1),
-     (2, 100, True, 4), (8, 64, True, 10), (8, 24, True, 6), (12, 64, True, 14), (18, 64, True, 21), (8, 1, True, 1)],
+     (2, 100, True, 4), (8, 64, True, 10), (8, 24, True, 6), (12, 64, True, 14), (18, 64, True, 12), (18, 64, False, 21), (8, 1, True, 1)],
 )  # fmt: skip
 def test_size(dimension: int, budget: int, trusted: bool, size: int) -> None:
     assert initial_design_size(dimension, budget, trusted_default=trusted) == size
