@@ -329,9 +329,8 @@ STRATEGIES: dict[str, Factory] = {
     "gp+bayes4": gp_variant(members=4),
     "gp+bayes8": gp_variant(members=8),
     "gp+dense": gp_variant(sparse=False, trend=False),  # as gp on fewer than 13 parameters
-    "gp+sparse": gp_variant(
-        sparse=True, trend=False
-    ),  # as gp from 13 parameters on, without its linear trend
+    # as gp from 13 parameters on, without its linear trend
+    "gp+sparse": gp_variant(sparse=True, trend=False),
     "gp+sparse8": gp_variant(sparse=True, trend=False, members=8),
     "gp+long": gp_variant(length_median=1.0, length_spread=1.2),
     "gp+long4": gp_variant(sparse=False, trend=False, length_median=1.2),  # four times the default's
