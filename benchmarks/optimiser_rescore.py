@@ -3,15 +3,16 @@
     OMP_NUM_THREADS=1 python benchmarks/optimiser_rescore.py runs/optimiser_comparison_old --out runs/optimiser_comparison
 
 What a peer flies does not depend on our Gaussian process, what is recommended after it does. For every complete run of
-a peer on a function or on the synthetic rocks that is not yet in ``--out``, the missions are checked against the problem
-(same values as recorded, to the bit that JSON keeps), and the checkpoints are written anew. Runs of our own
-samplers and geometric missions depend on the code and are left alone.
+a peer that is not yet in ``--out``, the missions are checked against the problem (same values as recorded, to the bit
+that JSON keeps; geometric ones are flown again unless ``--out`` has their outcomes), and the checkpoints are written
+anew. Runs of our own samplers depend on the code and are left alone.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +32,8 @@ def rescore(path: Path, out: Path) -> str:
     """
     rows: list[dict[str, Any]] = [json.loads(line) for line in path.read_text().splitlines()]
     head, missions = rows[0], [row for row in rows if row["kind"] == "mission"]
-    problem = make_problem(
-        head["problem"], head["seed"], out / "geometric_missions.sqlite", budget=head["budget"]
-    )
+    memo = out / "geometric_missions.sqlite"
+    problem = make_problem(head["problem"], head["seed"], memo, head["rocks"], head["budget"])
     history: list[Observation] = []
     lines: list[dict[str, Any]] = [{**head, "rescored": True}]
     marks = [share * problem.budget for share in CHECKPOINTS]
@@ -63,15 +63,20 @@ def main() -> None:
     )
     parser.add_argument("source", type=Path)
     parser.add_argument("--out", type=Path, default=OUT)
+    parser.add_argument("--jobs", type=int, default=1)
     arguments = parser.parse_args()
+    paths = []
     for path in sorted(arguments.source.glob("*.jsonl")):
         if not complete(path):
             continue
         head = json.loads(path.read_text().split("\n", 1)[0])
         ours = head["strategy"].startswith("gp")
         done = complete(result_file(arguments.out, head["problem"], head["strategy"], head["seed"]))
-        if not (ours or done or head["problem"].startswith(("geometric", "two-fidelities"))):
-            print(rescore(path, arguments.out), flush=True)
+        if not (ours or done or head["problem"].startswith("two-fidelities")):
+            paths.append(path)
+    with ProcessPoolExecutor(arguments.jobs) as pool:
+        for line in pool.map(rescore, paths, [arguments.out] * len(paths)):
+            print(line, flush=True)
 
 
 if __name__ == "__main__":

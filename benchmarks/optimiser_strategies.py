@@ -134,7 +134,13 @@ class Screened(OneRock):
     """Our sampler after a screening with the problem's cheap fidelity, which counts towards the cost."""
 
     def __init__(self, problem: Any, seed: int) -> None:
-        flown = screen(problem.space, problem.rocks, problem.default, problem.cheap, seed)
+        flown = screen(
+            problem.space,
+            problem.rocks,
+            problem.default,
+            lambda values, rock, _: problem.cheap(values, rock),
+            seed,
+        )
         super().__init__(GPSampler(dataclasses.replace(settings_of(problem, seed, ours=True), screen=flown)))
         self.screen = flown  # of the recommendation
         self._unpaid = len(flown.observations) * problem.cheap_cost

@@ -2,7 +2,8 @@
 
     OMP_NUM_THREADS=1 python benchmarks/photogrammetric_comparison.py --seeds 3 --sampler gp optuna-gp gp+screen:16
 
-``gp+screen`` screens with geometric missions first (``--low-fidelity geometric``); ``:16`` is another budget than ``--budget``.
+``gp+screen`` screens with geometric missions first (``--low-fidelity geometric``), ``gp@geometric`` flies nothing but
+geometric missions until it is judged; ``:16`` is another budget than ``--budget``.
 Every (sampler, seed) is a campaign of its own in ``--out``, begun at the paper's values, recommended by the same rule
 (the product's: best posterior mean among what was flown). The recommendations then fly on the same training rocks
 with replicates that no campaign has seen; a seed's value is the mean over them. Held-out rocks are not used. Finished
@@ -13,6 +14,7 @@ the samplers named by ``--looked-into`` (default: the first one).
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -21,7 +23,7 @@ from scipy import stats
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
-from tuner.campaign import SETTINGS_FILE, Campaign, CampaignSettings
+from tuner.campaign import LOW_FIDELITIES, SETTINGS_FILE, Campaign, CampaignSettings
 from tuner.commands.campaign import QUICK_ROCKS, refuse_held_out
 from tuner.commands.console import rock_arguments
 from tuner.evaluation import EvaluationPlan, run_evaluation, values_of
@@ -36,6 +38,7 @@ REPLICATES = 2  # of a campaign; the judges begin after them
 def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str, seed: int) -> Campaign:
     """Flown to its end."""
     name, _, own_budget = sampler.partition(":")
+    name, _, runner = name.partition("@")
     name, _, screened = name.partition("+")
     budget = int(own_budget or arguments.budget)
     directory = arguments.out / directory_name(sampler, seed)
@@ -45,6 +48,7 @@ def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str
         space = load_search_space(arguments.space)
         found = Campaign.create(directory, CampaignSettings(
             directory.name, space, rocks, budget, REPLICATES, seed, sampler=name,
+            runner=LOW_FIDELITIES.get(runner, DEFAULT_RUNNER),
             low_fidelity="geometric" if screened else None))  # fmt: skip
     if found.status().finished < budget:
         with LocalProcessExecutor(arguments.workers, preload=(DEFAULT_RUNNER.partition(":")[0],)) as executor:
@@ -56,7 +60,7 @@ def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str
 
 def directory_name(sampler: str, seed: int) -> str:
     """Of one campaign."""
-    return f"{sampler.replace('+', '-').replace(':', '-')}-{seed}"
+    return f"{re.sub('[+@:]', '-', sampler)}-{seed}"
 
 
 def name_after(sampler: str, seed: int, missions: int) -> str:

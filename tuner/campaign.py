@@ -77,6 +77,7 @@ SCREENING_FILE = "screening.json"
 FRONT_FILE = "front.json"
 # What `low_fidelity` may be called instead of module:function.
 LOW_FIDELITIES = {"geometric": "nbv.geometric:run_geometric_mission"}
+FIDELITIES = {"photogrammetric": DEFAULT_RUNNER, **LOW_FIDELITIES}
 FORMAT_VERSION = 1
 # So many failures in a row mean that something is wrong with the set-up, not with the configurations.
 MAX_CONSECUTIVE_FAILURES = 8
@@ -167,6 +168,10 @@ class CampaignSettings:
             raise UserError("a confirmation stage needs its budget; leave it or stopping when settled out")
         if self.low_fidelity is not None:
             self.low_fidelity_runner()
+            if LOW_FIDELITIES.get(self.low_fidelity, self.low_fidelity) == self.runner:
+                raise UserError(
+                    f"the campaign's own missions are {self.low_fidelity} already; screen with another fidelity or none"
+                )
 
     def low_fidelity_runner(self) -> MissionRunner:
         """What flies the cheap missions.
@@ -483,16 +488,18 @@ class Campaign:
         s = self.settings
         runner = s.low_fidelity_runner()
 
-        def fly(values: Values, rock: str) -> float | None:
+        def fly(values: Values, rock: str, replicate: int) -> float | None:
             try:
-                result = runner(s.config(values), rock, 0, None)
+                result = runner(s.config(values), rock, replicate, None)
             except MissionFailure:
                 return None
             value, _ = s.objective.outcome(result.status, result.metrics)
             return None if value is None else s.objective.sign * value
 
         with threadpool_limits(1):
-            flown = screen(s.space, s.rocks, s.default_values(), fly, s.seed, on_mission)
+            flown = screen(
+                s.space, s.rocks, s.default_values(), fly, s.seed, on_mission, trusted_default=True
+            )
         write_atomic(self.directory / SCREENING_FILE, flown.to_json())
         self.screen = flown
         self._sampler = s.make_sampler(flown)

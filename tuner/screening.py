@@ -1,44 +1,48 @@
-"""Screening: what many cheap missions of a low fidelity say before the first expensive one.
+"""Screening: a search with a low fidelity before the first expensive mission.
 
-The cheap missions come first, all of them: at 1/200 of a mission's cost, several hundred cost less than two. Their
-own Gaussian process gives a mean landscape g, which enters the surrogate of the full fidelity as a feature,
+Geometric missions rank configurations about as well as a second photogrammetric replicate does
+(docs/results/geometric_fidelity.md) and take a fiftieth of the time. So the same optimiser first looks for the best
+configuration of the low fidelity, g; half of the initial design are the best it found instead of Sobol points. g's
+landscape enters the surrogate of the full fidelity as a feature,
 
     f(x) = rho g(x) + delta(x),   rho ~ N(0, v)
 
-(autoregressive co-kriging, Kennedy and O'Hagan 2000, with g plugged in). Whether the landscapes agree is decided by
-the full fidelity's missions at every ask: the feature is used where the marginal likelihood prefers it. And half
-of the initial design are the best configurations of g instead of Sobol points.
+(autoregressive co-kriging, Kennedy and O'Hagan 2000, with g's posterior mean plugged in). Whether the landscapes agree
+is decided by the full fidelity's missions at every ask: the feature is used where the marginal likelihood prefers it.
+All cheap missions come before the first expensive one, so that the last third of a budget is full fidelity.
 """
 
 from __future__ import annotations
 
 import functools
 import json
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import torch
-from scipy.stats import qmc
 
-from nbv.types import Floats
+from tuner.gp_options import GPOptions
 from tuner.history import Observation
+from tuner.initial_design import initial_design_size
 from tuner.search_space import SearchSpace, Values
+from tuner.slots import next_slot
 
-# Cheap missions per parameter: spread out, then near the best of those.
-SPREAD_PER_PARAMETER = 30
-NEAR_PER_PARAMETER = 15
-_NEAR_BEST = 8
-_NEAR_SD = 0.1
+if TYPE_CHECKING:
+    from nbv.types import Floats
+    from tuner.surrogate import RockMeanGP
+
+# With two replicates of each of a few rocks, about where the optimum is known and an ask takes longer than a cheap mission.
+CHEAP_MISSIONS = 96
+_REPLICATES = 2
 _APART = (
     0.15  # root mean square distance in the unit cube between screened configurations of the initial design
 )
 _MIN_OBSERVATIONS = 20
 
-# (configuration, rock) -> outcome, larger is better; None: failed
-CheapMission = Callable[[Values, str], float | None]
+# (configuration, rock, replicate) -> outcome, larger is better; None: failed
+CheapMission = Callable[[Values, str, int], float | None]
 
 
 @dataclass(frozen=True)
@@ -55,40 +59,50 @@ class Screen:
         return sum(o.feasible for o in self.observations) >= _MIN_OBSERVATIONS
 
     @functools.cached_property
-    def _model(self) -> Any:
-        from tuner.surrogate import RockMeanGP, SurrogateSettings
+    def _model(self) -> RockMeanGP:
+        from tuner.samplers import surrogate_settings
+        from tuner.surrogate import RockMeanGP
 
-        # Next to no noise: what a rock's own spread is off by, from a third or so of the missions, would dominate.
-        settings = SurrogateSettings(slots=False, rock_scales=False)
+        settings = surrogate_settings(GPOptions(), self.space)
         return RockMeanGP(self.space, self.observations, self.rocks, 0, settings)
 
     @functools.cached_property
     def feature(self) -> Feature:
-        """g, standardised over the spread-out missions."""
+        """g, standardised over the missions flown."""
         return Feature(self._model)
 
     def best(self, count: int) -> list[Values]:
-        """The configurations flown with the best g that are apart from each other; at most ``count``."""
-        unit = np.unique(self._model.unit, axis=0)
-        level = self.feature(self._model.inputs(unit)).numpy()
-        chosen: list[Floats] = []
-        for index in np.argsort(-level):
-            if all(np.sqrt(np.mean((unit[index] - u) ** 2)) > _APART for u in chosen):
-                chosen.append(unit[index])
+        """The configurations flown with the best g that are apart from each other; at most ``count``.
+
+        What has not flown every slot is marked down by its share of a mission's noise.
+        """
+        from tuner.verification import configuration_key, markdown
+
+        gp = self._model
+        seen = [
+            dict(v)
+            for v in {configuration_key(self.space, o.values): o.values for o in gp.observations}.values()
+        ]
+        doubt = markdown(self.space, self.observations, seen, self.rocks, gp.noise_sd)
+        chosen: list[tuple[Values, Floats]] = []
+        for index in np.argsort(doubt - gp.posterior(seen).mean, kind="stable"):
+            unit = self.space.to_unit(seen[index])
+            if all(np.sqrt(np.mean((unit - other) ** 2)) > _APART for _, other in chosen):
+                chosen.append((seen[index], unit))
             if len(chosen) == count:
                 break
-        return [self.space.from_unit(u) for u in chosen]
+        return [values for values, _ in chosen]
 
     def to_json(self) -> str:
         """For a file beside the ledger."""
-        rows = [[dict(o.values), o.rock, o.outcome] for o in self.observations]
+        rows = [[dict(o.values), o.rock, o.outcome, o.replicate] for o in self.observations]
         return json.dumps({"rocks": list(self.rocks), "missions": rows})
 
     @staticmethod
     def from_json(text: str, space: SearchSpace) -> Screen:
         """The inverse of ``to_json``; ``ValueError`` or ``KeyError`` where it is not."""
         tree = json.loads(text)
-        observations = [Observation(i, v, r, 0, y, y) for i, (v, r, y) in enumerate(tree["missions"])]
+        observations = [Observation(i, v, r, k, y, y) for i, (v, r, y, k) in enumerate(tree["missions"])]
         return Screen(space, tuple(tree["rocks"]), tuple(observations))
 
 
@@ -120,33 +134,30 @@ def screen(
     fly: CheapMission,
     seed: int,
     on_mission: Callable[[int, int], None] = lambda done, total: None,
+    *,
+    trusted_default: bool = False,
 ) -> Screen:
-    """Fly the cheap missions: Sobol points, then points near the best of them; rocks in turn.
+    """Fly the cheap missions: ``CHEAP_MISSIONS`` of our own sampler's, from the default on.
 
-    ``on_mission`` hears ``(flown, total)`` after each.
+    ``on_mission`` hears ``(flown, total)`` after each. ``trusted_default``: chosen by hand, so the design may stay near it.
     """
-    spread, near = SPREAD_PER_PARAMETER * space.dimension, NEAR_PER_PARAMETER * space.dimension
-    observations: list[Observation] = []
+    from tuner.samplers import GPSampler, SamplerSettings, derived_seed
 
-    def go(values: Values) -> None:
-        rock = rocks[len(observations) % len(rocks)]
-        y = fly(values, rock)
-        observations.append(Observation(len(observations), values, rock, 0, y, y))
-        on_mission(len(observations), spread + near)
-
-    engine = qmc.Sobol(space.dimension, scramble=True, rng=seed)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # balance needs powers of two
-        points = engine.random(spread - 1)
-    go(dict(default))
-    for point in points:
-        go(space.from_unit(point))
-    first = Screen(space, tuple(rocks), tuple(observations))
-    if not first.usable:
-        return first
-    rng = np.random.default_rng(seed)
-    best = np.array([space.to_unit(v) for v in first.best(_NEAR_BEST)])
-    for i in range(near):
-        step = _NEAR_SD * rng.standard_normal(space.dimension) * (rng.random(space.dimension) < 0.5)
-        go(space.from_unit(np.clip(best[i % len(best)] + step, 0.0, 1.0)))
-    return Screen(space, tuple(rocks), tuple(observations))
+    initial = initial_design_size(space.dimension, CHEAP_MISSIONS, trusted_default=trusted_default)
+    # Another seed than the campaign's: other Sobol points than those of its own initial design.
+    sampler = GPSampler(
+        SamplerSettings(
+            space, dict(default), tuple(rocks), derived_seed(seed, CHEAP_MISSIONS), initial, _REPLICATES,
+            budget=CHEAP_MISSIONS, trusted_default=trusted_default,
+        )
+    )  # fmt: skip
+    history: list[Observation] = []
+    while len(history) < CHEAP_MISSIONS:
+        proposal = sampler.ask(history, [])
+        rock, replicate = next_slot(rocks, _REPLICATES, history, proposal)
+        y = fly(proposal.values, rock, replicate)
+        history.append(
+            Observation(len(history), proposal.values, rock, replicate, y, y, memory=proposal.memory)
+        )
+        on_mission(len(history), CHEAP_MISSIONS)
+    return Screen(space, tuple(rocks), tuple(history))

@@ -189,11 +189,11 @@ def test_averaging_over_hyperparameters_widens_what_little_data_say() -> None:
 # -- screening -----------------------------------------------------------------------------------------------
 
 
-def cheap(values: Values, rock: str) -> float | None:
+def cheap(values: Values, rock: str, replicate: int = 0) -> float | None:
     return 3 * synthetic.true_value(values) + (1.0 if rock == "r1" else 0.0)
 
 
-def misleading(values: Values, rock: str) -> float | None:
+def misleading(values: Values, rock: str, replicate: int = 0) -> float | None:
     u = synthetic.SPACE.to_unit(values)
     return math.sin(9 * u[0]) * math.cos(11 * u[1])
 
@@ -208,25 +208,24 @@ def test_agreeing_landscape_is_used_and_a_misleading_one_is_not() -> None:
     bad = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, screen=screened(misleading))
     alone = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
     assert good.uses_screen and not bad.uses_screen and not alone.uses_screen
-    rng = np.random.default_rng(5)
-    points = [synthetic.SPACE.from_unit(u) for u in rng.random((40, 2))]
+    points = [synthetic.SPACE.from_unit(u) for u in np.random.default_rng(5).random((200, 2))]
     truth = np.array([synthetic.true_rock_mean(v) for v in points])
-    error = {
-        name: np.std(model.posterior(points).mean - truth)
-        for name, model in (("good", good), ("alone", alone))
-    }
-    assert error["good"] < 0.4 * error["alone"]
+    best = truth > np.quantile(truth, 0.75)  # the search went there
+    error, error_alone = (model.posterior(points).mean - truth for model in (good, alone))
+    assert np.std(error) < 0.7 * np.std(error_alone)
+    assert np.std(error[best]) < 0.6 * np.std(error_alone[best])
 
 
 def test_screening_finds_configurations_apart_and_survives_failures() -> None:
     flown = screened(
-        lambda values, rock: None if values["gate.budget_fraction"] < 0.2 else cheap(values, rock)
+        lambda values, rock, replicate: None if values["gate.budget_fraction"] < 0.2 else cheap(values, rock)
     )
     best = flown.best(4)
     unit = np.array([synthetic.SPACE.to_unit(v) for v in best])
     assert len(best) == 4 and synthetic.true_value(best[0]) > 0.95
+    assert {o.replicate for o in flown.observations} >= {0, 1}
     assert min(np.linalg.norm(unit[i] - unit[j]) for i in range(4) for j in range(i)) > 0.15
-    assert not screened(lambda values, rock: None).usable
+    assert not screened(lambda values, rock, replicate: None).usable
     read = Screen.from_json(flown.to_json(), synthetic.SPACE)
     assert read.best(4) == best
 

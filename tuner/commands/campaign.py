@@ -91,8 +91,15 @@ def run(
             help="Average over the model's hyperparameters, drawn by Monte Carlo; with --sparse: SAAS.",
         ),
     ] = False,
+    fidelity: Annotated[
+        str,
+        typer.Option(
+            help="Of the missions: photogrammetric, or geometric (no photographs, a fiftieth of the time; it ranks "
+            "configurations, it does not measure them)."
+        ),
+    ] = "photogrammetric",
     low_fidelity: Annotated[
-        str | None, typer.Option(help="Screen with cheap missions first: geometric.")
+        str | None, typer.Option(help="Search with cheap missions first: geometric.")
     ] = None,
     stop_when_settled: Annotated[
         bool, typer.Option("--stop-when-settled", help="Stop when what is left to gain is below the noise.")
@@ -114,13 +121,15 @@ def run(
     resume_if_present: Annotated[bool, typer.Option(help="Go on if the directory holds it already.")] = False,
 ) -> None:
     """Run a campaign: the paper's defaults, an initial design, then a GP proposes; one mission per trial."""
-    from tuner.campaign import SETTINGS_FILE, Campaign, CampaignSettings
+    from tuner.campaign import FIDELITIES, SETTINGS_FILE, Campaign, CampaignSettings
     from tuner.gp_options import GPOptions
     from tuner.objective import Objective
     from tuner.search_space import load_search_space
 
     if keep not in ("summary", "all"):
         raise UserError(f"--keep is {keep!r}; it must be summary or all")
+    if fidelity not in FIDELITIES:
+        raise UserError(f"--fidelity is {fidelity!r}; it must be {' or '.join(FIDELITIES)}")
     directory = out or RUNS / name
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
         output.print(f"{directory} holds a campaign already: going on with it")
@@ -148,6 +157,7 @@ def run(
         overrides=parse_overrides(set_ or []),
         objective=objective,
         sampler=sampler,
+        runner=FIDELITIES[fidelity],
         keep=keep,  # type: ignore[arg-type]
         storage=storage,
         confirmation=confirm,

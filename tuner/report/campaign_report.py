@@ -13,7 +13,7 @@ import yaml
 
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
-from tuner.campaign import SETTINGS_FILE, Campaign
+from tuner.campaign import FIDELITIES, SETTINGS_FILE, Campaign
 from tuner.missions import DEFAULT_RUNNER, RESULT_FILE
 from tuner.recommendation import Recommendation
 from tuner.report.campaign_facts import CampaignFacts, verdict
@@ -31,6 +31,7 @@ from tuner.report.labels import decimals_for, format_number, parameter_label, pa
 from tuner.report.pages import duration, write_page
 from tuner.report.style import Illustration, embed
 from tuner.search_space import Parameter
+from tuner.studies.fidelity import GEOMETRIC_NOTE
 
 if TYPE_CHECKING:
     from tuner.evaluation import EvaluationRun
@@ -255,6 +256,11 @@ def _headline(facts: CampaignFacts) -> dict[str, Any]:
         "These figures are the surrogate’s, on the rocks that were tuned on, for the configuration picked as the best "
         "of those flown; they lean towards optimism. `gatetune evaluate` measures the recommendation on held-out rocks.",
     ]  # fmt: skip
+    if s.runner == FIDELITIES["geometric"]:
+        sentences.append(
+            f"{GEOMETRIC_NOTE} They rank configurations and do not measure them: `gatetune evaluate` flies the "
+            "recommendation with photographs."
+        )
     return {
         "kind": kind.split()[0] if kind else "",
         "verdict": campaign_headline(best, label.full, label.difference_unit),
@@ -311,7 +317,7 @@ def _kpis(facts: CampaignFacts) -> list[tuple[str, str]]:
         (duration(st.mission_wall_s), "computing, summed over missions"),
         (duration(st.flight_time_s), "simulated flight"),
         (_distance(st.path_length_m), "flown"),
-        (f"{st.images:.0f}", "photographs"),
+        (f"{st.images:.0f}", _photographs(facts)),
     ]
 
 
@@ -382,7 +388,7 @@ def _costs(facts: CampaignFacts) -> list[list[str]]:
         ["compute time", duration(st.mission_wall_s), duration(st.mission_wall_s / done)],
         ["simulated flight time", duration(st.flight_time_s), duration(st.flight_time_s / done)],
         ["distance flown", _distance(st.path_length_m), _distance(st.path_length_m / done)],
-        ["photographs", f"{st.images:.0f}", f"{st.images / done:.1f}"],
+        [_photographs(facts), f"{st.images:.0f}", f"{st.images / done:.1f}"],
     ]
 
 
@@ -547,6 +553,7 @@ def _optional_words(campaign: Campaign) -> list[str]:
     with_values = {
         "--keep": s.keep if s.keep != "summary" else None, "--in-step": s.in_step,
         "--confirm": s.confirmation or None, "--low-fidelity": s.low_fidelity,
+        "--fidelity": next((f for f, r in FIDELITIES.items() if r == s.runner != DEFAULT_RUNNER), None),
         "--risk": gp.risk if gp.risk != "mean" else None, "--prior": gp.prior_strength or None,
         "--second-metric": s.second.metric if s.second is not None else None,
     }  # fmt: skip
@@ -579,7 +586,7 @@ def _command_note(campaign: Campaign) -> str:
         notes.append(
             f"Save the section “search_space” of the settings below as {_space_argument(campaign)} first."
         )
-    if s.runner != DEFAULT_RUNNER:
+    if s.runner not in FIDELITIES.values():
         notes.append(f"Missions were flown by {s.runner}, which the command line cannot name.")
     if s.in_step is None:
         notes.append(
@@ -590,6 +597,10 @@ def _command_note(campaign: Campaign) -> str:
 
 
 # -- small things --------------------------------------------------------------------------------------------
+
+
+def _photographs(facts: CampaignFacts) -> str:
+    return "captures, no photographs" if facts.settings.runner == FIDELITIES["geometric"] else "photographs"
 
 
 def _distance(metres: float) -> str:

@@ -18,7 +18,7 @@ from made_evaluations import made_run
 
 from nbv.config import preset
 from nbv.errors import UserError
-from tuner.campaign import Campaign, CampaignSettings
+from tuner.campaign import FIDELITIES, Campaign, CampaignSettings
 from tuner.cli import app
 from tuner.executors import InProcessExecutor
 from tuner.gp_options import GPOptions
@@ -96,6 +96,7 @@ class _Made(Exception):
         {"sampler": "gp", "confirmation": 0.4, "budget": 10, "gp": GPOptions(prior_strength=4.0, sparse=True)},
         {"sampler": "gp", "gp": GPOptions(risk="worst", sparse=False), "low_fidelity": "geometric"},
         {"sampler": "gp", "gp": GPOptions(fully_bayesian=True), "stop_when_settled": True},
+        {"runner": FIDELITIES["geometric"]},
         {"sampler": "gp", "second": Objective("costs.flight_time_s", "minimise"),
          "overrides": {"gate.kind": "hyb-o", "b_aware.target_track_length": 5}},
     ],
@@ -129,6 +130,17 @@ def test_the_page_names_the_trend_of_a_model_with_many_parameters(tmp_path: Path
     text = text_of(write_campaign_report(many))
     assert "one length scale per parameter, beside a linear trend" in text
     assert "long means no more than the linear trend" in text
+
+
+def test_the_page_of_a_geometric_campaign_says_so(tmp_path: Path) -> None:
+    flies = {"space": load_search_space("gate"), "rocks": ("waist",), "budget": 3, "sampler": "sobol"}
+    settings = CampaignSettings("geo", runner=FIDELITIES["geometric"], **flies)  # type: ignore[arg-type]
+    campaign = Campaign.create(tmp_path / "geo", settings)
+    campaign.run(InProcessExecutor())
+    text = text_of(write_campaign_report(campaign))
+    assert "Geometric missions" in text and "--fidelity geometric" in text
+    assert "cannot name" not in text
+    assert "Geometric missions" not in text_of(write_campaign_report(flown(tmp_path / "run")))
 
 
 def test_the_confirmation_stage_shows_its_paired_gains(tmp_path: Path) -> None:
