@@ -168,7 +168,7 @@ class CampaignSettings:
             raise UserError("a confirmation stage needs its budget; leave it or stopping when settled out")
         if self.low_fidelity is not None:
             self.low_fidelity_runner()
-            if LOW_FIDELITIES.get(self.low_fidelity, self.low_fidelity) == self.runner:
+            if LOW_FIDELITIES.get(self.low_fidelity) == self.runner:
                 raise UserError(
                     f"the campaign's own missions are {self.low_fidelity} already; screen with another fidelity or none"
                 )

@@ -12,7 +12,7 @@ import synthetic
 
 from nbv.errors import UserError
 from tuner.acquisition import Prior, propose
-from tuner.campaign import Campaign, CampaignSettings
+from tuner.campaign import FIDELITIES, Campaign, CampaignSettings
 from tuner.executors import InProcessExecutor
 from tuner.gp_options import GPOptions
 from tuner.history import Observation
@@ -317,6 +317,7 @@ def test_campaign_stops_when_settled_and_says_so(tmp_path: Path) -> None:
         ({"second": Objective("costs.images"), "gp": GPOptions(fully_bayesian=True)}, "cannot be combined"),
         ({"rocks": ("a",), "gp": GPOptions(risk="worst")}, "name at least two"),
         ({"low_fidelity": "no.such:runner"}, "cannot be imported"),
+        ({"low_fidelity": "geometric", "runner": FIDELITIES["geometric"]}, "are geometric already"),
         ({"stop_when_settled": True, "confirmation": 0.3}, "needs its budget"),
         ({"stop_when_settled": True, "second": Objective("costs.images")}, "cannot be combined"),
     ],
