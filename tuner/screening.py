@@ -1,7 +1,7 @@
 """Screening: a search with a low fidelity before the first expensive mission.
 
 Geometric missions rank configurations about as well as a second photogrammetric replicate does
-(docs/results/geometric_fidelity.md) and take a fiftieth of the time. So the same optimiser first looks for the best
+(docs/results/geometric_fidelity.md) and take a thirtieth of the time. So the same optimiser first looks for the best
 configuration of the low fidelity, g; half of the initial design are the best it found instead of Sobol points. g's
 landscape enters the surrogate of the full fidelity as a feature,
 
