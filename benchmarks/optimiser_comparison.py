@@ -44,7 +44,7 @@ from tuner.samplers import surrogate_settings  # noqa: E402
 from tuner.search_space import Values  # noqa: E402
 from tuner.slots import next_slot  # noqa: E402
 from tuner.surrogate import RockMeanGP  # noqa: E402
-from tuner.verification import expected_shortfall, markdown  # noqa: E402
+from tuner.verification import distinct_configurations, expected_shortfall, markdown  # noqa: E402
 
 OUT = Path("runs/optimiser_comparison")
 # Shares of the budget at which a recommendation is made; ours more often, to see when it reaches a peer's last:
@@ -78,8 +78,7 @@ def common_recommendation(
     What verification missions found counts as in the product; only our sampler flies any.
     """
     model = surrogate(problem, history, seed, strategy)
-    seen = {tuple(problem.space.to_unit(o.values)): dict(o.values) for o in history if o.feasible}
-    configurations = list(seen.values())
+    configurations = distinct_configurations(problem.space, model.observations)
     belief = model.posterior(configurations)
     shortfall = expected_shortfall(history, model.noise_sd)
     worth = belief.mean - markdown(problem.space, history, configurations, problem.rocks, shortfall)

@@ -23,7 +23,7 @@ from scipy import stats
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
-from tuner.campaign import LOW_FIDELITIES, SETTINGS_FILE, Campaign, CampaignSettings
+from tuner.campaign import FIDELITIES, SETTINGS_FILE, Campaign, CampaignSettings
 from tuner.commands.campaign import QUICK_ROCKS, refuse_held_out
 from tuner.commands.console import rock_arguments
 from tuner.evaluation import EvaluationPlan, run_evaluation, values_of
@@ -31,6 +31,7 @@ from tuner.executors import LocalProcessExecutor
 from tuner.missions import DEFAULT_RUNNER
 from tuner.objective import Objective
 from tuner.search_space import load_search_space
+from tuner.studies.fidelity import runner_of
 
 REPLICATES = 2  # of a campaign; the judges begin after them
 
@@ -38,7 +39,7 @@ REPLICATES = 2  # of a campaign; the judges begin after them
 def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str, seed: int) -> Campaign:
     """Flown to its end."""
     name, _, own_budget = sampler.partition(":")
-    name, _, runner = name.partition("@")
+    name, _, fidelity = name.partition("@")
     name, _, screened = name.partition("+")
     budget = int(own_budget or arguments.budget)
     directory = arguments.out / directory_name(sampler, seed)
@@ -48,7 +49,7 @@ def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str
         space = load_search_space(arguments.space)
         found = Campaign.create(directory, CampaignSettings(
             directory.name, space, rocks, budget, REPLICATES, seed, sampler=name,
-            runner=LOW_FIDELITIES.get(runner, DEFAULT_RUNNER),
+            runner=runner_of(fidelity or "photogrammetric", FIDELITIES),
             low_fidelity="geometric" if screened else None))  # fmt: skip
     if found.status().finished < budget:
         with LocalProcessExecutor(arguments.workers, preload=(DEFAULT_RUNNER.partition(":")[0],)) as executor:

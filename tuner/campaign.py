@@ -168,10 +168,15 @@ class CampaignSettings:
             raise UserError("a confirmation stage needs its budget; leave it or stopping when settled out")
         if self.low_fidelity is not None:
             self.low_fidelity_runner()
-            if LOW_FIDELITIES.get(self.low_fidelity) == self.runner:
+            if self.low_fidelity == self.fidelity:
                 raise UserError(
                     f"the campaign's own missions are {self.low_fidelity} already; screen with another fidelity or none"
                 )
+
+    @property
+    def fidelity(self) -> str | None:
+        """What the command line calls its missions' fidelity; None: a runner of somebody's own."""
+        return next((name for name, runner in FIDELITIES.items() if runner == self.runner), None)
 
     def low_fidelity_runner(self) -> MissionRunner:
         """What flies the cheap missions.

@@ -75,13 +75,10 @@ class Screen:
 
         What has not flown every slot is marked down by its share of a mission's noise.
         """
-        from tuner.verification import configuration_key, markdown
+        from tuner.verification import distinct_configurations, markdown
 
         gp = self._model
-        seen = [
-            dict(v)
-            for v in {configuration_key(self.space, o.values): o.values for o in gp.observations}.values()
-        ]
+        seen = distinct_configurations(self.space, gp.observations)
         doubt = markdown(self.space, self.observations, seen, self.rocks, gp.noise_sd)
         chosen: list[tuple[Values, Floats]] = []
         for index in np.argsort(doubt - gp.posterior(seen).mean, kind="stable"):

@@ -44,6 +44,11 @@ def configuration_key(space: SearchSpace, values: Mapping[str, Any]) -> Key:
     return tuple(round(float(u), 12) for u in space.to_unit(values))
 
 
+def distinct_configurations(space: SearchSpace, missions: Sequence[Observation]) -> list[Values]:
+    """Each configuration that has flown, once, in the order of the first flights."""
+    return [dict(v) for v in {configuration_key(space, o.values): o.values for o in missions}.values()]
+
+
 def slots_flown(space: SearchSpace, missions: Sequence[Observation | Pending]) -> dict[Key, set[Slot]]:
     """The (rock, replicate) slots that each configuration has flown, or is flying."""
     flown: dict[Key, set[Slot]] = collections.defaultdict(set)
@@ -106,8 +111,7 @@ def verification(
         shortfall = model.noise_sd
     if shortfall <= expected_gain and not last:
         return None
-    seen = {configuration_key(model.space, o.values): o.values for o in model.observations}
-    configurations = [dict(values) for values in seen.values()]
+    configurations = distinct_configurations(model.space, model.observations)
     mean = model.posterior(configurations, risk).mean
     candidates = [int(mean.argmax())]
     if last:

@@ -125,11 +125,11 @@ def run(
     from tuner.gp_options import GPOptions
     from tuner.objective import Objective
     from tuner.search_space import load_search_space
+    from tuner.studies.fidelity import runner_of
 
     if keep not in ("summary", "all"):
         raise UserError(f"--keep is {keep!r}; it must be summary or all")
-    if fidelity not in FIDELITIES:
-        raise UserError(f"--fidelity is {fidelity!r}; it must be {' or '.join(FIDELITIES)}")
+    runner = runner_of(fidelity, FIDELITIES)
     directory = out or RUNS / name
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
         output.print(f"{directory} holds a campaign already: going on with it")
@@ -157,7 +157,7 @@ def run(
         overrides=parse_overrides(set_ or []),
         objective=objective,
         sampler=sampler,
-        runner=FIDELITIES[fidelity],
+        runner=runner,
         keep=keep,  # type: ignore[arg-type]
         storage=storage,
         confirmation=confirm,

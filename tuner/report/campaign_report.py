@@ -13,7 +13,7 @@ import yaml
 
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
-from tuner.campaign import FIDELITIES, SETTINGS_FILE, Campaign
+from tuner.campaign import SETTINGS_FILE, Campaign
 from tuner.missions import DEFAULT_RUNNER, RESULT_FILE
 from tuner.recommendation import Recommendation
 from tuner.report.campaign_facts import CampaignFacts, verdict
@@ -256,7 +256,7 @@ def _headline(facts: CampaignFacts) -> dict[str, Any]:
         "These figures are the surrogate’s, on the rocks that were tuned on, for the configuration picked as the best "
         "of those flown; they lean towards optimism. `gatetune evaluate` measures the recommendation on held-out rocks.",
     ]  # fmt: skip
-    if s.runner == FIDELITIES["geometric"]:
+    if s.fidelity == "geometric":
         sentences.append(
             f"{GEOMETRIC_NOTE} They rank configurations and do not measure them: `gatetune evaluate` flies the "
             "recommendation with photographs."
@@ -553,7 +553,7 @@ def _optional_words(campaign: Campaign) -> list[str]:
     with_values = {
         "--keep": s.keep if s.keep != "summary" else None, "--in-step": s.in_step,
         "--confirm": s.confirmation or None, "--low-fidelity": s.low_fidelity,
-        "--fidelity": next((f for f, r in FIDELITIES.items() if r == s.runner != DEFAULT_RUNNER), None),
+        "--fidelity": s.fidelity if s.runner != DEFAULT_RUNNER else None,
         "--risk": gp.risk if gp.risk != "mean" else None, "--prior": gp.prior_strength or None,
         "--second-metric": s.second.metric if s.second is not None else None,
     }  # fmt: skip
@@ -586,7 +586,7 @@ def _command_note(campaign: Campaign) -> str:
         notes.append(
             f"Save the section “search_space” of the settings below as {_space_argument(campaign)} first."
         )
-    if s.runner not in FIDELITIES.values():
+    if s.fidelity is None:
         notes.append(f"Missions were flown by {s.runner}, which the command line cannot name.")
     if s.in_step is None:
         notes.append(
@@ -600,7 +600,7 @@ def _command_note(campaign: Campaign) -> str:
 
 
 def _photographs(facts: CampaignFacts) -> str:
-    return "captures, no photographs" if facts.settings.runner == FIDELITIES["geometric"] else "photographs"
+    return "captures, no photographs" if facts.settings.fidelity == "geometric" else "photographs"
 
 
 def _distance(metres: float) -> str:

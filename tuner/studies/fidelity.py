@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from nbv.config import MissionConfig
@@ -29,8 +30,8 @@ GEOMETRIC_NOTE = (
 )
 
 
-def runner_of(fidelity: str) -> str:
+def runner_of(fidelity: str, runners: Mapping[str, str] = RUNNERS) -> str:
     """The mission runner of a fidelity; ``UserError`` if there is none."""
-    if fidelity not in RUNNERS:
-        raise UserError(f"unknown fidelity {fidelity!r}; choose from {', '.join(RUNNERS)}")
-    return RUNNERS[fidelity]
+    if fidelity not in runners:
+        raise UserError(f"unknown fidelity {fidelity!r}; choose from {', '.join(runners)}")
+    return runners[fidelity]
