@@ -66,8 +66,8 @@ def complete(path: Path) -> bool:
 def surrogate(problem: Problem, history: Sequence[Observation], seed: int, strategy: object) -> RockMeanGP:
     """Our GP, with the strategy's settings where it has some, else the product's."""
     settings = getattr(strategy, "model", None) or surrogate_settings(GPOptions(), problem.space)
-    screen = getattr(strategy, "screen", None)
-    return RockMeanGP(problem.space, history, problem.rocks, seed, settings, screen)
+    earlier = getattr(strategy, "earlier", None)
+    return RockMeanGP(problem.space, history, problem.rocks, seed, settings, earlier)
 
 
 def common_recommendation(

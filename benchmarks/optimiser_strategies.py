@@ -24,6 +24,8 @@ import torch
 from optimiser_problems import Problem
 
 from tuner.acquisition import SearchSettings
+from tuner.commands.campaign import training_rocks
+from tuner.earlier_missions import EarlierMissions
 from tuner.gp_options import GPOptions
 from tuner.history import Observation, Proposal
 from tuner.initial_design import initial_design_size
@@ -141,8 +143,8 @@ class Screened(OneRock):
             lambda values, rock, _: problem.cheap(values, rock),
             seed,
         )
-        super().__init__(GPSampler(dataclasses.replace(settings_of(problem, seed, ours=True), screen=flown)))
-        self.screen = flown  # of the recommendation
+        super().__init__(GPSampler(dataclasses.replace(settings_of(problem, seed, ours=True), earlier=flown)))
+        self.earlier = flown  # of the recommendation
         self._unpaid = len(flown.observations) * problem.cheap_cost
 
     def ask(self) -> Request:
@@ -150,6 +152,53 @@ class Screened(OneRock):
         request = dataclasses.replace(super().ask(), extra_cost=self._unpaid)
         self._unpaid = 0.0
         return request
+
+
+def earlier_campaign(problem: Any, seed: int) -> EarlierMissions:
+    """What a campaign like ours on other rocks has flown: 96 missions on the procedural training rocks not in ``problem``."""
+    rocks = tuple(rock for rock in training_rocks() if rock not in problem.rocks)
+    elsewhere = dataclasses.replace(problem, rocks=rocks)
+
+    def fly(values: Values, rock: str, replicate: int) -> float | None:
+        return float(value) if (value := elsewhere.fly(values, rock, replicate).value) is not None else None
+
+    return screen(problem.space, rocks, problem.default, fly, seed, trusted_default=problem.trusted_default)
+
+
+def settings_with_earlier(problem: Problem, seed: int, flown: EarlierMissions) -> SamplerSettings:
+    """Our settings, and the design that goes with missions flown before."""
+    settings = settings_of(problem, seed, ours=True)
+    initial = initial_design_size(
+        problem.space.dimension, problem.budget, trusted_default=problem.trusted_default, earlier=True
+    )
+    return dataclasses.replace(settings, initial=initial, earlier=flown)
+
+
+class SecondCampaign(OneRock):
+    """Our sampler where there was a campaign on other rocks before (``--learn-from``), which costs nothing here."""
+
+    def __init__(self, problem: Problem, seed: int) -> None:
+        self.earlier = earlier_campaign(problem, seed)  # of the recommendation, too
+        super().__init__(GPSampler(settings_with_earlier(problem, seed, self.earlier)))
+
+
+class PeerSecondCampaign(OneRock):
+    """Optuna's GP with the same: our design, led by the best of the earlier campaign, and its missions in the study."""
+
+    def __init__(self, problem: Problem, seed: int) -> None:
+        flown = earlier_campaign(problem, seed)
+        settings = settings_with_earlier(problem, seed, flown)
+        self._initial, self._design = settings.initial, GPSampler(settings)
+        self._before = flown.observations
+        super().__init__(make_sampler("optuna-gp", dataclasses.replace(settings, earlier=None)))
+
+    def ask(self) -> Request:
+        """A point of our design, then Optuna's proposal from all missions, outcomes standardised per rock."""
+        if len(self.history) < self._initial:
+            return Request(self._design.ask(self.history, []).values)
+        n = len(self._before)
+        mine = [dataclasses.replace(o, number=o.number + n) for o in self.history]
+        return Request(self.sampler.ask([*self._before, *mine], []).values)
 
 
 class RockByVariance(OneRock):
@@ -318,6 +367,8 @@ STRATEGIES: dict[str, Factory] = {
     **{f"{name}/all": all_rocks(name) for name in (*PEERS, "gp")},
     "tpe/pruned": PrunedTPE,
     "gp+screen": Screened,
+    "gp+earlier": SecondCampaign,
+    "optuna-gp+earlier": PeerSecondCampaign,
     "gp+trusting": lambda problem, seed: OneRock(
         GPSampler(settings_of(problem, seed, ours=True), verify=False)
     ),
@@ -345,7 +396,7 @@ STRATEGIES: dict[str, Factory] = {
 
 
 _MANY_ROCKS = ("gp+deviations", "gp+variance", "gp+pooled", "gp+trusting")
-_TRUSTED_DEFAULT = ("gp+sobol", "optuna-gp+near")
+_TRUSTED_DEFAULT = ("gp+sobol", "optuna-gp+near", "gp+earlier", "optuna-gp+earlier")
 
 
 def applicable(name: str, problem: str) -> bool:

@@ -8,6 +8,7 @@ share replicate numbers, so that configurations meet on common (rock, replicate)
     missions/NNNN_ROCK_rK  one directory per mission
     recommendation.json    the current recommendation
     screening.json         the missions of a low fidelity, where one was asked for
+    learned_from.json      the missions of earlier campaigns, where some were named
     front.json             the Pareto front, where a second objective was asked for
 """
 
@@ -67,13 +68,14 @@ from tuner.session import exclusive, stop_signals
 from tuner.slots import next_slot
 
 if TYPE_CHECKING:
+    from tuner.earlier_missions import EarlierMissions
     from tuner.pareto import FrontPoint
-    from tuner.screening import Screen
     from tuner.surrogate import RockMeanGP, SurrogateSettings
 
 SETTINGS_FILE = "campaign.yaml"
 RECOMMENDATION_FILE = "recommendation.json"
 SCREENING_FILE = "screening.json"
+LEARNED_FILE = "learned_from.json"
 FRONT_FILE = "front.json"
 # What `low_fidelity` may be called instead of module:function.
 LOW_FIDELITIES = {"geometric": "nbv.geometric:run_geometric_mission"}
@@ -113,6 +115,7 @@ class CampaignSettings:
     gp: GPOptions = field(default_factory=GPOptions)  # of sampler gp
     second: Objective | None = None  # search the front between the objective and this one
     low_fidelity: str | None = None  # screen with it first: geometric, or module:function of a mission runner
+    learn_from: tuple[str, ...] = ()  # run directories of earlier campaigns, see tuner.transfer
     stop_when_settled: bool = False  # before the budget is used, see tuner.stopping
     # A proposal knows every earlier mission but the last in_step - 1, whichever of those have ended: the same campaign
     # with any number of workers (of which in_step have work). None: it knows what has ended, so that nobody waits.
@@ -155,6 +158,7 @@ class CampaignSettings:
             "a risk measure, prior, sparse or fully Bayesian model": not self.gp.is_default,
             "a second objective": self.second is not None,
             "a low fidelity": self.low_fidelity is not None,
+            "learning from earlier campaigns": bool(self.learn_from),
             "stopping when settled": self.stop_when_settled,
         }
         for what, wanted in asked.items():
@@ -211,16 +215,33 @@ class CampaignSettings:
             return min(self.initial, self.search_budget)
         # The paper's values were chosen by hand. Other samplers keep the designs their authors recommend.
         trusted = self.sampler == "gp"
-        return initial_design_size(self.space.dimension, self.search_budget, trusted_default=trusted)
+        return initial_design_size(
+            self.space.dimension, self.search_budget, trusted_default=trusted,
+            earlier=bool(self.learn_from) or self.low_fidelity is not None,
+        )  # fmt: skip
 
-    def make_sampler(self, screen: Screen | None = None) -> Sampler:
-        """The sampler at work; ``screen``: the cheap missions flown beforehand."""
+    def make_sampler(self, earlier: EarlierMissions | None = None) -> Sampler:
+        """The sampler at work; ``earlier``: missions flown before the campaign."""
         settings = SamplerSettings(
             self.space, self.default_values(), self.rocks, self.seed, self.initial_size(), self.replicates,
-            self.gp, screen, self.second is not None, self.stop_when_settled, self.search_budget,
+            self.gp, earlier, self.second is not None, self.stop_when_settled, self.search_budget,
             trusted_default=True,
         )  # fmt: skip
         return make_sampler(self.sampler, settings)
+
+    def learned(self) -> EarlierMissions | None:
+        """The missions of the earlier campaigns named; None where none is.
+
+        Raises
+        ------
+        UserError
+            As ``tuner.transfer.learn_from``.
+        """
+        if not self.learn_from:
+            return None
+        from tuner.transfer import learn_from
+
+        return learn_from(self.learn_from, self.space, self.base_config(), self.objective)
 
     def surrogate(self) -> SurrogateSettings:
         """What sampler gp, the recommendation and the report model."""
@@ -247,6 +268,7 @@ class CampaignSettings:
             "gp": self.gp.to_dict(),
             "second": None if self.second is None else dataclasses.asdict(self.second),
             "low_fidelity": self.low_fidelity,
+            "learn_from": list(self.learn_from),
             "stop_when_settled": self.stop_when_settled,
             "in_step": self.in_step,
         }
@@ -275,6 +297,7 @@ class CampaignSettings:
                 gp=GPOptions.from_dict(tree.get("gp") or {}) if tree["sampler"] == "gp" else GPOptions(),
                 second=Objective(**tree["second"]) if tree.get("second") else None,
                 low_fidelity=tree.get("low_fidelity"),
+                learn_from=tuple(tree.get("learn_from") or ()),
                 stop_when_settled=tree.get("stop_when_settled", False),
                 in_step=tree.get("in_step"),
             )
@@ -356,8 +379,16 @@ class Campaign:
         self.directory = directory
         self.settings = settings
         self.ledger = ledger
-        self.screen = self._read_screen()
-        self._sampler = settings.make_sampler(self.screen)
+        self.learned = self._read_earlier(LEARNED_FILE, "restore it") if settings.learn_from else None
+        self.screening = None
+        if settings.low_fidelity is not None and (directory / SCREENING_FILE).is_file():
+            self.screening = self._read_earlier(SCREENING_FILE, "delete it and resume: it is flown again")
+        self._sampler = settings.make_sampler(self.earlier)
+
+    @property
+    def earlier(self) -> EarlierMissions | None:
+        """What was flown before the campaign: its screening, which has learned from earlier campaigns, or those."""
+        return self.screening or self.learned
 
     # -- the run directory -----------------------------------------------------------------------------------
 
@@ -381,7 +412,8 @@ class Campaign:
             )
         if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
             raise UserError(f"{directory} exists and is not an empty directory; choose another directory")
-        settings.make_sampler()
+        learned = settings.learned()
+        settings.make_sampler(learned)
         require_sampler(settings.sampler)  # here and not in make_sampler: a report must open without the peer
         was_there = directory.exists()
         try:
@@ -404,6 +436,8 @@ class Campaign:
                 "base_config_digest": settings.base_config().digest(),
                 "settings": settings.to_dict(),
             }
+            if learned is not None:
+                write_atomic(directory / LEARNED_FILE, learned.to_json())
             write_atomic(directory / SETTINGS_FILE, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
         except OSError as error:
             raise UserError(
@@ -471,18 +505,14 @@ class Campaign:
             outcomes[t.number] = None if value is None else second.sign * value
         return [dataclasses.replace(o, second=outcomes[o.number]) for o in history]
 
-    def _read_screen(self) -> Screen | None:
-        path = self.directory / SCREENING_FILE
-        if self.settings.low_fidelity is None or not path.is_file():
-            return None
-        from tuner.screening import Screen
+    def _read_earlier(self, name: str, remedy: str) -> EarlierMissions:
+        from tuner.earlier_missions import EarlierMissions
 
+        path = self.directory / name
         try:
-            return Screen.from_json(path.read_text(), self.settings.space)
+            return EarlierMissions.from_json(path.read_text(), self.settings.space)
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise UserError(
-                f"{path} cannot be read ({error!r}); delete it and resume: it is flown again"
-            ) from error
+            raise UserError(f"{path} cannot be read ({error!r}); {remedy}") from error
 
     def fly_screening(self, on_mission: Callable[[int, int], None]) -> None:
         """Fly the missions of the low fidelity and keep them; ``on_mission`` hears (flown, total)."""
@@ -503,11 +533,12 @@ class Campaign:
 
         with threadpool_limits(1):
             flown = screen(
-                s.space, s.rocks, s.default_values(), fly, s.seed, on_mission, trusted_default=True
-            )
+                s.space, s.rocks, s.default_values(), fly, s.seed, on_mission, trusted_default=True,
+                earlier=self.learned,
+            )  # fmt: skip
         write_atomic(self.directory / SCREENING_FILE, flown.to_json())
-        self.screen = flown
-        self._sampler = s.make_sampler(flown)
+        self.screening = flown
+        self._sampler = s.make_sampler(self.earlier)
 
     def flown_in_both(self) -> list[FrontPoint]:
         """What is believed of every configuration in both objectives; empty without a second one or its values."""
@@ -569,7 +600,7 @@ class Campaign:
 
             s = self.settings
             found = check_ahead(
-                s.space, history, s.rocks, s.initial_size(), s.seed, s.surrogate(), self.screen
+                s.space, history, s.rocks, s.initial_size(), s.seed, s.surrogate(), self.earlier
             )
             result = dataclasses.replace(result, ahead_of_search=found.to_dict() if found else None)
         if result is not None and save:
@@ -582,7 +613,7 @@ class Campaign:
         return recommend(
             s.space, history, s.rocks, s.default_values(), s.objective, s.seed,
             confirmed=range(s.search_budget, s.budget), settings=s.surrogate(), risk=s.gp.risk,
-            screen=self.screen,
+            earlier=self.earlier,
         )  # fmt: skip
 
     def surrogate_from(
@@ -595,7 +626,7 @@ class Campaign:
         from tuner.surrogate import RockMeanGP
 
         s = self.settings
-        return RockMeanGP(s.space, history, rocks or s.rocks, s.seed, s.surrogate(), self.screen)
+        return RockMeanGP(s.space, history, rocks or s.rocks, s.seed, s.surrogate(), self.earlier)
 
     def confirmation_plan(self) -> list[Proposal]:
         """The missions of the confirmation stage, a function of the search missions alone.
@@ -717,7 +748,7 @@ class _Session:
         self._plan: list[Proposal] | None = None  # of the confirmation stage, once the search has ended
 
     def fly(self, stop: threading.Event) -> CampaignSummary:
-        if self._settings.low_fidelity is not None and self._campaign.screen is None:
+        if self._settings.low_fidelity is not None and self._campaign.screening is None:
             try:
                 self._campaign.fly_screening(lambda done, total: self._screened(stop, done, total))
             except _Stopped:

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from nbv.types import Floats
+from tuner.earlier_missions import EarlierMissions
 from tuner.history import Observation
-from tuner.screening import Screen
 from tuner.search_space import SearchSpace
 from tuner.surrogate import NORMAL_95, RockMeanGP, SurrogateSettings
 
@@ -68,7 +68,7 @@ def check_ahead(
     first: int,
     seed: int = 0,
     settings: SurrogateSettings | None = None,
-    screen: Screen | None = None,
+    earlier: EarlierMissions | None = None,
 ) -> AheadCheck | None:
     """The check of missions from the ``first``-th successful one on, ``MOST`` of them evenly spread.
 
@@ -81,7 +81,7 @@ def check_ahead(
     residuals = []
     for i in later[np.unique(np.linspace(0, len(later) - 1, min(MOST, len(later))).round().astype(int))]:
         o = flown[i]
-        model = RockMeanGP(space, flown[:i], rocks, seed, settings, screen)
+        model = RockMeanGP(space, flown[:i], rocks, seed, settings, earlier)
         if o.rock not in model.rocks:
             continue
         mean, sd = model.predict_mission(o.values, o.rock, o.replicate)

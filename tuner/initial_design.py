@@ -14,6 +14,10 @@ from tuner.search_space import SearchSpace, Values
 # (docs/results/optimiser_ablation.md, "Many parameters").
 MANY_PARAMETERS = 13
 
+# Where missions were flown before a campaign, elsewhere, so many of the best of them are flown right after the default,
+# and a campaign's design is no longer than this (docs/results/optimiser_comparison.md, "A second campaign").
+FROM_EARLIER, WITH_EARLIER = 4, 6
+
 # Standard deviation of a point near a trusted default, per parameter, of the unit cube: smallest and largest,
 # evenly spread logarithms (docs/results/optimiser_ablation.md, "A design that trusts the default").
 NEAR_SD = (0.075, 0.3)
@@ -24,12 +28,18 @@ def stays_near_default(dimension: int, trusted_default: bool) -> bool:
     return trusted_default and dimension < MANY_PARAMETERS
 
 
-def initial_design_size(dimension: int, budget: int, *, trusted_default: bool = False) -> int:
+def initial_design_size(
+    dimension: int, budget: int, *, trusted_default: bool = False, earlier: bool = False
+) -> int:
     """Missions before the model leads: 2 (d + 1), at most a third of the budget, at least 1.
 
     From a default that can be trusted fewer: d + 2, at most a quarter of the budget, where half of the design stays near
-    it, and at most a fifth of the budget where parameters are many.
+    it, and at most a fifth of the budget where parameters are many. ``earlier``: the best of missions flown before take
+    most of its places, and there are ``WITH_EARLIER`` at most.
     """
+    if earlier:
+        usual = initial_design_size(dimension, budget, trusted_default=trusted_default)
+        return min(WITH_EARLIER, usual)
     if stays_near_default(dimension, trusted_default):
         return max(1, min(dimension + 2, budget // 4))
     return max(1, min(2 * (dimension + 1), budget // (5 if trusted_default else 3)))

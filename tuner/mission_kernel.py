@@ -7,7 +7,7 @@ choices. b^2 and c^2 are the variances of what all missions on a rock or on one 
 delta is the share by which a rock's own landscape departs from the common one: an intrinsic coregionalisation
 model whose rocks are exchangeable, so that one number describes all correlations, 1 / (1 + delta). l is the
 covariance of a linear trend with a slope per ordered parameter, scaled so that t^2 is the trend's mean variance over
-the cube. g is a given function of the configuration, such as the landscape of a cheaper fidelity (``tuner.screening``).
+the cube. g is a given function of the configuration, such as the landscape of missions flown before (``tuner.earlier_missions``).
 
 Inputs are (..., d + 2): the unit cube, then the rock's and the slot's column of exact whole numbers.
 ``NO_OFFSET`` there is the mean over rocks, or slots, that nobody has flown: it shares nothing, not even with

@@ -10,10 +10,10 @@ from typing import Any
 from scipy.stats import norm
 
 from tuner.confirmation import PairedGain, paired_gain
+from tuner.earlier_missions import EarlierMissions
 from tuner.gp_options import Risk
 from tuner.history import Observation
 from tuner.objective import Objective
-from tuner.screening import Screen
 from tuner.search_space import SearchSpace
 from tuner.surrogate import NORMAL_95, RockMeanGP, SurrogateSettings
 from tuner.verification import configuration_key, expected_shortfall, markdown
@@ -96,17 +96,17 @@ def recommend(
     confirmed: Collection[int] = (),
     settings: SurrogateSettings | None = None,
     risk: Risk = "mean",
-    screen: Screen | None = None,
+    earlier: EarlierMissions | None = None,
 ) -> Recommendation | None:
     """The recommendation after ``observations``; None before the first feasible one.
 
     ``confirmed`` are the trial numbers of a confirmation stage. ``settings``: of the surrogate.
-    ``risk``: the measure over rocks that is meant by the mean everywhere in the result. ``screen``: cheap missions.
+    ``risk``: the measure over rocks that is meant by the mean everywhere in the result. ``earlier``: missions flown before.
     """
     feasible = [o for o in observations if o.feasible]
     if not feasible:
         return None
-    model = RockMeanGP(space, feasible, rocks, seed, settings, screen)
+    model = RockMeanGP(space, feasible, rocks, seed, settings, earlier)
     groups: dict[tuple[Any, ...], list[Observation]] = {}
     for o in observations:
         groups.setdefault(configuration_key(space, o.values), []).append(o)

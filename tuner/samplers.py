@@ -21,7 +21,7 @@ import numpy as np
 from nbv.errors import UserError
 from tuner.gp_options import GPOptions
 from tuner.history import Observation, Pending, Proposal
-from tuner.initial_design import MANY_PARAMETERS, near_default, sobol_point, stays_near_default
+from tuner.initial_design import FROM_EARLIER, MANY_PARAMETERS, near_default, sobol_point, stays_near_default
 from tuner.objective import RockStandardiser
 from tuner.peers import PEER_NAMES, make_peer_sampler, peer_command
 from tuner.search_space import SearchSpace, Values
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import optuna
 
     from tuner.acquisition import SearchSettings
-    from tuner.screening import Screen
+    from tuner.earlier_missions import EarlierMissions
     from tuner.surrogate import SurrogateSettings
 
 MIN_FEASIBLE_FOR_MODEL = 2
@@ -60,7 +60,7 @@ class SamplerSettings:
     initial: int  # size of the initial design, the default configuration included
     replicates: int = 1  # per rock, for samplers that choose them
     options: GPOptions = field(default_factory=GPOptions)  # of sampler gp
-    screen: Screen | None = None  # cheap missions flown beforehand, for sampler gp
+    earlier: EarlierMissions | None = None  # missions flown before the campaign, for sampler gp
     two_objectives: bool = False  # sampler gp: search the front between the objective and the second one
     measure_gain: bool = False  # sampler gp: every proposal says what is left to gain (``tuner.stopping``)
     budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
@@ -136,9 +136,8 @@ class RandomSampler:
 class GPSampler:
     """Default configuration, initial design, then log noisy expected improvement on the rock-mean GP.
 
-    The design is a Sobol sequence; unless parameters are many every second point stays near a trusted default, and
-    the others are the best of the cheap landscape not yet taken where there was a screening. Near the end of the
-    budget the favourite is flown on slots it has not seen, where that is worth more (``tuner.verification``).
+    The design is a Sobol sequence; unless parameters are many every second point stays near a trusted default. Where
+    missions were flown before the campaign, the best of them come right after the default. Near the end of the budget the favourite is flown on slots it has not seen, where that is worth more (``tuner.verification``).
     """
 
     settings: SamplerSettings
@@ -165,7 +164,7 @@ class GPSampler:
             models = two_models(s.space, feasible, s.rocks, seed, self.model or s.surrogate())
             values, figures = propose_for_front(models, flying, seed)
             return Proposal(values, {"sampler": self.name, "phase": "front", **figures})
-        model = RockMeanGP(s.space, feasible, s.rocks, seed, self.model or s.surrogate(), s.screen)
+        model = RockMeanGP(s.space, feasible, s.rocks, seed, self.model or s.surrogate(), s.earlier)
         prior = Prior(s.default, s.options.prior_strength)
         values, figures = propose(model, flying, seed, s.options.risk, prior, self.search)
         if s.measure_gain:
@@ -184,10 +183,12 @@ class GPSampler:
         s, rank = self.settings, number // 2 - 1
         if number == 0:
             return _initial_proposal(s, 0, self.name)
-        if number % 2 == 0 and s.screen is not None and s.screen.usable:
-            best = s.screen.best(rank + 1)
-            if len(best) > rank:
-                return Proposal(best[rank], {"sampler": self.name, "phase": "screened", "rank": rank})
+        if number <= FROM_EARLIER and s.earlier is not None and s.earlier.usable:
+            best = s.earlier.best(number)
+            if len(best) == number:
+                return Proposal(
+                    best[-1], {"sampler": self.name, "phase": "earlier missions", "rank": number - 1}
+                )
         if not stays_near_default(s.space.dimension, s.trusted_default):
             return _initial_proposal(s, number, self.name)
         why: dict[str, Any] = {"sampler": self.name, "phase": "initial design"}

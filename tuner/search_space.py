@@ -156,7 +156,7 @@ class SearchSpace:
         base = self.base_config(preset)
         values: Values = {}
         for parameter in self.parameters:
-            value = parameter.default if parameter.default is not None else _lookup(base, parameter.path)
+            value = parameter.default if parameter.default is not None else lookup(base, parameter.path)
             if not parameter.contains(value):
                 raise UserError(
                     f"search space {self.name!r}: {parameter.path} has the default {value!r}, outside "
@@ -241,7 +241,8 @@ class SearchSpace:
         }
 
 
-def _lookup(config: MissionConfig, path: str) -> Any:
+def lookup(config: MissionConfig, path: str) -> Any:
+    """The value at a parameter path such as ``gate.d95_m``."""
     node: Any = config
     for part in path.split("."):
         node = getattr(node, part)

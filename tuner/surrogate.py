@@ -16,7 +16,7 @@ The length-scale prior grows with the square root of the dimension (Hvarfner et 
 narrower than theirs, there is an output scale, and the noise prior expects noise: missions are noisy, and on
 synthetic data as noisy as the signal these choices were the better calibrated ones. ``SurrogateSettings`` has what
 may be added: rocks' own landscapes, a sparse prior, a linear trend, averaging over hyperparameters;
-``tuner.screening`` a cheaper fidelity.
+``tuner.earlier_missions`` the landscape of a cheaper fidelity or of other rocks.
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ from gpytorch.likelihoods import GaussianLikelihood
 from threadpoolctl import threadpool_limits
 
 from nbv.types import Floats
+from tuner.earlier_missions import EarlierMissions
 from tuner.gp_options import Risk
 from tuner.history import Observation
 from tuner.map_fit import (
@@ -56,7 +57,6 @@ from tuner.map_fit import (
 from tuner.mission_kernel import NO_OFFSET, MissionKernel
 from tuner.objective import RockStandardiser
 from tuner.risk import risk_of
-from tuner.screening import Screen
 from tuner.search_space import SearchSpace
 
 RISK_DRAWS = 4000
@@ -223,8 +223,8 @@ class RockMeanGP:
         Seed of the fit.
     settings
         What the model is made of.
-    screen
-        Cheap missions whose landscape may explain part of this one.
+    earlier
+        Missions flown before, elsewhere, whose landscape may explain part of this one.
     """
 
     def __init__(
@@ -234,10 +234,10 @@ class RockMeanGP:
         rocks: Sequence[str],
         seed: int = 0,
         settings: SurrogateSettings | None = None,
-        screen: Screen | None = None,
+        earlier: EarlierMissions | None = None,
     ) -> None:
         self.settings = settings or SurrogateSettings()
-        self.screen = screen if screen is not None and screen.usable else None
+        self.earlier = earlier if earlier is not None and earlier.usable else None
         feasible = [o for o in observations if o.outcome is not None]
         if not feasible:
             raise ValueError("no feasible observation to learn from")
@@ -271,7 +271,7 @@ class RockMeanGP:
         options: Any = {"slots": self.models_slots, "deviations": s.deviations, "trend": s.trend}
         iterations = FIT_MAX_ITERATIONS if len(y) >= MIN_OBSERVATIONS_TO_FIT else 0
         candidates = []
-        for feature in (None,) if self.screen is None else (None, self.screen.feature):
+        for feature in (None,) if self.earlier is None else (None, self.earlier.feature):
             kernel = MissionKernel(ordered, categorical, d, **options, feature=feature)
             fits = []
             for tau in SPARSE_TAUS if self.settings.sparse else (None,):
@@ -326,8 +326,8 @@ class RockMeanGP:
         }
 
     @property
-    def uses_screen(self) -> bool:
-        """Whether the cheap fidelity's landscape is part of the model: the missions flown prefer it so."""
+    def uses_earlier(self) -> bool:
+        """Whether the earlier missions' landscape is part of the model: the missions flown prefer it so."""
         return self.model.covar_module.feature is not None
 
     @property

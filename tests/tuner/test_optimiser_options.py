@@ -13,6 +13,7 @@ import synthetic
 from nbv.errors import UserError
 from tuner.acquisition import Prior, propose
 from tuner.campaign import FIDELITIES, Campaign, CampaignSettings
+from tuner.earlier_missions import EarlierMissions
 from tuner.executors import InProcessExecutor
 from tuner.gp_options import GPOptions
 from tuner.history import Observation
@@ -21,7 +22,7 @@ from tuner.objective import Objective
 from tuner.pareto import flown_in_both, pareto_front, propose_for_front, two_models
 from tuner.report.campaign_facts import CampaignFacts
 from tuner.samplers import GPSampler, surrogate_settings
-from tuner.screening import Screen, screen
+from tuner.screening import screen
 from tuner.search_space import Values, load_search_space, space_from_dict
 from tuner.stopping import expected_gain_left, settled
 from tuner.surrogate import RockMeanGP, SurrogateSettings
@@ -198,16 +199,16 @@ def misleading(values: Values, rock: str, replicate: int = 0) -> float | None:
     return math.sin(9 * u[0]) * math.cos(11 * u[1])
 
 
-def screened(fly: object) -> Screen:
+def screened(fly: object) -> EarlierMissions:
     return screen(synthetic.SPACE, synthetic.ROCKS, synthetic.DEFAULT, fly, 0)  # type: ignore[arg-type]
 
 
 def test_agreeing_landscape_is_used_and_a_misleading_one_is_not() -> None:
     history = synthetic.random_design(12, 0.05, 0)
-    good = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, screen=screened(cheap))
-    bad = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, screen=screened(misleading))
+    good = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, earlier=screened(cheap))
+    bad = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, earlier=screened(misleading))
     alone = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
-    assert good.uses_screen and not bad.uses_screen and not alone.uses_screen
+    assert good.uses_earlier and not bad.uses_earlier and not alone.uses_earlier
     points = [synthetic.SPACE.from_unit(u) for u in np.random.default_rng(5).random((200, 2))]
     truth = np.array([synthetic.true_rock_mean(v) for v in points])
     best = truth > np.quantile(truth, 0.75)  # the search went there
@@ -226,19 +227,19 @@ def test_screening_finds_configurations_apart_and_survives_failures() -> None:
     assert {o.replicate for o in flown.observations} >= {0, 1}
     assert min(np.linalg.norm(unit[i] - unit[j]) for i in range(4) for j in range(i)) > 0.15
     assert not screened(lambda values, rock, replicate: None).usable
-    read = Screen.from_json(flown.to_json(), synthetic.SPACE)
+    read = EarlierMissions.from_json(flown.to_json(), synthetic.SPACE)
     assert read.best(4) == best
 
 
 def test_campaign_screens_first_and_resumes_with_the_same_screening(tmp_path: Path) -> None:
     campaign = run(tmp_path / "run", low_fidelity=RUNNER, budget=6)
     phases = [t.why["phase"] for t in campaign.trials()]
-    assert phases[:4] == ["default", "initial design", "screened", "initial design"]
+    assert phases[:4] == ["default", "earlier missions", "earlier missions", "earlier missions"]
     assert set(phases[4:]) <= {"model", "verification"}
     assert json.loads((tmp_path / "run" / "screening.json").read_text())["rocks"] == ["a", "b"]
     again = Campaign.open(tmp_path / "run")
-    assert again.screen is not None and campaign.screen is not None
-    assert again.screen.best(3) == campaign.screen.best(3)
+    assert again.screening is not None and campaign.screening is not None
+    assert again.screening.best(3) == campaign.screening.best(3)
 
 
 # -- two objectives ------------------------------------------------------------------------------------------

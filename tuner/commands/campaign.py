@@ -101,6 +101,12 @@ def run(
     low_fidelity: Annotated[
         str | None, typer.Option(help="Search with cheap missions first: geometric.")
     ] = None,
+    learn_from: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--learn-from", help="Run directory of an earlier campaign, of other rocks say; repeatable."
+        ),
+    ] = None,
     stop_when_settled: Annotated[
         bool, typer.Option("--stop-when-settled", help="Stop when what is left to gain is below the noise.")
     ] = False,
@@ -166,6 +172,7 @@ def run(
         if second_metric
         else None,
         low_fidelity=low_fidelity,
+        learn_from=tuple(learn_from or ()),
         stop_when_settled=stop_when_settled,
         in_step=in_step,
     )

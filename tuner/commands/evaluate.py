@@ -48,9 +48,10 @@ def evaluate(
     source = Campaign.open(campaign, read_only=True)
     chosen = tuple(rock_arguments(rocks or held_out_rocks()))
     for rock in chosen:
-        if rock in source.settings.rocks:
+        if rock in source.settings.rocks or (source.learned is not None and rock in source.learned.rocks):
             raise UserError(
-                f"rock {rock!r} was tuned on in {campaign}; evaluate on rocks that the campaign has not seen"
+                f"rock {rock!r} was tuned on in {campaign}, or in a campaign that it learned from; evaluate on rocks "
+                "that neither has seen"
             )
     base = source.settings.base_config()
     configs = baseline_configs(list(strategies or EVALUATION_BASELINES), base)

@@ -40,7 +40,9 @@ def history_figure(facts: CampaignFacts) -> Figure:
         figure = new_figure(9.2, 3.9)
         ax = figure.subplots()
         done = [t for t in facts.trials if t.state != "running"]
-        initial = [t.number for t in done if t.why.get("phase") in ("default", "initial design")]
+        initial = [
+            t.number for t in done if t.why.get("phase") in ("default", "earlier missions", "initial design")
+        ]
         if initial:
             ax.axvspan(0.5, max(initial) + 1.5, color=LIGHT, zorder=0, label="initial design")
         best = facts.recommendation

@@ -167,6 +167,24 @@ def _trend_text(facts: CampaignFacts) -> str:
     return ", beside a linear trend" if facts.model is not None and facts.model.settings.trend else ""
 
 
+def _earlier_text(facts: CampaignFacts) -> str:
+    campaign = facts.campaign
+    earlier = campaign.earlier
+    if earlier is None or facts.model is None:
+        return ""
+    what = (
+        f"missions of the low fidelity ({facts.settings.low_fidelity})"
+        if campaign.screening is not None
+        else f"missions of earlier campaigns ({', '.join(facts.settings.learn_from)}; on {', '.join(Path(r).stem for r in earlier.rocks)})"
+    )
+    share = (
+        "What they say of a configuration is part of the model, as far as the missions here bear it out."
+        if facts.model.uses_earlier
+        else "The missions here do not bear out what they say of a configuration, so it is no part of the model."
+    )
+    return f" Before it {len(earlier.observations)} {what} were flown; the best of them lead the initial design. {share}"
+
+
 def _verification_text(facts: CampaignFacts, best: Recommendation) -> str:
     flown = sum(t.why.get("phase") == "verification" for t in facts.trials)
     if best.expected_shortfall is None or not flown:
@@ -222,6 +240,7 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Pa
                 if best.slot_sd is not None
                 else ""
             )
+            + _earlier_text(facts)
             + _verification_text(facts, best)
         ),
         "model_figures": _model_figures(facts, best, figures),
@@ -544,6 +563,8 @@ def reproduce_command(campaign: Campaign) -> str:
         words.append("--minimise")
     for path, value in s.overrides.items():
         words += ["--set", f"{path}={json.dumps(value)}"]
+    for directory in s.learn_from:
+        words += ["--learn-from", directory]
     return " ".join(shlex.quote(word) for word in [*words, *_optional_words(campaign)])
 
 

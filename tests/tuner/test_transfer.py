@@ -1,0 +1,172 @@
+"""Campaigns that learn from earlier ones."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import synthetic
+
+from nbv.errors import UserError
+from tuner.campaign import Campaign, CampaignSettings
+from tuner.cli import app
+from tuner.executors import InProcessExecutor
+from tuner.history import Observation
+from tuner.objective import Objective
+from tuner.report import write_campaign_report
+from tuner.samplers import GPSampler, SamplerSettings
+from tuner.search_space import SearchSpace, space_from_dict
+from tuner.transfer import learn_from
+
+RUNNER = "fake_missions:fake_mission"
+ONE_PARAMETER = space_from_dict(
+    {
+        "name": "one",
+        "base": {"gate.kind": "hyb-h"},
+        "parameters": {"gate.budget_fraction": {"low": 0.0, "high": 1.0}},
+    },
+    "test",
+)
+
+
+def run(directory: Path, **changes: object) -> Campaign:
+    fields: dict[str, object] = {
+        "name": "test", "space": synthetic.SPACE, "rocks": ("a", "b"), "budget": 24, "seed": 1, "sampler": "gp",
+        "runner": RUNNER,
+    }  # fmt: skip
+    campaign = Campaign.create(directory, CampaignSettings(**{**fields, **changes}))  # type: ignore[arg-type]
+    campaign.run(InProcessExecutor())
+    return campaign
+
+
+@pytest.fixture(scope="module")
+def earlier(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    return run(tmp_path_factory.mktemp("earlier") / "run")
+
+
+def learned(campaign: Campaign, space: SearchSpace) -> list[Observation]:
+    s = CampaignSettings("new", space, ("c",), 5, runner=RUNNER)
+    return list(learn_from([str(campaign.directory)], space, s.base_config(), s.objective).observations)
+
+
+def test_the_best_of_an_earlier_campaign_fly_first_on_new_rocks(earlier: Campaign, tmp_path: Path) -> None:
+    known = shutil.copytree(earlier.directory, tmp_path / "known")
+    campaign = run(tmp_path / "run", rocks=("c", "d"), budget=8, learn_from=(str(known),))
+    trials = campaign.trials()
+    assert trials[0].why["phase"] == "default" and trials[1].why["phase"] == "earlier missions"
+    assert campaign.earlier is not None and trials[1].values == campaign.earlier.best(1)[0]
+    # Near the optimum, where the default is not.
+    assert synthetic.true_value(trials[1].values) > 0.9 > synthetic.true_value(trials[0].values)
+    shutil.rmtree(known)  # the campaign has its own copy
+    again = Campaign.open(campaign.directory)
+    assert again.earlier is not None and again.earlier.best(3) == campaign.earlier.best(3)
+    page = write_campaign_report(again).read_text()
+    assert "missions of earlier campaigns" in page and "--learn-from" in page
+    (campaign.directory / "learned_from.json").unlink()
+    with pytest.raises(UserError, match=r"learned_from.json cannot be read .* restore it"):
+        Campaign.open(campaign.directory)
+
+
+def test_missions_are_moved_between_search_spaces(earlier: Campaign, tmp_path: Path) -> None:
+    flown = earlier.history()
+    assert [(o.values, o.outcome) for o in learned(earlier, synthetic.SPACE)] == [
+        (o.values, o.outcome) for o in flown
+    ]
+    # From one parameter to two: the second has the value at which it was held.
+    small = run(tmp_path / "small", space=ONE_PARAMETER)
+    moved = learned(small, synthetic.SPACE)
+    assert len(moved) == len(small.history())
+    assert {o.values["gate.d95_m"] for o in moved} == {small.settings.base_config().gate.d95_m}
+    # From two to one: only the missions that have the other at its default, here the first.
+    with pytest.raises(UserError, match="1 of its 24 missions are configurations of search space 'one'"):
+        learned(earlier, ONE_PARAMETER)
+    narrow = space_from_dict(
+        {
+            "name": "narrow",
+            "base": {"gate.kind": "hyb-h"},
+            "parameters": {
+                "gate.budget_fraction": {"low": 0.0, "high": 0.4},
+                "gate.d95_m": {"low": 0.01, "high": 1.0, "scale": "log"},
+            },
+        },
+        "test",
+    )
+    inside = sum(o.values["gate.budget_fraction"] <= 0.4 for o in flown)
+    assert 0 < inside < 20
+    with pytest.raises(UserError, match=f"{inside} of its 24 missions"):
+        learned(earlier, narrow)
+
+
+def test_another_metric_is_read_from_the_missions(earlier: Campaign) -> None:
+    base = earlier.settings.base_config()
+    objective = Objective("observable.f_score_48mm", "minimise")
+    found = learn_from([str(earlier.directory)], synthetic.SPACE, base, objective)
+    assert [o.outcome for o in found.observations] == [-(o.raw or 0) for o in earlier.history()]
+    with pytest.raises(UserError, match=r"0 of its 24 missions .* with nothing\.there measured"):
+        learn_from([str(earlier.directory)], synthetic.SPACE, base, Objective("nothing.there"))
+
+
+def test_two_campaigns_on_one_rock_have_offsets_of_their_own(earlier: Campaign, tmp_path: Path) -> None:
+    other = run(tmp_path / "other", rocks=("b", "e"), seed=2)
+    base = earlier.settings.base_config()
+    both = learn_from(
+        [str(earlier.directory), str(other.directory)], synthetic.SPACE, base, earlier.settings.objective
+    )
+    assert both.rocks == ("a", "b", "b (2)", "e") and len(both.observations) == 48
+    assert synthetic.true_value(both.best(1)[0]) > 0.9
+
+
+def test_misleading_campaigns_do_not_keep_the_search_from_the_optimum(earlier: Campaign) -> None:
+    """What the earlier missions praise is bad here: the search finds the optimum all the same."""
+    upside_down = learn_from(
+        [str(earlier.directory)], synthetic.SPACE, earlier.settings.base_config(),
+        Objective(earlier.settings.objective.metric, "minimise"),
+    )  # fmt: skip
+    sampler = GPSampler(
+        SamplerSettings(
+            synthetic.SPACE, synthetic.DEFAULT, synthetic.ROCKS, 0, 6, earlier=upside_down, budget=30
+        )
+    )
+    history: list[Observation] = []
+    rng = np.random.default_rng(0)
+    for i in range(30):
+        proposal = sampler.ask(history, [])
+        history.append(synthetic.observe(i, proposal.values, synthetic.ROCKS[i % 4], 0.05, rng))
+    assert max(synthetic.true_value(o.values) for o in history[6:]) > 0.97
+    assert np.median([synthetic.true_value(o.values) for o in history[20:]]) > 0.9
+
+
+def test_a_screening_learns_too(earlier: Campaign, tmp_path: Path) -> None:
+    campaign = run(
+        tmp_path / "run", rocks=("c",), budget=6, learn_from=(str(earlier.directory),), low_fidelity=RUNNER
+    )
+    assert campaign.screening is not None and campaign.learned is not None
+    assert campaign.earlier is campaign.screening
+    assert campaign.screening.observations[1].values == campaign.learned.best(1)[0]
+
+
+def test_what_cannot_be_learned_from_is_named(earlier: Campaign, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match="nowhere"):
+        run(tmp_path / "run", learn_from=(str(tmp_path / "nowhere"),))
+    assert not (tmp_path / "run").exists()
+    with pytest.raises(UserError, match="learning from earlier campaigns needs sampler gp, not tpe"):
+        CampaignSettings(
+            "x",
+            synthetic.SPACE,
+            ("c",),
+            5,
+            runner=RUNNER,
+            sampler="tpe",
+            learn_from=(str(earlier.directory),),
+        )
+
+
+def test_evaluation_refuses_rocks_that_were_learned_from(
+    earlier: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    first = run(tmp_path / "first", rocks=("waist",))
+    second = run(tmp_path / "second", rocks=("slab",), budget=6, learn_from=(str(first.directory),))
+    with pytest.raises(UserError, match=r"rock 'waist' was tuned on in .* learned from"):
+        app(["evaluate", str(second.directory), "--rock", "waist"], standalone_mode=False)
