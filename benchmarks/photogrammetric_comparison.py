@@ -3,7 +3,8 @@
     OMP_NUM_THREADS=1 python benchmarks/photogrammetric_comparison.py --seeds 3 --sampler gp optuna-gp gp+screen:16
 
 ``gp+screen`` screens with geometric missions first (``--low-fidelity geometric``), ``gp@geometric`` flies nothing but
-geometric missions until it is judged; ``:16`` is another budget than ``--budget``.
+geometric missions until it is judged, ``gp+earlier`` learns from the campaign in ``--earlier`` (``--learn-from``); ``:16`` is
+another budget than ``--budget``.
 Every (sampler, seed) is a campaign of its own in ``--out``, begun at the paper's values, recommended by the same rule
 (the product's: best posterior mean among what was flown). The recommendations then fly on the same training rocks
 with replicates that no campaign has seen; a seed's value is the mean over them. Held-out rocks are not used. Finished
@@ -40,7 +41,7 @@ def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str
     """Flown to its end."""
     name, _, own_budget = sampler.partition(":")
     name, _, fidelity = name.partition("@")
-    name, _, screened = name.partition("+")
+    name, _, before = name.partition("+")
     budget = int(own_budget or arguments.budget)
     directory = arguments.out / directory_name(sampler, seed)
     if (directory / SETTINGS_FILE).is_file():
@@ -50,7 +51,8 @@ def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str
         found = Campaign.create(directory, CampaignSettings(
             directory.name, space, rocks, budget, REPLICATES, seed, sampler=name,
             runner=runner_of(fidelity or "photogrammetric", FIDELITIES),
-            low_fidelity="geometric" if screened else None))  # fmt: skip
+            low_fidelity="geometric" if before == "screen" else None,
+            learn_from=(arguments.earlier.format(seed=seed),) if before == "earlier" else ()))  # fmt: skip
     if found.status().finished < budget:
         with LocalProcessExecutor(arguments.workers, preload=(DEFAULT_RUNNER.partition(":")[0],)) as executor:
             found.run(executor)
@@ -99,6 +101,7 @@ def main() -> None:
     parser.add_argument("--judges", type=int, default=4, help="fresh replicates per rock")
     parser.add_argument("--after", nargs="+", type=int, default=[], help="missions")
     parser.add_argument("--looked-into", nargs="+", help="samplers")
+    parser.add_argument("--earlier", default="", help="a campaign's run directory, with {seed} in its name")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("runs/samplers"))
     arguments = parser.parse_args()

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import yaml
 
 from nbv.config import MissionConfig, preset
-from nbv.errors import MissionFailure, UserError
+from nbv.errors import UserError
 from nbv.run_directory import write_atomic
 from tuner.confirmation import (
     MAX_SHARE,
@@ -518,19 +518,10 @@ class Campaign:
         """Fly the missions of the low fidelity and keep them; ``on_mission`` hears (flown, total)."""
         from threadpoolctl import threadpool_limits
 
-        from tuner.screening import screen
+        from tuner.screening import CheapMissions, screen
 
         s = self.settings
-        runner = s.low_fidelity_runner()
-
-        def fly(values: Values, rock: str, replicate: int) -> float | None:
-            try:
-                result = runner(s.config(values), rock, replicate, None)
-            except MissionFailure:
-                return None
-            value, _ = s.objective.outcome(result.status, result.metrics)
-            return None if value is None else s.objective.sign * value
-
+        fly = CheapMissions(s.low_fidelity_runner(), s.config, s.objective)
         with threadpool_limits(1):
             flown = screen(
                 s.space, s.rocks, s.default_values(), fly, s.seed, on_mission, trusted_default=True,
@@ -765,9 +756,10 @@ class _Session:
             if self._failures_in_row >= MAX_CONSECUTIVE_FAILURES:
                 self._executor.cancel_all()
                 last = next(t for t in reversed(self._ledger.trials()) if t.state == "failed")
+                why = f" ({last.message})" if last.message else ""
                 message = (
-                    f"{self._failures_in_row} missions failed in a row, the last with {last.reason!r} "
-                    f"({last.message}); mend the cause, then resume"
+                    f"{self._failures_in_row} missions failed in a row, the last with {last.reason!r}{why}; "
+                    "mend the cause, then resume"
                 )
                 self._emit("stopped", message=message)
                 return self._summary("failing", message)

@@ -12,9 +12,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from nbv.config import MissionConfig
+from nbv.errors import MissionFailure, UserError
 from tuner.earlier_missions import EarlierMissions
 from tuner.history import Observation
 from tuner.initial_design import initial_design_size
+from tuner.missions import MissionRunner
+from tuner.objective import Objective
 from tuner.search_space import SearchSpace, Values
 from tuner.slots import next_slot
 
@@ -24,6 +28,44 @@ _REPLICATES = 2
 
 # (configuration, rock, replicate) -> outcome, larger is better; None: failed
 CheapMission = Callable[[Values, str, int], float | None]
+# So many failures before anything has succeeded mean that this fidelity says nothing of this objective.
+_HOPELESS = 8
+
+
+class CheapMissions:
+    """Flies the missions of a low fidelity for their outcome.
+
+    Raises
+    ------
+    UserError
+        Calling it, when the first missions have all failed, or none of them has the metric.
+    """
+
+    def __init__(
+        self, runner: MissionRunner, config: Callable[[Values], MissionConfig], objective: Objective
+    ) -> None:
+        self._runner, self._config, self._objective = runner, config, objective
+        self._failed = 0
+        self._succeeded = False
+
+    def __call__(self, values: Values, rock: str, replicate: int) -> float | None:
+        """The outcome, larger is better; None: failed."""
+        value, reason = None, "mission failed"
+        try:
+            result = self._runner(self._config(values), rock, replicate, None)
+            value, reason = self._objective.outcome(result.status, result.metrics)
+        except MissionFailure as failure:
+            reason = str(failure)
+        if value is not None:
+            self._succeeded = True
+            return self._objective.sign * value
+        self._failed += 1
+        if self._failed >= _HOPELESS and not self._succeeded:
+            raise UserError(
+                f"the first {self._failed} missions of the low fidelity failed, the last with {reason!r}; begin another "
+                "campaign without the low fidelity, or for a metric that it has"
+            )
+        return None
 
 
 def screen(

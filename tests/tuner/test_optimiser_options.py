@@ -242,6 +242,14 @@ def test_campaign_screens_first_and_resumes_with_the_same_screening(tmp_path: Pa
     assert again.screening.best(3) == campaign.screening.best(3)
 
 
+def test_low_fidelity_without_the_metric_is_refused_early(tmp_path: Path) -> None:
+    campaign = Campaign.create(
+        tmp_path / "run", settings(low_fidelity=RUNNER, objective=Objective("observable.nothing", "minimise"))
+    )
+    with pytest.raises(UserError, match="first 8 missions of the low fidelity failed.*observable.nothing"):
+        campaign.run(InProcessExecutor())
+
+
 # -- two objectives ------------------------------------------------------------------------------------------
 
 

@@ -285,6 +285,10 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "
         f"{count} workers"
     )
+    if campaign.learned is not None:
+        output.print(
+            f"learned from {len(campaign.learned.observations)} earlier missions on {', '.join(campaign.learned.rocks)}"
+        )
     with LocalProcessExecutor(count, timeout_s=timeout_s) as executor, progress_bar() as bar:
         summary = campaign.run(executor, CampaignProgress(bar, settings))
     show_recommendation(summary.recommendation)
