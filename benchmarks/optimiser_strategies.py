@@ -183,22 +183,26 @@ class SecondCampaign(OneRock):
 
 
 class PeerSecondCampaign(OneRock):
-    """Optuna's GP with the same: our design, led by the best of the earlier campaign, and its missions in the study."""
+    """A peer with the same: our design, led by the best of the earlier campaign, and its missions in the peer's study."""
 
-    def __init__(self, problem: Problem, seed: int) -> None:
-        flown = earlier_campaign(problem, seed)
-        settings = settings_with_earlier(problem, seed, flown)
+    def __init__(self, problem: Problem, seed: int, name: str) -> None:
+        self.earlier = earlier_campaign(problem, seed)  # of the recommendation, too
+        settings = settings_with_earlier(problem, seed, self.earlier)
         self._initial, self._design = settings.initial, GPSampler(settings)
-        self._before = flown.observations
-        super().__init__(make_sampler("optuna-gp", dataclasses.replace(settings, earlier=None)))
+        super().__init__(make_sampler(name, dataclasses.replace(settings, earlier=None)))
 
     def ask(self) -> Request:
-        """A point of our design, then Optuna's proposal from all missions, outcomes standardised per rock."""
+        """A point of our design, then the peer's proposal from all missions, outcomes standardised per rock."""
         if len(self.history) < self._initial:
             return Request(self._design.ask(self.history, []).values)
-        n = len(self._before)
-        mine = [dataclasses.replace(o, number=o.number + n) for o in self.history]
-        return Request(self.sampler.ask([*self._before, *mine], []).values)
+        before = self.earlier.observations
+        mine = [dataclasses.replace(o, number=o.number + len(before)) for o in self.history]
+        return Request(self.sampler.ask([*before, *mine], []).values)
+
+
+def second_campaign_of(name: str) -> Factory:
+    """A peer after an earlier campaign."""
+    return lambda problem, seed: PeerSecondCampaign(problem, seed, name)
 
 
 class RockByVariance(OneRock):
@@ -368,7 +372,11 @@ STRATEGIES: dict[str, Factory] = {
     "tpe/pruned": PrunedTPE,
     "gp+screen": Screened,
     "gp+earlier": SecondCampaign,
-    "optuna-gp+earlier": PeerSecondCampaign,
+    **{
+        f"{name}+earlier": second_campaign_of(name)
+        for name in PEERS
+        if name not in ("sobol", "random", "cmaes")
+    },
     "gp+trusting": lambda problem, seed: OneRock(
         GPSampler(settings_of(problem, seed, ours=True), verify=False)
     ),
@@ -396,7 +404,7 @@ STRATEGIES: dict[str, Factory] = {
 
 
 _MANY_ROCKS = ("gp+deviations", "gp+variance", "gp+pooled", "gp+trusting")
-_TRUSTED_DEFAULT = ("gp+sobol", "optuna-gp+near", "gp+earlier", "optuna-gp+earlier")
+_TRUSTED_DEFAULT = ("gp+sobol", "optuna-gp+near", *(name for name in STRATEGIES if name.endswith("+earlier")))
 
 
 def applicable(name: str, problem: str) -> bool:
