@@ -246,7 +246,7 @@ def test_low_fidelity_without_the_metric_is_refused_early(tmp_path: Path) -> Non
     campaign = Campaign.create(
         tmp_path / "run", settings(low_fidelity=RUNNER, objective=Objective("observable.nothing", "minimise"))
     )
-    with pytest.raises(UserError, match="first 8 missions of the low fidelity failed.*observable.nothing"):
+    with pytest.raises(UserError, match=r"first 8 missions of the low fidelity failed.*observable\.nothing"):
         campaign.run(InProcessExecutor())
 
 
