@@ -35,11 +35,10 @@ def initial_design_size(
 
     From a default that can be trusted fewer: d + 2, at most a quarter of the budget, where half of the design stays near
     it, and at most a fifth of the budget where parameters are many. ``earlier``: the best of missions flown before take
-    most of its places, and there are ``WITH_EARLIER`` at most.
+    most of its places; there are ``WITH_EARLIER`` at most, and at most a third of the budget.
     """
     if earlier:
-        usual = initial_design_size(dimension, budget, trusted_default=trusted_default)
-        return min(WITH_EARLIER, usual)
+        return max(1, min(WITH_EARLIER, 2 * (dimension + 1), budget // 3))
     if stays_near_default(dimension, trusted_default):
         return max(1, min(dimension + 2, budget // 4))
     return max(1, min(2 * (dimension + 1), budget // (5 if trusted_default else 3)))

@@ -87,3 +87,10 @@ def test_other_samplers_keep_their_own_design() -> None:
     history = [Observation(0, synthetic.DEFAULT, "r0", 0, 0.5, 0.5)]
     for name in ("tpe", "optuna-gp", "sobol"):
         assert make_sampler(name, settings).ask(history, []).values == sobol_point(synthetic.SPACE, 0, 0)
+
+
+def test_the_design_after_earlier_missions_is_short() -> None:
+    assert [initial_design_size(18, budget, trusted_default=True, earlier=True) for budget in (1, 2, 8, 12, 64)] == [
+        1, 1, 2, 4, 6,
+    ]  # fmt: skip
+    assert initial_design_size(18, 64, trusted_default=True) == 12
