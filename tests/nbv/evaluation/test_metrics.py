@@ -271,7 +271,7 @@ def test_area_under_a_curve():
     assert area_under_curve([10.0, 20.0, 40.0], [0.0, 100.0, 100.0]) == pytest.approx(100 * 25 / 30)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(
     seed=st.integers(0, 10**6),
     angle=st.floats(-np.pi, np.pi),

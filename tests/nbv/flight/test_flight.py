@@ -47,7 +47,7 @@ def test_a_turn_on_the_spot_takes_the_shorter_way() -> None:
     assert (np.abs(leg.samples[:, 4]) >= 3.0 - 1e-9).all()
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(start=poses, end=poses)
 def test_limits_hold_along_the_leg(start: Pose, end: Pose) -> None:
     leg = fly_straight(start, end, LIMITS)
@@ -75,7 +75,7 @@ def segment_distance(leg_samples: np.ndarray, height: float) -> float:
     return float(np.hypot(low[:, 1], low[:, 2]).min()) if len(low) else np.inf
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(start=poses, end=poses)
 def test_no_leg_passes_through_the_keep_out(start: Pose, end: Pose) -> None:
     radius, height = LIMITS.keep_out_radius_m, LIMITS.keep_out_height_m

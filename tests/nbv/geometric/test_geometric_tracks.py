@@ -30,7 +30,7 @@ def grouped(tracks, min_views, names):
     return set(found)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(0, 10_000), st.integers(1, 9), st.integers(1, 12))
 def test_tracks_are_the_connected_components_of_matches(seed, n_views, n_landmarks):
     directions, detected, limit = random_views(seed, n_views, n_landmarks)
@@ -48,7 +48,7 @@ def test_tracks_are_the_connected_components_of_matches(seed, n_views, n_landmar
     assert grouped(tracks, 2, range(n_views)) == expected
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10_000), st.permutations(range(7)))
 def test_the_order_of_views_does_not_matter(seed, order):
     directions, detected, limit = random_views(seed, 7, 10)

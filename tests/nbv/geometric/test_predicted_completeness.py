@@ -72,7 +72,7 @@ def test_a_pair_that_sees_the_surface_at_unlike_slants_matches_less():
     assert unlike < like
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), n=st.integers(2, 20))
 def test_partners_and_witnesses_are_those_of_the_dense_stage(seed, n):
     rng = np.random.default_rng(seed)

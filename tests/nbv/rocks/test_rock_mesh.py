@@ -12,7 +12,7 @@ from nbv.rocks import mesh as meshes
 from nbv.rocks.rock import content_hash
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10_000), st.floats(0.05, 0.8))
 def test_refine_keeps_the_surface_and_closes_every_seam(seed, max_edge):
     points = np.random.default_rng(seed).normal(size=(12, 3)) * [1, 0.6, 0.3]

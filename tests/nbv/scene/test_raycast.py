@@ -49,7 +49,7 @@ def closed_form(camera: CameraConfig, camera_from_world: np.ndarray) -> tuple[np
     return ground, ball
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(
     azimuth=st.floats(0, 360),
     elevation=st.floats(3, 85),

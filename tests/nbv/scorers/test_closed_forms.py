@@ -134,7 +134,7 @@ def test_repair() -> None:  # Eq. 8
     np.testing.assert_array_equal(repair(visible, np.zeros(3), *arguments), 0.0)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), n_points=st.integers(1, 700))
 def test_gain_equals_the_plain_definition(seed: int, n_points: int) -> None:
     """The blocked computation against angles from arccos of normalised rays, pair by pair."""
@@ -158,7 +158,7 @@ def test_gain_equals_the_plain_definition(seed: int, n_points: int) -> None:
             assert got[p, c] == pytest.approx(np.clip((min(angles) - 5) / 20, 0, 1), abs=1e-9)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10_000))
 def test_frustum_equals_projection(seed: int) -> None:
     rng = np.random.default_rng(seed)

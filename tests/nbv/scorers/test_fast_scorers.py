@@ -22,7 +22,7 @@ import scoring_reference as reference
 from scoring_speed import synthetic_state
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(
     seed=st.integers(0, 10_000),
     n_points=st.integers(2, 1_200),
@@ -46,7 +46,7 @@ def test_rankings_are_those_of_double_precision(
         np.testing.assert_array_equal(rankings[name].order, reference.order(expected))
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(
     seed=st.integers(0, 10_000),
     n_points=st.integers(300, 1_500),
@@ -89,7 +89,7 @@ def test_a_candidate_on_a_point_and_points_without_observations_are_no_trouble_i
     assert abs(single[3] - double[3]) <= weak[7] / weak.sum() + precision(5.0, 25.0)
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(seed=st.integers(0, 10_000), n=st.integers(1, 400), percent=st.floats(0.0, 100.0))
 def test_percentiles_are_numpys_to_the_bit(seed: int, n: int, percent: float) -> None:
     values = np.random.default_rng(seed).gamma(2.0, 0.5, n)

@@ -80,7 +80,7 @@ def test_a_surface_with_enough_matchable_views_asks_for_nothing() -> None:
     np.testing.assert_array_equal(matchable_repair(surface(), np.stack([view(4.0)]), around, few), [0.0])
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10_000), visited=st.integers(0, 12), need=st.integers(2, 9))
 def test_equal_to_the_oracle_on_the_same_surface(seed: int, visited: int, need: int) -> None:
     """The oracle casts rays and loops over views; on a convex surface both must count the same."""

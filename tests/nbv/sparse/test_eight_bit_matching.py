@@ -45,7 +45,7 @@ def overlapping(seed, count_a, count_b, noise, spikes):
 
 
 @needs_8_bits
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     st.integers(0, 10_000), st.integers(1, 90), st.integers(1, 90), st.floats(0.0, 0.05), st.sampled_from([0, 0.1, 1])
 )  # fmt: skip
@@ -68,7 +68,7 @@ def test_equals_single_precision_on_extreme_bytes_and_ties():
 
 
 @needs_8_bits
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 10_000), st.integers(1, 40), st.integers(1, 40), st.sampled_from([0, 0.3, 1]))
 def test_the_two_nearest_are_the_same_as_in_single_precision(seed, count_a, count_b, large):
     """Also for rows that no match comes from: few values, so nearly all rows have ties, and products of zero."""

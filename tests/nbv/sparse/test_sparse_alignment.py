@@ -27,7 +27,7 @@ def move(pose, offset_m):
     return moved
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10_000), st.floats(0.05, 20.0))
 def test_undoes_any_similarity(seed, scale):
     rng = np.random.default_rng(seed)

@@ -38,7 +38,7 @@ def reference(a, b, ratio, limit):
     return [(i, j) for i, j in sorted(forward.items()) if backward.get(j) == i]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(0, 10_000), st.integers(1, 60), st.integers(1, 60), st.floats(0.0, 0.08))
 def test_agrees_with_one_descriptor_at_a_time(seed, count_a, count_b, noise):
     rng = np.random.default_rng(seed)

@@ -108,7 +108,7 @@ def test_visited_sectors_go_last() -> None:
     assert not in_visited[: np.argmax(in_visited)].any() and in_visited[np.argmax(in_visited) :].all()
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(picks=st.lists(st.integers(0, 169), max_size=12), x=st.floats(-5, 5), y=st.floats(-5, 5))
 def test_survivors_obey_every_filter(picks: list[int], x: float, y: float) -> None:
     config = MissionConfig().with_values({"pool.max_travel_m": 7.0})
