@@ -217,7 +217,7 @@ class CampaignSettings:
         trusted = self.sampler == "gp"
         return initial_design_size(
             self.space.dimension, self.search_budget, trusted_default=trusted,
-            earlier=bool(self.learn_from) or self.low_fidelity is not None,
+            earlier=bool(self.learn_from),
         )  # fmt: skip
 
     def make_sampler(self, earlier: EarlierMissions | None = None) -> Sampler:

@@ -14,9 +14,9 @@ from tuner.search_space import SearchSpace, Values
 # (docs/results/optimiser_ablation.md, "Many parameters").
 MANY_PARAMETERS = 13
 
-# Where missions were flown before a campaign, elsewhere, so many of the best of them are flown right after the default,
-# and a campaign's design is no longer than this (docs/results/optimiser_comparison.md, "A second campaign").
-FROM_EARLIER, WITH_EARLIER = 4, 6
+# Where missions were flown before a campaign, elsewhere, a design this short has so many of the best of them right after
+# the default (docs/results/optimiser_ablation.md, "A design that trusts an earlier campaign").
+WITH_EARLIER, FROM_EARLIER = 6, 4
 
 # Standard deviation of a point near a trusted default, per parameter, of the unit cube: smallest and largest,
 # evenly spread logarithms (docs/results/optimiser_ablation.md, "A design that trusts the default").
@@ -42,6 +42,14 @@ def initial_design_size(
     if stays_near_default(dimension, trusted_default):
         return max(1, min(dimension + 2, budget // 4))
     return max(1, min(2 * (dimension + 1), budget // (5 if trusted_default else 3)))
+
+
+def places_for_earlier(initial: int) -> range:
+    """Which missions of a design of ``initial`` are the best of those flown before the campaign, best first.
+
+    The first after the default in a short design, every second one in a longer one.
+    """
+    return range(1, FROM_EARLIER + 1) if initial <= WITH_EARLIER else range(2, initial, 2)
 
 
 def sobol_point(space: SearchSpace, seed: int, index: int) -> Values:

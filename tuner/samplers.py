@@ -21,7 +21,13 @@ import numpy as np
 from nbv.errors import UserError
 from tuner.gp_options import GPOptions
 from tuner.history import Observation, Pending, Proposal
-from tuner.initial_design import FROM_EARLIER, MANY_PARAMETERS, near_default, sobol_point, stays_near_default
+from tuner.initial_design import (
+    MANY_PARAMETERS,
+    near_default,
+    places_for_earlier,
+    sobol_point,
+    stays_near_default,
+)
 from tuner.objective import RockStandardiser
 from tuner.peers import PEER_NAMES, make_peer_sampler, peer_command
 from tuner.search_space import SearchSpace, Values
@@ -137,7 +143,7 @@ class GPSampler:
     """Default configuration, initial design, then log noisy expected improvement on the rock-mean GP.
 
     The design is a Sobol sequence; unless parameters are many every second point stays near a trusted default. Where
-    missions were flown before the campaign, the best of them come right after the default. Near the end of the budget the favourite is flown on slots it has not seen, where that is worth more (``tuner.verification``).
+    missions were flown before the campaign, the best of them take places of it. Near the end of the budget the favourite is flown on slots it has not seen, where that is worth more (``tuner.verification``).
     """
 
     settings: SamplerSettings
@@ -183,11 +189,13 @@ class GPSampler:
         s, rank = self.settings, number // 2 - 1
         if number == 0:
             return _initial_proposal(s, 0, self.name)
-        if number <= FROM_EARLIER and s.earlier is not None and s.earlier.usable:
-            best = s.earlier.best(number)
-            if len(best) == number:
+        places = places_for_earlier(s.initial)
+        if number in places and s.earlier is not None and s.earlier.usable:
+            place = places.index(number)
+            best = s.earlier.best(place + 1)
+            if len(best) > place:
                 return Proposal(
-                    best[-1], {"sampler": self.name, "phase": "earlier missions", "rank": number - 1}
+                    best[place], {"sampler": self.name, "phase": "earlier missions", "rank": place}
                 )
         if not stays_near_default(s.space.dimension, s.trusted_default):
             return _initial_proposal(s, number, self.name)

@@ -11,7 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tuner.history import Observation
-from tuner.initial_design import MANY_PARAMETERS, NEAR_SD, initial_design_size, near_default, sobol_point
+from tuner.initial_design import (
+    MANY_PARAMETERS,
+    NEAR_SD,
+    initial_design_size,
+    near_default,
+    places_for_earlier,
+    sobol_point,
+)
 from tuner.samplers import SamplerSettings, make_sampler
 from tuner.search_space import Parameter, SearchSpace
 
@@ -94,3 +101,5 @@ def test_the_design_after_earlier_missions_is_short() -> None:
         1, 1, 2, 4, 6,
     ]  # fmt: skip
     assert initial_design_size(18, 64, trusted_default=True) == 12
+    assert list(places_for_earlier(6)) == [1, 2, 3, 4]
+    assert list(places_for_earlier(8)) == [2, 4, 6]
