@@ -81,7 +81,9 @@ def common_recommendation(
     configurations = distinct_configurations(problem.space, model.observations)
     belief = model.posterior(configurations)
     shortfall = expected_shortfall(history, model.noise_sd)
-    worth = belief.mean - markdown(problem.space, history, configurations, problem.rocks, shortfall)
+    worth = belief.mean - markdown(
+        problem.space, history, configurations, problem.rocks, shortfall, problem.default
+    )
     i = int(worth.argmax())
     return configurations[i], float(belief.mean[i]), float(belief.sd[i]), model
 

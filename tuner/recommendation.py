@@ -120,7 +120,7 @@ def recommend(
             finals.setdefault(configuration_key(space, o.values), []).append(o)
     flown = [i for i, key in enumerate(evaluated) if any(o.feasible for o in finals.get(key, ()))]
     shortfall = None if flown else expected_shortfall(observations, model.noise_sd)
-    worth = belief.mean[:reference] - markdown(space, observations, configurations, rocks, shortfall)
+    worth = belief.mean[:reference] - markdown(space, observations, configurations, rocks, shortfall, default)
     order = sorted(flown or range(len(configurations)), key=lambda i: -worth[i])
     top = order[:TOP]
     shares = belief.probability_best(top, seed)

@@ -180,7 +180,9 @@ class GPSampler:
             figures["comparison_noise"] = comparison_noise(model, s.replicates)
         if self.verify and s.budget is not None and number >= BEGINS * s.budget:
             gain, last = figures["expected_gain"], number >= s.budget - len(s.rocks) * s.replicates
-            again = verification(model, history, pending, s.replicates, gain, s.options.risk, last=last)
+            again = verification(
+                model, history, pending, s.replicates, gain, s.options.risk, last=last, default=s.default
+            )
             if again is not None:
                 return dataclasses.replace(again, why={**figures, **again.why})
         return Proposal(values, {"sampler": self.name, "phase": "model", **figures})

@@ -87,6 +87,7 @@ def verification(
     risk: Risk = "mean",
     *,
     last: bool = False,
+    default: Mapping[str, Any] | None = None,
 ) -> Proposal | None:
     """The favourite on a slot it has not flown, if that is worth more than exploring.
 
@@ -100,6 +101,8 @@ def verification(
         What the best mission of the search promises, objective's unit.
     last
         Whether to verify whatever exploring promises, and what would be recommended before the favourite.
+    default
+        The configuration that the campaign began with.
 
     Returns
     -------
@@ -115,7 +118,7 @@ def verification(
     mean = model.posterior(configurations, risk).mean
     candidates = [int(mean.argmax())]
     if last:
-        cautious = mean - markdown(model.space, history, configurations, model.rocks, shortfall)
+        cautious = mean - markdown(model.space, history, configurations, model.rocks, shortfall, default)
         candidates.insert(0, int(cautious.argmax()))
     missions: list[Observation | Pending] = [*history, *pending]
     flown = slots_flown(model.space, missions)
@@ -156,14 +159,17 @@ def markdown(
     configurations: Sequence[Mapping[str, Any]],
     rocks: Sequence[str],
     shortfall: float | None,
+    default: Mapping[str, Any] | None = None,
 ) -> np.ndarray:
     """(len(configurations),) what each loses in a recommendation: ``shortfall`` for its share of unseen slots.
 
-    Slots are those of ``rocks`` that any configuration has flown.
+    Slots are those of ``rocks`` that any configuration has flown. ``default`` loses nothing: no outcome made it a
+    favourite, so nothing flatters it, and nothing believed to be worse may be recommended in its place.
     """
     if shortfall is None:
         return np.zeros(len(configurations))
     slots = {(o.rock, o.replicate) for o in history if o.rock in rocks}
-    flown = slots_flown(space, history)
-    unseen = [len(slots - flown[configuration_key(space, values)]) for values in configurations]
+    flown, keys = slots_flown(space, history), [configuration_key(space, c) for c in configurations]
+    trusted = None if default is None else configuration_key(space, default)
+    unseen = [0 if key == trusted else len(slots - flown[key]) for key in keys]
     return shortfall * np.array(unseen) / len(slots)

@@ -102,12 +102,13 @@ def test_marked_down_for_the_share_of_slots_not_flown() -> None:
     np.testing.assert_allclose(markdown(space, history, [FAIR, GOOD], ROCKS, 1.0), [0.0, 0.75])
     np.testing.assert_allclose(markdown(space, history, [FAIR, GOOD], ("r0",), 1.0), [0.0, 0.5])
     np.testing.assert_array_equal(markdown(space, history, [FAIR, GOOD], ROCKS, None), [0.0, 0.0])
+    np.testing.assert_array_equal(markdown(space, history, [FAIR, GOOD], ROCKS, 1.0, GOOD), [0.0, 0.0])
 
 
 def test_recommendation_counts_what_verification_found() -> None:
     """A lead that is smaller than what favourites fell short by so far is not believed; a larger one is."""
 
-    def recommended(lead: float, counted: bool = True) -> tuple[Values, float | None]:
+    def recommended(lead: float, counted: bool = True, default: Values = FAIR) -> tuple[Values, float | None]:
         rng = np.random.default_rng(0)
         history = [seen(i, FAIR, rock, 50.0 + 0.05 * rng.normal()) for i, rock in enumerate(ROCKS * 2)]
         other = synthetic.SPACE.from_unit([0.95, 0.05])
@@ -115,7 +116,7 @@ def test_recommendation_counts_what_verification_found() -> None:
         history += [seen(8, GOOD, "r2", 50.0 + lead)]
         if not counted:
             history = [dataclasses.replace(o, memory={}) for o in history]
-        result = recommend(synthetic.SPACE, history, ROCKS, FAIR, Objective())
+        result = recommend(synthetic.SPACE, history, ROCKS, default, Objective())
         assert result is not None
         return result.values, result.expected_shortfall
 
@@ -124,6 +125,8 @@ def test_recommendation_counts_what_verification_found() -> None:
     assert small == FAIR
     assert recommended(1.5, counted=False)[0] == GOOD
     assert recommended(20.0)[0] == GOOD
+    # The default was no favourite: nothing believed to be worse is recommended in its place.
+    assert recommended(1.5, default=GOOD)[0] == GOOD
 
 
 def campaign(
