@@ -22,7 +22,7 @@ from tuner.objective import Objective
 from tuner.search_space import SearchSpace, Values
 from tuner.slots import next_slot
 
-# As many as were measured (docs/results/optimiser_comparison.md, "On photogrammetry"): 31 s of one core, asks included.
+# As many as were measured (docs/results/optimiser_comparison.md, "On photogrammetry"): 20 s of one core, asks included.
 CHEAP_MISSIONS = 96
 _REPLICATES = 2
 
