@@ -94,7 +94,7 @@ def run(
     fidelity: Annotated[
         str,
         typer.Option(
-            help="Of the missions: photogrammetric, or geometric (no photographs, a thirtieth of the time; it ranks "
+            help="Of the missions: photogrammetric, or geometric (no photographs, a fraction of the time; it ranks "
             "configurations, it does not measure them)."
         ),
     ] = "photogrammetric",
