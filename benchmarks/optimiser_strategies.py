@@ -70,17 +70,24 @@ Factory = Callable[[Problem, int], Strategy]
 
 
 def settings_of(
-    problem: Problem, seed: int, *, configurations: bool = False, ours: bool = False
+    problem: Problem,
+    seed: int,
+    *,
+    configurations: bool = False,
+    ours: bool = False,
+    earlier: EarlierMissions | None = None,
 ) -> SamplerSettings:
     """What a campaign on ``problem`` would give its sampler.
 
     ``configurations``: for samplers that see configurations, each flown on all rocks, as single results.
-    ``ours``: for our sampler, whose design trusts a default that was chosen by hand.
+    ``ours``: for our sampler, whose design trusts a default that was chosen by hand. ``earlier``: of another campaign.
     """
     rocks = ("mean",) if configurations else problem.rocks
     budget = problem.budget // len(problem.rocks) if configurations else problem.budget
     trusted = ours and problem.trusted_default
-    initial = initial_design_size(problem.space.dimension, budget, trusted_default=trusted)
+    initial = initial_design_size(
+        problem.space.dimension, budget, trusted_default=trusted, earlier=earlier is not None
+    )
     replicates = 1 if configurations else problem.replicates
     return SamplerSettings(
         problem.space,
@@ -91,6 +98,7 @@ def settings_of(
         replicates,
         budget=budget,
         trusted_default=trusted,
+        earlier=earlier,
     )
 
 
@@ -117,19 +125,29 @@ class OneRock:
 
 
 class OurDesign(OneRock):
-    """Optuna's GP after our sampler's initial design: what of a difference is the design's."""
+    """A peer after our sampler's initial design: what of a difference is the design's.
 
-    def __init__(self, problem: Problem, seed: int) -> None:
-        settings = settings_of(problem, seed, ours=True)
+    ``earlier``: the missions of another campaign, which lead the design, are in the peer's study with outcomes
+    standardised per rock, and count in the recommendation.
+    """
+
+    def __init__(
+        self, problem: Problem, seed: int, name: str, earlier: EarlierMissions | None = None
+    ) -> None:
+        settings = settings_of(problem, seed, ours=True, earlier=earlier)
+        self.earlier = earlier
         self._initial = settings.initial
         self._design = GPSampler(settings)
-        super().__init__(make_sampler("optuna-gp", settings))
+        self._before = () if earlier is None else earlier.observations
+        super().__init__(make_sampler(name, settings))
 
     def ask(self) -> Request:
-        """A point of our design, then Optuna's proposal."""
+        """A point of our design, then the peer's proposal."""
         if len(self.history) < self._initial:
             return Request(self._design.ask(self.history, []).values)
-        return super().ask()
+        mine = [dataclasses.replace(o, number=o.number + len(self._before)) for o in self.history]
+        p = self.sampler.ask([*self._before, *mine], [])
+        return Request(p.values, memory=p.memory, why=p.why)
 
 
 class Screened(OneRock):
@@ -160,18 +178,9 @@ def earlier_campaign(problem: Any, seed: int) -> EarlierMissions:
     elsewhere = dataclasses.replace(problem, rocks=rocks)
 
     def fly(values: Values, rock: str, replicate: int) -> float | None:
-        return float(value) if (value := elsewhere.fly(values, rock, replicate).value) is not None else None
+        return elsewhere.fly(values, rock, replicate).value  # type: ignore[no-any-return]
 
     return screen(problem.space, rocks, problem.default, fly, seed, trusted_default=problem.trusted_default)
-
-
-def settings_with_earlier(problem: Problem, seed: int, flown: EarlierMissions) -> SamplerSettings:
-    """Our settings, and the design that goes with missions flown before."""
-    settings = settings_of(problem, seed, ours=True)
-    initial = initial_design_size(
-        problem.space.dimension, problem.budget, trusted_default=problem.trusted_default, earlier=True
-    )
-    return dataclasses.replace(settings, initial=initial, earlier=flown)
 
 
 class SecondCampaign(OneRock):
@@ -179,30 +188,12 @@ class SecondCampaign(OneRock):
 
     def __init__(self, problem: Problem, seed: int) -> None:
         self.earlier = earlier_campaign(problem, seed)  # of the recommendation, too
-        super().__init__(GPSampler(settings_with_earlier(problem, seed, self.earlier)))
+        super().__init__(GPSampler(settings_of(problem, seed, ours=True, earlier=self.earlier)))
 
 
-class PeerSecondCampaign(OneRock):
-    """A peer with the same: our design, led by the best of the earlier campaign, and its missions in the peer's study."""
-
-    def __init__(self, problem: Problem, seed: int, name: str) -> None:
-        self.earlier = earlier_campaign(problem, seed)  # of the recommendation, too
-        settings = settings_with_earlier(problem, seed, self.earlier)
-        self._initial, self._design = settings.initial, GPSampler(settings)
-        super().__init__(make_sampler(name, dataclasses.replace(settings, earlier=None)))
-
-    def ask(self) -> Request:
-        """A point of our design, then the peer's proposal from all missions, outcomes standardised per rock."""
-        if len(self.history) < self._initial:
-            return Request(self._design.ask(self.history, []).values)
-        before = self.earlier.observations
-        mine = [dataclasses.replace(o, number=o.number + len(before)) for o in self.history]
-        return Request(self.sampler.ask([*before, *mine], []).values)
-
-
-def second_campaign_of(name: str) -> Factory:
-    """A peer after an earlier campaign."""
-    return lambda problem, seed: PeerSecondCampaign(problem, seed, name)
+def peer_second_campaign(name: str) -> Factory:
+    """A peer that is told the same."""
+    return lambda problem, seed: OurDesign(problem, seed, name, earlier_campaign(problem, seed))
 
 
 class RockByVariance(OneRock):
@@ -373,7 +364,7 @@ STRATEGIES: dict[str, Factory] = {
     "gp+screen": Screened,
     "gp+earlier": SecondCampaign,
     **{
-        f"{name}+earlier": second_campaign_of(name)
+        f"{name}+earlier": peer_second_campaign(name)
         for name in PEERS
         if name not in ("sobol", "random", "cmaes")
     },
@@ -381,7 +372,7 @@ STRATEGIES: dict[str, Factory] = {
         GPSampler(settings_of(problem, seed, ours=True), verify=False)
     ),
     "gp+sobol": lambda problem, seed: OneRock(GPSampler(settings_of(problem, seed))),  # its design before
-    "optuna-gp+near": OurDesign,
+    "optuna-gp+near": lambda problem, seed: OurDesign(problem, seed, "optuna-gp"),
     "gp+short": gp_variant(initial=8),
     "gp+sampled": gp_variant(search=SearchSettings(closed_form=False)),
     "gp+old-priors": gp_variant(

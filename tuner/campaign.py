@@ -413,7 +413,7 @@ class Campaign:
         if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
             raise UserError(f"{directory} exists and is not an empty directory; choose another directory")
         learned = settings.learned()
-        settings.make_sampler(learned)
+        settings.make_sampler()
         require_sampler(settings.sampler)  # here and not in make_sampler: a report must open without the peer
         was_there = directory.exists()
         try:

@@ -52,6 +52,10 @@ class TrialRecord:
     started: datetime.datetime | None = None
     finished: datetime.datetime | None = None
 
+    def measured(self, objective: Objective) -> float | None:
+        """An objective's metric, perhaps another than the campaign's; None while flying, where it failed or has none."""
+        return objective.outcome(self.status, self.metrics)[0] if self.state == "complete" else None
+
 
 class Ledger:
     """Opens (or creates) the study of one campaign.

@@ -143,7 +143,8 @@ class GPSampler:
     """Default configuration, initial design, then log noisy expected improvement on the rock-mean GP.
 
     The design is a Sobol sequence; unless parameters are many every second point stays near a trusted default. Where
-    missions were flown before the campaign, the best of them take places of it. Near the end of the budget the favourite is flown on slots it has not seen, where that is worth more (``tuner.verification``).
+    missions were flown before the campaign, the best of them take places of it. Near the end of the budget the favourite
+    is flown on slots it has not seen, where that is worth more (``tuner.verification``).
     """
 
     settings: SamplerSettings

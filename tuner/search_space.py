@@ -156,7 +156,7 @@ class SearchSpace:
         base = self.base_config(preset)
         values: Values = {}
         for parameter in self.parameters:
-            value = parameter.default if parameter.default is not None else lookup(base, parameter.path)
+            value = parameter.default if parameter.default is not None else value_at(base, parameter.path)
             if not parameter.contains(value):
                 raise UserError(
                     f"search space {self.name!r}: {parameter.path} has the default {value!r}, outside "
@@ -241,10 +241,12 @@ class SearchSpace:
         }
 
 
-def lookup(config: MissionConfig, path: str) -> Any:
-    """The value at a parameter path such as ``gate.d95_m``."""
+def value_at(config: MissionConfig, path: str) -> Any:
+    """The value of a parameter path such as ``gate.d95_m``; ``UserError`` if there is no such path."""
     node: Any = config
     for part in path.split("."):
+        if not hasattr(node, part):
+            config.with_values({path: None})  # names the nearest paths
         node = getattr(node, part)
     return node
 

@@ -16,7 +16,7 @@ from nbv.errors import UserError
 from tuner.earlier_missions import MIN_OBSERVATIONS, EarlierMissions
 from tuner.history import Observation
 from tuner.objective import Objective
-from tuner.search_space import SearchSpace, Values, lookup
+from tuner.search_space import SearchSpace, Values, value_at
 
 if TYPE_CHECKING:
     from tuner.campaign import Campaign
@@ -70,7 +70,7 @@ def _observations(
         values = _moved(trial.values, held, space, base)
         if values is None or trial.state == "running":
             continue
-        raw = objective.outcome(trial.status, trial.metrics)[0] if trial.state == "complete" else None
+        raw = trial.measured(objective)
         outcome = None if raw is None else objective.sign * raw
         found.append(Observation(trial.number, values, names[trial.rock], trial.replicate, outcome, raw))
     return found
@@ -80,7 +80,7 @@ def _moved(
     tuned: Mapping[str, Any], held: MissionConfig, space: SearchSpace, base: MissionConfig
 ) -> Values | None:
     """``tuned`` values of a mission whose others are ``held``, in ``space``; None where it is no configuration of it."""
-    if any(path not in space.paths and value != lookup(base, path) for path, value in tuned.items()):
+    if any(path not in space.paths and value != value_at(base, path) for path, value in tuned.items()):
         return None
-    values = {path: tuned[path] if path in tuned else lookup(held, path) for path in space.paths}
+    values = {path: tuned[path] if path in tuned else value_at(held, path) for path in space.paths}
     return values if all(p.contains(values[p.path]) for p in space.parameters) else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
 from pathlib import Path
 
@@ -17,18 +18,12 @@ from tuner.history import Observation
 from tuner.objective import Objective
 from tuner.report import write_campaign_report
 from tuner.samplers import GPSampler, SamplerSettings
-from tuner.search_space import SearchSpace, space_from_dict
+from tuner.search_space import SearchSpace
 from tuner.transfer import learn_from
 
 RUNNER = "fake_missions:fake_mission"
-ONE_PARAMETER = space_from_dict(
-    {
-        "name": "one",
-        "base": {"gate.kind": "hyb-h"},
-        "parameters": {"gate.budget_fraction": {"low": 0.0, "high": 1.0}},
-    },
-    "test",
-)
+FRACTION, D95 = synthetic.SPACE.parameters
+ONE_PARAMETER = dataclasses.replace(synthetic.SPACE, name="one", parameters=(FRACTION,))
 
 
 def run(directory: Path, **changes: object) -> Campaign:
@@ -82,16 +77,8 @@ def test_missions_are_moved_between_search_spaces(earlier: Campaign, tmp_path: P
     # From two to one: only the missions that have the other at its default, here the first.
     with pytest.raises(UserError, match="1 of its 24 missions are configurations of search space 'one'"):
         learned(earlier, ONE_PARAMETER)
-    narrow = space_from_dict(
-        {
-            "name": "narrow",
-            "base": {"gate.kind": "hyb-h"},
-            "parameters": {
-                "gate.budget_fraction": {"low": 0.0, "high": 0.4},
-                "gate.d95_m": {"low": 0.01, "high": 1.0, "scale": "log"},
-            },
-        },
-        "test",
+    narrow = dataclasses.replace(
+        synthetic.SPACE, name="narrow", parameters=(dataclasses.replace(FRACTION, high=0.4), D95)
     )
     inside = sum(o.values["gate.budget_fraction"] <= 0.4 for o in flown)
     assert 0 < inside < 20
@@ -163,9 +150,7 @@ def test_what_cannot_be_learned_from_is_named(earlier: Campaign, tmp_path: Path)
         )
 
 
-def test_evaluation_refuses_rocks_that_were_learned_from(
-    earlier: Campaign, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_evaluation_refuses_rocks_that_were_learned_from(tmp_path: Path) -> None:
     first = run(tmp_path / "first", rocks=("waist",))
     second = run(tmp_path / "second", rocks=("slab",), budget=6, learn_from=(str(first.directory),))
     with pytest.raises(UserError, match=r"rock 'waist' was tuned on in .* learned from"):

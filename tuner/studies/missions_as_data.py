@@ -16,7 +16,7 @@ from nbv.result import MissionResult
 from tuner.history import Observation
 from tuner.objective import DEFAULT_METRIC, Objective
 from tuner.report.labels import metric_label
-from tuner.search_space import SearchSpace
+from tuner.search_space import SearchSpace, value_at
 
 # libyaml where PyYAML was built with it: hundreds of configurations are read.
 _YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -84,7 +84,7 @@ def campaign_data(directory: Path, metric: str | None = None) -> MissionData:
     left_out: collections.Counter[str] = collections.Counter()
     observations = []
     for t in campaign.trials():
-        value = objective.outcome(t.status, t.metrics)[0] if t.state == "complete" else None
+        value = t.measured(objective)
         if value is None:
             left_out["still flying" if t.state == "running" else "failed or without the metric"] += 1
             continue
@@ -157,16 +157,6 @@ def objective_for(metric: str) -> Objective:
 def is_campaign(directory: Path) -> bool:
     """Whether ``directory`` is a campaign's run directory."""
     return (directory / "campaign.yaml").is_file()
-
-
-def value_at(config: MissionConfig, path: str) -> Any:
-    """The value of a parameter path; ``UserError`` if there is no such path."""
-    node: Any = config
-    for part in path.split("."):
-        if not hasattr(node, part):
-            config.with_values({path: None})  # names the nearest paths
-        node = getattr(node, part)
-    return node
 
 
 def _difference(configs: Sequence[MissionConfig]) -> tuple[str, str]:
