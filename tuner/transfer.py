@@ -34,10 +34,14 @@ def learn_from(
     Raises
     ------
     UserError
-        No campaign in a directory, or too few such missions in it.
+        No campaign in a directory, too few such missions in it, or a directory named twice.
     """
     from tuner.campaign import Campaign
 
+    places = [Path(directory).resolve() for directory in directories]
+    for directory, place in zip(directories, places):
+        if places.count(place) > 1:
+            raise UserError(f"{directory} is named twice to learn from; name each campaign once")
     found: list[Observation] = []
     rocks: list[str] = []
     for number, directory in enumerate(directories, start=1):

@@ -137,6 +137,11 @@ def test_a_screening_learns_too(earlier: Campaign, tmp_path: Path) -> None:
 def test_what_cannot_be_learned_from_is_named(earlier: Campaign, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="nowhere"):
         run(tmp_path / "run", learn_from=(str(tmp_path / "nowhere"),))
+    with pytest.raises(UserError, match="is named twice to learn from"):
+        run(
+            tmp_path / "run",
+            learn_from=(str(earlier.directory), str(earlier.directory / ".." / earlier.directory.name)),
+        )
     assert not (tmp_path / "run").exists()
     with pytest.raises(UserError, match="learning from earlier campaigns needs sampler gp, not tpe"):
         CampaignSettings(
