@@ -1,7 +1,8 @@
 """Runs every mission in a process and process group of its own.
 
 ``python -m tuner.mission_server MODULE...`` imports the mission's modules once, then forks one child per job
-it reads from standard input (a mission starts in milliseconds instead of the seconds its imports take).
+it reads from standard input (a mission starts in milliseconds instead of the seconds its imports take, and finds
+the rocks that were flown before in memory).
 Where forking is not safe (a library started threads on import, or the system is not Linux) each job gets a
 fresh interpreter. Lines of JSON: in ``{"op": "run", "job": {...}}`` and ``{"op": "kill", "id": ...}``; out
 ``{"event": "ready" | "started" | "exited", ...}``. When standard input closes, i.e. the campaign ended or was
@@ -24,6 +25,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from nbv.threads import single_thread_environment
+from tuner.shared_rocks import SharedRocks
 
 EXIT_FAILED = 1
 EXIT_NOT_WRITABLE = 74  # EX_IOERR: not even the error could be written
@@ -74,7 +76,8 @@ class MissionServer:
         self._out = os.fdopen(os.dup(1), "wb", buffering=0)
         os.dup2(2, 1)
         self._in: BinaryIO = os.fdopen(os.dup(0), "rb", buffering=0)
-        self._children: dict[int, str] = {}  # process (= group) id to job id
+        self._children: dict[int, dict[str, Any]] = {}  # process (= group) id to job
+        self._rocks = SharedRocks()
         for name in preload:
             try:
                 importlib.import_module(name)
@@ -115,8 +118,8 @@ class MissionServer:
 
     def _obey(self, order: dict[str, Any]) -> None:
         if order["op"] == "kill":
-            for pid, job_id in self._children.items():
-                if job_id == order["id"]:
+            for pid, job in self._children.items():
+                if job["id"] == order["id"]:
                     _kill_group(pid)
             return
         job = order["job"]
@@ -125,7 +128,7 @@ class MissionServer:
         except OSError as error:
             self._say({"event": "exited", "id": job["id"], "status": None, "error": str(error)})
             return
-        self._children[pid] = job["id"]
+        self._children[pid] = job
         self._say({"event": "started", "id": job["id"], "pid": pid})
 
     def _start(self, job: dict[str, Any]) -> int:
@@ -175,8 +178,11 @@ class MissionServer:
                 continue
             _kill_group(pid)  # children the mission left behind
             _, status = os.waitpid(pid, 0)
-            job_id = self._children.pop(pid)
-            self._say({"event": "exited", "id": job_id, "status": os.waitstatus_to_exitcode(status)})
+            job = self._children.pop(pid)
+            self._say({"event": "exited", "id": job["id"], "status": os.waitstatus_to_exitcode(status)})
+            if status == 0 and self._fork:
+                self._rocks.keep(job)
+                self._fork = _thread_count() == 1  # should reading it have started threads
 
     def _say(self, message: dict[str, Any]) -> None:
         try:

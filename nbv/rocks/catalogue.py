@@ -17,6 +17,8 @@ from nbv.rocks.rock import Rock, RockInfo
 
 log = logging.getLogger(__name__)
 
+_IN_MEMORY = 16  # rocks of each kind, about 25 MB each
+
 
 def list_rocks() -> list[RockInfo]:
     """Every rock `load_rock` knows by name: procedural ones first, then imported ones by name."""
@@ -88,7 +90,7 @@ def remove_imported(name: str) -> None:
     path.unlink()
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=_IN_MEMORY)
 def _load_procedural(name: str, _home: str) -> Rock:
     path = store.generated_path(name, generator_key())
     try:
@@ -111,7 +113,7 @@ def _load_procedural(name: str, _home: str) -> Rock:
     return rock
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=_IN_MEMORY)
 def _load_imported(name: str, path: str, _mtime_ns: int) -> Rock:
     try:
         return store.read_rock(Path(path))
@@ -119,7 +121,7 @@ def _load_imported(name: str, path: str, _mtime_ns: int) -> Rock:
         raise UserError(f"{error}; import the rock again with --force") from error
 
 
-@lru_cache(maxsize=4)
+@lru_cache(maxsize=_IN_MEMORY)
 def _load_file(path: str, _mtime_ns: int) -> Rock:
     from nbv.rocks.importer import import_mesh  # trimesh is only needed here
 

@@ -1,0 +1,95 @@
+"""Rocks are read once per campaign, and never by a mission's server before a mission has read them."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import pytest
+import trimesh
+
+from nbv.config import preset
+from nbv.rocks import catalogue
+from tuner import shared_rocks
+from tuner.executors import LocalProcessExecutor
+from tuner.missions import MissionJob, MissionOutcome
+from tuner.shared_rocks import SharedRocks
+
+RUNNER = "nbv.geometric:run_geometric_mission"
+
+
+def write_ball(path: Path, radius: float = 1.0, squeeze: float = 1.0) -> Path:
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=radius)
+    ball.vertices[:, 0] *= squeeze
+    ball.export(path)
+    return path
+
+
+def order(rock: Path | str, runner: str = RUNNER) -> dict[str, Any]:
+    return {"rock": str(rock), "runner": runner}
+
+
+@pytest.fixture(autouse=True)
+def nothing_in_memory() -> None:
+    catalogue._load_file.cache_clear()
+
+
+def held() -> int:
+    return catalogue._load_file.cache_info().currsize
+
+
+def test_the_rock_of_a_flown_mission_is_held_once(tmp_path: Path) -> None:
+    rocks, ball = SharedRocks(), write_ball(tmp_path / "ball.ply")
+    rocks.keep(order(ball))
+    bytes_of_one = rocks.held_bytes
+    rocks.keep(order(ball))
+    assert held() == 1 and rocks.held_bytes == bytes_of_one > 0
+
+
+def test_what_cannot_be_read_or_is_not_ours_is_left_to_the_missions(tmp_path: Path) -> None:
+    rocks, ball = SharedRocks(), write_ball(tmp_path / "ball.ply")
+    rocks.keep(order(ball, "fake_missions:fake_mission"))
+    (tmp_path / "broken.ply").write_text("not a mesh")
+    rocks.keep(order(tmp_path / "broken.ply"))
+    rocks.keep(order("no such rock"))
+    assert held() == 0 and rocks.held_bytes == 0
+
+
+def test_memory_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shared_rocks, "MAX_HELD_BYTES", 1)
+    rocks = SharedRocks()
+    for name in ("first.ply", "second.ply"):
+        rocks.keep(order(write_ball(tmp_path / name)))
+    assert held() == 1
+    monkeypatch.setattr(shared_rocks, "MAX_FILE_BYTES", 1)
+    SharedRocks().keep(order(write_ball(tmp_path / "large.ply")))
+    assert held() == 1
+
+
+def test_later_missions_fly_around_the_rock_that_the_first_one_read(tmp_path: Path) -> None:
+    """The same file name and time with another content shows where a mission has its rock from."""
+    ball = write_ball(tmp_path / "ball.ply")
+    stamp = ball.stat().st_mtime_ns
+
+    def fly(executor: LocalProcessExecutor, number: int) -> MissionOutcome:
+        executor.submit(MissionJob(f"{number:04d}", preset("campaign"), str(ball), 0, tmp_path / str(number),
+                                   runner=RUNNER))  # fmt: skip
+        return next(o for _ in range(120) for o in executor.wait_any(1.0))
+
+    def rock_sha256(number: int) -> str:
+        sha256: str = json.loads((tmp_path / str(number) / "mission.json").read_text())["provenance"]["rock_sha256"]
+        return sha256
+
+    with LocalProcessExecutor(1) as executor:
+        first = fly(executor, 0)
+        fly(executor, 1)  # the server has the rock before it starts this one
+        write_ball(ball, squeeze=0.8)
+        os.utime(ball, ns=(stamp, stamp))
+        third = fly(executor, 2)
+        os.utime(ball, ns=(stamp + 10**9, stamp + 10**9))
+        fourth = fly(executor, 3)  # a file that says it has changed is read again
+    assert first.status == third.status == fourth.status == "ok"
+    assert rock_sha256(2) == rock_sha256(0) != rock_sha256(3)
+    assert third.metrics == first.metrics
