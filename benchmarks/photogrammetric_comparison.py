@@ -24,7 +24,8 @@ from scipy import stats
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
-from tuner.campaign import FIDELITIES, SETTINGS_FILE, Campaign, CampaignSettings
+from tuner.campaign import Campaign
+from tuner.campaign_settings import FIDELITIES, SETTINGS_FILE, CampaignSettings
 from tuner.commands.campaign import QUICK_ROCKS, refuse_held_out
 from tuner.commands.console import rock_arguments
 from tuner.evaluation import EvaluationPlan, run_evaluation, values_of

@@ -10,7 +10,8 @@ import yaml
 
 from nbv.errors import UserError
 from nbv.run_directory import write_atomic
-from tuner.campaign import SETTINGS_FILE, Campaign
+from tuner.campaign import Campaign
+from tuner.campaign_settings import SETTINGS_FILE
 from tuner.session import exclusive
 
 

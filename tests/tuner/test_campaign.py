@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import functools
 import json
 import os
 import signal
@@ -12,41 +13,27 @@ import threading
 import time
 from pathlib import Path
 
+import fake_campaigns
 import fake_missions
 import numpy as np
 import pytest
 import yaml
 
 from nbv.errors import UserError
-from tuner.campaign import Campaign, CampaignEvent, CampaignSettings
+from tuner.campaign import Campaign
+from tuner.campaign_events import CampaignEvent
 from tuner.executors import InProcessExecutor, LocalProcessExecutor
 from tuner.objective import Objective
 from tuner.search_space import load_search_space
 
-RUNNER = "fake_missions:fake_mission"
-
-
-def settings(**changes: object) -> CampaignSettings:
-    fields: dict[str, object] = {
-        "name": "test",
-        "space": load_search_space("gate"),
-        "rocks": ("a", "b"),
-        "budget": 6,
-        "seed": 1,
-        "sampler": "sobol",
-        "runner": RUNNER,
-    }
-    return CampaignSettings(**{**fields, **changes})  # type: ignore[arg-type]
+settings = functools.partial(
+    fake_campaigns.settings, space=load_search_space("gate"), budget=6, sampler="sobol"
+)
+run = functools.partial(fake_campaigns.run, space=load_search_space("gate"), budget=6, sampler="sobol")
 
 
 def workers(count: int = 1, timeout_s: float = 60.0) -> LocalProcessExecutor:
     return LocalProcessExecutor(count, timeout_s, preload=("fake_missions",))
-
-
-def run(directory: Path, **changes: object) -> Campaign:
-    campaign = Campaign.create(directory, settings(**changes))
-    campaign.run(InProcessExecutor())
-    return campaign
 
 
 def test_campaign_flies_its_budget_over_rocks_in_turn(tmp_path: Path) -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
 from pathlib import Path
 
+import fake_campaigns
 import numpy as np
 import pytest
 import synthetic
@@ -13,7 +15,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nbv.errors import UserError
-from tuner.campaign import Campaign, CampaignEvent, CampaignSettings
+from tuner.campaign import Campaign
+from tuner.campaign_events import CampaignEvent
+from tuner.campaign_settings import CampaignSettings
 from tuner.confirmation import choose_finalists, confirmation_missions, finalist_count, paired_gain, schedule
 from tuner.executors import InProcessExecutor, LocalProcessExecutor
 from tuner.history import Observation
@@ -23,12 +27,9 @@ from tuner.recommendation import recommend
 A, B, C = (synthetic.SPACE.from_unit(u) for u in ([0.7, 0.3], [0.2, 0.8], [0.5, 0.5]))
 
 
-def settings(**changes: object) -> CampaignSettings:
-    fields: dict[str, object] = {
-        "name": "test", "space": synthetic.SPACE, "rocks": ("a", "b"), "budget": 14, "replicates": 2, "seed": 1,
-        "sampler": "sobol", "runner": "fake_missions:fake_mission", "confirmation": 0.45,
-    }  # fmt: skip
-    return CampaignSettings(**{**fields, **changes})  # type: ignore[arg-type]
+settings = functools.partial(
+    fake_campaigns.settings, budget=14, replicates=2, sampler="sobol", confirmation=0.45
+)
 
 
 @given(st.integers(2, 4), st.integers(1, 6), st.integers(2, 40), st.integers(0, 5))

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 from pathlib import Path
 
+import fake_campaigns
 import numpy as np
 import pytest
 import synthetic
+from fake_campaigns import RUNNER
 
 from nbv.errors import UserError
 from tuner.acquisition import Prior, propose
-from tuner.campaign import FIDELITIES, Campaign, CampaignSettings
+from tuner.campaign import Campaign
+from tuner.campaign_settings import FIDELITIES
 from tuner.earlier_missions import EarlierMissions
 from tuner.executors import InProcessExecutor
 from tuner.gp_options import GPOptions
@@ -27,21 +31,8 @@ from tuner.search_space import Values, load_search_space, space_from_dict
 from tuner.stopping import expected_gain_left, settled
 from tuner.surrogate import RockMeanGP, SurrogateSettings
 
-RUNNER = "fake_missions:fake_mission"
-
-
-def settings(**changes: object) -> CampaignSettings:
-    fields: dict[str, object] = {
-        "name": "test", "space": synthetic.SPACE, "rocks": ("a", "b"), "budget": 9, "seed": 1, "sampler": "gp",
-        "initial": 4, "runner": RUNNER,
-    }  # fmt: skip
-    return CampaignSettings(**{**fields, **changes})  # type: ignore[arg-type]
-
-
-def run(directory: Path, **changes: object) -> Campaign:
-    campaign = Campaign.create(directory, settings(**changes))
-    campaign.run(InProcessExecutor())
-    return campaign
+settings = functools.partial(fake_campaigns.settings, initial=4)
+run = functools.partial(fake_campaigns.run, initial=4)
 
 
 # -- risk ----------------------------------------------------------------------------------------------------

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import functools
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import fake_campaigns
 import numpy as np
 import pytest
 import synthetic
@@ -15,7 +17,7 @@ import synthetic
 import tuner.peers as peers
 from nbv.config import MissionConfig
 from nbv.errors import UserError
-from tuner.campaign import Campaign, CampaignSettings
+from tuner.campaign import Campaign
 from tuner.executors import InProcessExecutor
 from tuner.history import Observation, Pending
 from tuner.peers import PEER_NAMES, PeerSampler, available_peers, make_peer_sampler
@@ -122,12 +124,9 @@ def test_a_missing_interpreter_is_a_users_mistake() -> None:
         sampler.ask(synthetic.random_design(6, 0.05, 0), [])
 
 
-def campaign_settings(**changes: Any) -> CampaignSettings:
-    fields: dict[str, Any] = {
-        "name": "peer", "space": load_search_space("gate"), "rocks": ("a", "b"), "budget": 9, "initial": 4,
-        "sampler": "ax", "runner": "fake_missions:fake_mission",
-    }  # fmt: skip
-    return CampaignSettings(**{**fields, **changes})
+campaign_settings = functools.partial(
+    fake_campaigns.settings, name="peer", space=load_search_space("gate"), seed=0, initial=4, sampler="ax"
+)
 
 
 @pytest.mark.parametrize("name", PEER_NAMES)

@@ -79,7 +79,9 @@ def test_later_missions_fly_around_the_rock_that_the_first_one_read(tmp_path: Pa
         return next(o for _ in range(120) for o in executor.wait_any(1.0))
 
     def rock_sha256(number: int) -> str:
-        sha256: str = json.loads((tmp_path / str(number) / "mission.json").read_text())["provenance"]["rock_sha256"]
+        sha256: str = json.loads((tmp_path / str(number) / "mission.json").read_text())["provenance"][
+            "rock_sha256"
+        ]
         return sha256
 
     with LocalProcessExecutor(1) as executor:

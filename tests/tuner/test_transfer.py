@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import shutil
 from pathlib import Path
 
+import fake_campaigns
 import numpy as np
 import pytest
 import synthetic
+from fake_campaigns import RUNNER
 
 from nbv.errors import UserError
-from tuner.campaign import Campaign, CampaignSettings
+from tuner.campaign import Campaign
+from tuner.campaign_settings import CampaignSettings
 from tuner.cli import app
-from tuner.executors import InProcessExecutor
 from tuner.history import Observation
 from tuner.objective import Objective
 from tuner.report import write_campaign_report
@@ -21,19 +24,11 @@ from tuner.samplers import GPSampler, SamplerSettings
 from tuner.search_space import SearchSpace
 from tuner.transfer import learn_from
 
-RUNNER = "fake_missions:fake_mission"
 FRACTION, D95 = synthetic.SPACE.parameters
 ONE_PARAMETER = dataclasses.replace(synthetic.SPACE, name="one", parameters=(FRACTION,))
 
 
-def run(directory: Path, **changes: object) -> Campaign:
-    fields: dict[str, object] = {
-        "name": "test", "space": synthetic.SPACE, "rocks": ("a", "b"), "budget": 24, "seed": 1, "sampler": "gp",
-        "runner": RUNNER,
-    }  # fmt: skip
-    campaign = Campaign.create(directory, CampaignSettings(**{**fields, **changes}))  # type: ignore[arg-type]
-    campaign.run(InProcessExecutor())
-    return campaign
+run = functools.partial(fake_campaigns.run, budget=24)
 
 
 @pytest.fixture(scope="module")

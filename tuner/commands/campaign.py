@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
     from rich.progress import Progress
 
-    from tuner.campaign import Campaign, CampaignEvent, CampaignSettings
+    from tuner.campaign import Campaign
+    from tuner.campaign_events import CampaignEvent
+    from tuner.campaign_settings import CampaignSettings
     from tuner.recommendation import Recommendation
 
 app = typer.Typer(no_args_is_help=True)
@@ -127,7 +129,8 @@ def run(
     resume_if_present: Annotated[bool, typer.Option(help="Go on if the directory holds it already.")] = False,
 ) -> None:
     """Run a campaign: the paper's defaults, an initial design, then a GP proposes; one mission per trial."""
-    from tuner.campaign import FIDELITIES, SETTINGS_FILE, Campaign, CampaignSettings
+    from tuner.campaign import Campaign
+    from tuner.campaign_settings import FIDELITIES, SETTINGS_FILE, CampaignSettings
     from tuner.gp_options import GPOptions
     from tuner.objective import Objective
     from tuner.search_space import load_search_space

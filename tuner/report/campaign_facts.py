@@ -11,7 +11,10 @@ from typing import Any
 import numpy as np
 
 from nbv.types import Floats
-from tuner.campaign import MAX_CONSECUTIVE_FAILURES, Campaign, CampaignSettings, CampaignStatus
+from tuner.campaign import Campaign
+from tuner.campaign_events import CampaignStatus
+from tuner.campaign_session import MAX_CONSECUTIVE_FAILURES
+from tuner.campaign_settings import CampaignSettings
 from tuner.history import Observation
 from tuner.ledger import TrialRecord
 from tuner.recommendation import Recommendation

@@ -13,7 +13,8 @@ import yaml
 
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
-from tuner.campaign import SETTINGS_FILE, Campaign
+from tuner.campaign import Campaign
+from tuner.campaign_settings import SETTINGS_FILE
 from tuner.missions import DEFAULT_RUNNER, RESULT_FILE
 from tuner.recommendation import Recommendation
 from tuner.report.campaign_facts import CampaignFacts, verdict

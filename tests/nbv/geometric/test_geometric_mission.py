@@ -183,7 +183,8 @@ def test_the_whole_cloud_includes_far_ground(config):
 
 
 def test_it_runs_in_a_campaign(tmp_path):
-    from tuner.campaign import Campaign, CampaignSettings
+    from tuner.campaign import Campaign
+    from tuner.campaign_settings import CampaignSettings
     from tuner.executors import InProcessExecutor
     from tuner.search_space import load_search_space
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import html
 import re
 import shlex
@@ -12,13 +13,15 @@ from pathlib import Path
 import pytest
 import yaml
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # fake_missions
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # fake_campaigns
 
+import fake_campaigns
 from made_evaluations import made_run
 
 from nbv.config import preset
 from nbv.errors import UserError
-from tuner.campaign import FIDELITIES, Campaign, CampaignSettings
+from tuner.campaign import Campaign
+from tuner.campaign_settings import FIDELITIES, CampaignSettings
 from tuner.cli import app
 from tuner.executors import InProcessExecutor
 from tuner.gp_options import GPOptions
@@ -40,14 +43,9 @@ MIXED = {
 }
 
 
-def flown(directory: Path, **changes: object) -> Campaign:
-    fields: dict[str, object] = {
-        "name": "tiny", "space": load_search_space("gate"), "rocks": ("a", "b"), "budget": 6, "seed": 1,
-        "sampler": "sobol", "runner": "fake_missions:fake_mission",
-    }  # fmt: skip
-    campaign = Campaign.create(directory, CampaignSettings(**{**fields, **changes}))  # type: ignore[arg-type]
-    campaign.run(InProcessExecutor())
-    return campaign
+flown = functools.partial(
+    fake_campaigns.run, name="tiny", space=load_search_space("gate"), budget=6, sampler="sobol"
+)
 
 
 def text_of(page: Path) -> str:

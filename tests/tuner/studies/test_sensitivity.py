@@ -11,7 +11,8 @@ from fake_study import fake_study_mission
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
-from tuner.campaign import Campaign, CampaignSettings
+from tuner.campaign import Campaign
+from tuner.campaign_settings import CampaignSettings
 from tuner.executors import InProcessExecutor
 from tuner.history import Observation
 from tuner.objective import Objective

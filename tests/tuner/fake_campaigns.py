@@ -1,0 +1,29 @@
+"""Campaigns of fake missions: settings that each test changes where it cares, and a flight to the end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import synthetic
+
+from tuner.campaign import Campaign
+from tuner.campaign_settings import CampaignSettings
+from tuner.executors import InProcessExecutor
+
+RUNNER = "fake_missions:fake_mission"
+
+
+def settings(**changes: object) -> CampaignSettings:
+    """Two rocks, two parameters, nine missions of sampler gp, and ``changes``."""
+    fields: dict[str, object] = {
+        "name": "test", "space": synthetic.SPACE, "rocks": ("a", "b"), "budget": 9, "seed": 1, "sampler": "gp",
+        "runner": RUNNER,
+    }  # fmt: skip
+    return CampaignSettings(**{**fields, **changes})  # type: ignore[arg-type]
+
+
+def run(directory: Path, **changes: object) -> Campaign:
+    """A finished campaign of ``settings(**changes)``."""
+    campaign = Campaign.create(directory, settings(**changes))
+    campaign.run(InProcessExecutor())
+    return campaign
