@@ -29,7 +29,8 @@ from tuner.objective import Objective
 from tuner.recommendation import Recommendation
 from tuner.report import write_campaign_report
 from tuner.report.campaign_facts import CampaignFacts, verdict
-from tuner.report.campaign_report import campaign_headline, recommended_yaml, reproduce_command
+from tuner.report.campaign_provenance import reproduce_command
+from tuner.report.campaign_report import campaign_headline, recommended_yaml
 from tuner.search_space import load_search_space, space_from_dict
 
 MIXED = {

@@ -1,0 +1,118 @@
+"""Where a campaign's numbers come from, and the command that makes them again."""
+
+from __future__ import annotations
+
+import json
+import shlex
+
+from nbv.errors import UserError
+from nbv.provenance import git_revision, versions
+from tuner.campaign import Campaign
+from tuner.missions import DEFAULT_RUNNER, RESULT_FILE
+from tuner.report.campaign_facts import CampaignFacts
+
+
+def provenance_rows(facts: CampaignFacts) -> tuple[list[tuple[str, str]], str]:
+    """Rows for the page, and the revision that flew the missions (several are all listed)."""
+    trees = []
+    for t in facts.trials:
+        path = facts.campaign.directory / t.directory / RESULT_FILE
+        try:
+            tree = json.loads(path.read_text()).get("provenance") or {}
+        except (OSError, ValueError, AttributeError):
+            continue
+        if tree:
+            trees.append(tree)
+    revisions = sorted({str(tree.get("revision", "unknown")) for tree in trees})
+    software = trees[-1].get("versions", {}) if trees else versions()
+    machines = sorted({str(tree["machine"]) for tree in trees if "machine" in tree})
+    backends = sorted({str(tree["backend"]) for tree in trees if "backend" in tree})
+    hashes = {
+        facts.rock_names.get(t.rock, t.rock): str(tree["rock_sha256"])[:12]
+        for t, tree in zip([t for t in facts.trials if t.state != "running"], trees)
+        if "rock_sha256" in tree
+    } if len(trees) == facts.status.finished else {}  # fmt: skip
+    times = [t.started for t in facts.trials if t.started], [t.finished for t in facts.trials if t.finished]
+    rows = [
+        ("flown between", f"{min(times[0]):%Y-%m-%d %H:%M} and {max(times[1]):%Y-%m-%d %H:%M}" if all(times) else "–"),
+        ("revision of the missions", ", ".join(revisions) or "not recorded"),
+        ("revision of this page", git_revision()),
+        ("versions", ", ".join(f"{name} {number}" for name, number in software.items())),
+        ("machine", ", ".join(machines) or "not recorded"),
+        ("renderer", ", ".join(backends) or "not recorded"),
+        ("mission preset", facts.settings.preset),
+        ("base configuration", facts.settings.base_config().digest()),
+        ("sampler and seed", f"{facts.settings.sampler}, {facts.settings.seed}"),
+    ]  # fmt: skip
+    if hashes:
+        rows.append(
+            ("rocks (SHA-256)", ", ".join(f"{name} {digest}…" for name, digest in sorted(hashes.items())))
+        )
+    return rows, ", ".join(revisions) or git_revision()
+
+
+def reproduce_command(campaign: Campaign) -> str:
+    """The command line that runs the same campaign again."""
+    s = campaign.settings
+    words = ["gatetune", "campaign", "run", "--name", s.name, "--space", _space_argument(campaign)]
+    for rock in s.rocks:
+        words += ["--rock", rock]
+    words += ["--replicates", str(s.replicates), "--budget", str(s.budget), "--seed", str(s.seed)]
+    words += ["--preset", s.preset, "--metric", s.objective.metric, "--sampler", s.sampler]
+    if s.objective.direction == "minimise":
+        words.append("--minimise")
+    for path, value in s.overrides.items():
+        words += ["--set", f"{path}={json.dumps(value)}"]
+    for directory in s.learn_from:
+        words += ["--learn-from", directory]
+    return " ".join(shlex.quote(word) for word in [*words, *_optional_words(campaign)])
+
+
+def _optional_words(campaign: Campaign) -> list[str]:
+    """What of the settings is not a campaign's default."""
+    s, gp, words = campaign.settings, campaign.settings.gp, []
+    with_values = {
+        "--keep": s.keep if s.keep != "summary" else None, "--in-step": s.in_step,
+        "--confirm": s.confirmation or None, "--low-fidelity": s.low_fidelity,
+        "--fidelity": s.fidelity if s.runner != DEFAULT_RUNNER else None,
+        "--risk": gp.risk if gp.risk != "mean" else None, "--prior": gp.prior_strength or None,
+        "--second-metric": s.second.metric if s.second is not None else None,
+    }  # fmt: skip
+    for option, value in with_values.items():
+        if value is not None:
+            words += [option, str(value)]
+    flags = {
+        "--sparse": gp.sparse is True, "--no-sparse": gp.sparse is False, "--fully-bayesian": gp.fully_bayesian,
+        "--stop-when-settled": s.stop_when_settled,
+        "--second-minimise": s.second is not None and s.second.direction == "minimise",
+    }  # fmt: skip
+    return [*words, *(option for option, wanted in flags.items() if wanted)]
+
+
+def _space_argument(campaign: Campaign) -> str:
+    from tuner.search_space import load_search_space
+
+    space = campaign.settings.space
+    try:
+        if load_search_space(space.name).to_dict() == space.to_dict():
+            return space.name
+    except UserError:
+        pass
+    return f"{space.name}.yaml"
+
+
+def command_note(campaign: Campaign) -> str:
+    """What the reader of `reproduce_command` must know besides."""
+    s, notes = campaign.settings, []
+    if _space_argument(campaign).endswith(".yaml"):
+        notes.append(
+            f"Save the section “search_space” of the settings below as {_space_argument(campaign)} first."
+        )
+    if s.fidelity is None:
+        notes.append(f"Missions were flown by {s.runner}, which the command line cannot name.")
+    if s.in_step is None:
+        notes.append(
+            "With one worker the sequence of proposals repeats exactly; with more it depends on which mission ends "
+            "first, unless the campaign is run --in-step."
+        )
+    return " ".join(notes)

@@ -1,0 +1,140 @@
+"""The campaign page's tables, row by row, as text."""
+
+from __future__ import annotations
+
+import collections
+import math
+from typing import Any
+
+from tuner.ledger import TrialRecord
+from tuner.recommendation import Recommendation
+from tuner.report.campaign_facts import CampaignFacts
+from tuner.report.labels import format_number, parameter_label, parameter_value
+from tuner.report.pages import duration
+from tuner.search_space import Parameter
+
+
+def key_figures(facts: CampaignFacts) -> list[tuple[str, str]]:
+    """The figures at the head of the page, each with what it is."""
+    st = facts.status
+    return [
+        (f"{st.finished} of {st.budget}", "missions finished"),
+        (str(st.failed), "of them failed"),
+        (duration(st.mission_wall_s), "computing, summed over missions"),
+        (duration(st.flight_time_s), "simulated flight"),
+        (_distance(st.path_length_m), "flown"),
+        (f"{st.images:.0f}", _photographs(facts)),
+    ]
+
+
+def parameter_row(facts: CampaignFacts, p: Parameter) -> dict[str, str]:
+    """One parameter: its default, what is recommended, the range searched."""
+    label = parameter_label(p.path)
+    unit = f" {label.unit}" if label.unit else ""
+    best = facts.recommendation
+    span = (
+        ", ".join(map(str, p.choices))
+        if p.kind == "categorical"
+        else f"{p.low:g} to {p.high:g}{unit}{', log' if p.scale == 'log' else ''}"
+    )
+    return {
+        "path": p.path,
+        "label": label.name,
+        "short": label.short,
+        "default": parameter_value(facts.default[p.path]) + unit,
+        "recommended": parameter_value(best.values[p.path]) + unit if best else "–",
+        "range": span,
+    }
+
+
+def rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
+    """Rock by rock: missions, failures, what the recommendation and the default had there."""
+    rows = []
+    done = [t for t in facts.trials if t.state != "running"]
+    for row in best.per_rock:
+        own = [t for t in done if t.rock == row.rock]
+        default = [t.raw for t in own if t.values == best.default_values and t.raw is not None]
+        rows.append(
+            [
+                facts.rock_names[row.rock], str(len(own)), str(sum(t.raw is None for t in own)), str(row.missions),
+                format_number(row.predicted, facts.digits), format_number(row.observed, facts.digits), str(len(default)),
+                format_number(sum(default) / len(default) if default else None, facts.digits),
+            ]
+        )  # fmt: skip
+    return rows
+
+
+def finalist_rows(facts: CampaignFacts, best: Recommendation) -> list[dict[str, Any]]:
+    """The confirmation stage's paired gains over the default, recommended first, then by gain."""
+    gains = sorted(
+        best.confirmation,
+        key=lambda g: (g.values != best.values, -math.inf if g.gain is None else -g.gain),
+    )
+    rows = []
+    for g in gains:
+        low, high = g.gain_interval_95 or (None, None)
+        rows.append(
+            {
+                "recommended": g.values == best.values,
+                "values": inline_values(g.values),
+                "missions": str(g.missions),
+                "pairs": str(g.pairs),
+                "gain": format_number(g.gain, facts.digits, signed=True),
+                "interval": "–"
+                if low is None or high is None
+                else f"{format_number(low, facts.digits, signed=True)} to {format_number(high, facts.digits, signed=True)}",
+            }
+        )
+    return rows
+
+
+def cost_rows(facts: CampaignFacts) -> list[list[str]]:
+    """What was spent: in all, and per mission."""
+    st = facts.status
+    done = max(1, st.finished)
+    return [
+        ["missions", f"{st.finished} ({st.complete} successful, {st.failed} failed)", ""],
+        ["compute time", duration(st.mission_wall_s), duration(st.mission_wall_s / done)],
+        ["simulated flight time", duration(st.flight_time_s), duration(st.flight_time_s / done)],
+        ["distance flown", _distance(st.path_length_m), _distance(st.path_length_m / done)],
+        [_photographs(facts), f"{st.images:.0f}", f"{st.images / done:.1f}"],
+    ]
+
+
+def failure_rows(facts: CampaignFacts) -> list[list[str]]:
+    """Failed missions by reason, the commonest first: how many, on which rocks, the last one's message."""
+    groups: dict[str, list[TrialRecord]] = collections.defaultdict(list)
+    for t in facts.trials:
+        if t.state == "failed":
+            groups[t.reason or "unknown"].append(t)
+    return [
+        [reason, str(len(group)), ", ".join(sorted({facts.rock_names.get(t.rock, t.rock) for t in group})), group[-1].message]
+        for reason, group in sorted(groups.items(), key=lambda item: -len(item[1]))
+    ]  # fmt: skip
+
+
+def trial_row(facts: CampaignFacts, t: TrialRecord) -> list[str]:
+    """One mission: where it flew, what it measured, its configuration."""
+    outcome = {"running": "in flight", "complete": t.status or "ok", "failed": f"failed: {t.reason}"}[t.state]
+    return [
+        str(t.number + 1), str(t.why.get("phase", "")), facts.rock_names.get(t.rock, t.rock), str(t.replicate),
+        format_number(t.raw, facts.digits), outcome,
+        *(parameter_value(t.values[path]) for path in facts.settings.space.paths),
+    ]  # fmt: skip
+
+
+def inline_values(values: dict[str, Any]) -> str:
+    """A configuration in one line."""
+    labels = {path: parameter_label(path) for path in values}
+    return ", ".join(
+        f"{labels[path].name} = {f'{parameter_value(value)} {labels[path].unit}'.strip()}"
+        for path, value in values.items()
+    )
+
+
+def _photographs(facts: CampaignFacts) -> str:
+    return "captures, no photographs" if facts.settings.fidelity == "geometric" else "photographs"
+
+
+def _distance(metres: float) -> str:
+    return f"{metres:.0f} m" if metres < 2000 else f"{metres / 1000:.1f} km"
