@@ -29,11 +29,12 @@ from tuner.earlier_missions import EarlierMissions
 from tuner.gp_options import GPOptions
 from tuner.history import Observation, Proposal
 from tuner.initial_design import initial_design_size
-from tuner.objective import RockStandardiser
+from tuner.objective import Objective, RockStandardiser
 from tuner.peers import available_peers
 from tuner.samplers import GPSampler, Sampler, SamplerSettings, make_sampler, surrogate_settings
 from tuner.screening import screen
 from tuner.search_space import Values
+from tuner.shipped import shipped_missions
 from tuner.slots import next_slot
 from tuner.surrogate import RockMeanGP, SurrogateSettings, moments
 
@@ -183,17 +184,24 @@ def earlier_campaign(problem: Any, seed: int) -> EarlierMissions:
     return screen(problem.space, rocks, problem.default, fly, seed, trusted_default=problem.trusted_default)
 
 
+def shipped_campaign(problem: Any, seed: int) -> EarlierMissions:
+    """What comes with the program, the same for every seed."""
+    return shipped_missions(problem.space, Objective())
+
+
 class SecondCampaign(OneRock):
     """Our sampler where there was a campaign on other rocks before (``--learn-from``), which costs nothing here."""
 
-    def __init__(self, problem: Problem, seed: int) -> None:
-        self.earlier = earlier_campaign(problem, seed)  # of the recommendation, too
-        super().__init__(GPSampler(settings_of(problem, seed, ours=True, earlier=self.earlier)))
+    def __init__(self, problem: Problem, seed: int, earlier: EarlierMissions) -> None:
+        self.earlier = earlier  # of the recommendation, too
+        super().__init__(GPSampler(settings_of(problem, seed, ours=True, earlier=earlier)))
 
 
-def peer_second_campaign(name: str) -> Factory:
-    """A peer that is told the same."""
-    return lambda problem, seed: OurDesign(problem, seed, name, earlier_campaign(problem, seed))
+def second_campaign(name: str, before: Callable[[Any, int], EarlierMissions]) -> Factory:
+    """Ours, or a peer that is told the same."""
+    if name == "gp":
+        return lambda problem, seed: SecondCampaign(problem, seed, before(problem, seed))
+    return lambda problem, seed: OurDesign(problem, seed, name, before(problem, seed))
 
 
 class RockByVariance(OneRock):
@@ -362,10 +370,10 @@ STRATEGIES: dict[str, Factory] = {
     **{f"{name}/all": all_rocks(name) for name in (*PEERS, "gp")},
     "tpe/pruned": PrunedTPE,
     "gp+screen": Screened,
-    "gp+earlier": SecondCampaign,
     **{
-        f"{name}+earlier": peer_second_campaign(name)
-        for name in PEERS
+        f"{name}+{suffix}": second_campaign(name, before)
+        for suffix, before in (("earlier", earlier_campaign), ("shipped", shipped_campaign))
+        for name in ("gp", *PEERS)
         if name not in ("sobol", "random", "cmaes")
     },
     "gp+trusting": lambda problem, seed: OneRock(
@@ -395,7 +403,11 @@ STRATEGIES: dict[str, Factory] = {
 
 
 _MANY_ROCKS = ("gp+deviations", "gp+variance", "gp+pooled", "gp+trusting")
-_TRUSTED_DEFAULT = ("gp+sobol", "optuna-gp+near", *(name for name in STRATEGIES if name.endswith("+earlier")))
+_TRUSTED_DEFAULT = (
+    "gp+sobol",
+    "optuna-gp+near",
+    *(name for name in STRATEGIES if name.endswith(("+earlier", "+shipped"))),
+)
 
 
 def applicable(name: str, problem: str) -> bool:

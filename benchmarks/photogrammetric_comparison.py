@@ -3,8 +3,8 @@
     OMP_NUM_THREADS=1 python benchmarks/photogrammetric_comparison.py --seeds 3 --sampler gp optuna-gp gp+screen:16
 
 ``gp+screen`` screens with geometric missions first (``--low-fidelity geometric``), ``gp@geometric`` flies nothing but
-geometric missions until it is judged, ``gp+earlier`` learns from the campaign in ``--earlier`` (``--learn-from``); ``:16`` is
-another budget than ``--budget``.
+geometric missions until it is judged, ``gp+shipped`` learns from what comes with the program (``--learn-from shipped``),
+``gp+earlier`` from the campaign in ``--earlier``; ``:16`` is another budget than ``--budget``.
 Every (sampler, seed) is a campaign of its own in ``--out``, begun at the paper's values, recommended by the same rule
 (the product's: best posterior mean among what was flown). The recommendations then fly on the same training rocks
 with replicates that no campaign has seen; a seed's value is the mean over them. Held-out rocks are not used. Finished
@@ -33,6 +33,7 @@ from tuner.executors import LocalProcessExecutor
 from tuner.missions import DEFAULT_RUNNER
 from tuner.objective import Objective
 from tuner.search_space import load_search_space
+from tuner.shipped import SHIPPED
 from tuner.studies.fidelity import runner_of
 
 REPLICATES = 2  # of a campaign; the judges begin after them
@@ -53,7 +54,7 @@ def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str
             directory.name, space, rocks, budget, REPLICATES, seed, sampler=name,
             runner=runner_of(fidelity or "photogrammetric", FIDELITIES),
             low_fidelity="geometric" if before == "screen" else None,
-            learn_from=(arguments.earlier.format(seed=seed),) if before == "earlier" else ()))  # fmt: skip
+            learn_from={"earlier": (arguments.earlier.format(seed=seed),), "shipped": (SHIPPED,)}.get(before, ())))  # fmt: skip
     if found.status().finished < budget:
         with LocalProcessExecutor(arguments.workers, preload=(DEFAULT_RUNNER.partition(":")[0],)) as executor:
             found.run(executor)

@@ -7,6 +7,7 @@ is decided by the missions of the campaign itself.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from tuner.earlier_missions import MIN_OBSERVATIONS, EarlierMissions
 from tuner.history import Observation
 from tuner.objective import Objective
 from tuner.search_space import SearchSpace, Values, value_at
+from tuner.shipped import SHIPPED, shipped_missions
 
 if TYPE_CHECKING:
     from tuner.campaign import Campaign
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 def learn_from(
     directories: Sequence[str], space: SearchSpace, base: MissionConfig, objective: Objective
 ) -> EarlierMissions:
-    """The missions of the campaigns in ``directories`` that are configurations of ``space``.
+    """The missions of the campaigns in ``directories`` (or ``shipped``) that are configurations of ``space``.
 
     A mission counts where its tuned values lie in ``space``, what ``space`` does not tune is as in ``base``, and the
     objective's metric was measured. A parameter that ``space`` tunes and the earlier campaign did not has the value that
@@ -34,31 +36,41 @@ def learn_from(
     Raises
     ------
     UserError
-        No campaign in a directory, too few such missions in it, or a directory named twice.
+        No campaign in a directory, too few such missions in it, a directory named twice, or nothing shipped.
     """
-    from tuner.campaign import Campaign
-
-    places = [Path(directory).resolve() for directory in directories]
+    places = [SHIPPED if d == SHIPPED else str(Path(d).resolve()) for d in directories]
     for directory, place in zip(directories, places):
         if places.count(place) > 1:
             raise UserError(f"{directory} is named twice to learn from; name each campaign once")
     found: list[Observation] = []
     rocks: list[str] = []
     for number, directory in enumerate(directories, start=1):
-        campaign = Campaign.open(Path(directory), read_only=True)
+        if directory == SHIPPED:
+            one = shipped_missions(space, objective)
+        else:
+            one = _missions_of(directory, space, base, objective)
         # Two campaigns may have flown one rock with different fidelities or presets: each has offsets of its own.
-        names = {rock: f"{rock} ({number})" if rock in rocks else rock for rock in campaign.settings.rocks}
-        own = _observations(campaign, space, base, objective, names)
-        measured = sum(o.feasible for o in own)
-        if measured < MIN_OBSERVATIONS:
-            raise UserError(
-                f"{directory}: {measured} of its {len(campaign.trials())} missions are configurations of search space "
-                f"{space.name!r} with {objective.metric} measured; to learn from it takes {MIN_OBSERVATIONS}. Name "
-                "another campaign, or search the space it searched"
-            )
-        found += own
+        names = {rock: f"{rock} ({number})" if rock in rocks else rock for rock in one.rocks}
+        found += [dataclasses.replace(o, rock=names[o.rock]) for o in one.observations]
         rocks += names.values()
     return EarlierMissions(space, tuple(rocks), tuple(found))
+
+
+def _missions_of(
+    directory: str, space: SearchSpace, base: MissionConfig, objective: Objective
+) -> EarlierMissions:
+    from tuner.campaign import Campaign
+
+    campaign = Campaign.open(Path(directory), read_only=True)
+    own = _observations(campaign, space, base, objective)
+    measured = sum(o.feasible for o in own)
+    if measured < MIN_OBSERVATIONS:
+        raise UserError(
+            f"{directory}: {measured} of its {len(campaign.trials())} missions are configurations of search space "
+            f"{space.name!r} with {objective.metric} measured; to learn from it takes {MIN_OBSERVATIONS}. Name "
+            "another campaign, or search the space it searched"
+        )
+    return EarlierMissions(space, campaign.settings.rocks, tuple(own))
 
 
 def _observations(
@@ -66,7 +78,6 @@ def _observations(
     space: SearchSpace,
     base: MissionConfig,
     objective: Objective,
-    names: Mapping[str, str],
 ) -> list[Observation]:
     held = campaign.settings.base_config()
     found = []
@@ -76,7 +87,7 @@ def _observations(
             continue
         raw = trial.measured(objective)
         outcome = None if raw is None else objective.sign * raw
-        found.append(Observation(trial.number, values, names[trial.rock], trial.replicate, outcome, raw))
+        found.append(Observation(trial.number, values, trial.rock, trial.replicate, outcome, raw))
     return found
 
 

@@ -106,7 +106,9 @@ def run(
     learn_from: Annotated[
         list[str] | None,
         typer.Option(
-            "--learn-from", help="Run directory of an earlier campaign, of other rocks say; repeatable."
+            "--learn-from",
+            help="Run directory of an earlier campaign, of other rocks say; repeatable. shipped: the missions that come "
+            "with this program (default where it has some: space full, sampler gp); nothing: begin without.",
         ),
     ] = None,
     stop_when_settled: Annotated[
@@ -134,6 +136,7 @@ def run(
     from tuner.gp_options import GPOptions
     from tuner.objective import Objective
     from tuner.search_space import load_search_space
+    from tuner.shipped import sources_by_default
     from tuner.studies.fidelity import runner_of
 
     if keep not in ("summary", "all"):
@@ -153,11 +156,15 @@ def run(
         rocks = rocks or QUICK_ROCKS
     direction = {"direction": "minimise" if minimise else "maximise"}
     objective: Any = Objective(metric, **direction) if metric else Objective(**direction)  # type: ignore[arg-type]
+    second = (
+        Objective(second_metric, "minimise" if second_minimise else "maximise") if second_metric else None
+    )
     chosen = rock_arguments(rocks or training_rocks())
     refuse_held_out(chosen)
+    searched = load_search_space(space)
     settings = CampaignSettings(
         name=name,
-        space=load_search_space(space),
+        space=searched,
         rocks=tuple(chosen),
         budget=budget,
         replicates=replicates,
@@ -171,11 +178,9 @@ def run(
         storage=storage,
         confirmation=confirm,
         gp=GPOptions(risk, prior, sparse, fully_bayesian),  # type: ignore[arg-type]
-        second=Objective(second_metric, "minimise" if second_minimise else "maximise")
-        if second_metric
-        else None,
+        second=second,
         low_fidelity=low_fidelity,
-        learn_from=tuple(learn_from or ()),
+        learn_from=_sources(learn_from, sources_by_default(searched, objective, sampler, second)),
         stop_when_settled=stop_when_settled,
         in_step=in_step,
     )
@@ -274,10 +279,26 @@ def _short(value: Any) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
+def _sources(given: list[str] | None, by_default: tuple[str, ...]) -> tuple[str, ...]:
+    """What ``--learn-from`` means."""
+    from tuner.shipped import NOTHING
+
+    if given is None:
+        return by_default
+    if NOTHING in given:
+        if len(given) > 1:
+            raise UserError(
+                f"--learn-from {NOTHING} stands beside another --learn-from; leave one of them out"
+            )
+        return ()
+    return tuple(given)
+
+
 def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
     """Run or resume, with live progress, and end in the report."""
     from tuner.executors import LocalProcessExecutor
     from tuner.report import write_campaign_report
+    from tuner.shipped import SHIPPED
 
     if workers is not None and workers < 1:
         raise UserError(f"--workers is {workers}; give at least 1")
@@ -291,6 +312,11 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
     if campaign.learned is not None:
         output.print(
             f"learned from {len(campaign.learned.observations)} earlier missions on {', '.join(campaign.learned.rocks)}"
+            + (
+                " that come with this program (--learn-from nothing begins without)"
+                if SHIPPED in settings.learn_from
+                else ""
+            )
         )
     with LocalProcessExecutor(count, timeout_s=timeout_s) as executor, progress_bar() as bar:
         summary = campaign.run(executor, CampaignProgress(bar, settings))

@@ -4,26 +4,21 @@ from __future__ import annotations
 
 import json
 import shlex
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
 from tuner.campaign import Campaign
 from tuner.missions import DEFAULT_RUNNER, RESULT_FILE
 from tuner.report.campaign_facts import CampaignFacts
+from tuner.shipped import NOTHING, sources_by_default
 
 
 def provenance_rows(facts: CampaignFacts) -> tuple[list[tuple[str, str]], str]:
     """Rows for the page, and the revision that flew the missions (several are all listed)."""
-    trees = []
-    for t in facts.trials:
-        path = facts.campaign.directory / t.directory / RESULT_FILE
-        try:
-            tree = json.loads(path.read_text()).get("provenance") or {}
-        except (OSError, ValueError, AttributeError):
-            continue
-        if tree:
-            trees.append(tree)
-    revisions = sorted({str(tree.get("revision", "unknown")) for tree in trees})
+    trees = _provenance_of_missions(facts.campaign)
+    revisions = _revisions(trees)
     software = trees[-1].get("versions", {}) if trees else versions()
     machines = sorted({str(tree["machine"]) for tree in trees if "machine" in tree})
     backends = sorted({str(tree["backend"]) for tree in trees if "backend" in tree})
@@ -51,6 +46,29 @@ def provenance_rows(facts: CampaignFacts) -> tuple[list[tuple[str, str]], str]:
     return rows, ", ".join(revisions) or git_revision()
 
 
+def flown_by(campaign: Campaign) -> list[str]:
+    """The revisions of this program that flew the campaign's missions."""
+    return _revisions(_provenance_of_missions(campaign))
+
+
+def _provenance_of_missions(campaign: Campaign) -> list[dict[str, Any]]:
+    """What each mission that ended recorded of itself, where it did."""
+    trees = []
+    for t in campaign.trials():
+        path = campaign.directory / t.directory / RESULT_FILE
+        try:
+            tree = json.loads(path.read_text()).get("provenance") or {}
+        except (OSError, ValueError, AttributeError):
+            continue
+        if tree:
+            trees.append(tree)
+    return trees
+
+
+def _revisions(trees: Sequence[Mapping[str, Any]]) -> list[str]:
+    return sorted({str(tree.get("revision", "unknown")) for tree in trees})
+
+
 def reproduce_command(campaign: Campaign) -> str:
     """The command line that runs the same campaign again."""
     s = campaign.settings
@@ -63,8 +81,9 @@ def reproduce_command(campaign: Campaign) -> str:
         words.append("--minimise")
     for path, value in s.overrides.items():
         words += ["--set", f"{path}={json.dumps(value)}"]
-    for directory in s.learn_from:
-        words += ["--learn-from", directory]
+    if s.learn_from != sources_by_default(s.space, s.objective, s.sampler, s.second):
+        for source in s.learn_from or (NOTHING,):
+            words += ["--learn-from", source]
     return " ".join(shlex.quote(word) for word in [*words, *_optional_words(campaign)])
 
 

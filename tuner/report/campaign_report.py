@@ -35,6 +35,7 @@ from tuner.report.campaign_rows import (
 from tuner.report.front import front_context
 from tuner.report.labels import decimals_for, format_number, parameter_label, parameter_value, with_unit
 from tuner.report.pages import write_page
+from tuner.shipped import SHIPPED
 from tuner.studies.fidelity import GEOMETRIC_NOTE
 
 if TYPE_CHECKING:
@@ -163,7 +164,8 @@ def _earlier_text(facts: CampaignFacts) -> str:
     what = (
         f"missions of the low fidelity ({facts.settings.low_fidelity})"
         if campaign.screening is not None
-        else f"missions of earlier campaigns ({', '.join(facts.settings.learn_from)}; on {', '.join(Path(r).stem for r in earlier.rocks)})"
+        else f"missions of earlier campaigns ({', '.join(_source(s) for s in facts.settings.learn_from)}; on "
+        f"{', '.join(Path(r).stem for r in earlier.rocks)})"
     )
     share = (
         "What they say of a configuration is part of the model, as far as the missions here bear it out."
@@ -171,6 +173,10 @@ def _earlier_text(facts: CampaignFacts) -> str:
         else "The missions here do not bear out what they say of a configuration, so it is no part of the model."
     )
     return f" Before it {len(earlier.observations)} {what} were flown; the best of them lead the initial design. {share}"
+
+
+def _source(name: str) -> str:
+    return "shipped with this program, geometric" if name == SHIPPED else name
 
 
 def _verification_text(facts: CampaignFacts, best: Recommendation) -> str:

@@ -32,6 +32,7 @@ from tuner.report.campaign_facts import CampaignFacts, verdict
 from tuner.report.campaign_provenance import reproduce_command
 from tuner.report.campaign_report import campaign_headline, recommended_yaml
 from tuner.search_space import load_search_space, space_from_dict
+from tuner.shipped import SHIPPED
 
 MIXED = {
     "name": "mixed",
@@ -96,6 +97,8 @@ class _Made(Exception):
         {"sampler": "gp", "gp": GPOptions(risk="worst", sparse=False), "low_fidelity": "geometric"},
         {"sampler": "gp", "gp": GPOptions(fully_bayesian=True), "stop_when_settled": True},
         {"runner": FIDELITIES["geometric"]},
+        {"space": load_search_space("full"), "sampler": "gp"},
+        {"space": load_search_space("full"), "sampler": "gp", "learn_from": (SHIPPED,)},
         {"sampler": "gp", "second": Objective("costs.flight_time_s", "minimise"),
          "overrides": {"gate.kind": "hyb-o", "b_aware.target_track_length": 5}},
     ],

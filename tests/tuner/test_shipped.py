@@ -1,0 +1,87 @@
+"""Missions that come with the program: of the rocks and the space they should be of, and still what a mission gives."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+
+from nbv.errors import UserError
+from nbv.geometric import run_geometric_mission
+from nbv.rocks.recipes import RECIPES
+from tuner.campaign_settings import CampaignSettings
+from tuner.objective import Objective
+from tuner.search_space import load_search_space
+from tuner.shipped import DIRECTORY, SHIPPED, shipped_missions, sources_by_default
+
+FULL = load_search_space("full")
+Gatetune = Callable[..., tuple[int, str, str]]
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in DIRECTORY.glob("*.json")))
+def test_they_fit_their_space_and_are_of_procedural_training_rocks(name: str) -> None:
+    earlier = shipped_missions(load_search_space(name), Objective())
+    assert earlier.usable and len(earlier.observations) >= 90
+    assert {RECIPES[rock].split for rock in earlier.rocks} == {"train"}
+    tree = json.loads((DIRECTORY / f"{name}.json").read_text())
+    assert "--fidelity geometric" in tree["flown_by"] and "--learn-from nothing" in tree["flown_by"]
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in DIRECTORY.glob("*.json")))
+def test_a_mission_of_today_gives_what_is_recorded(name: str) -> None:
+    """Fails when missions have changed: then fly the campaign again (benchmarks/ship_missions.py)."""
+    space = load_search_space(name)
+    earlier, config = shipped_missions(space, Objective()), CampaignSettings("x", space, ("x",), 1).config
+    on_one_rock = [o for o in earlier.observations if o.rock == "cavern" and o.raw is not None]
+    best = max(on_one_rock, key=lambda o: o.raw or 0.0)
+    for each in (on_one_rock[0], best):
+        flown = run_geometric_mission(config(each.values), each.rock, each.replicate)
+        assert Objective().measure(flown.metrics) == pytest.approx(each.raw, abs=0.05)
+
+
+def test_learning_from_them_needs_their_space_and_metric() -> None:
+    settings = CampaignSettings("x", FULL, ("waist",), 12, learn_from=(SHIPPED,))
+    learned = settings.learned()
+    assert learned is not None and set(learned.rocks) == {"slab", "vesicular", "breccia", "cavern"}
+    assert settings.initial_size() == 4  # a third of the budget
+    other = dataclasses.replace(FULL, parameters=FULL.parameters[:-1])
+    for space, objective in (
+        (load_search_space("gate"), Objective()), (other, Objective()), (FULL, Objective("observable.f_score_16mm")),
+        (FULL, Objective(direction="minimise")),
+    ):  # fmt: skip
+        assert sources_by_default(space, objective, "gp", None) == ()
+        with pytest.raises(
+            UserError, match=f"for search space '{space.name}'.* leave `--learn-from shipped` out"
+        ):
+            shipped_missions(space, objective)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ((), [SHIPPED]),
+        (("--learn-from", "nothing"), []),
+        (("--sampler", "tpe"), []),
+        (("--metric", "observable.completeness_48mm"), []),
+        (("--second-metric", "costs.flight_time_s", "--second-minimise"), []),
+    ],
+)
+def test_a_campaign_in_their_space_learns_from_them_unless_told_otherwise(
+    gatetune: Gatetune, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], expected: list[str]
+) -> None:
+    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_: None)
+    code, _, err = gatetune(
+        "campaign", "run", "--space", "full", "--rock", "waist", "--name", "x", *arguments
+    )
+    assert code == 0, err
+    assert yaml.safe_load(Path("runs/x/campaign.yaml").read_text())["settings"]["learn_from"] == expected
+
+
+def test_nothing_and_something_at_once_is_refused(gatetune: Gatetune) -> None:
+    code, _, err = gatetune("campaign", "run", "--space", "full", "--rock", "waist", "--learn-from", "nothing",
+                            "--learn-from", "runs/x")  # fmt: skip
+    assert code == 2 and "--learn-from nothing stands beside another" in err
