@@ -20,7 +20,7 @@ from nbv.errors import UserError
 from nbv.rocks.recipes import RECIPES
 from tuner.campaign import Campaign
 from tuner.report.campaign_provenance import flown_by, reproduce_command
-from tuner.shipped import DIRECTORY
+from tuner.shipped import DIRECTORY, NOTHING
 
 
 def main() -> None:
@@ -40,13 +40,18 @@ def main() -> None:
         parser.error(f"{wrong[0]!r} is not a procedural training rock")
     if campaign.status().remaining:
         parser.error(f"{arguments.run} is not finished")
+    if s.learn_from:
+        parser.error(f"{arguments.run} learned from other campaigns; fly it with --learn-from {NOTHING}")
+    command = reproduce_command(campaign)
+    if NOTHING not in command:  # not a default yet where nothing comes with the program for this space
+        command += f" --learn-from {NOTHING}"
     tree = {
         "search_space": s.space.name,
         "metric": s.objective.metric,
         "direction": s.objective.direction,
         "preset": s.preset,
         "runner": s.runner,
-        "flown_by": reproduce_command(campaign),
+        "flown_by": command,
         "revisions": flown_by(campaign),
         "rocks": list(s.rocks),
         "paths": list(s.space.paths),

@@ -108,7 +108,7 @@ def run(
         typer.Option(
             "--learn-from",
             help="Run directory of an earlier campaign, of other rocks say; repeatable. shipped: the missions that come "
-            "with this program (default where it has some: space full, sampler gp); nothing: begin without.",
+            "with this program for a space (default where there are some and the sampler is gp); nothing: begin without.",
         ),
     ] = None,
     stop_when_settled: Annotated[
