@@ -42,16 +42,13 @@ def main() -> None:
         parser.error(f"{arguments.run} is not finished")
     if s.learn_from:
         parser.error(f"{arguments.run} learned from other campaigns; fly it with --learn-from {NOTHING}")
-    command = reproduce_command(campaign)
-    if NOTHING not in command:  # not a default yet where nothing comes with the program for this space
-        command += f" --learn-from {NOTHING}"
     tree = {
         "search_space": s.space.name,
         "metric": s.objective.metric,
         "direction": s.objective.direction,
         "preset": s.preset,
         "runner": s.runner,
-        "flown_by": command,
+        "flown_by": reproduce_command(campaign),
         "revisions": flown_by(campaign),
         "rocks": list(s.rocks),
         "paths": list(s.space.paths),

@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import Any
 
 MAX_HELD_BYTES = 256 * 2**20  # eight to ten rocks of the catalogue
-MAX_FILE_BYTES = (
-    100 * 2**20
-)  # importing a larger mesh takes more memory than there may be beside the missions
+# Importing a larger mesh takes more memory than there may be beside the missions.
+MAX_FILE_BYTES = 100 * 2**20
 
 
 class SharedRocks:

@@ -12,7 +12,7 @@ from nbv.provenance import git_revision, versions
 from tuner.campaign import Campaign
 from tuner.missions import DEFAULT_RUNNER, RESULT_FILE
 from tuner.report.campaign_facts import CampaignFacts
-from tuner.shipped import NOTHING, sources_by_default
+from tuner.shipped import NOTHING
 
 
 def provenance_rows(facts: CampaignFacts) -> tuple[list[tuple[str, str]], str]:
@@ -81,9 +81,9 @@ def reproduce_command(campaign: Campaign) -> str:
         words.append("--minimise")
     for path, value in s.overrides.items():
         words += ["--set", f"{path}={json.dumps(value)}"]
-    if s.learn_from != sources_by_default(s.space, s.objective, s.sampler, s.second):
-        for source in s.learn_from or (NOTHING,):
-            words += ["--learn-from", source]
+    # Always said: what a campaign learns from unless told otherwise may change with what comes with the program.
+    for source in s.learn_from or (NOTHING,):
+        words += ["--learn-from", source]
     return " ".join(shlex.quote(word) for word in [*words, *_optional_words(campaign)])
 
 
