@@ -41,8 +41,9 @@ def shipped_missions(space: SearchSpace, objective: Objective) -> EarlierMission
     if tree is None:
         spaces = ", ".join(sorted(path.stem for path in DIRECTORY.glob("*.json")))
         raise UserError(
-            f"no missions come with this program for search space {space.name!r} and {objective.metric}, "
-            f"{objective.direction}d (there are for {spaces}, with the default metric); leave `--learn-from {SHIPPED}` out"
+            f"no missions come with this program for search space {space.name!r} as given here and "
+            f"{objective.metric}, {objective.direction}d (there are for {spaces} as it comes with the program, with the "
+            f"default metric); leave `--learn-from {SHIPPED}` out"
         )
     observations = tuple(
         Observation(number, dict(zip(tree["paths"], values)), tree["rocks"][rock], replicate,

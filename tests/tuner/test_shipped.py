@@ -49,7 +49,10 @@ def test_learning_from_them_needs_their_space_and_metric() -> None:
     assert learned is not None and set(learned.rocks) == {"slab", "vesicular", "breccia", "cavern"}
     assert settings.initial_size() == 4  # a third of the budget
     other = dataclasses.replace(FULL, parameters=FULL.parameters[:-1])
+    narrow = dataclasses.replace(FULL.parameters[0], high=0.9)
+    narrower = dataclasses.replace(FULL, parameters=(narrow, *FULL.parameters[1:]))
     for space, objective in (
+        (narrower, Objective()),
         (load_search_space("gate"), Objective()), (other, Objective()), (FULL, Objective("observable.f_score_16mm")),
         (FULL, Objective(direction="minimise")),
     ):  # fmt: skip
