@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from nbv.types import Floats
-from tuner.forward_check import widening
+from tuner.forward_check import half_widths_95
 
 DRAWS = 10_000
 MIN_SEEDS = 3  # fewer common seeds get no interval
@@ -109,8 +109,8 @@ def rows(table: Table, ours: str) -> list[str]:
         calibration = ""
         if name.startswith("gp") and len(z):
             left_out = np.mean([r.left_out for r in runs.values() if r.left_out is not None])
-            wide = np.concatenate([r.z / widening(r.z)[:-1] for r in runs.values()])
-            shares = [np.mean(np.abs(z) <= 1.96), np.mean(np.abs(wide) <= 1.96), left_out]
+            inside = np.concatenate([np.abs(r.z) <= half_widths_95(r.z)[:-1] for r in runs.values()])
+            shares = [np.mean(np.abs(z) <= 1.96), np.mean(inside), left_out]
             calibration = " / ".join(f"{100 * share:.0f}" for share in shares)
         asks = np.concatenate([r.ask_s for r in runs.values()])
         worst = min(r.truths[-1] for r in runs.values())

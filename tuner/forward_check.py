@@ -2,8 +2,10 @@
 
 Leaving one out is kind to a model: its neighbours stay. A search goes where the model hopes for something that it has
 not seen, and there its intervals are too narrow wherever the landscape is rougher than where it came from. No prior
-mends that for every landscape; the missions themselves tell. The intervals of the next mission are widened by the
-root mean square of the standardised residuals so far, those of ``PRIOR_COUNT`` well predicted ones included.
+mends that for every landscape; the missions themselves tell. The next standardised residual is taken for normal with a
+variance that nobody knows, whose prior is a scaled inverse chi-square one worth ``PRIOR_COUNT`` residuals of mean square
+1. Given n residuals, its prediction is Student's t with ``PRIOR_COUNT`` + n degrees of freedom, its scale the root mean
+square of those and the prior's (Gelman et al., Bayesian Data Analysis, 3rd ed., sections 2.6 and 3.2).
 """
 
 from __future__ import annotations
@@ -12,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import t as student_t
 
 from nbv.types import Floats
 from tuner.earlier_missions import EarlierMissions
@@ -30,6 +33,16 @@ def widening(z: Floats) -> Floats:
     return factors
 
 
+def half_widths_95(z: Floats) -> Floats:
+    """(n + 1,) half-widths of 95 % predictive intervals, in standard deviations of the model.
+
+    Before each of (n,) standardised residuals, by those before it, and after the last.
+    """
+    factors = widening(z)
+    widths: Floats = student_t.ppf(0.975, PRIOR_COUNT + np.arange(len(factors))) * factors
+    return widths
+
+
 @dataclass(frozen=True)
 class AheadCheck:
     """Missions as predicted by the surrogate of all missions before them."""
@@ -44,12 +57,17 @@ class AheadCheck:
     @property
     def coverage_95_widened(self) -> float:
         """The same after widening by what was known before each mission."""
-        return float(np.mean(np.abs(self.z) <= NORMAL_95 * widening(self.z)[:-1]))
+        return float(np.mean(np.abs(self.z) <= half_widths_95(self.z)[:-1]))
 
     @property
     def factor(self) -> float:
         """By which the standard deviations of predictions for the next missions are to be multiplied."""
         return float(widening(self.z)[-1])
+
+    @property
+    def half_width_95(self) -> float:
+        """Of the 95 % interval of the next mission, in the model's standard deviations."""
+        return float(half_widths_95(self.z)[-1])
 
     def to_dict(self) -> dict[str, float]:
         """The figures for a report."""
@@ -58,6 +76,7 @@ class AheadCheck:
             "coverage_95": self.coverage_95,
             "coverage_95_widened": self.coverage_95_widened,
             "factor": self.factor,
+            "half_width_95": self.half_width_95,
         }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import synthetic
 
-from tuner.forward_check import MOST, check_ahead, widening
+from tuner.forward_check import MOST, check_ahead, half_widths_95, widening
 
 
 def test_widening_follows_the_surprises_and_looks_only_back() -> None:
@@ -17,6 +17,27 @@ def test_widening_follows_the_surprises_and_looks_only_back() -> None:
     factors = widening(wild)
     assert factors[0] == 1 and 2.7 < factors[-1] < 3 and np.all(np.diff(factors) > 0)
     assert widening(np.array([1.0, 1.0, 9.0]))[:3] == pytest.approx(np.ones(3))
+
+
+@pytest.mark.parametrize("scale", [0.7, 1.0, 2.5])
+def test_intervals_hold_95_percent_whatever_the_models_standard_deviations_are_worth(scale: float) -> None:
+    z = scale * np.random.default_rng(0).standard_normal((2000, 40))
+    inside = np.array([np.abs(row) <= half_widths_95(row)[:-1] for row in z])
+    assert inside[:, 20:].mean() == pytest.approx(0.95, abs=0.02)
+
+
+def test_intervals_are_the_posterior_predictive_of_an_unknown_variance() -> None:
+    """Drawn from the prior itself, exactly 95 % of every residual are inside, early or late."""
+    rng = np.random.default_rng(1)
+    sd = np.sqrt(5 / rng.chisquare(5, 8000))
+    z = sd[:, None] * rng.standard_normal((8000, 12))
+    inside = np.array([np.abs(row) <= half_widths_95(row)[:-1] for row in z])
+    assert inside.mean(0) == pytest.approx(np.full(12, 0.95), abs=0.01)
+    normal = np.array([np.abs(row) <= 1.96 * widening(row)[:-1] for row in z])
+    assert normal.mean(0)[0] < 0.92
+    assert half_widths_95(z[0])[:1] == pytest.approx(
+        [2.571], abs=1e-3
+    )  # Student's t, five degrees of freedom
 
 
 def test_widened_intervals_hold_what_a_changing_landscape_does() -> None:
