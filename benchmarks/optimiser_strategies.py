@@ -349,7 +349,11 @@ def all_rocks(name: str) -> Factory:
 
 
 def gp_variant(
-    *, search: SearchSettings | None = None, initial: int | None = None, **options: Any
+    *,
+    search: SearchSettings | None = None,
+    initial: int | None = None,
+    average: bool = True,
+    **options: Any,
 ) -> Factory:
     """Our sampler with other settings of its surrogate, of its search or of its initial design; the rest as in ``gp``."""
 
@@ -358,7 +362,7 @@ def gp_variant(
         settings = settings_of(problem, seed, ours=True)
         if initial is not None:
             settings = dataclasses.replace(settings, initial=initial)
-        return OneRock(GPSampler(settings, model=model, search=search), model)
+        return OneRock(GPSampler(settings, model=model, search=search, average=average), model)
 
     return make
 
@@ -381,6 +385,7 @@ STRATEGIES: dict[str, Factory] = {
     ),
     "gp+sobol": lambda problem, seed: OneRock(GPSampler(settings_of(problem, seed))),  # its design before
     "optuna-gp+near": lambda problem, seed: OurDesign(problem, seed, "optuna-gp"),
+    "gp+likeliest": gp_variant(average=False),  # all proposals by the most likely hyperparameters
     "gp+short": gp_variant(initial=8),
     "gp+sampled": gp_variant(search=SearchSettings(closed_form=False)),
     "gp+old-priors": gp_variant(

@@ -91,6 +91,7 @@ def surrogate_settings(options: GPOptions, space: SearchSpace) -> SurrogateSetti
 
 
 FULLY_BAYESIAN_MEMBERS = 16  # draws of the hyperparameters
+AVERAGED_MEMBERS = 8  # the same, where only every second proposal averages over them
 
 
 def derived_seed(seed: int, number: int) -> int:
@@ -143,8 +144,10 @@ class GPSampler:
     """Default configuration, initial design, then log noisy expected improvement on the rock-mean GP.
 
     The design is a Sobol sequence; unless parameters are many every second point stays near a trusted default. Where
-    missions were flown before the campaign, the best of them take places of it. Near the end of the budget the favourite
-    is flown on slots it has not seen, where that is worth more (``tuner.verification``).
+    missions were flown before the campaign, the best of them take places of it. Proposals are by two models in turn: the
+    most likely hyperparameters, whose length scales are short, climb where the search stands; an average over what
+    hyperparameters may be looks further afield. Near the end of the budget the favourite is flown on slots it has not
+    seen, where that is worth more (``tuner.verification``).
     """
 
     settings: SamplerSettings
@@ -152,6 +155,7 @@ class GPSampler:
     model: SurrogateSettings | None = None  # of the surrogate; None: by the settings' options
     search: SearchSettings | None = None  # of the acquisition's maximum; None: the defaults
     verify: bool = True
+    average: bool = True  # every second proposal is by a model averaged over its hyperparameters
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
         """The maximiser of the acquisition, or the next point of the initial design."""
@@ -171,9 +175,16 @@ class GPSampler:
             models = two_models(s.space, feasible, s.rocks, seed, self.model or s.surrogate())
             values, figures = propose_for_front(models, flying, seed)
             return Proposal(values, {"sampler": self.name, "phase": "front", **figures})
-        model = RockMeanGP(s.space, feasible, s.rocks, seed, self.model or s.surrogate(), s.earlier)
+        own = self.model or s.surrogate()
+        model = RockMeanGP(s.space, feasible, s.rocks, seed, own, s.earlier)
+        proposing = model
+        if number % 2 == 0 and self._averages(own):
+            averaged = dataclasses.replace(own, members=AVERAGED_MEMBERS)
+            proposing = RockMeanGP(s.space, feasible, s.rocks, seed, averaged, s.earlier)
         prior = Prior(s.default, s.options.prior_strength)
-        values, figures = propose(model, flying, seed, s.options.risk, prior, self.search)
+        values, figures = propose(proposing, flying, seed, s.options.risk, prior, self.search)
+        if proposing is not model:
+            figures["averaged_over"] = AVERAGED_MEMBERS
         if s.measure_gain:
             from tuner.stopping import comparison_noise, expected_gain_left
 
@@ -187,6 +198,11 @@ class GPSampler:
             if again is not None:
                 return dataclasses.replace(again, why={**figures, **again.why})
         return Proposal(values, {"sampler": self.name, "phase": "model", **figures})
+
+    def _averages(self, model: SurrogateSettings) -> bool:
+        """Whether proposals by ``model`` and by its average over hyperparameters take turns."""
+        few = self.settings.space.dimension < MANY_PARAMETERS
+        return self.average and few and not model.members and not model.deviations
 
     def _design(self, number: int) -> Proposal:
         s, rank = self.settings, number // 2 - 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import json
 import math
@@ -335,6 +336,21 @@ def test_default_sampler_is_untouched_by_options() -> None:
     history = synthetic.random_design(8, 0.05, 0)
     plain = GPSampler(synthetic.sampler_settings(0, 4)).ask(history, [])
     assert plain.why["phase"] == "model" and "gain_left" not in plain.why
+
+
+def test_every_second_proposal_averages_over_hyperparameters() -> None:
+    """And is another one than by the most likely ones; nothing takes turns where everything, or nothing, is averaged."""
+    for missions in (8, 9):
+        history = synthetic.random_design(missions, 0.05, 0)
+        settings_ = synthetic.sampler_settings(0, 4)
+        turns, likeliest = (GPSampler(settings_, average=a).ask(history, []) for a in (True, False))
+        averaged = missions % 2 == 0
+        assert ("averaged_over" in turns.why) == averaged
+        assert (turns.values == likeliest.values) == (not averaged)
+    history = synthetic.random_design(8, 0.05, 0)
+    for options in (GPOptions(fully_bayesian=True), GPOptions(risk="worst")):
+        plain = GPSampler(dataclasses.replace(synthetic.sampler_settings(0, 4), options=options))
+        assert "averaged_over" not in plain.ask(history, []).why
 
 
 def test_status_lists_the_front_with_numbers_in_full(gatetune, tmp_path: Path) -> None:
