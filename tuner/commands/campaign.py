@@ -90,7 +90,7 @@ def run(
         bool,
         typer.Option(
             "--fully-bayesian",
-            help="Average over the model's hyperparameters, drawn by Monte Carlo; with --sparse: SAAS.",
+            help="Average every proposal over the model's hyperparameters, drawn by Monte Carlo (default: every second one, below 13 parameters); with --sparse: SAAS.",
         ),
     ] = False,
     fidelity: Annotated[
