@@ -177,10 +177,8 @@ class GPSampler:
             return Proposal(values, {"sampler": self.name, "phase": "front", **figures})
         own = self.model or s.surrogate()
         model = RockMeanGP(s.space, feasible, s.rocks, seed, own, s.earlier)
-        proposing = model
-        if number % 2 == 0 and self._averages(own):
-            averaged = dataclasses.replace(own, members=AVERAGED_MEMBERS)
-            proposing = RockMeanGP(s.space, feasible, s.rocks, seed, averaged, s.earlier)
+        in_turn = number % 2 == 0 and self._averages(own)
+        proposing = model.averaged(AVERAGED_MEMBERS, seed) if in_turn else model
         prior = Prior(s.default, s.options.prior_strength)
         values, figures = propose(proposing, flying, seed, s.options.risk, prior, self.search)
         if proposing is not model:

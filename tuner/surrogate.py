@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import collections
 import contextlib
+import copy
 import dataclasses
 import math
 import warnings
@@ -259,51 +260,85 @@ class RockMeanGP:
         self._index = {name: float(i) for i, name in enumerate(names)}
         self._slot_index = {slot: float(i) for i, slot in enumerate(dict.fromkeys(flown))}
         columns = np.array([(self._index[rock], self._slot_index[rock, k]) for rock, k in flown])
+        self._columns = columns
         with numerics(seed):
-            self.model, self.fit = self._build(columns, seed)
+            self._kernel_options, self._hyperparameters, self._likeliest = self._fit(seed)
+            members = self.settings.members if self._fits else 0
+            self.model = self._assemble(self._draws(members, seed), members)
 
-    def _build(self, columns: Floats, seed: int) -> tuple[SingleTaskGP, Fit]:
-        d = self.space.dimension
-        categorical = self.space.categorical_dimensions
-        ordered = [i for i in range(d) if i not in categorical]
-        x, y = tensor(np.column_stack([self.unit, columns])), tensor(self.targets[:, None])
-        s = self.settings
-        options: Any = {"slots": self.models_slots, "deviations": s.deviations, "trend": s.trend}
-        iterations = FIT_MAX_ITERATIONS if len(y) >= MIN_OBSERVATIONS_TO_FIT else 0
+    @property
+    def _fits(self) -> bool:
+        """Whether there are missions enough to look for hyperparameters; before, all stay at their priors' modes."""
+        return len(self.targets) >= MIN_OBSERVATIONS_TO_FIT
+
+    def averaged(self, members: int, seed: int) -> RockMeanGP:
+        """The same model averaged over ``members`` draws of its hyperparameters; itself where nothing is fitted yet."""
+        if not self._fits:
+            return self
+        other = copy.copy(self)
+        other.settings = dataclasses.replace(self.settings, members=members)
+        with numerics(seed):
+            other.model = other._assemble(other._draws(members, seed), members)
+        return other
+
+    def _inputs_flown(self) -> torch.Tensor:
+        """(n, d + 2) model inputs of the missions."""
+        return tensor(np.column_stack([self.unit, self._columns]))
+
+    def _ordered(self) -> list[int]:
+        """Columns of the ordered parameters."""
+        return [i for i in range(self.space.dimension) if i not in self.space.categorical_dimensions]
+
+    def _kernel(self, options: Mapping[str, Any], members: int = 0) -> MissionKernel:
+        categorical, d = self.space.categorical_dimensions, self.space.dimension
+        return MissionKernel(self._ordered(), categorical, d, **options, members=members)
+
+    def _fit(self, seed: int) -> tuple[dict[str, Any], Hyperparameters, Fit]:
+        """The kernel's options, the density of its hyperparameters, and the most likely ones."""
+        x, s = self._inputs_flown().numpy(), self.settings
+        iterations = FIT_MAX_ITERATIONS if self._fits else 0
         candidates = []
         for feature in (None,) if self.earlier is None else (None, self.earlier.feature):
-            kernel = MissionKernel(ordered, categorical, d, **options, feature=feature)
+            options = {
+                "slots": self.models_slots, "deviations": s.deviations, "trend": s.trend, "feature": feature,
+            }  # fmt: skip
             fits = []
-            for tau in SPARSE_TAUS if self.settings.sparse else (None,):
-                belief = Hyperparameters(kernel, x.numpy(), y[:, 0].numpy(), self._priors(len(ordered), tau))
-                found = belief.fit(starts=self.settings.starts, seed=seed, iterations=iterations)
+            for tau in SPARSE_TAUS if s.sparse else (None,):
+                priors = self._priors(len(self._ordered()), tau)
+                belief = Hyperparameters(self._kernel(options), x, self.targets, priors)
+                found = belief.fit(starts=s.starts, seed=seed, iterations=iterations)
                 fits.append((found.log_posterior, found, belief))
             _, fit, belief = max(fits, key=lambda f: f[0])
             # One more parameter has to earn its place (Schwarz's criterion).
-            penalty = 0.5 * math.log(len(y)) if feature is not None else 0.0
-            candidates.append((fit.log_evidence - penalty, kernel, fit, belief))
-        _, kernel, fit, belief = max(candidates, key=lambda c: c[0])
-        options["feature"] = kernel.feature
-        chosen, members = [fit], self.settings.members
-        if members and iterations:
-            chosen = belief.sample(fit, members, seed)
-            kernel = MissionKernel(ordered, categorical, d, **options, members=members)
+            penalty = 0.5 * math.log(len(self.targets)) if feature is not None else 0.0
+            candidates.append((fit.log_evidence - penalty, options, fit, belief))
+        _, options, fit, belief = max(candidates, key=lambda c: c[0])
+        return options, belief, fit
+
+    def _draws(self, members: int, seed: int) -> list[Fit]:
+        """``members`` draws of the hyperparameters, or the most likely ones."""
+        return self._hyperparameters.sample(self._likeliest, members, seed) if members else [self._likeliest]
+
+    def _assemble(self, chosen: Sequence[Fit], members: int) -> SingleTaskGP:
+        """The Gaussian process with ``chosen`` hyperparameters: an ensemble where there are ``members``."""
+        kernel = self._kernel(self._kernel_options, members)
         set_parameters(kernel, chosen)
-        kind = EnsembleGP if len(kernel.batch_shape) else SingleTaskGP
-        if len(kernel.batch_shape):
+        x, y = self._inputs_flown(), tensor(self.targets[:, None])
+        if members:
             x, y = x.repeat(members, 1, 1), y.repeat(members, 1, 1)
         likelihood = GaussianLikelihood(
             noise_constraint=GreaterThan(MIN_NOISE_VARIANCE / 2, transform=None),
             batch_shape=kernel.batch_shape,
         )
         # Standardised already; nothing may rescale the last columns either.
+        kind = EnsembleGP if members else SingleTaskGP
         model = kind(x, y, likelihood=likelihood, covar_module=kernel, outcome_transform=None)
         noise = torch.tensor([math.exp(f.log_noise_variance) for f in chosen], dtype=torch.float64)
         likelihood.noise = noise.reshape(likelihood.noise.shape)
         constant = model.mean_module.constant
         constant.data = torch.tensor([f.mean for f in chosen], dtype=torch.float64).reshape(constant.shape)
         model.eval()
-        return model.requires_grad_(False), fit
+        return model.requires_grad_(False)
 
     def _priors(self, ordered: int, tau: float | None) -> dict[str, Prior]:
         s = self.settings
