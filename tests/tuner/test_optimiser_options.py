@@ -353,6 +353,19 @@ def test_every_second_proposal_averages_over_hyperparameters() -> None:
         assert "averaged_over" not in plain.ask(history, []).why
 
 
+def test_the_average_starts_from_the_fit_and_is_the_model_with_members() -> None:
+    """The same as fitting anew with members; with too few missions to fit anything, the model itself."""
+    history = synthetic.random_design(12, 0.1, 0)
+    plain = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, 5)
+    anew = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, 5, SurrogateSettings(members=4))
+    values = [o.values for o in history]
+    averaged = plain.averaged(4, 5)
+    assert averaged.posterior(values).mean.tolist() == anew.posterior(values).mean.tolist()
+    assert averaged.posterior(values).mean.tolist() != plain.posterior(values).mean.tolist()
+    few = RockMeanGP(synthetic.SPACE, history[:3], synthetic.ROCKS, 5)
+    assert few.averaged(4, 5) is few
+
+
 def test_status_lists_the_front_with_numbers_in_full(gatetune, tmp_path: Path) -> None:
     campaign = run(tmp_path / "run", second=Objective("whole.completeness_48mm", "minimise"))
     code, out, _ = gatetune("campaign", "status", "run")
