@@ -26,13 +26,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import numpy as np  # noqa: E402
 
-from nbv.config import preset  # noqa: E402
+from nbv.config.mission_config import preset  # noqa: E402
 from nbv.errors import UserError  # noqa: E402
-from tuner.history import Observation, Proposal  # noqa: E402
-from tuner.peers import OWN_DESIGN, available_peers  # noqa: E402
-from tuner.samplers import SAMPLER_NAMES, Sampler, SamplerSettings, make_sampler  # noqa: E402
-from tuner.search_space import load_search_space  # noqa: E402
-from tuner.slots import next_slot  # noqa: E402
+from tuner.problem.blocks import next_slot  # noqa: E402
+from tuner.problem.observations import Observation, Proposal  # noqa: E402
+from tuner.problem.search_space import load_search_space  # noqa: E402
+from tuner.samplers.peers import OWN_DESIGN, available_peers  # noqa: E402
+from tuner.samplers.registry import SAMPLER_NAMES, Sampler, SamplerSettings, make_sampler  # noqa: E402
 
 SPACE = load_search_space("gate_and_weights")
 ROCKS = tuple(f"rock-{i}" for i in range(6))

@@ -10,8 +10,8 @@ import collections
 from pathlib import Path
 
 from nbv.viewpoints import raw_candidates
-from tuner.baselines import label
-from tuner.evaluation import EvaluationPlan
+from tuner.evaluation.baselines import label
+from tuner.evaluation.evaluation import EvaluationPlan
 from tuner.studies.decisions import load_traces
 from tuner.studies.paired_cells import markdown_table
 

@@ -17,12 +17,12 @@ from pathlib import Path
 
 import numpy as np
 
-from nbv.config import MissionConfig
+from nbv.config.mission_config import MissionConfig
 from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
 from nbv.dense.sgbm import SgbmBackend
 from nbv.evaluation import evaluate_cloud
-from nbv.frames import look_at
+from nbv.geometry.frames import look_at
 from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock, import_mesh, load_rock
 from nbv.scene import build_scene, make_renderer, photograph

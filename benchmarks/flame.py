@@ -33,10 +33,10 @@ Stack = tuple[str, ...]
 def sample(home: Path, rock: str, preset_name: str, sender) -> None:  # type: ignore[no-untyped-def]
     """Fly and send ``{stack: CPU seconds}``; runs in a process of its own."""
     import nbv.evaluation
-    import nbv.photogrammetric
+    import nbv.photogrammetric.reconstructor
     import nbv.scene  # noqa: F401
-    from nbv.config import preset
-    from nbv.mission import run_mission
+    from nbv.config.mission_config import preset
+    from nbv.mission.loop import run_mission
 
     seconds: Counter[Stack] = Counter()
     last = time.process_time()

@@ -15,21 +15,21 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from nbv.config import MissionConfig, preset
+from nbv.config.mission_config import MissionConfig, preset
 from nbv.errors import UserError
-from tuner.baselines import baseline
 from tuner.commands.campaign import refuse_held_out
 from tuner.commands.console import rock_arguments
-from tuner.evaluation import (
+from tuner.evaluation.baselines import baseline
+from tuner.evaluation.evaluation import (
     EvaluationPlan,
     EvaluationRecord,
     run_evaluation,
     strategy_difference,
     strategy_interval,
 )
-from tuner.executors import LocalProcessExecutor
-from tuner.missions import DEFAULT_RUNNER
-from tuner.paper_table import MetricRow
+from tuner.evaluation.paper_table import MetricRow
+from tuner.missions.executors import LocalProcessExecutor
+from tuner.missions.job import DEFAULT_RUNNER
 from tuner.studies.paired_cells import difference_text, markdown_table
 
 LOW = {"pool.max_altitude_m": 1.5}  # the 10 degree ring alone

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 from nbv.cache import home
-from nbv.config import MissionConfig
-from nbv.result import MissionResult
+from nbv.config.mission_config import MissionConfig
+from nbv.mission.result import MissionResult
 from nbv.threads import single_thread_environment
 
-# What nbv.cached_stages keeps of whole missions; the rest of the store is parts that missions share.
+# What nbv.photogrammetric.cached_stages keeps of whole missions; the rest of the store is parts that missions share.
 SEQUENCE_KINDS = ("sequence_models", "clouds", "evaluations")
 
 
@@ -84,9 +84,9 @@ def _fly(config, rock, replicate, directory, keep, sender) -> None:  # type: ign
     # Other processes may share the cores: let every stage timer of the mission read the CPU clock.
     time.perf_counter = time.process_time
     import nbv.evaluation
-    import nbv.photogrammetric
+    import nbv.photogrammetric.reconstructor
     import nbv.scene  # noqa: F401
-    from nbv.mission import run_mission
+    from nbv.mission.loop import run_mission
 
     marks: list[float] = []
 
@@ -110,7 +110,7 @@ def timed_mission(
     import dataclasses
     import resource
 
-    from nbv.mission import run_mission
+    from nbv.mission.loop import run_mission
 
     started = time.process_time()
     result = run_mission(config, rock, replicate)

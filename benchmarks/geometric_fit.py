@@ -23,17 +23,17 @@ import yaml
 
 import nbv.dense.reconstruct as dense_stage
 from nbv.cache import Store
-from nbv.cached_stages import CachedStudio
-from nbv.config import config_from_dict, preset
+from nbv.config.mission_config import config_from_dict, preset
 from nbv.dense.stereo import pixel_matrix
 from nbv.flight import arrival_position
 from nbv.geometric import load_world
 from nbv.geometric.completeness import pairwise_angles_deg, stereo_partners, witness_mask
-from nbv.photogrammetric import PhotogrammetricReconstructor
-from nbv.result import MissionResult
+from nbv.mission.result import MissionResult
+from nbv.photogrammetric.cached_stages import CachedStudio
+from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
+from nbv.photogrammetric.studio import Studio
 from nbv.rocks import load_rock
 from nbv.scene import build_scene, make_renderer
-from nbv.studio import Studio
 from nbv.threads import limit_threads
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 

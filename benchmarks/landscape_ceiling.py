@@ -27,8 +27,8 @@ import numpy as np  # noqa: E402
 from optimiser_problems import ROCKS, GeometricProblem, Memo, source_digest  # noqa: E402
 
 from nbv.types import Floats  # noqa: E402
-from tuner.initial_design import sobol_point  # noqa: E402
-from tuner.search_space import SearchSpace, Values  # noqa: E402
+from tuner.problem.search_space import SearchSpace, Values  # noqa: E402
+from tuner.samplers.design import sobol_point  # noqa: E402
 
 SEED = 20_000  # no run of the comparison has it
 SAME = 0.002  # points of F-score: one plateau

@@ -24,14 +24,20 @@ from pathlib import Path
 
 import numpy as np
 
-from nbv.config import MissionConfig, preset
-from nbv.result import MissionResult
+from nbv.config.mission_config import MissionConfig, preset
+from nbv.mission.result import MissionResult
 from nbv.rocks import load_rock
-from tuner.baselines import baseline_configs
-from tuner.evaluation import EvaluationPlan, EvaluationRecord, comparison_table, run_evaluation
-from tuner.executors import LocalProcessExecutor
-from tuner.gate_learning import GateDecisions, describe_tree, gate_decisions, learn_gate, without_rocks
+from tuner.evaluation.baselines import baseline_configs
+from tuner.evaluation.evaluation import EvaluationPlan, EvaluationRecord, comparison_table, run_evaluation
+from tuner.missions.executors import LocalProcessExecutor
 from tuner.report.comparison_tables import comparison_markdown
+from tuner.studies.gate_learning import (
+    GateDecisions,
+    describe_tree,
+    gate_decisions,
+    learn_gate,
+    without_rocks,
+)
 from tuner.studies.missions_as_data import FlownMission, find_missions
 
 STRATEGIES = ("covis", "b-aware", "hyb-h", "hyb-o", "learned")

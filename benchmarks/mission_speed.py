@@ -27,8 +27,8 @@ from typing import Any
 
 from fresh_process import Flown, fly_in_fresh_process, forget_sequences
 
-from nbv.config import MissionConfig, preset
-from nbv.result import MissionResult
+from nbv.config.mission_config import MissionConfig, preset
+from nbv.mission.result import MissionResult
 from nbv.threads import single_thread_environment
 
 
@@ -70,10 +70,10 @@ def spread_out(count: int) -> list[MissionConfig]:
 
 def fly_all(jobs: list[tuple[MissionConfig, str]], workers: int, folder: Path) -> dict[str, float]:
     """Seconds for all missions with so many workers; imports and the workers' start come before the clock."""
-    from tuner.executors import LocalProcessExecutor
-    from tuner.missions import MissionJob
+    from tuner.missions.executors import LocalProcessExecutor
+    from tuner.missions.job import MissionJob
 
-    executor = LocalProcessExecutor(workers, preload=("nbv.mission", "nbv.photogrammetric", "nbv.scene", "nbv.evaluation",
+    executor = LocalProcessExecutor(workers, preload=("nbv.mission.loop", "nbv.photogrammetric.reconstructor", "nbv.scene", "nbv.evaluation",
                                                       "fresh_process"))  # fmt: skip
     queue = [
         MissionJob(f"m{i:02d}", config, rock, 0, folder / f"m{i:02d}", runner="fresh_process:timed_mission")

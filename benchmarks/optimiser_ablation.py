@@ -29,18 +29,18 @@ sys.path[:0] = [str(Path(__file__).resolve().parent.parent / part) for part in (
 import synthetic  # noqa: E402
 
 from nbv.types import Floats  # noqa: E402
-from tuner.confirmation import (  # noqa: E402
+from tuner.problem.blocks import next_slot  # noqa: E402
+from tuner.problem.objective import Objective  # noqa: E402
+from tuner.problem.observations import Observation, Proposal  # noqa: E402
+from tuner.recommendation.confirmation import (  # noqa: E402
     choose_finalists,
     confirmation_missions,
     finalist_count,
     schedule,
 )
-from tuner.history import Observation, Proposal  # noqa: E402
-from tuner.objective import Objective  # noqa: E402
-from tuner.recommendation import recommend  # noqa: E402
-from tuner.samplers import GPSampler  # noqa: E402
-from tuner.slots import next_slot  # noqa: E402
-from tuner.surrogate import SurrogateSettings  # noqa: E402
+from tuner.recommendation.recommendation import recommend  # noqa: E402
+from tuner.samplers.registry import GPSampler  # noqa: E402
+from tuner.surrogate.model import SurrogateSettings  # noqa: E402
 
 REPLICATES = 2
 NOISE_SD = 0.15

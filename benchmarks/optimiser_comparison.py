@@ -38,13 +38,13 @@ sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve
 from optimiser_problems import ROCKS, Problem, make_problem  # noqa: E402
 from optimiser_strategies import STRATEGIES, applicable  # noqa: E402
 
-from tuner.gp_options import GPOptions  # noqa: E402
-from tuner.history import Observation, Proposal  # noqa: E402
-from tuner.samplers import surrogate_settings  # noqa: E402
-from tuner.search_space import Values  # noqa: E402
-from tuner.slots import next_slot  # noqa: E402
-from tuner.surrogate import RockMeanGP  # noqa: E402
-from tuner.verification import distinct_configurations, expected_shortfall, markdown  # noqa: E402
+from tuner.problem.blocks import next_slot  # noqa: E402
+from tuner.problem.observations import Observation, Proposal  # noqa: E402
+from tuner.problem.options import GPOptions  # noqa: E402
+from tuner.problem.search_space import Values  # noqa: E402
+from tuner.samplers.registry import surrogate_settings  # noqa: E402
+from tuner.samplers.verification import distinct_configurations, expected_shortfall, markdown  # noqa: E402
+from tuner.surrogate.model import RockMeanGP  # noqa: E402
 
 OUT = Path("runs/optimiser_comparison")
 # Shares of the budget at which a recommendation is made; ours more often, to see when it reaches a peer's last:

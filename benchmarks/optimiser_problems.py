@@ -33,7 +33,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from nbv.types import Floats
-from tuner.search_space import Parameter, SearchSpace, Values
+from tuner.problem.search_space import Parameter, SearchSpace, Values
 
 ROCK = "one"
 ROCKS = ("boulder", "waist", "cavern", "breccia")
@@ -290,8 +290,8 @@ class GeometricProblem:
     name: str = field(init=False)
 
     def __post_init__(self) -> None:
-        from nbv.config import preset
-        from tuner.search_space import load_search_space
+        from nbv.config.mission_config import preset
+        from tuner.problem.search_space import load_search_space
 
         self.space = load_search_space(self.space_name)
         self._base = self.space.base_config(preset("campaign"))

@@ -19,7 +19,7 @@ from typing import Any
 from optimiser_comparison import CHECKPOINTS, OUT, common_recommendation, complete, result_file
 from optimiser_problems import make_problem
 
-from tuner.history import Observation
+from tuner.problem.observations import Observation
 
 
 def rescore(path: Path, out: Path) -> str:

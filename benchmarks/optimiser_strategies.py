@@ -23,20 +23,20 @@ import numpy as np
 import torch
 from optimiser_problems import Problem
 
-from tuner.acquisition import SearchSettings
+from tuner.acquisition.propose import SearchSettings
+from tuner.campaign.screening import screen
+from tuner.campaign.shipped import shipped_missions
 from tuner.commands.campaign import training_rocks
-from tuner.earlier_missions import EarlierMissions
-from tuner.gp_options import GPOptions
-from tuner.history import Observation, Proposal
-from tuner.initial_design import initial_design_size
-from tuner.objective import Objective, RockStandardiser
-from tuner.peers import available_peers
-from tuner.samplers import GPSampler, Sampler, SamplerSettings, make_sampler, surrogate_settings
-from tuner.screening import screen
-from tuner.search_space import Values
-from tuner.shipped import shipped_missions
-from tuner.slots import next_slot
-from tuner.surrogate import RockMeanGP, SurrogateSettings, moments
+from tuner.problem.blocks import next_slot
+from tuner.problem.objective import Objective, RockStandardiser
+from tuner.problem.observations import Observation, Proposal
+from tuner.problem.options import GPOptions
+from tuner.problem.search_space import Values
+from tuner.samplers.design import initial_design_size
+from tuner.samplers.earlier_missions import EarlierMissions
+from tuner.samplers.peers import available_peers
+from tuner.samplers.registry import GPSampler, Sampler, SamplerSettings, make_sampler, surrogate_settings
+from tuner.surrogate.model import RockMeanGP, SurrogateSettings, moments
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from nbv.types import Floats
-from tuner.forward_check import half_widths_95
+from tuner.surrogate.forward_check import half_widths_95
 
 DRAWS = 10_000
 MIN_SEEDS = 3  # fewer common seeds get no interval

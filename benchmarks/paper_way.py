@@ -35,17 +35,17 @@ import numpy as np
 from fresh_process import Flown, fly_in_fresh_process, forget_sequences
 
 from nbv.cache import Store
-from nbv.cached_stages import CachedStudio
-from nbv.config import MissionConfig, preset
+from nbv.config.mission_config import MissionConfig, preset
 from nbv.dense.reconstruct import check_depths
 from nbv.errors import MissionFailure
 from nbv.evaluation import evaluate_cloud
 from nbv.flight import Flight
+from nbv.photogrammetric.cached_stages import CachedStudio
+from nbv.photogrammetric.studio import Studio
 from nbv.rocks import Rock, load_rock
 from nbv.scene import build_scene, make_renderer
 from nbv.sparse.alignment import align_cameras
 from nbv.sparse.model import camera_from_model_poses, camera_from_world_poses, registered_names
-from nbv.studio import Studio
 from nbv.threads import limit_threads
 from nbv.types import Capture, Floats
 from nbv.viewpoints import raw_candidates, seed_viewpoints

@@ -22,19 +22,19 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from nbv.config import MissionConfig
+from nbv.config.mission_config import MissionConfig
 from nbv.errors import UserError
-from tuner.campaign import Campaign
-from tuner.campaign_settings import FIDELITIES, SETTINGS_FILE, CampaignSettings
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.settings import FIDELITIES, SETTINGS_FILE, CampaignSettings
+from tuner.campaign.shipped import SHIPPED
 from tuner.commands.campaign import QUICK_ROCKS, refuse_held_out
 from tuner.commands.console import rock_arguments
-from tuner.evaluation import EvaluationPlan, run_evaluation, values_of
-from tuner.executors import LocalProcessExecutor
-from tuner.missions import DEFAULT_RUNNER
-from tuner.objective import Objective
-from tuner.search_space import load_search_space
-from tuner.shipped import SHIPPED
-from tuner.studies.fidelity import runner_of
+from tuner.evaluation.evaluation import EvaluationPlan, run_evaluation, values_of
+from tuner.missions.executors import LocalProcessExecutor
+from tuner.missions.fidelities import runner_of
+from tuner.missions.job import DEFAULT_RUNNER
+from tuner.problem.objective import Objective
+from tuner.problem.search_space import load_search_space
 
 REPLICATES = 2  # of a campaign; the judges begin after them
 

@@ -24,9 +24,9 @@ single_thread_environment()
 
 import numpy as np  # noqa: E402
 
-from nbv.config import CameraConfig, SceneConfig  # noqa: E402
+from nbv.config.mission_config import CameraConfig, SceneConfig  # noqa: E402
 from nbv.errors import UserError  # noqa: E402
-from nbv.frames import look_at  # noqa: E402
+from nbv.geometry.frames import look_at  # noqa: E402
 from nbv.rocks import load_rock  # noqa: E402
 from nbv.scene import BACKENDS, build_scene, make_renderer  # noqa: E402
 

@@ -1,4 +1,4 @@
-"""Make a finished campaign one of those that come with the program (``tuner/shipped.py``).
+"""Make a finished campaign one of those that come with the program (``tuner/campaign/shipped.py``).
 
     OMP_NUM_THREADS=1 gatetune campaign run --name shipped --space full --fidelity geometric --budget 96 --workers 1 \\
         --rock slab --rock vesicular --rock breccia --rock cavern --learn-from nothing
@@ -18,9 +18,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from nbv.errors import UserError
 from nbv.rocks.recipes import RECIPES
-from tuner.campaign import Campaign
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.shipped import DIRECTORY, NOTHING
 from tuner.report.campaign_provenance import flown_by, reproduce_command
-from tuner.shipped import DIRECTORY, NOTHING
 
 
 def main() -> None:

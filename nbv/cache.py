@@ -5,7 +5,7 @@ content. Entries are written to a temporary file and renamed, so a reader sees a
 two processes that fill the same entry leave one of two equal files. Every entry carries a checksum: a
 damaged one is noticed, removed and made anew by whoever needs it.
 
-Caching wraps the stages (``nbv.cached_stages``); no algorithm knows of this module.
+Caching wraps the stages (``nbv.photogrammetric.cached_stages``); no algorithm knows of this module.
 """
 
 from __future__ import annotations

@@ -16,9 +16,9 @@ from collections.abc import Mapping, Sequence
 import cv2
 import numpy as np
 
-from nbv.config import CameraConfig, DenseConfig
+from nbv.config.mission_config import CameraConfig, DenseConfig
 from nbv.dense.interface import Floats32, Image
-from nbv.frames import intrinsic_matrix
+from nbv.geometry.frames import intrinsic_matrix
 from nbv.types import Floats
 
 MERGE_RELATIVE_DEPTH = 0.01  # neighbours' depths within 1 % of each other are one surface

@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 import ruckig
 
-from nbv.config import FlightConfig
+from nbv.config.mission_config import FlightConfig
 from nbv.errors import MissionFailure
-from nbv.frames import wrap_angle
+from nbv.geometry.frames import wrap_angle
 from nbv.types import Floats
 
 SAMPLE_RATE_HZ = 5.0

@@ -7,9 +7,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from nbv.config import FlightConfig
+from nbv.config.mission_config import FlightConfig
 from nbv.flight.leg import Leg, Pose, fly_straight
-from nbv.frames import heading_to
+from nbv.geometry.frames import heading_to
 from nbv.types import Floats
 
 MARGIN_M = 0.05  # detours keep this much more than the keep-out asks for

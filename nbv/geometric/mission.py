@@ -11,19 +11,19 @@ from typing import Any, Literal
 import numpy as np
 
 from nbv.cache import Store
-from nbv.config import MissionConfig
+from nbv.config.mission_config import MissionConfig
 from nbv.errors import UserError
 from nbv.flight import Flight, arrival_position
-from nbv.frames import look_at
 from nbv.gates import make_gate, make_oracle, oracle_rewards
 from nbv.geometric.completeness import sample_probability
 from nbv.geometric.metrics import predicted_metrics
 from nbv.geometric.reconstructor import MODEL_VERSION, GeometricReconstructor, StandIn
 from nbv.geometric.world import WORLD_VERSION, GeometricWorld, load_world
-from nbv.mission import AdaptiveMission, Log, _silent, fly, mission_result
-from nbv.result import MissionResult
+from nbv.geometry.frames import look_at
+from nbv.mission.loop import AdaptiveMission, Log, _silent, fly, mission_result
+from nbv.mission.result import MissionResult
+from nbv.mission.run_directory import RunDirectory
 from nbv.rocks import Rock, load_rock
-from nbv.run_directory import RunDirectory
 from nbv.types import Capture, Floats, PointCloud, Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
@@ -43,7 +43,7 @@ def run_geometric_mission(
 ) -> MissionResult:
     """Fly one mission without images and predict its completeness.
 
-    It takes the same arguments and returns the same document as `nbv.mission.run_mission`, so it is a
+    It takes the same arguments and returns the same document as `nbv.mission.loop.run_mission`, so it is a
     mission runner for campaigns (``nbv.geometric:run_geometric_mission``); ``provenance["fidelity"]`` and
     ``metrics["fidelity"]`` say ``geometric``. The result is a function of (config, rock, replicate).
 

@@ -12,7 +12,7 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
-from nbv.frames import intrinsic_matrix
+from nbv.geometry.frames import intrinsic_matrix
 from nbv.scene.bake import GROUND_TINT, Scene, raycasting_scene
 from nbv.scene.view import RenderedView, camera_position, grey_levels
 from nbv.types import Floats

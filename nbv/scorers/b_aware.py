@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config import BAwareConfig
-from nbv.neighbours import neighbour_distances
+from nbv.config.mission_config import BAwareConfig
+from nbv.geometry.neighbours import neighbour_distances
 from nbv.types import Floats, Ints
 
 BLOCK = 128  # points at a time: a block's (BLOCK, C) arrays stay in the processor's cache

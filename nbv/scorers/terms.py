@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from nbv.frames import wrap_angle
+from nbv.geometry.frames import wrap_angle
 from nbv.types import Floats
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config import CameraConfig
-from nbv.frames import look_at
+from nbv.config.mission_config import CameraConfig
+from nbv.geometry.frames import look_at
 from nbv.scorers.scratch import scratch
 from nbv.types import Floats
 
@@ -19,7 +19,7 @@ BORDER_M = 1e-5  # single precision errs by some 1e-6 m at 5 m
 
 
 def look_at_many(positions_m: Floats, target_m: Floats) -> Floats:
-    """(C, 4, 4) `nbv.frames.look_at` for every position at once."""
+    """(C, 4, 4) `nbv.geometry.frames.look_at` for every position at once."""
     forward = (target_m - positions_m).T.copy()
     fx, fy, fz = forward
     forward /= np.sqrt(fx * fx + fy * fy + fz * fz)

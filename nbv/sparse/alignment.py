@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nbv.errors import MissionFailure
-from nbv.frames import Similarity, align_umeyama
+from nbv.geometry.frames import Similarity, align_umeyama
 from nbv.types import Floats, Ints
 
 MIN_CAMERAS = 3

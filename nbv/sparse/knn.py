@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from nbv.neighbours import neighbour_distances
+from nbv.geometry.neighbours import neighbour_distances
 from nbv.types import Floats
 
 

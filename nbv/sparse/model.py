@@ -12,7 +12,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from nbv.frames import Similarity
+from nbv.geometry.frames import Similarity
 from nbv.sparse.alignment import Alignment
 from nbv.types import Floats, Ints, SparseModel
 

@@ -6,8 +6,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from nbv.config import MissionConfig, PoolConfig
-from nbv.frames import heading_to
+from nbv.config.mission_config import MissionConfig, PoolConfig
+from nbv.geometry.frames import heading_to
 from nbv.types import CandidatePool, Floats, Viewpoint
 from nbv.viewpoints import filters
 from nbv.viewpoints.rings import ring

@@ -14,11 +14,11 @@ sys.path.insert(0, str(Path(__file__).parent / "sparse"))
 from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures
 
 from nbv.cache import Store
-from nbv.cached_sequences import CachedClouds, CachedEvaluation, CachedSparse
-from nbv.config import config_from_dict
+from nbv.config.mission_config import config_from_dict
 from nbv.errors import MissionFailure
 from nbv.evaluation import evaluate_cloud
 from nbv.evaluation.ground_truth import sample_surface
+from nbv.photogrammetric.cached_sequences import CachedClouds, CachedEvaluation, CachedSparse
 from nbv.rocks import load_rock
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import PointCloud
@@ -232,7 +232,7 @@ def test_metrics_come_back_as_they_were(store, monkeypatch):
     cloud = PointCloud(points + np.random.default_rng(1).normal(0, 0.004, points.shape))
     plain = evaluate_cloud(cloud, rock, config)
     first = CachedEvaluation(store)(cloud, rock, config)
-    monkeypatch.setattr("nbv.cached_sequences.evaluate_cloud", None)  # not to be asked again
+    monkeypatch.setattr("nbv.photogrammetric.cached_sequences.evaluate_cloud", None)  # not to be asked again
     second = CachedEvaluation(store)(cloud, rock, config)
     texts = [json.dumps([e.metrics, e.cleaning]) for e in (plain, first, second)]  # floats to the last bit
     assert texts[0] == texts[1] == texts[2]

@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from nbv.config import config_from_dict, preset
+from nbv.config.mission_config import config_from_dict, preset
 from nbv.errors import UserError
-from nbv.mission import run_mission
-from nbv.planning_state import load_state
-from nbv.result import MissionResult
-from nbv.run_directory import read_ply
+from nbv.mission.loop import run_mission
+from nbv.mission.planning_state import load_state
+from nbv.mission.result import MissionResult
+from nbv.mission.run_directory import read_ply
 from nbv.scorers import rank_candidates
 
 ROCK = "boulder"

@@ -5,12 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nbv.config import preset
+from nbv.config.mission_config import preset
 from nbv.errors import MissionFailure
 from nbv.flight import Flight
-from nbv.frames import look_at
 from nbv.gates import make_gate
-from nbv.mission import AdaptiveMission
+from nbv.geometry.frames import look_at
+from nbv.mission.loop import AdaptiveMission
 from nbv.types import Capture, PointCloud, SparseModel, UpdateReport
 
 

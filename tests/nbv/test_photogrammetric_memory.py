@@ -5,10 +5,10 @@ import weakref
 import numpy as np
 import pytest
 
-from nbv import photogrammetric
 from nbv.cache import Store
-from nbv.config import preset
-from nbv.photogrammetric import PhotogrammetricReconstructor
+from nbv.config.mission_config import preset
+from nbv.photogrammetric import reconstructor as photogrammetric
+from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.sparse.features import Features
 from nbv.sparse.matching import VerifiedPair
 from nbv.sparse.reconstructor import SparseReconstructor

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import synthetic
 
-from tuner.campaign import Campaign
-from tuner.campaign_settings import CampaignSettings
-from tuner.executors import InProcessExecutor
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.settings import CampaignSettings
+from tuner.missions.executors import InProcessExecutor
 
 RUNNER = "fake_missions:fake_mission"
 

@@ -1,4 +1,4 @@
-"""Cheap stand-ins for ``nbv.mission.run_mission``: a smooth known function, rock shifts, noise, accidents.
+"""Cheap stand-ins for ``nbv.mission.loop.run_mission``: a smooth known function, rock shifts, noise, accidents.
 
 The first letters of a rock's name choose its behaviour: ``abort``, ``raise``, ``fail``, ``hang``, ``slow``,
 ``user``, ``flaky`` (every third configuration fails); any other rock is plain.
@@ -14,9 +14,9 @@ from pathlib import Path
 
 import numpy as np
 
-from nbv.config import MissionConfig
+from nbv.config.mission_config import MissionConfig
 from nbv.errors import MissionFailure, UserError
-from nbv.result import MissionResult
+from nbv.mission.result import MissionResult
 
 NOISE_SD = 0.03
 BEST = (0.75, 0.3)  # gate.budget_fraction, and gate.d95_m from 0.01 to 1 on a logarithmic scale

@@ -8,10 +8,10 @@ from typing import Any
 import fake_missions
 import numpy as np
 
-from nbv.config import MissionConfig
-from tuner.history import Observation
-from tuner.samplers import Sampler, SamplerSettings
-from tuner.search_space import space_from_dict
+from nbv.config.mission_config import MissionConfig
+from tuner.problem.observations import Observation
+from tuner.problem.search_space import space_from_dict
+from tuner.samplers.registry import Sampler, SamplerSettings
 
 # The range on which ``fake_missions.truth`` has its maximum inside; not the shipped space "gate".
 SPACE = space_from_dict(

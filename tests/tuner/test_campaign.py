@@ -20,11 +20,11 @@ import pytest
 import yaml
 
 from nbv.errors import UserError
-from tuner.campaign import Campaign
-from tuner.campaign_events import CampaignEvent
-from tuner.executors import InProcessExecutor, LocalProcessExecutor
-from tuner.objective import Objective
-from tuner.search_space import load_search_space
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.events import CampaignEvent
+from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
+from tuner.problem.objective import Objective
+from tuner.problem.search_space import load_search_space
 
 settings = functools.partial(
     fake_campaigns.settings, space=load_search_space("gate"), budget=6, sampler="sobol"
@@ -166,8 +166,8 @@ def _processes_mentioning(path: Path) -> list[int]:
 DRIVER = """
 import sys
 from pathlib import Path
-from tuner.campaign import Campaign
-from tuner.executors import LocalProcessExecutor
+from tuner.campaign.campaign import Campaign
+from tuner.missions.executors import LocalProcessExecutor
 if __name__ == "__main__":
     campaign = Campaign.open(Path(sys.argv[1]))
     with LocalProcessExecutor(2, 60.0, preload=("fake_missions",)) as executor:

@@ -15,14 +15,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nbv.errors import UserError
-from tuner.campaign import Campaign
-from tuner.campaign_events import CampaignEvent
-from tuner.campaign_settings import CampaignSettings
-from tuner.confirmation import choose_finalists, confirmation_missions, finalist_count, paired_gain, schedule
-from tuner.executors import InProcessExecutor, LocalProcessExecutor
-from tuner.history import Observation
-from tuner.objective import Objective
-from tuner.recommendation import recommend
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.events import CampaignEvent
+from tuner.campaign.settings import CampaignSettings
+from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
+from tuner.problem.objective import Objective
+from tuner.problem.observations import Observation
+from tuner.recommendation.confirmation import (
+    choose_finalists,
+    confirmation_missions,
+    finalist_count,
+    paired_gain,
+    schedule,
+)
+from tuner.recommendation.recommendation import recommend
 
 A, B, C = (synthetic.SPACE.from_unit(u) for u in ([0.7, 0.3], [0.2, 0.8], [0.5, 0.5]))
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from nbv.config import MissionConfig
+from nbv.config.mission_config import MissionConfig
 from nbv.errors import UserError
-from tuner.executors import InProcessExecutor, LocalProcessExecutor
-from tuner.missions import MissionJob, MissionOutcome, collect_outcome, resolve_runner, runner_path
+from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
+from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome, resolve_runner, runner_path
 
 
 def job(
@@ -66,7 +66,7 @@ def test_one_thread_per_mission_and_a_fresh_interpreter_where_forking_is_unsafe(
     environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
     environment["PYTHONPATH"] = os.pathsep.join(sys.path)
     done = subprocess.run(
-        [sys.executable, "-m", "tuner.mission_server", "--job"], input=json.dumps(each.to_dict()), text=True,
+        [sys.executable, "-m", "tuner.missions.server", "--job"], input=json.dumps(each.to_dict()), text=True,
         env=environment, check=False, capture_output=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from nbv.config import preset
-from nbv.planning_state import save_state
+from nbv.config.mission_config import preset
+from nbv.mission.planning_state import save_state
 from nbv.scorers import rank_candidates
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))

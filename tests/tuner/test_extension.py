@@ -9,9 +9,9 @@ import yaml
 from test_campaign import run
 
 from nbv.errors import UserError
-from tuner.campaign import Campaign
-from tuner.executors import InProcessExecutor
-from tuner.extension import extend_campaign
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.extension import extend_campaign
+from tuner.missions.executors import InProcessExecutor
 
 
 def test_a_finished_campaign_is_extended(tmp_path: Path) -> None:

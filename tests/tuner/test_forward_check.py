@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import synthetic
 
-from tuner.forward_check import MOST, check_ahead, half_widths_95, widening
+from tuner.surrogate.forward_check import MOST, check_ahead, half_widths_95, widening
 
 
 def test_widening_follows_the_surprises_and_looks_only_back() -> None:

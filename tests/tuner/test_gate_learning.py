@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 import yaml
 
-from nbv.config import MissionConfig
+from nbv.config.mission_config import MissionConfig
 from nbv.errors import UserError
 from nbv.gates import learned as learned_module
 from nbv.gates.features import FEATURE_NAMES
 from nbv.gates.learned import LearnedGate
-from nbv.result import IterationRecord, MissionResult
+from nbv.mission.result import IterationRecord, MissionResult
 from nbv.types import Ranking
-from tuner.gate_learning import (
+from tuner.studies.gate_learning import (
     SCORERS,
     GateDecisions,
     describe_tree,

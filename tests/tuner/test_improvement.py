@@ -7,10 +7,10 @@ import pytest
 import synthetic
 import torch
 
-from tuner import acquisition
-from tuner.acquisition import SearchSettings
-from tuner.improvement import LogNoisyImprovement
-from tuner.surrogate import RockMeanGP, SurrogateSettings, numerics
+from tuner.acquisition import propose as acquisition
+from tuner.acquisition.improvement import LogNoisyImprovement
+from tuner.acquisition.propose import SearchSettings
+from tuner.surrogate.model import RockMeanGP, SurrogateSettings, numerics
 
 
 def _model(members: int = 0) -> RockMeanGP:

@@ -10,8 +10,9 @@ import synthetic
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tuner.history import Observation
-from tuner.initial_design import (
+from tuner.problem.observations import Observation
+from tuner.problem.search_space import Parameter, SearchSpace
+from tuner.samplers.design import (
     MANY_PARAMETERS,
     NEAR_SD,
     initial_design_size,
@@ -19,8 +20,7 @@ from tuner.initial_design import (
     places_for_earlier,
     sobol_point,
 )
-from tuner.samplers import SamplerSettings, make_sampler
-from tuner.search_space import Parameter, SearchSpace
+from tuner.samplers.registry import SamplerSettings, make_sampler
 
 MIXED = SearchSpace(
     "mixed",

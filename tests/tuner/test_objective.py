@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nbv.errors import UserError
-from tuner.objective import Objective, RockStandardiser
+from tuner.problem.objective import Objective, RockStandardiser
 
 
 def test_failed_and_missing_are_infeasible_degraded_counts() -> None:

@@ -17,8 +17,8 @@ import optimiser_rescore
 import optimiser_summary as summary
 from optimiser_strategies import AllRocks, applicable, settings_of
 
-from tuner.history import Observation
-from tuner.samplers import make_sampler
+from tuner.problem.observations import Observation
+from tuner.samplers.registry import make_sampler
 
 HARTMANN_AT = [0.20169, 0.150011, 0.476874, 0.275332, 0.311652, 0.6573]
 

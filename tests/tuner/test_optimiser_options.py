@@ -15,22 +15,22 @@ import synthetic
 from fake_campaigns import RUNNER
 
 from nbv.errors import UserError
-from tuner.acquisition import Prior, propose
-from tuner.campaign import Campaign
-from tuner.campaign_settings import FIDELITIES
-from tuner.earlier_missions import EarlierMissions
-from tuner.executors import InProcessExecutor
-from tuner.gp_options import GPOptions
-from tuner.history import Observation
-from tuner.map_fit import TAU_GRID, draw_tau
-from tuner.objective import Objective
-from tuner.pareto import flown_in_both, pareto_front, propose_for_front, two_models
+from tuner.acquisition.front import flown_in_both, pareto_front, propose_for_front, two_models
+from tuner.acquisition.propose import Prior, propose
+from tuner.acquisition.stopping import expected_gain_left, settled
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.screening import screen
+from tuner.campaign.settings import FIDELITIES
+from tuner.missions.executors import InProcessExecutor
+from tuner.problem.objective import Objective
+from tuner.problem.observations import Observation
+from tuner.problem.options import GPOptions
+from tuner.problem.search_space import Values, load_search_space, space_from_dict
 from tuner.report.campaign_facts import CampaignFacts
-from tuner.samplers import GPSampler, surrogate_settings
-from tuner.screening import screen
-from tuner.search_space import Values, load_search_space, space_from_dict
-from tuner.stopping import expected_gain_left, settled
-from tuner.surrogate import RockMeanGP, SurrogateSettings
+from tuner.samplers.earlier_missions import EarlierMissions
+from tuner.samplers.registry import GPSampler, surrogate_settings
+from tuner.surrogate.fit import TAU_GRID, draw_tau
+from tuner.surrogate.model import RockMeanGP, SurrogateSettings
 
 settings = functools.partial(fake_campaigns.settings, initial=4)
 run = functools.partial(fake_campaigns.run, initial=4)

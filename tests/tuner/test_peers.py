@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 import synthetic
 
-import tuner.peers as peers
-from nbv.config import MissionConfig
+import tuner.samplers.peers as peers
+from nbv.config.mission_config import MissionConfig
 from nbv.errors import UserError
-from tuner.campaign import Campaign
-from tuner.executors import InProcessExecutor
-from tuner.history import Observation, Pending
-from tuner.peers import PEER_NAMES, PeerSampler, available_peers, make_peer_sampler
-from tuner.samplers import SamplerSettings
-from tuner.search_space import load_search_space, space_from_dict
+from tuner.campaign.campaign import Campaign
+from tuner.missions.executors import InProcessExecutor
+from tuner.problem.observations import Observation, Pending
+from tuner.problem.search_space import load_search_space, space_from_dict
+from tuner.samplers.peers import PEER_NAMES, PeerSampler, available_peers, make_peer_sampler
+from tuner.samplers.registry import SamplerSettings
 
 FAKE = str(Path(__file__).parent / "fake_peer_server.py")
 FIRST, SECOND = synthetic.SPACE.paths

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import synthetic
 
-from tuner.history import Observation
-from tuner.objective import Objective
-from tuner.recommendation import Recommendation, recommend
+from tuner.problem.objective import Objective
+from tuner.problem.observations import Observation
+from tuner.recommendation.recommendation import Recommendation, recommend
 
 
 def advise(observations: list[Observation], rocks: tuple[str, ...] = synthetic.ROCKS) -> Recommendation:

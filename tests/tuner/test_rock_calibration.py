@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 import synthetic
 
-from tuner.history import Observation
-from tuner.rock_calibration import MIN_MISSIONS, leave_one_rock_out
-from tuner.surrogate import RockMeanGP
+from tuner.problem.observations import Observation
+from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.rock_calibration import MIN_MISSIONS, leave_one_rock_out
 
 
 def build(history, rocks):

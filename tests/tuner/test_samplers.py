@@ -7,10 +7,10 @@ import pytest
 import synthetic
 
 from nbv.errors import UserError
-from tuner.history import Observation, Pending
-from tuner.objective import Objective
-from tuner.recommendation import recommend
-from tuner.samplers import SAMPLER_NAMES, make_sampler
+from tuner.problem.objective import Objective
+from tuner.problem.observations import Observation, Pending
+from tuner.recommendation.recommendation import recommend
+from tuner.samplers.registry import SAMPLER_NAMES, make_sampler
 
 
 @pytest.mark.parametrize("name", SAMPLER_NAMES)

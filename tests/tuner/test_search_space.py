@@ -10,10 +10,15 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nbv.config import MissionConfig, preset
+from nbv.config.mission_config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.viewpoints import candidate_pool
-from tuner.search_space import available_search_spaces, load_search_space, parse_search_space, space_from_dict
+from tuner.problem.search_space import (
+    available_search_spaces,
+    load_search_space,
+    parse_search_space,
+    space_from_dict,
+)
 
 MIXED = space_from_dict(
     {

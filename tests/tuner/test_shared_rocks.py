@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 import trimesh
 
-from nbv.config import preset
+from nbv.config.mission_config import preset
 from nbv.rocks import catalogue
-from tuner import shared_rocks
-from tuner.executors import LocalProcessExecutor
-from tuner.missions import MissionJob, MissionOutcome
-from tuner.shared_rocks import SharedRocks
+from tuner.missions import shared_rocks
+from tuner.missions.executors import LocalProcessExecutor
+from tuner.missions.job import MissionJob, MissionOutcome
+from tuner.missions.shared_rocks import SharedRocks
 
 RUNNER = "nbv.geometric:run_geometric_mission"
 

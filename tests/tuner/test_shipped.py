@@ -13,10 +13,10 @@ import yaml
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from nbv.rocks.recipes import RECIPES
-from tuner.campaign_settings import CampaignSettings
-from tuner.objective import Objective
-from tuner.search_space import load_search_space
-from tuner.shipped import DIRECTORY, SHIPPED, shipped_missions, sources_by_default
+from tuner.campaign.settings import CampaignSettings
+from tuner.campaign.shipped import DIRECTORY, SHIPPED, shipped_missions, sources_by_default
+from tuner.problem.objective import Objective
+from tuner.problem.search_space import load_search_space
 
 FULL = load_search_space("full")
 Gatetune = Callable[..., tuple[int, str, str]]

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from nbv.config import preset
+from nbv.config.mission_config import preset
 from nbv.errors import UserError
-from tuner.baselines import (
+from tuner.evaluation.baselines import (
     BASELINES,
     PAPER_STRATEGIES,
     baseline_configs,
@@ -19,15 +19,15 @@ from tuner.baselines import (
     label,
     tuned_configs,
 )
-from tuner.evaluation import (
+from tuner.evaluation.evaluation import (
     EvaluationEvent,
     EvaluationPlan,
     comparison_table,
     run_evaluation,
     strategy_difference,
 )
-from tuner.executors import InProcessExecutor, LocalProcessExecutor
-from tuner.paper_table import PAPER_TABLE_I, TABLE_I_ROWS, MetricRow
+from tuner.evaluation.paper_table import PAPER_TABLE_I, TABLE_I_ROWS, MetricRow
+from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
 
 RUNNER = "fake_missions:fake_mission"
 BASE = preset("campaign")

@@ -7,9 +7,9 @@ import pytest
 import synthetic
 import torch
 
-from tuner.history import Observation
-from tuner.search_space import Parameter, SearchSpace, space_from_dict
-from tuner.surrogate import NORMAL_95, Posterior, RockMeanGP, SurrogateSettings
+from tuner.problem.observations import Observation
+from tuner.problem.search_space import Parameter, SearchSpace, space_from_dict
+from tuner.surrogate.model import NORMAL_95, Posterior, RockMeanGP, SurrogateSettings
 
 
 def test_recovers_a_smooth_function_over_shifted_rocks() -> None:
@@ -110,7 +110,7 @@ def test_predictions_know_a_flown_slot_and_are_humble_about_others() -> None:
 
 
 def test_slots_are_modelled_only_where_they_show() -> None:
-    from tuner.surrogate import slots_identifiable
+    from tuner.surrogate.model import slots_identifiable
 
     assert slots_identifiable([("a", 0), ("a", 0), ("a", 1)])
     assert not slots_identifiable([("a", 0), ("a", 0), ("b", 1), ("b", 1)])  # a rock's only slot is the rock
@@ -121,7 +121,7 @@ def test_slots_are_modelled_only_where_they_show() -> None:
 
 def test_kernel_of_missions() -> None:
     """What shares a rock or a slot covaries by it; a column at NO_OFFSET shares nothing, not even with itself."""
-    from tuner.mission_kernel import NO_OFFSET, MissionKernel
+    from tuner.surrogate.kernel import NO_OFFSET, MissionKernel
 
     kernel = MissionKernel([0], [], 1, slots=True, deviations=True)
     for name, value in (("log_rock_variance", 2.0), ("log_slot_variance", 3.0), ("log_deviation", 0.5)):
@@ -135,7 +135,7 @@ def test_kernel_of_missions() -> None:
 
 
 def test_kernel_is_materns_times_mismatches() -> None:
-    from tuner.mission_kernel import MissionKernel
+    from tuner.surrogate.kernel import MissionKernel
 
     kernel = MissionKernel([0, 1], [2], 3, slots=False, deviations=False)
     kernel.log_lengthscale.data = torch.tensor([0.5, 2.0], dtype=torch.float64).log()
@@ -148,7 +148,7 @@ def test_kernel_is_materns_times_mismatches() -> None:
 
 def test_a_trend_is_linear_with_slopes_alike() -> None:
     """Its covariance is that of sum of slope_i (x_i - 1/2), of variance t^2 on average over the cube."""
-    from tuner.mission_kernel import MissionKernel
+    from tuner.surrogate.kernel import MissionKernel
 
     kernel = MissionKernel([0, 1], [2], 3, slots=False, deviations=False, trend=True)
     kernel.log_variance.data -= 50
@@ -188,8 +188,8 @@ def test_a_trend_reaches_where_nothing_was_flown() -> None:
 
 @pytest.mark.parametrize("trend", [False, True])
 def test_gradient_of_the_evidence_is_its_slope(trend: bool) -> None:
-    from tuner.map_fit import NOISE, Evidence
-    from tuner.mission_kernel import MissionKernel
+    from tuner.surrogate.fit import NOISE, Evidence
+    from tuner.surrogate.kernel import MissionKernel
 
     rng = np.random.default_rng(0)
     x = np.column_stack([rng.random((20, 2)), rng.integers(0, 2, 20), np.arange(20) % 3, np.arange(20) % 6])
@@ -236,7 +236,7 @@ def test_posterior_arithmetic() -> None:
 
 
 def test_mixed_parameters() -> None:
-    from tuner.acquisition import propose
+    from tuner.acquisition.propose import propose
 
     space = space_from_dict(
         {

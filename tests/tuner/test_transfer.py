@@ -14,15 +14,15 @@ import synthetic
 from fake_campaigns import RUNNER
 
 from nbv.errors import UserError
-from tuner.campaign import Campaign
-from tuner.campaign_settings import CampaignSettings
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.settings import CampaignSettings
+from tuner.campaign.transfer import learn_from
 from tuner.cli import app
-from tuner.history import Observation
-from tuner.objective import Objective
+from tuner.problem.objective import Objective
+from tuner.problem.observations import Observation
+from tuner.problem.search_space import SearchSpace
 from tuner.report import write_campaign_report
-from tuner.samplers import GPSampler, SamplerSettings
-from tuner.search_space import SearchSpace
-from tuner.transfer import learn_from
+from tuner.samplers.registry import GPSampler, SamplerSettings
 
 FRACTION, D95 = synthetic.SPACE.parameters
 ONE_PARAMETER = dataclasses.replace(synthetic.SPACE, name="one", parameters=(FRACTION,))

@@ -11,13 +11,13 @@ import pytest
 import synthetic
 
 from nbv.errors import UserError
-from tuner.history import Observation, Pending
-from tuner.objective import Objective
-from tuner.recommendation import recommend
-from tuner.samplers import GPSampler
-from tuner.search_space import Values
-from tuner.surrogate import RockMeanGP
-from tuner.verification import PREDICTED, expected_shortfall, markdown, verification
+from tuner.problem.objective import Objective
+from tuner.problem.observations import Observation, Pending
+from tuner.problem.search_space import Values
+from tuner.recommendation.recommendation import recommend
+from tuner.samplers.registry import GPSampler
+from tuner.samplers.verification import PREDICTED, expected_shortfall, markdown, verification
+from tuner.surrogate.model import RockMeanGP
 
 ROCKS = ("r0", "r1", "r2")
 GOOD, FAIR = synthetic.SPACE.from_unit([0.7, 0.3]), synthetic.SPACE.from_unit([0.2, 0.8])

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 
     from rich.progress import Progress
 
-    from tuner.campaign import Campaign
-    from tuner.campaign_events import CampaignEvent
-    from tuner.campaign_settings import CampaignSettings
-    from tuner.recommendation import Recommendation
+    from tuner.campaign.campaign import Campaign
+    from tuner.campaign.events import CampaignEvent
+    from tuner.campaign.settings import CampaignSettings
+    from tuner.recommendation.recommendation import Recommendation
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -131,13 +131,13 @@ def run(
     resume_if_present: Annotated[bool, typer.Option(help="Go on if the directory holds it already.")] = False,
 ) -> None:
     """Run a campaign: the paper's defaults, an initial design, then a GP proposes; one mission per trial."""
-    from tuner.campaign import Campaign
-    from tuner.campaign_settings import FIDELITIES, SETTINGS_FILE, CampaignSettings
-    from tuner.gp_options import GPOptions
-    from tuner.objective import Objective
-    from tuner.search_space import load_search_space
-    from tuner.shipped import sources_by_default
-    from tuner.studies.fidelity import runner_of
+    from tuner.campaign.campaign import Campaign
+    from tuner.campaign.settings import FIDELITIES, SETTINGS_FILE, CampaignSettings
+    from tuner.campaign.shipped import sources_by_default
+    from tuner.missions.fidelities import runner_of
+    from tuner.problem.objective import Objective
+    from tuner.problem.options import GPOptions
+    from tuner.problem.search_space import load_search_space
 
     if keep not in ("summary", "all"):
         raise UserError(f"--keep is {keep!r}; it must be summary or all")
@@ -197,8 +197,8 @@ def resume(
     timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
 ) -> None:
     """Go on with an interrupted campaign; only the missions that were in flight are flown again."""
-    from tuner.campaign import Campaign
-    from tuner.extension import extend_campaign
+    from tuner.campaign.campaign import Campaign
+    from tuner.campaign.extension import extend_campaign
 
     campaign = Campaign.open(directory) if missions is None else extend_campaign(directory, missions)
     fly(campaign, workers, timeout_s)
@@ -207,7 +207,7 @@ def resume(
 @app.command()
 def status(directory: Annotated[Path, typer.Argument(help="A campaign's run directory.")]) -> None:
     """Counts, costs and the recommendation so far; safe while the campaign runs."""
-    from tuner.campaign import Campaign
+    from tuner.campaign.campaign import Campaign
 
     campaign = Campaign.open(directory, read_only=True)
     facts = campaign.status()
@@ -281,7 +281,7 @@ def _short(value: Any) -> str:
 
 def _sources(given: list[str] | None, by_default: tuple[str, ...]) -> tuple[str, ...]:
     """What ``--learn-from`` means."""
-    from tuner.shipped import NOTHING
+    from tuner.campaign.shipped import NOTHING
 
     if given is None:
         return by_default
@@ -296,9 +296,9 @@ def _sources(given: list[str] | None, by_default: tuple[str, ...]) -> tuple[str,
 
 def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
     """Run or resume, with live progress, and end in the report."""
-    from tuner.executors import LocalProcessExecutor
+    from tuner.campaign.shipped import SHIPPED
+    from tuner.missions.executors import LocalProcessExecutor
     from tuner.report import write_campaign_report
-    from tuner.shipped import SHIPPED
 
     if workers is not None and workers < 1:
         raise UserError(f"--workers is {workers}; give at least 1")

@@ -41,9 +41,9 @@ def evaluate(
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/evaluation).")] = None,
 ) -> None:
     """Fly the recommended configuration and the baselines on held-out rocks; print Table I with intervals."""
-    from tuner.baselines import EVALUATION_BASELINES, baseline_configs, tuned_configs
-    from tuner.campaign import Campaign
-    from tuner.evaluation import EvaluationPlan
+    from tuner.campaign.campaign import Campaign
+    from tuner.evaluation.baselines import EVALUATION_BASELINES, baseline_configs, tuned_configs
+    from tuner.evaluation.evaluation import EvaluationPlan
 
     source = Campaign.open(campaign, read_only=True)
     chosen = tuple(rock_arguments(rocks or held_out_rocks()))

@@ -24,8 +24,8 @@ def learn_gate(
     seed: Annotated[int, typer.Option(help="Breaks ties between equally good splits.")] = 0,
 ) -> None:
     """Train the learned gate from what the oracle thought of both scorers' choices; cross-validated by rock."""
-    from tuner.gate_learning import describe_tree, gate_decisions, judged_by, without_rocks
-    from tuner.gate_learning import learn_gate as learn
+    from tuner.studies.gate_learning import describe_tree, gate_decisions, judged_by, without_rocks
+    from tuner.studies.gate_learning import learn_gate as learn
     from tuner.studies.missions_as_data import find_missions
 
     missions = without_rocks(find_missions(runs), without or [])

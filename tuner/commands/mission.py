@@ -73,7 +73,7 @@ def run(
     """Fly one complete mission and print its metrics."""
     config = mission_config(preset, set_ or [], gate)
     directory = out or Path("runs") / f"mission-{Path(rock).stem}-{config.gate.kind}-{replicate}"
-    from nbv.mission import run_mission
+    from nbv.mission.loop import run_mission
     from nbv.rocks import load_rock
 
     load_rock(rock)  # a mistake shows before the progress bar
@@ -121,7 +121,7 @@ def explain(
     top: Annotated[int, typer.Option(help="Rows to show.")] = 10,
 ) -> None:
     """Score one planning state again: every candidate's terms, and why the chosen one won."""
-    from tuner.explain import explain_state
+    from tuner.report.explain import explain_state
 
     for item in explain_state(mission, iteration, preset, set_ or [], top):
         output.print(item)
@@ -137,7 +137,7 @@ def figures(
 ) -> None:
     """The paper's figures: trajectory, sector completeness, error overlay, pipeline states."""
     from nbv.errors import UserError
-    from nbv.result import MissionResult
+    from nbv.mission.result import MissionResult
     from nbv.rocks import load_rock
     from tuner.report.mission_figures import labels_of, write_mission_figures
 

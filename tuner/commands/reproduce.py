@@ -32,8 +32,8 @@ def reproduce(
     out: Annotated[Path, typer.Option(help="Directory.")] = Path("runs/reproduce"),
 ) -> None:
     """Fly the paper's default configuration for its strategies and two references; print its Table I beside the paper's numbers."""
-    from tuner.baselines import REPRODUCTION_STRATEGIES, baseline_configs
-    from tuner.evaluation import EvaluationPlan
+    from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
+    from tuner.evaluation.evaluation import EvaluationPlan
 
     base = mission_config(preset, set_ or [])
     chosen = tuple(rock_arguments(rocks or ["vesicular"]))

@@ -16,8 +16,8 @@ from tuner.commands.mission import progress_bar
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tuner.evaluation import EvaluationEvent
-    from tuner.executors import Executor
+    from tuner.evaluation.evaluation import EvaluationEvent
+    from tuner.missions.executors import Executor
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -101,8 +101,8 @@ def _fly_noise_study(
     out: Path,
 ) -> bool:
     from tuner.commands.campaign import training_rocks
-    from tuner.missions import DEFAULT_RUNNER
-    from tuner.search_space import load_search_space
+    from tuner.missions.job import DEFAULT_RUNNER
+    from tuner.problem.search_space import load_search_space
     from tuner.studies.noise import NoiseSettings, fly
     from tuner.studies.runner import STUDY_RUNNER
 
@@ -171,9 +171,9 @@ def departures(
 ) -> None:
     """What does each departure of the authors' public code do to the outcome? One at a time, paired."""
     from tuner.commands.campaign import QUICK_ROCKS
+    from tuner.missions.fidelities import runner_of
     from tuner.studies.departures import DEPARTURES, DepartureSettings, analyse, fly
     from tuner.studies.departures_report import departures_table, write_departures_report
-    from tuner.studies.fidelity import runner_of
 
     complete = True
     if not report_only:
@@ -238,7 +238,7 @@ def oracles(
 ) -> None:
     """When does the oracle count a sample as covered? Every reading of the paper, and what it gains."""
     from tuner.commands.campaign import QUICK_ROCKS
-    from tuner.studies.fidelity import runner_of
+    from tuner.missions.fidelities import runner_of
     from tuner.studies.oracles import OracleSettings, analyse, fly
     from tuner.studies.oracles_report import oracles_table, write_oracles_report
 
@@ -286,7 +286,7 @@ def oracle_states(
     out: Annotated[Path, typer.Option(help="Markdown file of the table.")] = Path("oracle_states.md"),
 ) -> None:
     """What every oracle would have preferred on the same planning states."""
-    from nbv.run_directory import write_atomic
+    from nbv.mission.run_directory import write_atomic
     from tuner.studies.oracle_states import judge
     from tuner.studies.oracles_report import states_markdown, states_table
 
@@ -320,7 +320,7 @@ def _fly_study(
     timeout_s: float,
     metric: str,
 ) -> bool:
-    from tuner.executors import LocalProcessExecutor
+    from tuner.missions.executors import LocalProcessExecutor
 
     preload = tuple(runner.partition(":")[0] for runner in runners)
     with (
@@ -363,8 +363,8 @@ def sensitivity(
     out: Annotated[Path | None, typer.Option(help="Directory (default: RUN/sensitivity).")] = None,
 ) -> None:
     """Which parameters matter: Sobol indices on the surrogate, beside fANOVA and PED-ANOVA."""
-    from tuner.objective import DEFAULT_METRIC
-    from tuner.search_space import load_search_space
+    from tuner.problem.objective import DEFAULT_METRIC
+    from tuner.problem.search_space import load_search_space
     from tuner.studies.missions_as_data import campaign_data, is_campaign, mission_data
     from tuner.studies.sensitivity import sensitivity as analyse_sensitivity
     from tuner.studies.sensitivity_report import sensitivity_table, summary_lines, write_sensitivity_report

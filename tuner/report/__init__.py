@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tuner.campaign import Campaign
-    from tuner.evaluation import EvaluationRun
+    from tuner.campaign.campaign import Campaign
+    from tuner.evaluation.evaluation import EvaluationRun
 
 
 def write_campaign_report(campaign: Campaign, evaluation: EvaluationRun | None = None) -> Path:

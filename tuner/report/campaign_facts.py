@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 
 from nbv.types import Floats
-from tuner.campaign import Campaign
-from tuner.campaign_events import CampaignStatus
-from tuner.campaign_session import MAX_CONSECUTIVE_FAILURES
-from tuner.campaign_settings import CampaignSettings
-from tuner.history import Observation
-from tuner.ledger import TrialRecord
-from tuner.recommendation import Recommendation
+from tuner.acquisition.stopping import settled
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.events import CampaignStatus
+from tuner.campaign.ledger import TrialRecord
+from tuner.campaign.session import MAX_CONSECUTIVE_FAILURES
+from tuner.campaign.settings import CampaignSettings
+from tuner.problem.observations import Observation
+from tuner.problem.search_space import Parameter
+from tuner.recommendation.recommendation import Recommendation
 from tuner.report.labels import MetricLabel, decimals_for, metric_label
 from tuner.report.style import short_names
-from tuner.rock_calibration import RockCheck, leave_one_rock_out
-from tuner.search_space import Parameter
-from tuner.stopping import settled
-from tuner.surrogate import RockMeanGP
+from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.rock_calibration import RockCheck, leave_one_rock_out
 
 CHECKPOINTS = 8  # each is one more fit of the surrogate
 SLICE_POINTS = 61

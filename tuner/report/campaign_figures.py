@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from tuner.problem.search_space import Parameter
 from tuner.report.campaign_facts import CampaignFacts, Slice
 from tuner.report.labels import parameter_label
 from tuner.report.style import (
@@ -28,8 +29,7 @@ from tuner.report.style import (
     marker,
     new_figure,
 )
-from tuner.search_space import Parameter
-from tuner.surrogate import NORMAL_95
+from tuner.surrogate.model import NORMAL_95
 
 RECOMMENDED, DEFAULT, FAILED = VERMILION, BLACK, PURPLE
 

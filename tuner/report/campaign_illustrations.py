@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tuner.recommendation import Recommendation
+from tuner.recommendation.recommendation import Recommendation
 from tuner.report.campaign_facts import CampaignFacts
 from tuner.report.campaign_figures import (
     calibration_figure,

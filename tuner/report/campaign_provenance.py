@@ -9,10 +9,10 @@ from typing import Any
 
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
-from tuner.campaign import Campaign
-from tuner.missions import DEFAULT_RUNNER, RESULT_FILE
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.shipped import NOTHING
+from tuner.missions.job import DEFAULT_RUNNER, RESULT_FILE
 from tuner.report.campaign_facts import CampaignFacts
-from tuner.shipped import NOTHING
 
 
 def provenance_rows(facts: CampaignFacts) -> tuple[list[tuple[str, str]], str]:
@@ -109,7 +109,7 @@ def _optional_words(campaign: Campaign) -> list[str]:
 
 
 def _space_argument(campaign: Campaign) -> str:
-    from tuner.search_space import load_search_space
+    from tuner.problem.search_space import load_search_space
 
     space = campaign.settings.space
     try:

@@ -10,9 +10,11 @@ import yaml
 
 from nbv.errors import UserError
 from nbv.provenance import versions
-from tuner.campaign import Campaign
-from tuner.campaign_settings import SETTINGS_FILE
-from tuner.recommendation import Recommendation
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.settings import SETTINGS_FILE
+from tuner.campaign.shipped import SHIPPED
+from tuner.missions.fidelities import GEOMETRIC_NOTE
+from tuner.recommendation.recommendation import Recommendation
 from tuner.report.campaign_facts import CampaignFacts, verdict
 from tuner.report.campaign_illustrations import (
     compute_time,
@@ -35,11 +37,9 @@ from tuner.report.campaign_rows import (
 from tuner.report.front import front_context
 from tuner.report.labels import decimals_for, format_number, parameter_label, parameter_value, with_unit
 from tuner.report.pages import write_page
-from tuner.shipped import SHIPPED
-from tuner.studies.fidelity import GEOMETRIC_NOTE
 
 if TYPE_CHECKING:
-    from tuner.evaluation import EvaluationRun
+    from tuner.evaluation.evaluation import EvaluationRun
 
 REPORT_FILE = "report.html"
 FIGURES_DIRECTORY = "figures"

@@ -6,12 +6,12 @@ import collections
 import math
 from typing import Any
 
-from tuner.ledger import TrialRecord
-from tuner.recommendation import Recommendation
+from tuner.campaign.ledger import TrialRecord
+from tuner.problem.search_space import Parameter
+from tuner.recommendation.recommendation import Recommendation
 from tuner.report.campaign_facts import CampaignFacts
 from tuner.report.labels import format_number, parameter_label, parameter_value
 from tuner.report.pages import duration
-from tuner.search_space import Parameter
 
 
 def key_figures(facts: CampaignFacts) -> list[tuple[str, str]]:

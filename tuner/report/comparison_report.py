@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from nbv.provenance import git_revision, versions
-from tuner.baselines import BASELINES, TUNED, description
-from tuner.baselines import label as strategy_label
-from tuner.evaluation import ComparisonTable, EvaluationRecord, EvaluationRun, comparison_table
-from tuner.missions import RESULT_FILE
-from tuner.objective import DEFAULT_METRIC
-from tuner.paper_table import PAPER_TABLE_I, MetricRow
+from tuner.evaluation.baselines import BASELINES, TUNED, description
+from tuner.evaluation.baselines import label as strategy_label
+from tuner.evaluation.evaluation import ComparisonTable, EvaluationRecord, EvaluationRun, comparison_table
+from tuner.evaluation.paper_table import PAPER_TABLE_I, MetricRow
+from tuner.missions.job import RESULT_FILE
+from tuner.problem.objective import DEFAULT_METRIC
 from tuner.report.comparison_figures import forest_figure, rocks_figure
 from tuner.report.comparison_tables import (
     FLOOR_NOTE,
@@ -58,7 +58,7 @@ def write_comparison_report(
     Parameters
     ----------
     run
-        What ``tuner.evaluation.run_evaluation`` returned; may be incomplete.
+        What ``tuner.evaluation.evaluation.run_evaluation`` returned; may be incomplete.
     reference
         Strategy against which differences are taken. None: ``hyb-h`` where it was evaluated (the paper's default
         configuration), else the first strategy.
@@ -81,7 +81,7 @@ def write_comparison_report(
         The reference was not evaluated, or the directory cannot be written.
     """
     from nbv.errors import UserError
-    from nbv.run_directory import write_atomic
+    from nbv.mission.run_directory import write_atomic
 
     try:
         facts = comparison_context(

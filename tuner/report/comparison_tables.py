@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table
 
-from tuner.baselines import label as strategy_label
-from tuner.evaluation import ComparisonRow, ComparisonTable
-from tuner.paper_table import PAPER_TABLE_I, MetricRow
+from tuner.evaluation.baselines import label as strategy_label
+from tuner.evaluation.evaluation import ComparisonRow, ComparisonTable
+from tuner.evaluation.paper_table import PAPER_TABLE_I, MetricRow
+from tuner.evaluation.statistics import Interval, PairedDifference
 from tuner.report.campaign_facts import verdict
 from tuner.report.labels import MISSING, format_number, interval_methods
-from tuner.statistics import Interval, PairedDifference
 
 # Of the terminal's columns: "– the rocks’ own floor (mm)" and "410.8 ± 115.8" with their borders.
 _METRIC_WIDTH, _STRATEGY_WIDTH = 30, 16
@@ -158,7 +158,7 @@ def comparison_markdown(table: ComparisonTable, *, paper: bool = False, differen
     Parameters
     ----------
     table
-        From ``tuner.evaluation.comparison_table``.
+        From ``tuner.evaluation.evaluation.comparison_table``.
     paper
         Add the paper's own column beside each of its strategies.
     differences

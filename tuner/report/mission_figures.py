@@ -14,12 +14,12 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from nbv.config import MissionConfig, config_from_dict
+from nbv.config.mission_config import MissionConfig, config_from_dict
 from nbv.errors import UserError
-from nbv.planning_state import load_state
-from nbv.run_directory import read_ply
+from nbv.mission.planning_state import load_state
+from nbv.mission.run_directory import read_ply
 from nbv.types import Floats, Ints
-from tuner.baselines import label as strategy_label
+from tuner.evaluation.baselines import label as strategy_label
 from tuner.report.labels import format_number
 from tuner.report.sectors import sector_figure
 from tuner.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION, look, new_figure

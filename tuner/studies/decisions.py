@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from nbv.result import IterationRecord, MissionResult
-from tuner.evaluation import EvaluationRecord
+from nbv.mission.result import IterationRecord, MissionResult
+from tuner.evaluation.evaluation import EvaluationRecord
 
 Slot = tuple[str, int]  # (rock, replicate)
 Traces = dict[str, dict[Slot, list[IterationRecord]]]  # by strategy and slot
@@ -58,7 +58,7 @@ def same_flight(trace: Sequence[IterationRecord], reference: Sequence[IterationR
 
 
 def by_rock(values: dict[Slot, float]) -> dict[str, list[float]]:
-    """Values grouped for ``tuner.statistics.mean_interval``."""
+    """Values grouped for ``tuner.evaluation.statistics.mean_interval``."""
     grouped: dict[str, list[float]] = {}
     for (rock, _), value in sorted(values.items()):
         grouped.setdefault(rock, []).append(value)

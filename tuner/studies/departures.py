@@ -18,10 +18,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from nbv.config import MissionConfig, preset
+from nbv.config.mission_config import MissionConfig, preset
 from nbv.errors import UserError
-from tuner.baselines import baseline
-from tuner.evaluation import (
+from tuner.evaluation.baselines import baseline
+from tuner.evaluation.evaluation import (
     EvaluationEvent,
     EvaluationPlan,
     EvaluationRecord,
@@ -29,10 +29,10 @@ from tuner.evaluation import (
     run_evaluation,
     values_of,
 )
-from tuner.executors import Executor
-from tuner.missions import DEFAULT_RUNNER
-from tuner.paper_table import MetricRow
-from tuner.statistics import Interval, PairedDifference, mean_interval, paired_difference
+from tuner.evaluation.paper_table import MetricRow
+from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval, paired_difference
+from tuner.missions.executors import Executor
+from tuner.missions.job import DEFAULT_RUNNER
 from tuner.studies.decisions import (
     Slot,
     b_aware_share,

@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from rich.table import Table
 
-from nbv.result import json_ready
-from nbv.run_directory import write_atomic
+from nbv.mission.result import json_ready
+from nbv.mission.run_directory import write_atomic
+from tuner.evaluation.statistics import Interval, PairedDifference
 from tuner.report.labels import format_number, strategy_label
 from tuner.report.style import BLUE, GREY, VERMILION, look, new_figure
-from tuner.statistics import Interval, PairedDifference
 from tuner.studies.departures import METRICS, ArmResult, BaseResult, DepartureFindings, DepartureSettings
 from tuner.studies.paired_cells import (
     EXACTLY_ZERO,

@@ -10,13 +10,13 @@ from typing import Any
 
 import yaml
 
-from nbv.config import MissionConfig, config_from_dict
+from nbv.config.mission_config import MissionConfig, config_from_dict
 from nbv.errors import UserError
-from nbv.result import MissionResult
-from tuner.history import Observation
-from tuner.objective import DEFAULT_METRIC, Objective
+from nbv.mission.result import MissionResult
+from tuner.problem.objective import DEFAULT_METRIC, Objective
+from tuner.problem.observations import Observation
+from tuner.problem.search_space import SearchSpace, value_at
 from tuner.report.labels import metric_label
-from tuner.search_space import SearchSpace, value_at
 
 # libyaml where PyYAML was built with it: hundreds of configurations are read.
 _YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -75,7 +75,7 @@ def find_missions(directories: Sequence[Path]) -> list[FlownMission]:
 
 def campaign_data(directory: Path, metric: str | None = None) -> MissionData:
     """A campaign's finished missions; another ``metric`` than the tuned one is read from their results."""
-    from tuner.campaign import Campaign  # brings torch: only where needed
+    from tuner.campaign.campaign import Campaign  # brings torch: only where needed
 
     campaign = Campaign.open(directory, read_only=True)
     objective = campaign.settings.objective
@@ -160,7 +160,7 @@ def is_campaign(directory: Path) -> bool:
 
 
 def _difference(configs: Sequence[MissionConfig]) -> tuple[str, str]:
-    from nbv.config import parameter_paths
+    from nbv.config.mission_config import parameter_paths
 
     for path in parameter_paths():
         seen = dict.fromkeys(value_at(c, path) for c in configs)

@@ -22,19 +22,19 @@ from typing import Any
 
 import numpy as np
 
-from nbv.config import MissionConfig, preset
+from nbv.config.mission_config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.types import Floats
-from tuner.baselines import baseline
-from tuner.evaluation import (
+from tuner.evaluation.baselines import baseline
+from tuner.evaluation.evaluation import (
     EvaluationEvent,
     EvaluationPlan,
     EvaluationRecord,
     failure_counts,
     run_evaluation,
 )
-from tuner.executors import Executor
-from tuner.search_space import SearchSpace, space_from_dict
+from tuner.missions.executors import Executor
+from tuner.problem.search_space import SearchSpace, space_from_dict
 from tuner.studies.runner import AGREEMENT_LEVELS, STUDY_RUNNER
 from tuner.studies.study_directory import claim, load_settings, settings_tree
 from tuner.studies.variance import (

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from rich.table import Table
 
-from nbv.run_directory import write_atomic
+from nbv.mission.run_directory import write_atomic
 from tuner.report.labels import MISSING, format_number, metric_label, strategy_label
 from tuner.report.style import (
     BLACK,

@@ -13,7 +13,7 @@ from typing import Any
 
 from nbv.errors import UserError
 from nbv.gates import make_oracle
-from nbv.planning_state import load_state
+from nbv.mission.planning_state import load_state
 from nbv.rocks import Rock, load_rock
 from nbv.scorers import rank_candidates
 from tuner.studies.decisions import PERCENT

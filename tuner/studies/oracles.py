@@ -15,11 +15,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-from nbv.config import GateConfig, MissionConfig, preset
+from nbv.config.mission_config import GateConfig, MissionConfig, preset
 from nbv.errors import UserError
-from nbv.result import IterationRecord
-from tuner.baselines import baseline
-from tuner.evaluation import (
+from nbv.mission.result import IterationRecord
+from tuner.evaluation.baselines import baseline
+from tuner.evaluation.evaluation import (
     EvaluationEvent,
     EvaluationPlan,
     EvaluationRecord,
@@ -28,10 +28,10 @@ from tuner.evaluation import (
     strategy_difference,
     strategy_interval,
 )
-from tuner.executors import Executor
-from tuner.missions import DEFAULT_RUNNER
-from tuner.paper_table import MetricRow
-from tuner.statistics import Interval, PairedDifference, mean_interval
+from tuner.evaluation.paper_table import MetricRow
+from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval
+from tuner.missions.executors import Executor
+from tuner.missions.job import DEFAULT_RUNNER
 from tuner.studies.decisions import (
     PERCENT,
     Traces,

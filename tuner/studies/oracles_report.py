@@ -8,10 +8,10 @@ from pathlib import Path
 
 from rich.table import Table
 
-from nbv.result import json_ready
-from nbv.run_directory import write_atomic
+from nbv.mission.result import json_ready
+from nbv.mission.run_directory import write_atomic
+from tuner.evaluation.statistics import PairedDifference
 from tuner.report.labels import MISSING, format_number, strategy_label
-from tuner.statistics import PairedDifference
 from tuner.studies.decisions import PERCENT
 from tuner.studies.departures import METRICS, metric_key
 from tuner.studies.oracle_states import CoverageSummary, JudgedMission, summarise

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from tuner.paper_table import MetricRow
+from tuner.evaluation.paper_table import MetricRow
+from tuner.evaluation.statistics import Interval, PairedDifference
 from tuner.report.labels import MISSING, format_number, interval_methods
-from tuner.statistics import Interval, PairedDifference
 
 EXACTLY_ZERO = "0 exactly"
 

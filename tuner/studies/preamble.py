@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from tuner.missions.fidelities import GEOMETRIC_NOTE, RUNNERS
 from tuner.report.style import short_names
-from tuner.studies.fidelity import GEOMETRIC_NOTE, RUNNERS
 
 if TYPE_CHECKING:
     from tuner.studies.departures import DepartureFindings

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from nbv.config import MissionConfig
-from nbv.mission import run_mission
-from nbv.result import MissionResult
-from tuner.missions import Keep
+from nbv.config.mission_config import MissionConfig
+from nbv.mission.loop import run_mission
+from nbv.mission.result import MissionResult
+from tuner.missions.job import Keep
 
 # Values of dense.agreeing_views that are measured; a mission is flown with the lowest.
 AGREEMENT_LEVELS = (3, 5, 6, 7)

@@ -13,7 +13,7 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from rich.table import Table
 
-from nbv.run_directory import write_atomic
+from nbv.mission.run_directory import write_atomic
 from tuner.report.labels import format_number, metric_label, parameter_label, parameter_value
 from tuner.report.style import BLACK, BLUE, ORANGE, SEQUENTIAL, SKY, VERMILION, look, new_figure
 from tuner.studies.noise_report import json_safe

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 import yaml
 
 from nbv.errors import UserError
-from nbv.run_directory import write_atomic
+from nbv.mission.run_directory import write_atomic
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from nbv.config import CameraConfig, DenseConfig
+from nbv.config.mission_config import CameraConfig, DenseConfig
 from nbv.dense.consistency import check_consistency
 from nbv.dense.interface import DepthMap
 from nbv.dense.stereo import pixel_matrix
-from nbv.frames import look_at
+from nbv.geometry.frames import look_at
 
 CAMERA = CameraConfig(width_px=32, height_px=24, focal_px=40.0)
 CONFIG = DenseConfig(

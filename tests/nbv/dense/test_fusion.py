@@ -6,11 +6,11 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from nbv.config import CameraConfig, DenseConfig
+from nbv.config.mission_config import CameraConfig, DenseConfig
 from nbv.dense import fusion
 from nbv.dense.fusion import fuse
 from nbv.dense.stereo import backproject, depth_normals
-from nbv.frames import look_at
+from nbv.geometry.frames import look_at
 
 CAMERA = CameraConfig(width_px=64, height_px=48, focal_px=60.0)
 CONFIG = DenseConfig(crop_half_width_m=0.9, fusion_voxel_m=0.05)

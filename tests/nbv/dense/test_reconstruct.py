@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pytest
 
-from nbv.config import CameraConfig, DenseConfig
+from nbv.config.mission_config import CameraConfig, DenseConfig
 from nbv.dense.colmap_workspace import fuse_with_colmap, read_depth_maps, write_depth_maps, write_images
 from nbv.dense.consistency import check_consistency, choose_witnesses
 from nbv.dense.fusion import fuse
@@ -15,7 +15,7 @@ from nbv.dense.reconstruct import check_depths, make_backend, reconstruct_dense
 from nbv.dense.sgbm import SgbmBackend
 from nbv.dense.surface import points_to_search
 from nbv.errors import MissionFailure, UserError
-from nbv.frames import look_at
+from nbv.geometry.frames import look_at
 
 CONFIG = DenseConfig(agreeing_views=3)
 TARGET = (0.0, 0.0, 0.8)

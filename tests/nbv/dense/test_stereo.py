@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from nbv.config import CameraConfig, DenseConfig
+from nbv.config.mission_config import CameraConfig, DenseConfig
 from nbv.dense.sgbm import SgbmBackend
 from nbv.dense.stereo import (
     SEARCH_MARGIN_M,
@@ -19,7 +19,7 @@ from nbv.dense.stereo import (
     merge_estimates,
     target_window,
 )
-from nbv.frames import look_at
+from nbv.geometry.frames import look_at
 
 CONFIG = DenseConfig(agreeing_views=3)
 TARGET = (0.0, 0.0, 0.8)

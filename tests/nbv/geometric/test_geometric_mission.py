@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from nbv.cache import Store
-from nbv.config import preset
+from nbv.config.mission_config import preset
 from nbv.errors import UserError
 from nbv.flight import arrival_position
-from nbv.frames import look_at
 from nbv.geometric import GeometricReconstructor, load_world, predict_views, run_geometric_mission
 from nbv.geometric import mission as geometric_mission
 from nbv.geometric import reconstructor as geometric_reconstructor
-from nbv.result import MissionResult
+from nbv.geometry.frames import look_at
+from nbv.mission.result import MissionResult
 from nbv.rocks import load_rock
 from nbv.types import Capture
 from nbv.viewpoints import raw_candidates, seed_viewpoints
@@ -183,10 +183,10 @@ def test_the_whole_cloud_includes_far_ground(config):
 
 
 def test_it_runs_in_a_campaign(tmp_path):
-    from tuner.campaign import Campaign
-    from tuner.campaign_settings import CampaignSettings
-    from tuner.executors import InProcessExecutor
-    from tuner.search_space import load_search_space
+    from tuner.campaign.campaign import Campaign
+    from tuner.campaign.settings import CampaignSettings
+    from tuner.missions.executors import InProcessExecutor
+    from tuner.problem.search_space import load_search_space
 
     settings = CampaignSettings(
         name="geometric", space=load_search_space("gate_and_weights"), rocks=(ROCK,), budget=3,

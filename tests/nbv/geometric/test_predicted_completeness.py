@@ -6,10 +6,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nbv.config import DenseConfig
+from nbv.config.mission_config import DenseConfig
 from nbv.dense.consistency import choose_witnesses
 from nbv.dense.stereo import choose_neighbours
-from nbv.frames import look_at
 from nbv.geometric.completeness import (
     DenseModel,
     best_so_far,
@@ -19,6 +18,7 @@ from nbv.geometric.completeness import (
     within_reach,
     witness_mask,
 )
+from nbv.geometry.frames import look_at
 
 DENSE = DenseConfig(agreeing_views=3)
 

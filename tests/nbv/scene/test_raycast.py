@@ -17,8 +17,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene_helpers import BALL_RADIUS_M, SMALL_CAMERA, SMALL_GROUND
 
-from nbv.config import CameraConfig, SceneConfig
-from nbv.frames import intrinsic_matrix, invert_rigid, look_at
+from nbv.config.mission_config import CameraConfig, SceneConfig
+from nbv.geometry.frames import intrinsic_matrix, invert_rigid, look_at
 from nbv.scene import build_scene, make_renderer
 
 CENTRE = np.array([0.0, 0.0, BALL_RADIUS_M])
@@ -107,8 +107,8 @@ def test_another_process_takes_the_same_photograph(raycast, ball):
         sys.path.insert(0, sys.argv[1])
         from scene_helpers import SMALL_CAMERA, SMALL_GROUND, make_ball
         from test_raycast import CENTRE, orbit
-        from nbv.config import SceneConfig
-        from nbv.frames import look_at
+        from nbv.config.mission_config import SceneConfig
+        from nbv.geometry.frames import look_at
         from nbv.scene import build_scene, make_renderer
         scene = build_scene(make_ball(), SceneConfig(), SMALL_CAMERA, SMALL_GROUND)
         rgb = make_renderer(scene, "raycast").render(look_at(orbit(200, 25), CENTRE)).rgb

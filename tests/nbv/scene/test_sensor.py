@@ -7,8 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nbv.config import SceneConfig
-from nbv.frames import look_at
+from nbv.config.mission_config import SceneConfig
+from nbv.geometry.frames import look_at
 from nbv.scene import add_sensor_noise, noise_rng, photograph
 
 POSE = look_at(np.array([3.0, -2.0, 2.0]), np.array([0.0, 0.0, 0.8]))

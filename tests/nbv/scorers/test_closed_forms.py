@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nbv.config import BAwareConfig, CameraConfig, MissionConfig
+from nbv.config.mission_config import BAwareConfig, CameraConfig, MissionConfig
 from nbv.errors import MissionFailure
-from nbv.frames import heading_to, intrinsic_matrix, look_at
+from nbv.geometry.frames import heading_to, intrinsic_matrix, look_at
 from nbv.scorers import box_points, rank_candidates
 from nbv.scorers.b_aware import geometry_gain, mean_neighbour_distance, percentile_scaled, repair, weakness
 from nbv.scorers.covis import co_visibility

@@ -6,9 +6,9 @@ import zlib
 
 import numpy as np
 
-from nbv.config import preset
-from tuner.evaluation import EvaluationPlan, EvaluationRecord, EvaluationRun
-from tuner.missions import MissionOutcome
+from nbv.config.mission_config import preset
+from tuner.evaluation.evaluation import EvaluationPlan, EvaluationRecord, EvaluationRun
+from tuner.missions.job import MissionOutcome
 
 
 def made_metrics(quality: float, floor_mm: float | None = None) -> dict[str, object]:

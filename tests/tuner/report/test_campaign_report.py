@@ -18,21 +18,21 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # fake_campaigns
 import fake_campaigns
 from made_evaluations import made_run
 
-from nbv.config import preset
+from nbv.config.mission_config import preset
 from nbv.errors import UserError
-from tuner.campaign import Campaign
-from tuner.campaign_settings import FIDELITIES, CampaignSettings
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.settings import FIDELITIES, CampaignSettings
+from tuner.campaign.shipped import SHIPPED
 from tuner.cli import app
-from tuner.executors import InProcessExecutor
-from tuner.gp_options import GPOptions
-from tuner.objective import Objective
-from tuner.recommendation import Recommendation
+from tuner.missions.executors import InProcessExecutor
+from tuner.problem.objective import Objective
+from tuner.problem.options import GPOptions
+from tuner.problem.search_space import load_search_space, space_from_dict
+from tuner.recommendation.recommendation import Recommendation
 from tuner.report import write_campaign_report
 from tuner.report.campaign_facts import CampaignFacts, verdict
 from tuner.report.campaign_provenance import reproduce_command
 from tuner.report.campaign_report import campaign_headline, recommended_yaml
-from tuner.search_space import load_search_space, space_from_dict
-from tuner.shipped import SHIPPED
 
 MIXED = {
     "name": "mixed",

@@ -12,10 +12,10 @@ import pytest
 import trimesh
 import yaml
 
-from nbv.config import MissionConfig, preset
+from nbv.config.mission_config import MissionConfig, preset
 from nbv.errors import UserError
-from nbv.planning_state import save_state
-from nbv.run_directory import RunDirectory
+from nbv.mission.planning_state import save_state
+from nbv.mission.run_directory import RunDirectory
 from nbv.types import CandidatePool, PlanningState, PointCloud, SparseModel
 from tuner.report.mission_figures import (
     labels_of,
@@ -163,7 +163,7 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
 
 
 def test_made_missions_have_the_fields_of_real_ones(tmp_path: Path) -> None:
-    from nbv.result import IterationRecord
+    from nbv.mission.result import IterationRecord
 
     run = made_mission(tmp_path / "run")
     real = {field.name for field in dataclasses.fields(IterationRecord)}

@@ -14,9 +14,9 @@ from pathlib import Path
 
 from fake_study import draw
 
-from nbv.config import MissionConfig
+from nbv.config.mission_config import MissionConfig
 from nbv.errors import MissionFailure
-from nbv.result import IterationRecord, MissionResult
+from nbv.mission.result import IterationRecord, MissionResult
 
 BUDGET = 4
 REWARDS = {

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import numpy as np
 
-from nbv.config import MissionConfig
+from nbv.config.mission_config import MissionConfig
 from nbv.errors import MissionFailure
-from nbv.result import MissionResult
+from nbv.mission.result import MissionResult
 
 SD = {"configuration": 3.0, "configuration x rock": 1.0, "rock": 5.0, "replicate": 1.5, "residual": 1.0}
 

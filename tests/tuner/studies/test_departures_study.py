@@ -7,9 +7,9 @@ import json
 import pytest
 from fake_flight import BUDGET
 
-from nbv.config import preset
+from nbv.config.mission_config import preset
 from nbv.errors import UserError
-from tuner.executors import InProcessExecutor
+from tuner.missions.executors import InProcessExecutor
 from tuner.studies.departures import DEPARTURES, PAPER_CODE, DepartureSettings, analyse, fly
 from tuner.studies.departures_report import departures_markdown, write_departures_report
 

@@ -8,8 +8,8 @@ import pytest
 from fake_study import SD
 
 from nbv.errors import UserError
-from tuner.executors import InProcessExecutor
-from tuner.search_space import load_search_space
+from tuner.missions.executors import InProcessExecutor
+from tuner.problem.search_space import load_search_space
 from tuner.studies.noise import NoiseSettings, analyse, fly
 from tuner.studies.noise_report import noise_markdown, write_noise_report
 from tuner.studies.runner import AGREEMENT_LEVELS

@@ -7,7 +7,7 @@ import json
 import pytest
 
 from nbv.errors import UserError
-from tuner.executors import InProcessExecutor
+from tuner.missions.executors import InProcessExecutor
 from tuner.studies.oracles import OracleSettings, analyse, fly
 from tuner.studies.oracles_report import oracles_markdown, write_oracles_report
 

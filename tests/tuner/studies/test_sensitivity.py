@@ -9,18 +9,18 @@ import pytest
 import yaml
 from fake_study import fake_study_mission
 
-from nbv.config import MissionConfig
+from nbv.config.mission_config import MissionConfig
 from nbv.errors import UserError
-from tuner.campaign import Campaign
-from tuner.campaign_settings import CampaignSettings
-from tuner.executors import InProcessExecutor
-from tuner.history import Observation
-from tuner.objective import Objective
-from tuner.search_space import load_search_space, space_from_dict
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.settings import CampaignSettings
+from tuner.missions.executors import InProcessExecutor
+from tuner.problem.objective import Objective
+from tuner.problem.observations import Observation
+from tuner.problem.search_space import load_search_space, space_from_dict
 from tuner.studies.missions_as_data import MissionData, campaign_data, find_missions, mission_data
 from tuner.studies.sensitivity import Surrogate, sensitivity, settle
 from tuner.studies.sensitivity_report import write_sensitivity_report
-from tuner.surrogate import RockMeanGP
+from tuner.surrogate.model import RockMeanGP
 
 METRIC = "agreement.5.observable.f_score_48mm"
 SPACE = load_search_space("gate_and_weights")

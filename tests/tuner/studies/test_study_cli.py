@@ -8,9 +8,9 @@ import pytest
 import yaml
 from fake_study import fake_study_mission
 
-from nbv.config import MissionConfig
-from tuner.executors import InProcessExecutor
-from tuner.search_space import load_search_space
+from nbv.config.mission_config import MissionConfig
+from tuner.missions.executors import InProcessExecutor
+from tuner.problem.search_space import load_search_space
 from tuner.studies.noise import NoiseSettings, fly
 
 NOISE = ["study", "noise", "--rock", "boulder", "--space", "gate"]

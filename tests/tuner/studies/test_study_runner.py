@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from nbv.config import preset
-from nbv.mission import run_mission
-from nbv.result import MissionResult
-from tuner.missions import resolve_runner
+from nbv.config.mission_config import preset
+from nbv.mission.loop import run_mission
+from nbv.mission.result import MissionResult
+from tuner.missions.job import resolve_runner
 from tuner.studies.runner import AGREEMENT_LEVELS, STUDY_RUNNER, run_study_mission
 
 

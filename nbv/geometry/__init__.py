@@ -1,0 +1,1 @@
+"""Frames, cameras, rays, samples and neighbours: geometry that every stage shares."""

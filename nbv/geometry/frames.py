@@ -1,0 +1,102 @@
+"""World frame (ENU: x east, y north, z up, metres), camera frames and similarity transforms.
+
+Transforms read ``target_from_source``. Camera axes are OpenCV's: x right, y down, z forward.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from nbv.config.mission_config import CameraConfig
+from nbv.types import Floats
+
+
+def intrinsic_matrix(camera: CameraConfig) -> Floats:
+    """(3, 3) K; principal point in the image centre, pixel centres at half-integers (COLMAP)."""
+    return np.array(
+        [
+            [camera.focal_px, 0.0, camera.width_px / 2.0],
+            [0.0, camera.focal_px, camera.height_px / 2.0],
+            [0.0, 0.0, 1.0],
+        ]
+    )
+
+
+def look_at(position_m: Floats, target_m: Floats) -> Floats:
+    """(4, 4) ``camera_from_world`` of a zero-roll camera at ``position_m`` aimed at ``target_m``.
+
+    Straight down or up, where zero roll is undefined, the image's up is north.
+    """
+    position = np.asarray(position_m, dtype=float)
+    forward = np.asarray(target_m, dtype=float) - position
+    norm = np.linalg.norm(forward)
+    if norm < 1e-12:
+        raise ValueError("look_at: the camera is at its target")
+    forward /= norm
+    right = np.cross(forward, (0.0, 0.0, 1.0))
+    if np.linalg.norm(right) < 1e-9:
+        right = np.cross(forward, (0.0, 1.0, 0.0))
+    right /= np.linalg.norm(right)
+    down = np.cross(forward, right)
+    rotation = np.stack([right, down, forward])
+    transform = np.eye(4)
+    transform[:3, :3] = rotation
+    transform[:3, 3] = -rotation @ position
+    return transform
+
+
+def invert_rigid(b_from_a: Floats) -> Floats:
+    """(4, 4) ``a_from_b``."""
+    out = np.eye(4)
+    out[:3, :3] = b_from_a[:3, :3].T
+    out[:3, 3] = -b_from_a[:3, :3].T @ b_from_a[:3, 3]
+    return out
+
+
+def heading_to(position_m: Floats, target_m: Floats) -> Floats:
+    """Heading (rad, counter-clockwise from east) from each position (..., 3) towards the target."""
+    delta = np.asarray(target_m, dtype=float) - np.asarray(position_m, dtype=float)
+    return np.arctan2(delta[..., 1], delta[..., 0])
+
+
+def wrap_angle(angle_rad: Floats | float) -> Floats:
+    """The same angle in [-pi, pi)."""
+    return (np.asarray(angle_rad) + np.pi) % (2 * np.pi) - np.pi
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """``target = scale * rotation @ source + translation``."""
+
+    scale: float
+    rotation: Floats  # (3, 3)
+    translation: Floats  # (3,)
+
+    def apply(self, points: Floats) -> Floats:
+        """(..., 3) points of the source frame in the target frame."""
+        return self.scale * np.asarray(points) @ self.rotation.T + self.translation
+
+
+def align_umeyama(target: Floats, source: Floats) -> Similarity:
+    """Least-squares similarity ``target_from_source`` of paired points (N, 3), N >= 3.
+
+    Umeyama, "Least-squares estimation of transformation parameters between two point patterns",
+    PAMI 1991, with the reflection guard.
+    """
+    target, source = np.asarray(target, dtype=float), np.asarray(source, dtype=float)
+    if target.shape != source.shape or target.ndim != 2 or target.shape[0] < 3:
+        raise ValueError(f"align_umeyama needs two (N >= 3, 3) arrays, got {target.shape} and {source.shape}")
+    mean_target, mean_source = target.mean(0), source.mean(0)
+    y, x = target - mean_target, source - mean_source
+    u, singular, vt = np.linalg.svd(y.T @ x / len(x))
+    sign = np.ones(3)
+    if np.linalg.det(u) * np.linalg.det(vt) < 0:
+        sign[2] = -1.0
+    rotation = (u * sign) @ vt
+    variance = (x**2).sum() / len(x)
+    if variance < 1e-18:
+        raise ValueError("align_umeyama: the source points coincide")
+    scale = float((singular * sign).sum() / variance)
+    return Similarity(scale, rotation, mean_target - scale * rotation @ mean_source)

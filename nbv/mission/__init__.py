@@ -1,0 +1,1 @@
+"""The closed loop of the paper's Fig. 1, its result and its run directory."""

@@ -1,0 +1,134 @@
+"""The one owner of a mission directory's layout.
+
+::
+
+    config.yaml            the complete configuration
+    provenance.json        rock hash, seeds, versions, backends
+    images/NAME.png        every photograph
+    trace.jsonl            one line per adaptive capture, written as it happens
+    states/iter_NN.npz     the planning state of every iteration (``gatetune mission explain``)
+    sparse/0/              the final sparse model in COLMAP's format and as points.ply, world frame, metres
+    dense.ply cleaned.ply  the fused cloud before and after cleaning
+    flight.json            legs with their trajectories
+    metrics.json           metrics and the cleaning report
+    mission.json           the result; written last, atomically: its presence means "finished"
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from nbv.errors import UserError
+from nbv.mission.result import json_ready
+from nbv.types import PointCloud
+
+
+def write_atomic(path: Path, text: str) -> None:
+    """Write ``text`` so that a reader, or a crash, sees the old file or the new one, never a part."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary.write_text(text)
+    temporary.replace(path)
+
+
+class RunDirectory:
+    """Paths and writers of one mission's directory.
+
+    Raises
+    ------
+    UserError
+        The directory cannot be written, or already holds a finished mission.
+    """
+
+    def __init__(self, root: Path, *, overwrite: bool = False) -> None:
+        self.root = root
+        if (root / "mission.json").exists() and not overwrite:
+            raise UserError(
+                f"{root} already holds a finished mission; choose another --out or pass --overwrite"
+            )
+        try:
+            root.mkdir(parents=True, exist_ok=True)
+            (root / "images").mkdir(exist_ok=True)
+            (root / "states").mkdir(exist_ok=True)
+        except OSError as error:
+            raise UserError(f"cannot write to {root}: {error.strerror}; choose another directory") from error
+        (root / "mission.json").unlink(missing_ok=True)
+        (root / "trace.jsonl").unlink(missing_ok=True)
+
+    def image(self, name: str) -> Path:
+        """Where the photograph called ``name`` lies."""
+        return self.root / "images" / name
+
+    def write_image(self, name: str, rgb: np.ndarray) -> None:
+        """Save an (H, W, 3) uint8 photograph as PNG (Pillow: cv2's PNG writer clashes with pycolmap)."""
+        from PIL import Image
+
+        Image.fromarray(rgb).save(self.image(name), compress_level=1)
+
+    def write_config(self, tree: dict[str, Any]) -> None:
+        """Save the configuration as YAML."""
+        write_atomic(self.root / "config.yaml", yaml.safe_dump(tree, sort_keys=False))
+
+    def write_json(self, name: str, value: Any) -> None:
+        """Save ``value`` as NAME in the directory's root."""
+        write_atomic(self.root / name, json.dumps(json_ready(value), indent=1))
+
+    def append_trace(self, record: dict[str, Any]) -> None:
+        """Add one line to ``trace.jsonl`` at once, so that a killed mission leaves its history."""
+        with (self.root / "trace.jsonl").open("a") as file:
+            file.write(json.dumps(json_ready(record)) + "\n")
+
+    def state_path(self, iteration: int) -> Path:
+        """Where the planning state of ``iteration`` lies."""
+        return self.root / "states" / f"iter_{iteration:02d}.npz"
+
+    def write_cloud(self, name: str, cloud: PointCloud) -> None:
+        """Save a point cloud as binary PLY."""
+        write_ply(self.root / name, cloud)
+
+    def write_result(self, text: str) -> None:
+        """Save ``mission.json``; call last."""
+        write_atomic(self.root / "mission.json", text)
+
+
+def write_ply(path: Path, cloud: PointCloud) -> None:
+    """Binary little-endian PLY with float32 positions, optional normals and 8-bit colours."""
+    fields: list[tuple[str, str]] = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+    if cloud.normals is not None:
+        fields += [("nx", "<f4"), ("ny", "<f4"), ("nz", "<f4")]
+    if cloud.colors is not None:
+        fields += [("red", "u1"), ("green", "u1"), ("blue", "u1")]
+    table = np.empty(len(cloud.points_m), dtype=fields)
+    for axis, key in enumerate("xyz"):
+        table[key] = cloud.points_m[:, axis]
+        if cloud.normals is not None:
+            table[f"n{key}"] = cloud.normals[:, axis]
+    if cloud.colors is not None:
+        for channel, key in enumerate(("red", "green", "blue")):
+            table[key] = cloud.colors[:, channel]
+    names = {"<f4": "float", "u1": "uchar"}
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
+    header += [f"property {names[kind]} {key}" for key, kind in fields]
+    with path.open("wb") as file:
+        file.write(("\n".join([*header, "end_header"]) + "\n").encode())
+        file.write(table.tobytes())
+
+
+def read_ply(path: Path) -> PointCloud:
+    """Read a point cloud that ``write_ply`` wrote (or any PLY that Open3D reads)."""
+    import open3d as o3d
+
+    if not path.is_file():
+        raise UserError(f"{path} does not exist")
+    cloud = o3d.io.read_point_cloud(path)
+    colors = np.asarray(cloud.colors)
+    return PointCloud(
+        np.asarray(cloud.points, dtype=float),
+        (colors * 255 + 0.5).astype(np.uint8) if len(colors) else None,
+        np.asarray(cloud.normals, dtype=float) if cloud.has_normals() else None,
+    )

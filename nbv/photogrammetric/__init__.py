@@ -1,0 +1,1 @@
+"""Missions with photographs: renderer, COLMAP, stereo."""

@@ -1,0 +1,257 @@
+"""The store in front of what depends on a whole sequence of photographs: sparse models, clouds, metrics.
+
+Which views a mission chooses is a piecewise constant function of its configuration. A mission whose photographs
+begin, in order, with those of an earlier mission (same options of the stages) has had the same models after each
+of them, and one that ends with them has the same cloud and metrics. So these are kept by a digest of the sequence.
+
+What cannot be kept is the mapper itself: COLMAP's hash tables carry the order in which they were filled, that
+order reaches the last bits of every later adjustment, and files do not hold it. A mission that leaves a known
+sequence is therefore replayed from its seed model before it goes on, at the price that it would have paid anyway.
+
+Keys hold the source code of the stages too: a change there never meets an old entry.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+import nbv
+from nbv.cache import Arrays, Store, digest
+from nbv.config.mission_config import MissionConfig, canonical
+from nbv.errors import MissionFailure
+from nbv.evaluation import Evaluation, camera_shell, evaluate_cloud
+from nbv.evaluation.evaluate import clean_for_evaluation
+from nbv.photogrammetric.cached_stages import STAGE_VERSION, CachedSeedModel
+from nbv.provenance import versions
+from nbv.rocks import Rock
+from nbv.sparse.reconstructor import SparseReconstructor
+from nbv.types import Capture, Floats, PointCloud, SparseModel, UpdateReport
+
+_LIBRARIES = ("pycolmap", "numpy", "scipy", "opencv-python-headless", "open3d-cpu", "open3d")
+_COMMON_SOURCES = ("geometry/frames.py", "geometry/neighbours.py", "random_streams.py", "types.py")
+
+
+class CachedSparse:
+    """The model after each photograph, by the photographs so far; the face of a `SparseReconstructor`.
+
+    As long as the models are known the reconstructor behind does nothing. It is brought up to date, photograph
+    by photograph as it would have been, as soon as something is asked that the store does not hold.
+    """
+
+    def __init__(self, sparse: SparseReconstructor, store: Store) -> None:
+        self._sparse, self._store = sparse, store
+        self._seed_stage = CachedSeedModel(sparse, store)
+        self._seeds: tuple[Capture, ...] | None = None  # not given to the reconstructor yet
+        self._waiting: list[Capture] = []  # likewise
+        self._to_refine = False
+        self.key = ""  # of the sequence so far
+
+    def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
+        """See `SparseReconstructor.bootstrap`."""
+        self._seeds = tuple(captures)
+        self.key = digest(_stage_code("sparse"), self._seed_stage.key(captures))
+        return self._report()
+
+    def add(self, capture: Capture) -> UpdateReport:
+        """See `SparseReconstructor.add`."""
+        assert capture.image is not None
+        self._waiting.append(capture)
+        self.key = digest(self.key, capture.name, capture.camera_from_world, capture.image)
+        return self._report()
+
+    def refine(self) -> None:
+        """See `SparseReconstructor.refine`."""
+        self._to_refine = True
+
+    def world_camera_poses(self) -> dict[str, Floats]:
+        """See `SparseReconstructor.world_camera_poses`."""
+        self._catch_up()
+        return self._sparse.world_camera_poses()
+
+    def world_points_m(self) -> Floats:
+        """See `SparseReconstructor.world_points_m`."""
+        self._catch_up()
+        return self._sparse.world_points_m()
+
+    def export(self, path: Path) -> None:
+        """See `SparseReconstructor.export`."""
+        self._catch_up()
+        self._sparse.export(path)
+
+    def let_go(self) -> None:
+        """Forget the reconstructor and all that it holds; of the sequence only ``key`` remains."""
+        del self._sparse, self._seed_stage
+
+    def _report(self) -> UpdateReport:
+        if (entry := self._store.get("sequence_models", self.key)) is not None:
+            return _unpack_report(entry)
+        report = self._catch_up()  # a failure is not kept, it is met again
+        assert report is not None
+        self._store.put("sequence_models", self.key, _pack_report(report))
+        return report
+
+    def _catch_up(self) -> UpdateReport | None:
+        """Give the reconstructor what it has not seen; its last report, with the seconds of all."""
+        reports = []
+        if self._seeds is not None:
+            seeds, self._seeds = self._seeds, None
+            reports.append(self._seed_stage.bootstrap(seeds))
+        while self._waiting:
+            reports.append(self._sparse.add(self._waiting.pop(0)))
+        if self._to_refine:
+            self._to_refine = False
+            reports.append(self._sparse.refine())
+        if not reports:
+            return None
+        seconds: dict[str, float] = {}
+        for report in reports:
+            for stage, value in report.timings_s.items():
+                seconds[stage] = seconds.get(stage, 0.0) + value
+        return dataclasses.replace(reports[-1], timings_s=seconds)
+
+
+class SequenceCloud(PointCloud):
+    """A dense cloud that is made when its points are first asked for.
+
+    A cloud takes 10 to 30 MB, its metrics 4 kB; so only the metrics are kept, and a mission whose metrics are
+    known never makes its cloud.
+
+    Parameters
+    ----------
+    key
+        Digest of all that decides the cloud.
+    n_points
+        How many points it has.
+    make
+        The cloud itself; called at most once.
+    """
+
+    def __init__(self, key: str, n_points: int, make: Callable[[], PointCloud]) -> None:
+        vars(self).update(key=key, _n_points=n_points, _make=functools.cache(make))
+
+    points_m = property(lambda self: self._make().points_m)
+    colors = property(lambda self: self._make().colors)  # type: ignore[assignment]
+    normals = property(lambda self: self._make().normals)  # type: ignore[assignment]
+
+    def __len__(self) -> int:
+        return int(vars(self)["_n_points"])
+
+
+class CachedClouds:
+    """Which sequences of photographs have been fused, with which options, and to how many points.
+
+    The cloud of a known sequence is made only if somebody looks at its points (`SequenceCloud`); that there is no
+    cloud is known at once.
+
+    Parameters
+    ----------
+    make
+        The cloud at a number of agreeing views (None: the configured one); may raise `MissionFailure`.
+    """
+
+    def __init__(
+        self,
+        make: Callable[[int | None], PointCloud],
+        sparse: CachedSparse,
+        config: MissionConfig,
+        store: Store,
+    ) -> None:
+        self._make, self._sparse, self._config, self._store = make, sparse, config, store
+
+    def __call__(self, agreeing_views: int | None = None) -> PointCloud:
+        """The cloud, or the `MissionFailure` that there is none."""
+        config = self._config
+        level = config.dense.agreeing_views if agreeing_views is None else agreeing_views
+        # Depths are checked with the configured number and may then be fused at a stricter one: the same bits.
+        dense = dataclasses.replace(config.dense, agreeing_views=level)
+        key = digest(
+            _stage_code("dense"), self._sparse.key, dataclasses.asdict(config.camera), list(config.target_m),
+            canonical(dense),
+        )  # fmt: skip
+        if (entry := self._store.get("clouds", key)) is not None:
+            if "failure" in entry:
+                raise MissionFailure(*(str(part) for part in entry["failure"]))
+            return SequenceCloud(key, int(entry["n_points"]), lambda: self._make(agreeing_views))
+        try:
+            cloud = self._make(agreeing_views)
+        except MissionFailure as failure:
+            self._store.put("clouds", key, {"failure": np.array([failure.reason, failure.message])})
+            raise
+        self._store.put("clouds", key, {"n_points": np.array(len(cloud))})
+        return SequenceCloud(key, len(cloud), lambda: cloud)
+
+
+class CachedEvaluation:
+    """Metrics by what decides the cloud, the rock and the options; the face of `nbv.evaluation.evaluate_cloud`."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+
+    def __call__(self, cloud: PointCloud, rock: Rock, config: MissionConfig) -> Evaluation:
+        """See `nbv.evaluation.evaluate_cloud`; a failure is not kept, it is met again."""
+        key = digest(
+            _stage_code("evaluation"), _stage_code("viewpoints"),
+            vars(cloud)["key"] if isinstance(cloud, SequenceCloud) else cloud.points_m, rock.sha256,
+            dataclasses.asdict(config.evaluation), list(config.target_m), config.dense.fusion_voxel_m,
+            camera_shell(config),
+        )  # fmt: skip
+        if (entry := self._store.get("evaluations", key)) is not None:
+            found = json.loads(entry["json"].tobytes())
+            return Evaluation(
+                found["metrics"], found["cleaning"], lambda: clean_for_evaluation(cloud, config)[0]
+            )
+        evaluation = evaluate_cloud(cloud, rock, config)
+        text = json.dumps({"metrics": evaluation.metrics, "cleaning": evaluation.cleaning})
+        self._store.put("evaluations", key, {"json": np.frombuffer(text.encode(), np.uint8)})
+        return evaluation
+
+
+def _pack_report(report: UpdateReport) -> Arrays:
+    model = report.model
+    return {
+        "points_m": model.points_m,
+        "reprojection_error_px": model.reprojection_error_px,
+        "track_lengths": _smallest(model.track_lengths),
+        "track_cameras": _smallest(model.track_cameras),
+        "camera_centers_m": model.camera_centers_m,
+        "camera_names": np.array(model.camera_names),
+        "alignment_m": np.array([model.alignment_rms_m, model.alignment_max_m]),
+        "registered": np.array(report.registered),
+        "message": np.array(report.message),
+    }
+
+
+def _unpack_report(entry: Arrays) -> UpdateReport:
+    offsets = np.zeros(len(entry["track_lengths"]) + 1, dtype=np.int64)
+    np.cumsum(entry["track_lengths"], out=offsets[1:])
+    model = SparseModel(
+        points_m=entry["points_m"],
+        reprojection_error_px=entry["reprojection_error_px"],
+        track_offsets=offsets,
+        track_cameras=entry["track_cameras"].astype(np.int64),
+        camera_centers_m=entry["camera_centers_m"],
+        camera_names=tuple(str(name) for name in entry["camera_names"]),
+        alignment_rms_m=float(entry["alignment_m"][0]),
+        alignment_max_m=float(entry["alignment_m"][1]),
+    )
+    return UpdateReport(model, bool(entry["registered"]), str(entry["message"]))
+
+
+def _smallest(values: np.ndarray) -> np.ndarray:
+    """The same non-negative integers in the smallest type that holds them."""
+    return values.astype(np.min_scalar_type(int(values.max(initial=0))))
+
+
+@functools.cache
+def _stage_code(package: str) -> str:
+    """Digest of a stage's source, of what all stages use, and of the libraries that decide its bits."""
+    root = Path(nbv.__file__).parent
+    files = [root / name for name in _COMMON_SOURCES] + sorted((root / package).glob("*.py"))
+    installed = {name: version for name, version in versions().items() if name in _LIBRARIES}
+    return digest(STAGE_VERSION, installed, *(f"{path.name}\n{path.read_text()}" for path in files))

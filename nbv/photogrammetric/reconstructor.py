@@ -1,0 +1,105 @@
+"""The photogrammetric ``Reconstructor``: SIFT and COLMAP in flight, stereo and fusion after it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from nbv.cache import Store
+from nbv.config.mission_config import MissionConfig
+from nbv.dense.reconstruct import CheckedDepths, check_depths
+from nbv.memory import give_back_freed_memory
+from nbv.photogrammetric.cached_sequences import CachedClouds, CachedSparse
+from nbv.photogrammetric.cached_stages import CachedCorrespondences
+from nbv.sparse.correspondences import ComputedCorrespondences, Correspondences
+from nbv.sparse.reconstructor import SparseReconstructor
+from nbv.types import Capture, PointCloud, UpdateReport
+
+
+class PhotogrammetricReconstructor:
+    """Sparse model after every capture, dense cloud at the end.
+
+    Implements ``nbv.types.Reconstructor``. Only photographs and the vehicle's telemetry go in.
+
+    Parameters
+    ----------
+    store
+        Where features, pairs, models and clouds are kept between missions; ``None`` computes everything.
+    keep_sparse
+        Whether the sparse model can be exported after the dense stage. If not, it is let go once its poses are
+        known, with all features and matches, since fusion decides how much memory a mission takes.
+    """
+
+    def __init__(
+        self, config: MissionConfig, store: Store | None = None, *, keep_sparse: bool = True
+    ) -> None:
+        self._config = config
+        self._keep_sparse = keep_sparse
+        source: Correspondences = ComputedCorrespondences(config.camera, config.sparse)
+        if store is not None:
+            source = CachedCorrespondences(config.camera, config.sparse, store)
+        sparse = SparseReconstructor(config.camera, config.sparse, config.target_m, source)
+        self._sparse: SparseReconstructor | CachedSparse | None = sparse
+        self._clouds: Callable[[int | None], PointCloud] = self._fuse
+        if store is not None:
+            self._sparse = cached = CachedSparse(sparse, store)
+            self._clouds = CachedClouds(self._fuse, cached, config, store)
+        self._images: dict[str, Any] = {}
+        self.dense_report: Any = None
+        self._finished = False
+        self._checked: CheckedDepths | None = None
+
+    def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
+        """The seed model."""
+        for capture in captures:
+            self._images[capture.name] = capture.image
+        return self._mapped().bootstrap(captures)
+
+    def add(self, capture: Capture) -> UpdateReport:
+        """Register, triangulate and adjust one more photograph."""
+        self._images[capture.name] = capture.image
+        return self._mapped().add(capture)
+
+    def finish(self) -> PointCloud:
+        """Dense cloud from the registered photographs at the poses that SfM found."""
+        self._mapped().refine()
+        self._finished = True
+        return self._clouds(None)
+
+    def cloud_at(self, agreeing_views: int) -> PointCloud:
+        """After ``finish``: the cloud of the same depth maps at a stricter ``dense.agreeing_views``.
+
+        Raises
+        ------
+        MissionFailure
+            ``empty_dense_cloud``: nothing is confirmed by so many views.
+        """
+        if not self._finished:
+            raise ValueError("finish() comes first")
+        return self._clouds(agreeing_views)
+
+    def _fuse(self, agreeing_views: int | None) -> PointCloud:
+        if self._checked is None:
+            poses = self._mapped().world_camera_poses()
+            points_m = self._mapped().world_points_m() if self._config.dense.search == "sparse" else None
+            if not self._keep_sparse:
+                if isinstance(self._sparse, CachedSparse):
+                    self._sparse.let_go()
+                self._sparse = None
+                give_back_freed_memory()
+            images = {name: self._images[name] for name in poses}
+            self._checked, self.dense_report = check_depths(
+                images, poses, self._config.camera, self._config.target_m, self._config.dense, None, points_m
+            )
+            give_back_freed_memory()  # fusion, which comes next, needs the most of all stages
+        return self._checked.fuse(agreeing_views)
+
+    def export_sparse(self, directory: Path) -> None:
+        """Write the sparse model in COLMAP's format (world frame, metres) into ``directory``."""
+        self._mapped().export(directory)
+
+    def _mapped(self) -> SparseReconstructor | CachedSparse:
+        if self._sparse is None:
+            raise ValueError("the sparse model was not kept; ask for keep_sparse")
+        return self._sparse

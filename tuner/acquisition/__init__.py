@@ -1,0 +1,1 @@
+"""What to fly next: the acquisition function and its maximum."""

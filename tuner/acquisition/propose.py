@@ -1,0 +1,227 @@
+"""What to fly next: log noisy expected improvement of the mean over rocks (Ament et al., NeurIPS 2023)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from botorch.acquisition import AcquisitionFunction
+from botorch.acquisition.logei import qLogNoisyExpectedImprovement
+from botorch.acquisition.objective import GenericMCObjective
+from botorch.optim import optimize_acqf
+from botorch.sampling import SobolQMCNormalSampler
+from botorch.utils.sampling import draw_sobol_samples
+
+from nbv.types import Floats
+from tuner.acquisition.improvement import LogNoisyImprovement
+from tuner.problem.options import Risk
+from tuner.problem.search_space import Values
+from tuner.surrogate.model import RockMeanGP, moments, numerics
+from tuner.surrogate.risk import RockOutcomes, risk_of
+
+BLOCK = 128  # points tried at once
+LOCAL_BEST = 4
+LOCAL_SD = (0.01, 0.25)  # of the unit cube: smallest and largest, evenly spread logarithms
+MONTE_CARLO_SAMPLES = 64
+MAX_ITERATIONS = 50
+# Mixed spaces: the continuous part is optimised under this many of the best discrete combinations.
+DISCRETE_COMBINATIONS = 4
+
+
+@dataclass(frozen=True)
+class SearchSettings:
+    """How the maximum of the acquisition is looked for; each default is there by an ablation."""
+
+    restarts: int = 4  # gradient searches
+    global_points: int = 512  # of a Sobol sequence over the whole space
+    local_points: int = 256  # near the best configurations so far, where improvement is likeliest
+    closed_form: bool = True  # ``LogNoisyImprovement`` instead of BoTorch's, where the risk is the mean
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Belief that good configurations lie near one that somebody chose by hand.
+
+    The acquisition is multiplied by the belief's density to the power strength / n, n missions flown (Hvarfner
+    et al., ICLR 2022): it leads at first and is outvoted by data later.
+    """
+
+    centre: Values
+    strength: float  # missions after which the belief counts as much as its own density
+    width: float = (
+        0.25  # standard deviation per parameter, of the unit cube; a choice that differs costs as much as two
+    )
+
+
+def propose(
+    model: RockMeanGP,
+    pending: Sequence[Mapping[str, Any]],
+    seed: int,
+    risk: Risk = "mean",
+    prior: Prior | None = None,
+    search: SearchSettings | None = None,
+) -> tuple[Values, dict[str, float]]:
+    """The configuration with the largest acquisition value.
+
+    Missions in flight (``pending`` configurations) count as points whose outcome is not known yet, so that
+    simultaneous proposals differ. Returns the values and figures that explain them: the acquisition value, the
+    improvement it stands for, and the model's mean and standard deviation there (objective's unit, larger is better).
+    """
+    with numerics(seed):
+        search = search or SearchSettings()
+        acquisition = _acquisition(model, pending, seed, risk, search)
+        if prior is not None and prior.strength > 0:
+            exponent = prior.strength / len(model.observations)
+            acquisition = _Guided(acquisition, _LogPrior(model, prior), exponent)
+        position, score = maximise(model, acquisition, seed, search)
+    values = model.space.from_unit(position)
+    belief = model.posterior([values], risk)
+    # Over rocks outcomes are in the objective's unit already; a prior's factor is left in, it is near 1 by then.
+    unit = 1.0 if _over_rocks(model, risk) else model.mean_scale
+    return values, {
+        "log_nei": score,
+        "expected_gain": math.exp(score) * unit,
+        "predicted_mean": float(belief.mean[0]),
+        "predicted_sd": float(belief.sd[0]),
+    }
+
+
+def _acquisition(
+    model: RockMeanGP, pending: Sequence[Mapping[str, Any]], seed: int, risk: Risk, search: SearchSettings
+) -> AcquisitionFunction:
+    over_rocks = _over_rocks(model, risk)
+    if not over_rocks and search.closed_form:
+        flying = np.array([model.space.to_unit(v) for v in pending]).reshape(-1, model.space.dimension)
+        return LogNoisyImprovement(model, flying, seed)
+    options: dict[str, Any] = {}
+    target = model.model
+    if over_rocks:
+        target = RockOutcomes(model)
+        options = {
+            "objective": GenericMCObjective(lambda samples, X=None: risk_of(samples, risk)),
+            "cache_root": False,
+        }
+    return qLogNoisyExpectedImprovement(
+        target,
+        X_baseline=model.inputs(np.unique(model.unit, axis=0)),
+        sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
+        X_pending=model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None,
+        prune_baseline=True,
+        **options,
+    )
+
+
+def _over_rocks(model: RockMeanGP, risk: Risk) -> bool:
+    """Whether rocks are looked at one by one: their own landscapes count by scales that the common one does not know."""
+    return risk != "mean" or model.settings.deviations
+
+
+class _Guided(AcquisitionFunction):
+    """A log acquisition of single points plus a log prior times ``exponent``.
+
+    BoTorch's own does not know ensembles.
+    """
+
+    def __init__(self, acquisition: AcquisitionFunction, log_prior: _LogPrior, exponent: float) -> None:
+        super().__init__(model=acquisition.model)
+        self._acquisition, self._log_prior, self._exponent = acquisition, log_prior, exponent
+
+    def forward(self, X: torch.Tensor) -> torch.Tensor:
+        """(batch,) values at ``(batch, 1, d + 2)`` inputs."""
+        return self._acquisition(X) + self._exponent * self._log_prior(X).squeeze(-1)
+
+
+class _LogPrior(torch.nn.Module):
+    """Log density of ``Prior`` at ``(..., q, d + 2)`` inputs: ``(..., q)``."""
+
+    def __init__(self, model: RockMeanGP, prior: Prior) -> None:
+        super().__init__()
+        self._centre = torch.from_numpy(model.space.to_unit(prior.centre))
+        self._categorical = list(model.space.categorical_dimensions)
+        self._ordered = [i for i in range(model.space.dimension) if i not in self._categorical]
+        self._width = prior.width
+
+    def forward(self, X: torch.Tensor) -> torch.Tensor:
+        distance = (X[..., : len(self._centre)] - self._centre).abs()
+        squares = (distance[..., self._ordered] / self._width) ** 2
+        mismatches = (distance[..., self._categorical] > 1e-9).to(X.dtype)
+        return -0.5 * (squares.sum(-1) + 4.0 * mismatches.sum(-1))
+
+
+def maximise(
+    model: RockMeanGP, acquisition: AcquisitionFunction, seed: int, search: SearchSettings | None = None
+) -> tuple[Floats, float]:
+    """Best (d,) unit position, exactly a configuration, and its acquisition value.
+
+    Starts are the best of many global and local points, tried without gradients.
+    """
+    search = search or SearchSettings()
+    d = model.space.dimension
+    discrete = model.space.discrete_dimensions
+    points = _starting_points(model, seed, search)
+    if discrete:
+        points = np.array([model.space.snap(x) for x in points])
+    starts = model.inputs(points).unsqueeze(1)
+    with torch.no_grad():
+        scores = torch.cat([acquisition(block) for block in starts.split(BLOCK)])
+    order = scores.argsort(descending=True)
+    best, best_score = points[int(order[0])], float(scores[order[0]])
+    if len(discrete) == d:
+        return best, best_score
+    # The last columns are rock and slot: everything is compared without their offsets.
+    nowhere = dict(enumerate(starts[0, 0, d:].tolist(), start=d))
+    bounds = torch.zeros(2, starts.shape[-1], dtype=torch.float64)
+    bounds[1, :d] = 1.0
+    bounds[:, d:] = starts[0, 0, d:]
+    for fixed, chosen in _climbs(points, order.tolist(), discrete, search.restarts):
+        position, score = optimize_acqf(
+            acquisition, bounds, 1, len(chosen), batch_initial_conditions=starts[chosen],
+            options={"maxiter": MAX_ITERATIONS}, fixed_features={**fixed, **nowhere},
+        )  # fmt: skip
+        if float(score) > best_score:
+            best, best_score = position[0, :d].numpy(), float(score)
+    return best, best_score
+
+
+def _best_flown(model: RockMeanGP, count: int) -> Floats:
+    """(count or fewer, d) unit positions with the best posterior means among those flown, best first."""
+    seen = np.unique(model.unit, axis=0)
+    with torch.no_grad():
+        mean, _ = moments(model.model.posterior(model.inputs(seen)))
+    return seen[np.argsort(-mean)[:count]]
+
+
+def _starting_points(model: RockMeanGP, seed: int, search: SearchSettings) -> Floats:
+    """(global + local points, d) unit positions."""
+    d, count = model.space.dimension, search.local_points
+    cube = torch.stack([torch.zeros(d), torch.ones(d)]).to(torch.float64)
+    everywhere = draw_sobol_samples(cube, search.global_points, 1, seed=seed).squeeze(1).numpy()
+    best = _best_flown(model, LOCAL_BEST)
+    best = best[np.arange(count) % len(best)]
+    rng = np.random.default_rng(seed)
+    smallest, largest = LOCAL_SD
+    sd = np.exp(rng.uniform(math.log(smallest), math.log(largest), (count, 1)))
+    near = best + sd * rng.standard_normal((count, d))
+    # Some coordinates stay: in many dimensions moving all of them at once leads nowhere.
+    stay = rng.random(near.shape) < rng.random((count, 1))
+    near[stay] = best[stay]
+    near = model.space.redraw_choices(near, best, rng)
+    return np.concatenate([everywhere, np.clip(near, 0.0, 1.0)])
+
+
+def _climbs(
+    points: Floats, order: Sequence[int], discrete: Sequence[int], restarts: int
+) -> list[tuple[dict[int, float], list[int]]]:
+    """``(fixed coordinates, starting points)`` of each gradient search; one per discrete combination."""
+    if not discrete:
+        return [({}, list(order[:restarts]))]
+    climbs: dict[tuple[float, ...], list[int]] = {}
+    for index in order:
+        combination = tuple(float(points[index, i]) for i in discrete)
+        if combination in climbs or len(climbs) < DISCRETE_COMBINATIONS:
+            climbs.setdefault(combination, []).append(index)
+    return [(dict(zip(discrete, c)), chosen[:2]) for c, chosen in climbs.items()]

@@ -1,0 +1,1 @@
+"""A campaign: settings, ledger, the ask-fly-tell loop, learning from earlier campaigns."""

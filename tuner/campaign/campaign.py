@@ -1,0 +1,400 @@
+"""A campaign: ask, fly, tell, until the budget is used; interrupted and resumed without losing a mission.
+
+A trial is one mission: one configuration on one rock with one replicate. Rocks are taken in turn, and missions
+share replicate numbers, so that configurations meet on common (rock, replicate) pairs. The run directory::
+
+    campaign.yaml          what was asked for; a resume must agree with it
+    study.journal          the ledger (unless another storage was named)
+    missions/NNNN_ROCK_rK  one directory per mission
+    recommendation.json    the current recommendation
+    screening.json         the missions of a low fidelity, where one was asked for
+    learned_from.json      the missions of earlier campaigns, where some were named
+    front.json             the Pareto front, where a second objective was asked for
+"""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import dataclasses
+import datetime
+import json
+import uuid
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+
+from nbv.config.mission_config import MissionConfig
+from nbv.errors import UserError
+from nbv.mission.run_directory import write_atomic
+from tuner.campaign.events import CampaignEvent, CampaignStatus, CampaignSummary
+from tuner.campaign.ledger import Ledger, TrialRecord
+from tuner.campaign.session import CampaignSession
+from tuner.campaign.settings import (
+    FORMAT_VERSION,
+    SETTINGS_FILE,
+    CampaignSettings,
+    first_difference,
+    read_settings,
+)
+from tuner.missions.executors import Executor
+from tuner.missions.long_runs import exclusive, stop_signals
+from tuner.problem.observations import Observation, Proposal
+from tuner.recommendation.confirmation import choose_finalists, finalist_count, schedule
+from tuner.recommendation.recommendation import Recommendation, recommend
+from tuner.samplers.registry import require_sampler
+
+if TYPE_CHECKING:
+    from tuner.acquisition.front import FrontPoint
+    from tuner.samplers.earlier_missions import EarlierMissions
+    from tuner.surrogate.model import RockMeanGP
+
+RECOMMENDATION_FILE = "recommendation.json"
+SCREENING_FILE = "screening.json"
+LEARNED_FILE = "learned_from.json"
+FRONT_FILE = "front.json"
+
+
+class Campaign:
+    """One run directory. Use ``create`` or ``open``."""
+
+    def __init__(self, directory: Path, settings: CampaignSettings, ledger: Ledger) -> None:
+        self.directory = directory
+        self.settings = settings
+        self.ledger = ledger
+        self.learned = self._read_earlier(LEARNED_FILE, "restore it") if settings.learn_from else None
+        self.screening = None
+        if settings.low_fidelity is not None and (directory / SCREENING_FILE).is_file():
+            self.screening = self._read_earlier(SCREENING_FILE, "delete it and resume: it is flown again")
+        self._sampler = settings.make_sampler(self.earlier)
+
+    @property
+    def earlier(self) -> EarlierMissions | None:
+        """What was flown before the campaign: its screening, which has learned from earlier campaigns, or those."""
+        return self.screening or self.learned
+
+    # -- the run directory -----------------------------------------------------------------------------------
+
+    @staticmethod
+    def create(directory: Path, settings: CampaignSettings) -> Campaign:
+        """Begin a campaign in a new or empty directory.
+
+        Raises
+        ------
+        UserError
+            The directory holds something already or cannot be written; the storage cannot be used.
+        """
+        if (directory / SETTINGS_FILE).exists():
+            theirs = read_settings(directory)[0]
+            what = (
+                "this campaign" if theirs == settings.to_dict() else f"another campaign ({theirs['name']!r})"
+            )
+            raise UserError(
+                f"{directory} already holds {what}; resume it with `gatetune campaign resume {directory}` "
+                "or choose another directory"
+            )
+        if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+            raise UserError(f"{directory} exists and is not an empty directory; choose another directory")
+        learned = settings.learned()
+        settings.make_sampler()
+        require_sampler(settings.sampler)  # here and not in make_sampler: a report must open without the peer
+        was_there = directory.exists()
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            identity = uuid.uuid4().hex
+            try:
+                ledger = Ledger(
+                    directory, settings.storage, settings.name, identity, settings.space, settings.objective,
+                    create=True,
+                )  # fmt: skip
+            except UserError:
+                if not was_there:
+                    with contextlib.suppress(OSError):  # not empty: somebody else's
+                        directory.rmdir()
+                raise
+            tree = {
+                "format": FORMAT_VERSION,
+                "id": identity,
+                "created": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
+                "base_config_digest": settings.base_config().digest(),
+                "settings": settings.to_dict(),
+            }
+            if learned is not None:
+                write_atomic(directory / LEARNED_FILE, learned.to_json())
+            write_atomic(directory / SETTINGS_FILE, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
+        except OSError as error:
+            raise UserError(
+                f"cannot write to {directory}: {error.strerror}; choose another directory"
+            ) from error
+        return Campaign(directory, settings, ledger)
+
+    @staticmethod
+    def open(
+        directory: Path, expected: CampaignSettings | None = None, *, read_only: bool = False
+    ) -> Campaign:
+        """The campaign in ``directory``.
+
+        Parameters
+        ----------
+        expected
+            Settings the caller believes in; a difference is refused.
+        read_only
+            For status and reports of a campaign that may be running.
+
+        Raises
+        ------
+        UserError
+            No campaign there, other settings, a ledger that is missing or belongs elsewhere.
+        """
+        stored, identity, digest = read_settings(directory)
+        settings = CampaignSettings.from_dict(stored, str(directory / SETTINGS_FILE))
+        if expected is not None:
+            difference = first_difference(settings.to_dict(), expected.to_dict())
+            if difference:
+                raise UserError(
+                    f"{directory} holds a campaign with other settings: {difference}; "
+                    "resume it as it is or choose another directory"
+                )
+        if settings.base_config().digest() != digest:
+            raise UserError(
+                f"preset {settings.preset!r} has changed since the campaign in {directory} began; resume it with "
+                "the version that began it, or start a new campaign"
+            )
+        with contextlib.ExitStack() as stack:
+            if not read_only:  # repairs to the ledger need the campaign to be idle
+                stack.enter_context(exclusive(directory))
+            ledger = Ledger(
+                directory, settings.storage, settings.name, identity, settings.space, settings.objective,
+                read_only=read_only,
+            )  # fmt: skip
+        return Campaign(directory, settings, ledger)
+
+    # -- looking ---------------------------------------------------------------------------------------------
+
+    def trials(self) -> list[TrialRecord]:
+        """All missions, in trial order."""
+        return self.ledger.trials()
+
+    def history(self, trials: Sequence[TrialRecord] | None = None) -> list[Observation]:
+        """Finished missions, with the second objective's outcome where there is one."""
+        trials = self.trials() if trials is None else trials
+        history = self.ledger.history(trials)
+        second = self.settings.second
+        if second is None:
+            return history
+        outcomes: dict[int, float | None] = {}
+        for t in trials:
+            value = second.measure({**t.metrics, "costs": t.costs}) if t.state == "complete" else None
+            outcomes[t.number] = None if value is None else second.sign * value
+        return [dataclasses.replace(o, second=outcomes[o.number]) for o in history]
+
+    def _read_earlier(self, name: str, remedy: str) -> EarlierMissions:
+        from tuner.samplers.earlier_missions import EarlierMissions
+
+        path = self.directory / name
+        try:
+            return EarlierMissions.from_json(path.read_text(), self.settings.space)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise UserError(f"{path} cannot be read ({error!r}); {remedy}") from error
+
+    def fly_screening(self, on_mission: Callable[[int, int], None]) -> None:
+        """Fly the missions of the low fidelity and keep them; ``on_mission`` hears (flown, total)."""
+        from threadpoolctl import threadpool_limits
+
+        from tuner.campaign.screening import CheapMissions, screen
+
+        s = self.settings
+        fly = CheapMissions(s.low_fidelity_runner(), s.config, s.objective)
+        with threadpool_limits(1):
+            flown = screen(
+                s.space, s.rocks, s.default_values(), fly, s.seed, on_mission, trusted_default=True,
+                earlier=self.learned,
+            )  # fmt: skip
+        write_atomic(self.directory / SCREENING_FILE, flown.to_json())
+        self.screening = flown
+        self._sampler = s.make_sampler(self.earlier)
+
+    def flown_in_both(self) -> list[FrontPoint]:
+        """What is believed of every configuration in both objectives; empty without a second one or its values."""
+        s = self.settings
+        history = [o for o in self.history() if o.outcome is not None and o.second is not None]
+        if s.second is None or not history:
+            return []
+        from tuner.acquisition.front import flown_in_both, two_models
+
+        models = two_models(s.space, history, s.rocks, s.seed, s.surrogate())
+        return flown_in_both(models, (s.objective, s.second))
+
+    def front(self, *, save: bool = True) -> list[FrontPoint]:
+        """The Pareto front of the configurations flown; empty where `flown_in_both` is."""
+        points = self.flown_in_both()
+        if self.settings.second is None or not points:
+            return []
+        from tuner.acquisition.front import pareto_front
+
+        points = pareto_front(points, (self.settings.objective, self.settings.second))
+        if save:
+            write_atomic(self.directory / FRONT_FILE, json.dumps([p.to_dict() for p in points], indent=1))
+        return points
+
+    def status(self) -> CampaignStatus:
+        """Counts and costs."""
+        trials = self.trials()
+        done = [t for t in trials if t.state != "running"]
+        values = [t.raw for t in done if t.raw is not None]
+        best = max if self.settings.objective.direction == "maximise" else min
+
+        def total(key: str) -> float:
+            return float(sum(t.costs.get(key) or 0.0 for t in done))
+
+        return CampaignStatus(
+            name=self.settings.name,
+            budget=self.settings.budget,
+            complete=sum(t.state == "complete" for t in trials),
+            failed=sum(t.state == "failed" for t in trials),
+            running=len(trials) - len(done),
+            per_rock={rock: sum(t.rock == rock for t in trials) for rock in self.settings.rocks},
+            failures=dict(collections.Counter(t.reason for t in trials if t.state == "failed")),
+            mission_wall_s=float(sum(t.wall_s for t in done)),
+            flight_time_s=total("flight_time_s"),
+            path_length_m=total("path_length_m"),
+            images=total("images"),
+            best_observed=best(values) if values else None,
+        )
+
+    def recommendation(self, *, save: bool = True, check: bool = False) -> Recommendation | None:
+        """The evaluated configuration with the best posterior mean over the training rocks.
+
+        ``check``: how well the missions were predicted before they were flown, a fit each for up to 24 of them.
+        """
+        history = self.history()
+        result = self.recommend_from(history)
+        if result is not None and check:
+            from tuner.surrogate.forward_check import check_ahead
+
+            s = self.settings
+            found = check_ahead(
+                s.space, history, s.rocks, s.initial_size(), s.seed, s.surrogate(), self.earlier
+            )
+            result = dataclasses.replace(result, ahead_of_search=found.to_dict() if found else None)
+        if result is not None and save:
+            write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
+        return result
+
+    def recommend_from(self, history: Sequence[Observation]) -> Recommendation | None:
+        """What would be recommended after ``history``."""
+        s = self.settings
+        return recommend(
+            s.space, history, s.rocks, s.default_values(), s.objective, s.seed,
+            confirmed=range(s.search_budget, s.budget), settings=s.surrogate(), risk=s.gp.risk,
+            earlier=self.earlier,
+        )  # fmt: skip
+
+    def surrogate_from(
+        self, history: Sequence[Observation], rocks: Sequence[str] | None = None
+    ) -> RockMeanGP:
+        """The surrogate behind such a recommendation, of ``rocks`` (the campaign's where None).
+
+        ``ValueError`` without a successful mission.
+        """
+        from tuner.surrogate.model import RockMeanGP
+
+        s = self.settings
+        return RockMeanGP(s.space, history, rocks or s.rocks, s.seed, s.surrogate(), self.earlier)
+
+    def propose(self, trials: Sequence[TrialRecord], known: int) -> Proposal:
+        """The sampler's next mission after the first ``known`` trials; the others count as in flight."""
+        return self._sampler.ask(self.history(trials[:known]), self.ledger.pending(trials, known))
+
+    def confirmation_plan(self) -> list[Proposal]:
+        """The missions of the confirmation stage, a function of the search missions alone.
+
+        Empty without a stage, and where no search mission succeeded.
+        """
+        s = self.settings
+        search = [o for o in self.history() if o.number < s.search_budget]
+        missions = s.budget - s.search_budget
+        result = self.recommend_from(search) if missions else None
+        if result is None:
+            return []
+        ranked = [candidate.values for candidate in result.top]
+        count = finalist_count(missions, len(s.rocks))
+        # Beside a trend length scales say nothing of how alike two configurations are.
+        lengths = None if s.surrogate().trend else result.lengthscales
+        finalists = choose_finalists(s.space, ranked, s.default_values(), count, lengths)
+        first_replicate = max(s.replicates, 1 + max(o.replicate for o in search))
+        return schedule(finalists, s.rocks, first_replicate, missions)
+
+    def recommended_config(self) -> MissionConfig:
+        """The recommendation as a complete mission configuration.
+
+        What the campaign ended with stands, so that an evaluation goes on after an upgrade of this program whose
+        surrogate would choose another one; it is made anew where missions have come since.
+
+        Raises
+        ------
+        UserError
+            No mission has succeeded yet.
+        """
+        values = self._saved_recommendation()
+        if values is None:
+            result = self.recommendation(save=False)
+            if result is None:
+                raise UserError(
+                    f"{self.directory} has no successful mission yet; run or resume the campaign first"
+                )
+            values = result.values
+        return self.settings.config(values)
+
+    def _saved_recommendation(self) -> dict[str, Any] | None:
+        """The values saved after exactly the missions there are, and flown by one of them; None without such a file."""
+        history = self.history()
+        failures = sum(not o.feasible for o in history)
+        try:
+            saved = json.loads((self.directory / RECOMMENDATION_FILE).read_text())
+            counted = (saved["observations"], saved["failures"])
+            values = dict(saved["values"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
+        flown = any(values == dict(o.values) for o in history)
+        return values if flown and counted == (len(history) - failures, failures) else None
+
+    # -- flying ----------------------------------------------------------------------------------------------
+
+    def run(
+        self,
+        executor: Executor,
+        on_event: Callable[[CampaignEvent], None] | None = None,
+        *,
+        recommend_every: int = 0,
+    ) -> CampaignSummary:
+        """Fly missions until the budget is used, Ctrl-C or SIGTERM; also resumes.
+
+        Missions that were in flight when an earlier session ended are flown again under their old trial
+        numbers (or entered, if they had finished). The executor is left open; missions still in flight at an
+        interruption are killed. A second Ctrl-C interrupts at once.
+
+        Parameters
+        ----------
+        recommend_every
+            Emit a "recommendation" event (and save it) after every so many finished missions; 0: only at the end.
+
+        Raises
+        ------
+        UserError
+            The campaign is running elsewhere; a mission met a user's mistake (its trial stays open, so a resume
+            flies it again); the ledger cannot be written.
+        """
+        session = CampaignSession(self, executor, on_event or (lambda event: None), recommend_every)
+        try:
+            with exclusive(self.directory), stop_signals() as stop:
+                try:
+                    return session.fly(stop)
+                finally:
+                    executor.cancel_all()
+        except OSError as error:
+            raise UserError(
+                f"cannot write to {self.directory}: {error.strerror or error}; make room, then resume"
+            ) from error

@@ -1,0 +1,76 @@
+"""What a campaign tells while it flies and when it ends: events, counts, the summary of a session."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from tuner.campaign.ledger import TrialRecord
+    from tuner.recommendation.recommendation import Recommendation
+
+EventKind = Literal[
+    "screening",
+    "proposed",
+    "launched",
+    "finished",
+    "failed",
+    "recommendation",
+    "interrupted",
+    "stopped",
+    "done",
+]
+
+
+@dataclass(frozen=True)
+class CampaignEvent:
+    """Something a live display may show."""
+
+    kind: EventKind
+    elapsed_s: float  # since this session began
+    finished: int  # missions finished so far, failed ones included
+    budget: int
+    trial: TrialRecord | None = None
+    recommendation: Recommendation | None = None
+    ask_s: float = 0.0  # time the sampler took, for "proposed"
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class CampaignStatus:
+    """Counts and costs of a campaign."""
+
+    name: str
+    budget: int
+    complete: int
+    failed: int
+    running: int  # in flight, or interrupted and waiting for a resume
+    per_rock: dict[str, int]
+    failures: dict[str, int]  # by reason
+    mission_wall_s: float
+    flight_time_s: float
+    path_length_m: float
+    images: float
+    best_observed: float | None  # luckiest mission; see the recommendation for the best configuration
+
+    @property
+    def finished(self) -> int:
+        """Missions with an outcome, failures included."""
+        return self.complete + self.failed
+
+    @property
+    def remaining(self) -> int:
+        """Missions still to finish."""
+        return max(0, self.budget - self.finished)
+
+
+@dataclass(frozen=True)
+class CampaignSummary:
+    """How one session of ``Campaign.run`` ended."""
+
+    stopped: Literal["budget", "settled", "interrupted", "failing"]
+    message: str
+    elapsed_s: float
+    ask_s: float  # spent by the sampler
+    status: CampaignStatus
+    recommendation: Recommendation | None

@@ -1,0 +1,54 @@
+"""A larger budget for a campaign that has begun: what it has flown stays."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+from pathlib import Path
+
+import yaml
+
+from nbv.errors import UserError
+from nbv.mission.run_directory import write_atomic
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.settings import SETTINGS_FILE
+from tuner.missions.long_runs import exclusive
+
+
+def extend_campaign(directory: Path, budget: int) -> Campaign:
+    """The campaign in ``directory`` with a budget of ``budget`` missions instead of fewer.
+
+    The initial design and every proposal so far are those of the smaller budget; the sampler goes on from there.
+    ``campaign.yaml`` holds the new budget and, under ``extensions``, when it grew from what.
+
+    Raises
+    ------
+    UserError
+        As ``Campaign.open``; the budget is not larger; the campaign has flown missions of its confirmation stage,
+        which would count as search missions then.
+    """
+    campaign = Campaign.open(directory)
+    old = campaign.settings
+    if budget <= old.budget:
+        raise UserError(
+            f"the campaign in {directory} has a budget of {old.budget} missions; {budget} does not extend it, "
+            "give more"
+        )
+    if len(campaign.trials()) > old.search_budget:
+        raise UserError(
+            f"the campaign in {directory} has begun to confirm its finalists, so its search cannot be extended; "
+            "start a new campaign"
+        )
+    # The first session decided the size of the initial design: keep it.
+    settings = dataclasses.replace(old, budget=budget, initial=old.initial_size())
+    path = directory / SETTINGS_FILE
+    try:
+        with exclusive(directory):
+            tree = yaml.safe_load(path.read_text())
+            tree["settings"] = settings.to_dict()
+            when = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
+            tree.setdefault("extensions", []).append({"when": when, "from": old.budget, "to": budget})
+            write_atomic(path, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error.strerror}; make room, then resume") from error
+    return Campaign.open(directory)

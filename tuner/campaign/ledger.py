@@ -1,0 +1,327 @@
+"""The campaign's one ledger: an Optuna study in which every trial is one mission.
+
+Parameters of a trial are the tuned ones only; rock, replicate, costs, metrics and the reason for the proposal
+are user attributes, so that Optuna's importances and dashboards see what was tuned and nothing else. A trial
+is created running in one write, gets its attributes while it runs, and is told once; finished trials are
+never touched again. A failed mission is a trial in state FAIL, without a value.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from nbv.errors import UserError
+from tuner.missions.job import MissionOutcome
+from tuner.problem.objective import Objective
+from tuner.problem.observations import Observation, Pending, Proposal
+from tuner.problem.search_space import SearchSpace
+
+if TYPE_CHECKING:
+    import optuna
+
+JOURNAL_FILE = "study.journal"
+_CAMPAIGN_ID = "campaign_id"
+
+
+@dataclass(frozen=True)
+class TrialRecord:
+    """One mission as the ledger knows it."""
+
+    number: int
+    state: Literal["running", "complete", "failed"]
+    values: dict[str, Any]  # tuned parameters
+    rock: str
+    replicate: int
+    directory: str  # of the mission, relative to the run directory
+    why: dict[str, Any]  # who proposed it and for what reason
+    memory: dict[str, Any]
+    raw: float | None  # the metric as measured; None while running and when failed
+    status: str = ""  # the mission's: ok, degraded, failed; empty while running
+    reason: str = ""
+    message: str = ""
+    metrics: dict[str, Any] = field(default_factory=dict)
+    costs: dict[str, Any] = field(default_factory=dict)
+    timings_s: dict[str, Any] = field(default_factory=dict)
+    wall_s: float = 0.0
+    config_digest: str = ""
+    started: datetime.datetime | None = None
+    finished: datetime.datetime | None = None
+
+    def measured(self, objective: Objective) -> float | None:
+        """An objective's metric, perhaps another than the campaign's; None while flying, where it failed or has none."""
+        return objective.outcome(self.status, self.metrics)[0] if self.state == "complete" else None
+
+
+class Ledger:
+    """Opens (or creates) the study of one campaign.
+
+    Parameters
+    ----------
+    directory
+        The campaign's run directory, which holds the default storage.
+    storage
+        None for ``study.journal`` in ``directory``; otherwise an Optuna storage: an SQLAlchemy URL such as
+        ``sqlite:///missions.db``, ``redis://...``, or ``journal:PATH``.
+    study_name, campaign_id
+        The study's name, and the identity that tells it from another campaign of the same name.
+    space, objective
+        What is tuned and for what.
+    create
+        Make a new study; it must not exist. Otherwise it must exist and belong to ``campaign_id``.
+    read_only
+        Only look: leave the files of a campaign that may be running alone.
+
+    Raises
+    ------
+    UserError
+        Unknown or unreachable storage, missing study, or a study of another campaign.
+    """
+
+    def __init__(
+        self,
+        directory: Path,
+        storage: str | None,
+        study_name: str,
+        campaign_id: str,
+        space: SearchSpace,
+        objective: Objective,
+        *,
+        create: bool = False,
+        read_only: bool = False,
+    ) -> None:
+        import optuna
+
+        optuna.logging.set_verbosity(optuna.logging.WARNING)
+        self._space = space
+        self._objective = objective
+        self._distributions = space.distributions()
+        shown = storage or str(directory / JOURNAL_FILE)
+        self._storage = open_storage(storage, directory, must_exist=not create, heal=not read_only)
+        try:
+            if create:
+                direction = "maximize" if objective.direction == "maximise" else "minimize"
+                self._study = optuna.create_study(
+                    study_name=study_name, storage=self._storage, direction=direction
+                )
+                self._study.set_user_attr(_CAMPAIGN_ID, campaign_id)
+                self._study.set_user_attr("metric", objective.metric)
+                self._study.set_user_attr("search_space", space.to_dict())
+            else:
+                self._study = optuna.load_study(study_name=study_name, storage=self._storage)
+        except optuna.exceptions.DuplicatedStudyError as error:
+            raise UserError(
+                f"{shown} already holds a study {study_name!r}; choose another campaign name or storage"
+            ) from error
+        except KeyError as error:
+            raise UserError(
+                f"{shown} holds no study {study_name!r}; the ledger was moved or never made: "
+                "restore it, or start a new campaign"
+            ) from error
+        if not create and self._study.user_attrs.get(_CAMPAIGN_ID) != campaign_id:
+            raise UserError(
+                f"the study {study_name!r} in {shown} belongs to another campaign; "
+                "choose another name or storage"
+            )
+
+    # -- writing ---------------------------------------------------------------------------------------------
+
+    def start(
+        self, proposal: Proposal, rock: str, replicate: int, config_digest: str, seed: int
+    ) -> TrialRecord:
+        """Enter a mission that is about to fly, in one write."""
+        from optuna.trial import TrialState, create_trial
+
+        number = len(self._study.get_trials(deepcopy=False))
+        attributes = {
+            "rock": rock,
+            "replicate": replicate,
+            "seed": seed,
+            "config_digest": config_digest,
+            "directory": mission_directory(number, rock, replicate),
+            "why": proposal.why,
+        }
+        if proposal.memory:
+            attributes["memory"] = proposal.memory
+        trial = create_trial(
+            state=TrialState.RUNNING,
+            params=dict(proposal.values),
+            distributions=self._distributions,
+            user_attrs=attributes,
+        )
+        self._study.add_trial(trial)
+        record = self.trials()[-1]
+        if record.number != number or record.directory != attributes["directory"]:
+            raise UserError("another process writes to this campaign's study; let only one run at a time")
+        return record
+
+    def finish(self, number: int, outcome: MissionOutcome) -> TrialRecord:
+        """Enter how a mission ended; once per mission."""
+        from optuna.trial import TrialState
+
+        frozen = self._study.get_trials(deepcopy=False)[number]
+        if frozen.state.is_finished():
+            raise ValueError(f"trial {number} is finished already")
+        value, why_not = self._objective.outcome(outcome.status, outcome.metrics)
+        attributes = {
+            "status": outcome.status,
+            "reason": outcome.reason or (why_not if value is None else ""),
+            "message": outcome.message,
+            "metrics": outcome.metrics,
+            "costs": outcome.costs,
+            "timings_s": outcome.timings_s,
+            "wall_s": round(outcome.wall_s, 3),
+            "feasible": value is not None,
+        }
+        for key, content in attributes.items():  # before tell: finished trials are frozen
+            self._storage.set_trial_user_attr(frozen._trial_id, key, content)
+        if value is None:
+            self._study.tell(number, state=TrialState.FAIL)
+        else:
+            self._study.tell(number, value)
+        return self.trials()[number]
+
+    # -- reading ---------------------------------------------------------------------------------------------
+
+    def trials(self) -> list[TrialRecord]:
+        """All missions in trial order."""
+        return [_record(trial) for trial in self._study.get_trials(deepcopy=False)]
+
+    def history(self, trials: Sequence[TrialRecord] | None = None) -> list[Observation]:
+        """Finished missions as the samplers and the surrogate see them."""
+        sign = self._objective.sign
+        return [
+            Observation(
+                t.number, t.values, t.rock, t.replicate, None if t.raw is None else sign * t.raw, t.raw,
+                t.reason, t.wall_s, t.memory,
+            )
+            for t in (self.trials() if trials is None else trials)
+            if t.state != "running"
+        ]  # fmt: skip
+
+    def pending(self, trials: Sequence[TrialRecord], known: int) -> list[Pending]:
+        """Missions in flight, and those after the first ``known``, which count as if they were."""
+        return [
+            Pending(t.number, t.values, t.rock, t.replicate, t.memory)
+            for i, t in enumerate(trials)
+            if t.state == "running" or i >= known
+        ]
+
+
+def mission_directory(number: int, rock: str, replicate: int) -> str:
+    """Directory of a mission, relative to the run directory: ``missions/0007_boulder-a_r1``."""
+    safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in Path(rock).stem) or "rock"
+    return f"missions/{number:04d}_{safe}_r{replicate}"
+
+
+def _record(trial: optuna.trial.FrozenTrial) -> TrialRecord:
+    from optuna.trial import TrialState
+
+    states: Mapping[TrialState, Literal["running", "complete", "failed"]] = {
+        TrialState.RUNNING: "running",
+        TrialState.COMPLETE: "complete",
+        TrialState.FAIL: "failed",
+    }
+    a = trial.user_attrs
+    if trial.state not in states or "rock" not in a:
+        raise UserError(
+            f"trial {trial.number} of this campaign's study was not entered by gatetune; "
+            "do not add trials to it by hand"
+        )
+    return TrialRecord(
+        number=trial.number,
+        state=states[trial.state],
+        values=dict(trial.params),
+        rock=a["rock"],
+        replicate=a["replicate"],
+        directory=a["directory"],
+        why=a["why"],
+        memory=a.get("memory", {}),
+        raw=trial.value if trial.state == TrialState.COMPLETE else None,
+        status=a.get("status", "") if trial.state != TrialState.RUNNING else "",
+        reason=a.get("reason", ""),
+        message=a.get("message", ""),
+        metrics=a.get("metrics", {}),
+        costs=a.get("costs", {}),
+        timings_s=a.get("timings_s", {}),
+        wall_s=a.get("wall_s", 0.0),
+        config_digest=a.get("config_digest", ""),
+        started=trial.datetime_start,
+        finished=trial.datetime_complete,
+    )
+
+
+# -- storages ------------------------------------------------------------------------------------------------
+
+
+def open_storage(
+    storage: str | None, directory: Path, *, must_exist: bool = False, heal: bool = True
+) -> optuna.storages.BaseStorage:
+    """The Optuna storage named by ``storage`` (see ``Ledger``).
+
+    Raises
+    ------
+    UserError
+        Unknown kind, missing driver, or it cannot be reached.
+    """
+    if storage is None:
+        return _journal(directory / JOURNAL_FILE, must_exist, heal)
+    if storage.startswith("journal:"):
+        return _journal(Path(storage.removeprefix("journal:").removeprefix("//")), must_exist, heal)
+    if "://" not in storage:
+        raise UserError(
+            f"unknown storage {storage!r}; give an Optuna storage URL such as sqlite:///missions.db or journal:PATH"
+        )
+    import optuna
+
+    try:
+        if storage.startswith("redis"):
+            backend = optuna.storages.journal.JournalRedisBackend(storage)
+            return optuna.storages.JournalStorage(backend)
+        return optuna.storages.RDBStorage(storage)
+    except Exception as error:  # SQLAlchemy, drivers and redis each raise families of their own
+        first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
+        raise UserError(
+            f"cannot open storage {storage!r}: {first}; check the URL, driver and server"
+        ) from error
+
+
+def _journal(path: Path, must_exist: bool, heal: bool) -> optuna.storages.BaseStorage:
+    from optuna.storages import JournalStorage
+    from optuna.storages.journal import JournalFileBackend
+
+    if must_exist and not path.is_file():
+        raise UserError(f"the ledger {path} is missing; restore it, or start a new campaign elsewhere")
+    try:
+        if heal and path.is_file():
+            _drop_torn_line(path)
+            # The caller holds the campaign's lock, so a lock file here was left by a killed process.
+            path.with_name(path.name + ".lock").unlink(missing_ok=True)
+        return JournalStorage(JournalFileBackend(str(path)))
+    except OSError as error:
+        raise UserError(f"cannot open the ledger {path}: {error.strerror}; make it writable") from error
+    except ValueError as error:
+        raise UserError(f"the ledger {path} is damaged ({error}); restore it from a copy") from error
+
+
+def _drop_torn_line(path: Path) -> None:
+    """Cut off a last line that a killed process or a full disk left without its end.
+
+    Optuna skips such a line when reading but would glue the next record to it.
+    """
+    size = path.stat().st_size
+    if size == 0:
+        return
+    with path.open("rb+") as file:
+        file.seek(-1, 2)
+        if file.read(1) == b"\n":
+            return
+        file.seek(0)
+        content = file.read()
+        with contextlib.suppress(OSError):
+            path.with_name(path.name + ".torn").write_bytes(content[content.rfind(b"\n") + 1 :])
+        file.truncate(content.rfind(b"\n") + 1)

@@ -1,0 +1,218 @@
+"""One session of a campaign: ask, fly, tell, until the budget is used or somebody interrupts."""
+
+from __future__ import annotations
+
+import collections
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Literal
+
+from nbv.errors import UserError
+from tuner.campaign.events import CampaignEvent, CampaignSummary, EventKind
+from tuner.campaign.ledger import TrialRecord
+from tuner.missions.executors import Executor
+from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
+from tuner.problem.blocks import next_slot
+from tuner.problem.observations import Proposal
+from tuner.recommendation.recommendation import Recommendation
+
+if TYPE_CHECKING:
+    from tuner.campaign.campaign import Campaign
+
+# So many failures in a row mean that something is wrong with the set-up, not with the configurations.
+MAX_CONSECUTIVE_FAILURES = 8
+_POLL_S = 0.5
+_SCREENING_EVENTS = 25
+
+
+class _Stopped(Exception):
+    """A signal during the screening."""
+
+
+class CampaignSession:
+    """One call of ``Campaign.run``."""
+
+    def __init__(
+        self,
+        campaign: Campaign,
+        executor: Executor,
+        on_event: Callable[[CampaignEvent], None],
+        recommend_every: int,
+    ) -> None:
+        self._campaign = campaign
+        self._settings = campaign.settings
+        self._ledger = campaign.ledger
+        self._executor = executor
+        self._on_event = on_event
+        self._recommend_every = recommend_every
+        self._began = time.monotonic()
+        self._ask_s = 0.0
+        self._finished = 0
+        self._failures_in_row = 0
+        self._in_flight: dict[str, TrialRecord] = {}
+        self._plan: list[Proposal] | None = None  # of the confirmation stage, once the search has ended
+
+    def fly(self, stop: threading.Event) -> CampaignSummary:
+        if self._settings.low_fidelity is not None and self._campaign.screening is None:
+            try:
+                self._campaign.fly_screening(lambda done, total: self._screened(stop, done, total))
+            except _Stopped:
+                message = "the screening will be flown again by a resume"
+                self._emit("interrupted", message=message)
+                return self._summary("interrupted", message)
+        again = self._recover()
+        while True:
+            if stop.is_set():
+                self._executor.cancel_all()
+                message = f"{len(self._in_flight)} missions in flight will be flown again by a resume"
+                self._emit("interrupted", message=message)
+                return self._summary("interrupted", message)
+            if self._failures_in_row >= MAX_CONSECUTIVE_FAILURES:
+                self._executor.cancel_all()
+                last = next(t for t in reversed(self._ledger.trials()) if t.state == "failed")
+                why = f" ({last.message})" if last.message else ""
+                message = (
+                    f"{self._failures_in_row} missions failed in a row, the last with {last.reason!r}{why}; "
+                    "mend the cause, then resume"
+                )
+                self._emit("stopped", message=message)
+                return self._summary("failing", message)
+            while len(self._in_flight) < self._executor.capacity and not stop.is_set():
+                trial = again.popleft() if again else self._next_trial()
+                if trial is None:
+                    break
+                self._launch(trial)
+            if not self._in_flight and not stop.is_set():
+                if self._settled(self._ledger.trials()):
+                    summary = self._summary("settled", self._why_settled())
+                else:
+                    summary = self._summary("budget", "the budget is used")
+                if self._settings.second is not None:
+                    self._campaign.front()
+                self._emit("done", recommendation=summary.recommendation)
+                return summary
+            for outcome in self._executor.wait_any(_POLL_S):
+                self._finish(outcome)
+
+    def _screened(self, stop: threading.Event, done: int, total: int) -> None:
+        if stop.is_set():
+            raise _Stopped
+        if done == total or done % _SCREENING_EVENTS == 0:
+            self._emit("screening", message=f"{done} of {total} missions of the low fidelity")
+
+    def _settled(self, trials: Sequence[TrialRecord]) -> bool:
+        if not self._settings.stop_when_settled:
+            return False
+        from tuner.acquisition.stopping import settled
+
+        return settled([t.why for t in trials])
+
+    def _why_settled(self) -> str:
+        last = self._ledger.trials()[-1].why
+        return (
+            f"settled: {last['gain_left']:.3g} is expected to be left to gain, less than the "
+            f"{last['comparison_noise']:.3g} that a final comparison can tell"
+        )
+
+    def _recover(self) -> collections.deque[TrialRecord]:
+        """Enter missions that finished but were not told; return those to fly again."""
+        trials = self._ledger.trials()
+        self._finished = sum(t.state != "running" for t in trials)
+        again: collections.deque[TrialRecord] = collections.deque()
+        for trial in trials:
+            if trial.state == "running":
+                outcome = collect_outcome(self._job(trial))
+                if outcome is not None and outcome.reason != "user_error":
+                    self._enter(trial, outcome)
+                else:
+                    again.append(trial)
+        return again
+
+    def _next_trial(self) -> TrialRecord | None:
+        trials = self._ledger.trials()
+        if len(trials) >= self._settings.budget or self._settled(trials):
+            return None
+        confirming = len(trials) - self._settings.search_budget
+        if confirming >= 0 and any(t.state == "running" for t in trials[: self._settings.search_budget]):
+            return None  # the finalists are known when the search has ended
+        known = trials
+        if self._settings.in_step is not None:
+            known = trials[: max(0, len(trials) + 1 - self._settings.in_step)]
+            if any(t.state == "running" for t in known):
+                return None  # its turn comes when they have ended
+        started = time.monotonic()
+        if confirming >= 0 and self._plan is None:
+            self._plan = self._campaign.confirmation_plan()
+        if confirming >= 0 and self._plan:
+            proposal = self._plan[confirming]
+        else:
+            proposal = self._campaign.propose(trials, len(known))
+        ask_s = time.monotonic() - started
+        self._ask_s += ask_s
+        rock, replicate = next_slot(self._settings.rocks, self._settings.replicates, trials, proposal)
+        digest = self._settings.config(proposal.values).digest()
+        trial = self._ledger.start(proposal, rock, replicate, digest, self._settings.seed)
+        self._emit("proposed", trial, ask_s=ask_s)
+        return trial
+
+    def _job(self, trial: TrialRecord) -> MissionJob:
+        return MissionJob(
+            id=f"{trial.number:04d}",
+            config=self._settings.config(trial.values),
+            rock=trial.rock,
+            replicate=trial.replicate,
+            directory=self._campaign.directory / trial.directory,
+            keep=self._settings.keep,
+            runner=self._settings.runner,
+        )
+
+    def _launch(self, trial: TrialRecord) -> None:
+        job = self._job(trial)
+        self._executor.submit(job)
+        self._in_flight[job.id] = trial
+        self._emit("launched", trial)
+
+    def _finish(self, outcome: MissionOutcome) -> None:
+        trial = self._in_flight.pop(outcome.job_id)
+        if outcome.reason == "user_error":
+            # Every other mission would meet it too: stop, and leave the trial open for the resume.
+            raise UserError(outcome.message)
+        self._enter(trial, outcome)
+
+    def _enter(self, trial: TrialRecord, outcome: MissionOutcome) -> None:
+        record = self._ledger.finish(trial.number, outcome)
+        self._finished += 1
+        self._failures_in_row = self._failures_in_row + 1 if record.state == "failed" else 0
+        self._emit("failed" if record.state == "failed" else "finished", record, message=record.message)
+        if self._recommend_every and self._finished % self._recommend_every == 0:
+            recommendation = self._campaign.recommendation()
+            if recommendation is not None:
+                self._emit("recommendation", recommendation=recommendation)
+
+    def _summary(
+        self, stopped: Literal["budget", "settled", "interrupted", "failing"], message: str
+    ) -> CampaignSummary:
+        return CampaignSummary(
+            stopped,
+            message,
+            time.monotonic() - self._began,
+            self._ask_s,
+            self._campaign.status(),
+            self._campaign.recommendation(check=True),
+        )
+
+    def _emit(
+        self,
+        kind: EventKind,
+        trial: TrialRecord | None = None,
+        *,
+        recommendation: Recommendation | None = None,
+        ask_s: float = 0.0,
+        message: str = "",
+    ) -> None:
+        elapsed_s = time.monotonic() - self._began
+        budget = self._settings.budget
+        self._on_event(
+            CampaignEvent(kind, elapsed_s, self._finished, budget, trial, recommendation, ask_s, message)
+        )

@@ -1,0 +1,101 @@
+"""Learning from earlier campaigns: what was flown on other rocks tells where to look on these.
+
+A configuration that is good on some rocks tends to be good on others. The missions of earlier campaigns, moved into the
+present search space, lead the initial design and inform the surrogate (``tuner.samplers.earlier_missions``); what they are worth
+is decided by the missions of the campaign itself.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from nbv.config.mission_config import MissionConfig
+from nbv.errors import UserError
+from tuner.campaign.shipped import SHIPPED, shipped_missions
+from tuner.problem.objective import Objective
+from tuner.problem.observations import Observation
+from tuner.problem.search_space import SearchSpace, Values, value_at
+from tuner.samplers.earlier_missions import MIN_OBSERVATIONS, EarlierMissions
+
+if TYPE_CHECKING:
+    from tuner.campaign.campaign import Campaign
+
+
+def learn_from(
+    directories: Sequence[str], space: SearchSpace, base: MissionConfig, objective: Objective
+) -> EarlierMissions:
+    """The missions of the campaigns in ``directories`` (or ``shipped``) that are configurations of ``space``.
+
+    A mission counts where its tuned values lie in ``space``, what ``space`` does not tune is as in ``base``, and the
+    objective's metric was measured. A parameter that ``space`` tunes and the earlier campaign did not has the value that
+    campaign held it at.
+
+    Raises
+    ------
+    UserError
+        No campaign in a directory, too few such missions in it, a directory named twice, or nothing shipped.
+    """
+    places = [SHIPPED if d == SHIPPED else str(Path(d).resolve()) for d in directories]
+    for directory, place in zip(directories, places):
+        if places.count(place) > 1:
+            raise UserError(f"{directory} is named twice to learn from; name each campaign once")
+    found: list[Observation] = []
+    rocks: list[str] = []
+    for number, directory in enumerate(directories, start=1):
+        if directory == SHIPPED:
+            one = shipped_missions(space, objective)
+        else:
+            one = _missions_of(directory, space, base, objective)
+        # Two campaigns may have flown one rock with different fidelities or presets: each has offsets of its own.
+        names = {rock: f"{rock} ({number})" if rock in rocks else rock for rock in one.rocks}
+        found += [dataclasses.replace(o, rock=names[o.rock]) for o in one.observations]
+        rocks += names.values()
+    return EarlierMissions(space, tuple(rocks), tuple(found))
+
+
+def _missions_of(
+    directory: str, space: SearchSpace, base: MissionConfig, objective: Objective
+) -> EarlierMissions:
+    from tuner.campaign.campaign import Campaign
+
+    campaign = Campaign.open(Path(directory), read_only=True)
+    own = _observations(campaign, space, base, objective)
+    measured = sum(o.feasible for o in own)
+    if measured < MIN_OBSERVATIONS:
+        raise UserError(
+            f"{directory}: {measured} of its {len(campaign.trials())} missions are configurations of search space "
+            f"{space.name!r} with {objective.metric} measured; to learn from it takes {MIN_OBSERVATIONS}. Name "
+            "another campaign, or search the space it searched"
+        )
+    return EarlierMissions(space, campaign.settings.rocks, tuple(own))
+
+
+def _observations(
+    campaign: Campaign,
+    space: SearchSpace,
+    base: MissionConfig,
+    objective: Objective,
+) -> list[Observation]:
+    held = campaign.settings.base_config()
+    found = []
+    for trial in campaign.trials():
+        values = _moved(trial.values, held, space, base)
+        if values is None or trial.state == "running":
+            continue
+        raw = trial.measured(objective)
+        outcome = None if raw is None else objective.sign * raw
+        found.append(Observation(trial.number, values, trial.rock, trial.replicate, outcome, raw))
+    return found
+
+
+def _moved(
+    tuned: Mapping[str, Any], held: MissionConfig, space: SearchSpace, base: MissionConfig
+) -> Values | None:
+    """``tuned`` values of a mission whose others are ``held``, in ``space``; None where it is no configuration of it."""
+    if any(path not in space.paths and value != value_at(base, path) for path, value in tuned.items()):
+        return None
+    values = {path: tuned[path] if path in tuned else value_at(held, path) for path in space.paths}
+    return values if all(p.contains(values[p.path]) for p in space.parameters) else None

@@ -1,0 +1,1 @@
+"""Configurations against baselines on common rocks, with paired statistics."""

@@ -1,0 +1,1 @@
+"""How one mission is flown for the tuner: jobs, outcomes, executors."""

@@ -1,0 +1,287 @@
+"""Where missions run: processes of this machine, or this very process for debugging.
+
+Each mission has a process group of its own, so that an abort inside a native library, the out-of-memory
+killer or a time-out ends one mission and not the campaign.
+"""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import json
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from nbv.errors import UserError
+from nbv.threads import single_thread_environment
+from tuner.missions.job import (
+    DEFAULT_RUNNER,
+    LOG_FILE,
+    MissionJob,
+    MissionOutcome,
+    clear_traces,
+    collect_outcome,
+    failed_outcome,
+    record_failure,
+)
+from tuner.missions.server import EXIT_NOT_WRITABLE, run_job
+
+
+class Executor(Protocol):
+    """Runs missions, at most ``capacity`` at a time."""
+
+    capacity: int
+
+    def submit(self, job: MissionJob) -> None:
+        """Start ``job``; returns at once (the in-process executor flies it in ``wait_any``)."""
+        ...
+
+    def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
+        """Outcomes that arrived, waiting up to ``timeout_s`` for the first; possibly none."""
+        ...
+
+    def cancel_all(self) -> None:
+        """Kill all missions in flight; they leave no outcome."""
+        ...
+
+    def close(self) -> None:
+        """Kill what flies and free all resources."""
+        ...
+
+    @property
+    def in_flight(self) -> tuple[str, ...]:
+        """Ids of the jobs that were submitted and have not come back."""
+        ...
+
+
+class InProcessExecutor:
+    """One mission at a time in this process, without any protection: for debugging and tests."""
+
+    capacity = 1
+
+    def __init__(self) -> None:
+        self._queue: collections.deque[MissionJob] = collections.deque()
+
+    def submit(self, job: MissionJob) -> None:
+        """Queue ``job``."""
+        self._queue.append(job)
+
+    def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
+        """Fly the oldest job, however long it takes."""
+        if not self._queue:
+            return []
+        job = self._queue.popleft()
+        clear_traces(job)
+        started = time.monotonic()
+        run_job(job.to_dict())
+        outcome = collect_outcome(job, time.monotonic() - started)
+        return [outcome or failed_outcome(job, "no_result", f"nothing was written to {job.directory}")]
+
+    def cancel_all(self) -> None:
+        """Forget what has not started."""
+        self._queue.clear()
+
+    def close(self) -> None:
+        """Nothing to free."""
+        self._queue.clear()
+
+    @property
+    def in_flight(self) -> tuple[str, ...]:
+        """Queued jobs."""
+        return tuple(job.id for job in self._queue)
+
+
+# A mission that has not been started (the server is still importing) gets this much longer.
+_START_GRACE_S = 120.0
+
+
+@dataclass
+class _Flight:
+    job: MissionJob
+    since: float  # of submission, then of the start
+    started: bool = False
+    timed_out: bool = False
+
+    @property
+    def elapsed_s(self) -> float:
+        return time.monotonic() - self.since
+
+
+class LocalProcessExecutor:
+    """Missions in processes of this machine, started by one ``tuner.missions.server``.
+
+    Parameters
+    ----------
+    workers
+        Missions at a time, at least 1.
+    timeout_s
+        A mission that takes longer is killed and recorded as ``timeout``.
+    preload
+        Modules that the server imports before it forks (the runner's own module is the useful one).
+    """
+
+    def __init__(
+        self,
+        workers: int = 1,
+        timeout_s: float = 3600.0,
+        preload: tuple[str, ...] = (DEFAULT_RUNNER.partition(":")[0],),
+    ) -> None:
+        if workers < 1:
+            raise UserError(f"workers is {workers}; it must be at least 1")
+        if timeout_s <= 0:
+            raise UserError(f"the mission time-out is {timeout_s} s; it must be positive")
+        self.capacity = workers
+        self._timeout_s = timeout_s
+        self._preload = preload
+        self._flights: dict[str, _Flight] = {}
+        self._ready: list[MissionOutcome] = []
+        self._server: subprocess.Popen[bytes] | None = None
+        self._buffer = b""
+
+    def submit(self, job: MissionJob) -> None:
+        """Start ``job``."""
+        if job.id in self._flights:
+            raise ValueError(f"job {job.id} is already in flight")
+        clear_traces(job)
+        self._flights[job.id] = _Flight(job, time.monotonic())
+        self._order({"op": "run", "job": job.to_dict()})
+
+    def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
+        """Outcomes that arrived within ``timeout_s``."""
+        deadline = time.monotonic() + timeout_s
+        while not self._ready and self._flights:
+            left = deadline - time.monotonic()
+            self._listen(max(0.0, min(left, 0.5)))
+            self._kill_overdue()
+            if left <= 0:
+                break
+        ready, self._ready = self._ready, []
+        return ready
+
+    def cancel_all(self) -> None:
+        """Kill all missions in flight."""
+        self._stop_server()
+        self._flights.clear()
+        self._ready.clear()
+
+    def close(self) -> None:
+        """Kill what flies and end the server."""
+        self.cancel_all()
+
+    @property
+    def in_flight(self) -> tuple[str, ...]:
+        """Jobs that have not come back."""
+        return tuple(self._flights)
+
+    def __enter__(self) -> LocalProcessExecutor:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    # -- the server ------------------------------------------------------------------------------------------
+
+    def _start_server(self) -> subprocess.Popen[bytes]:
+        environment = dict(os.environ)
+        environment["PYTHONPATH"] = os.pathsep.join(p or str(Path.cwd()) for p in sys.path)
+        single_thread_environment()  # children inherit; set before any library is imported
+        environment.update({k: v for k, v in os.environ.items() if k.endswith("_NUM_THREADS")})
+        self._buffer = b""
+        return subprocess.Popen(
+            [sys.executable, "-m", "tuner.missions.server", *self._preload],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=environment,
+            start_new_session=True,  # Ctrl-C in the terminal reaches the campaign only
+        )
+
+    def _order(self, message: dict[str, object]) -> None:
+        if self._server is None:
+            self._server = self._start_server()
+        assert self._server.stdin is not None
+        try:
+            self._server.stdin.write(json.dumps(message).encode() + b"\n")
+            self._server.stdin.flush()
+        except BrokenPipeError:
+            self._server_died()
+
+    def _listen(self, timeout_s: float) -> None:
+        if self._server is None:
+            return
+        assert self._server.stdout is not None
+        with selectors.DefaultSelector() as selector:
+            selector.register(self._server.stdout, selectors.EVENT_READ)
+            if not selector.select(timeout_s):
+                return
+        chunk = os.read(self._server.stdout.fileno(), 65536)
+        if not chunk:
+            self._server_died()
+            return
+        *lines, self._buffer = (self._buffer + chunk).split(b"\n")
+        for line in lines:
+            message = json.loads(line)
+            if message["event"] == "started" and message["id"] in self._flights:
+                # The server may have been importing until now; that is not the mission's time.
+                flight = self._flights[message["id"]]
+                flight.since, flight.started = time.monotonic(), True
+            if message["event"] == "exited" and message["id"] in self._flights:
+                self._land(self._flights.pop(message["id"]), message["status"], message.get("error", ""))
+
+    def _land(self, flight: _Flight, status: int | None, error: str) -> None:
+        job, wall_s = flight.job, flight.elapsed_s
+        outcome = collect_outcome(job, wall_s)
+        log = job.directory / LOG_FILE
+        if outcome is None:
+            if flight.timed_out:
+                reason, message = "timeout", f"killed after {self._timeout_s:g} s; see {log}"
+            elif status is None:
+                reason, message = "not_started", error
+            elif status < 0:
+                name = signal.Signals(-status).name if -status in set(signal.Signals) else "unknown"
+                reason, message = f"worker_died: signal {-status}", f"killed by {name}; see {log}"
+            elif status == EXIT_NOT_WRITABLE:
+                reason, message = (
+                    "output_not_writable",
+                    f"could not write to {job.directory}; is the disk full?",
+                )
+            else:
+                reason, message = f"worker_died: exit {status}", f"ended without a result; see {log}"
+            outcome = failed_outcome(job, reason, message, wall_s)
+            with contextlib.suppress(OSError):  # so that the directory tells its own story
+                record_failure(job, reason, message)
+        self._ready.append(outcome)
+
+    def _kill_overdue(self) -> None:
+        for job_id, flight in self._flights.items():
+            limit_s = self._timeout_s + (0.0 if flight.started else _START_GRACE_S)
+            if not flight.timed_out and flight.elapsed_s > limit_s:
+                flight.timed_out = True
+                self._order({"op": "kill", "id": job_id})
+
+    def _server_died(self) -> None:
+        self._stop_server()
+        flights, self._flights = self._flights, {}
+        for flight in flights.values():
+            self._land(flight, 1, "")
+
+    def _stop_server(self) -> None:
+        server, self._server = self._server, None
+        if server is None:
+            return
+        assert server.stdin is not None and server.stdout is not None
+        with contextlib.suppress(BrokenPipeError):
+            server.stdin.close()  # the server kills its missions and ends
+        try:
+            server.wait(timeout=10)
+        except subprocess.TimeoutExpired:
+            server.kill()
+            server.wait()
+        server.stdout.close()

@@ -1,0 +1,164 @@
+"""A mission as the tuner sees it: a job that goes to a worker, and the outcome that comes back."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from nbv.config.mission_config import MissionConfig, config_from_dict
+from nbv.errors import UserError
+from nbv.mission.run_directory import write_atomic
+
+DEFAULT_RUNNER = "nbv.mission.loop:run_mission"
+RESULT_FILE = "mission.json"
+ERROR_FILE = "worker_error.json"
+LOG_FILE = "worker.log"
+
+Keep = Literal["all", "summary"]
+# run_mission(config, rock, replicate, directory, *, keep) -> nbv.mission.result.MissionResult
+MissionRunner = Callable[..., Any]
+
+
+def runner_path(runner: str | MissionRunner) -> str:
+    """``"module:name"`` of an importable function, the form that crosses process boundaries.
+
+    Raises
+    ------
+    UserError
+        A lambda, a closure or a function of ``__main__``: a worker could not import it.
+    """
+    if isinstance(runner, str):
+        return runner
+    module, name = runner.__module__, getattr(runner, "__qualname__", "<none>")
+    if "<" in name or module == "__main__":
+        raise UserError(
+            f"mission runner {module}:{name} cannot be imported; define it at the top of a module"
+        )
+    return f"{module}:{name}"
+
+
+def resolve_runner(path: str) -> MissionRunner:
+    """Import the function named ``"module:name"``.
+
+    Raises
+    ------
+    UserError
+        There is no such module or function.
+    """
+    module_name, _, name = path.partition(":")
+    try:
+        target: Any = importlib.import_module(module_name)
+        for part in name.split("."):
+            target = getattr(target, part)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise UserError(
+            f"mission runner {path!r} cannot be imported ({error}); name it module:function"
+        ) from error
+    if not callable(target):
+        raise UserError(f"mission runner {path!r} is not a function; name it module:function")
+    return target
+
+
+@dataclass(frozen=True)
+class MissionJob:
+    """One mission to fly."""
+
+    id: str  # unique among the jobs of one executor
+    config: MissionConfig
+    rock: str
+    replicate: int
+    directory: Path
+    keep: Keep = "summary"
+    runner: str = DEFAULT_RUNNER
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form for a worker."""
+        return {
+            "id": self.id,
+            "config": self.config.to_dict(),
+            "rock": self.rock,
+            "replicate": self.replicate,
+            "directory": str(self.directory),
+            "keep": self.keep,
+            "runner": self.runner,
+        }
+
+    @staticmethod
+    def from_dict(tree: Mapping[str, Any]) -> MissionJob:
+        """The inverse of ``to_dict``."""
+        fields = {**tree, "config": config_from_dict(tree["config"]), "directory": Path(tree["directory"])}
+        return MissionJob(**fields)
+
+    @property
+    def slot(self) -> str:
+        """Rock and replicate, for people."""
+        return f"{self.rock} replicate {self.replicate}"
+
+
+@dataclass(frozen=True)
+class MissionOutcome:
+    """How a job ended. ``metrics`` is empty when ``status`` is ``failed``."""
+
+    job_id: str
+    status: Literal["ok", "degraded", "failed"]
+    reason: str = ""  # snake_case code, e.g. "worker_died: signal 6", "timeout", "seed_model_failed"
+    message: str = ""
+    metrics: dict[str, Any] = field(default_factory=dict)
+    costs: dict[str, Any] = field(default_factory=dict)
+    timings_s: dict[str, Any] = field(default_factory=dict)
+    wall_s: float = 0.0
+    directory: str = ""
+
+
+def collect_outcome(job: MissionJob, wall_s: float | None = None) -> MissionOutcome | None:
+    """The outcome that a worker left in the job's directory; None when the mission did not finish.
+
+    A ``mission.json`` of another configuration, rock or replicate is not this mission's.
+    """
+    tree = _read_json(job.directory / RESULT_FILE)
+    if tree is not None and tree.get("config_digest") == job.config.digest():
+        costs = tree.get("costs") or {}
+        return MissionOutcome(
+            job.id,
+            tree.get("status", "failed"),
+            tree.get("reason") or "",
+            tree.get("message") or "",
+            tree.get("metrics") or {},
+            costs,
+            tree.get("timings_s") or {},
+            float(wall_s if wall_s is not None else costs.get("wall_s") or 0.0),
+            str(job.directory),
+        )
+    tree = _read_json(job.directory / ERROR_FILE)
+    if tree is not None and tree.get("job_id") == job.id:
+        return failed_outcome(job, tree["reason"], tree["message"], wall_s or 0.0)
+    return None
+
+
+def failed_outcome(job: MissionJob, reason: str, message: str, wall_s: float = 0.0) -> MissionOutcome:
+    """A mission that ended without metrics."""
+    return MissionOutcome(job.id, "failed", reason, message, wall_s=wall_s, directory=str(job.directory))
+
+
+def record_failure(job: MissionJob, reason: str, message: str) -> None:
+    """Leave the reason of a failure in the job's directory; ``OSError`` if that cannot be written."""
+    text = json.dumps({"job_id": job.id, "reason": reason, "message": message})
+    write_atomic(job.directory / ERROR_FILE, text)
+
+
+def clear_traces(job: MissionJob) -> None:
+    """Remove what an earlier, unfinished attempt at this job may have left as its result."""
+    for name in (RESULT_FILE, ERROR_FILE):
+        (job.directory / name).unlink(missing_ok=True)
+
+
+def _read_json(path: Path) -> dict[str, Any] | None:
+    try:
+        tree = json.loads(path.read_text())
+    except (OSError, ValueError):
+        return None
+    return tree if isinstance(tree, dict) else None

@@ -1,0 +1,224 @@
+"""Runs every mission in a process and process group of its own.
+
+``python -m tuner.missions.server MODULE...`` imports the mission's modules once, then forks one child per job
+it reads from standard input (a mission starts in milliseconds instead of the seconds its imports take, and finds
+the rocks that were flown before in memory).
+Where forking is not safe (a library started threads on import, or the system is not Linux) each job gets a
+fresh interpreter. Lines of JSON: in ``{"op": "run", "job": {...}}`` and ``{"op": "kill", "id": ...}``; out
+``{"event": "ready" | "started" | "exited", ...}``. When standard input closes, i.e. the campaign ended or was
+killed, all missions are killed: none outlives its campaign.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import importlib
+import json
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import traceback
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from nbv.threads import single_thread_environment
+from tuner.missions.shared_rocks import SharedRocks
+
+EXIT_FAILED = 1
+EXIT_NOT_WRITABLE = 74  # EX_IOERR: not even the error could be written
+
+
+def run_job(tree: dict[str, Any]) -> int:
+    """Fly one mission and leave ``mission.json``, or ``worker_error.json``, in its directory; exit status."""
+    from nbv.errors import MissionFailure, UserError
+    from nbv.mission.run_directory import write_atomic
+    from tuner.missions.job import RESULT_FILE, MissionJob, record_failure, resolve_runner
+
+    job = MissionJob.from_dict(tree)
+    directory = job.directory
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        runner = resolve_runner(job.runner)
+        result = runner(job.config, job.rock, job.replicate, directory, keep=job.keep)
+        if not (directory / RESULT_FILE).exists():
+            write_atomic(directory / RESULT_FILE, result.to_json())
+        return 0
+    except KeyboardInterrupt:
+        raise
+    except UserError as error:
+        reason, message = "user_error", str(error)
+    except MissionFailure as error:
+        reason, message = error.reason, error.message
+    except MemoryError:
+        reason, message = "out_of_memory", "the mission ran out of memory"
+    except OSError as error:
+        code = errno.errorcode.get(error.errno or 0, "unknown")
+        reason, message = "disk_full" if code == "ENOSPC" else f"os_error: {code}", str(error)
+    except BaseException as error:
+        reason, message = "mission_error", f"{type(error).__name__}: {error}"
+    traceback.print_exc()
+    try:
+        record_failure(job, reason, message)
+    except OSError:
+        traceback.print_exc()
+        return EXIT_NOT_WRITABLE
+    return EXIT_FAILED
+
+
+class MissionServer:
+    """The loop of one server process."""
+
+    def __init__(self, preload: list[str]) -> None:
+        # Standard output belongs to the protocol; whatever libraries print goes to standard error.
+        self._out = os.fdopen(os.dup(1), "wb", buffering=0)
+        os.dup2(2, 1)
+        self._in: BinaryIO = os.fdopen(os.dup(0), "rb", buffering=0)
+        self._children: dict[int, dict[str, Any]] = {}  # process (= group) id to job
+        self._rocks = SharedRocks()
+        for name in preload:
+            try:
+                importlib.import_module(name)
+            except Exception:  # each mission will meet the same error and record it
+                traceback.print_exc()
+        self._fork = sys.platform.startswith("linux") and _thread_count() == 1
+        self._wake_read, self._wake_write = os.pipe()
+        os.set_blocking(self._wake_read, False)
+        os.set_blocking(self._wake_write, False)
+        signal.signal(signal.SIGCHLD, lambda *_: None)
+        signal.set_wakeup_fd(self._wake_write)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the campaign's business
+
+    def serve(self) -> None:
+        """Until standard input closes."""
+        self._say({"event": "ready", "fork": self._fork})
+        selector = selectors.DefaultSelector()
+        selector.register(self._in, selectors.EVENT_READ)
+        selector.register(self._wake_read, selectors.EVENT_READ)
+        buffer = b""
+        try:
+            while True:
+                for key, _ in selector.select():
+                    if key.fileobj == self._wake_read:
+                        with contextlib.suppress(BlockingIOError):
+                            os.read(self._wake_read, 4096)
+                        continue
+                    chunk = self._in.read(65536)
+                    if not chunk:
+                        return
+                    *lines, buffer = (buffer + chunk).split(b"\n")
+                    for line in lines:
+                        self._obey(json.loads(line))
+                self._reap()
+        finally:
+            for pid in list(self._children):
+                _kill_group(pid)
+
+    def _obey(self, order: dict[str, Any]) -> None:
+        if order["op"] == "kill":
+            for pid, job in self._children.items():
+                if job["id"] == order["id"]:
+                    _kill_group(pid)
+            return
+        job = order["job"]
+        try:
+            pid = self._start(job)
+        except OSError as error:
+            self._say({"event": "exited", "id": job["id"], "status": None, "error": str(error)})
+            return
+        self._children[pid] = job
+        self._say({"event": "started", "id": job["id"], "pid": pid})
+
+    def _start(self, job: dict[str, Any]) -> int:
+        from tuner.missions.job import LOG_FILE
+
+        Path(job["directory"]).mkdir(parents=True, exist_ok=True)
+        with (Path(job["directory"]) / LOG_FILE).open("ab") as log:
+            if self._fork:
+                pid = os.fork()
+                if pid:
+                    return pid
+                self._become_mission(job, log.fileno())  # never returns
+            command = [sys.executable, "-m", "tuner.missions.server", "--job"]
+            process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True
+            )
+            assert process.stdin is not None
+            process.stdin.write(json.dumps(job).encode())
+            process.stdin.close()
+            process.returncode = 0  # this loop reaps it, Popen must not
+            return process.pid
+
+    def _become_mission(self, job: dict[str, Any], log: int) -> None:
+        status = EXIT_FAILED
+        try:
+            os.setsid()
+            _die_with_parent()
+            signal.set_wakeup_fd(-1)
+            for number in (signal.SIGINT, signal.SIGCHLD):
+                signal.signal(number, signal.SIG_DFL)
+            null = os.open(os.devnull, os.O_RDONLY)
+            os.dup2(null, 0)
+            os.dup2(log, 1)
+            os.dup2(log, 2)
+            for descriptor in (self._out.fileno(), self._in.fileno(), self._wake_read, self._wake_write):
+                os.close(descriptor)
+            status = run_job(job)
+            sys.stdout.flush()
+            sys.stderr.flush()
+        finally:
+            os._exit(status)
+
+    def _reap(self) -> None:
+        for pid in list(self._children):
+            # Look without reaping: while the leader is a zombie its group id cannot be reused.
+            if os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+                continue
+            _kill_group(pid)  # children the mission left behind
+            _, status = os.waitpid(pid, 0)
+            job = self._children.pop(pid)
+            self._say({"event": "exited", "id": job["id"], "status": os.waitstatus_to_exitcode(status)})
+            if status == 0 and self._fork:
+                self._rocks.keep(job)
+                self._fork = _thread_count() == 1  # should reading it have started threads
+
+    def _say(self, message: dict[str, Any]) -> None:
+        try:
+            self._out.write(json.dumps(message).encode() + b"\n")
+        except BrokenPipeError:
+            raise SystemExit(0) from None
+
+
+def _kill_group(pid: int) -> None:
+    for kill in (os.killpg, os.kill):  # the child may not have become a group leader yet
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            kill(pid, signal.SIGKILL)
+
+
+def _die_with_parent() -> None:
+    """Ask Linux to kill this mission should the server be killed outright."""
+    import ctypes
+
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
+
+
+def _thread_count() -> int:
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith("Threads:"):
+            return int(line.split()[1])
+    return 2
+
+
+def main(arguments: list[str]) -> int:
+    """Entry of ``python -m tuner.missions.server``."""
+    single_thread_environment()
+    if arguments == ["--job"]:
+        return run_job(json.loads(sys.stdin.read()))
+    MissionServer(arguments).serve()
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))

@@ -1,0 +1,1 @@
+"""What is tuned: search space, objective, observations. Imports neither torch nor Optuna."""

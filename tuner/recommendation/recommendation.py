@@ -1,0 +1,181 @@
+"""Which configuration to use: the best posterior mean over the training rocks, with its uncertainty."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from scipy.stats import norm
+
+from tuner.problem.objective import Objective
+from tuner.problem.observations import Observation
+from tuner.problem.options import Risk
+from tuner.problem.search_space import SearchSpace
+from tuner.recommendation.confirmation import PairedGain, paired_gain
+from tuner.samplers.earlier_missions import EarlierMissions
+from tuner.samplers.verification import configuration_key, expected_shortfall, markdown
+from tuner.surrogate.model import NORMAL_95, RockMeanGP, SurrogateSettings
+
+TOP = 5
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One evaluated configuration in the light of all missions."""
+
+    values: dict[str, Any]
+    mean: float  # posterior mean of the objective over the training rocks, metric's unit
+    sd: float
+    missions: int
+    failed: int
+    probability_best: float  # among the listed candidates
+
+
+@dataclass(frozen=True)
+class RockRow:
+    """The recommended configuration on one training rock."""
+
+    rock: str
+    missions: int  # of the recommended configuration on this rock
+    observed: float | None  # mean over those missions
+    predicted: float  # posterior mean on this rock
+
+
+@dataclass(frozen=True)
+class Recommendation:
+    """The evaluated configuration with the best posterior mean, not the luckiest observation.
+
+    ``mean``, ``sd`` and ``interval_95`` are about the mean over the training rocks, without the noise of single
+    missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
+    positive when the recommendation is better, whatever the direction. After a confirmation stage only what it
+    flew can be recommended, and ``confirmation`` holds the paired differences without any model. After verification
+    missions (``tuner.samplers.verification``) what has not flown every slot is marked down by its share of ``expected_shortfall``.
+    """
+
+    values: dict[str, Any]
+    mean: float
+    sd: float
+    interval_95: tuple[float, float]
+    probability_best: float
+    top: list[Candidate]
+    per_rock: list[RockRow]
+    default_values: dict[str, Any]
+    default_mean: float
+    default_sd: float
+    improvement: float
+    improvement_sd: float
+    improvement_interval_95: tuple[float, float]
+    probability_better_than_default: float
+    noise_sd: float  # of one mission, beside its slot's offset
+    slot_sd: float | None  # of the offsets that (rock, replicate) slots share; None: not told from noise
+    observations: int
+    failures: int
+    metric: str
+    direction: str
+    lengthscales: dict[str, float]
+    leave_one_out: dict[str, float]
+    confirmation: list[PairedGain]  # finalists against the default; empty without a confirmation stage
+    expected_shortfall: float | None = None  # by the verification missions; None without one
+    ahead_of_search: dict[str, float] | None = (
+        None  # ``tuner.surrogate.forward_check``, where it was asked for
+    )
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return dataclasses.asdict(self)
+
+
+def recommend(
+    space: SearchSpace,
+    observations: Sequence[Observation],
+    rocks: Sequence[str],
+    default: Mapping[str, Any],
+    objective: Objective,
+    seed: int = 0,
+    *,
+    confirmed: Collection[int] = (),
+    settings: SurrogateSettings | None = None,
+    risk: Risk = "mean",
+    earlier: EarlierMissions | None = None,
+) -> Recommendation | None:
+    """The recommendation after ``observations``; None before the first feasible one.
+
+    ``confirmed`` are the trial numbers of a confirmation stage. ``settings``: of the surrogate.
+    ``risk``: the measure over rocks that is meant by the mean everywhere in the result. ``earlier``: missions flown before.
+    """
+    feasible = [o for o in observations if o.feasible]
+    if not feasible:
+        return None
+    model = RockMeanGP(space, feasible, rocks, seed, settings, earlier)
+    groups: dict[tuple[Any, ...], list[Observation]] = {}
+    for o in observations:
+        groups.setdefault(configuration_key(space, o.values), []).append(o)
+    evaluated = {key: group for key, group in groups.items() if any(o.feasible for o in group)}
+    configurations = [dict(group[0].values) for group in evaluated.values()]
+    belief = model.posterior([*configurations, default], risk)
+    reference = len(configurations)
+    finals: dict[tuple[Any, ...], list[Observation]] = {}
+    for o in observations:
+        if o.number in confirmed:
+            finals.setdefault(configuration_key(space, o.values), []).append(o)
+    flown = [i for i, key in enumerate(evaluated) if any(o.feasible for o in finals.get(key, ()))]
+    shortfall = None if flown else expected_shortfall(observations, model.noise_sd)
+    worth = belief.mean[:reference] - markdown(space, observations, configurations, rocks, shortfall, default)
+    order = sorted(flown or range(len(configurations)), key=lambda i: -worth[i])
+    top = order[:TOP]
+    shares = belief.probability_best(top, seed)
+    best, sign = top[0], objective.sign
+
+    candidates = []
+    for index, share in zip(top, shares):
+        group = evaluated[configuration_key(space, configurations[index])]
+        failed = sum(not o.feasible for o in group)
+        candidates.append(
+            Candidate(
+                configurations[index], sign * float(belief.mean[index]), float(belief.sd[index]),
+                len(group), failed, float(share),
+            )
+        )  # fmt: skip
+    mean, sd = candidates[0].mean, candidates[0].sd
+    gain, gain_sd = belief.difference(best, reference)
+    own = evaluated[configuration_key(space, configurations[best])]
+    return Recommendation(
+        values=configurations[best],
+        mean=mean,
+        sd=sd,
+        interval_95=(mean - NORMAL_95 * sd, mean + NORMAL_95 * sd),
+        probability_best=candidates[0].probability_best,
+        top=candidates,
+        per_rock=[_rock_row(model, rock, own, configurations[best], sign) for rock in rocks],
+        default_values=dict(default),
+        default_mean=sign * float(belief.mean[reference]),
+        default_sd=float(belief.sd[reference]),
+        improvement=gain,
+        improvement_sd=gain_sd,
+        improvement_interval_95=(gain - NORMAL_95 * gain_sd, gain + NORMAL_95 * gain_sd),
+        probability_better_than_default=float(norm.cdf(gain / gain_sd)) if gain_sd > 1e-12 else 0.5,
+        noise_sd=model.noise_sd,
+        slot_sd=model.slot_sd,
+        observations=len(feasible),
+        failures=len(observations) - len(feasible),
+        metric=objective.metric,
+        direction=objective.direction,
+        lengthscales=model.lengthscales,
+        leave_one_out=model.leave_one_out().to_dict(),
+        confirmation=[
+            paired_gain(group[0].values, group, finals.get(configuration_key(space, default), ()))
+            for key, group in finals.items()
+            if key != configuration_key(space, default)
+        ],
+        expected_shortfall=shortfall,
+    )
+
+
+def _rock_row(
+    model: RockMeanGP, rock: str, own: Sequence[Observation], values: Mapping[str, Any], sign: float
+) -> RockRow:
+    outcomes = [o.outcome for o in own if o.rock == rock and o.outcome is not None]
+    observed = sign * sum(outcomes) / len(outcomes) if outcomes else None
+    return RockRow(rock, len(outcomes), observed, sign * model.predict_on_rock(values, rock))

@@ -1,0 +1,95 @@
+"""Why a candidate won: every term of Eq. 1, for one planning state."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from rich.table import Table
+
+from nbv.config.mission_config import MissionConfig, config_from_dict, preset
+from nbv.errors import UserError
+from nbv.mission.planning_state import load_state
+from nbv.scorers import rank_candidates
+from nbv.types import CandidatePool, Ranking
+from tuner.commands.console import parse_overrides
+
+
+def locate_state(path: Path, iteration: int, preset_name: str) -> tuple[Path, MissionConfig]:
+    """The saved state of ``iteration`` and its configuration.
+
+    Raises
+    ------
+    UserError
+        Neither a state file nor a mission directory with that iteration.
+    """
+    if path.suffix == ".npz":
+        return path, preset(preset_name)
+    states = sorted((path / "states").glob("iter_*.npz"))
+    if not states:
+        raise UserError(
+            f"{path} holds no planning states; name a directory that `gatetune mission run` wrote"
+        )
+    state = path / "states" / f"iter_{iteration:02d}.npz"
+    if state not in states:
+        raise UserError(f"{path} has no iteration {iteration}; it has 0 to {len(states) - 1}")
+    return state, config_from_dict(yaml.safe_load((path / "config.yaml").read_text()))
+
+
+def explain_state(
+    path: Path, iteration: int, preset_name: str, assignments: list[str], top: int
+) -> Iterator[Table | str]:
+    """Tables and sentences that explain both scorers' rankings of one state."""
+    file, config = locate_state(path, iteration, preset_name)
+    config = config.with_values(parse_overrides(assignments))
+    state, pool = load_state(file)
+    rankings = rank_candidates(state, pool, config)
+    yield (
+        f"iteration {state.iteration}: {len(pool)} candidates, {len(state.model.points_m)} sparse points, "
+        f"{state.captures_used} of {state.adaptive_budget} captures used, d95 {1000 * state.d95_m:.0f} mm"
+    )
+    for name, ranking in rankings.items():
+        weights = (config.covis if name == "covis" else config.b_aware).weights
+        own = name == "b-aware" and config.b_aware.main_term != "repair"
+        title = f"{name} (main: {config.b_aware.main_term})" if own else name
+        yield _ranking_table(title, ranking, pool, weights, top)
+        yield _why(name, ranking, pool, weights)
+
+
+def _ranking_table(title: str, ranking: Ranking, pool: CandidatePool, weights: Any, top: int) -> Table:
+    table = Table(title=f"{title}: S = {weights.main:g} main + {weights.nov:g} nov - {weights.move:g} move - "
+                        f"{weights.ang:g} ang")  # fmt: skip
+    # In full on a terminal of 80 columns: names of candidates are what one looks up.
+    for column in ("#", "candidate", "elev.", "azim.", "main", "nov", "move", "ang", "score"):
+        table.add_column(column, justify="right", no_wrap=True)
+    for rank, index in enumerate(ranking.order[:top]):
+        table.add_row(
+            str(rank + 1), pool.ids[index], f"{pool.elevations_deg[index]:.0f}°", f"{pool.azimuths_deg[index]:.0f}°",
+            *(f"{ranking.terms[term][index]:.4f}" for term in ("main", "nov", "move", "ang")),
+            f"{ranking.scores[index]:.4f}",
+        )  # fmt: skip
+    return table
+
+
+def _why(name: str, ranking: Ranking, pool: CandidatePool, weights: Any) -> str:
+    if len(ranking.order) < 2:
+        return f"{name}: the only candidate."
+    first, second = ranking.order[:2]
+    signs = {"main": weights.main, "nov": weights.nov, "move": -weights.move, "ang": -weights.ang}
+    lead = {
+        term: sign * (ranking.terms[term][first] - ranking.terms[term][second])
+        for term, sign in signs.items()
+    }
+    spread = {term: abs(sign) * float(np.std(ranking.terms[term])) for term, sign in signs.items()}
+    parts = ", ".join(
+        f"{term} {value:+.4f}" for term, value in sorted(lead.items(), key=lambda item: -abs(item[1]))
+    )
+    decisive = max(spread, key=lambda term: spread[term])
+    return (
+        f"{name}: {pool.ids[first]} leads {pool.ids[second]} by {ranking.scores[first] - ranking.scores[second]:.4f} "
+        f"({parts}). Over the pool, {decisive} spreads the scores most "
+        f"(weighted standard deviations: {', '.join(f'{t} {v:.4f}' for t, v in spread.items())})."
+    )

@@ -1,0 +1,1 @@
+"""Everything that proposes missions, behind one protocol."""

@@ -1,0 +1,111 @@
+"""Missions flown before a campaign, elsewhere: with a cheaper fidelity (``tuner.campaign.screening``) or on other rocks (``tuner.campaign.transfer``).
+
+Their best configurations take places of the campaign's initial design, and their landscape g enters its surrogate as a
+feature,
+
+    f(x) = rho g(x) + delta(x),   rho ~ N(0, v)
+
+(autoregressive co-kriging, Kennedy and O'Hagan 2000, with g's posterior mean plugged in). Whether the landscapes agree is
+decided by the campaign's own missions at every ask: the feature is used where the marginal likelihood prefers it.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+
+from tuner.problem.observations import Observation
+from tuner.problem.options import GPOptions
+from tuner.problem.search_space import SearchSpace, Values
+
+if TYPE_CHECKING:
+    from nbv.types import Floats
+    from tuner.surrogate.model import RockMeanGP
+
+# Root mean square distance in the unit cube between their configurations in an initial design.
+_APART = 0.15
+MIN_OBSERVATIONS = 20
+
+
+@dataclass(frozen=True)
+class EarlierMissions:
+    """The missions flown."""
+
+    space: SearchSpace
+    rocks: tuple[str, ...]
+    observations: tuple[Observation, ...]
+
+    @property
+    def usable(self) -> bool:
+        """Whether enough of them succeeded."""
+        return sum(o.feasible for o in self.observations) >= MIN_OBSERVATIONS
+
+    @functools.cached_property
+    def _model(self) -> RockMeanGP:
+        from tuner.samplers.registry import surrogate_settings
+        from tuner.surrogate.model import RockMeanGP
+
+        settings = surrogate_settings(GPOptions(), self.space)
+        return RockMeanGP(self.space, self.observations, self.rocks, 0, settings)
+
+    @functools.cached_property
+    def feature(self) -> Feature:
+        """g, standardised over the missions flown."""
+        return Feature(self._model)
+
+    def best(self, count: int) -> list[Values]:
+        """The configurations flown with the best g that are apart from each other; at most ``count``.
+
+        What has not flown every slot is marked down by its share of a mission's noise.
+        """
+        from tuner.samplers.verification import distinct_configurations, markdown
+
+        gp = self._model
+        seen = distinct_configurations(self.space, gp.observations)
+        doubt = markdown(self.space, self.observations, seen, self.rocks, gp.noise_sd)
+        chosen: list[tuple[Values, Floats]] = []
+        for index in np.argsort(doubt - gp.posterior(seen).mean, kind="stable"):
+            unit = self.space.to_unit(seen[index])
+            if all(np.sqrt(np.mean((unit - other) ** 2)) > _APART for _, other in chosen):
+                chosen.append((seen[index], unit))
+            if len(chosen) == count:
+                break
+        return [values for values, _ in chosen]
+
+    def to_json(self) -> str:
+        """For a file beside the ledger."""
+        rows = [[dict(o.values), o.rock, o.outcome, o.replicate] for o in self.observations]
+        return json.dumps({"rocks": list(self.rocks), "missions": rows})
+
+    @staticmethod
+    def from_json(text: str, space: SearchSpace) -> EarlierMissions:
+        """The inverse of ``to_json``; ``ValueError`` or ``KeyError`` where it is not."""
+        tree = json.loads(text)
+        observations = [Observation(i, v, r, k, y, y) for i, (v, r, y, k) in enumerate(tree["missions"])]
+        return EarlierMissions(space, tuple(tree["rocks"]), tuple(observations))
+
+
+class Feature:
+    """Posterior mean of a fitted ``RockMeanGP`` at no rock, standardised: ``(..., d + 2)`` inputs to ``(...,)``."""
+
+    def __init__(self, gp: Any) -> None:
+        model = gp.model
+        self._d, self._kernel, self._x = gp.space.dimension, model.covar_module, model.train_inputs[0]
+        with torch.no_grad():
+            noise = model.likelihood.noise * torch.eye(len(self._x), dtype=torch.float64)
+            residual = model.train_targets - model.mean_module.constant
+            self._weights = torch.linalg.solve(self._kernel.forward(self._x, self._x) + noise, residual)
+            self._centre, self._scale = 0.0, 1.0
+            level = self(gp.inputs(gp.unit))
+        self._centre, self._scale = float(level.mean()), max(1e-9, float(level.std()))
+
+    def __call__(self, x: torch.Tensor) -> torch.Tensor:
+        """The rock and slot columns are ignored."""
+        bare = torch.cat([x[..., : self._d], torch.full_like(x[..., self._d :], -1.0)], dim=-1)
+        level = self._kernel.forward(bare, self._x) @ self._weights
+        return (level - self._centre) / self._scale
