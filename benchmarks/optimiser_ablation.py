@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-sys.path[:0] = [str(Path(__file__).resolve().parent.parent / part) for part in ("", "tests/tuner")]
+sys.path[:0] = [str(Path(__file__).resolve().parent.parent / part) for part in ("", "tests/support")]
 
 import synthetic  # noqa: E402
 

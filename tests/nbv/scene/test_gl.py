@@ -94,7 +94,7 @@ def test_missing_opengl_is_a_user_error_that_names_the_remedy(broken):
         """
     )
     out = subprocess.run(
-        [sys.executable, "-c", script, str(Path(__file__).parent)],
+        [sys.executable, "-c", script, str(Path(__file__).parents[2] / "support")],
         capture_output=True, text=True, env={**os.environ, **broken},
     )  # fmt: skip
     message = out.stdout.strip().splitlines()

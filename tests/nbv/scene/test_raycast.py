@@ -117,7 +117,7 @@ def test_another_process_takes_the_same_photograph(raycast, ball):
     )
     environment = {**os.environ, "GATETUNE_HOME": "/dev/null/no-cache", "OMP_NUM_THREADS": "2"}
     out = subprocess.run(
-        [sys.executable, "-c", script, str(Path(__file__).parent)],
+        [sys.executable, "-c", script, str(Path(__file__).parents[2] / "support")],
         capture_output=True, text=True, check=True, env=environment,
     )  # fmt: skip
     assert out.stdout.strip() == digest

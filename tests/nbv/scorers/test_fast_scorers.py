@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
+import scoring_reference as reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scoring_speed import synthetic_state
 
 from nbv.config.mission_config import MissionConfig
 from nbv.scorers import rank_candidates, shared_terms
@@ -16,10 +15,6 @@ from nbv.scorers import scorer as scorer_module
 from nbv.scorers.b_aware import percentiles, repair, weakness
 from nbv.scorers.covis import co_visibility
 from nbv.scorers.repair_single import precision, repair_single
-
-sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
-import scoring_reference as reference
-from scoring_speed import synthetic_state
 
 
 @settings(max_examples=10)

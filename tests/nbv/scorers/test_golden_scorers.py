@@ -1,4 +1,4 @@
-"""Our scorers against the authors' public ones on real sparse models (../shared/golden/scorers)."""
+"""Our scorers against the authors' public ones on real sparse models (tests/data/golden_scorers)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from nbv.geometry.frames import heading_to
 from nbv.scorers import rank_candidates
 from nbv.types import CandidatePool, PlanningState, SparseModel
 
-GOLDEN = Path(__file__).parents[4] / "shared" / "golden" / "scorers"
+GOLDEN = Path(__file__).parents[2] / "data" / "golden_scorers"
 NAMES = [
     "15016_seed_paper_weights",
     "15016_40_views_paper_weights",
@@ -26,14 +26,9 @@ CASES = {  # golden array -> (scorer, alphas)
     "baware_head": ("b-aware", (0.5, 0.3, 0.2)),
 }
 
-pytestmark = pytest.mark.shared
-
 
 def load(name: str) -> dict[str, np.ndarray]:
-    path = GOLDEN / f"{name}.npz"
-    if not path.exists():
-        pytest.skip("../shared/golden/scorers is not here")
-    with np.load(path) as data:
+    with np.load(GOLDEN / f"{name}.npz") as data:
         return {key: data[key] for key in data.files}
 
 

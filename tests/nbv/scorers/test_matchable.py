@@ -128,11 +128,8 @@ def test_the_ranking_is_eq_1_with_this_main_term(synthetic) -> None:
 
 @pytest.fixture
 def synthetic():
-    import sys
     from dataclasses import replace
-    from pathlib import Path
 
-    sys.path.insert(0, str(Path(__file__).parents[3] / "benchmarks"))
     from scoring_speed import synthetic_state
 
     def make(flat: bool):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -79,19 +78,13 @@ def test_a_handful_of_points_falls_back_to_the_observing_direction() -> None:
 
 
 @pytest.mark.shared
-def test_tells_visible_from_hidden_on_real_models() -> None:
+def test_tells_visible_from_hidden_on_real_models(shared_rocks: Path) -> None:
     """Real sparse models against ray casting on the rocks that they show."""
-    root = Path(__file__).parents[3]
-    shared = root.parent / "shared"
-    if not (shared / "golden" / "scorers").exists() or not (shared / "rocks").exists():
-        pytest.skip("../shared/golden/scorers or ../shared/rocks is not here")
-    sys.path.insert(0, str(root / "benchmarks"))
+    golden_states = Path(__file__).parents[2] / "data" / "golden_scorers"
     from occlusion_quality import CASES, Case
 
     for golden, rock in CASES:
-        case = Case.golden(
-            shared / "golden" / "scorers" / f"{golden}.npz", shared / "rocks" / rock / f"{rock}.obj"
-        )
+        case = Case.golden(golden_states / f"{golden}.npz", shared_rocks / rock / f"{rock}.obj")
         visible = case.surfel_test()
         for rock_only in (True, False):
             ours, frustum = (case.counts(mask, rock_only) for mask in (visible, case.frustum))

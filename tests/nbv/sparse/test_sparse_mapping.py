@@ -130,12 +130,17 @@ def test_same_captures_same_bits(flown):
 def test_same_bits_in_another_process(flown):
     _, reports = flown
     script = (
-        "import hashlib, sys; sys.path.insert(0, sys.argv[1])\n"
+        "import hashlib, sys; sys.path[:0] = sys.argv[1:]\n"
         "from test_sparse_mapping import fly, fingerprint\n"
         "print(hashlib.sha256(fingerprint(fly()[1][-1].model)).hexdigest())"
     )
-    here = str(Path(__file__).parent)
-    out = subprocess.run([sys.executable, "-c", script, here], capture_output=True, text=True, check=True)
+    here = Path(__file__).parent
+    out = subprocess.run(
+        [sys.executable, "-c", script, str(here), str(here.parents[1] / "support")],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     assert out.stdout.split()[-1] == hashlib.sha256(fingerprint(reports[-1].model)).hexdigest()
 
 

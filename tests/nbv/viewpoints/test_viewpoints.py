@@ -15,7 +15,7 @@ from nbv.viewpoints.pool import lateral_ring_counts, upper_ring_counts
 
 NOWHERE = np.zeros((0, 3))
 VEHICLE = np.array([0.0, -8.0, 3.0])
-GOLDEN = Path(__file__).parents[4] / "shared" / "golden" / "scorers"
+GOLDEN = Path(__file__).parents[2] / "data" / "golden_scorers"
 
 
 def test_ring_counts_are_the_papers() -> None:
@@ -75,16 +75,12 @@ def test_sector_occupancy_is_the_references() -> None:
     assert np.bincount(sectors).tolist() == [15, 14, 12, 13, 14, 12, 14, 11]
 
 
-@pytest.mark.shared
 @pytest.mark.parametrize(
     ("name", "golden"),
     [("paper-code", "15016_seed_paper_weights"), ("paper", "15016_40_views_low_novelty_10deg_ring")],
 )
 def test_pool_positions_equal_the_reference(name: str, golden: str) -> None:
-    path = GOLDEN / f"{golden}.npz"
-    if not path.exists():
-        pytest.skip("../shared/golden/scorers is not here")
-    z = np.load(path)
+    z = np.load(GOLDEN / f"{golden}.npz")
     pool = candidate_pool(preset(name), VEHICLE, NOWHERE)
     reference = dict(zip(z["candidate_ids"].tolist(), z["candidates_m"]))
     assert set(pool.ids) == set(reference)

@@ -7,15 +7,11 @@ import functools
 import html
 import re
 import shlex
-import sys
 from pathlib import Path
 
+import fake_campaigns
 import pytest
 import yaml
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # fake_campaigns
-
-import fake_campaigns
 from made_evaluations import made_run
 
 from nbv.config.mission_config import preset

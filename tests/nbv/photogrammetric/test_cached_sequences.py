@@ -4,13 +4,9 @@ import dataclasses
 import hashlib
 import json
 import multiprocessing
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parent / "sparse"))
 from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures
 
 from nbv.cache import Store

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
-import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "benchmarks"))
-
 import optimiser_comparison
 import optimiser_problems as problems
 import optimiser_rescore
 import optimiser_summary as summary
+import pytest
 from optimiser_strategies import AllRocks, applicable, settings_of
 
 from tuner.problem.observations import Observation

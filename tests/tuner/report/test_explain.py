@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import re
-import sys
 from pathlib import Path
 
 import pytest
+from scoring_speed import synthetic_state
 
 from nbv.config.mission_config import preset
 from nbv.mission.planning_state import save_state
 from nbv.scorers import rank_candidates
-
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from scoring_speed import synthetic_state
 
 
 @pytest.mark.parametrize("main_term", ["repair", "matchable"])

@@ -24,7 +24,7 @@ from tuner.problem.search_space import load_search_space, space_from_dict
 from tuner.samplers.peers import PEER_NAMES, PeerSampler, available_peers, make_peer_sampler
 from tuner.samplers.registry import SamplerSettings
 
-FAKE = str(Path(__file__).parent / "fake_peer_server.py")
+FAKE = str(Path(__file__).parents[2] / "support" / "fake_peer_server.py")
 FIRST, SECOND = synthetic.SPACE.paths
 MIXED = space_from_dict(
     {
