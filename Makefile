@@ -8,10 +8,11 @@ BIN = $(VENV)/bin
 .DEFAULT_GOAL := help
 
 help:
-	@echo "make tune   set up, run a small GP campaign on real missions, write runs/$(RUN)/report.html"
-	@echo "make test   set up, run the tests"
-	@echo "make lint   ruff and mypy"
-	@echo "make peers  set up Ax, SMAC3 and HEBO for --sampler ax, smac, hebo"
+	@echo "make tune        set up, run a small GP campaign on real missions, write runs/$(RUN)/report.html"
+	@echo "make test        set up, check the code, run all tests"
+	@echo "make fast-test   the tests that take less than a second or two each"
+	@echo "make lint        ruff, mypy, import-linter"
+	@echo "make peers       set up Ax, SMAC3 and HEBO for --sampler ax, smac, hebo"
 
 setup: $(VENV)/.ready
 
@@ -21,11 +22,16 @@ $(VENV)/.ready: pyproject.toml constraints.txt .ci/setup
 tune: setup
 	$(BIN)/gatetune campaign run --quick --name $(RUN) --resume-if-present
 
-test: setup
+test: setup lint
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2
 
+fast-test: setup
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -m "not slow"
+
 lint: setup
-	$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
 
 peers: setup
 	$(BIN)/python benchmarks/peers/setup.py

@@ -1,0 +1,100 @@
+"""How the repository is laid out, in numbers: files per level, import circles, lines, options.
+
+    python benchmarks/structure.py [--root DIR]
+
+``--root`` names another checkout of this project to count. Circles are the strongly connected components of the
+import graph of the modules, imports inside functions and for type checking included.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+from pathlib import Path
+
+import networkx as nx
+
+
+def modules(root: Path) -> dict[str, Path]:
+    """Every module of both packages by its dotted name."""
+    found = {}
+    for package in ("nbv", "tuner"):
+        for path in sorted((root / package).rglob("*.py")):
+            parts = path.relative_to(root).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imports(root: Path) -> nx.DiGraph:
+    """An edge from each module to every module of the project that it imports, anywhere in it."""
+    known = modules(root)
+    graph = nx.DiGraph()
+    graph.add_nodes_from(known)
+    for name, path in known.items():
+        for node in ast.walk(ast.parse(path.read_text())):
+            targets: list[str] = []
+            if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                for alias in node.names:
+                    submodule = f"{node.module}.{alias.name}"
+                    targets.append(submodule if submodule in known else node.module)
+            elif isinstance(node, ast.Import):
+                targets = [alias.name for alias in node.names]
+            graph.add_edges_from((name, target) for target in targets if target in known and target != name)
+    return graph
+
+
+def lines(root: Path, *folders: str, suffix: str = ".py") -> int:
+    """Lines of all files with ``suffix`` below ``folders``."""
+    files = [path for folder in folders for path in (root / folder).rglob(f"*{suffix}")]
+    return sum(len(path.read_text().splitlines()) for path in files)
+
+
+def function_imports(root: Path) -> int:
+    """Import statements inside functions."""
+    count = 0
+    for path in modules(root).values():
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef)):
+                count += sum(isinstance(inner, (ast.Import, ast.ImportFrom)) for inner in ast.walk(node))
+    return count
+
+
+def options_of_campaign_run(root: Path) -> int:
+    """Parameters of the function behind ``gatetune campaign run``."""
+    tree = ast.parse((root / "tuner/commands/campaign.py").read_text())
+    run = next(n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == "run")
+    return len(run.args.args) + len(run.args.kwonlyargs)
+
+
+def main() -> None:
+    """Print the counts as a Markdown table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--root", type=Path, default=Path(__file__).resolve().parent.parent)
+    root = parser.parse_args().root
+    graph = imports(root)
+    circles = sorted((len(c) for c in nx.strongly_connected_components(graph) if len(c) > 1), reverse=True)
+    docs = [*(root / "docs").rglob("*.md")]
+    rows = {
+        "files on the top level of tuner/": len([*(root / "tuner").glob("*.py")]),
+        "files on the top level of nbv/": len([*(root / "nbv").glob("*.py")]),
+        "most files in one room": max(
+            len([*d.glob("*.py")]) for d in root.glob("*/*/") if d.parts[-2] in ("nbv", "tuner")
+        ),
+        "import circles (files in each)": ", ".join(map(str, circles)) or "none",
+        "imports inside functions": function_imports(root),
+        "longest file (lines)": max(len(p.read_text().splitlines()) for p in modules(root).values()),
+        "lines of nbv/": lines(root, "nbv"),
+        "lines of tuner/": lines(root, "tuner"),
+        "lines of tests/": lines(root, "tests"),
+        "lines of benchmarks/": lines(root, "benchmarks"),
+        "docs, kB of Markdown": round(sum(p.stat().st_size for p in docs) / 1000),
+        "README, words": len((root / "README.md").read_text().split()),
+        "options of `campaign run`": options_of_campaign_run(root),
+    }
+    print("| | |\n|---|---:|")
+    for name, value in rows.items():
+        print(f"| {name} | {value} |")
+
+
+if __name__ == "__main__":
+    main()
