@@ -4,9 +4,8 @@ The problem is the tests' fake mission: a smooth function of the gate's two thre
 thresholds about 0.45, standard deviation over the space 0.31), four rocks with their own offset and scale, two
 replicates per rock, noise per mission, and an offset per (rock, replicate) slot that all configurations share.
 
-``slots``: the Gaussian process with and without slot offsets. ``confirmation``: the same budget with different
-shares spent on the confirmation stage. ``intervals``: the same campaigns, their last recommendation with the most
-likely hyperparameters and averaged over eight. Prints Markdown. Run from the repository root::
+``slots``: the Gaussian process with and without slot offsets. ``intervals``: the same campaigns, their last
+recommendation with the most likely hyperparameters and averaged over eight. Prints Markdown. Run from the repository root::
 
     OMP_NUM_THREADS=1 python benchmarks/optimiser_ablation.py slots
 """
@@ -31,13 +30,7 @@ import synthetic  # noqa: E402
 from nbv.types import Floats  # noqa: E402
 from tuner.problem.blocks import next_slot  # noqa: E402
 from tuner.problem.objective import Objective  # noqa: E402
-from tuner.problem.observations import Observation, Proposal  # noqa: E402
-from tuner.recommendation.confirmation import (  # noqa: E402
-    choose_finalists,
-    confirmation_missions,
-    finalist_count,
-    schedule,
-)
+from tuner.problem.observations import Observation  # noqa: E402
 from tuner.recommendation.recommendation import recommend  # noqa: E402
 from tuner.samplers.registry import GPSampler  # noqa: E402
 from tuner.surrogate.model import SurrogateSettings  # noqa: E402
@@ -57,47 +50,29 @@ class Outcome:
 
 
 @functools.cache
-def play(seed: int, budget: int, slot_sd: float, slots: bool, share: float) -> tuple[Observation, ...]:
+def play(seed: int, budget: int, slot_sd: float, slots: bool) -> tuple[Observation, ...]:
     """The missions of one campaign, one at a time."""
-    space, rocks, default = synthetic.SPACE, synthetic.ROCKS, synthetic.DEFAULT
-    settings = SurrogateSettings(slots=slots)
-    sampler = GPSampler(synthetic.sampler_settings(seed), model=settings)
+    rocks = synthetic.ROCKS
+    sampler = GPSampler(synthetic.sampler_settings(seed), model=SurrogateSettings(slots=slots))
     rng = np.random.default_rng(seed)
     history: list[Observation] = []
-
-    def fly(proposal: Proposal) -> None:
+    for number in range(budget):
+        proposal = sampler.ask(history, [])
         rock, replicate = next_slot(rocks, REPLICATES, history, proposal)
         history.append(
-            synthetic.observe(len(history), proposal.values, rock, NOISE_SD, rng, replicate, slot_sd, seed)
+            synthetic.observe(number, proposal.values, rock, NOISE_SD, rng, replicate, slot_sd, seed)
         )
-
-    confirming = confirmation_missions(budget, share)
-    for _ in range(budget - confirming):
-        fly(sampler.ask(history, []))
-    if confirming:
-        result = recommend(space, history, rocks, default, Objective(), seed, settings=settings)
-        assert result is not None
-        finalists = choose_finalists(
-            space, [c.values for c in result.top], default, finalist_count(confirming, len(rocks)),
-            result.lengthscales,
-        )  # fmt: skip
-        for proposal in schedule(finalists, rocks, REPLICATES, confirming):
-            fly(proposal)
     return tuple(history)
 
 
-def campaign(
-    seed: int, budget: int, slot_sd: float, *, slots: bool = True, share: float = 0.0, members: int = 0
-) -> Outcome:
+def campaign(seed: int, budget: int, slot_sd: float, *, slots: bool = True, members: int = 0) -> Outcome:
     """How a campaign ends; ``members``: of the ensemble in its last recommendation."""
-    history = play(seed, budget, slot_sd, slots, share)
+    history = play(seed, budget, slot_sd, slots)
     settings = SurrogateSettings(slots=slots, members=members)
-    confirmed = range(budget - confirmation_missions(budget, share), budget)
     default = synthetic.DEFAULT
     result = recommend(
-        synthetic.SPACE, history, synthetic.ROCKS, default, Objective(), seed, confirmed=confirmed,
-        settings=settings,
-    )  # fmt: skip
+        synthetic.SPACE, history, synthetic.ROCKS, default, Objective(), seed, settings=settings
+    )
     assert result is not None
     truth = synthetic.true_rock_mean(result.values) - synthetic.true_rock_mean(default)
     low, high = result.improvement_interval_95
@@ -134,26 +109,16 @@ def row(name: str, slot_sd: float, outcomes: Sequence[Outcome], reference: Seque
 def main() -> None:
     """Parse, play, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("part", choices=["slots", "confirmation", "intervals"])
+    parser.add_argument("part", choices=["slots", "intervals"])
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--budget", type=int, default=24)
     parser.add_argument("--slot-sd", type=float, nargs="+", default=[0.0, 0.3, 0.6])
-    parser.add_argument("--shares", type=float, nargs="+", default=[0.0, 0.2, 0.33])
     arguments = parser.parse_args()
     variants: dict[str, dict[str, Any]]
     if arguments.part == "slots":
         variants = {"without slot offsets": {"slots": False}, "with slot offsets": {"slots": True}}
-    elif arguments.part == "intervals":
-        variants = {
-            f"confirmation {share:g}, {'averaged' if members else 'most likely'}": {
-                "share": share,
-                "members": members,
-            }
-            for share in arguments.shares
-            for members in (0, 8)
-        }
     else:
-        variants = {f"confirmation {share:g}": {"share": share} for share in arguments.shares}
+        variants = {("averaged" if members else "most likely"): {"members": members} for members in (0, 8)}
     began = time.process_time()
     print("| slot sd | variant | value | worst | paired difference (95 %) | improvement interval holds truth "
           "| its width | LOO coverage % |")  # fmt: skip

@@ -42,7 +42,6 @@ from tuner.campaign.settings import (
 from tuner.missions.executors import Executor
 from tuner.missions.long_runs import exclusive, stop_signals
 from tuner.problem.observations import Observation, Proposal
-from tuner.recommendation.confirmation import choose_finalists, finalist_count, schedule
 from tuner.recommendation.recommendation import Recommendation, recommend
 from tuner.samplers.registry import require_sampler
 
@@ -288,8 +287,7 @@ class Campaign:
         s = self.settings
         return recommend(
             s.space, history, s.rocks, s.default_values(), s.objective, s.seed,
-            confirmed=range(s.search_budget, s.budget), settings=s.surrogate(), risk=s.gp.risk,
-            earlier=self.earlier,
+            settings=s.surrogate(), risk=s.gp.risk, earlier=self.earlier,
         )  # fmt: skip
 
     def surrogate_from(
@@ -307,25 +305,6 @@ class Campaign:
     def propose(self, trials: Sequence[TrialRecord], known: int) -> Proposal:
         """The sampler's next mission after the first ``known`` trials; the others count as in flight."""
         return self._sampler.ask(self.history(trials[:known]), self.ledger.pending(trials, known))
-
-    def confirmation_plan(self) -> list[Proposal]:
-        """The missions of the confirmation stage, a function of the search missions alone.
-
-        Empty without a stage, and where no search mission succeeded.
-        """
-        s = self.settings
-        search = [o for o in self.history() if o.number < s.search_budget]
-        missions = s.budget - s.search_budget
-        result = self.recommend_from(search) if missions else None
-        if result is None:
-            return []
-        ranked = [candidate.values for candidate in result.top]
-        count = finalist_count(missions, len(s.rocks))
-        # Beside a trend length scales say nothing of how alike two configurations are.
-        lengths = None if s.surrogate().trend else result.lengthscales
-        finalists = choose_finalists(s.space, ranked, s.default_values(), count, lengths)
-        first_replicate = max(s.replicates, 1 + max(o.replicate for o in search))
-        return schedule(finalists, s.rocks, first_replicate, missions)
 
     def recommended_config(self) -> MissionConfig:
         """The recommendation as a complete mission configuration.

@@ -24,8 +24,7 @@ def extend_campaign(directory: Path, budget: int) -> Campaign:
     Raises
     ------
     UserError
-        As ``Campaign.open``; the budget is not larger; the campaign has flown missions of its confirmation stage,
-        which would count as search missions then.
+        As ``Campaign.open``; the budget is not larger.
     """
     campaign = Campaign.open(directory)
     old = campaign.settings
@@ -33,11 +32,6 @@ def extend_campaign(directory: Path, budget: int) -> Campaign:
         raise UserError(
             f"the campaign in {directory} has a budget of {old.budget} missions; {budget} does not extend it, "
             "give more"
-        )
-    if len(campaign.trials()) > old.search_budget:
-        raise UserError(
-            f"the campaign in {directory} has begun to confirm its finalists, so its search cannot be extended; "
-            "start a new campaign"
         )
     # The first session decided the size of the initial design: keep it.
     settings = dataclasses.replace(old, budget=budget, initial=old.initial_size())

@@ -14,7 +14,6 @@ from tuner.campaign.ledger import TrialRecord
 from tuner.missions.executors import Executor
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
 from tuner.problem.blocks import next_slot
-from tuner.problem.observations import Proposal
 from tuner.recommendation.recommendation import Recommendation
 
 if TYPE_CHECKING:
@@ -51,7 +50,6 @@ class CampaignSession:
         self._finished = 0
         self._failures_in_row = 0
         self._in_flight: dict[str, TrialRecord] = {}
-        self._plan: list[Proposal] | None = None  # of the confirmation stage, once the search has ended
 
     def fly(self, stop: threading.Event) -> CampaignSummary:
         if self._settings.low_fidelity is not None and self._campaign.screening is None:
@@ -133,21 +131,13 @@ class CampaignSession:
         trials = self._ledger.trials()
         if len(trials) >= self._settings.budget or self._settled(trials):
             return None
-        confirming = len(trials) - self._settings.search_budget
-        if confirming >= 0 and any(t.state == "running" for t in trials[: self._settings.search_budget]):
-            return None  # the finalists are known when the search has ended
         known = trials
         if self._settings.in_step is not None:
             known = trials[: max(0, len(trials) + 1 - self._settings.in_step)]
             if any(t.state == "running" for t in known):
                 return None  # its turn comes when they have ended
         started = time.monotonic()
-        if confirming >= 0 and self._plan is None:
-            self._plan = self._campaign.confirmation_plan()
-        if confirming >= 0 and self._plan:
-            proposal = self._plan[confirming]
-        else:
-            proposal = self._campaign.propose(trials, len(known))
+        proposal = self._campaign.propose(trials, len(known))
         ask_s = time.monotonic() - started
         self._ask_s += ask_s
         rock, replicate = next_slot(self._settings.rocks, self._settings.replicates, trials, proposal)

@@ -17,7 +17,6 @@ from tuner.missions.job import DEFAULT_RUNNER, Keep, MissionRunner, resolve_runn
 from tuner.problem.objective import Objective
 from tuner.problem.options import GPOptions
 from tuner.problem.search_space import SearchSpace, Values, space_from_dict
-from tuner.recommendation.confirmation import MAX_SHARE, confirmation_missions
 from tuner.samplers.design import initial_design_size
 from tuner.samplers.registry import (
     ALL_SAMPLER_NAMES,
@@ -62,9 +61,6 @@ class CampaignSettings:
     runner: str = DEFAULT_RUNNER
     keep: Keep = "summary"
     storage: str | None = None  # None: study.journal in the run directory
-    confirmation: float = (
-        0.0  # share of the budget that flies the finalists again, see tuner.recommendation.confirmation
-    )
     gp: GPOptions = field(default_factory=GPOptions)  # of sampler gp
     second: Objective | None = None  # search the front between the objective and this one
     low_fidelity: str | None = None  # screen with it first: geometric, or module:function of a mission runner
@@ -92,15 +88,6 @@ class CampaignSettings:
             raise UserError(f"rock {twice[0]!r} is named twice; name each rock once")
         if self.initial is not None and self.initial < 1:
             raise UserError(f"the initial design has {self.initial} missions; give at least 1")
-        if not 0.0 <= self.confirmation <= MAX_SHARE:
-            raise UserError(
-                f"the confirmation stage has a share of {self.confirmation:g}; give 0 to {MAX_SHARE:g}"
-            )
-        if self.confirmation > 0 and self.budget - self.search_budget < 2:
-            raise UserError(
-                f"a share of {self.confirmation:g} of {self.budget} missions confirms nothing: two configurations "
-                "must meet; raise the budget or the share"
-            )
         self._check_options()
         if self.sampler not in ALL_SAMPLER_NAMES:
             raise UserError(f"unknown sampler {self.sampler!r}; there are {', '.join(ALL_SAMPLER_NAMES)}")
@@ -121,8 +108,6 @@ class CampaignSettings:
                 raise UserError(f"{what} cannot be combined with a second objective; leave one of them out")
         if self.gp.risk != "mean" and len(self.rocks) < 2:
             raise UserError(f"risk measure {self.gp.risk} is over rocks; name at least two")
-        if self.stop_when_settled and self.confirmation > 0:
-            raise UserError("a confirmation stage needs its budget; leave it or stopping when settled out")
         if self.low_fidelity is not None:
             self.low_fidelity_runner()
             if self.low_fidelity == self.fidelity:
@@ -157,19 +142,14 @@ class CampaignSettings:
         """Where every sampler starts: the paper's values."""
         return self.space.default(preset(self.preset).with_values(self.overrides))
 
-    @property
-    def search_budget(self) -> int:
-        """Missions before the confirmation stage."""
-        return self.budget - confirmation_missions(self.budget, self.confirmation)
-
     def initial_size(self) -> int:
         """Missions of the initial design."""
         if self.initial is not None:
-            return min(self.initial, self.search_budget)
+            return min(self.initial, self.budget)
         # The paper's values were chosen by hand. Other samplers keep the designs their authors recommend.
         trusted = self.sampler == "gp"
         return initial_design_size(
-            self.space.dimension, self.search_budget, trusted_default=trusted,
+            self.space.dimension, self.budget, trusted_default=trusted,
             earlier=bool(self.learn_from),
         )  # fmt: skip
 
@@ -177,7 +157,7 @@ class CampaignSettings:
         """The sampler at work; ``earlier``: missions flown before the campaign."""
         settings = SamplerSettings(
             self.space, self.default_values(), self.rocks, self.seed, self.initial_size(), self.replicates,
-            self.gp, earlier, self.second is not None, self.stop_when_settled, self.search_budget,
+            self.gp, earlier, self.second is not None, self.stop_when_settled, self.budget,
             trusted_default=True,
         )  # fmt: skip
         return make_sampler(self.sampler, settings)
@@ -217,7 +197,6 @@ class CampaignSettings:
             "runner": self.runner,
             "keep": self.keep,
             "storage": self.storage,
-            "confirmation": self.confirmation,
             "gp": self.gp.to_dict(),
             "second": None if self.second is None else dataclasses.asdict(self.second),
             "low_fidelity": self.low_fidelity,
@@ -229,6 +208,7 @@ class CampaignSettings:
     @staticmethod
     def from_dict(tree: Mapping[str, Any], source: str) -> CampaignSettings:
         """The inverse of ``to_dict``; ``source`` names the file in messages."""
+        _refuse_what_is_gone(tree, source)
         try:
             return CampaignSettings(
                 name=tree["name"],
@@ -245,7 +225,6 @@ class CampaignSettings:
                 runner=tree["runner"],
                 keep=tree["keep"],
                 storage=tree["storage"],
-                confirmation=tree.get("confirmation", 0.0),  # campaigns begun before there was one, and so on
                 # Of no meaning to other samplers; earlier versions wrote defaults that are none any more.
                 gp=GPOptions.from_dict(tree.get("gp") or {}) if tree["sampler"] == "gp" else GPOptions(),
                 second=Objective(**tree["second"]) if tree.get("second") else None,
@@ -256,6 +235,19 @@ class CampaignSettings:
             )
         except (KeyError, TypeError, AttributeError) as error:
             raise UserError(f"{source} is not a campaign's settings ({error!r}); restore the file") from error
+
+
+# What campaigns of earlier versions could be asked for and this version cannot do, with what meant "no".
+_GONE = {"confirmation": 0.0}
+
+
+def _refuse_what_is_gone(tree: Mapping[str, Any], source: str) -> None:
+    for key, no in _GONE.items():
+        if tree.get(key, no) != no:
+            raise UserError(
+                f"{source} asks for {key!r}, which an earlier version of gatetune had and this one has not; "
+                "open it with the version that began it"
+            )
 
 
 def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:

@@ -71,10 +71,6 @@ def run(
             "N workers have work (default: it knows what has ended)."
         ),
     ] = None,
-    confirm: Annotated[
-        float,
-        typer.Option(help="Share of the budget (0 to 0.5) that flies the best few again before naming one."),
-    ] = 0.0,
     risk: Annotated[
         str, typer.Option(help="Over the rocks: mean, cvar (mean of the worse half) or worst.")
     ] = "mean",
@@ -176,7 +172,6 @@ def run(
         runner=runner,
         keep=keep,  # type: ignore[arg-type]
         storage=storage,
-        confirmation=confirm,
         gp=GPOptions(risk, prior, sparse, fully_bayesian),  # type: ignore[arg-type]
         second=second,
         low_fidelity=low_fidelity,
@@ -383,11 +378,4 @@ def show_recommendation(recommendation: Recommendation | None) -> None:
             f"{100 * ahead['coverage_95']:.0f} % of {ahead['missions']:.0f} missions lay inside the 95 % intervals "
             f"predicted before they were flown; widened as the missions before them taught, "
             f"{100 * ahead['coverage_95_widened']:.0f} %"
-        )
-    chosen = [g for g in recommendation.confirmation if g.values == recommendation.values]
-    if chosen and chosen[0].gain is not None:
-        interval = chosen[0].gain_interval_95
-        shown = f" (95 % interval {interval[0]:+.2f} to {interval[1]:+.2f})" if interval else ""
-        output.print(
-            f"confirmed without a model: {chosen[0].gain:+.2f}{shown} on {chosen[0].pairs} common slots"
         )

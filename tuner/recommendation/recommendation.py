@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,6 @@ from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.options import Risk
 from tuner.problem.search_space import SearchSpace
-from tuner.recommendation.confirmation import PairedGain, paired_gain
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.verification import configuration_key, expected_shortfall, markdown
 from tuner.surrogate.model import NORMAL_95, RockMeanGP, SurrogateSettings
@@ -49,8 +48,7 @@ class Recommendation:
 
     ``mean``, ``sd`` and ``interval_95`` are about the mean over the training rocks, without the noise of single
     missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
-    positive when the recommendation is better, whatever the direction. After a confirmation stage only what it
-    flew can be recommended, and ``confirmation`` holds the paired differences without any model. After verification
+    positive when the recommendation is better, whatever the direction. After verification
     missions (``tuner.samplers.verification``) what has not flown every slot is marked down by its share of ``expected_shortfall``.
     """
 
@@ -76,7 +74,6 @@ class Recommendation:
     direction: str
     lengthscales: dict[str, float]
     leave_one_out: dict[str, float]
-    confirmation: list[PairedGain]  # finalists against the default; empty without a confirmation stage
     expected_shortfall: float | None = None  # by the verification missions; None without one
     ahead_of_search: dict[str, float] | None = (
         None  # ``tuner.surrogate.forward_check``, where it was asked for
@@ -95,14 +92,13 @@ def recommend(
     objective: Objective,
     seed: int = 0,
     *,
-    confirmed: Collection[int] = (),
     settings: SurrogateSettings | None = None,
     risk: Risk = "mean",
     earlier: EarlierMissions | None = None,
 ) -> Recommendation | None:
     """The recommendation after ``observations``; None before the first feasible one.
 
-    ``confirmed`` are the trial numbers of a confirmation stage. ``settings``: of the surrogate.
+    ``settings``: of the surrogate.
     ``risk``: the measure over rocks that is meant by the mean everywhere in the result. ``earlier``: missions flown before.
     """
     feasible = [o for o in observations if o.feasible]
@@ -116,14 +112,9 @@ def recommend(
     configurations = [dict(group[0].values) for group in evaluated.values()]
     belief = model.posterior([*configurations, default], risk)
     reference = len(configurations)
-    finals: dict[tuple[Any, ...], list[Observation]] = {}
-    for o in observations:
-        if o.number in confirmed:
-            finals.setdefault(configuration_key(space, o.values), []).append(o)
-    flown = [i for i, key in enumerate(evaluated) if any(o.feasible for o in finals.get(key, ()))]
-    shortfall = None if flown else expected_shortfall(observations, model.noise_sd)
+    shortfall = expected_shortfall(observations, model.noise_sd)
     worth = belief.mean[:reference] - markdown(space, observations, configurations, rocks, shortfall, default)
-    order = sorted(flown or range(len(configurations)), key=lambda i: -worth[i])
+    order = sorted(range(len(configurations)), key=lambda i: -worth[i])
     top = order[:TOP]
     shares = belief.probability_best(top, seed)
     best, sign = top[0], objective.sign
@@ -164,11 +155,6 @@ def recommend(
         direction=objective.direction,
         lengthscales=model.lengthscales,
         leave_one_out=model.leave_one_out().to_dict(),
-        confirmation=[
-            paired_gain(group[0].values, group, finals.get(configuration_key(space, default), ()))
-            for key, group in finals.items()
-            if key != configuration_key(space, default)
-        ],
         expected_shortfall=shortfall,
     )
 

@@ -27,7 +27,6 @@ from tuner.report.campaign_provenance import command_note, provenance_rows, repr
 from tuner.report.campaign_rows import (
     cost_rows,
     failure_rows,
-    finalist_rows,
     inline_values,
     key_figures,
     parameter_row,
@@ -206,13 +205,6 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Pa
             f"gatetune mission run --rock {shlex.quote(s.rocks[0])} --preset {s.preset} {base} {sets}".split()
         ),
         "per_rock": rock_rows(facts, best),
-        "finalists": finalist_rows(facts, best),
-        "gain_unit": label.difference_unit,
-        "interval_covers_zero": any(
-            g.gain_interval_95 is not None and g.gain_interval_95[0] <= 0 <= g.gain_interval_95[1]
-            for g in best.confirmation
-            if g.values == best.values
-        ),
         "top": [
             {
                 "mean": f"{format_number(c.mean, facts.digits)} ± {format_number(c.sd, facts.digits)}",

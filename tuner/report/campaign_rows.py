@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import collections
-import math
 from typing import Any
 
 from tuner.campaign.ledger import TrialRecord
@@ -61,30 +60,6 @@ def rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
                 format_number(sum(default) / len(default) if default else None, facts.digits),
             ]
         )  # fmt: skip
-    return rows
-
-
-def finalist_rows(facts: CampaignFacts, best: Recommendation) -> list[dict[str, Any]]:
-    """The confirmation stage's paired gains over the default, recommended first, then by gain."""
-    gains = sorted(
-        best.confirmation,
-        key=lambda g: (g.values != best.values, -math.inf if g.gain is None else -g.gain),
-    )
-    rows = []
-    for g in gains:
-        low, high = g.gain_interval_95 or (None, None)
-        rows.append(
-            {
-                "recommended": g.values == best.values,
-                "values": inline_values(g.values),
-                "missions": str(g.missions),
-                "pairs": str(g.pairs),
-                "gain": format_number(g.gain, facts.digits, signed=True),
-                "interval": "–"
-                if low is None or high is None
-                else f"{format_number(low, facts.digits, signed=True)} to {format_number(high, facts.digits, signed=True)}",
-            }
-        )
     return rows
 
 

@@ -29,10 +29,3 @@ def test_a_finished_campaign_is_extended(tmp_path: Path) -> None:
     assert Campaign.open(tmp_path / "run").status().remaining == 0
     tree = yaml.safe_load((tmp_path / "run" / "campaign.yaml").read_text())
     assert [(e["from"], e["to"]) for e in tree["extensions"]] == [(6, 10)]
-
-
-def test_a_confirmed_search_is_not_extended(tmp_path: Path) -> None:
-    run(tmp_path / "run", budget=8, confirmation=0.25)
-    with pytest.raises(UserError, match="begun to confirm its finalists"):
-        extend_campaign(tmp_path / "run", 20)
-    assert Campaign.open(tmp_path / "run").settings.budget == 8

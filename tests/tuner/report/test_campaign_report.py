@@ -89,7 +89,7 @@ class _Made(Exception):
     "changes",
     [
         {"rocks": ("waist",), "budget": 5, "replicates": 2, "seed": 7, "in_step": 3, "keep": "all"},
-        {"sampler": "gp", "confirmation": 0.4, "budget": 10, "gp": GPOptions(prior_strength=4.0, sparse=True)},
+        {"sampler": "gp", "budget": 10, "gp": GPOptions(prior_strength=4.0, sparse=True)},
         {"sampler": "gp", "gp": GPOptions(risk="worst", sparse=False), "low_fidelity": "geometric"},
         {"sampler": "gp", "gp": GPOptions(fully_bayesian=True), "stop_when_settled": True},
         {"runner": FIDELITIES["geometric"]},
@@ -139,26 +139,6 @@ def test_the_page_of_a_geometric_campaign_says_so(tmp_path: Path) -> None:
     assert "Geometric missions" in text and "--fidelity geometric" in text
     assert "cannot name" not in text
     assert "Geometric missions" not in text_of(write_campaign_report(flown(tmp_path / "run")))
-
-
-def test_the_confirmation_stage_shows_its_paired_gains(tmp_path: Path) -> None:
-    campaign = flown(tmp_path / "run", budget=16, confirmation=0.5)
-    best = campaign.recommendation(save=False)
-    assert best is not None and best.confirmation
-    source = write_campaign_report(campaign).read_text()
-    table = re.search(r'<table id="finalists">(.*?)</table>', source, re.S)
-    assert table is not None
-    rows = [
-        re.findall(r"<td[^>]*>(.*?)</td>", row, re.S) for row in re.findall(r"<tr>(.*?)</tr>", table[1], re.S)
-    ]
-    rows = [row for row in rows if row]
-    assert len(rows) == len(best.confirmation)
-    order = sorted(best.confirmation, key=lambda g: (g.values != best.values, -(g.gain or 0.0)))
-    assert [row[1:3] for row in rows] == [[str(g.missions), str(g.pairs)] for g in order]
-    for row, g in zip(rows, order):
-        assert float(row[3].replace("−", "-")) == pytest.approx(g.gain, abs=0.06)
-    assert ("recommended" in rows[0][0]) == any(g.values == best.values for g in best.confirmation)
-    assert 'id="finalists"' not in write_campaign_report(flown(tmp_path / "without")).read_text()
 
 
 def test_headline_follows_the_interval(tmp_path: Path) -> None:

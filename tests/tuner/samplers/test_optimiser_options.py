@@ -319,7 +319,6 @@ def test_campaign_stops_when_settled_and_says_so(tmp_path: Path) -> None:
         ({"rocks": ("a",), "gp": GPOptions(risk="worst")}, "name at least two"),
         ({"low_fidelity": "no.such:runner"}, "cannot be imported"),
         ({"low_fidelity": "geometric", "runner": FIDELITIES["geometric"]}, "are geometric already"),
-        ({"stop_when_settled": True, "confirmation": 0.3}, "needs its budget"),
         ({"stop_when_settled": True, "second": Objective("costs.images")}, "cannot be combined"),
     ],
 )
