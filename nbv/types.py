@@ -73,9 +73,32 @@ class UpdateReport:
     timings_s: dict[str, float] = field(default_factory=dict)
 
 
+class Cloud(Protocol):
+    """Dense points in the world frame: a `PointCloud`, or one that is made when its points are first asked for."""
+
+    @property
+    def points_m(self) -> Floats:
+        """(N, 3)."""
+        ...
+
+    @property
+    def colors(self) -> NDArray[np.uint8] | None:
+        """(N, 3) RGB."""
+        ...
+
+    @property
+    def normals(self) -> Floats | None:
+        """(N, 3)."""
+        ...
+
+    def __len__(self) -> int:
+        """N, known without the points."""
+        ...
+
+
 @dataclass(frozen=True)
 class PointCloud:
-    """Dense points in the world frame."""
+    """A `Cloud` in memory."""
 
     points_m: Floats  # (N, 3)
     colors: NDArray[np.uint8] | None = None  # (N, 3) RGB
@@ -157,6 +180,6 @@ class Reconstructor(Protocol):
         """Update the model with one more capture; an unregistered image is reported, not raised."""
         ...
 
-    def finish(self) -> PointCloud:
+    def finish(self) -> Cloud:
         """Dense reconstruction in the world frame; raises ``MissionFailure`` if nothing fuses."""
         ...

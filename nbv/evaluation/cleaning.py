@@ -11,7 +11,7 @@ from nbv.config.mission_config import EvaluationConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation.neighbours import nearest_neighbours
 from nbv.random_streams import keyed_rng
-from nbv.types import Floats, PointCloud
+from nbv.types import Cloud, Floats, PointCloud
 
 _LOWEST_FRACTION = 0.2  # plane hypotheses come from the lowest points, as in the authors' code
 _MIN_POINTS = 10  # fewer cannot support a plane, as in the authors' code
@@ -34,7 +34,7 @@ class Plane:
 
 
 def clean_cloud(
-    cloud: PointCloud,
+    cloud: Cloud,
     config: EvaluationConfig,
     target_m: tuple[float, float, float] | Floats,
     seed: int,
@@ -102,7 +102,7 @@ def clean_cloud(
     return cloud, report
 
 
-def select(cloud: PointCloud, keep: NDArray[np.bool_]) -> PointCloud:
+def select(cloud: Cloud, keep: NDArray[np.bool_]) -> PointCloud:
     """The points where ``keep`` (N,) is true, with their colours and normals."""
     return PointCloud(
         cloud.points_m[keep],

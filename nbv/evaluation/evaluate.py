@@ -15,7 +15,7 @@ from nbv.evaluation.floor import hausdorff_floors
 from nbv.evaluation.ground_truth import GroundTruthSamples, build_ground_truth, distance_to_surface
 from nbv.evaluation.metrics import compute_metrics
 from nbv.rocks import Rock
-from nbv.types import Floats, PointCloud
+from nbv.types import Cloud, Floats, PointCloud
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
 _CLEANING_SEED = 0
@@ -61,12 +61,12 @@ def rock_floors(rock: Rock, truth: GroundTruthSamples, config: MissionConfig) ->
     )  # fmt: skip
 
 
-def clean_for_evaluation(cloud: PointCloud, config: MissionConfig) -> tuple[PointCloud, dict[str, float]]:
+def clean_for_evaluation(cloud: Cloud, config: MissionConfig) -> tuple[PointCloud, dict[str, float]]:
     """`clean_cloud` as it comes before the metrics."""
     return clean_cloud(cloud, config.evaluation, config.target_m, _CLEANING_SEED)
 
 
-def evaluate_cloud(cloud: PointCloud, rock: Rock, config: MissionConfig) -> Evaluation:
+def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig) -> Evaluation:
     """Clean a dense cloud and measure it.
 
     Raises

@@ -24,7 +24,7 @@ from nbv.mission.loop import AdaptiveMission, Log, _silent, fly, mission_result
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import RunDirectory
 from nbv.rocks import Rock, load_rock
-from nbv.types import Capture, Floats, PointCloud, Viewpoint
+from nbv.types import Capture, Cloud, Floats, Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
 
@@ -89,7 +89,7 @@ def run_geometric_mission(
         log=log,
     )
 
-    def measure(cloud: PointCloud) -> dict[str, Any]:
+    def measure(cloud: Cloud) -> dict[str, Any]:
         log("metrics", {"points": len(cloud.points_m)})
         if full_run is not None:
             full_run.write_cloud("dense.ply", cloud)

@@ -22,9 +22,9 @@ from nbv.sparse.knn import knn_statistics
 from nbv.types import (
     CandidatePool,
     Capture,
+    Cloud,
     GateDecision,
     PlanningState,
-    PointCloud,
     Ranking,
     Reconstructor,
     UpdateReport,
@@ -103,7 +103,7 @@ class AdaptiveMission:
             self._count("planning", planning_s)
             self._fly_photograph_update(state, pool, rankings, decision, rewards, planning_s)
 
-    def finish(self) -> PointCloud:
+    def finish(self) -> Cloud:
         """Fly home and reconstruct the dense cloud."""
         self.flight.return_and_land()
         if self.landed is not None:
@@ -236,7 +236,7 @@ def _top(ranking: Ranking, pool: CandidatePool) -> dict[str, float | str]:
 def _scores_at(
     agreeing_views: int,
     reconstructor: PhotogrammetricReconstructor,
-    evaluate: Callable[[PointCloud, Rock, MissionConfig], Evaluation],
+    evaluate: Callable[[Cloud, Rock, MissionConfig], Evaluation],
     subject: Rock,
     config: MissionConfig,
     configured: dict[str, Any],
@@ -261,7 +261,7 @@ class Outcome:
     metrics: dict[str, Any]  # empty when failed
 
 
-def fly(mission: AdaptiveMission, measure: Callable[[PointCloud], dict[str, Any]]) -> Outcome:
+def fly(mission: AdaptiveMission, measure: Callable[[Cloud], dict[str, Any]]) -> Outcome:
     """All three acts, then ``measure`` on the dense cloud; a `MissionFailure` becomes a failed outcome."""
     try:
         mission.fly_seed_phase()
@@ -410,7 +410,7 @@ def run_mission(
         landed=put_away,
     )
 
-    def measure(cloud: PointCloud) -> dict[str, Any]:
+    def measure(cloud: Cloud) -> dict[str, Any]:
         log("metrics", {"points": len(cloud)})
         with mission._timed("evaluation"):
             evaluation = evaluate(cloud, subject, config)

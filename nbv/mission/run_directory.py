@@ -26,7 +26,7 @@ import yaml
 
 from nbv.errors import UserError
 from nbv.mission.result import json_ready
-from nbv.types import PointCloud
+from nbv.types import Cloud, PointCloud
 
 
 def write_atomic(path: Path, text: str) -> None:
@@ -87,7 +87,7 @@ class RunDirectory:
         """Where the planning state of ``iteration`` lies."""
         return self.root / "states" / f"iter_{iteration:02d}.npz"
 
-    def write_cloud(self, name: str, cloud: PointCloud) -> None:
+    def write_cloud(self, name: str, cloud: Cloud) -> None:
         """Save a point cloud as binary PLY."""
         write_ply(self.root / name, cloud)
 
@@ -96,7 +96,7 @@ class RunDirectory:
         write_atomic(self.root / "mission.json", text)
 
 
-def write_ply(path: Path, cloud: PointCloud) -> None:
+def write_ply(path: Path, cloud: Cloud) -> None:
     """Binary little-endian PLY with float32 positions, optional normals and 8-bit colours."""
     fields: list[tuple[str, str]] = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
     if cloud.normals is not None:

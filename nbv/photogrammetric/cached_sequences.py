@@ -20,6 +20,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 import nbv
 from nbv.cache import Arrays, Store, digest
@@ -31,7 +32,7 @@ from nbv.photogrammetric.cached_stages import STAGE_VERSION, CachedSeedModel
 from nbv.provenance import versions
 from nbv.rocks import Rock
 from nbv.sparse.reconstructor import SparseReconstructor
-from nbv.types import Capture, Floats, PointCloud, SparseModel, UpdateReport
+from nbv.types import Capture, Cloud, Floats, PointCloud, SparseModel, UpdateReport
 
 _LIBRARIES = ("pycolmap", "numpy", "scipy", "opencv-python-headless", "open3d-cpu", "open3d")
 _COMMON_SOURCES = ("geometry/frames.py", "geometry/neighbours.py", "random_streams.py", "types.py")
@@ -116,8 +117,8 @@ class CachedSparse:
         return dataclasses.replace(reports[-1], timings_s=seconds)
 
 
-class SequenceCloud(PointCloud):
-    """A dense cloud that is made when its points are first asked for.
+class LazyCloud:
+    """A `Cloud` that is made when its points are first asked for.
 
     A cloud takes 10 to 30 MB, its metrics 4 kB; so only the metrics are kept, and a mission whose metrics are
     known never makes its cloud.
@@ -133,20 +134,33 @@ class SequenceCloud(PointCloud):
     """
 
     def __init__(self, key: str, n_points: int, make: Callable[[], PointCloud]) -> None:
-        vars(self).update(key=key, _n_points=n_points, _make=functools.cache(make))
+        self.key = key
+        self._n_points = n_points
+        self._make = functools.cache(make)
 
-    points_m = property(lambda self: self._make().points_m)
-    colors = property(lambda self: self._make().colors)  # type: ignore[assignment]
-    normals = property(lambda self: self._make().normals)  # type: ignore[assignment]
+    @property
+    def points_m(self) -> Floats:
+        """(N, 3) world frame."""
+        return self._make().points_m
+
+    @property
+    def colors(self) -> NDArray[np.uint8] | None:
+        """(N, 3) RGB."""
+        return self._make().colors
+
+    @property
+    def normals(self) -> Floats | None:
+        """(N, 3)."""
+        return self._make().normals
 
     def __len__(self) -> int:
-        return int(vars(self)["_n_points"])
+        return self._n_points
 
 
 class CachedClouds:
     """Which sequences of photographs have been fused, with which options, and to how many points.
 
-    The cloud of a known sequence is made only if somebody looks at its points (`SequenceCloud`); that there is no
+    The cloud of a known sequence is made only if somebody looks at its points (`LazyCloud`); that there is no
     cloud is known at once.
 
     Parameters
@@ -164,7 +178,7 @@ class CachedClouds:
     ) -> None:
         self._make, self._sparse, self._config, self._store = make, sparse, config, store
 
-    def __call__(self, agreeing_views: int | None = None) -> PointCloud:
+    def __call__(self, agreeing_views: int | None = None) -> LazyCloud:
         """The cloud, or the `MissionFailure` that there is none."""
         config = self._config
         level = config.dense.agreeing_views if agreeing_views is None else agreeing_views
@@ -177,14 +191,14 @@ class CachedClouds:
         if (entry := self._store.get("clouds", key)) is not None:
             if "failure" in entry:
                 raise MissionFailure(*(str(part) for part in entry["failure"]))
-            return SequenceCloud(key, int(entry["n_points"]), lambda: self._make(agreeing_views))
+            return LazyCloud(key, int(entry["n_points"]), lambda: self._make(agreeing_views))
         try:
             cloud = self._make(agreeing_views)
         except MissionFailure as failure:
             self._store.put("clouds", key, {"failure": np.array([failure.reason, failure.message])})
             raise
         self._store.put("clouds", key, {"n_points": np.array(len(cloud))})
-        return SequenceCloud(key, len(cloud), lambda: cloud)
+        return LazyCloud(key, len(cloud), lambda: cloud)
 
 
 class CachedEvaluation:
@@ -193,11 +207,11 @@ class CachedEvaluation:
     def __init__(self, store: Store) -> None:
         self._store = store
 
-    def __call__(self, cloud: PointCloud, rock: Rock, config: MissionConfig) -> Evaluation:
+    def __call__(self, cloud: Cloud, rock: Rock, config: MissionConfig) -> Evaluation:
         """See `nbv.evaluation.evaluate_cloud`; a failure is not kept, it is met again."""
         key = digest(
             _stage_code("evaluation"), _stage_code("viewpoints"),
-            vars(cloud)["key"] if isinstance(cloud, SequenceCloud) else cloud.points_m, rock.sha256,
+            cloud.key if isinstance(cloud, LazyCloud) else cloud.points_m, rock.sha256,
             dataclasses.asdict(config.evaluation), list(config.target_m), config.dense.fusion_voxel_m,
             camera_shell(config),
         )  # fmt: skip

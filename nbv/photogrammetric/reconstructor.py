@@ -14,7 +14,7 @@ from nbv.photogrammetric.cached_sequences import CachedClouds, CachedSparse
 from nbv.photogrammetric.cached_stages import CachedCorrespondences
 from nbv.sparse.correspondences import ComputedCorrespondences, Correspondences
 from nbv.sparse.reconstructor import SparseReconstructor
-from nbv.types import Capture, PointCloud, UpdateReport
+from nbv.types import Capture, Cloud, PointCloud, UpdateReport
 
 
 class PhotogrammetricReconstructor:
@@ -41,7 +41,7 @@ class PhotogrammetricReconstructor:
             source = CachedCorrespondences(config.camera, config.sparse, store)
         sparse = SparseReconstructor(config.camera, config.sparse, config.target_m, source)
         self._sparse: SparseReconstructor | CachedSparse | None = sparse
-        self._clouds: Callable[[int | None], PointCloud] = self._fuse
+        self._clouds: Callable[[int | None], Cloud] = self._fuse
         if store is not None:
             self._sparse = cached = CachedSparse(sparse, store)
             self._clouds = CachedClouds(self._fuse, cached, config, store)
@@ -61,13 +61,13 @@ class PhotogrammetricReconstructor:
         self._images[capture.name] = capture.image
         return self._mapped().add(capture)
 
-    def finish(self) -> PointCloud:
+    def finish(self) -> Cloud:
         """Dense cloud from the registered photographs at the poses that SfM found."""
         self._mapped().refine()
         self._finished = True
         return self._clouds(None)
 
-    def cloud_at(self, agreeing_views: int) -> PointCloud:
+    def cloud_at(self, agreeing_views: int) -> Cloud:
         """After ``finish``: the cloud of the same depth maps at a stricter ``dense.agreeing_views``.
 
         Raises
