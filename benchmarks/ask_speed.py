@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import numpy as np  # noqa: E402
 
-from nbv.config.mission_config import preset  # noqa: E402
+from nbv.config import preset  # noqa: E402
 from nbv.errors import UserError  # noqa: E402
 from tuner.problem.blocks import next_slot  # noqa: E402
 from tuner.problem.observations import Observation, Proposal  # noqa: E402

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
 from nbv.dense.sgbm import SgbmBackend

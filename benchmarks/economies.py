@@ -1,4 +1,4 @@
-"""What preset ``paper`` leaves out (`nbv.config.mission_config.ECONOMIES`), and what that does to the outcome, along the same views.
+"""What preset ``paper`` leaves out (`nbv.config.ECONOMIES`), and what that does to the outcome, along the same views.
 
     OMP_NUM_THREADS=1 python benchmarks/economies.py [--rocks boulder slab] [--replicates 1] [--parts all adjustment]
 
@@ -19,7 +19,7 @@ from typing import Any
 
 from fresh_process import fly_for_record
 
-from nbv.config.mission_config import ECONOMIES, MissionConfig
+from nbv.config import ECONOMIES, MissionConfig
 
 PAIRS = ("sparse.max_pairs",)
 VERIFICATION = ("sparse.min_ransac_trials",)

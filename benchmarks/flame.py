@@ -35,7 +35,7 @@ def sample(home: Path, rock: str, preset_name: str, sender) -> None:  # type: ig
     import nbv.evaluation
     import nbv.photogrammetric.reconstructor
     import nbv.scene  # noqa: F401
-    from nbv.config.mission_config import preset
+    from nbv.config import preset
     from nbv.mission.loop import run_mission
 
     seconds: Counter[Stack] = Counter()

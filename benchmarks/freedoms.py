@@ -15,7 +15,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from nbv.config.mission_config import MissionConfig, preset
+from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from tuner.commands.campaign import refuse_held_out
 from tuner.commands.console import rock_arguments

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from nbv.cache import home
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.mission.result import MissionResult
 from nbv.threads import single_thread_environment
 

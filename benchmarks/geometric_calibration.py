@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from scipy.stats import rankdata, spearmanr
 from threadpoolctl import threadpool_limits
 
-from nbv.config.mission_config import MissionConfig, config_from_dict, preset
+from nbv.config import MissionConfig, config_from_dict, preset
 from nbv.geometric import predict_views, run_geometric_mission
 from nbv.mission.loop import run_mission
 from nbv.mission.run_directory import write_atomic

@@ -23,7 +23,7 @@ import yaml
 
 import nbv.dense.reconstruct as dense_stage
 from nbv.cache import Store
-from nbv.config.mission_config import config_from_dict, preset
+from nbv.config import config_from_dict, preset
 from nbv.dense.stereo import pixel_matrix
 from nbv.flight import arrival_position
 from nbv.geometric import load_world

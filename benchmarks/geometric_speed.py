@@ -15,7 +15,7 @@ import time
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from nbv.config.mission_config import MissionConfig, preset
+from nbv.config import MissionConfig, preset
 from nbv.geometric import run_geometric_mission
 
 

@@ -34,7 +34,7 @@ import cv2  # noqa: F401  before pycolmap
 import numpy as np
 from fresh_process import fly_in_fresh_process
 
-from nbv.config.mission_config import preset
+from nbv.config import preset
 from nbv.dense.stereo import estimate_depth
 from nbv.mission.planning_state import load_state
 from nbv.photogrammetric.studio import Studio

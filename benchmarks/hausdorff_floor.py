@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import sys
 
-from nbv.config.mission_config import preset
+from nbv.config import preset
 from nbv.evaluation.evaluate import camera_shell, ground_truth, rock_floors
 from nbv.evaluation.floor import perfect_cloud
 from nbv.evaluation.neighbours import nearest_neighbours

@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nbv.config.mission_config import MissionConfig, preset
+from nbv.config import MissionConfig, preset
 from nbv.mission.result import MissionResult
 from nbv.rocks import load_rock
 from tuner.evaluation.baselines import baseline_configs

@@ -27,7 +27,7 @@ from typing import Any
 
 from fresh_process import Flown, fly_in_fresh_process, forget_sequences
 
-from nbv.config.mission_config import MissionConfig, preset
+from nbv.config import MissionConfig, preset
 from nbv.mission.result import MissionResult
 from nbv.threads import single_thread_environment
 

@@ -32,7 +32,7 @@ import open3d as o3d
 import trimesh
 from numpy.typing import NDArray
 
-from nbv.config.mission_config import MissionConfig, config_from_dict
+from nbv.config import MissionConfig, config_from_dict
 from nbv.mission.planning_state import load_state
 from nbv.rocks import load_rock
 from nbv.scorers.occlusion import mean_observing_directions, unoccluded

@@ -290,7 +290,7 @@ class GeometricProblem:
     name: str = field(init=False)
 
     def __post_init__(self) -> None:
-        from nbv.config.mission_config import preset
+        from nbv.config import preset
         from tuner.problem.search_space import load_search_space
 
         self.space = load_search_space(self.space_name)

@@ -18,7 +18,7 @@ from typing import Any
 
 from fresh_process import fly_for_record
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 
 METRICS = ("f_score_48mm", "f_score_16mm", "completeness_16mm", "accuracy_16mm", "c2c_mean_mm")
 

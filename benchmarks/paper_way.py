@@ -35,7 +35,7 @@ import numpy as np
 from fresh_process import Flown, fly_in_fresh_process, forget_sequences
 
 from nbv.cache import Store
-from nbv.config.mission_config import MissionConfig, preset
+from nbv.config import MissionConfig, preset
 from nbv.dense.reconstruct import check_depths
 from nbv.errors import MissionFailure
 from nbv.evaluation import evaluate_cloud

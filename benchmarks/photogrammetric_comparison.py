@@ -22,7 +22,7 @@ from pathlib import Path
 import numpy as np
 from scipy import stats
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import FIDELITIES, SETTINGS_FILE, CampaignSettings

@@ -24,7 +24,7 @@ single_thread_environment()
 
 import numpy as np  # noqa: E402
 
-from nbv.config.mission_config import CameraConfig, SceneConfig  # noqa: E402
+from nbv.config import CameraConfig, SceneConfig  # noqa: E402
 from nbv.errors import UserError  # noqa: E402
 from nbv.geometry.frames import look_at  # noqa: E402
 from nbv.rocks import load_rock  # noqa: E402

@@ -9,7 +9,7 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
-from nbv.config.mission_config import CameraConfig, MissionConfig
+from nbv.config import CameraConfig, MissionConfig
 from nbv.scorers import box_points
 from nbv.scorers.b_aware import repair, weakness
 from nbv.scorers.occlusion import (

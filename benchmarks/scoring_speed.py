@@ -20,7 +20,7 @@ import numpy as np
 import scoring_reference
 from threadpoolctl import threadpool_limits
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.scorers import rank_candidates, shared_terms
 from nbv.scorers.b_aware import weakness
 from nbv.scorers.repair_single import repair_single

@@ -18,7 +18,7 @@ import numpy as np
 import pycolmap
 from PIL import Image as PillowImage
 
-from nbv.config.mission_config import CameraConfig, DenseConfig
+from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.interface import DepthMap, Floats32, Image
 from nbv.errors import MissionFailure
 from nbv.types import Floats, PointCloud

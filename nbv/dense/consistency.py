@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config.mission_config import CameraConfig, DenseConfig
+from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.interface import DepthMap, Floats32
 from nbv.dense.stereo import camera_center_m, pixel_matrix, viewing_angle_deg
 from nbv.types import Floats

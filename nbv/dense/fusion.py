@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config.mission_config import CameraConfig, DenseConfig
+from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.interface import Floats32, Image
 from nbv.dense.stereo import backproject, depth_normals
 from nbv.errors import MissionFailure

@@ -13,7 +13,7 @@ import pycolmap
 
 import numpy as np
 
-from nbv.config.mission_config import CameraConfig, DenseConfig
+from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.interface import DepthMap, Image
 from nbv.dense.stereo import camera_center_m, choose_neighbours
 from nbv.errors import UserError

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nbv.config.mission_config import CameraConfig, DenseConfig
+from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.consistency import ConsistentDepth, check_consistency
 from nbv.dense.fusion import fuse
 from nbv.dense.interface import DenseReport, DepthBackend, Floats32, Image

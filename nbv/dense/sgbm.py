@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import cv2
 
-from nbv.config.mission_config import CameraConfig, DenseConfig
+from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.interface import DepthMap, Image
 from nbv.dense.stereo import choose_neighbours, estimate_depth
 from nbv.types import Floats

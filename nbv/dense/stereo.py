@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 import cv2
 import numpy as np
 
-from nbv.config.mission_config import CameraConfig, DenseConfig
+from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.interface import Floats32, Image
 from nbv.geometry.frames import intrinsic_matrix
 from nbv.types import Floats

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from nbv.config.mission_config import DenseConfig
+from nbv.config import DenseConfig
 from nbv.dense.stereo import SEARCH_MARGIN_M
 from nbv.types import Floats
 

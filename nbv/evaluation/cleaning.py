@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config.mission_config import EvaluationConfig
+from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation.neighbours import nearest_neighbours
 from nbv.random_streams import keyed_rng

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from nbv.cache import home
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.evaluation.cleaning import clean_cloud
 from nbv.evaluation.floor import hausdorff_floors
 from nbv.evaluation.ground_truth import GroundTruthSamples, build_ground_truth, distance_to_surface

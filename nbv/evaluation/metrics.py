@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config.mission_config import EvaluationConfig
+from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation.ground_truth import GroundTruthSamples
 from nbv.evaluation.neighbours import nearest_neighbours

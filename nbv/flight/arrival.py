@@ -7,7 +7,7 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import ndtr, ndtri
 
-from nbv.config.mission_config import FlightConfig
+from nbv.config import FlightConfig
 from nbv.random_streams import keyed_rng
 from nbv.types import Floats, Viewpoint
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.flight.arrival import arrival_position
 from nbv.flight.leg import Leg, Pose, fly_straight
 from nbv.flight.route import route

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 import ruckig
 
-from nbv.config.mission_config import FlightConfig
+from nbv.config import FlightConfig
 from nbv.errors import MissionFailure
 from nbv.geometry.frames import wrap_angle
 from nbv.types import Floats

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from nbv.config.mission_config import FlightConfig
+from nbv.config import FlightConfig
 from nbv.flight.leg import Leg, Pose, fly_straight
 from nbv.geometry.frames import heading_to
 from nbv.types import Floats

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.gates.base import Gate
 from nbv.gates.controls import MovementGate, NoveltyGate, RandomGate, UniformCoverageGate

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.gates.base import budget_fraction
 from nbv.scorers.b_aware import mean_neighbour_distance

@@ -13,7 +13,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.geometry.frames import intrinsic_matrix, look_at
 from nbv.types import CandidatePool, Floats, PlanningState, Ranking
 

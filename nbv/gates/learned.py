@@ -18,7 +18,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.gates.features import FEATURE_NAMES, gate_features
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking

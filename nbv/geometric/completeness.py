@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config.mission_config import DenseConfig, MissionConfig
+from nbv.config import DenseConfig, MissionConfig
 from nbv.geometric.world import GeometricWorld
 from nbv.types import Floats
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.evaluation.metrics import (
     SECTOR_THRESHOLD_MM,
     area_under_curve,

@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 
 from nbv.cache import Store
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.flight import Flight, arrival_position
 from nbv.gates import make_gate, make_oracle, oracle_rewards

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.geometric.completeness import DenseModel, sample_probability
 from nbv.geometric.landmarks import Draw, FeatureModel, landmarks_of

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.cache import Store, digest
-from nbv.config.mission_config import CameraConfig, MissionConfig
+from nbv.config import CameraConfig, MissionConfig
 from nbv.evaluation.ground_truth import MAX_INCIDENCE_DEG, MIN_OBSERVING_VIEWS, sample_surface
 from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock

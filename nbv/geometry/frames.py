@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nbv.config.mission_config import CameraConfig
+from nbv.config import CameraConfig
 from nbv.types import Floats
 
 

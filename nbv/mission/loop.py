@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import Gate, gate_features, make_gate, make_oracle, oracle_rewards

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 import nbv
 from nbv.cache import Arrays, Store, digest
-from nbv.config.mission_config import MissionConfig, canonical
+from nbv.config import MissionConfig, canonical
 from nbv.errors import MissionFailure
 from nbv.evaluation import Evaluation, camera_shell, evaluate_cloud
 from nbv.evaluation.evaluate import clean_for_evaluation

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.cache import Store, digest
-from nbv.config.mission_config import CameraConfig, MissionConfig, SparseConfig, canonical
+from nbv.config import CameraConfig, MissionConfig, SparseConfig, canonical
 from nbv.photogrammetric.studio import Studio
 from nbv.provenance import versions
 from nbv.rocks import Rock

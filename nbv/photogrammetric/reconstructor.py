@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from nbv.cache import Store
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.dense.reconstruct import CheckedDepths, check_depths
 from nbv.memory import give_back_freed_memory
 from nbv.photogrammetric.cached_sequences import CachedClouds, CachedSparse

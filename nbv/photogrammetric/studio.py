@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.geometry.frames import look_at
 from nbv.rocks import Rock
 from nbv.scene import Renderer, photograph

@@ -19,7 +19,7 @@ import open3d as o3d
 from numpy.typing import NDArray
 
 from nbv.cache import Arrays, Store, digest
-from nbv.config.mission_config import CameraConfig, SceneConfig
+from nbv.config import CameraConfig, SceneConfig
 from nbv.errors import UserError
 from nbv.scene.ground import GroundSpec, synthesise_ground
 from nbv.scene.view import linear_from_srgb

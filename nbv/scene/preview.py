@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config.mission_config import CameraConfig, SceneConfig
+from nbv.config import CameraConfig, SceneConfig
 from nbv.geometry.frames import look_at
 from nbv.scene.bake import RockLike, build_scene
 from nbv.scene.factory import make_renderer

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config.mission_config import SceneConfig
+from nbv.config import SceneConfig
 from nbv.random_streams import keyed_rng
 from nbv.scene.bake import RockLike
 from nbv.scene.view import Renderer

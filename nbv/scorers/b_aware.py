@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config.mission_config import BAwareConfig
+from nbv.config import BAwareConfig
 from nbv.geometry.neighbours import neighbour_distances
 from nbv.types import Floats, Ints
 

@@ -16,7 +16,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.scorers.visibility import in_frustum
 from nbv.types import Floats
 

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config.mission_config import MissionConfig, Weights
+from nbv.config import MissionConfig, Weights
 from nbv.errors import MissionFailure
 from nbv.scorers.b_aware import repair, weakness
 from nbv.scorers.covis import co_visibility

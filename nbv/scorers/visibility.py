@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config.mission_config import CameraConfig
+from nbv.config import CameraConfig
 from nbv.geometry.frames import look_at
 from nbv.scorers.scratch import scratch
 from nbv.types import Floats

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pycolmap
 
-from nbv.config.mission_config import CameraConfig
+from nbv.config import CameraConfig
 
 CAMERA_ID = 1  # every photograph of a mission comes from one camera
 

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config.mission_config import CameraConfig, SparseConfig
+from nbv.config import CameraConfig, SparseConfig
 from nbv.sparse.eight_bit_matching import match_pair_fast
 from nbv.sparse.features import Features, extract_features
 from nbv.sparse.matching import VerifiedPair, verify_pair

@@ -10,7 +10,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from nbv.config.mission_config import SparseConfig
+from nbv.config import SparseConfig
 
 DESCRIPTOR_SIZE = 128
 

@@ -17,7 +17,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from nbv.config.mission_config import CameraConfig, SparseConfig
+from nbv.config import CameraConfig, SparseConfig
 from nbv.sparse.camera import CAMERA_ID, colmap_camera
 from nbv.sparse.matching import VerifiedPair
 from nbv.sparse.timing import StageTimer

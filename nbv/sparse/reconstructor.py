@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from nbv.config.mission_config import CameraConfig, SparseConfig, canonical
+from nbv.config import CameraConfig, SparseConfig, canonical
 from nbv.errors import MissionFailure, UserError
 from nbv.sparse.alignment import Alignment, align_cameras, camera_centers, outlier_limit_m
 from nbv.sparse.correspondences import ComputedCorrespondences, Correspondences

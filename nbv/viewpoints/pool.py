@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from nbv.config.mission_config import MissionConfig, PoolConfig
+from nbv.config import MissionConfig, PoolConfig
 from nbv.geometry.frames import heading_to
 from nbv.types import CandidatePool, Floats, Viewpoint
 from nbv.viewpoints import filters

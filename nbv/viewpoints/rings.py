@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.types import Viewpoint
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nbv.cache import Store, digest
-from nbv.config.mission_config import CameraConfig, SparseConfig
+from nbv.config import CameraConfig, SparseConfig
 from nbv.photogrammetric.cached_stages import STAGE_VERSION, CachedCorrespondences
 from nbv.provenance import versions
 from nbv.sparse.features import Features

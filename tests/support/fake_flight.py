@@ -14,7 +14,7 @@ from pathlib import Path
 
 from fake_study import draw
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.mission.result import IterationRecord, MissionResult
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import MissionFailure, UserError
 from nbv.mission.result import MissionResult
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.mission.result import MissionResult
 

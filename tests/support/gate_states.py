@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.types import CandidatePool, PlanningState, Ranking, SparseModel
 from nbv.viewpoints import candidate_pool, seed_viewpoints
 

@@ -6,7 +6,7 @@ import zlib
 
 import numpy as np
 
-from nbv.config.mission_config import preset
+from nbv.config import preset
 from tuner.evaluation.evaluation import EvaluationPlan, EvaluationRecord, EvaluationRun
 from tuner.missions.job import MissionOutcome
 

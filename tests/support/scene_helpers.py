@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from nbv.config.mission_config import CameraConfig
+from nbv.config import CameraConfig
 from nbv.scene.ground import GroundSpec
 
 BALL_RADIUS_M = 0.8

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nbv.config.mission_config import CameraConfig, SparseConfig
+from nbv.config import CameraConfig, SparseConfig
 from nbv.geometry.frames import intrinsic_matrix, look_at
 from nbv.sparse.features import Features
 from nbv.sparse.matching import VerifiedPair

@@ -8,7 +8,7 @@ from typing import Any
 import fake_missions
 import numpy as np
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import space_from_dict
 from tuner.samplers.registry import Sampler, SamplerSettings

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
 from tuner.campaign.events import CampaignEvent, CampaignStatus, CampaignSummary

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import MissionFailure, UserError
 from tuner.missions.job import MissionRunner
 from tuner.problem.blocks import next_slot

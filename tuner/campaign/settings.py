@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from nbv.config.mission_config import MissionConfig, preset
+from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from tuner.missions.job import DEFAULT_RUNNER, Keep, MissionRunner, resolve_runner
 from tuner.problem.objective import Objective

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from tuner.campaign.shipped import SHIPPED, shipped_missions
 from tuner.problem.objective import Objective

@@ -8,7 +8,7 @@ from typing import Any
 import yaml
 from rich.console import Console
 
-from nbv.config.mission_config import MissionConfig, preset
+from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 
 output = Console()

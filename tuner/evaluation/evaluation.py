@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 import yaml
 
-from nbv.config.mission_config import MissionConfig, config_from_dict
+from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
 from tuner.evaluation.paper_table import TABLE_I_ROWS, MetricRow

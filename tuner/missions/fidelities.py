@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from nbv.mission.result import MissionResult

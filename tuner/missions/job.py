@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from nbv.config.mission_config import MissionConfig, config_from_dict
+from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
 

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import yaml
 
-from nbv.config.mission_config import MissionConfig, parameter_paths
+from nbv.config import MissionConfig, parameter_paths
 from nbv.errors import UserError
 from nbv.types import Floats
 
@@ -46,7 +46,7 @@ _SPACE_KEYS = ("name", "description", "base", "parameters")
 class Parameter:
     """One tuned quantity: a path on ``MissionConfig`` and its admissible values.
 
-    ``low`` and ``high`` are inclusive and in the parameter's own unit (see ``nbv.config.mission_config``); a categorical
+    ``low`` and ``high`` are inclusive and in the parameter's own unit (see ``nbv.config``); a categorical
     parameter has ``choices`` instead.
     """
 

@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 from rich.table import Table
 
-from nbv.config.mission_config import MissionConfig, config_from_dict, preset
+from nbv.config import MissionConfig, config_from_dict, preset
 from nbv.errors import UserError
 from nbv.mission.planning_state import load_state
 from nbv.scorers import rank_candidates

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from nbv.config.mission_config import MissionConfig, config_from_dict
+from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.mission.planning_state import load_state
 from nbv.mission.run_directory import read_ply

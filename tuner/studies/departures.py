@@ -18,7 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from nbv.config.mission_config import MissionConfig, preset
+from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from tuner.evaluation.baselines import baseline
 from tuner.evaluation.evaluation import (

@@ -10,7 +10,7 @@ from typing import Any
 
 import yaml
 
-from nbv.config.mission_config import MissionConfig, config_from_dict
+from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
 from tuner.problem.objective import DEFAULT_METRIC, Objective
@@ -160,7 +160,7 @@ def is_campaign(directory: Path) -> bool:
 
 
 def _difference(configs: Sequence[MissionConfig]) -> tuple[str, str]:
-    from nbv.config.mission_config import parameter_paths
+    from nbv.config import parameter_paths
 
     for path in parameter_paths():
         seen = dict.fromkeys(value_at(c, path) for c in configs)

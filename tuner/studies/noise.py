@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from nbv.config.mission_config import MissionConfig, preset
+from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.types import Floats
 from tuner.evaluation.baselines import baseline

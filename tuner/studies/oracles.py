@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
-from nbv.config.mission_config import GateConfig, MissionConfig, preset
+from nbv.config import GateConfig, MissionConfig, preset
 from nbv.errors import UserError
 from nbv.mission.result import IterationRecord
 from tuner.evaluation.baselines import baseline

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.mission.loop import run_mission
 from nbv.mission.result import MissionResult
 from tuner.missions.job import Keep

@@ -7,7 +7,7 @@ import json
 
 import pytest
 
-from nbv.config.mission_config import ECONOMIES, MissionConfig, canonical, config_from_dict, preset
+from nbv.config import ECONOMIES, MissionConfig, canonical, config_from_dict, preset
 
 CAME_LATER = {
     "b_aware": ("main_term", "matchable_views"),

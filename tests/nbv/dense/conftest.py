@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from nbv.config.mission_config import CameraConfig
+from nbv.config import CameraConfig
 from nbv.geometry.frames import intrinsic_matrix, look_at
 
 TARGET = np.array([0.0, 0.0, 0.8])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from nbv.config.mission_config import CameraConfig, DenseConfig
+from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.consistency import check_consistency
 from nbv.dense.interface import DepthMap
 from nbv.dense.stereo import pixel_matrix

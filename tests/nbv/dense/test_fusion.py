@@ -6,7 +6,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from nbv.config.mission_config import CameraConfig, DenseConfig
+from nbv.config import CameraConfig, DenseConfig
 from nbv.dense import fusion
 from nbv.dense.fusion import fuse
 from nbv.dense.stereo import backproject, depth_normals

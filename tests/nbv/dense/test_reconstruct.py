@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pytest
 
-from nbv.config.mission_config import CameraConfig, DenseConfig
+from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.colmap_workspace import fuse_with_colmap, read_depth_maps, write_depth_maps, write_images
 from nbv.dense.consistency import check_consistency, choose_witnesses
 from nbv.dense.fusion import fuse

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from nbv.config.mission_config import CameraConfig, DenseConfig
+from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.sgbm import SgbmBackend
 from nbv.dense.stereo import (
     SEARCH_MARGIN_M,

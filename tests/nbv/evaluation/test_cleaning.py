@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nbv.config.mission_config import EvaluationConfig
+from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation.cleaning import clean_cloud, find_ground, inlier_mask
 from nbv.types import PointCloud

@@ -7,7 +7,7 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from nbv.config.mission_config import EvaluationConfig
+from nbv.config import EvaluationConfig
 from nbv.evaluation.floor import hausdorff_floors, perfect_cloud
 from nbv.evaluation.ground_truth import build_ground_truth, distance_to_surface
 from nbv.evaluation.metrics import compute_metrics

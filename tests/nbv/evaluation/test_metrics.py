@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from nbv.config.mission_config import EvaluationConfig
+from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation.ground_truth import GroundTruthSamples, sample_surface
 from nbv.evaluation.metrics import (

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from nbv.config.mission_config import FlightConfig, MissionConfig
+from nbv.config import FlightConfig, MissionConfig
 from nbv.flight import Flight, Pose, arrival_position, fly_straight, route
 from nbv.flight.route import clear
 from nbv.geometry.frames import heading_to, wrap_angle

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from gate_states import pool, rankings, state
 
-from nbv.config.mission_config import GATE_KINDS, MissionConfig
+from nbv.config import GATE_KINDS, MissionConfig
 from nbv.errors import UserError
 from nbv.gates import make_gate
 from nbv.gates.controls import RandomGate

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from gate_states import pool, rankings, state
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import MissionFailure, UserError
 from nbv.gates import Gate, gate_features, make_gate
 from nbv.gates.features import FEATURE_NAMES

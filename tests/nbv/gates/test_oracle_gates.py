@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from gate_states import pool, rankings, state
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.gates import GroundTruthOracle, make_gate, oracle_rewards
 from nbv.types import CandidatePool
 

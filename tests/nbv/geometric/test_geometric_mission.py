@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from nbv.cache import Store
-from nbv.config.mission_config import preset
+from nbv.config import preset
 from nbv.errors import UserError
 from nbv.flight import arrival_position
 from nbv.geometric import GeometricReconstructor, load_world, predict_views, run_geometric_mission

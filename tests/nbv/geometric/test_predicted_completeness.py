@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nbv.config.mission_config import DenseConfig
+from nbv.config import DenseConfig
 from nbv.dense.consistency import choose_witnesses
 from nbv.dense.stereo import choose_neighbours
 from nbv.geometric.completeness import (

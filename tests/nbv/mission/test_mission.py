@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from nbv.config.mission_config import config_from_dict, preset
+from nbv.config import config_from_dict, preset
 from nbv.errors import UserError
 from nbv.mission.loop import run_mission
 from nbv.mission.planning_state import load_state

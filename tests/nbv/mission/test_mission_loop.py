@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nbv.config.mission_config import preset
+from nbv.config import preset
 from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import make_gate

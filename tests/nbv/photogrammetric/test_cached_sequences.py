@@ -10,7 +10,7 @@ import pytest
 from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures
 
 from nbv.cache import Store
-from nbv.config.mission_config import config_from_dict
+from nbv.config import config_from_dict
 from nbv.errors import MissionFailure
 from nbv.evaluation import evaluate_cloud
 from nbv.evaluation.ground_truth import sample_surface

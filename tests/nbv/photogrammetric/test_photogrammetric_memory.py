@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nbv.cache import Store
-from nbv.config.mission_config import preset
+from nbv.config import preset
 from nbv.photogrammetric import reconstructor as photogrammetric
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.sparse.features import Features

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from scene_helpers import SMALL_CAMERA, SMALL_GROUND, PlainRock, make_ball
 
-from nbv.config.mission_config import SceneConfig
+from nbv.config import SceneConfig
 from nbv.scene import build_scene, make_renderer
 
 

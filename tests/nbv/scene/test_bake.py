@@ -9,7 +9,7 @@ import pytest
 from scene_helpers import SMALL_CAMERA, SMALL_GROUND
 
 from nbv.cache import Store
-from nbv.config.mission_config import SceneConfig
+from nbv.config import SceneConfig
 from nbv.errors import UserError
 from nbv.scene import bake, build_scene
 from nbv.scene.bake import vertex_normals

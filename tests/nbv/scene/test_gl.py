@@ -82,7 +82,7 @@ def test_missing_opengl_is_a_user_error_that_names_the_remedy(broken):
         import sys
         sys.path.insert(0, sys.argv[1])
         from scene_helpers import SMALL_CAMERA, make_ball
-        from nbv.config.mission_config import SceneConfig
+        from nbv.config import SceneConfig
         from nbv.errors import UserError
         from nbv.scene import build_scene, make_renderer
         from nbv.scene.ground import GroundSpec

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scene_helpers import BALL_RADIUS_M, SMALL_CAMERA, SMALL_GROUND
 
-from nbv.config.mission_config import CameraConfig, SceneConfig
+from nbv.config import CameraConfig, SceneConfig
 from nbv.geometry.frames import intrinsic_matrix, invert_rigid, look_at
 from nbv.scene import build_scene, make_renderer
 
@@ -107,7 +107,7 @@ def test_another_process_takes_the_same_photograph(raycast, ball):
         sys.path.insert(0, sys.argv[1])
         from scene_helpers import SMALL_CAMERA, SMALL_GROUND, make_ball
         from test_raycast import CENTRE, orbit
-        from nbv.config.mission_config import SceneConfig
+        from nbv.config import SceneConfig
         from nbv.geometry.frames import look_at
         from nbv.scene import build_scene, make_renderer
         scene = build_scene(make_ball(), SceneConfig(), SMALL_CAMERA, SMALL_GROUND)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nbv.config.mission_config import SceneConfig
+from nbv.config import SceneConfig
 from nbv.geometry.frames import look_at
 from nbv.scene import add_sensor_noise, noise_rng, photograph
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nbv.config.mission_config import BAwareConfig, CameraConfig, MissionConfig
+from nbv.config import BAwareConfig, CameraConfig, MissionConfig
 from nbv.errors import MissionFailure
 from nbv.geometry.frames import heading_to, intrinsic_matrix, look_at
 from nbv.scorers import box_points, rank_candidates

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scoring_speed import synthetic_state
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.scorers import rank_candidates, shared_terms
 from nbv.scorers import scorer as scorer_module
 from nbv.scorers.b_aware import percentiles, repair, weakness

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nbv.config.mission_config import MissionConfig, Weights
+from nbv.config import MissionConfig, Weights
 from nbv.geometry.frames import heading_to
 from nbv.scorers import rank_candidates
 from nbv.types import CandidatePool, PlanningState, SparseModel

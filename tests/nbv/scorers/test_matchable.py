@@ -8,7 +8,7 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nbv.config.mission_config import MissionConfig, preset
+from nbv.config import MissionConfig, preset
 from nbv.errors import MissionFailure
 from nbv.gates.ground_truth import GroundTruthOracle
 from nbv.scorers import rank_candidates

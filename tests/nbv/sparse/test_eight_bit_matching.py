@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nbv.config.mission_config import CameraConfig, SparseConfig
+from nbv.config import CameraConfig, SparseConfig
 from nbv.sparse import eight_bit_matching
 from nbv.sparse.correspondences import ComputedCorrespondences
 from nbv.sparse.eight_bit_matching import (

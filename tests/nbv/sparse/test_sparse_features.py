@@ -1,7 +1,7 @@
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
-from nbv.config.mission_config import SparseConfig
+from nbv.config import SparseConfig
 from nbv.sparse.features import extract_features
 
 

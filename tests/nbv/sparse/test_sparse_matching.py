@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nbv.config.mission_config import CameraConfig, SparseConfig
+from nbv.config import CameraConfig, SparseConfig
 from nbv.geometry.frames import intrinsic_matrix, look_at
 from nbv.sparse.features import Features
 from nbv.sparse.matching import match_pair, pair_angle_deg, verify_pair

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nbv.config.mission_config import MissionConfig, preset
+from nbv.config import MissionConfig, preset
 from nbv.viewpoints import candidate_pool, filters, raw_candidates, seed_viewpoints
 from nbv.viewpoints.pool import lateral_ring_counts, upper_ring_counts
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from nbv.config.mission_config import preset
+from nbv.config import preset
 from nbv.errors import UserError
 from tuner.evaluation.baselines import (
     BASELINES,

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome, resolve_runner, runner_path

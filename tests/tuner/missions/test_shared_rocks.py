@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import trimesh
 
-from nbv.config.mission_config import preset
+from nbv.config import preset
 from nbv.rocks import catalogue
 from tuner.missions import shared_rocks
 from tuner.missions.executors import LocalProcessExecutor

@@ -14,7 +14,7 @@ import pytest
 import yaml
 from made_evaluations import made_run
 
-from nbv.config.mission_config import preset
+from nbv.config import preset
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import FIDELITIES, CampaignSettings

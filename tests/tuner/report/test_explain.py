@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from scoring_speed import synthetic_state
 
-from nbv.config.mission_config import preset
+from nbv.config import preset
 from nbv.mission.planning_state import save_state
 from nbv.scorers import rank_candidates
 

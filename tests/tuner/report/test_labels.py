@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from nbv.config.mission_config import parameter_paths
+from nbv.config import parameter_paths
 from tuner.report.labels import (
     decimals_for,
     format_number,

@@ -12,7 +12,7 @@ import pytest
 import trimesh
 import yaml
 
-from nbv.config.mission_config import MissionConfig, preset
+from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.mission.planning_state import save_state
 from nbv.mission.run_directory import RunDirectory

@@ -15,7 +15,7 @@ import pytest
 import synthetic
 
 import tuner.samplers.peers as peers
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.missions.executors import InProcessExecutor

@@ -7,7 +7,7 @@ import json
 import pytest
 from fake_flight import BUDGET
 
-from nbv.config.mission_config import preset
+from nbv.config import preset
 from nbv.errors import UserError
 from tuner.missions.executors import InProcessExecutor
 from tuner.studies.departures import DEPARTURES, PAPER_CODE, DepartureSettings, analyse, fly

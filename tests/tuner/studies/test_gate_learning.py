@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.gates import learned as learned_module
 from nbv.gates.features import FEATURE_NAMES

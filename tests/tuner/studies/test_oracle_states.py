@@ -6,7 +6,7 @@ import shutil
 
 import pytest
 
-from nbv.config.mission_config import preset
+from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from tuner.studies.oracle_states import judge, summarise

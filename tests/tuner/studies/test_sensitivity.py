@@ -9,7 +9,7 @@ import pytest
 import yaml
 from fake_study import fake_study_mission
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings

@@ -8,7 +8,7 @@ import pytest
 import yaml
 from fake_study import fake_study_mission
 
-from nbv.config.mission_config import MissionConfig
+from nbv.config import MissionConfig
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.search_space import load_search_space
 from tuner.studies.noise import NoiseSettings, fly

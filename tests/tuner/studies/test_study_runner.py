@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from nbv.config.mission_config import preset
+from nbv.config import preset
 from nbv.mission.loop import run_mission
 from nbv.mission.result import MissionResult
 from tuner.missions.job import resolve_runner

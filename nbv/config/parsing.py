@@ -1,0 +1,128 @@
+"""Configurations from nested dictionaries and parameter paths, with errors that name the path.
+
+A parameter path such as ``gate.budget_fraction`` or ``covis.weights.nov`` names one field;
+search spaces and command-line overrides use these paths. Nothing here knows which sections there are.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import functools
+import types
+import typing
+from typing import Any, Literal
+
+from nbv.config.sections import OutOfRange
+from nbv.errors import UserError
+
+_type_hints = functools.cache(typing.get_type_hints)  # takes longer than everything else of a copy
+
+
+def leaf_paths(cls: type, prefix: str = "") -> list[str]:
+    """All leaf parameter paths of the configuration class ``cls`` in declaration order."""
+    hints = _type_hints(cls)
+    paths: list[str] = []
+    for f in dataclasses.fields(cls):
+        kind = hints[f.name]
+        if dataclasses.is_dataclass(kind):
+            paths += leaf_paths(typing.cast(type, kind), f"{prefix}{f.name}.")
+        else:
+            paths.append(f"{prefix}{f.name}")
+    return paths
+
+
+def set_values(tree: dict[str, Any], values: dict[str, Any], cls: type) -> None:
+    """Set parameter paths in ``tree``, the nested dictionary of a ``cls``; ``UserError`` for an unknown path."""
+    for path, value in values.items():
+        *parents, name = path.split(".")
+        node: Any = tree
+        for part in parents:
+            node = node.get(part) if isinstance(node, dict) else None
+        if not isinstance(node, dict) or name not in node or isinstance(node[name], dict):
+            raise UserError(_unknown_path(path, cls))
+        node[name] = value
+
+
+def merge(into: dict[str, Any], new: dict[str, Any], cls: type, prefix: str = "") -> None:
+    """Write the keys of ``new`` over those of ``into``, the nested dictionary of a ``cls``.
+
+    Raises
+    ------
+    UserError
+        A key that ``into`` lacks, or a value where a mapping is needed.
+    """
+    if not isinstance(new, dict):
+        raise UserError(
+            f"{prefix.rstrip('.') or 'configuration'} must be a mapping, not {type(new).__name__}"
+        )
+    for key, value in new.items():
+        if key not in into:
+            raise UserError(_unknown_path(f"{prefix}{key}", cls))
+        if isinstance(into[key], dict):
+            merge(into[key], value, cls, f"{prefix}{key}.")
+        else:
+            into[key] = value
+
+
+def _unknown_path(path: str, cls: type) -> str:
+    close = difflib.get_close_matches(path, leaf_paths(cls), n=3, cutoff=0.4)
+    hint = f"; did you mean {', '.join(close)}?" if close else "; `gatetune config show` lists all paths"
+    return f"unknown mission parameter {path!r}{hint}"
+
+
+def build(cls: type, tree: dict[str, Any], prefix: str = "") -> Any:
+    """An instance of ``cls`` from its complete nested dictionary.
+
+    Raises
+    ------
+    UserError
+        A value of the wrong type or out of range; the message begins with the parameter path.
+    """
+    hints = _type_hints(cls)
+    values = {}
+    for f in dataclasses.fields(cls):
+        kind, raw, path = hints[f.name], tree[f.name], f"{prefix}{f.name}"
+        if dataclasses.is_dataclass(kind):
+            values[f.name] = build(typing.cast(type, kind), raw, f"{path}.")
+        else:
+            values[f.name] = _coerce(kind, raw, path)
+    try:
+        return cls(**values)
+    except OutOfRange as error:
+        raise UserError(f"{prefix}{error.problem}") from None
+
+
+def _coerce(kind: Any, raw: Any, path: str) -> Any:
+    origin = typing.get_origin(kind)
+    if origin is Literal:
+        allowed = typing.get_args(kind)
+        if raw not in allowed:
+            raise UserError(f"{path} is {raw!r}; allowed: {', '.join(map(str, allowed))}")
+        return raw
+    if origin is tuple:
+        args = typing.get_args(kind)
+        if not isinstance(raw, (list, tuple)):
+            raise UserError(f"{path} must be a list, not {raw!r}")
+        if len(args) == 2 and args[1] is Ellipsis:
+            return tuple(_coerce(args[0], item, path) for item in raw)
+        if len(raw) != len(args):
+            raise UserError(f"{path} needs {len(args)} values, not {len(raw)}")
+        return tuple(_coerce(a, item, path) for a, item in zip(args, raw))
+    if kind is float and isinstance(raw, (int, float)) and not isinstance(raw, bool):
+        if raw != raw or raw in (float("inf"), float("-inf")):
+            raise UserError(f"{path} must be finite, not {raw!r}")
+        return float(raw)
+    if (
+        kind is int
+        and isinstance(raw, (int, float))
+        and not isinstance(raw, bool)
+        and float(raw).is_integer()
+    ):
+        return int(raw)
+    if kind is bool and isinstance(raw, bool):
+        return raw
+    if kind is str and isinstance(raw, str):
+        return raw
+    name = getattr(kind, "__name__", str(kind)) if not isinstance(kind, types.UnionType) else str(kind)
+    raise UserError(f"{path} must be of type {name}, not {raw!r}")
