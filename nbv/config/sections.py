@@ -61,7 +61,7 @@ class CameraConfig(Section):
     focal_px: float = 465.7412  # hfov 1.204 rad at 640 px, the paper's simulated camera
 
     def __post_init__(self) -> None:
-        self._need_at_least(64, "width_px", "height_px")
+        self._need_at_least(16, "width_px", "height_px")
         self._need_positive("focal_px")
 
 
