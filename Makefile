@@ -4,7 +4,7 @@ VENV ?= .venv
 RUN ?= tune
 BIN = $(VENV)/bin
 
-.PHONY: tune test fast-test lint setup peers clean
+.PHONY: tune test fast-test lint docs setup peers clean
 .DEFAULT_GOAL := help
 
 help:
@@ -12,6 +12,7 @@ help:
 	@echo "make test        set up, check the code, run all tests"
 	@echo "make fast-test   the tests that take less than a second or two each"
 	@echo "make lint        ruff, mypy, import-linter"
+	@echo "make docs        build the documentation into site/"
 	@echo "make peers       set up Ax, SMAC3 and HEBO for --sampler ax, smac, hebo"
 
 setup: $(VENV)/.ready
@@ -32,6 +33,9 @@ lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+docs: setup
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 peers: setup
 	$(BIN)/python benchmarks/peers/setup.py

@@ -1,0 +1,177 @@
+"""Make the pages and pictures of the documentation that follow from the code.
+
+    python docs/make_pages.py            # write them
+    python docs/make_pages.py --check    # exit 1 and name those that are not current
+
+``reference/commands.md`` comes from the command line's own declarations, ``internals/rooms_*.svg`` from the imports.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import escape
+
+import networkx as nx
+
+DOCS = Path(__file__).resolve().parent
+sys.path.insert(0, str(DOCS.parent / "benchmarks"))
+
+WIDTH, ROW, BOX_HEIGHT, GAP = 760, 74, 40, 14
+
+
+def commands_page() -> str:
+    """Every command of ``gatetune`` with its arguments and options, as Markdown."""
+    import typer
+
+    from tuner.cli import app
+
+    root = typer.main.get_command(app)
+    lines = ["# Commands", "", "Made from the program's own help by `python docs/make_pages.py`.", ""]
+    for path, command in _leaves(root, ()):
+        arguments = [p for p in command.params if p.param_type_name == "argument"]
+        options = [p for p in command.params if p.param_type_name == "option" and p.name != "help"]
+        usage = " ".join(["gatetune", *path, *(p.name.upper() for p in arguments)])
+        lines += [f"## `{usage}`", "", " ".join(command.help.split()), ""]
+        for panel in dict.fromkeys(getattr(p, "rich_help_panel", None) for p in options):
+            if panel:
+                lines += [f"**{panel}**", ""]
+            lines += [_option(p) for p in options if getattr(p, "rich_help_panel", None) == panel]
+            lines.append("")
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _leaves(command: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
+    if not hasattr(command, "commands"):
+        yield path, command
+        return
+    for name, child in command.commands.items():
+        yield from _leaves(child, (*path, name))
+
+
+def _option(option: Any) -> str:
+    default = option.default
+    if option.required:
+        note = ", required"
+    elif default is None or isinstance(default, bool) or callable(default):
+        note = ""
+    else:
+        note = f" ({default})"
+    names = "/".join([option.opts[0], *option.secondary_opts[:1]])
+    return f"- `{names}`{note}: {' '.join((option.help or '').split())}"
+
+
+def rooms(package: str) -> nx.DiGraph:
+    """The rooms of a package and which imports which; a room's number of files is its ``files``.
+
+    The mission's modules outside rooms (types, errors, ...) are one node, the ground floor.
+    """
+    from structure import imports, modules
+
+    paths = modules(DOCS.parent)
+    room_of = {}
+    for name in paths:
+        parts = name.split(".")
+        if parts[0] == package and len(parts) > 1:
+            alone = paths[f"{package}.{parts[1]}"].name != "__init__.py"
+            room_of[name] = "ground floor" if alone and package == "nbv" else parts[1]
+    graph = nx.DiGraph()
+    for room in room_of.values():
+        graph.add_node(room)
+        graph.nodes[room]["files"] = graph.nodes[room].get("files", 0) + 1
+    for source, target in imports(DOCS.parent).edges:
+        if source in room_of and target in room_of and room_of[source] != room_of[target]:
+            graph.add_edge(room_of[source], room_of[target])
+    return graph
+
+
+def rooms_picture(package: str) -> str:
+    """An SVG: every room on its floor, with an arrow to what it imports.
+
+    An arrow that follows from others is left out. Floors count the longest way down.
+    """
+    graph = rooms(package)
+    floor: dict[str, int] = {}
+    for room in reversed(list(nx.lexicographical_topological_sort(graph))):
+        floor[room] = 1 + max((floor[below] for below in graph.successors(room)), default=-1)
+    arrows = nx.transitive_reduction(graph)
+    rows: list[list[str]] = [[] for _ in range(max(floor.values()) + 1)]
+    for room in sorted(graph.nodes):
+        rows[floor[room]].append(room)
+    x: dict[str, float] = {}
+    for _ in range(4):  # a few sweeps: a room above the middle of what it needs, below the middle of what needs it
+        for row in rows:
+            row.sort(key=lambda room: (_middle(room, arrows, x), room))
+            for i, room in enumerate(row):
+                x[room] = WIDTH * (i + 0.5) / len(row)
+    height = ROW * len(rows)
+    boxes, lines = [], []
+    for room in sorted(graph.nodes):
+        box_width = min(150.0, WIDTH / len(rows[floor[room]]) - GAP)
+        top = ROW * (len(rows) - 1 - floor[room]) + 8
+        files = graph.nodes[room]["files"]
+        boxes.append(
+            f'<rect x="{x[room] - box_width / 2:.1f}" y="{top}" width="{box_width:.1f}" height="{BOX_HEIGHT}" rx="6"/>'
+            f'<text x="{x[room]:.1f}" y="{top + 17}">{escape(room)}</text>'
+            f'<text class="files" x="{x[room]:.1f}" y="{top + 32}">{files} file{"s" * (files != 1)}</text>'
+        )
+        for below in sorted(arrows.successors(room)):
+            end = ROW * (len(rows) - 1 - floor[below]) + 8
+            start = top + BOX_HEIGHT
+            lines.append(
+                f'<path d="M{x[room]:.1f} {start}C{x[room]:.1f} {start + 22} {x[below]:.1f} {end - 26} '
+                f'{x[below]:.1f} {end - 5}"/>'
+            )
+    style = (
+        "rect{fill:#eef2fb;stroke:#3949ab}text{font:600 13px sans-serif;fill:#1a237e;text-anchor:middle}"
+        ".files{font-weight:400;font-size:11px;fill:#555}path{fill:none;stroke:#8a93b8;marker-end:url(#a)}"
+    )
+    marker = (
+        '<marker id="a" viewBox="0 0 8 8" refX="4" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
+        '<polygon points="0,0 8,4 0,8" fill="#8a93b8"/></marker>'
+    )
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {height}">\n<style>{style}</style>\n'
+        f'<defs>{marker}</defs>\n<rect width="{WIDTH}" height="{height}" style="fill:#fff;stroke:none"/>\n'
+        + "\n".join(lines + boxes)
+        + "\n</svg>\n"
+    )
+
+
+def _middle(room: str, arrows: nx.DiGraph, x: dict[str, float]) -> float:
+    known = [x[other] for other in (*arrows.successors(room), *arrows.predecessors(room)) if other in x]
+    return sum(known) / len(known) if known else WIDTH / 2
+
+
+def pages() -> dict[Path, str]:
+    """Every made file's path below ``docs/`` and its text."""
+    return {
+        Path("reference/commands.md"): commands_page(),
+        Path("internals/rooms_nbv.svg"): rooms_picture("nbv"),
+    }
+
+
+def main() -> int:
+    """Write or check the made files."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--check", action="store_true")
+    check = parser.parse_args().check
+    stale = []
+    for path, text in pages().items():
+        file = DOCS / path
+        if file.is_file() and file.read_text() == text:
+            continue
+        stale.append(path)
+        if not check:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_text(text)
+    for path in stale:
+        print(f"{'not current' if check else 'written'}: docs/{path}")
+    return 1 if check and stale else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,88 @@
+"""The documentation is short, current, complete, and in the field's words."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+
+from tuner.cli import app
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.rglob("*.md"))
+TEXTS = [ROOT / "README.md", *PAGES]
+# Words that only this project's history explains, and what the field says.
+HISTORY_WORDS = {
+    "flown anew": "rerun",
+    "economies": "reduced SfM",
+    "stand-in": "low-fidelity simulator",
+    "mark-down": "selection-bias penalty",
+    "told the same": "warm-started with the same missions",
+    "begun cold": "cold start",
+    r"slots?": "block",
+    "departures?": "ablation of paper against code",
+    "promised?": "posterior mean",
+}
+# Names of commands and files that hold such a word.
+CODE = re.compile(r"```.*?```|`[^`]*`|^ {4}.*?$|\]\([^)]*\)", re.DOTALL | re.MULTILINE)
+
+
+def test_the_readme_has_500_words_at_most():
+    assert len((ROOT / "README.md").read_text().split()) <= 500
+
+
+def test_the_documentation_has_100_kb_at_most():
+    assert sum(page.stat().st_size for page in PAGES) <= 100_000
+
+
+@pytest.mark.parametrize("page", TEXTS, ids=lambda page: str(page.relative_to(ROOT)))
+def test_pages_use_the_words_of_the_field(page):
+    prose = CODE.sub("", page.read_text())
+    found = [word for word in HISTORY_WORDS if re.search(rf"\b{word}\b", prose, re.IGNORECASE)]
+    assert not found, {word: f"say {HISTORY_WORDS[word]}" for word in found}
+
+
+@pytest.mark.parametrize("page", TEXTS, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_on_a_page_exist_with_their_options(page):
+    for line in command_lines(page.read_text()):
+        words = shlex.split(line, comments=True)
+        if words[0] == "python":
+            assert (ROOT / words[1]).is_file(), line
+            continue
+        command = typer.main.get_command(app)
+        for word in words[1:]:
+            if word not in getattr(command, "commands", {}):
+                break
+            command = command.commands[word]
+        assert not hasattr(command, "commands"), f"{line}: names no command"
+        known = {name for p in command.params for name in (*p.opts, *p.secondary_opts)} | {"--help"}
+        unknown = {w.split("=")[0] for w in words if w.startswith("--")} - known
+        assert not unknown, f"{line}: {unknown}"
+
+
+def command_lines(text: str) -> list[str]:
+    """Indented or fenced lines that call gatetune or one of our scripts, continued lines joined."""
+    joined = re.sub(r"\\\n\s*", "", text)
+    lines = [line.strip() for line in joined.splitlines()]
+    lines = [re.sub(r"^([A-Z_]+=\S* )+", "", line) for line in lines]
+    return [line for line in lines if re.match(r"gatetune [a-z]|python (benchmarks|docs)/", line)]
+
+
+def test_pages_made_from_the_code_are_current():
+    check = [sys.executable, str(DOCS / "make_pages.py"), "--check"]
+    found = subprocess.run(check, cwd=ROOT, capture_output=True, text=True)
+    assert found.returncode == 0, found.stdout + found.stderr + "run python docs/make_pages.py"
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning(tmp_path):
+    """A dead link, a missing anchor and a page that no menu leads to are warnings."""
+    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    found = subprocess.run(build, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert found.returncode == 0, found.stdout + found.stderr
