@@ -25,7 +25,6 @@ HISTORY_WORDS = {
     "told the same": "warm-started with the same missions",
     "begun cold": "cold start",
     r"slots?": "block",
-    "departures?": "ablation of paper against code",
     "promised?": "posterior mean",
 }
 # Names of commands and files that hold such a word.
