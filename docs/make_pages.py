@@ -102,7 +102,9 @@ def rooms_picture(package: str) -> str:
     for room in sorted(graph.nodes):
         rows[floor[room]].append(room)
     x: dict[str, float] = {}
-    for _ in range(4):  # a few sweeps: a room above the middle of what it needs, below the middle of what needs it
+    for _ in range(
+        4
+    ):  # a few sweeps: a room above the middle of what it needs, below the middle of what needs it
         for row in rows:
             row.sort(key=lambda room: (_middle(room, arrows, x), room))
             for i, room in enumerate(row):
