@@ -119,7 +119,7 @@ def play(problem: Problem, name: str, seed: int, log: TextIO) -> None:
             model = surrogate(problem, history, seed, strategy)
             mean, sd = model.predict_mission(request.values, rock, replicate)
             expected = {"mean": mean, "sd": sd}
-        spent += flight.cost + request.extra_cost
+        spent += flight.cost
         observation = Observation(
             len(history), request.values, rock, replicate, flight.value, flight.value, memory=request.memory
         )

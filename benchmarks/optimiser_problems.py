@@ -11,9 +11,6 @@ A problem is made for one seed (``make_problem(name, seed)``) and is a pure func
 ``four-rocks``
     Hartmann-6 in 10 dimensions on four rocks with their own shift (up to 0.08), scale and offset; noise 0.1 per
     mission, ``:SLOT_SD`` the offset that all missions on one (rock, replicate) share.
-``two-fidelities``
-    The four rocks with slot offsets of 0.3, and a second fidelity at 1/200 of the cost whose landscape correlates
-    by ``:AGREEMENT`` (Pearson, over the cube) with the full one's.
 ``geometric``
     Missions of the geometric fidelity at the campaign preset; ``:SPACE`` is the search space.
 """
@@ -172,31 +169,12 @@ class FourRocks:
     replicates: int = 2
     rocks: tuple[str, ...] = ("r0", "r1", "r2", "r3")
     best: float | None = None  # not known: the shifts move it; below Hartmann's 3.32
-    agreement: float | None = None  # of a cheap fidelity; None: there is none
-    cheap_cost: float = 1 / 200
     trusted_default: bool = False
 
     @property
     def name(self) -> str:
-        """With its slot offsets, or the agreement of its fidelities."""
-        if self.agreement is not None:
-            return f"two-fidelities:{self.agreement:g}"
+        """With its slot offsets."""
         return f"four-rocks:{self.slot_sd:g}"
-
-    @functools.cached_property
-    def _disagreement(self) -> tuple[Floats, Floats]:
-        """Frequencies and phases of a smooth random landscape of variance 1 (length scale 0.4)."""
-        rng = np.random.default_rng([self.seed, 4])
-        return rng.normal(0, 1 / 0.4, (256, 10)), rng.uniform(0, 2 * math.pi, 256)
-
-    def cheap(self, values: Values, rock: str) -> float:
-        """The cheap fidelity, without noise."""
-        assert self.agreement is not None
-        shift, scale, offset = self._rocks[rock]
-        frequencies, phases = self._disagreement
-        other = math.sqrt(2 / 256) * np.cos(frequencies @ self.space.to_unit(values) + phases).sum()
-        own = (hartmann6(self.space.to_unit(values)[:6] + shift) - _HARTMANN_MEAN) / _HARTMANN_SD
-        return offset + scale * float(self.agreement * own + math.sqrt(1 - self.agreement**2) * other)
 
     @functools.cached_property
     def space(self) -> SearchSpace:
@@ -348,8 +326,6 @@ def make_problem(
     limit: dict[str, Any] = {} if budget is None else {"budget": budget}
     if kind == "four-rocks":
         return FourRocks(seed, float(option or 0.0), **limit)
-    if kind == "two-fidelities":
-        return FourRocks(seed, 0.3, agreement=float(option or 0.7), **limit)
     if kind == "geometric":
         return GeometricProblem(
             option or "gate_and_weights", seed, Memo(memo, source_digest()), tuple(rocks), **limit
@@ -362,8 +338,6 @@ def make_problem(
         "levy10": (lambda u: levy(1 + 20 * (u - at)), 0.0),
     }
     if kind not in functions:
-        raise ValueError(
-            f"unknown problem {name!r}; there are {', '.join(functions)}, four-rocks, two-fidelities, geometric"
-        )
+        raise ValueError(f"unknown problem {name!r}; there are {', '.join(functions)}, four-rocks, geometric")
     function, best = functions[kind]
     return FunctionProblem(f"{kind}:{noise:g}", function, best, noise, seed, **limit)

@@ -72,7 +72,7 @@ def main() -> None:
         head = json.loads(path.read_text().split("\n", 1)[0])
         ours = head["strategy"].startswith("gp")
         done = complete(result_file(arguments.out, head["problem"], head["strategy"], head["seed"]))
-        if not (ours or done or head["problem"].startswith("two-fidelities")):
+        if not (ours or done):
             paths.append(path)
     with ProcessPoolExecutor(arguments.jobs) as pool:
         for line in pool.map(rescore, paths, [arguments.out] * len(paths)):

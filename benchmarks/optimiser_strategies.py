@@ -24,7 +24,6 @@ import torch
 from optimiser_problems import Problem
 
 from tuner.acquisition.propose import SearchSettings
-from tuner.campaign.screening import screen
 from tuner.campaign.shipped import shipped_missions
 from tuner.commands.campaign import training_rocks
 from tuner.problem.blocks import next_slot
@@ -35,7 +34,14 @@ from tuner.problem.search_space import Values
 from tuner.samplers.design import initial_design_size
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.peers import available_peers
-from tuner.samplers.registry import GPSampler, Sampler, SamplerSettings, make_sampler, surrogate_settings
+from tuner.samplers.registry import (
+    GPSampler,
+    Sampler,
+    SamplerSettings,
+    derived_seed,
+    make_sampler,
+    surrogate_settings,
+)
 from tuner.surrogate.model import RockMeanGP, SurrogateSettings, moments
 
 
@@ -48,7 +54,6 @@ class Request:
     replicate: int | None = None
     memory: Mapping[str, Any] = field(default_factory=dict)  # comes back with the observation
     why: Mapping[str, Any] = field(default_factory=dict)
-    extra_cost: float = 0.0  # spent on cheaper things than missions before this one, in missions
 
 
 class Strategy(Protocol):
@@ -151,37 +156,26 @@ class OurDesign(OneRock):
         return Request(p.values, memory=p.memory, why=p.why)
 
 
-class Screened(OneRock):
-    """Our sampler after a screening with the problem's cheap fidelity, which counts towards the cost."""
-
-    def __init__(self, problem: Any, seed: int) -> None:
-        flown = screen(
-            problem.space,
-            problem.rocks,
-            problem.default,
-            lambda values, rock, _: problem.cheap(values, rock),
-            seed,
-        )
-        super().__init__(GPSampler(dataclasses.replace(settings_of(problem, seed, ours=True), earlier=flown)))
-        self.earlier = flown  # of the recommendation
-        self._unpaid = len(flown.observations) * problem.cheap_cost
-
-    def ask(self) -> Request:
-        """The sampler's proposal; the first carries the screening's cost."""
-        request = dataclasses.replace(super().ask(), extra_cost=self._unpaid)
-        self._unpaid = 0.0
-        return request
-
-
 def earlier_campaign(problem: Any, seed: int) -> EarlierMissions:
     """What a campaign like ours on other rocks has flown: 96 missions on the procedural training rocks not in ``problem``."""
     rocks = tuple(rock for rock in training_rocks() if rock not in problem.rocks)
     elsewhere = dataclasses.replace(problem, rocks=rocks)
-
-    def fly(values: Values, rock: str, replicate: int) -> float | None:
-        return elsewhere.fly(values, rock, replicate).value  # type: ignore[no-any-return]
-
-    return screen(problem.space, rocks, problem.default, fly, seed, trusted_default=problem.trusted_default)
+    size, replicates = 96, 2
+    initial = initial_design_size(problem.space.dimension, size, trusted_default=problem.trusted_default)
+    # Other Sobol points than those of the campaign that learns from it.
+    sampler = GPSampler(
+        SamplerSettings(
+            problem.space, problem.default, rocks, derived_seed(seed, size), initial, replicates, budget=size,
+            trusted_default=problem.trusted_default,
+        )
+    )  # fmt: skip
+    history: list[Observation] = []
+    while len(history) < size:
+        proposal = sampler.ask(history, [])
+        rock, replicate = next_slot(rocks, replicates, history, proposal)
+        y = elsewhere.fly(proposal.values, rock, replicate).value
+        history.append(Observation(len(history), proposal.values, rock, replicate, y, y))
+    return EarlierMissions(problem.space, rocks, tuple(history))
 
 
 def shipped_campaign(problem: Any, seed: int) -> EarlierMissions:
@@ -373,7 +367,6 @@ STRATEGIES: dict[str, Factory] = {
     **{name: one_rock(name) for name in PEERS},
     **{f"{name}/all": all_rocks(name) for name in (*PEERS, "gp")},
     "tpe/pruned": PrunedTPE,
-    "gp+screen": Screened,
     **{
         f"{name}+{suffix}": second_campaign(name, before)
         for suffix, before in (("earlier", earlier_campaign), ("shipped", shipped_campaign))
@@ -421,7 +414,5 @@ def applicable(name: str, problem: str) -> bool:
         return False  # categorical parameters
     if name in _TRUSTED_DEFAULT:
         return problem.startswith("geometric")
-    if name == "gp+screen":
-        return problem.startswith("two-fidelities")
-    one_rock = not problem.startswith(("four-rocks", "two-fidelities", "geometric"))
+    one_rock = not problem.startswith(("four-rocks", "geometric"))
     return not (one_rock and ("/" in name or name in _MANY_ROCKS))

@@ -1,9 +1,8 @@
 """Samplers against each other on real missions: campaigns judged on fresh replicates.
 
-    OMP_NUM_THREADS=1 python benchmarks/photogrammetric_comparison.py --seeds 3 --sampler gp optuna-gp gp+screen:16
+    OMP_NUM_THREADS=1 python benchmarks/photogrammetric_comparison.py --seeds 3 --sampler gp optuna-gp gp+shipped:16
 
-``gp+screen`` screens with geometric missions first (``--low-fidelity geometric``), ``gp@geometric`` flies nothing but
-geometric missions until it is judged, ``gp+shipped`` learns from what comes with the program (``--learn-from shipped``),
+``gp@geometric`` flies nothing but geometric missions until it is judged, ``gp+shipped`` learns from what comes with the program (``--learn-from shipped``),
 ``gp+earlier`` from the campaign in ``--earlier``; ``:16`` is another budget than ``--budget``.
 Every (sampler, seed) is a campaign of its own in ``--out``, begun at the paper's values, recommended by the same rule
 (the product's: best posterior mean among what was flown). The recommendations then fly on the same training rocks
@@ -53,7 +52,6 @@ def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str
         found = Campaign.create(directory, CampaignSettings(
             directory.name, space, rocks, budget, REPLICATES, seed, sampler=name,
             runner=runner_of(fidelity or "photogrammetric", FIDELITIES),
-            low_fidelity="geometric" if before == "screen" else None,
             learn_from={"earlier": (arguments.earlier.format(seed=seed),), "shipped": (SHIPPED,)}.get(before, ())))  # fmt: skip
     if found.status().finished < budget:
         with LocalProcessExecutor(arguments.workers, preload=(DEFAULT_RUNNER.partition(":")[0],)) as executor:

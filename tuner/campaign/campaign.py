@@ -7,7 +7,6 @@ share replicate numbers, so that configurations meet on common (rock, replicate)
     study.journal          the ledger (unless another storage was named)
     missions/NNNN_ROCK_rK  one directory per mission
     recommendation.json    the current recommendation
-    screening.json         the missions of a low fidelity, where one was asked for
     learned_from.json      the missions of earlier campaigns, where some were named
     front.json             the Pareto front, where a second objective was asked for
 """
@@ -51,7 +50,6 @@ if TYPE_CHECKING:
     from tuner.surrogate.model import RockMeanGP
 
 RECOMMENDATION_FILE = "recommendation.json"
-SCREENING_FILE = "screening.json"
 LEARNED_FILE = "learned_from.json"
 FRONT_FILE = "front.json"
 
@@ -63,16 +61,8 @@ class Campaign:
         self.directory = directory
         self.settings = settings
         self.ledger = ledger
-        self.learned = self._read_earlier(LEARNED_FILE, "restore it") if settings.learn_from else None
-        self.screening = None
-        if settings.low_fidelity is not None and (directory / SCREENING_FILE).is_file():
-            self.screening = self._read_earlier(SCREENING_FILE, "delete it and resume: it is flown again")
-        self._sampler = settings.make_sampler(self.earlier)
-
-    @property
-    def earlier(self) -> EarlierMissions | None:
-        """What was flown before the campaign: its screening, which has learned from earlier campaigns, or those."""
-        return self.screening or self.learned
+        self.learned = self._read_learned() if settings.learn_from else None
+        self._sampler = settings.make_sampler(self.learned)
 
     # -- the run directory -----------------------------------------------------------------------------------
 
@@ -189,31 +179,14 @@ class Campaign:
             outcomes[t.number] = None if value is None else second.sign * value
         return [dataclasses.replace(o, second=outcomes[o.number]) for o in history]
 
-    def _read_earlier(self, name: str, remedy: str) -> EarlierMissions:
+    def _read_learned(self) -> EarlierMissions:
         from tuner.samplers.earlier_missions import EarlierMissions
 
-        path = self.directory / name
+        path = self.directory / LEARNED_FILE
         try:
             return EarlierMissions.from_json(path.read_text(), self.settings.space)
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise UserError(f"{path} cannot be read ({error!r}); {remedy}") from error
-
-    def fly_screening(self, on_mission: Callable[[int, int], None]) -> None:
-        """Fly the missions of the low fidelity and keep them; ``on_mission`` hears (flown, total)."""
-        from threadpoolctl import threadpool_limits
-
-        from tuner.campaign.screening import CheapMissions, screen
-
-        s = self.settings
-        fly = CheapMissions(s.low_fidelity_runner(), s.config, s.objective)
-        with threadpool_limits(1):
-            flown = screen(
-                s.space, s.rocks, s.default_values(), fly, s.seed, on_mission, trusted_default=True,
-                earlier=self.learned,
-            )  # fmt: skip
-        write_atomic(self.directory / SCREENING_FILE, flown.to_json())
-        self.screening = flown
-        self._sampler = s.make_sampler(self.earlier)
+            raise UserError(f"{path} cannot be read ({error!r}); restore it") from error
 
     def flown_in_both(self) -> list[FrontPoint]:
         """What is believed of every configuration in both objectives; empty without a second one or its values."""
@@ -275,7 +248,7 @@ class Campaign:
 
             s = self.settings
             found = check_ahead(
-                s.space, history, s.rocks, s.initial_size(), s.seed, s.surrogate(), self.earlier
+                s.space, history, s.rocks, s.initial_size(), s.seed, s.surrogate(), self.learned
             )
             result = dataclasses.replace(result, ahead_of_search=found.to_dict() if found else None)
         if result is not None and save:
@@ -287,7 +260,7 @@ class Campaign:
         s = self.settings
         return recommend(
             s.space, history, s.rocks, s.default_values(), s.objective, s.seed,
-            settings=s.surrogate(), risk=s.gp.risk, earlier=self.earlier,
+            settings=s.surrogate(), risk=s.gp.risk, earlier=self.learned,
         )  # fmt: skip
 
     def surrogate_from(
@@ -300,7 +273,7 @@ class Campaign:
         from tuner.surrogate.model import RockMeanGP
 
         s = self.settings
-        return RockMeanGP(s.space, history, rocks or s.rocks, s.seed, s.surrogate(), self.earlier)
+        return RockMeanGP(s.space, history, rocks or s.rocks, s.seed, s.surrogate(), self.learned)
 
     def propose(self, trials: Sequence[TrialRecord], known: int) -> Proposal:
         """The sampler's next mission after the first ``known`` trials; the others count as in flight."""

@@ -10,7 +10,6 @@ if TYPE_CHECKING:
     from tuner.recommendation.recommendation import Recommendation
 
 EventKind = Literal[
-    "screening",
     "proposed",
     "launched",
     "finished",

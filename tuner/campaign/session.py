@@ -22,11 +22,6 @@ if TYPE_CHECKING:
 # So many failures in a row mean that something is wrong with the set-up, not with the configurations.
 MAX_CONSECUTIVE_FAILURES = 8
 _POLL_S = 0.5
-_SCREENING_EVENTS = 25
-
-
-class _Stopped(Exception):
-    """A signal during the screening."""
 
 
 class CampaignSession:
@@ -52,13 +47,6 @@ class CampaignSession:
         self._in_flight: dict[str, TrialRecord] = {}
 
     def fly(self, stop: threading.Event) -> CampaignSummary:
-        if self._settings.low_fidelity is not None and self._campaign.screening is None:
-            try:
-                self._campaign.fly_screening(lambda done, total: self._screened(stop, done, total))
-            except _Stopped:
-                message = "the screening will be flown again by a resume"
-                self._emit("interrupted", message=message)
-                return self._summary("interrupted", message)
         again = self._recover()
         while True:
             if stop.is_set():
@@ -92,12 +80,6 @@ class CampaignSession:
                 return summary
             for outcome in self._executor.wait_any(_POLL_S):
                 self._finish(outcome)
-
-    def _screened(self, stop: threading.Event, done: int, total: int) -> None:
-        if stop.is_set():
-            raise _Stopped
-        if done == total or done % _SCREENING_EVENTS == 0:
-            self._emit("screening", message=f"{done} of {total} missions of the low fidelity")
 
     def _settled(self, trials: Sequence[TrialRecord]) -> bool:
         if not self._settings.stop_when_settled:

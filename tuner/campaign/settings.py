@@ -13,7 +13,7 @@ import yaml
 
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
-from tuner.missions.job import DEFAULT_RUNNER, Keep, MissionRunner, resolve_runner
+from tuner.missions.job import DEFAULT_RUNNER, Keep
 from tuner.problem.objective import Objective
 from tuner.problem.options import GPOptions
 from tuner.problem.search_space import SearchSpace, Values, space_from_dict
@@ -32,9 +32,7 @@ if TYPE_CHECKING:
 
 SETTINGS_FILE = "campaign.yaml"
 FORMAT_VERSION = 1
-# What `low_fidelity` may be called instead of module:function.
-LOW_FIDELITIES = {"geometric": "nbv.geometric:run_geometric_mission"}
-FIDELITIES = {"photogrammetric": DEFAULT_RUNNER, **LOW_FIDELITIES}
+FIDELITIES = {"photogrammetric": DEFAULT_RUNNER, "geometric": "nbv.geometric:run_geometric_mission"}
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,6 @@ class CampaignSettings:
     storage: str | None = None  # None: study.journal in the run directory
     gp: GPOptions = field(default_factory=GPOptions)  # of sampler gp
     second: Objective | None = None  # search the front between the objective and this one
-    low_fidelity: str | None = None  # screen with it first: geometric, or module:function of a mission runner
     learn_from: tuple[str, ...] = ()  # run directories of earlier campaigns, see tuner.campaign.transfer
     stop_when_settled: bool = False  # before the budget is used, see tuner.acquisition.stopping
     # A proposal knows every earlier mission but the last in_step - 1, whichever of those have ended: the same campaign
@@ -97,7 +94,6 @@ class CampaignSettings:
         asked = {
             "a risk measure, prior, sparse or fully Bayesian model": not self.gp.is_default,
             "a second objective": self.second is not None,
-            "a low fidelity": self.low_fidelity is not None,
             "learning from earlier campaigns": bool(self.learn_from),
             "stopping when settled": self.stop_when_settled,
         }
@@ -108,27 +104,11 @@ class CampaignSettings:
                 raise UserError(f"{what} cannot be combined with a second objective; leave one of them out")
         if self.gp.risk != "mean" and len(self.rocks) < 2:
             raise UserError(f"risk measure {self.gp.risk} is over rocks; name at least two")
-        if self.low_fidelity is not None:
-            self.low_fidelity_runner()
-            if self.low_fidelity == self.fidelity:
-                raise UserError(
-                    f"the campaign's own missions are {self.low_fidelity} already; screen with another fidelity or none"
-                )
 
     @property
     def fidelity(self) -> str | None:
         """What the command line calls its missions' fidelity; None: a runner of somebody's own."""
         return next((name for name, runner in FIDELITIES.items() if runner == self.runner), None)
-
-    def low_fidelity_runner(self) -> MissionRunner:
-        """What flies the cheap missions.
-
-        Raises
-        ------
-        UserError
-            There is no such runner.
-        """
-        return resolve_runner(LOW_FIDELITIES.get(str(self.low_fidelity), str(self.low_fidelity)))
 
     def base_config(self) -> MissionConfig:
         """The mission configuration on which tuned values are laid."""
@@ -199,7 +179,6 @@ class CampaignSettings:
             "storage": self.storage,
             "gp": self.gp.to_dict(),
             "second": None if self.second is None else dataclasses.asdict(self.second),
-            "low_fidelity": self.low_fidelity,
             "learn_from": list(self.learn_from),
             "stop_when_settled": self.stop_when_settled,
             "in_step": self.in_step,
@@ -228,7 +207,6 @@ class CampaignSettings:
                 # Of no meaning to other samplers; earlier versions wrote defaults that are none any more.
                 gp=GPOptions.from_dict(tree.get("gp") or {}) if tree["sampler"] == "gp" else GPOptions(),
                 second=Objective(**tree["second"]) if tree.get("second") else None,
-                low_fidelity=tree.get("low_fidelity"),
                 learn_from=tuple(tree.get("learn_from") or ()),
                 stop_when_settled=tree.get("stop_when_settled", False),
                 in_step=tree.get("in_step"),
@@ -238,7 +216,7 @@ class CampaignSettings:
 
 
 # What campaigns of earlier versions could be asked for and this version cannot do, with what meant "no".
-_GONE = {"confirmation": 0.0}
+_GONE = {"confirmation": 0.0, "low_fidelity": None}
 
 
 def _refuse_what_is_gone(tree: Mapping[str, Any], source: str) -> None:

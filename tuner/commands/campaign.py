@@ -96,9 +96,6 @@ def run(
             "configurations, it does not measure them)."
         ),
     ] = "photogrammetric",
-    low_fidelity: Annotated[
-        str | None, typer.Option(help="Search with cheap missions first: geometric.")
-    ] = None,
     learn_from: Annotated[
         list[str] | None,
         typer.Option(
@@ -174,7 +171,6 @@ def run(
         storage=storage,
         gp=GPOptions(risk, prior, sparse, fully_bayesian),  # type: ignore[arg-type]
         second=second,
-        low_fidelity=low_fidelity,
         learn_from=_sources(learn_from, sources_by_default(searched, objective, sampler, second)),
         stop_when_settled=stop_when_settled,
         in_step=in_step,
@@ -251,7 +247,7 @@ class CampaignProgress:
         elif event.kind in ("finished", "failed") and event.trial is not None:
             self._in_flight = max(0, self._in_flight - 1)
             self._progress.console.print(self._line(event))
-        elif event.kind in ("screening", "interrupted", "stopped"):
+        elif event.kind in ("interrupted", "stopped"):
             self._progress.console.print(f"[yellow]{event.kind}[/]: {event.message}")
         self._progress.update(
             self._task,

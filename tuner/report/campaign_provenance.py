@@ -92,7 +92,6 @@ def _optional_words(campaign: Campaign) -> list[str]:
     s, gp, words = campaign.settings, campaign.settings.gp, []
     with_values = {
         "--keep": s.keep if s.keep != "summary" else None, "--in-step": s.in_step,
-        "--low-fidelity": s.low_fidelity,
         "--fidelity": s.fidelity if s.runner != DEFAULT_RUNNER else None,
         "--risk": gp.risk if gp.risk != "mean" else None, "--prior": gp.prior_strength or None,
         "--second-metric": s.second.metric if s.second is not None else None,

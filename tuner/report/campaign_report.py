@@ -156,14 +156,11 @@ def _context(facts: CampaignFacts, figures: Path) -> dict[str, Any]:
 
 
 def _earlier_text(facts: CampaignFacts) -> str:
-    campaign = facts.campaign
-    earlier = campaign.earlier
+    earlier = facts.campaign.learned
     if earlier is None or facts.model is None:
         return ""
     what = (
-        f"missions of the low fidelity ({facts.settings.low_fidelity})"
-        if campaign.screening is not None
-        else f"missions of earlier campaigns ({', '.join(_source(s) for s in facts.settings.learn_from)}; on "
+        f"missions of earlier campaigns ({', '.join(_source(s) for s in facts.settings.learn_from)}; on "
         f"{', '.join(Path(r).stem for r in earlier.rocks)})"
     )
     share = (

@@ -1,4 +1,4 @@
-"""Missions flown before a campaign, elsewhere: with a cheaper fidelity (``tuner.campaign.screening``) or on other rocks (``tuner.campaign.transfer``).
+"""Missions flown before a campaign, elsewhere: on other rocks or with a cheaper fidelity (``tuner.campaign.transfer``).
 
 Their best configurations take places of the campaign's initial design, and their landscape g enters its surrogate as a
 feature,

@@ -46,12 +46,12 @@ def test_the_best_of_an_earlier_campaign_fly_first_on_new_rocks(earlier: Campaig
     campaign = run(tmp_path / "run", rocks=("c", "d"), budget=8, learn_from=(str(known),))
     trials = campaign.trials()
     assert trials[0].why["phase"] == "default" and trials[1].why["phase"] == "earlier missions"
-    assert campaign.earlier is not None and trials[1].values == campaign.earlier.best(1)[0]
+    assert campaign.learned is not None and trials[1].values == campaign.learned.best(1)[0]
     # Near the optimum, where the default is not.
     assert synthetic.true_value(trials[1].values) > 0.9 > synthetic.true_value(trials[0].values)
     shutil.rmtree(known)  # the campaign has its own copy
     again = Campaign.open(campaign.directory)
-    assert again.earlier is not None and again.earlier.best(3) == campaign.earlier.best(3)
+    assert again.learned is not None and again.learned.best(3) == campaign.learned.best(3)
     page = write_campaign_report(again).read_text()
     assert "missions of earlier campaigns" in page and "--learn-from" in page
     (campaign.directory / "learned_from.json").unlink()
@@ -118,15 +118,6 @@ def test_misleading_campaigns_do_not_keep_the_search_from_the_optimum(earlier: C
         history.append(synthetic.observe(i, proposal.values, synthetic.ROCKS[i % 4], 0.05, rng))
     assert max(synthetic.true_value(o.values) for o in history[6:]) > 0.97
     assert np.median([synthetic.true_value(o.values) for o in history[20:]]) > 0.9
-
-
-def test_a_screening_learns_too(earlier: Campaign, tmp_path: Path) -> None:
-    campaign = run(
-        tmp_path / "run", rocks=("c",), budget=6, learn_from=(str(earlier.directory),), low_fidelity=RUNNER
-    )
-    assert campaign.screening is not None and campaign.learned is not None
-    assert campaign.earlier is campaign.screening
-    assert campaign.screening.observations[1].values == campaign.learned.best(1)[0]
 
 
 def test_what_cannot_be_learned_from_is_named(earlier: Campaign, tmp_path: Path) -> None:

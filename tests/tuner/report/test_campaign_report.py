@@ -90,7 +90,7 @@ class _Made(Exception):
     [
         {"rocks": ("waist",), "budget": 5, "replicates": 2, "seed": 7, "in_step": 3, "keep": "all"},
         {"sampler": "gp", "budget": 10, "gp": GPOptions(prior_strength=4.0, sparse=True)},
-        {"sampler": "gp", "gp": GPOptions(risk="worst", sparse=False), "low_fidelity": "geometric"},
+        {"sampler": "gp", "gp": GPOptions(risk="worst", sparse=False)},
         {"sampler": "gp", "gp": GPOptions(fully_bayesian=True), "stop_when_settled": True},
         {"runner": FIDELITIES["geometric"]},
         {"space": load_search_space("full"), "sampler": "gp"},

@@ -1,4 +1,4 @@
-"""Options of our optimiser: risk over rocks, a prior, sparsity, screening, two objectives, stopping."""
+"""Options of our optimiser: risk over rocks, a prior, sparsity, a cheaper fidelity, two objectives, stopping."""
 
 from __future__ import annotations
 
@@ -6,21 +6,19 @@ import dataclasses
 import functools
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import fake_campaigns
 import numpy as np
 import pytest
 import synthetic
-from fake_campaigns import RUNNER
 
 from nbv.errors import UserError
 from tuner.acquisition.front import flown_in_both, pareto_front, propose_for_front, two_models
 from tuner.acquisition.propose import Prior, propose
 from tuner.acquisition.stopping import expected_gain_left, settled
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.screening import screen
-from tuner.campaign.settings import FIDELITIES
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
@@ -179,26 +177,33 @@ def test_averaging_over_hyperparameters_widens_what_little_data_say() -> None:
     assert np.mean(inside) > 0.75
 
 
-# -- screening -----------------------------------------------------------------------------------------------
+# -- a cheaper fidelity -----------------------------------------------------------------------------------------------
 
 
-def cheap(values: Values, rock: str, replicate: int = 0) -> float | None:
+def cheap(values: Values, rock: str) -> float | None:
     return 3 * synthetic.true_value(values) + (1.0 if rock == "r1" else 0.0)
 
 
-def misleading(values: Values, rock: str, replicate: int = 0) -> float | None:
+def misleading(values: Values, rock: str) -> float | None:
     u = synthetic.SPACE.to_unit(values)
     return math.sin(9 * u[0]) * math.cos(11 * u[1])
 
 
-def screened(fly: object) -> EarlierMissions:
-    return screen(synthetic.SPACE, synthetic.ROCKS, synthetic.DEFAULT, fly, 0)  # type: ignore[arg-type]
+def flown_before(fly: Callable[[Values, str], float | None], missions: int = 96) -> EarlierMissions:
+    """Anywhere in the space, rocks and two replicates in turn."""
+    rng, rocks = np.random.default_rng(3), synthetic.ROCKS
+    history = []
+    for i, u in enumerate(rng.random((missions, 2))):
+        values, rock = synthetic.SPACE.from_unit(u), rocks[i % len(rocks)]
+        y = fly(values, rock)
+        history.append(Observation(i, values, rock, i // len(rocks) % 2, y, y))
+    return EarlierMissions(synthetic.SPACE, rocks, tuple(history))
 
 
 def test_agreeing_landscape_is_used_and_a_misleading_one_is_not() -> None:
     history = synthetic.random_design(12, 0.05, 0)
-    good = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, earlier=screened(cheap))
-    bad = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, earlier=screened(misleading))
+    good = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, earlier=flown_before(cheap))
+    bad = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, earlier=flown_before(misleading))
     alone = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
     assert good.uses_earlier and not bad.uses_earlier and not alone.uses_earlier
     points = [synthetic.SPACE.from_unit(u) for u in np.random.default_rng(5).random((200, 2))]
@@ -209,37 +214,18 @@ def test_agreeing_landscape_is_used_and_a_misleading_one_is_not() -> None:
     assert np.std(error[best]) < 0.6 * np.std(error_alone[best])
 
 
-def test_screening_finds_configurations_apart_and_survives_failures() -> None:
-    flown = screened(
-        lambda values, rock, replicate: None if values["gate.budget_fraction"] < 0.2 else cheap(values, rock)
+def test_the_best_before_are_apart_and_failures_do_no_harm() -> None:
+    flown = flown_before(
+        lambda values, rock: None if values["gate.budget_fraction"] < 0.2 else cheap(values, rock)
     )
     best = flown.best(4)
     unit = np.array([synthetic.SPACE.to_unit(v) for v in best])
     assert len(best) == 4 and synthetic.true_value(best[0]) > 0.95
     assert {o.replicate for o in flown.observations} >= {0, 1}
     assert min(np.linalg.norm(unit[i] - unit[j]) for i in range(4) for j in range(i)) > 0.15
-    assert not screened(lambda values, rock, replicate: None).usable
+    assert not flown_before(lambda values, rock: None).usable
     read = EarlierMissions.from_json(flown.to_json(), synthetic.SPACE)
     assert read.best(4) == best
-
-
-def test_campaign_screens_first_and_resumes_with_the_same_screening(tmp_path: Path) -> None:
-    campaign = run(tmp_path / "run", low_fidelity=RUNNER, budget=6)
-    phases = [t.why["phase"] for t in campaign.trials()]
-    assert phases[:4] == ["default", "earlier missions", "earlier missions", "earlier missions"]
-    assert set(phases[4:]) <= {"model", "verification"}
-    assert json.loads((tmp_path / "run" / "screening.json").read_text())["rocks"] == ["a", "b"]
-    again = Campaign.open(tmp_path / "run")
-    assert again.screening is not None and campaign.screening is not None
-    assert again.screening.best(3) == campaign.screening.best(3)
-
-
-def test_low_fidelity_without_the_metric_is_refused_early(tmp_path: Path) -> None:
-    campaign = Campaign.create(
-        tmp_path / "run", settings(low_fidelity=RUNNER, objective=Objective("observable.nothing", "minimise"))
-    )
-    with pytest.raises(UserError, match=r"first 8 missions of the low fidelity failed.*observable\.nothing"):
-        campaign.run(InProcessExecutor())
 
 
 # -- two objectives ------------------------------------------------------------------------------------------
@@ -317,8 +303,6 @@ def test_campaign_stops_when_settled_and_says_so(tmp_path: Path) -> None:
         ({"sampler": "tpe", "gp": GPOptions(fully_bayesian=True)}, "fully Bayesian model needs sampler gp"),
         ({"second": Objective("costs.images"), "gp": GPOptions(fully_bayesian=True)}, "cannot be combined"),
         ({"rocks": ("a",), "gp": GPOptions(risk="worst")}, "name at least two"),
-        ({"low_fidelity": "no.such:runner"}, "cannot be imported"),
-        ({"low_fidelity": "geometric", "runner": FIDELITIES["geometric"]}, "are geometric already"),
         ({"stop_when_settled": True, "second": Objective("costs.images")}, "cannot be combined"),
     ],
 )
