@@ -14,7 +14,7 @@ import sys
 from nbv.config import preset
 from nbv.evaluation.evaluate import camera_shell, ground_truth, rock_floors
 from nbv.evaluation.floor import perfect_cloud
-from nbv.evaluation.neighbours import nearest_neighbours
+from nbv.geometry.neighbours import nearest_neighbours
 from nbv.rocks import list_rocks, load_rock
 
 

@@ -28,16 +28,16 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import open3d as o3d
 import trimesh
 from numpy.typing import NDArray
 
 from nbv.config import MissionConfig, config_from_dict
+from nbv.geometry.frustum import in_frustum
+from nbv.geometry.raycasting import RayCaster
 from nbv.mission.planning_state import load_state
 from nbv.rocks import load_rock
 from nbv.scorers.occlusion import mean_observing_directions, unoccluded
 from nbv.scorers.scorer import box_points
-from nbv.scorers.visibility import in_frustum
 from nbv.types import Floats, Ints
 
 CASES = (
@@ -50,24 +50,14 @@ TOLERANCE_M = 0.04  # a reconstructed point lies up to this far behind the true 
 Mask = NDArray[np.bool_]
 
 
-def ray_caster(vertices_m: Floats, faces: Ints) -> o3d.t.geometry.RaycastingScene:
-    """A scene to cast rays into."""
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices_m, dtype=np.float32)),
-        o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, dtype=np.uint32)),
-    )
-    return scene
-
-
-def golden_mesh(path: Path) -> o3d.t.geometry.RaycastingScene:
+def golden_mesh(path: Path) -> RayCaster:
     """The mesh as the golden reconstructions show it: 1.6 m tall, resting on z = 0, centred."""
     mesh = trimesh.load(path, force="mesh", process=False)
     vertices = np.asarray(mesh.vertices)
     vertices = vertices * 1.6 / np.ptp(vertices[:, 2])
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     vertices -= [*((low + high) / 2)[:2], low[2]]
-    return ray_caster(vertices, np.asarray(mesh.faces))
+    return RayCaster(vertices, np.asarray(mesh.faces))
 
 
 @dataclass(frozen=True)
@@ -114,7 +104,7 @@ class Case:
         track_cameras: Ints,
         camera_centers_m: Floats,
         candidates_m: Floats,
-        scene: o3d.t.geometry.RaycastingScene,
+        caster: RayCaster,
         config: MissionConfig,
     ) -> None:
         self.points, self.offsets, self.cameras = points_m, track_offsets, track_cameras
@@ -123,12 +113,10 @@ class Case:
         to_point = points_m[:, None] - candidates_m[None]
         self.distance = np.linalg.norm(to_point, axis=2)
         rays = np.concatenate([np.broadcast_to(candidates_m[None], to_point.shape), to_point], axis=2)
-        hit = scene.cast_rays(o3d.core.Tensor.from_numpy(rays.astype(np.float32)), nthreads=1)
-        self.truth: Mask = self.frustum & (hit["t_hit"].numpy() > 1.0 - TOLERANCE_M / self.distance)
-        from_mesh = scene.compute_distance(
-            o3d.core.Tensor.from_numpy(points_m.astype(np.float32)), nthreads=1
-        )
-        self.on_rock: Mask = (from_mesh.numpy() < 0.05) & (points_m[:, 2] > 0.05)
+        hit = caster.cast(rays.astype(np.float32))
+        self.truth: Mask = self.frustum & (hit.t > 1.0 - TOLERANCE_M / self.distance)
+        from_mesh = caster.distances_m(points_m)
+        self.on_rock: Mask = (from_mesh < 0.05) & (points_m[:, 2] > 0.05)
 
     @staticmethod
     def golden(state: Path, mesh: Path) -> Case:
@@ -145,13 +133,13 @@ class Case:
             )  # fmt: skip
 
     @staticmethod
-    def mission(state: Path, scene: o3d.t.geometry.RaycastingScene, config: MissionConfig) -> Case:
+    def mission(state: Path, caster: RayCaster, config: MissionConfig) -> Case:
         """A state that a mission saved: exactly the points that its scorers counted."""
         planning, pool = load_state(state)
         box = box_points(planning.model, config)
         return Case(
             box.points_m, box.track_offsets, box.track_cameras, planning.model.camera_centers_m,
-            pool.positions_m[::CANDIDATE_STEP], scene, config,
+            pool.positions_m[::CANDIDATE_STEP], caster, config,
         )  # fmt: skip
 
     def mean_ray_test(self, limit_deg: float) -> Mask:
@@ -233,9 +221,9 @@ def main() -> None:
 
         config = config_from_dict(yaml.safe_load((Path(run) / "config.yaml").read_text()))
         subject = load_rock(name)
-        scene = ray_caster(subject.vertices_m, subject.faces)
+        caster = RayCaster(subject.vertices_m, subject.faces)
         states = sorted((Path(run) / "states").glob("iter_*.npz"))[::STATE_STEP]
-        rows(subject.name, [Case.mission(state, scene, config) for state in states])
+        rows(subject.name, [Case.mission(state, caster, config) for state in states])
 
 
 if __name__ == "__main__":

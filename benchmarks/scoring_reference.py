@@ -6,29 +6,28 @@
 from __future__ import annotations
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, MissionConfig
+from nbv.geometry.frustum import frustum_planes
 from nbv.scorers import box_points
 from nbv.scorers.b_aware import repair, weakness
 from nbv.scorers.occlusion import (
     CLEARANCE_M,
     MAX_INCIDENCE_DEG,
-    _disc_scene,
+    discs,
     mean_observing_directions,
     surfels,
 )
 from nbv.scorers.scorer import BoxPoints
 from nbv.scorers.terms import angular_penalty, movement, novelty
-from nbv.scorers.visibility import frustum_planes
 from nbv.types import CandidatePool, Floats, PlanningState
 
 Mask = NDArray[np.bool_]
 
 
 def in_frustum(points_m: Floats, positions_m: Floats, target_m: Floats, camera: CameraConfig) -> Mask:
-    """(P, C) like `nbv.scorers.visibility.in_frustum`."""
+    """(P, C) like `nbv.geometry.frustum.in_frustum`."""
     x, y, z = frustum_planes(positions_m, target_m, camera)
     q = np.column_stack([points_m, np.ones(len(points_m))])
     depth = q @ z
@@ -44,11 +43,10 @@ def unoccluded(visible: Mask, box: BoxPoints, candidates_m: Floats) -> Mask:
     distance = np.linalg.norm(to_candidate, axis=2)
     facing = np.einsum("pck,pk->pc", to_candidate, normals)
     visible = visible & (facing > np.cos(np.deg2rad(MAX_INCIDENCE_DEG)) * distance)
-    scene = _disc_scene(points, normals, radius)
     i, j = np.nonzero(visible)
     direction = to_candidate[i, j] / distance[i, j][:, None]
     rays = np.concatenate([points[i] + CLEARANCE_M * direction, direction], axis=1).astype(np.float32)
-    hit = scene.test_occlusions(o3d.core.Tensor.from_numpy(rays), nthreads=1).numpy()
+    hit = discs(points, normals, radius).blocked(rays)
     visible[i[hit], j[hit]] = False
     return visible
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
-from nbv.evaluation.neighbours import nearest_neighbours
+from nbv.geometry.neighbours import nearest_neighbours
 from nbv.random_streams import keyed_rng
 from nbv.types import Cloud, Floats, PointCloud
 

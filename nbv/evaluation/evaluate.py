@@ -12,8 +12,9 @@ from nbv.cache import home
 from nbv.config import MissionConfig
 from nbv.evaluation.cleaning import clean_cloud
 from nbv.evaluation.floor import hausdorff_floors
-from nbv.evaluation.ground_truth import GroundTruthSamples, build_ground_truth, distance_to_surface
+from nbv.evaluation.ground_truth import GroundTruthSamples, build_ground_truth
 from nbv.evaluation.metrics import compute_metrics
+from nbv.geometry.raycasting import RayCaster
 from nbv.rocks import Rock
 from nbv.types import Cloud, Floats, PointCloud
 from nbv.viewpoints import raw_candidates, seed_viewpoints
@@ -78,6 +79,6 @@ def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig) -> Evaluatio
     truth = ground_truth(rock, config)
     metrics = compute_metrics(
         cleaned, truth, config.evaluation, config.target_m,
-        distance_to_surface(cleaned.points_m, rock.vertices_m, rock.faces), rock_floors(rock, truth, config),
+        RayCaster(rock.vertices_m, rock.faces).distances_m(cleaned.points_m), rock_floors(rock, truth, config),
     )  # fmt: skip
     return Evaluation(metrics.to_dict(), report, lambda: cleaned)

@@ -15,12 +15,12 @@ import numpy as np
 
 from nbv.evaluation.ground_truth import (
     GroundTruthSamples,
-    distance_to_surface,
     observable_mask,
-    sample_surface,
 )
 from nbv.evaluation.metrics import hausdorff_mm, voxel_means
-from nbv.evaluation.neighbours import nearest_neighbours
+from nbv.geometry.neighbours import nearest_neighbours
+from nbv.geometry.raycasting import RayCaster
+from nbv.geometry.sampling import sample_surface
 from nbv.types import Floats, Ints
 
 SAMPLES_PER_VOXEL = 2.0  # per voxel area of surface: with 4 the floors of two rocks moved by 0.4 mm or less
@@ -101,7 +101,7 @@ def hausdorff_floors(
     cloud = perfect_cloud(vertices_m, faces, camera_centers_m, voxel_m, ground_cut_m)
     floors: dict[str, dict[str, float]] = {"whole": {}, "observable": {}}
     if len(cloud):
-        to_gt = distance_to_surface(cloud, vertices_m, faces)
+        to_gt = RayCaster(vertices_m, faces).distances_m(cloud)
         to_cloud, _ = nearest_neighbours(cloud, truth.points_m)
         for name, part in (("whole", to_cloud), ("observable", to_cloud[truth.observable])):
             distances = hausdorff_mm(part, to_gt)

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.errors import UserError
-from nbv.random_streams import keyed_rng
+from nbv.geometry.raycasting import RayCaster
+from nbv.geometry.sampling import sample_surface
+from nbv.geometry.visibility import SURFACE_OFFSET_M, lifted, seen_from
 from nbv.types import Floats, Ints
 
 MAX_INCIDENCE_DEG = 80.0  # beyond this a surface is foreshortened more than 5.8 times
 MIN_OBSERVING_VIEWS = 2  # a depth needs two rays
-_SURFACE_OFFSET_M = 1e-4  # lifts a ray off the facet that it starts from
 
 
 @dataclass(frozen=True)
@@ -35,51 +35,6 @@ class GroundTruthSamples:
             raise ValueError("ground-truth points, normals and mask must be non-empty and equally long")
 
 
-def sample_surface(vertices_m: Floats, faces: Ints, n: int, seed: int) -> tuple[Floats, Floats]:
-    """Area-weighted uniform samples of a triangle mesh.
-
-    Faces are drawn with probability proportional to their area, then points uniformly within them
-    (Osada et al., "Shape distributions", 2002, Eq. 1). The draw depends on the arguments alone.
-
-    Parameters
-    ----------
-    vertices_m
-        (V, 3) vertices.
-    faces
-        (F, 3) vertex indices, counter-clockwise seen from outside.
-    n
-        Number of samples.
-    seed
-        Any integer.
-
-    Returns
-    -------
-    points_m, normals
-        (n, 3) each; normals are the unit face normals.
-
-    Raises
-    ------
-    UserError
-        The mesh has no area.
-    """
-    corners = np.asarray(vertices_m, dtype=float)[np.asarray(faces)]
-    edge_u, edge_v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    cross = np.cross(edge_u, edge_v)
-    doubled_area = np.linalg.norm(cross, axis=1)
-    total = doubled_area.sum()
-    if not np.isfinite(total) or total <= 0:
-        raise UserError("the reference mesh has no surface area; check that the file holds triangles")
-    rng = keyed_rng("surface-samples", seed)
-    # Inverse-CDF draw; zero-area faces have an empty interval and are never chosen.
-    cumulative = np.cumsum(doubled_area)
-    chosen = np.searchsorted(cumulative, rng.random(n) * cumulative[-1], side="right")
-    chosen = np.minimum(chosen, np.flatnonzero(doubled_area > 0)[-1])
-    root, v = np.sqrt(rng.random(n))[:, None], rng.random(n)[:, None]
-    a, b, c = corners[chosen, 0], corners[chosen, 1], corners[chosen, 2]
-    points = (1 - root) * a + root * (1 - v) * b + root * v * c
-    return points, cross[chosen] / doubled_area[chosen][:, None]
-
-
 def observable_mask(
     vertices_m: Floats,
     faces: Ints,
@@ -94,8 +49,7 @@ def observable_mask(
     """Which samples at least ``min_views`` of the reachable cameras see.
 
     A camera sees a sample that lies above the ground, faces the camera with an incidence of at most
-    ``max_incidence_deg``, and is not occluded by the mesh (Open3D ray casting, from the sample towards
-    the camera). Image borders are ignored: cameras aim at the target and the rock fits the frame. With
+    ``max_incidence_deg``, and is not hidden by the mesh (`nbv.geometry.visibility`). Image borders are ignored: cameras aim at the target and the rock fits the frame. With
     sample and camera above the ground, the ground plane cannot occlude.
 
     Parameters
@@ -111,36 +65,19 @@ def observable_mask(
     -------
     (S,) booleans.
     """
-    import open3d as o3d
-
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices_m, dtype=np.float32)),
-        o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, dtype=np.uint32)),
-    )
-    points = np.asarray(points_m, dtype=float)
-    starts = points + _SURFACE_OFFSET_M * np.asarray(normals, dtype=float)
+    caster = RayCaster(vertices_m, faces)
+    points, facing = np.asarray(points_m, dtype=float), np.asarray(normals, dtype=float)
+    starts = lifted(points, facing)
     views = np.zeros(len(points), dtype=np.int64)
     open_samples = np.flatnonzero(points[:, 2] > ground_height_m)
-    min_cosine = np.cos(np.deg2rad(max_incidence_deg))
     # Cameras in a stride order: neighbours on a ring see the same samples, so spreading the first few
     # settles most samples early. The result does not depend on the order.
     centers = np.asarray(camera_centers_m, dtype=float).reshape(-1, 3)
     for center in centers[_spread_order(len(centers))]:
         if open_samples.size == 0:
             break
-        ray = center - starts[open_samples]
-        distance = np.linalg.norm(ray, axis=1)
-        facing = (ray * normals[open_samples]).sum(1) >= min_cosine * distance
-        candidates = open_samples[facing]
-        if candidates.size == 0:
-            continue
-        rays = np.concatenate([starts[candidates], ray[facing]], axis=1).astype(np.float32)
-        # Directions are not normalised, so t = 1 is the camera.
-        blocked = scene.test_occlusions(
-            o3d.core.Tensor.from_numpy(rays), tnear=0.0, tfar=1.0, nthreads=1
-        ).numpy()
-        views[candidates[~blocked]] += 1
+        seen = seen_from(center, starts[open_samples], facing[open_samples], caster, max_incidence_deg)
+        views[open_samples[seen]] += 1
         open_samples = open_samples[views[open_samples] < min_views]
     return views >= min_views
 
@@ -178,19 +115,6 @@ def build_ground_truth(
     return truth
 
 
-def distance_to_surface(points_m: Floats, vertices_m: Floats, faces: Ints) -> Floats:
-    """(N,) exact unsigned distance from each point (N, 3) to a triangle mesh (V, 3), (F, 3)."""
-    import open3d as o3d
-
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices_m, dtype=np.float32)),
-        o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, dtype=np.uint32)),
-    )
-    points = o3d.core.Tensor.from_numpy(np.ascontiguousarray(points_m, dtype=np.float32))
-    return scene.compute_distance(points, nthreads=1).numpy().astype(float)
-
-
 def _spread_order(count: int) -> Ints:
     """A permutation of ``range(count)`` whose consecutive members lie far apart."""
     if count < 3:
@@ -207,5 +131,5 @@ def _content_key(vertices_m: Floats, faces: Ints, camera_centers_m: Floats, n: i
         values = np.ascontiguousarray(array, dtype=kind)
         digest.update(repr(values.shape).encode())
         digest.update(values.tobytes())
-    digest.update(repr((n, seed, MAX_INCIDENCE_DEG, MIN_OBSERVING_VIEWS, _SURFACE_OFFSET_M)).encode())
+    digest.update(repr((n, seed, MAX_INCIDENCE_DEG, MIN_OBSERVING_VIEWS, SURFACE_OFFSET_M)).encode())
     return digest.hexdigest()[:20]

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation.ground_truth import GroundTruthSamples
-from nbv.evaluation.neighbours import nearest_neighbours
+from nbv.geometry.neighbours import nearest_neighbours
 from nbv.types import Floats, PointCloud
 
 PAPER_CODE_GATE_M = 0.05
@@ -89,7 +89,7 @@ def compute_metrics(
     target_m
         Axis of the azimuth sectors (x and y are used).
     to_surface_m
-        (N,) exact distances from the points to the reference surface (`distance_to_surface`). Without them
+        (N,) exact distances from the points to the reference surface (`RayCaster.distances_m`). Without them
         the nearest sample stands for the surface, which adds about half the samples' spacing to every
         ``cloud -> gt`` distance (several millimetres at 50,000 samples on a 1.6 m rock).
     floors

@@ -8,13 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import open3d as o3d
 import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.config import MissionConfig
 from nbv.geometry.frames import intrinsic_matrix, look_at
+from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.types import CandidatePool, Floats, PlanningState, Ranking
 
 Mask = NDArray[np.bool_]
@@ -69,11 +69,7 @@ class GroundTruthOracle:
         samples, face = trimesh.sample.sample_surface(mesh, config.gate.oracle_samples, seed=SAMPLE_SEED)
         self.samples_m: Floats = np.asarray(samples, dtype=float)
         self.normals: Floats = np.asarray(mesh.face_normals, dtype=float)[face]
-        self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-        self._scene.add_triangles(
-            o3d.core.Tensor.from_numpy(np.ascontiguousarray(mesh.vertices, dtype=np.float32)),
-            o3d.core.Tensor.from_numpy(np.ascontiguousarray(mesh.faces, dtype=np.uint32)),
-        )
+        self._caster = RayCaster(mesh.vertices, mesh.faces)
         self._seen: dict[tuple[float, ...], Mask] = {}
         self._partners: tuple[Floats, NDArray[np.int16]] | None = None
 
@@ -103,10 +99,8 @@ class GroundTruthOracle:
         inside &= facing > distance * np.cos(np.deg2rad(MAX_INCIDENCE_DEG))
         inside &= self.samples_m[:, 2] > GROUND_Z_M
         ask = np.flatnonzero(inside)
-        rays = np.empty((len(ask), 6), dtype=np.float32)
-        rays[:, :3] = position
-        rays[:, 3:] = -to_camera[ask]  # not normalised: the sample is at t = 1
-        hit = self._scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)["t_hit"].numpy()
+        # Not normalised: the sample is at t = 1.
+        hit = self._caster.cast(rays_of(position, -to_camera[ask])).t
         inside[ask] = hit > 1.0 - RAY_TOLERANCE_M / distance[ask]
         return inside
 

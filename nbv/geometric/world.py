@@ -12,16 +12,20 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.cache import Store, digest
 from nbv.config import CameraConfig, MissionConfig
-from nbv.evaluation.ground_truth import MAX_INCIDENCE_DEG, MIN_OBSERVING_VIEWS, sample_surface
+from nbv.evaluation.ground_truth import MAX_INCIDENCE_DEG, MIN_OBSERVING_VIEWS
+from nbv.geometry.frustum import frustum_planes
+from nbv.geometry.raycasting import RayCaster, rays_of
+from nbv.geometry.sampling import sample_surface
+from nbv.geometry.visibility import lifted, seen_from
+from nbv.provenance import versions
 from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
-from nbv.scorers.visibility import frustum_planes
+from nbv.rocks.mesh import vertex_normals
 from nbv.types import Floats, Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
@@ -38,7 +42,7 @@ LANDMARK_INCIDENCE_DEG = 86.0  # of visibility; detection has limits of its own
 TEXTURE_RADIUS_M = 0.03  # a feature's neighbourhood
 TEXTURE_NEIGHBOURS = 48
 SAMPLE_NEIGHBOURS = 16
-_SURFACE_OFFSET_M = 1e-3
+LIFT_M = 1e-3  # of a ray off the facet that it starts from; with it the model was calibrated
 
 Mask = NDArray[np.bool_]
 
@@ -101,7 +105,7 @@ def world_key(rock: Rock, config: MissionConfig) -> str:
     constants = [
         WORLD_VERSION, SURFACE_SAMPLES, ROCK_LANDMARKS, GROUND_MARGIN_M, GROUND_SPACING_M,
         FAR_LANDMARKS, FAR_RADIUS_M, LANDMARK_INCIDENCE_DEG, TEXTURE_RADIUS_M, TEXTURE_NEIGHBOURS,
-        SAMPLE_NEIGHBOURS, o3d.__version__,
+        SAMPLE_NEIGHBOURS, versions().get("open3d-cpu", versions().get("open3d", "")),
     ]  # fmt: skip
     camera, scene = config.camera, config.scene
     return digest(
@@ -130,16 +134,12 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
 
 def build_world(rock: Rock, config: MissionConfig) -> GeometricWorld:
     """Landmarks, samples and visibility of one rock, by ray casting on its mesh."""
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(np.ascontiguousarray(rock.vertices_m, dtype=np.float32)),
-        o3d.core.Tensor.from_numpy(np.ascontiguousarray(rock.faces, dtype=np.uint32)),
-    )
+    caster = RayCaster(rock.vertices_m, rock.faces)
     viewpoints = all_viewpoints(config)
-    shade = _Shading(rock, config, scene)
+    shade = _Shading(rock, config, caster)
 
     samples, sample_normals = sample_surface(rock.vertices_m, rock.faces, SURFACE_SAMPLES, 0)
-    sample_seen = _seen(scene, samples, sample_normals, viewpoints, config, MAX_INCIDENCE_DEG)
+    sample_seen = _seen(caster, samples, sample_normals, viewpoints, config, MAX_INCIDENCE_DEG)
     observable = sample_seen.sum(axis=0) >= MIN_OBSERVING_VIEWS
 
     on_rock, rock_normals = sample_surface(rock.vertices_m, rock.faces, ROCK_LANDMARKS, 1)
@@ -148,7 +148,7 @@ def build_world(rock: Rock, config: MissionConfig) -> GeometricWorld:
     near_m = config.shared.box_half_extent_m + GROUND_MARGIN_M
     near, far = _near_ground(near_m), _far_ground(near_m)
     ground = np.concatenate([near, far])
-    ground = ground[~_under_rock(scene, ground)]
+    ground = ground[~_under_rock(caster, ground)]
     n_near = len(on_rock) + int((np.abs(ground[:, :2]).max(axis=1) <= near_m).sum())
     landmarks = np.concatenate([on_rock, ground])
     normals = np.concatenate([rock_normals, np.tile([0.0, 0.0, 1.0], (len(ground), 1))])
@@ -161,7 +161,7 @@ def build_world(rock: Rock, config: MissionConfig) -> GeometricWorld:
         landmarks_m=landmarks,
         landmark_normals=normals,
         landmark_contrast=np.concatenate([shade.contrast(on_rock, rock_normals), ground_contrast]),
-        landmark_seen=_seen(scene, landmarks, normals, viewpoints, config, LANDMARK_INCIDENCE_DEG),
+        landmark_seen=_seen(caster, landmarks, normals, viewpoints, config, LANDMARK_INCIDENCE_DEG),
         n_rock=len(on_rock),
         n_near=n_near,
         samples_m=samples,
@@ -202,18 +202,13 @@ def _far_ground(inner_m: float) -> Floats:
     return np.column_stack([xy, np.zeros(len(xy))])
 
 
-def _under_rock(scene: o3d.t.geometry.RaycastingScene, points_m: Floats) -> Mask:
-    rays = np.zeros((len(points_m), 6), dtype=np.float32)
-    rays[:, :3] = points_m - [0.0, 0.0, 1e-3]
-    rays[:, 5] = 1.0
-    hits = scene.list_intersections(o3d.core.Tensor.from_numpy(rays), nthreads=1)
-    count = np.diff(hits["ray_splits"].numpy().astype(np.int64))
-    low = scene.cast_rays(o3d.core.Tensor.from_numpy(rays), nthreads=1)["t_hit"].numpy()
-    return (count > 0) & (low < 0.03)  # the rock rests on it
+def _under_rock(caster: RayCaster, points_m: Floats) -> Mask:
+    below = points_m - [0.0, 0.0, 1e-3]
+    return caster.cast(rays_of(below, np.array([0.0, 0.0, 1.0]))).t < 0.03  # the rock rests on it
 
 
 def _seen(
-    scene: o3d.t.geometry.RaycastingScene,
+    caster: RayCaster,
     points_m: Floats,
     normals: Floats,
     viewpoints: list[Viewpoint],
@@ -223,18 +218,11 @@ def _seen(
     """(V, N) points in the image of each nominal view, facing it, above ground and not hidden by the rock."""
     centers = np.array([v.position_m for v in viewpoints])
     seen = _in_images(points_m, centers, np.array(config.target_m), config.camera)
-    starts = points_m + _SURFACE_OFFSET_M * normals
-    min_cosine = np.cos(np.deg2rad(max_incidence_deg))
-    above = points_m[:, 2] >= 0
+    seen &= points_m[:, 2] >= 0
+    starts = lifted(points_m, normals, LIFT_M)
     for row, center in enumerate(centers):
-        ray = center - starts
-        seen[row] &= above & ((ray * normals).sum(axis=1) >= min_cosine * np.linalg.norm(ray, axis=1))
         ask = np.flatnonzero(seen[row])
-        rays = np.concatenate([starts[ask], ray[ask]], axis=1).astype(np.float32)
-        blocked = scene.test_occlusions(
-            o3d.core.Tensor.from_numpy(rays), tnear=0.0, tfar=1.0, nthreads=1
-        ).numpy()
-        seen[row, ask[blocked]] = False
+        seen[row, ask] = seen_from(center, starts[ask], normals[ask], caster, max_incidence_deg)
     return seen
 
 
@@ -248,31 +236,19 @@ def _in_images(points_m: Floats, centers_m: Floats, target_m: Floats, camera: Ca
 class _Shading:
     """Light on the surface and the contrast that a detector finds in it."""
 
-    def __init__(self, rock: Rock, config: MissionConfig, scene: o3d.t.geometry.RaycastingScene) -> None:
+    def __init__(self, rock: Rock, config: MissionConfig, caster: RayCaster) -> None:
         sun = np.array(config.scene.sun_direction)
         self._to_sun = -sun / np.linalg.norm(sun)
         self._ambient, self._irradiance = config.scene.ambient, config.scene.sun_irradiance
-        self._scene = scene
-        corners = rock.vertices_m[rock.faces]
-        cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normals = np.zeros_like(rock.vertices_m)
-        for corner in range(3):
-            for axis in range(3):
-                normals[:, axis] += np.bincount(
-                    rock.faces[:, corner], weights=cross[:, axis], minlength=len(normals)
-                )
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+        self._caster = caster
+        normals = vertex_normals(rock.vertices_m, rock.faces)
         self._facing = np.maximum(normals @ self._to_sun, 0.0)
         self._grey = rock.albedo.mean(axis=1).astype(float)
         self._tree = cKDTree(rock.vertices_m)
 
     def in_sun(self, points_m: Floats, normals: Floats) -> Mask:
         """(N,) points that the rock does not shade."""
-        starts = points_m + _SURFACE_OFFSET_M * normals
-        rays = np.concatenate([starts, np.tile(self._to_sun, (len(points_m), 1))], axis=1)
-        return ~self._scene.test_occlusions(
-            o3d.core.Tensor.from_numpy(rays.astype(np.float32)), nthreads=1
-        ).numpy()
+        return ~self._caster.blocked(rays_of(lifted(points_m, normals, LIFT_M), self._to_sun))
 
     def light(self, points_m: Floats, normals: Floats) -> Floats:
         """(N,) ambient light and sun."""

@@ -1,7 +1,8 @@
-"""Distances to nearest neighbours within one small cloud, worked out once per cloud.
+"""Distances to nearest neighbours: any two clouds, and one small cloud within itself, worked out once.
 
-Stopping rule, gate features and B-aware's local sparsity ask the same question of the same points in one
-iteration. The memory is keyed by the points themselves, so it is invisible except in time.
+Both visit the queries in an order in which neighbours follow each other, so that the branches of the tree that one
+query needs are still in the processor's cache for the next; the result is the same. One thread, as everything in a
+mission.
 """
 
 from __future__ import annotations
@@ -11,11 +12,36 @@ from functools import lru_cache
 import numpy as np
 from scipy.spatial import cKDTree
 
-from nbv.types import Floats
+from nbv.types import Floats, Ints
+
+
+def nearest_neighbours(points_m: Floats, queries_m: Floats, k: int = 1) -> tuple[Floats, Ints]:
+    """Distances to, and indices of, the ``k`` nearest of ``points_m`` (N, 3), N >= k, for each query (Q, 3).
+
+    Several times faster than a plain query on large clouds.
+
+    Returns
+    -------
+    distances_m, indices
+        (Q, k) each, nearest first; (Q,) for ``k = 1``.
+    """
+    tree = cKDTree(points_m, leafsize=32)
+    if queries_m is points_m:
+        order = tree.indices
+    else:
+        order = cKDTree(queries_m, leafsize=32, balanced_tree=False, compact_nodes=False).indices
+    sorted_distances, sorted_indices = tree.query(queries_m[order], k=k, workers=1)
+    distances, indices = np.empty_like(sorted_distances), np.empty_like(sorted_indices)
+    distances[order], indices[order] = sorted_distances, sorted_indices
+    return distances, indices
 
 
 def neighbour_distances(points_m: Floats, k: int) -> Floats:
-    """(N, k) distances from each of the N > k points to its ``k`` nearest others, nearest first (read-only)."""
+    """(N, k) distances from each of the N > k points to its ``k`` nearest others, nearest first (read-only).
+
+    Stopping rule, gate features and B-aware's local sparsity ask the same question of the same points in one
+    iteration. The memory is keyed by the points themselves, so it is invisible except in time.
+    """
     points = np.ascontiguousarray(points_m, dtype=np.float64)
     return _distances(points.tobytes(), len(points), k)
 
@@ -25,7 +51,7 @@ def _distances(data: bytes, n: int, k: int) -> Floats:
     points = np.frombuffer(data).reshape(n, -1)
     tree = cKDTree(points, balanced_tree=False)
     found = np.empty((n, k + 1))
-    order = tree.indices  # a tenth faster than the points' own order
+    order = tree.indices
     found[order] = tree.query(points[order], k=k + 1)[0]
     distances: Floats = found[:, 1:]  # the nearest is the point itself, at 0
     distances.setflags(write=False)

@@ -15,12 +15,12 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 
 from nbv.cache import Arrays, Store, digest
 from nbv.config import CameraConfig, SceneConfig
 from nbv.errors import UserError
+from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.scene.ground import GroundSpec, synthesise_ground
 from nbv.scene.view import linear_from_srgb
 from nbv.types import Floats
@@ -71,18 +71,6 @@ def direction_to_sun(config: SceneConfig) -> Floats:
             f"down, at least {LOWEST_SUN_DEG:g} degrees below the horizontal (negative third component)"
         )
     return -travel / norm
-
-
-def raycasting_scene(
-    vertices_m: NDArray[np.floating], faces: NDArray[np.integer]
-) -> o3d.t.geometry.RaycastingScene:
-    """Open3D's ray caster with one mesh in it."""
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(np.array(vertices_m, dtype=np.float32)),
-        o3d.core.Tensor.from_numpy(np.array(faces, dtype=np.uint32)),
-    )
-    return scene
 
 
 def build_scene(
@@ -158,7 +146,7 @@ def _rock_arrays(
     to_sun: Floats,
     spec: GroundSpec,
 ) -> dict[str, np.ndarray]:
-    caster = raycasting_scene(vertices, faces)
+    caster = RayCaster(vertices, faces)
     arrays: dict[str, np.ndarray] = {
         "radiance": _vertex_radiance(rock.albedo, vertices, faces, config, to_sun, caster)
     }
@@ -190,7 +178,7 @@ def _vertex_radiance(
     faces: NDArray[np.uint32],
     config: SceneConfig,
     to_sun: Floats,
-    caster: o3d.t.geometry.RaycastingScene,
+    caster: RayCaster,
 ) -> NDArray[np.float32]:
     """albedo * (ambient * mild sky term + sun * max(0, n.l) * visibility)."""
     normals = vertex_normals(vertices, faces)
@@ -198,18 +186,10 @@ def _vertex_radiance(
     lit = np.flatnonzero(cosine > 0)
     # Start a little off the surface, or a vertex would be shadowed by its own triangles.
     origins = vertices[lit] + 0.004 * normals[lit] + 0.002 * to_sun
-    cosine[lit[_occluded(origins, to_sun, caster)]] = 0
+    cosine[lit[caster.blocked(rays_of(origins, to_sun))]] = 0
     sky = 0.85 + 0.15 * normals[:, 2]  # the ground below is a little darker than the sky
     light = config.ambient * sky + config.sun_irradiance * cosine
     return (np.asarray(albedo, dtype=np.float64) * light[:, None]).astype(np.float32)
-
-
-def _occluded(
-    origins: Floats, direction: Floats, caster: o3d.t.geometry.RaycastingScene
-) -> NDArray[np.bool_]:
-    rays = np.empty((len(origins), 6), dtype=np.float32)
-    rays[:, :3], rays[:, 3:] = origins, direction
-    return caster.test_occlusions(o3d.core.Tensor.from_numpy(rays), nthreads=1).numpy()
 
 
 def _shadow_box(vertices: NDArray[np.float32], to_sun: Floats) -> tuple[float, float, float, float]:
@@ -224,7 +204,7 @@ def _ground_sunlit(
     level: int,
     spec: GroundSpec,
     to_sun: Floats,
-    caster: o3d.t.geometry.RaycastingScene,
+    caster: RayCaster,
 ) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
     """Texel bounds (r0, r1, c0, c1) of the shadow's box and the sunlit part of each texel, 255 is all of it."""
     texel, half = spec.texel_m * 2**level, spec.half_extent_m(level)
@@ -241,6 +221,6 @@ def _ground_sunlit(
     for row in range(r1 - r0):  # row by row, so that memory stays small for a low sun's long shadow
         gx, gy = np.meshgrid(xs, ys[row * sub : (row + 1) * sub])
         origins = np.stack([gx.ravel(), gy.ravel(), np.full(gx.size, 1e-4)], axis=1)
-        dark = _occluded(origins, to_sun, caster).reshape(sub, c1 - c0, sub)
+        dark = caster.blocked(rays_of(origins, to_sun)).reshape(sub, c1 - c0, sub)
         sunlit[row] = np.rint(255 * (1 - dark.mean(axis=(0, 2))))
     return np.array([r0, r1, c0, c1]), sunlit

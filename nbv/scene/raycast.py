@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 
 from nbv.geometry.frames import intrinsic_matrix
-from nbv.scene.bake import GROUND_TINT, Scene, raycasting_scene
+from nbv.geometry.raycasting import NO_FACE, RayCaster, RayHits
+from nbv.scene.bake import GROUND_TINT, Scene
 from nbv.scene.view import RenderedView, camera_position, grey_levels
 from nbv.types import Floats
 
@@ -24,7 +24,6 @@ GROUND_ROWS = 3  # sub-rows per pixel: towards the horizon a footprint is severa
 ROCK_SUBSAMPLES = 2  # per axis
 FADE_START = 0.7  # of the clipmap's reach; from there the ground fades to its mean
 SMALLEST_MIP_PX = 32
-_NO_HIT = o3d.t.geometry.RaycastingScene.INVALID_ID
 
 
 class RaycastRenderer:
@@ -34,7 +33,7 @@ class RaycastRenderer:
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
-        self._caster = raycasting_scene(scene.vertices_m, scene.faces)
+        self._caster = RayCaster(scene.vertices_m, scene.faces)
         self._k = intrinsic_matrix(scene.camera)
         self._mips = _with_far_mips(scene)
         self._face_radiance = scene.vertex_radiance[scene.faces]  # (F, 3, 3): one look-up a ray, not four
@@ -185,7 +184,7 @@ class RaycastRenderer:
     ) -> None:
         """Depth and mask where the rock is nearer than the ground."""
         r0, r1, c0, c1 = box
-        t, _, _ = self._cast(rays, position, np.arange(c0, c1) + 0.5, np.arange(r0, r1) + 0.5)
+        t = self._cast(rays, position, np.arange(c0, c1) + 0.5, np.arange(r0, r1) + 0.5).t
         nearer = t < depth[r0:r1, c0:c1]
         depth[r0:r1, c0:c1][nearer] = t[nearer]
         mask[r0:r1, c0:c1] = nearer
@@ -195,10 +194,10 @@ class RaycastRenderer:
         n = ROCK_SUBSAMPLES
         fine_rows = r0 + (np.arange((r1 - r0) * n) + 0.5) / n
         fine_columns = c0 + (np.arange((c1 - c0) * n) + 0.5) / n
-        _, face, uv = self._cast(rays, position, fine_columns, fine_rows)
-        hit = face != _NO_HIT
+        found = self._cast(rays, position, fine_columns, fine_rows)
+        hit = found.face != NO_FACE
         radiance = np.zeros((*hit.shape, 3), dtype=np.float32)
-        radiance[hit] = self._surface_radiance(face[hit], uv[hit])
+        radiance[hit] = self._surface_radiance(found.face[hit], found.uv[hit])
         # Sums over a pixel's rays as whole arrays: NumPy's own over two axes takes five times as long.
         covered = np.zeros((r1 - r0, c1 - c0), dtype=np.float32)
         total = np.zeros((r1 - r0, c1 - c0, 3), dtype=np.float32)
@@ -213,14 +212,13 @@ class RaycastRenderer:
 
     def _cast(
         self, rays: _PixelRays, position: Floats, columns: NDArray[np.floating], rows: NDArray[np.floating]
-    ) -> tuple[Floats32, NDArray[np.uint32], Floats32]:
-        """Depth (inf: nothing), triangle and barycentric (u, v) of the rock along a grid of rays."""
+    ) -> RayHits:
+        """What a grid of rays (rows, columns) meets of the rock; ``t`` is the depth."""
         bundle = np.empty((len(rows), len(columns), 6), dtype=np.float32)
         bundle[..., :3] = position
         for axis in range(3):
             bundle[..., 3 + axis] = rays.component(axis, columns, rows)
-        answer = self._caster.cast_rays(o3d.core.Tensor.from_numpy(bundle), nthreads=1)
-        return answer["t_hit"].numpy(), answer["primitive_ids"].numpy(), answer["primitive_uvs"].numpy()
+        return self._caster.cast(bundle)
 
     def _surface_radiance(self, face: NDArray[np.uint32], uv: Floats32) -> Floats32:
         a, b, c = self._face_radiance[face].transpose(1, 0, 2)

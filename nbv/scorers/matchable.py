@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from nbv.config import MissionConfig
-from nbv.scorers.visibility import in_frustum
+from nbv.geometry.frustum import in_frustum
 from nbv.types import Floats
 
 SAMPLES = 1_000

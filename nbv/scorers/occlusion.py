@@ -16,10 +16,10 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from nbv.geometry.raycasting import RayCaster
 from nbv.types import Floats, Ints
 
 NORMAL_NEIGHBOURS = 16
@@ -62,7 +62,8 @@ def surfels(points_m: Floats, observing: Floats) -> tuple[Floats, Floats]:
     return np.where(((normal * observing).sum(axis=1) < 0)[:, None], -normal, normal), radius
 
 
-def _disc_scene(points_m: Floats, normals: Floats, radius_m: Floats) -> o3d.t.geometry.RaycastingScene:
+def discs(points_m: Floats, normals: Floats, radius_m: Floats) -> RayCaster:
+    """Every surfel as a hexagon that rays can meet."""
     helper = np.where(np.abs(normals[:, :1]) < 0.9, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
     u = np.cross(normals, helper)
     u /= np.linalg.norm(u, axis=1, keepdims=True)
@@ -72,12 +73,7 @@ def _disc_scene(points_m: Floats, normals: Floats, radius_m: Floats) -> o3d.t.ge
     vertices = points_m[:, None] + radius_m[:, None, None] * rim
     fan = np.array([[0, i, i + 1] for i in range(1, RIM - 1)])
     faces = (RIM * np.arange(len(points_m)))[:, None, None] + fan
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(vertices.reshape(-1, 3).astype(np.float32)),
-        o3d.core.Tensor.from_numpy(faces.reshape(-1, 3).astype(np.uint32)),
-    )
-    return scene
+    return RayCaster(vertices.reshape(-1, 3), faces.reshape(-1, 3))
 
 
 def unoccluded(
@@ -91,7 +87,7 @@ def unoccluded(
     """(P, C): ``in_frustum`` without the points whose back is seen or which surfels hide."""
     observing = mean_observing_directions(points_m, track_offsets, track_cameras, camera_centers_m)
     normals, radius = surfels(points_m, observing)
-    scene = _disc_scene(points_m, normals, radius)
+    walls = discs(points_m, normals, radius)
     offset = np.einsum("ij,ij->i", normals, points_m)
     p2, c2 = (points_m**2).sum(axis=1), (candidates_m**2).sum(axis=1)
     min_cosine = np.cos(np.deg2rad(MAX_INCIDENCE_DEG))
@@ -115,8 +111,7 @@ def unoccluded(
             rays[:, axis] = start + CLEARANCE_M * direction
             rays[:, 3 + axis] = direction
         if len(flat):
-            hit = scene.test_occlusions(o3d.core.Tensor.from_numpy(rays), nthreads=1).numpy()
-            seen.ravel()[flat[hit]] = False
+            seen.ravel()[flat[walls.blocked(rays)]] = False
         visible[rows] = seen
     return visible
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.scorers.scratch import scratch
+from nbv.geometry.scratch import scratch
 from nbv.types import Floats, Ints
 
 Floats32 = NDArray[np.float32]

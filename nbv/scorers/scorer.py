@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from nbv.config import MissionConfig, Weights
 from nbv.errors import MissionFailure
+from nbv.geometry.frustum import in_frustum
 from nbv.scorers.b_aware import repair, weakness
 from nbv.scorers.covis import co_visibility
 from nbv.scorers.matchable import matchable_repair, proxy_surface
 from nbv.scorers.occlusion import unoccluded
 from nbv.scorers.repair_single import longest_first, precision, repair_single
 from nbv.scorers.terms import angular_penalty, movement, novelty
-from nbv.scorers.visibility import in_frustum
 from nbv.types import CandidatePool, Floats, Ints, PlanningState, Ranking, SparseModel
 
 MIN_POINTS_SINGLE = 300  # rounding errors of fewer points do not cancel well, and there is little to gain

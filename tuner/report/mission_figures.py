@@ -16,8 +16,12 @@ from matplotlib.ticker import MaxNLocator
 
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
+from nbv.geometry.neighbours import nearest_neighbours
+from nbv.geometry.raycasting import RayCaster
+from nbv.geometry.sampling import sample_surface
 from nbv.mission.planning_state import load_state
 from nbv.mission.run_directory import read_ply
+from nbv.rocks import load_rock
 from nbv.types import Floats, Ints
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.report.labels import format_number
@@ -236,10 +240,6 @@ def overlay_figure(run: Path, rock: str) -> Figure:
     UserError
         A file is missing or the rock is unknown.
     """
-    from nbv.evaluation.ground_truth import sample_surface
-    from nbv.evaluation.neighbours import nearest_neighbours
-    from nbv.rocks import load_rock
-
     config = mission_config(run)
     cloud = read_ply(run / "cleaned.ply").points_m
     if len(cloud) == 0:
@@ -311,19 +311,8 @@ def _distance_to_mesh(points: Floats, vertices_m: Floats, faces: Ints) -> tuple[
     Not to samples of it, as the metrics have them: at 50,000 samples their spacing alone is several millimetres,
     more than the error of a good cloud.
     """
-    import open3d as o3d
-
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(
-        o3d.core.Tensor.from_numpy(np.ascontiguousarray(vertices_m, dtype=np.float32)),
-        o3d.core.Tensor.from_numpy(np.ascontiguousarray(faces, dtype=np.uint32)),
-    )
-    found = scene.compute_closest_points(
-        o3d.core.Tensor.from_numpy(np.ascontiguousarray(points, dtype=np.float32)), nthreads=1
-    )
-    return np.linalg.norm(points - found["points"].numpy(), axis=1), found[
-        "primitive_normals"
-    ].numpy().astype(float)
+    places, normals = RayCaster(vertices_m, faces).nearest(points)
+    return np.linalg.norm(points - places, axis=1), normals
 
 
 def _camera_axes(azimuth_deg: float, elevation_deg: float) -> tuple[Floats, Floats, Floats]:

@@ -9,8 +9,9 @@ import pytest
 
 from nbv.config import EvaluationConfig
 from nbv.evaluation.floor import hausdorff_floors, perfect_cloud
-from nbv.evaluation.ground_truth import build_ground_truth, distance_to_surface
+from nbv.evaluation.ground_truth import build_ground_truth
 from nbv.evaluation.metrics import compute_metrics
+from nbv.geometry.raycasting import RayCaster
 from nbv.types import PointCloud
 
 VOXEL_M, CUT_M = 0.02, 0.03
@@ -73,7 +74,7 @@ def test_no_real_cloud_beats_the_floor_by_more_than_a_voxel(standing_box):
     seen = truth.points_m[truth.observable & (truth.points_m[:, 2] > CUT_M)]
     metrics = compute_metrics(
         PointCloud(seen), truth, EvaluationConfig(), (0, 0, 0.4),
-        distance_to_surface(seen, vertices, faces), floors,
+        RayCaster(vertices, faces).distances_m(seen), floors,
     )  # fmt: skip
     for surface in ("whole", "observable"):
         scores = getattr(metrics, surface)

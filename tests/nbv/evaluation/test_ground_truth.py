@@ -1,16 +1,15 @@
-"""Surface samples and the observable part."""
+"""The reference surface and its observable part."""
 
 import numpy as np
 import open3d as o3d
 import pytest
 
-from nbv.errors import UserError
 from nbv.evaluation.ground_truth import (
     GroundTruthSamples,
     build_ground_truth,
     observable_mask,
-    sample_surface,
 )
+from nbv.geometry.sampling import sample_surface
 
 
 def mesh_arrays(mesh):
@@ -23,33 +22,6 @@ def ring(radius, elevation_deg, count=24, center=(0, 0, 0.8)):
     return np.array(center) + radius * np.stack(
         [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth),
          np.full(count, np.sin(elevation))], axis=1)  # fmt: skip
-
-
-def test_samples_are_area_weighted_and_lie_on_the_surface():
-    # Two triangles of areas 1/2 and 3/2, one of zero area between them.
-    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 5], [3, 0, 5], [0, 1, 5]], float)
-    faces = np.array([[0, 1, 2], [0, 0, 1], [3, 4, 5]])
-    points, normals = sample_surface(vertices, faces, 40_000, 0)
-    upper = points[:, 2] > 2.5
-    assert np.allclose(points[:, 2], np.where(upper, 5, 0))
-    assert upper.mean() == pytest.approx(0.75, abs=0.01)
-    assert np.allclose(normals, [0, 0, 1])
-    lower = points[~upper]
-    assert (lower[:, 0] + lower[:, 1]).max() <= 1 + 1e-12
-    # Uniform within the triangle: the centroid, and a quarter of the area in the corner half as large.
-    assert np.allclose(lower[:, :2].mean(0), 1 / 3, atol=0.01)
-    assert np.mean(lower[:, 0] + lower[:, 1] < 0.5) == pytest.approx(0.25, abs=0.02)
-
-
-def test_samples_depend_on_the_seed_alone():
-    vertices, faces = mesh_arrays(o3d.geometry.TriangleMesh.create_sphere(1.0))
-    first, again, other = (sample_surface(vertices, faces, 500, s)[0] for s in (3, 3, 4))
-    assert np.array_equal(first, again) and not np.array_equal(first, other)
-
-
-def test_a_mesh_without_area_is_a_user_error():
-    with pytest.raises(UserError, match="no surface area"):
-        sample_surface(np.zeros((3, 3)), np.array([[0, 1, 2]]), 10, 0)
 
 
 def test_single_camera_sees_a_sphere_up_to_the_incidence_limit():
@@ -111,14 +83,3 @@ def test_cache_is_keyed_by_content(tmp_path):
 def test_empty_samples_are_refused():
     with pytest.raises(ValueError, match="non-empty"):
         GroundTruthSamples(np.empty((0, 3)), np.empty((0, 3)), np.empty(0, bool))
-
-
-def test_distance_to_surface_is_exact_on_a_box():
-    import trimesh
-
-    from nbv.evaluation.ground_truth import distance_to_surface
-
-    box = trimesh.creation.box(extents=(2.0, 2.0, 2.0))
-    points = np.array([[1.5, 0.0, 0.0], [0.0, 0.0, 0.25], [2.0, 2.0, 1.0], [1.0, 0.3, -0.2]])
-    found = distance_to_surface(points, np.asarray(box.vertices), np.asarray(box.faces))
-    np.testing.assert_allclose(found, [0.5, 0.75, np.sqrt(2.0), 0.0], atol=1e-6)

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
-from nbv.evaluation.ground_truth import GroundTruthSamples, sample_surface
+from nbv.evaluation.ground_truth import GroundTruthSamples
 from nbv.evaluation.metrics import (
     area_under_curve,
     azimuth_sectors,
@@ -23,6 +23,7 @@ from nbv.evaluation.metrics import (
     voxel_means,
     voxel_scores,
 )
+from nbv.geometry.sampling import sample_surface
 from nbv.types import PointCloud
 
 CONFIG = EvaluationConfig()

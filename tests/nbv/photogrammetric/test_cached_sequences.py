@@ -13,7 +13,7 @@ from nbv.cache import Store
 from nbv.config import config_from_dict
 from nbv.errors import MissionFailure
 from nbv.evaluation import evaluate_cloud
-from nbv.evaluation.ground_truth import sample_surface
+from nbv.geometry.sampling import sample_surface
 from nbv.photogrammetric.cached_sequences import CachedClouds, CachedEvaluation, CachedSparse
 from nbv.rocks import load_rock
 from nbv.sparse.reconstructor import SparseReconstructor

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from nbv.geometry.raycasting import RayCaster
 from nbv.rocks import describe
 from nbv.rocks.noise import cells, gradient_noise
 from nbv.rocks.procedural import generate_rock, sample_near_surface
@@ -74,11 +75,7 @@ def test_claimed_overhangs_exist(rocks):
 
 def hits(rock, rays):
     """How far along each ray (six numbers: from, direction) the rock is; infinite where it is missed."""
-    import open3d as o3d
-
-    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
-    scene.add_triangles(rock.vertices_m.astype(np.float32), rock.faces.astype(np.uint32))
-    return scene.cast_rays(o3d.core.Tensor(rays, o3d.core.float32))["t_hit"].numpy()
+    return RayCaster(rock.vertices_m, rock.faces).cast(np.array(rays, dtype=np.float32)).t
 
 
 def test_arch_has_a_window_and_boulder_has_not(rocks):

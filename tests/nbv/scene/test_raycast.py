@@ -106,18 +106,17 @@ def test_another_process_takes_the_same_photograph(raycast, ball):
         import hashlib, sys
         sys.path.insert(0, sys.argv[1])
         from scene_helpers import SMALL_CAMERA, SMALL_GROUND, make_ball
-        from test_raycast import CENTRE, orbit
+        import numpy as np
         from nbv.config import SceneConfig
-        from nbv.geometry.frames import look_at
         from nbv.scene import build_scene, make_renderer
         scene = build_scene(make_ball(), SceneConfig(), SMALL_CAMERA, SMALL_GROUND)
-        rgb = make_renderer(scene, "raycast").render(look_at(orbit(200, 25), CENTRE)).rgb
+        rgb = make_renderer(scene, "raycast").render(np.frombuffer(bytes.fromhex(sys.argv[2])).reshape(4, 4)).rgb
         print(hashlib.sha256(rgb.tobytes()).hexdigest())
         """
     )
     environment = {**os.environ, "GATETUNE_HOME": "/dev/null/no-cache", "OMP_NUM_THREADS": "2"}
     out = subprocess.run(
-        [sys.executable, "-c", script, str(Path(__file__).parents[2] / "support")],
+        [sys.executable, "-c", script, str(Path(__file__).parents[2] / "support"), pose.tobytes().hex()],
         capture_output=True, text=True, check=True, env=environment,
     )  # fmt: skip
     assert out.stdout.strip() == digest

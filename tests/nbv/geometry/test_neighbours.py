@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from nbv.evaluation.neighbours import nearest_neighbours
+from nbv.geometry.neighbours import nearest_neighbours
 
 
 @pytest.mark.parametrize("k", [1, 5])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from nbv.config import CameraConfig
 from nbv.geometry.frames import look_at
-from nbv.scorers.scratch import scratch
+from nbv.geometry.scratch import scratch
 from nbv.types import Floats
 
 BLOCK = 256  # points at a time: a block's (BLOCK, C) arrays stay in the processor's cache

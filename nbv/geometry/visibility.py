@@ -1,0 +1,48 @@
+"""The one visibility test: which places of a surface a camera sees.
+
+A camera sees a place whose front faces it at no more than a largest incidence and which the mesh does not hide.
+Whether it also lies in the image is a question of its own (`nbv.geometry.frustum`), since some askers let the
+camera turn.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.geometry.raycasting import RayCaster, rays_of
+from nbv.types import Floats
+
+SURFACE_OFFSET_M = 1e-4  # lifts a ray off the facet that it starts from
+
+
+def lifted(points_m: Floats, normals: Floats, offset_m: float = SURFACE_OFFSET_M) -> Floats:
+    """(P, 3) where the rays of places (P, 3) with unit outward normals (P, 3) start."""
+    return points_m + offset_m * normals
+
+
+def seen_from(
+    center_m: Floats, starts_m: Floats, normals: Floats, caster: RayCaster, max_incidence_deg: float
+) -> NDArray[np.bool_]:
+    """(P,) does the camera at ``center_m`` (3,) see each place?
+
+    Parameters
+    ----------
+    starts_m
+        (P, 3) the places, lifted off the surface (`lifted`).
+    normals
+        (P, 3) unit, outward.
+    caster
+        The mesh that may hide them.
+    max_incidence_deg
+        Largest angle between the normal and the direction to the camera.
+    """
+    to_camera = center_m - starts_m
+    distance_m = np.linalg.norm(to_camera, axis=1)
+    seen: NDArray[np.bool_] = (to_camera * normals).sum(axis=1) >= (
+        np.cos(np.deg2rad(max_incidence_deg)) * distance_m
+    )
+    ask = np.flatnonzero(seen)
+    # Directions are not normalised, so the camera is one length away.
+    seen[ask[caster.blocked(rays_of(starts_m[ask], to_camera[ask]), reach=1.0)]] = False
+    return seen
