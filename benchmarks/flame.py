@@ -32,11 +32,8 @@ Stack = tuple[str, ...]
 
 def sample(home: Path, rock: str, preset_name: str, sender) -> None:  # type: ignore[no-untyped-def]
     """Fly and send ``{stack: CPU seconds}``; runs in a process of its own."""
-    import nbv.evaluation
-    import nbv.photogrammetric.reconstructor
-    import nbv.scene  # noqa: F401
     from nbv.config import preset
-    from nbv.mission.loop import run_mission
+    from nbv.photogrammetric import run_photogrammetric_mission
 
     seconds: Counter[Stack] = Counter()
     last = time.process_time()
@@ -54,16 +51,16 @@ def sample(home: Path, rock: str, preset_name: str, sender) -> None:  # type: ig
 
     signal.signal(signal.SIGPROF, take)
     signal.setitimer(signal.ITIMER_PROF, INTERVAL_S, INTERVAL_S)
-    run_mission(preset(preset_name), rock, 0)
+    run_photogrammetric_mission(preset(preset_name), rock, 0)
     signal.setitimer(signal.ITIMER_PROF, 0, 0)
     sender.send(dict(seconds))
 
 
 def from_mission(stacks: dict[Stack, float]) -> dict[Stack, float]:
-    """Without what lies outside ``run_mission``, and without comprehensions' own frames."""
+    """Without what lies outside ``fly_mission``, and without comprehensions' own frames."""
     found: Counter[Stack] = Counter()
     for stack, value in stacks.items():
-        starts = [i for i, name in enumerate(stack) if name.endswith(": run_mission")]
+        starts = [i for i, name in enumerate(stack) if name.endswith(": fly_mission")]
         if starts:
             inside = stack[starts[0] :]
             if SAMPLER in inside:  # a sample that fell into the sampler itself

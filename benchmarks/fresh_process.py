@@ -83,10 +83,7 @@ def _fly(config, rock, replicate, directory, keep, sender) -> None:  # type: ign
 
     # Other processes may share the cores: let every stage timer of the mission read the CPU clock.
     time.perf_counter = time.process_time
-    import nbv.evaluation
-    import nbv.photogrammetric.reconstructor
-    import nbv.scene  # noqa: F401
-    from nbv.mission.loop import run_mission
+    from nbv.photogrammetric import run_photogrammetric_mission
 
     marks: list[float] = []
 
@@ -95,7 +92,7 @@ def _fly(config, rock, replicate, directory, keep, sender) -> None:  # type: ign
             marks.append(time.process_time())
 
     wall, cpu = time.monotonic(), time.process_time()
-    result = run_mission(config, rock, replicate, directory, keep=keep, log=note)
+    result = run_photogrammetric_mission(config, rock, replicate, directory, keep=keep, log=note)
     wall, cpu = time.monotonic() - wall, time.process_time() - cpu
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024  # Linux counts in KiB
     captures = [after - before for before, after in itertools.pairwise(marks)]
@@ -110,10 +107,10 @@ def timed_mission(
     import dataclasses
     import resource
 
-    from nbv.mission.loop import run_mission
+    from nbv.photogrammetric import run_photogrammetric_mission
 
     started = time.process_time()
-    result = run_mission(config, rock, replicate)
+    result = run_photogrammetric_mission(config, rock, replicate)
     peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     costs = {**result.costs, "cpu_s": time.process_time() - started, "peak_rss_mb": peak_mb}
     return dataclasses.replace(result, costs=costs)

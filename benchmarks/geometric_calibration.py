@@ -32,8 +32,8 @@ from threadpoolctl import threadpool_limits
 
 from nbv.config import MissionConfig, config_from_dict, preset
 from nbv.geometric import predict_views, run_geometric_mission
-from nbv.mission.loop import run_mission
 from nbv.mission.run_directory import write_atomic
+from nbv.photogrammetric import run_photogrammetric_mission
 from nbv.types import Floats
 
 METRIC = "f_score_48mm"
@@ -118,7 +118,7 @@ def fly_missing(
     for digest in sorted(flown, key=lambda d: (-len(flown[d]), d))[:wanted]:
         config = configs[digest].with_values({"dense.agreeing_views": int(level)})
         for rock in sorted(set(rocks) - flown[digest]):
-            result = run_mission(
+            result = run_photogrammetric_mission(
                 config, rock, 0, directory / f"{digest}_{Path(rock).stem}_{level}", keep="summary"
             )
             print(f"flown: {digest} on {Path(rock).stem}, {result.status}", flush=True)

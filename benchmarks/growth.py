@@ -36,13 +36,13 @@ from fresh_process import fly_in_fresh_process
 
 from nbv.config import preset
 from nbv.dense.stereo import estimate_depth
+from nbv.geometry.knn import knn_statistics
 from nbv.mission.planning_state import load_state
 from nbv.photogrammetric.studio import Studio
 from nbv.rocks import load_rock
 from nbv.scene import build_scene, make_renderer
 from nbv.scorers import rank_candidates
 from nbv.sparse.features import extract_features
-from nbv.sparse.knn import knn_statistics
 from nbv.sparse.matching import match_pair, verify_pair
 from nbv.threads import limit_threads
 from nbv.types import PlanningState, SparseModel

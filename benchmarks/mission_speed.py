@@ -73,8 +73,7 @@ def fly_all(jobs: list[tuple[MissionConfig, str]], workers: int, folder: Path) -
     from tuner.missions.executors import LocalProcessExecutor
     from tuner.missions.job import MissionJob
 
-    executor = LocalProcessExecutor(workers, preload=("nbv.mission.loop", "nbv.photogrammetric.reconstructor", "nbv.scene", "nbv.evaluation",
-                                                      "fresh_process"))  # fmt: skip
+    executor = LocalProcessExecutor(workers, preload=("nbv.photogrammetric", "fresh_process"))
     queue = [
         MissionJob(f"m{i:02d}", config, rock, 0, folder / f"m{i:02d}", runner="fresh_process:timed_mission")
         for i, (config, rock) in enumerate(jobs)

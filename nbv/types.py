@@ -169,6 +169,18 @@ class GateDecision:
     details: dict[str, Any] = field(default_factory=dict)  # e.g. f_b, d95_m, oracle rewards
 
 
+class Camera(Protocol):
+    """Takes the photographs of one mission. The mission loop does not know which implementation it has."""
+
+    def take_photograph(self, viewpoint: Viewpoint, position_m: Floats) -> Capture:
+        """The photograph of ``viewpoint``, taken from ``position_m`` (3,), the vehicle's actual position."""
+        ...
+
+    def close(self) -> None:
+        """After the last photograph: give memory back."""
+        ...
+
+
 class Reconstructor(Protocol):
     """Turns captures into models. The mission loop does not know which implementation it has."""
 

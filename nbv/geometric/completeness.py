@@ -25,7 +25,7 @@ Floats32 = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class DenseModel:
-    """Free constants of the stand-in's dense stage.
+    """Free constants of the simulated dense stage.
 
     Fitted by maximum likelihood to real depth maps, sample by sample (``benchmarks/geometric_calibration.py``;
     docs/results/geometric_fidelity.md).

@@ -1,4 +1,4 @@
-"""The stand-in's landmarks: how easily each is detected and matched, and which of them a view detects.
+"""The simulator's landmarks: how easily each is detected and matched, and which of them a view detects.
 
 Everything is drawn per (rock, replicate) and per (rock, replicate, viewpoint), so it is the same in every mission on
 them. It is kept with the rock's world: a campaign comes back to the same few hundred viewpoints.

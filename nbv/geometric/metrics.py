@@ -1,4 +1,4 @@
-"""The stand-in's scores, under the names that photogrammetric missions use."""
+"""The simulated mission's scores, under the names that photogrammetric missions use."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,14 +21,6 @@ MIN_TRIANGULATION_ANGLE_DEG = 1.5  # COLMAP's default
 
 
 @dataclass(frozen=True)
-class StandIn:
-    """All free constants of the geometric fidelity."""
-
-    features: FeatureModel = field(default_factory=FeatureModel)
-    dense: DenseModel = field(default_factory=DenseModel)
-
-
-@dataclass(frozen=True)
 class _SeedState:
     """What bootstrapping leaves: the same for every configuration on one (rock, replicate)."""
 
@@ -41,6 +33,11 @@ class _SeedState:
 
 _SEEDS: dict[tuple[object, ...], _SeedState] = {}
 _MAX_SEEDS = 32
+
+
+def forget_seed_models() -> None:
+    """Hold none in this process's memory."""
+    _SEEDS.clear()
 
 
 class GeometricReconstructor:
@@ -59,19 +56,18 @@ class GeometricReconstructor:
         config: MissionConfig,
         rock_sha256: str,
         replicate: int,
-        stand_in: StandIn | None = None,
     ) -> None:
         self._world, self._config = world, config
         self._rock_sha256, self._replicate = rock_sha256, replicate
-        self._stand_in = stand_in or StandIn()
+        self._features = FeatureModel()
         # Far ground only matters to statistics over the whole cloud.
         self._n = len(world.landmarks_m) if config.stop.knn_region == "all" else world.n_near
         sparse = config.sparse
         self._identity: tuple[object, ...] = (
-            rock_sha256, replicate, self._stand_in, self._n, config.target_m, config.camera,
+            rock_sha256, replicate, self._n, config.target_m, config.camera,
             sparse.min_inliers, sparse.min_registered_seeds, sparse.max_pair_angle_deg,
         )  # fmt: skip
-        draw = Draw(self._n, self._stand_in.features, sparse.max_pair_angle_deg, rock_sha256, replicate)
+        draw = Draw(self._n, self._features, sparse.max_pair_angle_deg, rock_sha256, replicate)
         self._landmarks = landmarks_of(world, draw)
         self._tracks: Tracks | None = None
         self._rows: list[int] = []  # of the registered captures, in the world's tables
@@ -137,7 +133,7 @@ class GeometricReconstructor:
 
     def _model(self) -> SparseModel:
         assert self._tracks is not None
-        features, camera = self._stand_in.features, self._config.camera
+        features, camera = self._features, self._config.camera
         landmark, offsets, views = self._tracks.points(features.min_track_length)
         centers = np.array(self._centers_m)
         lengths = np.diff(offsets)
@@ -185,7 +181,7 @@ class GeometricReconstructor:
         if self._predicted is not None and self._predicted[0] == len(self._rows):
             return self._predicted[1]
         centers = np.array(self._centers_m).reshape(-1, 3)
-        chance = sample_probability(self._world, self._rows, centers, self._config, self._stand_in.dense)
+        chance = sample_probability(self._world, self._rows, centers, self._config, DenseModel())
         self._predicted = (len(self._rows), chance)
         return chance
 

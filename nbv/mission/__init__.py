@@ -1,1 +1,10 @@
-"""The closed loop of the paper's Fig. 1, its result and its run directory."""
+"""The closed loop of the paper's Fig. 1, its result and its run directory.
+
+``loop`` is the loop; ``flying`` surrounds it with what missions of every fidelity share; ``recorder`` watches it.
+"""
+
+from nbv.mission.result import IterationRecord, MissionResult
+from nbv.mission.run_directory import RunDirectory
+from nbv.mission.runner import MissionOptions, MissionRunner
+
+__all__ = ["IterationRecord", "MissionOptions", "MissionResult", "MissionRunner", "RunDirectory"]

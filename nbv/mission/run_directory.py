@@ -87,6 +87,11 @@ class RunDirectory:
         """Where the planning state of ``iteration`` lies."""
         return self.root / "states" / f"iter_{iteration:02d}.npz"
 
+    @property
+    def sparse_model(self) -> Path:
+        """Where the final sparse model lies."""
+        return self.root / "sparse" / "0"
+
     def write_cloud(self, name: str, cloud: Cloud) -> None:
         """Save a point cloud as binary PLY."""
         write_ply(self.root / name, cloud)

@@ -52,6 +52,10 @@ class CachedStudio:
         self._store.put("photographs", key, {"image": capture.image})
         return capture
 
+    def close(self) -> None:
+        """See `nbv.photogrammetric.studio.Studio.close`."""
+        self._studio.close()
+
 
 class CachedCorrespondences:
     """Features by pixels and options; verified pairs by the two feature sets and options."""

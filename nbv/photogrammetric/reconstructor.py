@@ -47,6 +47,7 @@ class PhotogrammetricReconstructor:
             self._clouds = CachedClouds(self._fuse, cached, config, store)
         self._images: dict[str, Any] = {}
         self.dense_report: Any = None
+        self.has_model = False
         self._finished = False
         self._checked: CheckedDepths | None = None
 
@@ -54,7 +55,9 @@ class PhotogrammetricReconstructor:
         """The seed model."""
         for capture in captures:
             self._images[capture.name] = capture.image
-        return self._mapped().bootstrap(captures)
+        report = self._mapped().bootstrap(captures)
+        self.has_model = True
+        return report
 
     def add(self, capture: Capture) -> UpdateReport:
         """Register, triangulate and adjust one more photograph."""

@@ -1,4 +1,4 @@
-"""Cheap stand-ins for ``nbv.mission.loop.run_mission``: a smooth known function, rock shifts, noise, accidents.
+"""A mission runner that takes no time: a smooth known function, rock shifts, noise, accidents.
 
 The first letters of a rock's name choose its behaviour: ``abort``, ``raise``, ``fail``, ``hang``, ``slow``,
 ``user``, ``flaky`` (every third configuration fails); any other rock is plain.

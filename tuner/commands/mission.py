@@ -73,12 +73,12 @@ def run(
     """Fly one complete mission and print its metrics."""
     config = mission_config(preset, set_ or [], gate)
     directory = out or Path("runs") / f"mission-{Path(rock).stem}-{config.gate.kind}-{replicate}"
-    from nbv.mission.loop import run_mission
+    from nbv.photogrammetric import run_photogrammetric_mission
     from nbv.rocks import load_rock
 
     load_rock(rock)  # a mistake shows before the progress bar
     with progress_bar() as bar:
-        result = run_mission(
+        result = run_photogrammetric_mission(
             config, rock, replicate, directory, overwrite=overwrite, log=MissionProgress(bar)
         )
     colour = {"ok": "green", "degraded": "yellow", "failed": "red"}[result.status]

@@ -3,25 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 
-from nbv.config import MissionConfig
 from nbv.errors import UserError
-from nbv.geometric import run_geometric_mission
-from nbv.mission.result import MissionResult
-from tuner.missions.job import DEFAULT_RUNNER, Keep
-
-
-def run_geometric_with_oracle(
-    config: MissionConfig, rock: str, replicate: int, directory: Path, *, keep: Keep = "summary"
-) -> MissionResult:
-    """``run_geometric_mission`` that logs the oracle's rewards, as photogrammetric missions do."""
-    return run_geometric_mission(config, rock, replicate, directory, keep=keep, shadow=True)
-
+from tuner.missions.job import DEFAULT_RUNNER
 
 RUNNERS = {
     "photogrammetric": DEFAULT_RUNNER,
-    "geometric": "tuner.missions.fidelities:run_geometric_with_oracle",
+    "geometric": "nbv.geometric:run_geometric_mission_with_oracle",
 }
 GEOMETRIC_NOTE = (
     "Geometric missions: the same loop, scorers, gates and flight over simulated tracks, no photographs. Completeness is "

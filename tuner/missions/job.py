@@ -13,7 +13,7 @@ from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
 
-DEFAULT_RUNNER = "nbv.mission.loop:run_mission"
+DEFAULT_RUNNER = "nbv.photogrammetric:run_photogrammetric_mission"
 RESULT_FILE = "mission.json"
 ERROR_FILE = "worker_error.json"
 LOG_FILE = "worker.log"

@@ -11,8 +11,8 @@ from nbv.config import preset
 from nbv.errors import UserError
 from nbv.flight import arrival_position
 from nbv.geometric import GeometricReconstructor, load_world, predict_views, run_geometric_mission
-from nbv.geometric import mission as geometric_mission
-from nbv.geometric import reconstructor as geometric_reconstructor
+from nbv.geometric.held_worlds import forget_worlds
+from nbv.geometric.reconstructor import MODEL_VERSION, forget_seed_models
 from nbv.geometry.frames import look_at
 from nbv.mission.result import MissionResult
 from nbv.rocks import load_rock
@@ -49,8 +49,8 @@ def capture(viewpoint, config, rock, replicate=0):
 
 
 def forget():
-    geometric_mission._WORLDS.clear()
-    geometric_reconstructor._SEEDS.clear()
+    forget_worlds()
+    forget_seed_models()
 
 
 def same(a, b):
@@ -71,7 +71,7 @@ def test_the_mission_flies_the_loop_and_says_what_it_is(flown, config):
     assert len(chosen) == len(set(chosen)) == BUDGET
     assert set(chosen) <= legal
     assert flown.provenance["fidelity"] == flown.metrics["fidelity"] == "geometric"
-    assert flown.provenance["geometric_model_version"] == geometric_reconstructor.MODEL_VERSION
+    assert flown.provenance["geometric_model_version"] == MODEL_VERSION
     for surface in ("observable", "whole"):
         scores = [flown.metric(f"{surface}.completeness_{t}mm") for t in (16, 32, 48, 64, 80)]
         assert scores == sorted(scores)

@@ -1,4 +1,4 @@
-"""The stand-in's dense stage: what it needs to call a sample reconstructed."""
+"""The simulated dense stage: what it needs to call a sample reconstructed."""
 
 from itertools import pairwise
 

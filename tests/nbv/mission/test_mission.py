@@ -7,10 +7,10 @@ import pytest
 
 from nbv.config import config_from_dict, preset
 from nbv.errors import UserError
-from nbv.mission.loop import run_mission
 from nbv.mission.planning_state import load_state
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import read_ply
+from nbv.photogrammetric import run_photogrammetric_mission
 from nbv.scorers import rank_candidates
 
 ROCK = "boulder"
@@ -28,7 +28,9 @@ def config():
 def flown(config, tmp_path_factory):
     directory = tmp_path_factory.mktemp("mission") / "run"
     events = []
-    result = run_mission(config, ROCK, 0, directory, log=lambda event, facts: events.append(event))
+    result = run_photogrammetric_mission(
+        config, ROCK, 0, directory, log=lambda event, facts: events.append(event)
+    )
     return result, directory, events
 
 
@@ -88,8 +90,8 @@ def test_every_iteration_can_be_explained_again(flown, config):
 @pytest.mark.slow
 def test_cached_and_uncached_missions_are_bit_identical(flown, config, tmp_path):
     result, directory, _ = flown  # filled the store
-    again = run_mission(config, ROCK, 0, tmp_path / "cached", cache=True)
-    without = run_mission(config, ROCK, 0, tmp_path / "uncached", cache=False)
+    again = run_photogrammetric_mission(config, ROCK, 0, tmp_path / "cached", cache=True)
+    without = run_photogrammetric_mission(config, ROCK, 0, tmp_path / "uncached", cache=False)
     assert (
         again.timings_s.get("bootstrap", 0) < result.timings_s["bootstrap"] / 3
     )  # it really came from the store
@@ -104,13 +106,13 @@ def test_cached_and_uncached_missions_are_bit_identical(flown, config, tmp_path)
 def test_a_finished_mission_is_not_overwritten(tmp_path, config):
     (tmp_path / "mission.json").write_text("{}")
     with pytest.raises(UserError, match="already holds a finished mission"):
-        run_mission(config, ROCK, 0, tmp_path)
+        run_photogrammetric_mission(config, ROCK, 0, tmp_path)
     assert (tmp_path / "mission.json").read_text() == "{}"
 
 
 def test_an_unknown_rock_is_a_users_mistake(tmp_path, config):
     with pytest.raises(UserError, match="no-such-rock"):
-        run_mission(config, "no-such-rock", 0, tmp_path / "run")
+        run_photogrammetric_mission(config, "no-such-rock", 0, tmp_path / "run")
     assert not (tmp_path / "run").exists()
 
 
@@ -118,7 +120,7 @@ def test_an_unknown_rock_is_a_users_mistake(tmp_path, config):
 def test_a_mission_without_a_seed_model_is_a_recorded_failure(tmp_path, config):
     """A detector that finds nothing leaves no model; the mission says so and does not crash."""
     blind = config.with_values({"sparse.peak_threshold": 0.9})
-    result = run_mission(blind, ROCK, 0, tmp_path / "dark")
+    result = run_photogrammetric_mission(blind, ROCK, 0, tmp_path / "dark")
     assert result.status == "failed"
     assert result.reason in ("seed_model_failed", "wrong_model")
     assert result.metrics == {}

@@ -1,6 +1,7 @@
 """The loop of Fig. 1 on its own: a reconstructor that only counts, real flight, real planning."""
 
 import dataclasses
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ from nbv.config import preset
 from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import make_gate
-from nbv.geometry.frames import look_at
+from nbv.geometric.mission import PoseCamera
 from nbv.mission.loop import AdaptiveMission
-from nbv.types import Capture, PointCloud, SparseModel, UpdateReport
+from nbv.mission.recorder import Recorder
+from nbv.mission.stopwatch import Stopwatch
+from nbv.types import PointCloud, SparseModel, UpdateReport
 
 
 class CountingReconstructor:
@@ -50,20 +53,27 @@ class CountingReconstructor:
         self.centers.append(capture.camera_center_m)
 
 
+class Flown(NamedTuple):
+    captures: list
+    trace: list
+    notes: list
+
+
 def fly(reconstructor=None, **values):
     config = preset("campaign").with_values({"stop.adaptive_budget": 4, **values})
 
-    def photograph(viewpoint, position_m):
-        return Capture(f"{viewpoint.id}.png", viewpoint, look_at(position_m, np.array(config.target_m)), None)
-
+    flight = Flight(config, rock_sha256="rock", replicate=0)
+    recorder = Recorder(config, flight, Stopwatch())
     mission = AdaptiveMission(
-        config, photograph, reconstructor or CountingReconstructor(), make_gate(config),
-        Flight(config, rock_sha256="rock", replicate=0),
-    )  # fmt: skip
-    mission.fly_seed_phase()
-    mission.fly_adaptive_phase()
-    mission.finish()
-    return mission
+        config,
+        flight,
+        PoseCamera(config.target_m),
+        reconstructor or CountingReconstructor(),
+        make_gate(config),
+        recorder,
+    )
+    mission.fly()
+    return Flown(mission.captures, recorder.trace, recorder.notes)
 
 
 def test_the_budget_counts_adaptive_captures():

@@ -8,7 +8,7 @@ import pytest
 
 from nbv.config import preset
 from nbv.errors import UserError
-from nbv.geometric import run_geometric_mission
+from nbv.geometric import run_geometric_mission_with_oracle
 from tuner.studies.oracle_states import judge, summarise
 from tuner.studies.oracles import COVERAGES, judgements, preferences
 
@@ -26,7 +26,7 @@ def flown(tmp_path_factory):
         "gate.oracle_samples": 2000,
     }
     config = preset("campaign").with_values(values)
-    return run_geometric_mission(config, "boulder", 0, directory, keep="all", shadow=True), directory
+    return run_geometric_mission_with_oracle(config, "boulder", 0, directory), directory
 
 
 @pytest.fixture(scope="module")

@@ -5,14 +5,14 @@ from __future__ import annotations
 import pytest
 
 from nbv.config import preset
-from nbv.mission.loop import run_mission
 from nbv.mission.result import MissionResult
+from nbv.photogrammetric import run_photogrammetric_mission
 from tuner.missions.job import resolve_runner
-from tuner.studies.runner import AGREEMENT_LEVELS, STUDY_RUNNER, run_study_mission
+from tuner.studies.runner import AGREEMENT_LEVELS, STUDY_RUNNER, SeveralAgreementLevels, run_study_mission
 
 
 @pytest.mark.slow
-def test_each_level_is_the_mission_that_was_configured_with_it(tmp_path):
+def test_each_level_is_the_mission_that_was_configured_with_it(tmp_path, monkeypatch):
     base = preset("campaign").with_values(
         {
             "stop.adaptive_budget": 1,
@@ -26,7 +26,7 @@ def test_each_level_is_the_mission_that_was_configured_with_it(tmp_path):
     assert (
         result.metrics["agreement"][str(min(AGREEMENT_LEVELS))]["observable"] == result.metrics["observable"]
     )
-    strict = run_mission(base.with_values({"dense.agreeing_views": 5}), "boulder", 0)
+    strict = run_photogrammetric_mission(base.with_values({"dense.agreeing_views": 5}), "boulder", 0)
     assert [r.chosen for r in strict.trace] == [r.chosen for r in result.trace]
     for surface in ("whole", "observable"):
         assert result.metrics["agreement"]["5"][surface] == strict.metrics[surface]
@@ -39,7 +39,8 @@ def test_each_level_is_the_mission_that_was_configured_with_it(tmp_path):
         == result.metrics["agreement"].keys()
     )
     # Impossibly strict: that level says so, the others stand.
-    blank = run_mission(base, "boulder", 0, agreement_levels=(5, 12))
+    monkeypatch.setattr(SeveralAgreementLevels, "levels", (5, 12))
+    blank = run_study_mission(base, "boulder")
     assert blank.metrics["agreement"]["12"] == {"failed": "empty_dense_cloud"}
     assert blank.metrics["agreement"]["5"] == result.metrics["agreement"]["5"]
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from nbv.sparse.knn import knn_statistics
+from nbv.geometry.knn import knn_statistics
 
 
 def grid(n, spacing_m):

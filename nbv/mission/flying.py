@@ -1,0 +1,147 @@
+"""From a configuration to a result document: what missions of every fidelity have in common."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from nbv.cache import Store
+from nbv.config import MissionConfig
+from nbv.errors import MissionFailure
+from nbv.flight import Flight
+from nbv.gates import make_gate
+from nbv.mission.fidelity import Fidelity, MissionContext
+from nbv.mission.loop import AdaptiveMission
+from nbv.mission.recorder import Recorder
+from nbv.mission.result import MissionResult, Status
+from nbv.mission.run_directory import RunDirectory
+from nbv.mission.runner import Keep, Log, no_log
+from nbv.mission.stopwatch import Stopwatch
+from nbv.provenance import provenance
+from nbv.rocks import Rock, load_rock
+from nbv.types import Cloud
+
+
+@dataclass(frozen=True)
+class _Outcome:
+    """How a mission ended."""
+
+    status: Status
+    reason: str
+    message: str
+    metrics: dict[str, Any]  # empty when failed
+
+
+def fly_mission(
+    make_fidelity: Callable[[MissionContext], Fidelity],
+    config: MissionConfig,
+    rock: str,
+    replicate: int = 0,
+    directory: Path | None = None,
+    *,
+    keep: Keep = "all",
+    overwrite: bool = False,
+    cache: bool = True,
+    log: Log = no_log,
+) -> MissionResult:
+    """Fly one mission and measure it; see `nbv.mission.runner.MissionRunner`.
+
+    Parameters
+    ----------
+    make_fidelity
+        Called once, when the rock is there.
+    overwrite
+        Whether a finished mission in ``directory`` may be replaced.
+    cache
+        Keep what missions share in the user's store; the outcome is the same.
+    log
+        Called with an event's name and its facts as the mission goes on.
+    """
+    started = time.perf_counter()
+    subject = load_rock(rock)
+    run = RunDirectory(directory, overwrite=overwrite) if directory is not None else None
+    if run is not None:
+        run.write_config(config.to_dict())
+    full_run = run if keep == "all" else None
+    log("start", _order(config, subject, replicate))
+
+    stopwatch = Stopwatch()
+    store = Store() if cache else None
+    fidelity = make_fidelity(
+        MissionContext(config, subject, replicate, store, full_run is not None, stopwatch)
+    )
+    gate = make_gate(config, rock=subject, replicate=replicate, oracle=fidelity.oracle)
+    flight = Flight(config, rock_sha256=subject.sha256, replicate=replicate)
+    recorder = Recorder(config, flight, stopwatch, run=full_run, oracle=fidelity.oracle, log=log)
+    mission = AdaptiveMission(config, flight, fidelity.camera, fidelity.reconstructor, gate, recorder)
+
+    def measure(cloud: Cloud) -> dict[str, Any]:
+        log("metrics", {"points": len(cloud)})
+        if full_run is not None:
+            full_run.write_cloud("dense.ply", cloud)
+        return fidelity.measure(cloud)
+
+    outcome = _attempt(mission, measure, recorder)
+    if full_run is not None:
+        fidelity.export(full_run, outcome.metrics)
+        full_run.write_json("flight.json", flight.to_dict())
+    wall_s = time.perf_counter() - started
+    stopwatch.add({"total": wall_s})
+    result = MissionResult(
+        status=outcome.status,
+        reason=outcome.reason,
+        message=outcome.message,
+        config_digest=config.digest(),
+        rock=subject.name,
+        replicate=replicate,
+        metrics=outcome.metrics,
+        trace=recorder.trace,
+        timings_s=stopwatch.total_s,
+        costs={
+            "images": float(recorder.images),
+            "registered_images": float(recorder.registered_images),
+            "flight_time_s": flight.flight_time_s,
+            "path_length_m": flight.path_length_m,
+            "wall_s": wall_s,
+        },
+        provenance={
+            **provenance(),
+            "rock_sha256": subject.sha256,
+            "fidelity": fidelity.name,
+            **fidelity.facts,
+        },
+    )
+    if full_run is not None:
+        full_run.write_json("provenance.json", result.provenance)
+    if run is not None:
+        run.write_result(result.to_json())
+    log("finished", {"status": result.status, "reason": result.reason, "message": result.message})
+    return result
+
+
+def _order(config: MissionConfig, rock: Rock, replicate: int) -> dict[str, Any]:
+    return {
+        "rock": rock.name,
+        "replicate": replicate,
+        "seeds": sum(config.seed.ring_azimuth_counts),
+        "budget": config.stop.adaptive_budget,
+        "gate": config.gate.kind,
+    }
+
+
+def _attempt(
+    mission: AdaptiveMission, measure: Callable[[Cloud], dict[str, Any]], recorder: Recorder
+) -> _Outcome:
+    """Fly and measure; a `MissionFailure` becomes a failed outcome, notes make it a degraded one."""
+    try:
+        metrics = measure(mission.fly())
+    except MissionFailure as failure:
+        return _Outcome("failed", failure.reason, failure.message, {})
+    if not recorder.notes:
+        return _Outcome("ok", "", "", metrics)
+    kinds = sorted(set(recorder.notes))
+    message = "; ".join(f"{kind}: {recorder.notes.count(kind)}" for kind in kinds)
+    return _Outcome("degraded", kinds[0], message, metrics)

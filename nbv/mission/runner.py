@@ -1,0 +1,63 @@
+"""What flies whole missions: the signature that photogrammetric, geometric and all other mission runners share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Literal, Protocol, TypedDict
+
+from nbv.config import MissionConfig
+from nbv.mission.result import MissionResult
+
+Keep = Literal["all", "summary"]
+Log = Callable[[str, dict[str, Any]], None]  # an event's name and its facts
+
+
+def no_log(event: str, facts: dict[str, Any]) -> None:
+    """Nobody listens."""
+
+
+class MissionOptions(TypedDict, total=False):
+    """What the project's own runners take besides; defaults as in `nbv.mission.flying.fly_mission`."""
+
+    keep: Keep
+    overwrite: bool  # a finished mission in the directory may be replaced
+    cache: bool  # keep what missions share in the user's store; the outcome is the same
+    log: Log  # called as the mission goes on
+
+
+class MissionRunner(Protocol):
+    """A function that flies one mission and measures it; a runner of its own may take further options.
+
+    The result is a function of (config, rock, replicate): whatever is drawn at random is keyed by these.
+    """
+
+    def __call__(
+        self, config: MissionConfig, rock: str, replicate: int, directory: Path | None, /, *, keep: Keep
+    ) -> MissionResult:
+        """Fly, and return what became of it.
+
+        Parameters
+        ----------
+        config
+            The mission's configuration.
+        rock
+            A catalogue name or the path of a mesh.
+        replicate
+            Index of the draw of arrival errors and sensor noise.
+        directory
+            Where the run directory is written; ``None`` writes nothing.
+        keep
+            ``"all"`` leaves everything in ``directory``; ``"summary"`` the configuration and ``mission.json``.
+
+        Returns
+        -------
+        MissionResult
+            Also for a mission that failed: ``status`` and ``reason`` say so.
+
+        Raises
+        ------
+        UserError
+            Unknown rock, bad mesh, unwritable directory, missing backend.
+        """
+        ...

@@ -1,0 +1,74 @@
+"""Missions with photographs: rendered views, COLMAP in flight, stereo and fusion after it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Unpack
+
+from nbv.config import MissionConfig
+from nbv.evaluation import Evaluation, evaluate_cloud
+from nbv.gates import make_oracle
+from nbv.mission.fidelity import MissionContext
+from nbv.mission.flying import fly_mission
+from nbv.mission.result import MissionResult
+from nbv.mission.run_directory import RunDirectory
+from nbv.mission.runner import MissionOptions
+from nbv.photogrammetric.cached_sequences import CachedEvaluation
+from nbv.photogrammetric.cached_stages import CachedStudio
+from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
+from nbv.photogrammetric.studio import Studio
+from nbv.scene import Renderer, build_scene, make_renderer
+from nbv.threads import limit_threads
+from nbv.types import Camera, Cloud
+
+
+class PhotogrammetricFidelity:
+    """Implements `nbv.mission.fidelity.Fidelity`. An oracle's opinion of every decision is recorded."""
+
+    name = "photogrammetric"
+
+    def __init__(self, context: MissionContext) -> None:
+        limit_threads()
+        config, rock, store = context.config, context.rock, context.store
+        self.context = context
+        studio = Studio(self._renderer, rock, context.replicate, config)
+        self.camera: Camera = studio
+        self.evaluate = evaluate_cloud
+        if store is not None:
+            self.camera = CachedStudio(studio, store, rock, context.replicate, config)
+            self.evaluate = CachedEvaluation(store)
+        self.reconstructor = PhotogrammetricReconstructor(config, store, keep_sparse=context.keeps_everything)
+        self.oracle = make_oracle(config, rock)
+        self.facts = {"backend": config.scene.backend, "dense_backend": config.dense.backend}
+        self._evaluation: Evaluation | None = None
+
+    def measure(self, cloud: Cloud) -> dict[str, Any]:
+        """Clean the cloud and compare it with the true rock."""
+        with self.context.stopwatch.timed("evaluation"):
+            self._evaluation = self.evaluate(cloud, self.context.rock, self.context.config)
+        return self._evaluation.metrics
+
+    def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
+        """The cleaned cloud, how it was cleaned, and the sparse model."""
+        if self._evaluation is not None:
+            run.write_cloud("cleaned.ply", self._evaluation.cleaned)
+            run.write_json("metrics.json", {"metrics": metrics, "cleaning": self._evaluation.cleaning})
+        if self.reconstructor.has_model:
+            self.reconstructor.export_sparse(run.sparse_model)
+
+    def _renderer(self) -> Renderer:
+        config = self.context.config
+        with self.context.stopwatch.timed("scene"):
+            scene = build_scene(self.context.rock, config.scene, config.camera)
+            return make_renderer(scene, config.scene.backend)
+
+
+def run_photogrammetric_mission(
+    config: MissionConfig,
+    rock: str,
+    replicate: int = 0,
+    directory: Path | None = None,
+    **options: Unpack[MissionOptions],
+) -> MissionResult:
+    """Fly one complete mission with photographs and measure its cloud; see `nbv.mission.MissionRunner`."""
+    return fly_mission(PhotogrammetricFidelity, config, rock, replicate, directory, **options)
