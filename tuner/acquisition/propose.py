@@ -42,27 +42,11 @@ class SearchSettings:
     closed_form: bool = True  # ``LogNoisyImprovement`` instead of BoTorch's, where the risk is the mean
 
 
-@dataclass(frozen=True)
-class Prior:
-    """Belief that good configurations lie near one that somebody chose by hand.
-
-    The acquisition is multiplied by the belief's density to the power strength / n, n missions flown (Hvarfner
-    et al., ICLR 2022): it leads at first and is outvoted by data later.
-    """
-
-    centre: Values
-    strength: float  # missions after which the belief counts as much as its own density
-    width: float = (
-        0.25  # standard deviation per parameter, of the unit cube; a choice that differs costs as much as two
-    )
-
-
 def propose(
     model: RockMeanGP,
     pending: Sequence[Mapping[str, Any]],
     seed: int,
     risk: Risk = "mean",
-    prior: Prior | None = None,
     search: SearchSettings | None = None,
 ) -> tuple[Values, dict[str, float]]:
     """The configuration with the largest acquisition value.
@@ -74,13 +58,10 @@ def propose(
     with numerics(seed):
         search = search or SearchSettings()
         acquisition = _acquisition(model, pending, seed, risk, search)
-        if prior is not None and prior.strength > 0:
-            exponent = prior.strength / len(model.observations)
-            acquisition = _Guided(acquisition, _LogPrior(model, prior), exponent)
         position, score = maximise(model, acquisition, seed, search)
     values = model.space.from_unit(position)
     belief = model.posterior([values], risk)
-    # Over rocks outcomes are in the objective's unit already; a prior's factor is left in, it is near 1 by then.
+    # Over rocks outcomes are in the objective's unit already.
     unit = 1.0 if _over_rocks(model, risk) else model.mean_scale
     return values, {
         "log_nei": score,
@@ -118,38 +99,6 @@ def _acquisition(
 def _over_rocks(model: RockMeanGP, risk: Risk) -> bool:
     """Whether rocks are looked at one by one: their own landscapes count by scales that the common one does not know."""
     return risk != "mean" or model.settings.deviations
-
-
-class _Guided(AcquisitionFunction):
-    """A log acquisition of single points plus a log prior times ``exponent``.
-
-    BoTorch's own does not know ensembles.
-    """
-
-    def __init__(self, acquisition: AcquisitionFunction, log_prior: _LogPrior, exponent: float) -> None:
-        super().__init__(model=acquisition.model)
-        self._acquisition, self._log_prior, self._exponent = acquisition, log_prior, exponent
-
-    def forward(self, X: torch.Tensor) -> torch.Tensor:
-        """(batch,) values at ``(batch, 1, d + 2)`` inputs."""
-        return self._acquisition(X) + self._exponent * self._log_prior(X).squeeze(-1)
-
-
-class _LogPrior(torch.nn.Module):
-    """Log density of ``Prior`` at ``(..., q, d + 2)`` inputs: ``(..., q)``."""
-
-    def __init__(self, model: RockMeanGP, prior: Prior) -> None:
-        super().__init__()
-        self._centre = torch.from_numpy(model.space.to_unit(prior.centre))
-        self._categorical = list(model.space.categorical_dimensions)
-        self._ordered = [i for i in range(model.space.dimension) if i not in self._categorical]
-        self._width = prior.width
-
-    def forward(self, X: torch.Tensor) -> torch.Tensor:
-        distance = (X[..., : len(self._centre)] - self._centre).abs()
-        squares = (distance[..., self._ordered] / self._width) ** 2
-        mismatches = (distance[..., self._categorical] > 1e-9).to(X.dtype)
-        return -0.5 * (squares.sum(-1) + 4.0 * mismatches.sum(-1))
 
 
 def maximise(

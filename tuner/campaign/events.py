@@ -67,7 +67,7 @@ class CampaignStatus:
 class CampaignSummary:
     """How one session of ``Campaign.run`` ended."""
 
-    stopped: Literal["budget", "settled", "interrupted", "failing"]
+    stopped: Literal["budget", "interrupted", "failing"]
     message: str
     elapsed_s: float
     ask_s: float  # spent by the sampler

@@ -5,7 +5,7 @@ from __future__ import annotations
 import collections
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal
 
 from nbv.errors import UserError
@@ -70,30 +70,13 @@ class CampaignSession:
                     break
                 self._launch(trial)
             if not self._in_flight and not stop.is_set():
-                if self._settled(self._ledger.trials()):
-                    summary = self._summary("settled", self._why_settled())
-                else:
-                    summary = self._summary("budget", "the budget is used")
+                summary = self._summary("budget", "the budget is used")
                 if self._settings.second is not None:
                     self._campaign.front()
                 self._emit("done", recommendation=summary.recommendation)
                 return summary
             for outcome in self._executor.wait_any(_POLL_S):
                 self._finish(outcome)
-
-    def _settled(self, trials: Sequence[TrialRecord]) -> bool:
-        if not self._settings.stop_when_settled:
-            return False
-        from tuner.acquisition.stopping import settled
-
-        return settled([t.why for t in trials])
-
-    def _why_settled(self) -> str:
-        last = self._ledger.trials()[-1].why
-        return (
-            f"settled: {last['gain_left']:.3g} is expected to be left to gain, less than the "
-            f"{last['comparison_noise']:.3g} that a final comparison can tell"
-        )
 
     def _recover(self) -> collections.deque[TrialRecord]:
         """Enter missions that finished but were not told; return those to fly again."""
@@ -111,7 +94,7 @@ class CampaignSession:
 
     def _next_trial(self) -> TrialRecord | None:
         trials = self._ledger.trials()
-        if len(trials) >= self._settings.budget or self._settled(trials):
+        if len(trials) >= self._settings.budget:
             return None
         known = trials
         if self._settings.in_step is not None:
@@ -162,9 +145,7 @@ class CampaignSession:
             if recommendation is not None:
                 self._emit("recommendation", recommendation=recommendation)
 
-    def _summary(
-        self, stopped: Literal["budget", "settled", "interrupted", "failing"], message: str
-    ) -> CampaignSummary:
+    def _summary(self, stopped: Literal["budget", "interrupted", "failing"], message: str) -> CampaignSummary:
         return CampaignSummary(
             stopped,
             message,

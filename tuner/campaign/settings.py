@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from tuner.surrogate.model import SurrogateSettings
 
 SETTINGS_FILE = "campaign.yaml"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2  # 1: could ask for what is gone, and was proposed for by another model
 FIDELITIES = {"photogrammetric": DEFAULT_RUNNER, "geometric": "nbv.geometric:run_geometric_mission"}
 
 
@@ -62,7 +62,6 @@ class CampaignSettings:
     gp: GPOptions = field(default_factory=GPOptions)  # of sampler gp
     second: Objective | None = None  # search the front between the objective and this one
     learn_from: tuple[str, ...] = ()  # run directories of earlier campaigns, see tuner.campaign.transfer
-    stop_when_settled: bool = False  # before the budget is used, see tuner.acquisition.stopping
     # A proposal knows every earlier mission but the last in_step - 1, whichever of those have ended: the same campaign
     # with any number of workers (of which in_step have work). None: it knows what has ended, so that nobody waits.
     in_step: int | None = None
@@ -92,10 +91,9 @@ class CampaignSettings:
 
     def _check_options(self) -> None:
         asked = {
-            "a risk measure, prior, sparse or fully Bayesian model": not self.gp.is_default,
+            "a risk measure or fully Bayesian model": not self.gp.is_default,
             "a second objective": self.second is not None,
             "learning from earlier campaigns": bool(self.learn_from),
-            "stopping when settled": self.stop_when_settled,
         }
         for what, wanted in asked.items():
             if wanted and self.sampler != "gp":
@@ -137,7 +135,7 @@ class CampaignSettings:
         """The sampler at work; ``earlier``: missions flown before the campaign."""
         settings = SamplerSettings(
             self.space, self.default_values(), self.rocks, self.seed, self.initial_size(), self.replicates,
-            self.gp, earlier, self.second is not None, self.stop_when_settled, self.budget,
+            self.gp, earlier, self.second is not None, self.budget,
             trusted_default=True,
         )  # fmt: skip
         return make_sampler(self.sampler, settings)
@@ -180,14 +178,12 @@ class CampaignSettings:
             "gp": self.gp.to_dict(),
             "second": None if self.second is None else dataclasses.asdict(self.second),
             "learn_from": list(self.learn_from),
-            "stop_when_settled": self.stop_when_settled,
             "in_step": self.in_step,
         }
 
     @staticmethod
     def from_dict(tree: Mapping[str, Any], source: str) -> CampaignSettings:
         """The inverse of ``to_dict``; ``source`` names the file in messages."""
-        _refuse_what_is_gone(tree, source)
         try:
             return CampaignSettings(
                 name=tree["name"],
@@ -204,28 +200,13 @@ class CampaignSettings:
                 runner=tree["runner"],
                 keep=tree["keep"],
                 storage=tree["storage"],
-                # Of no meaning to other samplers; earlier versions wrote defaults that are none any more.
-                gp=GPOptions.from_dict(tree.get("gp") or {}) if tree["sampler"] == "gp" else GPOptions(),
+                gp=GPOptions.from_dict(tree["gp"]),
                 second=Objective(**tree["second"]) if tree.get("second") else None,
                 learn_from=tuple(tree.get("learn_from") or ()),
-                stop_when_settled=tree.get("stop_when_settled", False),
                 in_step=tree.get("in_step"),
             )
         except (KeyError, TypeError, AttributeError) as error:
             raise UserError(f"{source} is not a campaign's settings ({error!r}); restore the file") from error
-
-
-# What campaigns of earlier versions could be asked for and this version cannot do, with what meant "no".
-_GONE = {"confirmation": 0.0, "low_fidelity": None}
-
-
-def _refuse_what_is_gone(tree: Mapping[str, Any], source: str) -> None:
-    for key, no in _GONE.items():
-        if tree.get(key, no) != no:
-            raise UserError(
-                f"{source} asks for {key!r}, which an earlier version of gatetune had and this one has not; "
-                "open it with the version that began it"
-            )
 
 
 def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
@@ -237,7 +218,10 @@ def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
     try:
         tree = yaml.safe_load(path.read_text())
         if tree["format"] != FORMAT_VERSION:
-            raise UserError(f"{path} has format {tree['format']}, this version reads {FORMAT_VERSION}")
+            raise UserError(
+                f"{path} has format {tree['format']}, this version reads {FORMAT_VERSION}; open the campaign with the "
+                "version that began it"
+            )
         return tree["settings"], tree["id"], tree["base_config_digest"]
     except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
         raise UserError(f"{path} is not a campaign's settings ({error!r}); restore the file") from error

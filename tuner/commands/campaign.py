@@ -72,21 +72,13 @@ def run(
         ),
     ] = None,
     risk: Annotated[
-        str, typer.Option(help="Over the rocks: mean, cvar (mean of the worse half) or worst.")
+        str, typer.Option(help="Tune the mean over the rocks, or that of the worst one: mean, worst.")
     ] = "mean",
-    prior: Annotated[
-        float,
-        typer.Option(help="Missions for which the belief in the paper's values leads the search; 0: none."),
-    ] = 0.0,
-    sparse: Annotated[
-        bool | None,
-        typer.Option(help="Expect most parameters to be without effect (SAAS prior; default: from 13 on)."),
-    ] = None,
     fully_bayesian: Annotated[
         bool,
         typer.Option(
             "--fully-bayesian",
-            help="Average every proposal over the model's hyperparameters, drawn by Monte Carlo (default: every second one, below 13 parameters); with --sparse: SAAS.",
+            help="Average every proposal over the model's hyperparameters, drawn by Monte Carlo (default: every second one, below 13 parameters).",
         ),
     ] = False,
     fidelity: Annotated[
@@ -104,9 +96,6 @@ def run(
             "with this program for a space (default where there are some and the sampler is gp); nothing: begin without.",
         ),
     ] = None,
-    stop_when_settled: Annotated[
-        bool, typer.Option("--stop-when-settled", help="Stop when what is left to gain is below the noise.")
-    ] = False,
     second_metric: Annotated[
         str | None,
         typer.Option(help="Also optimise this, e.g. costs.flight_time_s, and list the Pareto front."),
@@ -169,10 +158,9 @@ def run(
         runner=runner,
         keep=keep,  # type: ignore[arg-type]
         storage=storage,
-        gp=GPOptions(risk, prior, sparse, fully_bayesian),  # type: ignore[arg-type]
+        gp=GPOptions(risk, fully_bayesian),  # type: ignore[arg-type]
         second=second,
         learn_from=_sources(learn_from, sources_by_default(searched, objective, sampler, second)),
-        stop_when_settled=stop_when_settled,
         in_step=in_step,
     )
     fly(Campaign.create(directory, settings), workers, timeout_s)

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 from nbv.errors import UserError
 
-Risk = Literal["mean", "cvar", "worst"]
+Risk = Literal["mean", "worst"]
 RISKS: tuple[Risk, ...] = get_args(Risk)
 
 
@@ -19,19 +19,15 @@ class GPOptions:
     Raises
     ------
     UserError
-        An unknown risk measure, a negative strength, or options that exclude one another.
+        An unknown risk measure, or options that exclude one another.
     """
 
-    risk: Risk = "mean"  # over the training rocks: mean, mean of the worse half, worst
-    prior_strength: float = 0.0  # missions for which the belief in the default configuration leads; 0: none
-    sparse: bool | None = None  # expect most parameters to be without effect; None: where there are many
-    fully_bayesian: bool = False  # average over hyperparameters; with ``sparse``: SAAS
+    risk: Risk = "mean"  # outcome over the training rocks: their mean, or that of the worst one
+    fully_bayesian: bool = False  # average over hyperparameters
 
     def __post_init__(self) -> None:
         if self.risk not in RISKS:
             raise UserError(f"unknown risk measure {self.risk!r}; there are {', '.join(RISKS)}")
-        if not self.prior_strength >= 0:
-            raise UserError(f"the prior's strength is {self.prior_strength:g}; give 0 or more missions")
         if self.fully_bayesian and self.risk != "mean":
             raise UserError(
                 f"risk {self.risk} is not averaged over hyperparameters; leave out --fully-bayesian"

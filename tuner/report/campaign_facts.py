@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from nbv.types import Floats
-from tuner.acquisition.stopping import settled
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignStatus
 from tuner.campaign.ledger import TrialRecord
@@ -114,11 +113,6 @@ class CampaignFacts:
         status = self.status
         if status.finished >= status.budget:
             return f"The budget of {status.budget} missions is used."
-        if self.settings.stop_when_settled and not status.running and settled([t.why for t in self.trials]):
-            return (
-                f"Settled after {status.finished} of {status.budget} missions: less is expected to be left to gain "
-                "than a final comparison can tell."
-            )
         last = [t for t in self.trials if t.state != "running"][-MAX_CONSECUTIVE_FAILURES:]
         if len(last) == MAX_CONSECUTIVE_FAILURES and all(t.state == "failed" for t in last):
             return (

@@ -93,15 +93,14 @@ def _optional_words(campaign: Campaign) -> list[str]:
     with_values = {
         "--keep": s.keep if s.keep != "summary" else None, "--in-step": s.in_step,
         "--fidelity": s.fidelity if s.runner != DEFAULT_RUNNER else None,
-        "--risk": gp.risk if gp.risk != "mean" else None, "--prior": gp.prior_strength or None,
+        "--risk": gp.risk if gp.risk != "mean" else None,
         "--second-metric": s.second.metric if s.second is not None else None,
     }  # fmt: skip
     for option, value in with_values.items():
         if value is not None:
             words += [option, str(value)]
     flags = {
-        "--sparse": gp.sparse is True, "--no-sparse": gp.sparse is False, "--fully-bayesian": gp.fully_bayesian,
-        "--stop-when-settled": s.stop_when_settled,
+        "--fully-bayesian": gp.fully_bayesian,
         "--second-minimise": s.second is not None and s.second.direction == "minimise",
     }  # fmt: skip
     return [*words, *(option for option, wanted in flags.items() if wanted)]

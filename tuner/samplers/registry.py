@@ -68,9 +68,6 @@ class SamplerSettings:
     options: GPOptions = field(default_factory=GPOptions)  # of sampler gp
     earlier: EarlierMissions | None = None  # missions flown before the campaign, for sampler gp
     two_objectives: bool = False  # sampler gp: search the front between the objective and the second one
-    measure_gain: bool = (
-        False  # sampler gp: every proposal says what is left to gain (``tuner.acquisition.stopping``)
-    )
     budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
     trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it
 
@@ -84,12 +81,11 @@ def surrogate_settings(options: GPOptions, space: SearchSpace) -> SurrogateSetti
     from tuner.surrogate.model import SurrogateSettings
 
     many = space.dimension >= MANY_PARAMETERS
-    sparse = many if options.sparse is None else options.sparse
     if options.risk != "mean":  # risk is about what rocks do not share; not averaged over hyperparameters
-        return SurrogateSettings(deviations=True, sparse=sparse, trend=many)
+        return SurrogateSettings(deviations=True, sparse=many, trend=many)
     if options.fully_bayesian:
-        return SurrogateSettings(sparse=sparse, members=FULLY_BAYESIAN_MEMBERS)
-    return SurrogateSettings(sparse=sparse, trend=many)
+        return SurrogateSettings(sparse=many, members=FULLY_BAYESIAN_MEMBERS)
+    return SurrogateSettings(sparse=many, trend=many)
 
 
 FULLY_BAYESIAN_MEMBERS = 16  # draws of the hyperparameters
@@ -165,7 +161,7 @@ class GPSampler:
         feasible = [o for o in history if o.feasible]
         if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
             return self._design(number)
-        from tuner.acquisition.propose import Prior, propose
+        from tuner.acquisition.propose import propose
         from tuner.samplers.verification import BEGINS, verification
         from tuner.surrogate.model import RockMeanGP
 
@@ -181,15 +177,9 @@ class GPSampler:
         model = RockMeanGP(s.space, feasible, s.rocks, seed, own, s.earlier)
         in_turn = number % 2 == 0 and self._averages(own)
         proposing = model.averaged(AVERAGED_MEMBERS, seed) if in_turn else model
-        prior = Prior(s.default, s.options.prior_strength)
-        values, figures = propose(proposing, flying, seed, s.options.risk, prior, self.search)
+        values, figures = propose(proposing, flying, seed, s.options.risk, self.search)
         if proposing is not model:
             figures["averaged_over"] = AVERAGED_MEMBERS
-        if s.measure_gain:
-            from tuner.acquisition.stopping import comparison_noise, expected_gain_left
-
-            figures["gain_left"] = expected_gain_left(model, seed, s.options.risk)
-            figures["comparison_noise"] = comparison_noise(model, s.replicates)
         if self.verify and s.budget is not None and number >= BEGINS * s.budget:
             gain, last = figures["expected_gain"], number >= s.budget - len(s.rocks) * s.replicates
             again = verification(

@@ -1,4 +1,4 @@
-"""What is tuned over rocks: the mean outcome, the mean of the worse half, or the worst rock.
+"""What is tuned over rocks: the mean outcome, or that of the worst rock.
 
 Risk is over the training rocks' own landscapes, so it needs a surrogate with ``deviations``: where rocks differ by
 an offset and a scale alone, every measure has its optimum at the same configuration. Outcomes enter in the
@@ -7,7 +7,6 @@ objective's unit: a rock that is hard for every configuration counts as it would
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
 import torch
@@ -22,17 +21,9 @@ if TYPE_CHECKING:
     from tuner.surrogate.model import RockMeanGP
 
 
-def worst_count(risk: Risk, rocks: int) -> int:
-    """How many of the worst rocks are averaged: all, the worse half (CVaR at one half, rounded up), or one."""
-    return {"mean": rocks, "cvar": math.ceil(rocks / 2), "worst": 1}[risk]
-
-
 def risk_of(outcomes: torch.Tensor, risk: Risk) -> torch.Tensor:
     """(...,) measure of (..., rocks) outcomes, larger is better."""
-    if risk == "mean":
-        return outcomes.mean(-1)
-    count = worst_count(risk, outcomes.shape[-1])
-    return outcomes.topk(count, dim=-1, largest=False).values.mean(-1)
+    return outcomes.mean(-1) if risk == "mean" else outcomes.amin(-1)
 
 
 class RockOutcomes(Model):

@@ -89,9 +89,8 @@ class _Made(Exception):
     "changes",
     [
         {"rocks": ("waist",), "budget": 5, "replicates": 2, "seed": 7, "in_step": 3, "keep": "all"},
-        {"sampler": "gp", "budget": 10, "gp": GPOptions(prior_strength=4.0, sparse=True)},
-        {"sampler": "gp", "gp": GPOptions(risk="worst", sparse=False)},
-        {"sampler": "gp", "gp": GPOptions(fully_bayesian=True), "stop_when_settled": True},
+        {"sampler": "gp", "budget": 10, "gp": GPOptions(risk="worst")},
+        {"sampler": "gp", "gp": GPOptions(fully_bayesian=True)},
         {"runner": FIDELITIES["geometric"]},
         {"space": load_search_space("full"), "sampler": "gp"},
         {"space": load_search_space("full"), "sampler": "gp", "learn_from": (SHIPPED,)},
