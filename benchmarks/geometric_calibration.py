@@ -358,7 +358,7 @@ def main() -> None:
     parser.add_argument("--levels", nargs="+", default=["5", "6", "7"], help="dense.agreeing_views")
     parser.add_argument("--work", type=Path, default=Path("runs/geometric-calibration"))
     parser.add_argument("--out", type=Path, help="also write the table here")
-    parser.add_argument("--figure", type=Path, default=Path("docs/images/geometric_fidelity.png"))
+    parser.add_argument("--figure", type=Path, default=Path("docs/images/geometric_fidelity_spread.png"))
     arguments = parser.parse_args()
     rocks = arguments.together + [r for r in arguments.rocks if r not in arguments.together]
     budget = 8

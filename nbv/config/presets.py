@@ -7,8 +7,8 @@ from typing import Any
 from nbv.config.mission_config import MissionConfig
 from nbv.errors import UserError
 
-# Ours, in both presets of the paper: work left out that the outcome does not show (docs/performance.md, "Less work for
-# the same outcome"). Not defaults, so that the record of an earlier mission, which lacks these fields, means what it
+# Ours, in both presets of the paper: work left out that the outcome does not show
+# (docs/results/reduced_sfm.md). Not defaults, so that the record of an earlier mission, which lacks these fields, means what it
 # meant.
 ECONOMIES: dict[str, Any] = {
     "sparse.max_pairs": 8,

@@ -271,7 +271,7 @@ class SparseConfig(Section):
     match_ratio: float = 0.8
     max_pair_angle_deg: float = 130.0  # pairs whose viewing directions differ more are not matched
     # Earlier photographs to match a new one with, nearest directions first; 0 = all. Ours: the paper matches all, with
-    # the same outcome along the same views (docs/performance.md, "Fewer pairs").
+    # the same outcome along the same views (docs/results/reduced_sfm.md).
     max_pairs: int = 12
     min_inliers: int = 15
     min_ransac_trials: int = field(

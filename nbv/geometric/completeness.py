@@ -28,7 +28,7 @@ class DenseModel:
     """Free constants of the simulated dense stage.
 
     Fitted by maximum likelihood to real depth maps, sample by sample (``benchmarks/geometric_calibration.py``;
-    docs/results/geometric_fidelity.md).
+    docs/results/low_fidelity.md).
     """
 
     incidence_deg: float = 76.4  # at this incidence a view is good for a match half the time

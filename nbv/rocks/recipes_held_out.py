@@ -1,6 +1,6 @@
 """Eight more procedural rocks that nothing was ever tuned on, drawn before any mission flew on them.
 
-Another eight shapes than in `recipes`; how they came about: docs/results/beyond_the_paper.md.
+Another eight shapes than in `recipes`; how they came about: docs/results/held_out.md.
 """
 
 from __future__ import annotations

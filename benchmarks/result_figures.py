@@ -1,0 +1,294 @@
+"""Draws the figures of the results pages that are made from their CSV files alone.
+
+    python benchmarks/result_figures.py [NAME ...] [--data docs/results/data] [--out docs/images]
+
+Every figure is a function of one or two files in ``docs/results/data``; no mission is flown. NAME is a figure's name,
+all of them unless given.
+"""
+
+import argparse
+import csv
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+
+Row = dict[str, str]
+BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#777777"
+
+
+def read(data: Path, name: str) -> list[Row]:
+    """Rows of ``data/name.csv``."""
+    with (data / f"{name}.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def forest(
+    axes: Axes, labels: list[str], values: list[tuple[float, float, float]], colour: str = BLUE
+) -> None:
+    """One line per label: value with its interval (low, high); the first label on top."""
+    for place, (value, low, high) in enumerate(values):
+        axes.plot([low, high], [place, place], color=colour, linewidth=2)
+        axes.plot(value, place, "o", color=colour)
+    axes.axvline(0, color="black", linewidth=0.8)
+    axes.set_yticks(range(len(labels)), labels)
+    axes.invert_yaxis()
+    axes.grid(axis="x", alpha=0.3)
+
+
+def with_interval(row: Row, column: str) -> tuple[float, float, float]:
+    """Value, lower and upper end of a column that the file holds as three."""
+    return float(row[column]), float(row[f"{column}, low"]), float(row[f"{column}, high"])
+
+
+def optimisers(data: Path) -> plt.Figure:
+    """Ours minus each peer, 18 parameters, two Apollo rocks."""
+    column = "ours minus this (mean, 95 %)"
+    rows = [
+        row
+        for row in read(data, "optimisers")
+        if row["problem"] == "geometric, full, two Apollo rocks" and row[column]
+    ]
+    rows.sort(key=lambda row: float(row[column]))
+    figure, axes = plt.subplots(figsize=(7, 3.4))
+    forest(
+        axes,
+        [f"{row['strategy']} ({row['seeds']} seeds)" for row in rows],
+        [with_interval(row, column) for row in rows],
+    )
+    axes.set_xlabel("ours minus this, F-score (points), 95 %")
+    return figure
+
+
+def optimiser_ablation(data: Path) -> plt.Figure:
+    """What a campaign recommends after a number of missions: a design near the default minus a Sobol design."""
+    rows = read(data, "ablation_design")
+    figure, panels = plt.subplots(1, 2, figsize=(8, 3.2), sharey=True)
+    for axes, space, title in zip(
+        panels,
+        ["gate_and_weights", "low pool"],
+        ["gate_and_weights", "low pool, two Apollo rocks"],
+        strict=True,
+    ):
+        values = [with_interval(row, f"{space}: difference") for row in rows]
+        forest(axes, [f"after {row['after missions']} missions" for row in rows], values)
+        axes.set_title(title)
+        axes.set_xlabel("near the default minus Sobol (points)")
+    panels[1].invert_yaxis()  # shared with the left panel, which inverted it already
+    return figure
+
+
+def warm_start(data: Path) -> plt.Figure:
+    """Mean true value of the recommendation against the missions flown, geometric, two Apollo rocks."""
+    names = {
+        "gp+earlier": ("ours, warm start", BLUE, "-"),
+        "optuna-gp+earlier": ("Optuna's GP, warm start", ORANGE, "-"),
+        "tpe+earlier": ("TPE, warm start", GREEN, "-"),
+        "gp": ("ours, cold start", BLUE, "--"),
+        "optuna-gp": ("Optuna's GP, cold start", ORANGE, "--"),
+    }
+    figure, axes = plt.subplots(figsize=(7, 3.6))
+    columns = ["after 13 missions", "26", "39", "52", "64"]
+    for row in read(data, "earlier_campaigns_geometric"):
+        if row["problem"] == "two Apollo rocks":
+            label, colour, style = names[row["strategy"]]
+            values = [float(row[column]) for column in columns]
+            axes.plot([13, 26, 39, 52, 64], values, style, marker="o", color=colour, label=label)
+    axes.set_xlabel("missions")
+    axes.set_ylabel("F-score @ 48 mm (%), truth")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def perturbed_missions(data: Path) -> plt.Figure:
+    """F-score of three planners under every perturbation."""
+    rows = read(data, "perturbed_missions")
+    figure, axes = plt.subplots(figsize=(8, 4))
+    planners = {"Hyb-H": (BLUE, "o"), "random views": (GREY, "s"), "Hyb-H, pool below 1.5 m": (ORANGE, "^")}
+    for planner, (colour, marker) in planners.items():
+        points = [(float(row[planner]), place) for place, row in enumerate(rows) if row[planner]]
+        axes.plot([x for x, _ in points], [y for _, y in points], marker, color=colour, label=planner)
+    axes.set_yticks(range(len(rows)), [f"{row['rock']}: {row['perturbation']}" for row in rows])
+    axes.invert_yaxis()
+    axes.set_xlabel("F-score @ 48 mm (%), one replicate")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def dense_agreement(data: Path) -> plt.Figure:
+    """F-score against agreeing views, seeds only and with candidates."""
+    figure, panels = plt.subplots(1, 2, figsize=(8, 3.2), sharey=True)
+    rows = read(data, "dense_agreement")
+    for axes, (rock, title) in zip(
+        panels, [("cavern", "cavern"), ("apollo_15016_0", "Apollo 15016")], strict=True
+    ):
+        for views, colour in (("24 + 0", GREY), ("24 + 8", BLUE), ("24 + 16", GREEN)):
+            chosen = [row for row in rows if row["rock"] == rock and row["views"] == views]
+            axes.plot(
+                [int(row["agreeing"]) for row in chosen],
+                [float(row["F48"]) for row in chosen],
+                "o-",
+                color=colour,
+                label=views,
+            )
+        axes.set_title(title)
+        axes.set_xticks([2, 3, 4, 5])
+        axes.set_xlabel("agreeing views")
+        axes.grid(alpha=0.3)
+    panels[0].set_ylabel("F-score @ 48 mm (%)")
+    panels[1].legend(title="photographs", fontsize=8)
+    return figure
+
+
+def oracle_coverage(data: Path) -> plt.Figure:
+    """Gain over Covis of switching and of choosing greedily, by reading of coverage."""
+    column = "F-score @ 48 mm (points)"
+    rows = [row for row in read(data, "oracle_coverage_differences") if row["reference"] == "Covis"]
+    figure, axes = plt.subplots(figsize=(7, 3.6))
+    forest(axes, [row["strategy"] for row in rows], [with_interval(row, column) for row in rows])
+    axes.set_xlabel("F-score @ 48 mm minus Covis (points), 95 %")
+    return figure
+
+
+def learned_gate(data: Path) -> plt.Figure:
+    """Agreement with the oracle on unseen rocks."""
+    rows = [
+        row for row in read(data, "learned_gate_models") if row["decisions"] == "all missions: 1033 decisions"
+    ]
+    figure, axes = plt.subplots(figsize=(7, 3.2))
+    shares = [float(row["agrees with the oracle, unseen rocks"].removesuffix(" %")) for row in rows]
+    axes.barh([row["model"] for row in rows], shares, color=BLUE)
+    axes.axvline(50, color="black", linewidth=0.8)
+    axes.invert_yaxis()
+    axes.set_xlabel("agrees with the oracle on unseen rocks (%); line: a coin")
+    return figure
+
+
+def visibility(data: Path) -> plt.Figure:
+    """Balanced accuracy of every test on the points of the rock."""
+    rows = read(data, "visibility")
+    rocks = list(dict.fromkeys(row["rock"] for row in rows))
+    figure, axes = plt.subplots(figsize=(7, 3.4))
+    for test, colour, marker in (
+        ("frustum", ORANGE, "s"),
+        ("mean observing ray < 60°", GREY, "v"),
+        ("occlusion", BLUE, "o"),
+    ):
+        balanced = {row["rock"]: float(row["balanced"]) for row in rows if row["test"] == test}
+        axes.plot([balanced[rock] for rock in rocks], range(len(rocks)), marker, color=colour, label=test)
+    axes.set_yticks(range(len(rocks)), rocks)
+    axes.invert_yaxis()
+    axes.set_xlim(0.45, 1)
+    axes.set_xlabel("balanced accuracy on the rock's points")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def hausdorff_floor(data: Path) -> plt.Figure:
+    """The floor of the Hausdorff distance by rock."""
+    rows = read(data, "hausdorff_floor")
+    figure, axes = plt.subplots(figsize=(7, 3.2))
+    places = range(len(rows))
+    axes.bar(
+        [place - 0.2 for place in places],
+        [float(row["floor, whole (mm)"]) for row in rows],
+        0.4,
+        color=BLUE,
+        label="whole surface",
+    )
+    values = [float(row["floor, observable (mm)"]) for row in rows]
+    axes.bar([place + 0.2 for place in places], values, 0.4, color=ORANGE, label="observable surface")
+    axes.set_xticks(places, [row["rock"] for row in rows], rotation=20, ha="right", fontsize=8)
+    axes.set_ylabel("floor (mm)")
+    axes.legend()
+    return figure
+
+
+def speed(data: Path) -> plt.Figure:
+    """CPU seconds of a paper mission, the authors' way and ours."""
+    rows = read(data, "speed_authors_way")
+    labels = ["authors' way", "ours, nothing cached", "ours, warm, new views", "ours, warm, known views"]
+    seconds = [float(row["total"].replace(",", "")) for row in rows]
+    figure, axes = plt.subplots(figsize=(7, 2.4))
+    bars = axes.barh(labels, seconds, color=[GREY, BLUE, BLUE, BLUE])
+    axes.bar_label(bars, [f"{value:g} s" for value in seconds], padding=3)
+    axes.set_xscale("log")
+    axes.set_xlim(1, 6000)
+    axes.invert_yaxis()
+    axes.set_xlabel("CPU seconds, 24 + 40 captures, one thread")
+    return figure
+
+
+def reduced_sfm(data: Path) -> plt.Figure:
+    """CPU seconds by stage of a warm paper mission, with full and with reduced SfM."""
+    rows = [
+        row
+        for row in read(data, "reduced_sfm_stages")
+        if row["stage"] != "whole mission" and row["warm, with none"]
+    ]
+    rows = [row for row in rows if float(row["warm, with none"]) > 0.5]
+    figure, axes = plt.subplots(figsize=(7, 3.4))
+    places = range(len(rows))
+    for shift, column, colour, label in (
+        (-0.2, "warm, with none", GREY, "full SfM"),
+        (0.2, "warm, now", BLUE, "reduced SfM"),
+    ):
+        axes.barh(
+            [place + shift for place in places],
+            [float(row[column]) for row in rows],
+            0.4,
+            color=colour,
+            label=label,
+        )
+    axes.set_yticks(places, [row["stage"] for row in rows])
+    axes.invert_yaxis()
+    axes.set_xlabel("CPU seconds, store warm, new sequence of views")
+    axes.legend()
+    return figure
+
+
+FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
+    figure.__name__: figure
+    for figure in (
+        optimisers,
+        optimiser_ablation,
+        warm_start,
+        perturbed_missions,
+        dense_agreement,
+        oracle_coverage,
+        learned_gate,
+        visibility,
+        hausdorff_floor,
+        speed,
+        reduced_sfm,
+    )
+}
+
+
+def main() -> None:
+    """Draw the figures named on the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(FIGURES)}")
+    parser.add_argument("--data", type=Path, default=Path("docs/results/data"))
+    parser.add_argument("--out", type=Path, default=Path("docs/images"))
+    given = parser.parse_args()
+    unknown = set(given.names) - set(FIGURES)
+    if unknown:
+        parser.error(f"no such figure: {', '.join(sorted(unknown))}; there are {', '.join(FIGURES)}")
+    for name in given.names or FIGURES:
+        figure = FIGURES[name](given.data)
+        figure.savefig(given.out / f"{name}.png", dpi=110, bbox_inches="tight", metadata={"Software": None})
+        plt.close(figure)
+
+
+if __name__ == "__main__":
+    main()
