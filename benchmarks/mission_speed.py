@@ -7,7 +7,7 @@
 - ``workers``: the same set of campaign missions (spread-out weights, several rocks) by the tuner's executor with
   1 and with 2 worker processes. The store is warm, the sequences are forgotten before each round, so that every
   mission maps, reconstructs and measures. A third round with the sequences known.
-- ``captures``: a paper mission (24 + 40), nothing cached: CPU seconds of each capture.
+- ``captures``: a mission of preset paper-reduced (24 + 40), nothing cached: CPU seconds of each capture.
 
 Rounds of "workers" repeat ``--rounds`` times, 1 and 2 workers in turn. "Per hour" is from the wall clock and says
 what this machine gave while others used it too; "per hour of CPU" is 2 x 3600 over the CPU seconds of a mission with
@@ -134,11 +134,11 @@ def workers(home: Path, rocks: list[str], count: int, rounds: int, folder: Path)
 
 
 def captures(home: Path, rock: str) -> dict[str, Any]:
-    """Cost of each capture of a paper mission."""
-    flown = fly_in_fresh_process(preset("paper"), rock, 0, home)
+    """Cost of each capture of a mission of preset paper-reduced."""
+    flown = fly_in_fresh_process(preset("paper-reduced"), rock, 0, home)
     costs = flown.capture_cpu_s
     first, last = statistics.mean(costs[:10]), statistics.mean(costs[-10:])
-    print(f"\npaper mission, 24 + {len(costs)}, nothing cached, on {rock}: {flown.cpu_s:.1f} s CPU, {flown.wall_s:.1f} s "
+    print(f"\npaper-reduced mission, 24 + {len(costs)}, nothing cached, on {rock}: {flown.cpu_s:.1f} s CPU, {flown.wall_s:.1f} s "
           f"wall, peak {flown.peak_rss_mb:.0f} MB; CPU s of a capture: mean of the first 10 {first:.2f}, of the last 10 "
           f"{last:.2f}, growth {last / first:.2f} times\n" + ", ".join(f"{c:.2f}" for c in costs), flush=True)  # fmt: skip
     return {"capture_cpu_s": costs, "growth": last / first, "cpu_s": flown.cpu_s, "wall_s": flown.wall_s,

@@ -25,7 +25,7 @@ METRICS = ("f_score_48mm", "f_score_16mm", "completeness_16mm", "accuracy_16mm",
 
 def fly(rock: str, replicate: int, limit: int, budget: int) -> dict[str, Any]:
     """One flight with one limit, as a line of the record."""
-    config = MissionConfig().with_values(  # none of the paper preset's other economies: see economies.py
+    config = MissionConfig().with_values(  # nothing else reduced: see reduced_sfm.py
         {
             "gate.kind": "random",
             "sparse.max_pairs": limit,

@@ -1,6 +1,6 @@
 """The authors' way on the photographs of one of our missions: the whole model rebuilt after every capture.
 
-    OMP_NUM_THREADS=1 python benchmarks/paper_way.py [--rock boulder] [--preset paper] [--every 1] [--out FILE.json]
+    OMP_NUM_THREADS=1 python benchmarks/paper_way.py [--rock boulder] [--preset paper-reduced] [--every 1] [--out FILE.json]
 
 Our mission is flown three times, each in a fresh process on one thread: with nothing cached; with a warm store
 that has every photograph, feature set, pair and seed model but has not seen this sequence of views; and with a
@@ -195,7 +195,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--rock", default="boulder")
-    parser.add_argument("--preset", default="paper")
+    parser.add_argument("--preset", default="paper-reduced")
     parser.add_argument("--budget", type=int, help="adaptive captures; default: the preset's")
     parser.add_argument("--every", type=int, default=1, help="rebuild for every N-th capture only")
     parser.add_argument("--out", type=Path)

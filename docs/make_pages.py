@@ -3,7 +3,8 @@
     python docs/make_pages.py            # write them
     python docs/make_pages.py --check    # exit 1 and name those that are not current
 
-``reference/commands.md`` comes from the command line's own declarations, ``internals/rooms_*.svg`` from the imports.
+``reference/commands.md`` comes from the command line's own declarations, ``reference/parameters.md`` from the
+configuration's, ``internals/rooms_*.svg`` from the imports.
 """
 
 from __future__ import annotations
@@ -150,8 +151,11 @@ def _middle(room: str, arrows: nx.DiGraph, x: dict[str, float]) -> float:
 
 def pages() -> dict[Path, str]:
     """Every made file's path below ``docs/`` and its text."""
+    from nbv.config import reference_markdown
+
     return {
         Path("reference/commands.md"): commands_page(),
+        Path("reference/parameters.md"): reference_markdown(),
         Path("internals/rooms_nbv.svg"): rooms_picture("nbv"),
     }
 

@@ -1,11 +1,13 @@
 """What one mission is made of: frozen, typed, validated settings with units in their names.
 
-``sections`` holds the fields and their ranges, ``mission_config`` the whole and its digest, ``parsing`` how
-dictionaries and parameter paths become one, ``presets`` the named configurations that a user starts from.
+``sections`` holds the fields, where their defaults come from (``sources``) and their ranges, ``mission_config`` the
+whole and its digest, ``parsing`` how dictionaries and parameter paths become one, ``presets`` the named configurations
+that a user starts from, ``reference`` all of it for people.
 """
 
 from nbv.config.mission_config import MissionConfig, canonical, config_from_dict, parameter_paths
-from nbv.config.presets import ECONOMIES, PRESETS, preset
+from nbv.config.presets import PRESETS, REDUCED_SFM, preset
+from nbv.config.reference import Parameter, parameter, parameters, reference_markdown
 from nbv.config.sections import (
     GATE_KINDS,
     BAwareConfig,
@@ -27,9 +29,9 @@ from nbv.config.sections import (
 )
 
 __all__ = [
-    "ECONOMIES",
     "GATE_KINDS",
     "PRESETS",
+    "REDUCED_SFM",
     "BAwareConfig",
     "CameraConfig",
     "CovisConfig",
@@ -39,6 +41,7 @@ __all__ = [
     "GateConfig",
     "GateKind",
     "MissionConfig",
+    "Parameter",
     "PoolConfig",
     "SceneConfig",
     "SeedConfig",
@@ -49,6 +52,9 @@ __all__ = [
     "Weights",
     "canonical",
     "config_from_dict",
+    "parameter",
     "parameter_paths",
+    "parameters",
     "preset",
+    "reference_markdown",
 ]

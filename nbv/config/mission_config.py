@@ -1,4 +1,7 @@
-"""What one mission is made of: frozen, typed, validated, with units in the names."""
+"""What one mission is made of: frozen, typed, validated, with units in the names.
+
+The defaults are preset ``paper``; every field says where its default comes from (`nbv.config.sources`).
+"""
 
 from __future__ import annotations
 
@@ -26,14 +29,15 @@ from nbv.config.sections import (
     StopConfig,
     VisibilityConfig,
 )
+from nbv.config.sources import code, ours
 
 
 @dataclass(frozen=True)
 class MissionConfig:
     """Everything that decides a mission's outcome, together with the rock and the replicate."""
 
-    preset: str = "paper"
-    target_m: tuple[float, float, float] = (0.0, 0.0, 0.8)
+    preset: str = ours("paper", "name of the preset that it began as")
+    target_m: tuple[float, float, float] = code((0.0, 0.0, 0.8), "mission file", "target, above the ground")
     camera: CameraConfig = field(default_factory=CameraConfig)
     scene: SceneConfig = field(default_factory=SceneConfig)
     flight: FlightConfig = field(default_factory=FlightConfig)
@@ -95,7 +99,7 @@ def _without_unused_additions(section: Any, tree: dict[str, Any]) -> dict[str, A
 
 
 def config_from_dict(tree: dict[str, Any], base: MissionConfig | None = None) -> MissionConfig:
-    """Build a configuration from a nested dictionary; missing keys come from ``base`` (default: all defaults).
+    """Build a configuration from a nested dictionary; missing keys come from ``base`` (default: ``paper``).
 
     Raises
     ------

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal
 
+from nbv.config.sources import code, ours, text
 from nbv.errors import UserError
 
 GATE_KINDS = (
@@ -15,8 +16,6 @@ GateKind = Literal[
     "covis", "b-aware", "hyb-h", "hyb-o", "greedy-oracle", "learned",
     "random", "novelty-only", "movement-only", "uniform-coverage",
 ]  # fmt: skip
-# Mark of a field that came after missions had been recorded; see `canonical`.
-ADDED_SINCE_VERSION_1 = {"added_since_version_1": True}
 
 
 class OutOfRange(UserError):
@@ -56,9 +55,11 @@ class Section:
 class CameraConfig(Section):
     """Pinhole camera without distortion; pixel centres at half-integers, as in COLMAP."""
 
-    width_px: int = 640
-    height_px: int = 480
-    focal_px: float = 465.7412  # hfov 1.204 rad at 640 px, the paper's simulated camera
+    width_px: int = code(640, "simulator", "image width")
+    height_px: int = code(480, "simulator", "image height")
+    focal_px: float = code(
+        465.7412, "simulator, 1.204 rad of view", "focal length, known and shared by all photographs"
+    )
 
     def __post_init__(self) -> None:
         self._need_at_least(16, "width_px", "height_px")
@@ -69,14 +70,22 @@ class CameraConfig(Section):
 class SceneConfig(Section):
     """Light, ground and sensor."""
 
-    backend: Literal["raycast", "gl"] = "raycast"
-    sun_direction: tuple[float, float, float] = (0.001, 0.625, -0.78)  # direction the light travels, ENU
-    sun_irradiance: float = 0.904
-    ambient: float = 0.4
-    sky_grey: float = 0.7
-    ground_seed: int = 0
-    read_noise_dn: float = 1.0  # Gaussian, 8-bit digital numbers
-    shot_noise_dn: float = 1.5  # standard deviation at full scale; grows with the square root of the signal
+    backend: Literal["raycast", "gl"] = ours("raycast", "renderer", why="gl needs a display or EGL")
+    sun_direction: tuple[float, float, float] = code(
+        (0.001, 0.625, -0.78), "simulator", "direction the light travels, ENU"
+    )
+    sun_irradiance: float = code(0.904, "simulator", "brightness of the sun, relative")
+    ambient: float = code(0.4, "simulator", "brightness of the sky, relative")
+    sky_grey: float = code(0.7, "simulator", "grey of the background, 0 to 1")
+    ground_seed: int = ours(0, "which procedural ground")
+    read_noise_dn: float = ours(
+        1.0, "Gaussian noise of the sensor, 8-bit digital numbers", why="the simulator has none"
+    )
+    shot_noise_dn: float = ours(
+        1.5,
+        "standard deviation at full scale; grows with the square root of the signal",
+        why="the simulator has none",
+    )
 
     def __post_init__(self) -> None:
         self._need(self.sun_direction[2] < 0, "sun_direction", "downward (negative third component)")
@@ -89,21 +98,26 @@ class SceneConfig(Section):
 class FlightConfig(Section):
     """X500-class multirotor limits and the paper's arrival test."""
 
-    home_m: tuple[float, float, float] = (0.0, -8.0, 0.0)
-    takeoff_altitude_m: float = 3.0
-    max_speed_m_s: float = 5.0
-    max_climb_m_s: float = 2.0
-    max_acceleration_m_s2: float = 3.0
-    max_jerk_m_s3: float = 8.0
-    max_yaw_rate_rad_s: float = 0.8
-    max_yaw_acceleration_rad_s2: float = 1.5
-    max_yaw_jerk_rad_s3: float = 6.0
-    arrival_tolerance_m: float = 0.35  # per axis, paper's code
-    settle_s: float = 2.0
-    # Ours: straight legs through this upright cylinder around the target get a detour.
-    keep_out_radius_m: float = 1.3
-    keep_out_height_m: float = 2.2  # above the ground
-    min_camera_altitude_m: float = 0.3  # arrival errors never take the camera below
+    home_m: tuple[float, float, float] = ours(
+        (0.0, -8.0, 0.0), "take-off point, ENU", why="8 m away as in the public code, from the south"
+    )
+    takeoff_altitude_m: float = code(3.0, "mission file", "altitude after take-off")
+    max_speed_m_s: float = ours(5.0, "top speed", why="X500 class")
+    max_climb_m_s: float = ours(2.0, "top climb rate", why="X500 class")
+    max_acceleration_m_s2: float = ours(3.0, "acceleration limit", why="X500 class")
+    max_jerk_m_s3: float = ours(8.0, "jerk limit", why="X500 class")
+    max_yaw_rate_rad_s: float = ours(0.8, "yaw rate limit", why="X500 class")
+    max_yaw_acceleration_rad_s2: float = ours(1.5, "yaw acceleration limit", why="X500 class")
+    max_yaw_jerk_rad_s3: float = ours(6.0, "yaw jerk limit", why="X500 class")
+    arrival_tolerance_m: float = code(0.35, "arrival test", "largest error of arrival, per axis")
+    settle_s: float = code(2.0, "mission file", "pause before a photograph")
+    keep_out_radius_m: float = ours(
+        1.3,
+        "upright cylinder around the target that straight legs go round",
+        why="the public code flies through",
+    )
+    keep_out_height_m: float = ours(2.2, "its top, above the ground", why="the public code flies through")
+    min_camera_altitude_m: float = ours(0.3, "arrival errors never take the camera below")
 
     def __post_init__(self) -> None:
         self._need_positive("max_speed_m_s", "max_climb_m_s", "max_acceleration_m_s2", "max_jerk_m_s3")
@@ -116,9 +130,11 @@ class FlightConfig(Section):
 class SeedConfig(Section):
     """Phase 1: stratified ring orbit."""
 
-    radius_m: float = 4.0
-    ring_elevations_deg: tuple[float, ...] = (15.0, 22.0, 29.0, 36.0)
-    ring_azimuth_counts: tuple[int, ...] = (8, 6, 6, 4)
+    radius_m: float = text(4.0, "III, Phase 1", "distance of the seed orbit to the target")
+    ring_elevations_deg: tuple[float, ...] = text(
+        (15.0, 22.0, 29.0, 36.0), "III, Phase 1", "elevations of the seed rings"
+    )
+    ring_azimuth_counts: tuple[int, ...] = text((8, 6, 6, 4), "III, Phase 1", "views in each seed ring")
 
     def __post_init__(self) -> None:
         self._need_positive("radius_m")
@@ -138,18 +154,24 @@ class SeedConfig(Section):
 class PoolConfig(Section):
     """Phase 2: two-band candidate pool and its feasibility filters."""
 
-    radius_m: float = 3.5
-    lateral_elevations_deg: tuple[float, ...] = (10.0, 15.0, 25.0, 35.0)
-    lateral_count: int = 120  # inverse-rank weights over the lateral rings
-    upper_elevations_deg: tuple[float, ...] = (35.0, 45.0, 55.0)
-    upper_count: int = 50
-    min_altitude_m: float = 1.3  # lets the 10 degree ring (1.408 m) be flown, as the text says
-    max_altitude_m: float = 20.0
-    max_travel_m: float = 40.0
-    min_spacing_m: float = 0.3
-    revisit_exclusion_m: float = 0.6  # against adaptive captures only
-    azimuth_sectors: int = 8
-    max_candidates: int = 200
+    radius_m: float = text(3.5, "III, Phase 2", "distance of the candidates to the target")
+    lateral_elevations_deg: tuple[float, ...] = text(
+        (10.0, 15.0, 25.0, 35.0), "III, Phase 2", "elevations of the dense lower band"
+    )
+    lateral_count: int = code(120, "mission file", "candidates in it, by inverse rank over its rings")
+    upper_elevations_deg: tuple[float, ...] = text(
+        (35.0, 45.0, 55.0), "III, Phase 2", "elevations of the sparse upper band"
+    )
+    upper_count: int = code(50, "mission file", "candidates in it, evenly over its rings")
+    min_altitude_m: float = ours(
+        1.3, "lowest candidate", why="the code's 1.5 drops the 10° ring, which the text has"
+    )
+    max_altitude_m: float = code(20.0, "mission file", "highest candidate", label="altitude limit")
+    max_travel_m: float = code(40.0, "mission file", "farthest candidate from the vehicle")
+    min_spacing_m: float = code(0.3, "candidate filter", "least distance between candidates")
+    revisit_exclusion_m: float = code(0.6, "mission file", "least distance to an adaptive capture")
+    azimuth_sectors: int = code(8, "mission file", "sectors by whose captures candidates are ordered")
+    max_candidates: int = code(200, "mission file", "candidates that are scored, at most")
 
     def __post_init__(self) -> None:
         self._need_positive("radius_m")
@@ -163,11 +185,15 @@ class PoolConfig(Section):
 class StopConfig(Section):
     """Phase 2 ends when the budget is used or the sparse cloud has converged."""
 
-    adaptive_budget: int = 40  # captures after the seeds; an image that does not register counts too
-    criterion: Literal["both", "budget", "knn"] = "both"  # both = whichever comes first
-    knn_threshold_m: float = 0.003
-    knn_neighbours: int = 5  # distance to the 5th neighbour
-    knn_region: Literal["all", "box"] = "all"
+    adaptive_budget: int = code(40, "mission file", "captures after the seeds, registered or not")
+    criterion: Literal["both", "budget", "knn"] = text(
+        "both", "III, Phase 2", "what ends Phase 2; both: whichever comes first"
+    )
+    knn_threshold_m: float = code(0.003, "mission file", "d95 below which the sparse cloud has converged")
+    knn_neighbours: int = code(5, "COLMAP settings", "d95 is of the distance to this neighbour")
+    knn_region: Literal["all", "box"] = text(
+        "all", "III-B, the sparse cloud", "points that d95 is of: all, or those in the box"
+    )
 
     def __post_init__(self) -> None:
         self._need_at_least(1, "adaptive_budget", "knn_neighbours")
@@ -177,10 +203,10 @@ class StopConfig(Section):
 class Weights(Section):
     """Weights of Eq. 1; only their ratios matter to the ranking."""
 
-    main: float = 1.0
-    nov: float = 1.2
-    move: float = 0.1
-    ang: float = 0.4
+    main: float = text(1.0, "Eq. 1", "weight of the main term", label="weight W_main", symbol="W_main")
+    nov: float = text(1.2, "Eq. 1", "weight of novelty", label="weight W_nov", symbol="W_nov")
+    move: float = text(0.1, "Eq. 1", "weight of the movement cost", label="weight W_move", symbol="W_move")
+    ang: float = text(0.4, "Eq. 1", "weight of the angular penalty", label="weight W_ang", symbol="W_ang")
 
     def __post_init__(self) -> None:
         self._need_at_least(0, "main", "nov", "move", "ang")
@@ -190,11 +216,23 @@ class Weights(Section):
 class SharedTermsConfig(Section):
     """Scales of Eq. 2 to 4 and the point set of Eq. 5 and 8."""
 
-    d_scale_m: float = 2.0
-    d_travel_m: float = 10.0
-    theta_min_deg: float = 20.0
-    box_half_extent_m: float = 2.0
-    min_track_length: int = 2
+    d_scale_m: float = text(
+        2.0, "Eq. 2", "distance at which novelty saturates", label="novelty scale d_scale", symbol="d_scale"
+    )
+    d_travel_m: float = text(
+        10.0, "Eq. 3", "scale of the movement cost", label="travel scale d_travel", symbol="d_travel"
+    )
+    theta_min_deg: float = text(
+        20.0,
+        "Eq. 4",
+        "angle to a visited direction below which it is penalised",
+        label="angular penalty θ_min",
+        symbol="θ_min",
+    )
+    box_half_extent_m: float = text(
+        2.0, "III-A", "half the side of the box around the target whose points count"
+    )
+    min_track_length: int = code(2, "scorers", "photographs that must see a point for it to count")
 
     def __post_init__(self) -> None:
         self._need_positive("d_scale_m", "d_travel_m", "theta_min_deg", "box_half_extent_m")
@@ -205,7 +243,13 @@ class SharedTermsConfig(Section):
 class VisibilityConfig(Section):
     """Which points count as visible: all in the image, or also facing the candidate and not hidden."""
 
-    mode: Literal["frustum", "occlusion"] = "frustum"
+    mode: Literal["frustum", "occlusion"] = text(
+        "frustum",
+        "III-A",
+        "which points a candidate sees: all in its image, or only those not hidden",
+        label="model",
+        symbol="visibility",
+    )
 
 
 @dataclass(frozen=True)
@@ -218,18 +262,42 @@ class BAwareConfig(Section):
     """Eq. 6 and 7."""
 
     weights: Weights = field(default_factory=Weights)
-    alpha_track: float = 0.6
-    alpha_density: float = 0.4
-    alpha_reprojection: float = 0.0  # 0.2 in the authors' public code (with 0.5 / 0.3)
-    target_track_length: int = 6
-    density_neighbours: int = 5
-    theta_low_deg: float = 5.0
-    theta_saturation_deg: float = 25.0
-    # Ours: "matchable" asks which surface still lacks matchable views, instead of Eq. 6 to 8.
-    main_term: Literal["repair", "matchable"] = field(default="repair", metadata=ADDED_SINCE_VERSION_1)
-    matchable_views: int = field(
-        default=6, metadata=ADDED_SINCE_VERSION_1
-    )  # that must match one another on a piece of surface
+    alpha_track: float = text(
+        0.6, "Eq. 6", "weight of short tracks", label="α_τ (track support)", symbol="α_τ"
+    )
+    alpha_density: float = text(0.4, "Eq. 6", "weight of low density", label="α_ρ (density)", symbol="α_ρ")
+    alpha_reprojection: float = text(
+        0.0,
+        "Eq. 6 has no such term",
+        "weight of the reprojection error",
+        label="α_e (reprojection)",
+        symbol="α_e",
+    )
+    target_track_length: int = text(
+        6, "Eq. 6", "track length at which a point is strong", label="target track length T*", symbol="T*"
+    )
+    density_neighbours: int = text(5, "Eq. 6", "neighbours whose mean distance is the density")
+    theta_low_deg: float = text(
+        5.0,
+        "Eq. 7",
+        "angle to a ray below which another is redundant",
+        label="redundancy floor θ_l",
+        symbol="θ_l",
+    )
+    theta_saturation_deg: float = text(
+        25.0,
+        "Eq. 7",
+        "angle to all rays beyond which nothing is gained",
+        label="saturation angle θ*",
+        symbol="θ*",
+    )
+    main_term: Literal["repair", "matchable"] = text(
+        "repair",
+        "Eq. 8",
+        "what is repaired; matchable: surface that lacks matchable views (ours)",
+        added=True,
+    )
+    matchable_views: int = ours(6, "views that must match one another on a piece of surface", added=True)
 
     def __post_init__(self) -> None:
         self._need_at_least(0, "alpha_track", "alpha_density", "alpha_reprojection", "theta_low_deg")
@@ -244,14 +312,24 @@ class BAwareConfig(Section):
 class GateConfig(Section):
     """Which ranking is flown (Eq. 9 for ``hyb-h``)."""
 
-    kind: GateKind = "hyb-h"
-    budget_fraction: float = 0.4
-    d95_m: float = 0.14
-    oracle_coverage: Literal["reconstruction", "seen", "matchable", "paper-code"] = "reconstruction"
-    oracle_samples: int = 30_000
-    oracle_threshold_m: float = 0.02
-    oracle_matchable_views: int = 3  # views that must see a sample, for oracle_coverage="matchable"
-    learned_policy: str = ""  # path of a policy JSON, for kind="learned"; empty: the shipped policy
+    kind: GateKind = text("hyb-h", "III-B", "which ranking is flown")
+    budget_fraction: float = text(
+        0.4,
+        "Eq. 9",
+        "budget fraction below which Hyb-H flies B-aware",
+        label="budget fraction f_b",
+        symbol="f_b",
+    )
+    d95_m: float = text(
+        0.14, "Eq. 9", "d95 above which Hyb-H flies B-aware", label="KNN distance d95", symbol="d95"
+    )
+    oracle_coverage: Literal["reconstruction", "seen", "matchable", "paper-code"] = ours(
+        "reconstruction", "when Hyb-O counts a sample as covered", why="how we read III-B"
+    )
+    oracle_samples: int = text(30_000, "III-B", "samples of the true surface that Hyb-O counts")
+    oracle_threshold_m: float = text(0.02, "III-B", "distance at which a sample is covered")
+    oracle_matchable_views: int = ours(3, "views that must see a sample where coverage is matchable")
+    learned_policy: str = ours("", "path of a policy for the learned gate; empty: the one that ships")
 
     def __post_init__(self) -> None:
         self._need(0 <= self.budget_fraction <= 1, "budget_fraction", "between 0 and 1")
@@ -265,29 +343,36 @@ class GateConfig(Section):
 class SparseConfig(Section):
     """Features, matching, incremental mapping, alignment."""
 
-    max_features: int = 8192
-    first_octave: int = -1
-    peak_threshold: float = 0.0066  # COLMAP's default, 0.02 / 3
-    match_ratio: float = 0.8
-    max_pair_angle_deg: float = 130.0  # pairs whose viewing directions differ more are not matched
-    # Earlier photographs to match a new one with, nearest directions first; 0 = all. Ours: the paper matches all, with
-    # the same outcome along the same views (docs/results/reduced_sfm.md).
-    max_pairs: int = 12
-    min_inliers: int = 15
-    min_ransac_trials: int = field(
-        default=100, metadata=ADDED_SINCE_VERSION_1
-    )  # of two-view verification; COLMAP's default
-    global_ba_interval: int = 5  # captures between global bundle adjustments
-    # Photographs in a local adjustment, the new one included, and how often at most it is repeated; COLMAP's defaults.
-    local_ba_images: int = field(default=6, metadata=ADDED_SINCE_VERSION_1)
-    local_ba_rounds: int = field(default=2, metadata=ADDED_SINCE_VERSION_1)
-    # Solver iterations of one adjustment after the seed model, at most; 0: COLMAP's limits, 25 and 50.
-    local_ba_iterations: int = field(default=0, metadata=ADDED_SINCE_VERSION_1)
-    global_ba_iterations: int = field(default=0, metadata=ADDED_SINCE_VERSION_1)
-    # Pairs whose matches an update between global adjustments sees: all, or those of the new photograph's partners.
-    update_pairs: Literal["all", "near"] = field(default="all", metadata=ADDED_SINCE_VERSION_1)
-    max_alignment_rms_m: float = 0.10  # beyond this the model is wrong, not noisy
-    min_registered_seeds: int = 12
+    max_features: int = ours(
+        8192, "features of a photograph, at most", why="COLMAP's default; the authors' 16384"
+    )
+    first_octave: int = code(-1, "COLMAP's default", "-1: features of the doubled image too")
+    peak_threshold: float = code(0.0066, "COLMAP's default", "least contrast of a feature")
+    match_ratio: float = code(0.8, "COLMAP's default", "best distance over second best, at most")
+    max_pair_angle_deg: float = code(180.0, "exhaustive", "views that look farther apart are not matched")
+    max_pairs: int = code(
+        0, "exhaustive", "earlier photographs to match a new one with, nearest directions first; 0: all"
+    )
+    min_inliers: int = code(15, "COLMAP's default", "matches of a verified pair, at least")
+    min_ransac_trials: int = code(
+        100, "COLMAP's default", "trials of two-view verification, at least", added=True
+    )
+    global_ba_interval: int = ours(5, "captures between global bundle adjustments")
+    local_ba_images: int = code(6, "COLMAP's default", "photographs in a local adjustment", added=True)
+    local_ba_rounds: int = code(
+        2, "COLMAP's default", "times a local adjustment is repeated, at most", added=True
+    )
+    local_ba_iterations: int = code(
+        0, "COLMAP's default", "solver steps of a local adjustment; 0: COLMAP's limit", added=True
+    )
+    global_ba_iterations: int = code(
+        0, "COLMAP's default", "solver steps of a global adjustment; 0: COLMAP's limit", added=True
+    )
+    update_pairs: Literal["all", "near"] = code(
+        "all", "COLMAP's default", "pairs that an update between global adjustments sees", added=True
+    )
+    max_alignment_rms_m: float = ours(0.10, "residual to telemetry beyond which the model is wrong")
+    min_registered_seeds: int = ours(12, "seeds that must register for the mission to go on")
 
     def __post_init__(self) -> None:
         self._need_at_least(1, "max_features", "min_ransac_trials", "global_ba_interval", "local_ba_rounds")
@@ -306,24 +391,25 @@ class SparseConfig(Section):
 class DenseConfig(Section):
     """Depth maps and fusion."""
 
-    backend: Literal["sgbm", "patchmatch"] = "sgbm"  # patchmatch needs CUDA
-    neighbours: int = 3
-    min_pair_angle_deg: float = 3.0
-    max_pair_angle_deg: float = 35.0
-    best_pair_angle_deg: float = 10.0
-    # Smallest angle between a stereo pair's baseline and the line to the target. Of two cameras one behind the other
-    # the rectified images are large and their depths poor.
-    min_baseline_angle_deg: float = field(default=0.0, metadata=ADDED_SINCE_VERSION_1)
-    crop_half_width_m: float = 1.5
-    # Where SGBM seeks depths: in all of the crop, or only where the sparse model has points.
-    search: Literal["crop", "sparse"] = field(default="crop", metadata=ADDED_SINCE_VERSION_1)
-    agreeing_views: int = 3  # views, the reference included, that must agree on a depth
-    consistency_views: int = 10
-    consistency_relative_depth: float = 0.005
-    consistency_px: float = 1.0
-    fusion_voxel_m: float = (
-        0.008  # points in one voxel are averaged; one pixel on the rock at 3.5 m is 7.5 mm
+    backend: Literal["sgbm", "patchmatch"] = ours(
+        "sgbm", "stereo", why="the paper's COLMAP PatchMatch needs CUDA: patchmatch"
     )
+    neighbours: int = ours(3, "stereo partners of a photograph")
+    min_pair_angle_deg: float = ours(3.0, "least angle of a stereo pair, seen from the target")
+    max_pair_angle_deg: float = ours(35.0, "largest angle of a stereo pair")
+    best_pair_angle_deg: float = ours(10.0, "best angle of a stereo pair")
+    min_baseline_angle_deg: float = ours(
+        0.0, "least angle between a pair's baseline and the line to the target", added=True
+    )
+    crop_half_width_m: float = ours(1.5, "half the side of the cube in which depths are sought")
+    search: Literal["crop", "sparse"] = ours(
+        "crop", "depths are sought in all of the cube, or near the sparse model", added=True
+    )
+    agreeing_views: int = ours(3, "views, the reference included, that must agree on a depth")
+    consistency_views: int = ours(10, "views that are asked")
+    consistency_relative_depth: float = ours(0.005, "difference at which depths agree, relative")
+    consistency_px: float = ours(1.0, "error of reprojection at which depths agree")
+    fusion_voxel_m: float = ours(0.008, "points in one voxel are averaged", why="a pixel at 3.5 m is 7.5 mm")
 
     def __post_init__(self) -> None:
         self._need_at_least(1, "neighbours")
@@ -336,17 +422,27 @@ class DenseConfig(Section):
 class EvaluationConfig(Section):
     """Cleaning and metrics."""
 
-    crop_half_extent_m: float = 1.5
-    ground_ransac_iterations: int = 500
-    ground_ransac_threshold_m: float = 0.03
-    ground_max_tilt_deg: float = 15.0
-    ground_max_offset_m: float = 0.2  # of the plane from z = 0 below the target
-    sor_neighbours: int = 20
-    sor_std_ratio: float = 2.0
-    gt_gate_m: float = 0.0  # 0.05 in the authors' public code; 0 turns it off
-    gt_samples: int = 100_000
-    thresholds_mm: tuple[float, ...] = (16.0, 32.0, 48.0, 64.0, 80.0)
-    azimuth_sectors: int = 12
+    crop_half_extent_m: float = code(1.5, "evaluation script", "half the side of the cube that is kept")
+    ground_ransac_iterations: int = code(500, "evaluation script", "trials of the ground plane")
+    ground_ransac_threshold_m: float = code(
+        0.03, "evaluation script", "distance to the ground plane that is ground"
+    )
+    ground_max_tilt_deg: float = ours(
+        15.0, "largest tilt of the ground plane", why="else a facet of the rock may go"
+    )
+    ground_max_offset_m: float = ours(0.2, "largest distance of the ground plane from z = 0 below the target")
+    sor_neighbours: int = code(20, "evaluation script", "neighbours in statistical outlier removal")
+    sor_std_ratio: float = code(
+        2.0, "evaluation script", "standard deviations beyond which a point is an outlier"
+    )
+    gt_gate_m: float = text(0.0, "IV has no gate", "points farther from the truth are deleted; 0: none")
+    gt_samples: int = code(100_000, "evaluation script", "samples of the true surface for the metrics")
+    thresholds_mm: tuple[float, ...] = code(
+        (16.0, 32.0, 48.0, 64.0, 80.0),
+        "evaluation script; IV prints two",
+        "thresholds of completeness, accuracy and F-score",
+    )
+    azimuth_sectors: int = code(12, "comparison script", "sectors of completeness by azimuth")
 
     def __post_init__(self) -> None:
         self._need_positive("crop_half_extent_m")

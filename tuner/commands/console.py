@@ -8,11 +8,12 @@ from typing import Any
 import yaml
 from rich.console import Console
 
-from nbv.config import MissionConfig, preset
+from nbv.config import PRESETS, MissionConfig, preset
 from nbv.errors import UserError
 
 output = Console()
 errors = Console(stderr=True)
+PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
 
 
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from tuner.commands.console import mission_config, output, seconds
+from tuner.commands.console import PRESET_NAMES, mission_config, output, seconds
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -59,7 +59,7 @@ def progress_bar() -> Progress:
 @app.command()
 def run(
     rock: Annotated[str, typer.Option(help="Catalogue name (see `gatetune rocks list`) or path of a mesh.")],
-    preset: Annotated[str, typer.Option(help="paper, paper-code or campaign.")] = "campaign",
+    preset: Annotated[str, typer.Option(help=PRESET_NAMES)] = "campaign",
     gate: Annotated[str | None, typer.Option(help="covis, b-aware, hyb-h, hyb-o, random, ...")] = None,
     set_: Annotated[
         list[str] | None, typer.Option("--set", help="PATH=VALUE, e.g. stop.adaptive_budget=4.")

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from nbv.config import PRESETS
 from tuner.commands.comparison import compare
 from tuner.commands.console import mission_config, rock_arguments
 
@@ -16,7 +17,10 @@ def reproduce(
         list[str] | None, typer.Option("--rock", help="Rock or mesh file, repeatable (default: vesicular).")
     ] = None,
     preset: Annotated[
-        str, typer.Option(help="paper (the text) or paper-code (what the public code does).")
+        str,
+        typer.Option(
+            help="paper (the text), paper-reduced (the text with reduced SfM, for speed) or paper-code (what the public code does)."
+        ),
     ] = "paper",
     replicates: Annotated[int, typer.Option(help="Per rock; the paper flew one.")] = 1,
     strategies: Annotated[
@@ -46,6 +50,6 @@ def reproduce(
         timeout_s=timeout_s,
         metric="whole.completeness_48mm",
         reference=next(iter(configs)) if len(configs) > 1 else None,
-        title=f"Table I reproduced with preset {preset}",
+        title=f"Table I reproduced with preset {preset}: {PRESETS[preset].purpose}",
         paper=True,
     )

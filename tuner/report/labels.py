@@ -8,6 +8,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
+from nbv.config import parameter
+
 MISSING = "–"
 SURFACES = {"whole": "whole surface", "observable": "observable surface"}
 VARIANTS = {"gated": "after the ground-truth gate", "ungated": "without ground-truth gate"}
@@ -116,38 +118,15 @@ class ParameterLabel:
         return f"{self.name} ({self.unit})" if self.unit else self.name
 
 
-_PARAMETERS = {
-    "gate.budget_fraction": ("Gate: budget fraction f_b", "f_b", ""),
-    "gate.d95_m": ("Gate: KNN distance d95", "d95", "m"),
-    "pool.max_altitude_m": ("Pool: altitude limit", "altitude limit", "m"),
-    "b_aware.main_term": ("B-aware: main term", "main term", ""),
-    "b_aware.matchable_views": ("B-aware: matchable views wanted", "matchable views", ""),
-    "visibility.mode": ("Visibility model", "visibility", ""),
-    "shared.d_scale_m": ("Novelty scale d_scale", "d_scale", "m"),
-    "shared.d_travel_m": ("Travel scale d_travel", "d_travel", "m"),
-    "shared.theta_min_deg": ("Angular penalty θ_min", "θ_min", "°"),
-    "b_aware.theta_low_deg": ("B-aware: redundancy floor θ_l", "θ_l", "°"),
-    "b_aware.theta_saturation_deg": ("B-aware: saturation angle θ*", "θ*", "°"),
-    "b_aware.target_track_length": ("B-aware: target track length T*", "T*", ""),
-    "b_aware.alpha_track": ("B-aware: α_τ (track support)", "α_τ", ""),
-    "b_aware.alpha_density": ("B-aware: α_ρ (density)", "α_ρ", ""),
-    "b_aware.alpha_reprojection": ("B-aware: α (reprojection)", "α_e", ""),
-}
-_UNITS = {"m": "m", "mm": "mm", "deg": "°", "px": "px", "s": "s", "rad": "rad"}
-_SCORERS = {"covis": "Covis", "b_aware": "B-aware"}
-
-
 def parameter_label(path: str) -> ParameterLabel:
-    """Label of a parameter path of ``MissionConfig``."""
-    if path in _PARAMETERS:
-        return ParameterLabel(*_PARAMETERS[path])
-    if match := re.fullmatch(r"(covis|b_aware)\.weights\.(main|nov|move|ang)", path):
-        scorer = _SCORERS[match[1]]
-        return ParameterLabel(f"{scorer}: weight W_{match[2]}", f"{scorer} W_{match[2]}", "")
-    stem, _, ending = path.rpartition("_")
-    unit = _UNITS.get(ending, "")
-    name = stem if unit else path
-    return ParameterLabel(name.replace("_", " "), name.split(".")[-1].replace("_", " "), unit)
+    """Label of a parameter path of ``MissionConfig``, with the paper's symbol where it has one."""
+    about = parameter(path)
+    section = about.section.replace("_", "-").capitalize()
+    name, short = about.label or about.words, about.symbol or about.words
+    of_a_scorer = ".weights." in path
+    return ParameterLabel(
+        f"{section}: {name}" if section else name, f"{section} {short}" if of_a_scorer else short, about.unit
+    )
 
 
 def parameter_value(value: Any) -> str:

@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 import trimesh
+import yaml
+
+from nbv.config import config_from_dict, preset
 
 RUN = ["campaign", "run", "--rock", "boulder"]
 
@@ -113,7 +116,11 @@ def test_an_unwritable_directory_is_named(gatetune, tmp_path):
 def test_configuration_and_rocks_can_be_looked_at(gatetune):
     code, out, _ = gatetune("config", "show", "--preset", "paper", "--set", "stop.adaptive_budget=7")
     assert code == 0
-    assert "adaptive_budget: 7" in out
+    shown = yaml.safe_load(out)
+    assert shown["stop"]["adaptive_budget"] == 7
+    assert config_from_dict(shown) == preset("paper").with_values({"stop.adaptive_budget": 7})
+    line = next(line for line in out.splitlines() if line.strip().startswith("d95_m: 0.14"))
+    assert "m; " in line and "(text, Eq. 9)" in line
     code, out, _ = gatetune("rocks", "list", "--split", "held-out")
     assert code == 0
     assert "mushroom" in out

@@ -1,0 +1,58 @@
+"""Where a default comes from: every leaf of the configuration is declared with one of these three.
+
+``text`` is the paper as printed, ``code`` the authors' public code and simulator where the text is silent,
+``ours`` everything else. ``added`` marks a field that came after missions had been recorded without it, since
+version 1: where it has its default, digests leave it out. A unit is the ending of the field's name (see `split_unit`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Literal, TypeVar, cast
+
+Source = Literal["text", "code", "ours"]
+T = TypeVar("T")
+
+_UNITS = {
+    "m": "m", "mm": "mm", "px": "px", "deg": "°", "s": "s", "dn": "DN", "m_s": "m/s", "m_s2": "m/s²", "m_s3": "m/s³",
+    "rad_s": "rad/s", "rad_s2": "rad/s²", "rad_s3": "rad/s³",
+}  # fmt: skip
+
+
+def text(
+    default: T, where: str, meaning: str, *, label: str = "", symbol: str = "", added: bool = False
+) -> T:
+    """A default that the paper's text states, ``where`` (section, equation or table)."""
+    return _described(default, "text", where, meaning, label, symbol, added)
+
+
+def code(
+    default: T, where: str, meaning: str, *, label: str = "", symbol: str = "", added: bool = False
+) -> T:
+    """A default of the authors' public code or simulator, ``where``, about which the text is silent."""
+    return _described(default, "code", where, meaning, label, symbol, added)
+
+
+def ours(
+    default: T, meaning: str, *, why: str = "", label: str = "", symbol: str = "", added: bool = False
+) -> T:
+    """A default of this project, and ``why``."""
+    return _described(default, "ours", why, meaning, label, symbol, added)
+
+
+def _described(
+    default: T, source: Source, where: str, meaning: str, label: str, symbol: str, added: bool = False
+) -> T:
+    metadata = {"source": source, "where": where, "meaning": meaning, "label": label, "symbol": symbol}
+    if added:
+        metadata["added_since_version_1"] = "yes"
+    return cast(T, dataclasses.field(default=default, metadata=metadata))
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """A field's name in words and the unit that it ends in: ``("theta min", "°")``; no unit is ``""``."""
+    words = name.split("_")
+    for start in range(1, len(words)):
+        if unit := _UNITS.get("_".join(words[start:])):
+            return " ".join(words[:start]), unit
+    return " ".join(words), ""
