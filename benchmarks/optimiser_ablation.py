@@ -4,10 +4,9 @@ The problem is the tests' fake mission: a smooth function of the gate's two thre
 thresholds about 0.45, standard deviation over the space 0.31), four rocks with their own offset and scale, two
 replicates per rock, noise per mission, and an offset per (rock, replicate) slot that all configurations share.
 
-``slots``: the Gaussian process with and without slot offsets. ``intervals``: the same campaigns, their last
-recommendation with the most likely hyperparameters and averaged over eight. Prints Markdown. Run from the repository root::
+The Gaussian process with and without slot offsets. Prints Markdown. Run from the repository root::
 
-    OMP_NUM_THREADS=1 python benchmarks/optimiser_ablation.py slots
+    OMP_NUM_THREADS=1 python benchmarks/optimiser_ablation.py
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -65,10 +63,10 @@ def play(seed: int, budget: int, slot_sd: float, slots: bool) -> tuple[Observati
     return tuple(history)
 
 
-def campaign(seed: int, budget: int, slot_sd: float, *, slots: bool = True, members: int = 0) -> Outcome:
-    """How a campaign ends; ``members``: of the ensemble in its last recommendation."""
+def campaign(seed: int, budget: int, slot_sd: float, *, slots: bool = True) -> Outcome:
+    """How a campaign ends."""
     history = play(seed, budget, slot_sd, slots)
-    settings = SurrogateSettings(slots=slots, members=members)
+    settings = SurrogateSettings(slots=slots)
     default = synthetic.DEFAULT
     result = recommend(
         synthetic.SPACE, history, synthetic.ROCKS, default, Objective(), seed, settings=settings
@@ -109,16 +107,11 @@ def row(name: str, slot_sd: float, outcomes: Sequence[Outcome], reference: Seque
 def main() -> None:
     """Parse, play, print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("part", choices=["slots", "intervals"])
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--budget", type=int, default=24)
     parser.add_argument("--slot-sd", type=float, nargs="+", default=[0.0, 0.3, 0.6])
     arguments = parser.parse_args()
-    variants: dict[str, dict[str, Any]]
-    if arguments.part == "slots":
-        variants = {"without slot offsets": {"slots": False}, "with slot offsets": {"slots": True}}
-    else:
-        variants = {("averaged" if members else "most likely"): {"members": members} for members in (0, 8)}
+    variants = {"without slot offsets": {"slots": False}, "with slot offsets": {"slots": True}}
     began = time.process_time()
     print("| slot sd | variant | value | worst | paired difference (95 %) | improvement interval holds truth "
           "| its width | LOO coverage % |")  # fmt: skip

@@ -40,7 +40,6 @@ from optimiser_strategies import STRATEGIES, applicable  # noqa: E402
 
 from tuner.problem.blocks import next_slot  # noqa: E402
 from tuner.problem.observations import Observation, Proposal  # noqa: E402
-from tuner.problem.options import GPOptions  # noqa: E402
 from tuner.problem.search_space import Values  # noqa: E402
 from tuner.samplers.registry import surrogate_settings  # noqa: E402
 from tuner.samplers.verification import distinct_configurations, expected_shortfall, markdown  # noqa: E402
@@ -65,7 +64,7 @@ def complete(path: Path) -> bool:
 
 def surrogate(problem: Problem, history: Sequence[Observation], seed: int, strategy: object) -> RockMeanGP:
     """Our GP, with the strategy's settings where it has some, else the product's."""
-    settings = getattr(strategy, "model", None) or surrogate_settings(GPOptions(), problem.space)
+    settings = getattr(strategy, "model", None) or surrogate_settings(problem.space)
     earlier = getattr(strategy, "earlier", None)
     return RockMeanGP(problem.space, history, problem.rocks, seed, settings, earlier)
 

@@ -29,7 +29,6 @@ from tuner.commands.campaign import training_rocks
 from tuner.problem.blocks import next_slot
 from tuner.problem.objective import Objective, RockStandardiser
 from tuner.problem.observations import Observation, Proposal
-from tuner.problem.options import GPOptions
 from tuner.problem.search_space import Values
 from tuner.samplers.design import initial_design_size
 from tuner.samplers.earlier_missions import EarlierMissions
@@ -346,17 +345,16 @@ def gp_variant(
     *,
     search: SearchSettings | None = None,
     initial: int | None = None,
-    average: bool = True,
     **options: Any,
 ) -> Factory:
     """Our sampler with other settings of its surrogate, of its search or of its initial design; the rest as in ``gp``."""
 
     def make(problem: Problem, seed: int) -> Strategy:
-        model = dataclasses.replace(surrogate_settings(GPOptions(), problem.space), **options)
+        model = dataclasses.replace(surrogate_settings(problem.space), **options)
         settings = settings_of(problem, seed, ours=True)
         if initial is not None:
             settings = dataclasses.replace(settings, initial=initial)
-        return OneRock(GPSampler(settings, model=model, search=search, average=average), model)
+        return OneRock(GPSampler(settings, model=model, search=search), model)
 
     return make
 
@@ -378,7 +376,6 @@ STRATEGIES: dict[str, Factory] = {
     ),
     "gp+sobol": lambda problem, seed: OneRock(GPSampler(settings_of(problem, seed))),  # its design before
     "optuna-gp+near": lambda problem, seed: OurDesign(problem, seed, "optuna-gp"),
-    "gp+likeliest": gp_variant(average=False),  # all proposals by the most likely hyperparameters
     "gp+short": gp_variant(initial=8),
     "gp+sampled": gp_variant(search=SearchSettings(closed_form=False)),
     "gp+old-priors": gp_variant(
@@ -388,12 +385,9 @@ STRATEGIES: dict[str, Factory] = {
     "gp+short12": gp_variant(initial=12),
     "gp+variance": RockByVariance,
     "gp+pooled": gp_variant(rock_scales=False),
-    "gp+bayes4": gp_variant(members=4),
-    "gp+bayes8": gp_variant(members=8),
     "gp+dense": gp_variant(sparse=False, trend=False),  # as gp on fewer than 13 parameters
     # as gp from 13 parameters on, without its linear trend
     "gp+sparse": gp_variant(sparse=True, trend=False),
-    "gp+sparse8": gp_variant(sparse=True, trend=False, members=8),
     "gp+long": gp_variant(length_median=1.0, length_spread=1.2),
     "gp+long4": gp_variant(sparse=False, trend=False, length_median=1.2),  # four times the default's
     "gp+deviations": gp_variant(deviations=True),

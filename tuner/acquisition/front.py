@@ -51,9 +51,8 @@ def two_models(
 ) -> tuple[RockMeanGP, RockMeanGP]:
     """One surrogate per objective, on the missions that have both. ``ValueError`` where there are none."""
     both = [o for o in observations if o.outcome is not None and o.second is not None]
-    plain = replace(settings or SurrogateSettings(), members=0)
-    first = RockMeanGP(space, both, rocks, seed, plain)
-    second = RockMeanGP(space, [replace(o, outcome=o.second) for o in both], rocks, seed, plain)
+    first = RockMeanGP(space, both, rocks, seed, settings)
+    second = RockMeanGP(space, [replace(o, outcome=o.second) for o in both], rocks, seed, settings)
     return first, second
 
 

@@ -31,8 +31,6 @@ _TINY = 1e-12
 class LogNoisyImprovement(AcquisitionFunction):
     """The quantity above, at ``(batch, 1, d + 2)`` inputs of the surrogate: ``(batch,)``.
 
-    Averages over the members of an ensemble.
-
     Parameters
     ----------
     gp
@@ -46,43 +44,27 @@ class LogNoisyImprovement(AcquisitionFunction):
     def __init__(self, gp: RockMeanGP, pending: Floats, seed: int) -> None:
         super().__init__(model=gp.model)
         self._kernel = gp.model.covar_module
-        self._members = len(self._kernel.batch_shape) > 0
         flown = np.unique(np.concatenate([gp.unit, pending.reshape(-1, gp.unit.shape[1])]), axis=0)
         self._at = gp.inputs(flown)  # (n, d + 2)
         with torch.no_grad():
             belief = gp.model.posterior(self._at).distribution
-            mean, covariance = belief.mean, belief.covariance_matrix  # ([members], n), ([members], n, n)
-            self._constant = gp.model.mean_module.constant.reshape(*mean.shape[:-1], 1)
+            mean, covariance = belief.mean, belief.covariance_matrix  # (n,), (n, n)
+            self._constant = gp.model.mean_module.constant
             prior = self._kernel.forward(self._at, self._at)
-            jitter = (
-                JITTER * prior.diagonal(dim1=-2, dim2=-1).mean(-1)[..., None, None] * torch.eye(len(flown))
-            )
+            jitter = JITTER * prior.diagonal().mean() * torch.eye(len(flown))
             noise = draw_sobol_normal_samples(len(flown), DRAWS, dtype=torch.float64, seed=seed)
-            draws = mean.unsqueeze(-2) + noise @ torch.linalg.cholesky(covariance + jitter).transpose(-1, -2)
-            self._best = draws.amax(-1)  # ([members], DRAWS)
+            draws = mean + noise @ torch.linalg.cholesky(covariance + jitter).T
+            self._best = draws.amax(-1)  # (DRAWS,)
             root = torch.linalg.cholesky(prior + jitter)
-            centred = (draws - self._constant.unsqueeze(-1)).transpose(-1, -2)
-            self._weights = torch.cholesky_solve(centred, root)  # ([members], n, DRAWS)
-            self._whiten = torch.linalg.inv(root).transpose(-1, -2)
+            self._weights = torch.cholesky_solve((draws - self._constant).T, root)  # (n, DRAWS)
+            self._whiten = torch.linalg.inv(root).T
 
     def forward(self, X: torch.Tensor) -> torch.Tensor:
         """See the class."""
-        x = X.unsqueeze(-3) if self._members else X
-        covariance = self._kernel.forward(x, self._at)  # (batch, [members], 1, n)
-        mean = self._constant + self._times(covariance, self._weights)
-        own = self._kernel.forward(x, x, diag=True)  # (batch, [members], 1)
-        variance = own - self._times(covariance, self._whiten).square().sum(-1, keepdim=True)
+        covariance = self._kernel.forward(X, self._at).squeeze(-2)  # (batch, n)
+        mean = self._constant + covariance @ self._weights
+        own = self._kernel.forward(X, X, diag=True)  # (batch, 1)
+        variance = own - (covariance @ self._whiten).square().sum(-1, keepdim=True)
         sd = variance.clamp_min(_TINY).sqrt()
         log_ei = _log_ei_helper((mean - self._best) / sd) + sd.log()
-        return (log_ei.flatten(1).logsumexp(-1) - math.log(log_ei[0].numel())).reshape(X.shape[:-2])
-
-    def _times(self, covariance: torch.Tensor, matrix: torch.Tensor) -> torch.Tensor:
-        """``(batch, [members], k)`` products of ``(batch, [members], 1, n)`` and ``([members], n, k)``.
-
-        One product of whole matrices per member: broadcasting would multiply each row by itself, which takes ten times
-        as long with 200 missions.
-        """
-        rows = covariance.squeeze(-2)
-        if not self._members:
-            return rows @ matrix
-        return (rows.movedim(0, -2) @ matrix).movedim(-2, 0)
+        return log_ei.logsumexp(-1) - math.log(DRAWS)

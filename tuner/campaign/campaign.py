@@ -260,7 +260,7 @@ class Campaign:
         s = self.settings
         return recommend(
             s.space, history, s.rocks, s.default_values(), s.objective, s.seed,
-            settings=s.surrogate(), risk=s.gp.risk, earlier=self.learned,
+            settings=s.surrogate(), risk=s.risk, earlier=self.learned,
         )  # fmt: skip
 
     def surrogate_from(

@@ -15,7 +15,7 @@ from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from tuner.missions.job import DEFAULT_RUNNER, Keep
 from tuner.problem.objective import Objective
-from tuner.problem.options import GPOptions
+from tuner.problem.options import RISKS, Risk
 from tuner.problem.search_space import SearchSpace, Values, space_from_dict
 from tuner.samplers.design import initial_design_size
 from tuner.samplers.registry import (
@@ -59,7 +59,7 @@ class CampaignSettings:
     runner: str = DEFAULT_RUNNER
     keep: Keep = "summary"
     storage: str | None = None  # None: study.journal in the run directory
-    gp: GPOptions = field(default_factory=GPOptions)  # of sampler gp
+    risk: Risk = "mean"  # over the training rocks: tune their mean, or the worst of them
     second: Objective | None = None  # search the front between the objective and this one
     learn_from: tuple[str, ...] = ()  # run directories of earlier campaigns, see tuner.campaign.transfer
     # A proposal knows every earlier mission but the last in_step - 1, whichever of those have ended: the same campaign
@@ -91,7 +91,7 @@ class CampaignSettings:
 
     def _check_options(self) -> None:
         asked = {
-            "a risk measure or fully Bayesian model": not self.gp.is_default,
+            f"risk {self.risk}": self.risk != "mean",
             "a second objective": self.second is not None,
             "learning from earlier campaigns": bool(self.learn_from),
         }
@@ -100,8 +100,10 @@ class CampaignSettings:
                 raise UserError(f"{what} needs sampler gp, not {self.sampler}; leave it out or choose gp")
             if wanted and self.second is not None and what != "a second objective":
                 raise UserError(f"{what} cannot be combined with a second objective; leave one of them out")
-        if self.gp.risk != "mean" and len(self.rocks) < 2:
-            raise UserError(f"risk measure {self.gp.risk} is over rocks; name at least two")
+        if self.risk not in RISKS:
+            raise UserError(f"unknown risk measure {self.risk!r}; there are {', '.join(RISKS)}")
+        if self.risk != "mean" and len(self.rocks) < 2:
+            raise UserError(f"risk measure {self.risk} is over rocks; name at least two")
 
     @property
     def fidelity(self) -> str | None:
@@ -135,7 +137,7 @@ class CampaignSettings:
         """The sampler at work; ``earlier``: missions flown before the campaign."""
         settings = SamplerSettings(
             self.space, self.default_values(), self.rocks, self.seed, self.initial_size(), self.replicates,
-            self.gp, earlier, self.second is not None, self.budget,
+            self.risk, earlier, self.second is not None, self.budget,
             trusted_default=True,
         )  # fmt: skip
         return make_sampler(self.sampler, settings)
@@ -156,7 +158,7 @@ class CampaignSettings:
 
     def surrogate(self) -> SurrogateSettings:
         """What sampler gp, the recommendation and the report model."""
-        return surrogate_settings(self.gp, self.space)
+        return surrogate_settings(self.space, self.risk)
 
     def to_dict(self) -> dict[str, Any]:
         """YAML form."""
@@ -175,7 +177,7 @@ class CampaignSettings:
             "runner": self.runner,
             "keep": self.keep,
             "storage": self.storage,
-            "gp": self.gp.to_dict(),
+            "risk": self.risk,
             "second": None if self.second is None else dataclasses.asdict(self.second),
             "learn_from": list(self.learn_from),
             "in_step": self.in_step,
@@ -200,7 +202,7 @@ class CampaignSettings:
                 runner=tree["runner"],
                 keep=tree["keep"],
                 storage=tree["storage"],
-                gp=GPOptions.from_dict(tree["gp"]),
+                risk=tree["risk"],
                 second=Objective(**tree["second"]) if tree.get("second") else None,
                 learn_from=tuple(tree.get("learn_from") or ()),
                 in_step=tree.get("in_step"),

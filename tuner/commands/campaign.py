@@ -74,13 +74,6 @@ def run(
     risk: Annotated[
         str, typer.Option(help="Tune the mean over the rocks, or that of the worst one: mean, worst.")
     ] = "mean",
-    fully_bayesian: Annotated[
-        bool,
-        typer.Option(
-            "--fully-bayesian",
-            help="Average every proposal over the model's hyperparameters, drawn by Monte Carlo (default: every second one, below 13 parameters).",
-        ),
-    ] = False,
     fidelity: Annotated[
         str,
         typer.Option(
@@ -118,7 +111,6 @@ def run(
     from tuner.campaign.shipped import sources_by_default
     from tuner.missions.fidelities import runner_of
     from tuner.problem.objective import Objective
-    from tuner.problem.options import GPOptions
     from tuner.problem.search_space import load_search_space
 
     if keep not in ("summary", "all"):
@@ -158,7 +150,7 @@ def run(
         runner=runner,
         keep=keep,  # type: ignore[arg-type]
         storage=storage,
-        gp=GPOptions(risk, fully_bayesian),  # type: ignore[arg-type]
+        risk=risk,  # type: ignore[arg-type]
         second=second,
         learn_from=_sources(learn_from, sources_by_default(searched, objective, sampler, second)),
         in_step=in_step,

@@ -130,7 +130,7 @@ class CampaignFacts:
     def belief(self, configurations: Sequence[Mapping[str, Any]]) -> tuple[Floats, Floats]:
         """Posterior mean and sd of the mean (or risk measure) over the training rocks, metric's unit."""
         assert self.model is not None
-        posterior = self.model.posterior(configurations, self.settings.gp.risk)
+        posterior = self.model.posterior(configurations, self.settings.risk)
         return self.sign * posterior.mean, posterior.sd
 
     @cached_property

@@ -89,18 +89,17 @@ def reproduce_command(campaign: Campaign) -> str:
 
 def _optional_words(campaign: Campaign) -> list[str]:
     """What of the settings is not a campaign's default."""
-    s, gp, words = campaign.settings, campaign.settings.gp, []
+    s, words = campaign.settings, []
     with_values = {
         "--keep": s.keep if s.keep != "summary" else None, "--in-step": s.in_step,
         "--fidelity": s.fidelity if s.runner != DEFAULT_RUNNER else None,
-        "--risk": gp.risk if gp.risk != "mean" else None,
+        "--risk": s.risk if s.risk != "mean" else None,
         "--second-metric": s.second.metric if s.second is not None else None,
     }  # fmt: skip
     for option, value in with_values.items():
         if value is not None:
             words += [option, str(value)]
     flags = {
-        "--fully-bayesian": gp.fully_bayesian,
         "--second-minimise": s.second is not None and s.second.direction == "minimise",
     }  # fmt: skip
     return [*words, *(option for option, wanted in flags.items() if wanted)]

@@ -20,7 +20,6 @@ import numpy as np
 import torch
 
 from tuner.problem.observations import Observation
-from tuner.problem.options import GPOptions
 from tuner.problem.search_space import SearchSpace, Values
 
 if TYPE_CHECKING:
@@ -50,7 +49,7 @@ class EarlierMissions:
         from tuner.samplers.registry import surrogate_settings
         from tuner.surrogate.model import RockMeanGP
 
-        settings = surrogate_settings(GPOptions(), self.space)
+        settings = surrogate_settings(self.space)
         return RockMeanGP(self.space, self.observations, self.rocks, 0, settings)
 
     @functools.cached_property

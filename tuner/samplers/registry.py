@@ -21,7 +21,7 @@ import numpy as np
 from nbv.errors import UserError
 from tuner.problem.objective import RockStandardiser
 from tuner.problem.observations import Observation, Pending, Proposal
-from tuner.problem.options import GPOptions
+from tuner.problem.options import Risk
 from tuner.problem.search_space import SearchSpace, Values
 from tuner.samplers.design import (
     MANY_PARAMETERS,
@@ -65,7 +65,7 @@ class SamplerSettings:
     seed: int
     initial: int  # size of the initial design, the default configuration included
     replicates: int = 1  # per rock, for samplers that choose them
-    options: GPOptions = field(default_factory=GPOptions)  # of sampler gp
+    risk: Risk = "mean"  # of sampler gp
     earlier: EarlierMissions | None = None  # missions flown before the campaign, for sampler gp
     two_objectives: bool = False  # sampler gp: search the front between the objective and the second one
     budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
@@ -73,23 +73,17 @@ class SamplerSettings:
 
     def surrogate(self) -> SurrogateSettings:
         """What sampler gp and the recommendation model."""
-        return surrogate_settings(self.options, self.space)
+        return surrogate_settings(self.space, self.risk)
 
 
-def surrogate_settings(options: GPOptions, space: SearchSpace) -> SurrogateSettings:
-    """The surrogate that goes with a user's options on a search space."""
+def surrogate_settings(space: SearchSpace, risk: Risk = "mean") -> SurrogateSettings:
+    """The surrogate that goes with a search space and what is tuned over the rocks."""
     from tuner.surrogate.model import SurrogateSettings
 
     many = space.dimension >= MANY_PARAMETERS
-    if options.risk != "mean":  # risk is about what rocks do not share; not averaged over hyperparameters
+    if risk != "mean":  # about what rocks do not share
         return SurrogateSettings(deviations=True, sparse=many, trend=many)
-    if options.fully_bayesian:
-        return SurrogateSettings(sparse=many, members=FULLY_BAYESIAN_MEMBERS)
     return SurrogateSettings(sparse=many, trend=many)
-
-
-FULLY_BAYESIAN_MEMBERS = 16  # draws of the hyperparameters
-AVERAGED_MEMBERS = 8  # the same, where only every second proposal averages over them
 
 
 def derived_seed(seed: int, number: int) -> int:
@@ -142,10 +136,8 @@ class GPSampler:
     """Default configuration, initial design, then log noisy expected improvement on the rock-mean GP.
 
     The design is a Sobol sequence; unless parameters are many every second point stays near a trusted default. Where
-    missions were flown before the campaign, the best of them take places of it. Proposals are by two models in turn: the
-    most likely hyperparameters, whose length scales are short, climb where the search stands; an average over what
-    hyperparameters may be looks further afield. Near the end of the budget the favourite is flown on slots it has not
-    seen, where that is worth more (``tuner.samplers.verification``).
+    missions were flown before the campaign, the best of them take places of it. Near the end of the budget the favourite
+    is flown on slots it has not seen, where that is worth more (``tuner.samplers.verification``).
     """
 
     settings: SamplerSettings
@@ -153,7 +145,6 @@ class GPSampler:
     model: SurrogateSettings | None = None  # of the surrogate; None: by the settings' options
     search: SearchSettings | None = None  # of the acquisition's maximum; None: the defaults
     verify: bool = True
-    average: bool = True  # every second proposal is by a model averaged over its hyperparameters
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
         """The maximiser of the acquisition, or the next point of the initial design."""
@@ -175,24 +166,15 @@ class GPSampler:
             return Proposal(values, {"sampler": self.name, "phase": "front", **figures})
         own = self.model or s.surrogate()
         model = RockMeanGP(s.space, feasible, s.rocks, seed, own, s.earlier)
-        in_turn = number % 2 == 0 and self._averages(own)
-        proposing = model.averaged(AVERAGED_MEMBERS, seed) if in_turn else model
-        values, figures = propose(proposing, flying, seed, s.options.risk, self.search)
-        if proposing is not model:
-            figures["averaged_over"] = AVERAGED_MEMBERS
+        values, figures = propose(model, flying, seed, s.risk, self.search)
         if self.verify and s.budget is not None and number >= BEGINS * s.budget:
             gain, last = figures["expected_gain"], number >= s.budget - len(s.rocks) * s.replicates
             again = verification(
-                model, history, pending, s.replicates, gain, s.options.risk, last=last, default=s.default
+                model, history, pending, s.replicates, gain, s.risk, last=last, default=s.default
             )
             if again is not None:
                 return dataclasses.replace(again, why={**figures, **again.why})
         return Proposal(values, {"sampler": self.name, "phase": "model", **figures})
-
-    def _averages(self, model: SurrogateSettings) -> bool:
-        """Whether proposals by ``model`` and by its average over hyperparameters take turns."""
-        few = self.settings.space.dimension < MANY_PARAMETERS
-        return self.average and few and not model.members and not model.deviations
 
     def _design(self, number: int) -> Proposal:
         s, rank = self.settings, number // 2 - 1

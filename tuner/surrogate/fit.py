@@ -8,7 +8,7 @@ most of its time between its layers: this one makes room for several starts in e
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,14 +20,11 @@ from nbv.types import Floats
 from tuner.surrogate.kernel import MissionKernel
 
 _JITTER = 1e-8
-_WARM_UP, _THINNING, _LEAPFROGS = 12, 4, 5
 _LOG_BOUND = 12.0
 _SQRT5 = math.sqrt(5.0)
 MIN_NOISE_VARIANCE = 1e-4
 MIN_LENGTHSCALE = 2.5e-2
 NOISE = "log_noise_variance"
-TAU_SCALE = 0.1
-TAU_GRID = tuple(float(tau) for tau in np.logspace(-4, 1, 31))
 
 
 @dataclass(frozen=True)
@@ -67,17 +64,6 @@ class InverseSquareHalfCauchy:
         ratio = np.exp(-4 * log_value) / self.tau**2
         value = -2 * log_value - math.log(self.tau) - np.log1p(ratio)
         return float(value.sum()), -2 + 4 * ratio / (1 + ratio)
-
-
-def draw_tau(log_lengths: Floats, rng: np.random.Generator) -> InverseSquareHalfCauchy:
-    """The sparse prior with tau drawn given the length scales, tau ~ HalfCauchy(0.1) on a logarithmic grid."""
-    log_weights = [
-        math.log(tau) - math.log1p((tau / TAU_SCALE) ** 2)
-        + InverseSquareHalfCauchy(tau).log_density(log_lengths)[0]
-        for tau in TAU_GRID
-    ]  # fmt: skip
-    weights = np.exp(np.array(log_weights) - max(log_weights))
-    return InverseSquareHalfCauchy(float(rng.choice(TAU_GRID, p=weights / weights.sum())))
 
 
 Prior = LogNormal | InverseSquareHalfCauchy
@@ -126,14 +112,11 @@ class Hyperparameters:
         self.home = np.clip(home, self.low, self.high)
         self._evidence = Evidence(kernel, x, y, self.slices)
 
-    def log_density(self, position: Floats, *, over_logarithms: bool = False) -> tuple[float, Floats]:
-        """Log posterior and its gradient; over the quantities, or over their logarithms."""
+    def log_density(self, position: Floats) -> tuple[float, Floats]:
+        """Log posterior of the quantities and its gradient in their logarithms."""
         value, gradient, _ = self._evidence(position)
         for name, part in self.slices.items():
-            prior = self._priors[name]
-            own, slope = prior.log_density(position[part])
-            if over_logarithms and isinstance(prior, LogNormal):
-                own, slope = own + float(position[part].sum()), slope + 1.0
+            own, slope = self._priors[name].log_density(position[part])
             value += own
             gradient[part] += slope
         return value, gradient
@@ -161,72 +144,13 @@ class Hyperparameters:
         evidence, _, mean = self._evidence(best)
         return Fit(best, mean, -best_loss, evidence)
 
-    def sample(self, begin: Fit, count: int, seed: int) -> list[Fit]:
-        """``count`` draws by Hamiltonian Monte Carlo over the logarithms, from ``begin`` on.
 
-        Steps are scaled by the curvature at the beginning. Bounds reflect nothing: a trajectory that leaves them
-        is refused. A sparse prior's tau is drawn in turn with the rest (Gibbs), and left at its last draw.
-        """
-        rng = np.random.default_rng(seed)
-        lengths = self.slices["log_lengthscale"]
-        sparse = isinstance(self._priors["log_lengthscale"], InverseSquareHalfCauchy)
-        at = begin.position.copy()
-        value, gradient = self.log_density(at, over_logarithms=True)
-        scale = self._scales(at)
-        step, draws = 0.35, []
-        for turn in range(_WARM_UP + count * _THINNING):
-            if sparse and lengths.stop > lengths.start:
-                self._priors = {**self._priors, "log_lengthscale": draw_tau(at[lengths], rng)}
-                value, gradient = self.log_density(at, over_logarithms=True)
-            momentum = rng.standard_normal(len(at))
-            energy = value - 0.5 * momentum @ momentum
-            new, new_value, new_gradient = at.copy(), value, gradient
-            for _ in range(_LEAPFROGS):
-                momentum = momentum + 0.5 * step * scale * new_gradient
-                new = new + step * scale * momentum
-                if np.any(new < self.low) or np.any(new > self.high):
-                    new_value = -math.inf
-                    break
-                new_value, new_gradient = self.log_density(new, over_logarithms=True)
-                if not math.isfinite(new_value):
-                    break
-                momentum = momentum + 0.5 * step * scale * new_gradient
-            gain = new_value - 0.5 * momentum @ momentum - energy
-            accepted = math.log(rng.random()) < gain if math.isfinite(gain) else False
-            if accepted:
-                at, value, gradient = new, new_value, new_gradient
-            if turn < _WARM_UP:  # towards three acceptances in four
-                step *= 1.1 if accepted else 0.75
-            elif (turn - _WARM_UP) % _THINNING == _THINNING - 1:
-                evidence, _, mean = self._evidence(at)
-                draws.append(Fit(at, mean, value, evidence))
-        return draws
-
-    def _scales(self, at: Floats) -> Floats:
-        """One over the root of the curvature, at least that of a broad prior."""
-        h = 1e-3
-        curvature = np.empty(len(at))
-        for i in range(len(at)):
-            ahead, behind = at.copy(), at.copy()
-            ahead[i] += h
-            behind[i] -= h
-            forward = self.log_density(ahead, over_logarithms=True)[1][i]
-            backward = self.log_density(behind, over_logarithms=True)[1][i]
-            curvature[i] = -(forward - backward) / (2 * h)
-        usable = np.nan_to_num(curvature, nan=1.0)
-        result: Floats = 1 / np.sqrt(np.clip(usable, 0.5, 1e4))
-        return result
-
-
-def set_parameters(kernel: MissionKernel, fits: Sequence[Fit]) -> None:
-    """Enter fitted values; several for an ensemble."""
+def set_parameters(kernel: MissionKernel, fit: Fit) -> None:
+    """Enter fitted values."""
     begin = 0
-    positions = np.array([fit.position for fit in fits])
-    lead = len(kernel.batch_shape)
     for parameter in kernel.parameters():
-        size = parameter.numel() // len(fits) if lead else parameter.numel()
-        block = torch.tensor(positions[:, begin : begin + size])
-        parameter.data = (block if lead else block[0]).reshape(parameter.shape).clone()
+        size = parameter.numel()
+        parameter.data = torch.tensor(fit.position[begin : begin + size]).reshape(parameter.shape).clone()
         begin += size
 
 

@@ -42,9 +42,6 @@ class MissionKernel(Kernel):
         Whether c^2, delta and t^2 are there.
     feature
         g, of (..., n, d + 2) inputs: (..., n); None where there is none.
-    members
-        Size of an ensemble that differs in the parameters: every parameter then has a leading dimension, and
-        inputs are (..., members, n, d + 2). 0: no ensemble.
     """
 
     has_lengthscale = False
@@ -60,31 +57,29 @@ class MissionKernel(Kernel):
         deviations: bool,
         trend: bool = False,
         feature: Callable[[torch.Tensor], torch.Tensor] | None = None,
-        members: int = 0,
     ) -> None:
-        lead = (members,) if members else ()
-        super().__init__(batch_shape=torch.Size(lead))
+        super().__init__()
         self.ordered, self.categorical = list(ordered), list(categorical)
         self.rock_column = rock_column
         self.slots, self.deviations, self.trend = slots, deviations, trend and len(self.ordered) > 0
-        self.log_lengthscale = _parameter(*lead, len(self.ordered))
-        self.log_choice_length = _parameter(*lead, len(self.categorical))
-        self.log_variance = _parameter(*lead)
-        self.log_rock_variance = _parameter(*lead)
+        self.log_lengthscale = _parameter(len(self.ordered))
+        self.log_choice_length = _parameter(len(self.categorical))
+        self.log_variance = _parameter()
+        self.log_rock_variance = _parameter()
         if slots:
-            self.log_slot_variance = _parameter(*lead)
+            self.log_slot_variance = _parameter()
         if deviations:
-            self.log_deviation = _parameter(*lead)
+            self.log_deviation = _parameter()
         if self.trend:
-            self.log_trend_variance = _parameter(*lead)
+            self.log_trend_variance = _parameter()
         self.feature = feature
         if feature is not None:
-            self.log_feature_variance = _parameter(*lead)
+            self.log_feature_variance = _parameter()
 
     @property
     def slot_variance(self) -> float:
-        """c^2, geometric mean of an ensemble; 0 where it is not modelled."""
-        return math.exp(self.log_slot_variance.mean().item()) if self.slots else 0.0
+        """c^2; 0 where it is not modelled."""
+        return math.exp(self.log_slot_variance.item()) if self.slots else 0.0
 
     def correlation(self, x1: torch.Tensor, x2: torch.Tensor, diag: bool) -> torch.Tensor:
         """m: ``(..., n, m)``, or ``(..., n)`` where ``diag``."""

@@ -15,7 +15,7 @@ do not share beyond offsets and a scale ends up in the noise, which is right for
 The length-scale prior grows with the square root of the dimension (Hvarfner et al., ICML 2024), but is
 narrower than theirs, there is an output scale, and the noise prior expects noise: missions are noisy, and on
 synthetic data as noisy as the signal these choices were the better calibrated ones. ``SurrogateSettings`` has what
-may be added: rocks' own landscapes, a sparse prior, a linear trend, averaging over hyperparameters;
+may be added: rocks' own landscapes, a sparse prior, a linear trend;
 ``tuner.samplers.earlier_missions`` the landscape of a cheaper fidelity or of other rocks.
 """
 
@@ -23,7 +23,6 @@ from __future__ import annotations
 
 import collections
 import contextlib
-import copy
 import dataclasses
 import math
 import warnings
@@ -36,7 +35,6 @@ import numpy as np
 import torch
 from botorch.exceptions import BotorchWarning, InputDataWarning, OptimizationWarning
 from botorch.models import SingleTaskGP
-from botorch.posteriors.fully_bayesian import MCMC_DIM, GaussianMixturePosterior
 from gpytorch.constraints import GreaterThan
 from gpytorch.likelihoods import GaussianLikelihood
 from threadpoolctl import threadpool_limits
@@ -181,32 +179,14 @@ class SurrogateSettings:
     noise_median: float = 0.2  # variance, outcomes standardised
     noise_spread: float = 1.0
     starts: int = 1  # searches for the hyperparameters
-    members: int = 0  # draws from the hyperparameters' posterior to average over; 0: the most likely ones
 
 
 SPARSE_TAUS = (1e-3, 1e-2, 1e-1, 1.0)
 
 
-class EnsembleGP(SingleTaskGP):
-    """Gaussian processes that differ in their hyperparameters; predicts their equally weighted mixture."""
-
-    _is_ensemble = True
-    _supports_batched_models = False
-
-    def posterior(self, X: torch.Tensor, *args: Any, **kwargs: Any) -> GaussianMixturePosterior:
-        """At ``(..., q, d + 2)`` inputs: ``(..., members, q, 1)`` values."""
-        belief = super().posterior(X.unsqueeze(MCMC_DIM), *args, **kwargs)
-        return GaussianMixturePosterior(distribution=belief.distribution)
-
-
 def moments(posterior: Any) -> tuple[Floats, Floats]:
-    """``(mean, covariance)`` of a joint posterior, (m,) and (m, m); of a mixture, those of the whole."""
-    mean, covariance = posterior.distribution.mean.numpy(), posterior.distribution.covariance_matrix.numpy()
-    if mean.ndim == 1:
-        return mean, covariance
-    centre = mean.mean(axis=0)
-    spread = mean - centre
-    return centre, covariance.mean(axis=0) + spread.T @ spread / len(mean)
+    """``(mean, covariance)`` of a joint posterior, (m,) and (m, m)."""
+    return posterior.distribution.mean.numpy(), posterior.distribution.covariance_matrix.numpy()
 
 
 class RockMeanGP:
@@ -262,24 +242,12 @@ class RockMeanGP:
         columns = np.array([(self._index[rock], self._slot_index[rock, k]) for rock, k in flown])
         self._columns = columns
         with numerics(seed):
-            self._kernel_options, self._hyperparameters, self._likeliest = self._fit(seed)
-            members = self.settings.members if self._fits else 0
-            self.model = self._assemble(self._draws(members, seed), members)
+            self.model = self._assemble(*self._fit(seed))
 
     @property
     def _fits(self) -> bool:
         """Whether there are missions enough to look for hyperparameters; before, all stay at their priors' modes."""
         return len(self.targets) >= MIN_OBSERVATIONS_TO_FIT
-
-    def averaged(self, members: int, seed: int) -> RockMeanGP:
-        """The same model averaged over ``members`` draws of its hyperparameters; itself where nothing is fitted yet."""
-        if not self._fits:
-            return self
-        other = copy.copy(self)
-        other.settings = dataclasses.replace(self.settings, members=members)
-        with numerics(seed):
-            other.model = other._assemble(other._draws(members, seed), members)
-        return other
 
     def _inputs_flown(self) -> torch.Tensor:
         """(n, d + 2) model inputs of the missions."""
@@ -289,12 +257,13 @@ class RockMeanGP:
         """Columns of the ordered parameters."""
         return [i for i in range(self.space.dimension) if i not in self.space.categorical_dimensions]
 
-    def _kernel(self, options: Mapping[str, Any], members: int = 0) -> MissionKernel:
-        categorical, d = self.space.categorical_dimensions, self.space.dimension
-        return MissionKernel(self._ordered(), categorical, d, **options, members=members)
+    def _kernel(self, options: Mapping[str, Any]) -> MissionKernel:
+        return MissionKernel(
+            self._ordered(), self.space.categorical_dimensions, self.space.dimension, **options
+        )
 
-    def _fit(self, seed: int) -> tuple[dict[str, Any], Hyperparameters, Fit]:
-        """The kernel's options, the density of its hyperparameters, and the most likely ones."""
+    def _fit(self, seed: int) -> tuple[dict[str, Any], Fit]:
+        """The kernel's options and its most likely hyperparameters."""
         x, s = self._inputs_flown().numpy(), self.settings
         iterations = FIT_MAX_ITERATIONS if self._fits else 0
         candidates = []
@@ -307,36 +276,27 @@ class RockMeanGP:
                 priors = self._priors(len(self._ordered()), tau)
                 belief = Hyperparameters(self._kernel(options), x, self.targets, priors)
                 found = belief.fit(starts=s.starts, seed=seed, iterations=iterations)
-                fits.append((found.log_posterior, found, belief))
-            _, fit, belief = max(fits, key=lambda f: f[0])
+                fits.append(found)
+            fit = max(fits, key=lambda f: f.log_posterior)
             # One more parameter has to earn its place (Schwarz's criterion).
             penalty = 0.5 * math.log(len(self.targets)) if feature is not None else 0.0
-            candidates.append((fit.log_evidence - penalty, options, fit, belief))
-        _, options, fit, belief = max(candidates, key=lambda c: c[0])
-        return options, belief, fit
+            candidates.append((fit.log_evidence - penalty, options, fit))
+        _, options, fit = max(candidates, key=lambda c: c[0])
+        return options, fit
 
-    def _draws(self, members: int, seed: int) -> list[Fit]:
-        """``members`` draws of the hyperparameters, or the most likely ones."""
-        return self._hyperparameters.sample(self._likeliest, members, seed) if members else [self._likeliest]
-
-    def _assemble(self, chosen: Sequence[Fit], members: int) -> SingleTaskGP:
-        """The Gaussian process with ``chosen`` hyperparameters: an ensemble where there are ``members``."""
-        kernel = self._kernel(self._kernel_options, members)
-        set_parameters(kernel, chosen)
-        x, y = self._inputs_flown(), tensor(self.targets[:, None])
-        if members:
-            x, y = x.repeat(members, 1, 1), y.repeat(members, 1, 1)
-        likelihood = GaussianLikelihood(
-            noise_constraint=GreaterThan(MIN_NOISE_VARIANCE / 2, transform=None),
-            batch_shape=kernel.batch_shape,
-        )
+    def _assemble(self, options: Mapping[str, Any], fit: Fit) -> SingleTaskGP:
+        """The Gaussian process with fitted hyperparameters."""
+        kernel = self._kernel(options)
+        set_parameters(kernel, fit)
+        likelihood = GaussianLikelihood(noise_constraint=GreaterThan(MIN_NOISE_VARIANCE / 2, transform=None))
         # Standardised already; nothing may rescale the last columns either.
-        kind = EnsembleGP if members else SingleTaskGP
-        model = kind(x, y, likelihood=likelihood, covar_module=kernel, outcome_transform=None)
-        noise = torch.tensor([math.exp(f.log_noise_variance) for f in chosen], dtype=torch.float64)
-        likelihood.noise = noise.reshape(likelihood.noise.shape)
+        model = SingleTaskGP(
+            self._inputs_flown(), tensor(self.targets[:, None]), likelihood=likelihood, covar_module=kernel,
+            outcome_transform=None,
+        )  # fmt: skip
+        likelihood.noise = torch.tensor(math.exp(fit.log_noise_variance), dtype=torch.float64)
         constant = model.mean_module.constant
-        constant.data = torch.tensor([f.mean for f in chosen], dtype=torch.float64).reshape(constant.shape)
+        constant.data = torch.tensor(fit.mean, dtype=torch.float64).reshape(constant.shape)
         model.eval()
         return model.requires_grad_(False)
 
@@ -432,7 +392,7 @@ class RockMeanGP:
     @property
     def noise_sd(self) -> float:
         """Standard deviation of one mission's outcome beside its slot's offset, objective's unit."""
-        return math.sqrt(self.model.likelihood.noise.log().mean().exp().item()) * self.mean_scale
+        return math.sqrt(self.model.likelihood.noise.item()) * self.mean_scale
 
     @property
     def slot_sd(self) -> float | None:
@@ -450,7 +410,7 @@ class RockMeanGP:
     def lengthscales(self) -> dict[str, float]:
         """Length scale per ordered parameter, in unit-cube units; long means unimportant."""
         ordered = [p.path for p in self.space.parameters if p.kind != "categorical"]
-        lengths = self.model.covar_module.log_lengthscale.reshape(-1, len(ordered)).mean(0).exp()
+        lengths = self.model.covar_module.log_lengthscale.exp()
         return dict(zip(ordered, lengths.tolist()))
 
     def leave_one_out(self) -> LooCheck:
@@ -463,9 +423,7 @@ class RockMeanGP:
             inverse = torch.linalg.inv(prior.covariance_matrix + noise)
             diagonal = inverse.diagonal(dim1=-2, dim2=-1)
             residual = (inverse @ (model.train_targets - prior.mean).unsqueeze(-1)).squeeze(-1) / diagonal
-            mean = (model.train_targets - residual).reshape(-1, x.shape[-2]).numpy()
-            variance = (1 / diagonal).reshape(-1, x.shape[-2]).numpy()
-        return LooCheck(self.targets, mean.mean(0), np.sqrt(variance.mean(0) + mean.var(0)))
+        return LooCheck(self.targets, (model.train_targets - residual).numpy(), (1 / diagonal).sqrt().numpy())
 
 
 def slots_identifiable(slots: Sequence[tuple[str, int]]) -> bool:

@@ -10,21 +10,17 @@ import torch
 from tuner.acquisition import propose as acquisition
 from tuner.acquisition.improvement import LogNoisyImprovement
 from tuner.acquisition.propose import SearchSettings
-from tuner.surrogate.model import RockMeanGP, SurrogateSettings, numerics
+from tuner.surrogate.model import RockMeanGP, numerics
 
 
-def _model(members: int = 0) -> RockMeanGP:
-    history = synthetic.random_design(12, 0.3, 0)
-    return RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, 0, SurrogateSettings(members=members))
+def _model() -> RockMeanGP:
+    return RockMeanGP(synthetic.SPACE, synthetic.random_design(12, 0.3, 0), synthetic.ROCKS)
 
 
-@pytest.mark.parametrize("members", [0, 4])
 @pytest.mark.parametrize("in_flight", [0, 1])
-def test_equals_the_sampled_acquisition(
-    members: int, in_flight: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_equals_the_sampled_acquisition(in_flight: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(acquisition, "MONTE_CARLO_SAMPLES", 4096)
-    model = _model(members)
+    model = _model()
     pending = [synthetic.SPACE.from_unit(np.array([0.3, 0.6]))][:in_flight]
     places = model.inputs(np.random.default_rng(0).random((40, 2))).unsqueeze(1)
     with numerics(0), torch.no_grad():

@@ -22,7 +22,6 @@ from tuner.campaign.shipped import SHIPPED
 from tuner.cli import app
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.objective import Objective
-from tuner.problem.options import GPOptions
 from tuner.problem.search_space import load_search_space, space_from_dict
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report import write_campaign_report
@@ -89,8 +88,7 @@ class _Made(Exception):
     "changes",
     [
         {"rocks": ("waist",), "budget": 5, "replicates": 2, "seed": 7, "in_step": 3, "keep": "all"},
-        {"sampler": "gp", "budget": 10, "gp": GPOptions(risk="worst")},
-        {"sampler": "gp", "gp": GPOptions(fully_bayesian=True)},
+        {"sampler": "gp", "budget": 10, "risk": "worst"},
         {"runner": FIDELITIES["geometric"]},
         {"space": load_search_space("full"), "sampler": "gp"},
         {"space": load_search_space("full"), "sampler": "gp", "learn_from": (SHIPPED,)},

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import json
 import math
@@ -20,11 +19,9 @@ from tuner.acquisition.propose import propose
 from tuner.campaign.campaign import Campaign
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
-from tuner.problem.options import GPOptions
-from tuner.problem.search_space import Values, load_search_space, space_from_dict
+from tuner.problem.search_space import Values, load_search_space
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.registry import GPSampler, surrogate_settings
-from tuner.surrogate.fit import TAU_GRID, draw_tau
 from tuner.surrogate.model import RockMeanGP, SurrogateSettings
 
 settings = functools.partial(fake_campaigns.settings, initial=4)
@@ -59,9 +56,9 @@ def test_risk_measures_have_their_own_optimum(risk: str, best: float) -> None:
 
 
 def test_risk_is_asked_for_and_kept(tmp_path: Path) -> None:
-    campaign = run(tmp_path / "run", gp=GPOptions(risk="worst"))
+    campaign = run(tmp_path / "run", risk="worst")
     again = Campaign.open(tmp_path / "run")
-    assert again.settings.gp.risk == "worst" and again.settings == campaign.settings
+    assert again.settings.risk == "worst" and again.settings == campaign.settings
     result = campaign.recommendation()
     mean = run(tmp_path / "mean").recommendation()
     assert result is not None and mean is not None
@@ -92,68 +89,8 @@ def test_sparse_model_switches_parameters_off() -> None:
 )
 def test_many_parameters_are_expected_to_be_mostly_without_effect(space: str, sparse: bool) -> None:
     shipped = load_search_space(space)
-    assert surrogate_settings(GPOptions(), shipped).sparse is sparse
-    assert surrogate_settings(GPOptions(), shipped).trend is sparse
-
-
-def test_tau_is_drawn_from_its_conditional_distribution() -> None:
-    """Against the density written out: HalfCauchy(0.1) on tau times that of each inverse squared length."""
-    log_lengths = np.log([0.4, 3.0, 8.0])
-    taus = np.array(TAU_GRID)
-    inverse_squares = np.exp(-2 * log_lengths)[:, None]
-    density = np.prod(1 / (taus * (1 + (inverse_squares / taus) ** 2)), axis=0) / (1 + (taus / 0.1) ** 2)
-    expected = density * taus / (density * taus).sum()  # per step of the logarithmic grid
-    rng = np.random.default_rng(0)
-    drawn = [draw_tau(log_lengths, rng).tau for _ in range(4000)]
-    found = np.array([drawn.count(tau) for tau in TAU_GRID]) / len(drawn)
-    np.testing.assert_allclose(found, expected, atol=0.02)
-
-
-def test_fully_bayesian_sparse_model_switches_parameters_off_and_flies_a_campaign(tmp_path: Path) -> None:
-    """Four parameters of which the first matters: the draws know it, and differ where the data leave room."""
-    rng = np.random.default_rng(2)
-    names = [f"covis.weights.{w}" for w in ("nov", "move", "ang", "main")]
-    space = space_from_dict(
-        {"name": "four", "parameters": {name: {"low": 0.0, "high": 2.0} for name in names}}, "here"
-    )
-    history = []
-    for i in range(24):
-        u = rng.random(4)
-        y = math.sin(6 * u[0]) + 0.05 * rng.normal()
-        history.append(Observation(i, space.from_unit(u), "r0", 0, y, y))
-    model = RockMeanGP(space, history, ("r0",), 0, SurrogateSettings(sparse=True, members=16))
-    draws = model.model.covar_module.log_lengthscale.detach().numpy().reshape(-1, 4)
-    assert len(draws) == 16 and (draws[:, 1:].min(axis=1) > draws[:, 0] + 1).mean() > 0.9
-    assert draws[:, 1].std() > 0.3
-    grid = [space.from_unit([u, 0.5, 0.5, 0.5]) for u in np.linspace(0, 1, 9)]
-    truth = np.sin(6 * np.linspace(0, 1, 9))
-    belief = model.posterior(grid)
-    assert np.all(np.abs(belief.mean - truth) < 3 * belief.sd + 0.1)
-
-    campaign = run(tmp_path / "run", budget=8, gp=GPOptions(fully_bayesian=True))
-    assert campaign.status().finished == 8
-    again = Campaign.open(tmp_path / "run")
-    assert again.settings.gp.fully_bayesian and again.recommendation() is not None
-
-
-def test_averaging_over_hyperparameters_widens_what_little_data_say() -> None:
-    """Mean over seeds: with ten missions the most likely hyperparameters are surer than all likely ones."""
-    ratios, inside = [], []
-    for seed in range(4):
-        history = synthetic.random_design(10, 0.1, seed)
-        fresh = synthetic.random_design(20, 0.1, 100 + seed)
-        likely = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, seed)
-        average = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, seed, SurrogateSettings(members=8))
-        values = [o.values for o in fresh]
-        ratios.append(average.posterior(values).sd.mean() / likely.posterior(values).sd.mean())
-        for o in fresh:
-            mean, sd = average.predict_mission(o.values, o.rock)
-            inside.append(abs((o.outcome or 0) - mean) <= 1.96 * sd)
-        assert 0.8 <= average.leave_one_out().coverage_95 <= 1.0
-        assert len(average.lengthscales) == 2 and average.noise_sd > 0
-        propose(average, [synthetic.DEFAULT], seed)
-    assert np.mean(ratios) > 1.05
-    assert np.mean(inside) > 0.75
+    assert surrogate_settings(shipped).sparse is sparse
+    assert surrogate_settings(shipped).trend is sparse
 
 
 # -- a cheaper fidelity -----------------------------------------------------------------------------------------------
@@ -252,53 +189,21 @@ def test_campaign_with_two_objectives(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"sampler": "tpe", "gp": GPOptions(risk="worst")}, "needs sampler gp, not tpe"),
-        ({"sampler": "tpe", "gp": GPOptions(fully_bayesian=True)}, "fully Bayesian model needs sampler gp"),
-        ({"second": Objective("costs.images"), "gp": GPOptions(fully_bayesian=True)}, "cannot be combined"),
-        ({"rocks": ("a",), "gp": GPOptions(risk="worst")}, "name at least two"),
+        ({"sampler": "tpe", "risk": "worst"}, "needs sampler gp, not tpe"),
+        ({"second": Objective("costs.images"), "risk": "worst"}, "cannot be combined"),
+        ({"risk": "bad"}, "unknown risk measure 'bad'; there are mean, worst"),
+        ({"rocks": ("a",), "risk": "worst"}, "name at least two"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(changes: dict[str, object], message: str) -> None:
     with pytest.raises(UserError, match=message):
         settings(**changes)
-    with pytest.raises(UserError, match="unknown risk measure 'bad'; there are mean, worst"):
-        GPOptions(risk="bad")  # type: ignore[arg-type]
-    with pytest.raises(UserError, match="risk worst is not averaged over hyperparameters"):
-        GPOptions(risk="worst", fully_bayesian=True)
 
 
 def test_default_sampler_is_untouched_by_options() -> None:
     history = synthetic.random_design(8, 0.05, 0)
     plain = GPSampler(synthetic.sampler_settings(0, 4)).ask(history, [])
     assert plain.why["phase"] == "model"
-
-
-def test_every_second_proposal_averages_over_hyperparameters() -> None:
-    """And is another one than by the most likely ones; nothing takes turns where everything, or nothing, is averaged."""
-    for missions in (8, 9):
-        history = synthetic.random_design(missions, 0.05, 0)
-        settings_ = synthetic.sampler_settings(0, 4)
-        turns, likeliest = (GPSampler(settings_, average=a).ask(history, []) for a in (True, False))
-        averaged = missions % 2 == 0
-        assert ("averaged_over" in turns.why) == averaged
-        assert (turns.values == likeliest.values) == (not averaged)
-    history = synthetic.random_design(8, 0.05, 0)
-    for options in (GPOptions(fully_bayesian=True), GPOptions(risk="worst")):
-        plain = GPSampler(dataclasses.replace(synthetic.sampler_settings(0, 4), options=options))
-        assert "averaged_over" not in plain.ask(history, []).why
-
-
-def test_the_average_starts_from_the_fit_and_is_the_model_with_members() -> None:
-    """The same as fitting anew with members; with too few missions to fit anything, the model itself."""
-    history = synthetic.random_design(12, 0.1, 0)
-    plain = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, 5)
-    anew = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, 5, SurrogateSettings(members=4))
-    values = [o.values for o in history]
-    averaged = plain.averaged(4, 5)
-    assert averaged.posterior(values).mean.tolist() == anew.posterior(values).mean.tolist()
-    assert averaged.posterior(values).mean.tolist() != plain.posterior(values).mean.tolist()
-    few = RockMeanGP(synthetic.SPACE, history[:3], synthetic.ROCKS, 5)
-    assert few.averaged(4, 5) is few
 
 
 def test_status_lists_the_front_with_numbers_in_full(gatetune, tmp_path: Path) -> None:
