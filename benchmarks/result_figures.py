@@ -121,31 +121,6 @@ def perturbed_missions(data: Path) -> plt.Figure:
     return figure
 
 
-def dense_agreement(data: Path) -> plt.Figure:
-    """F-score against agreeing views, seeds only and with candidates."""
-    figure, panels = plt.subplots(1, 2, figsize=(8, 3.2), sharey=True)
-    rows = read(data, "dense_agreement")
-    for axes, (rock, title) in zip(
-        panels, [("cavern", "cavern"), ("apollo_15016_0", "Apollo 15016")], strict=True
-    ):
-        for views, colour in (("24 + 0", GREY), ("24 + 8", BLUE), ("24 + 16", GREEN)):
-            chosen = [row for row in rows if row["rock"] == rock and row["views"] == views]
-            axes.plot(
-                [int(row["agreeing"]) for row in chosen],
-                [float(row["F48"]) for row in chosen],
-                "o-",
-                color=colour,
-                label=views,
-            )
-        axes.set_title(title)
-        axes.set_xticks([2, 3, 4, 5])
-        axes.set_xlabel("agreeing views")
-        axes.grid(alpha=0.3)
-    panels[0].set_ylabel("F-score @ 48 mm (%)")
-    panels[1].legend(title="photographs", fontsize=8)
-    return figure
-
-
 def oracle_coverage(data: Path) -> plt.Figure:
     """Gain over Covis of switching and of choosing greedily, by reading of coverage."""
     column = "F-score @ 48 mm (points)"
@@ -261,7 +236,6 @@ FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
         optimiser_ablation,
         warm_start,
         perturbed_missions,
-        dense_agreement,
         oracle_coverage,
         learned_gate,
         visibility,

@@ -1,0 +1,70 @@
+"""Pages of results: one question each, with its claim, figure, table, limits and command; data with its source."""
+
+import csv
+import importlib.util
+import re
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+RESULTS = ROOT / "docs" / "results"
+DATA = RESULTS / "data"
+PAGES = sorted(page for page in RESULTS.glob("*.md") if page.name != "index.md")
+SOURCES = list(csv.DictReader((DATA / "sources.csv").open(newline="", encoding="utf-8")))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_page_answers_one_question(page):
+    text = page.read_text(encoding="utf-8")
+    assert re.match(r"# .*\?\n", text), "the title is a question"
+    assert not re.search(r"^##", text, re.MULTILINE), "one question, no sections"
+    assert len(re.findall(r"!\[", text)) <= 1
+    rows = [line for line in text.splitlines() if line.startswith("|")]
+    assert 3 <= len(rows) <= 14, "one table of at most 12 rows below its head"
+    assert sum(bool(re.fullmatch(r"[|:\- ]+", row)) for row in rows) == 1
+    for part in ("**What it does not show.**", "**Command**", "](data/"):
+        assert part in text, part
+
+
+def test_the_index_names_every_page():
+    linked = set(re.findall(r"\]\(([a-z0-9_]+\.md)\)", (RESULTS / "index.md").read_text(encoding="utf-8")))
+    assert linked == {page.name for page in PAGES}
+
+
+def test_every_table_of_data_has_a_page_a_commit_and_a_command():
+    files = {path.name for path in DATA.glob("*.csv")} - {"sources.csv"}
+    assert {row["file"] for row in SOURCES} == files
+    for row in SOURCES:
+        assert row["commit"] and row["command"], row["file"]
+        for page in row["page"].split(", "):
+            assert (RESULTS / page).is_file(), (row["file"], page)
+
+
+@pytest.mark.parametrize("path", sorted(DATA.glob("*.csv")), ids=lambda path: path.stem)
+def test_every_row_of_data_is_complete(path):
+    head, *rows = csv.reader(path.open(newline="", encoding="utf-8"))
+    assert rows and len(set(head)) == len(head)
+    assert all(len(row) == len(head) for row in rows)
+
+
+def test_every_image_is_shown_somewhere():
+    texts = "".join(
+        page.read_text(encoding="utf-8") for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    )
+    unused = [
+        image.name for image in (ROOT / "docs" / "images").iterdir() if f"images/{image.name}" not in texts
+    ]
+    assert not unused
+
+
+def test_figures_are_drawn_from_the_data_alone():
+    spec = importlib.util.spec_from_file_location("result_figures", ROOT / "benchmarks" / "result_figures.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    for name, draw in module.FIGURES.items():
+        assert draw(DATA).axes[0].has_data(), name
+        assert (ROOT / "docs" / "images" / f"{name}.png").is_file()
+    plt.close("all")
