@@ -34,7 +34,7 @@ from tuner.studies.paired_cells import difference_text, markdown_table
 
 LOW = {"pool.max_altitude_m": 1.5}  # the 10 degree ring alone
 NO_NOVELTY = {"covis.weights.nov": 0.0, "b_aware.weights.nov": 0.0}
-VIEWS = "b_aware.matchable_views"
+VIEWS = "matchable.views"
 ARMS: dict[str, tuple[str, dict[str, Any]]] = {  # name in the table: baseline, further values
     "Hyb-H": ("hyb-h", {}),
     "Hyb-H, occlusion visibility": ("hyb-h", {"visibility.mode": "occlusion"}),

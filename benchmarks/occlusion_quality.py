@@ -36,8 +36,8 @@ from nbv.geometry.frustum import in_frustum
 from nbv.geometry.raycasting import RayCaster
 from nbv.mission.planning_state import load_state
 from nbv.rocks import load_rock
+from nbv.scorers import box_points
 from nbv.scorers.occlusion import mean_observing_directions, unoccluded
-from nbv.scorers.scorer import box_points
 from nbv.types import Floats, Ints
 
 CASES = (

@@ -281,7 +281,7 @@ class GeometricProblem:
         from nbv.errors import MissionFailure
         from nbv.geometric import run_geometric_mission
 
-        config = self._base.with_values(values)
+        config = self._base.with_values(self.space.complete(values))
 
         def fly() -> dict[str, Any] | None:
             try:

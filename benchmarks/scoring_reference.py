@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, MissionConfig
 from nbv.geometry.frustum import frustum_planes
-from nbv.scorers import box_points
-from nbv.scorers.b_aware import repair, weakness
+from nbv.scorers import BoxPoints, box_points
 from nbv.scorers.occlusion import (
     CLEARANCE_M,
     MAX_INCIDENCE_DEG,
@@ -19,8 +18,9 @@ from nbv.scorers.occlusion import (
     mean_observing_directions,
     surfels,
 )
-from nbv.scorers.scorer import BoxPoints
+from nbv.scorers.repair import repair
 from nbv.scorers.terms import angular_penalty, movement, novelty
+from nbv.scorers.weakness import weakness
 from nbv.types import CandidatePool, Floats, PlanningState
 
 Mask = NDArray[np.bool_]

@@ -23,8 +23,8 @@ from threadpoolctl import threadpool_limits
 from nbv.config import MissionConfig
 from nbv.geometry.frustum import in_frustum
 from nbv.scorers import rank_candidates, shared_terms
-from nbv.scorers.b_aware import weakness
 from nbv.scorers.repair_single import repair_single
+from nbv.scorers.weakness import weakness
 from nbv.types import CandidatePool, PlanningState, SparseModel
 from nbv.viewpoints import candidate_pool, raw_candidates, seed_viewpoints
 

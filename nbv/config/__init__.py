@@ -2,14 +2,14 @@
 
 ``sections`` holds the fields, where their defaults come from (``sources``) and their ranges, ``mission_config`` the
 whole and its digest, ``parsing`` how dictionaries and parameter paths become one, ``presets`` the named configurations
-that a user starts from, ``reference`` all of it for people.
+that a user starts from, ``registry`` what a configuration may name, ``reference`` all of it for people.
 """
 
 from nbv.config.mission_config import MissionConfig, canonical, config_from_dict, parameter_paths
 from nbv.config.presets import PRESETS, REDUCED_SFM, preset
 from nbv.config.reference import Parameter, parameter, parameters, reference_markdown
+from nbv.config.registry import GATES, SCORERS, Registry, gate_kinds
 from nbv.config.sections import (
-    GATE_KINDS,
     BAwareConfig,
     CameraConfig,
     CovisConfig,
@@ -17,7 +17,7 @@ from nbv.config.sections import (
     EvaluationConfig,
     FlightConfig,
     GateConfig,
-    GateKind,
+    MatchableConfig,
     PoolConfig,
     SceneConfig,
     SeedConfig,
@@ -29,9 +29,10 @@ from nbv.config.sections import (
 )
 
 __all__ = [
-    "GATE_KINDS",
+    "GATES",
     "PRESETS",
     "REDUCED_SFM",
+    "SCORERS",
     "BAwareConfig",
     "CameraConfig",
     "CovisConfig",
@@ -39,10 +40,11 @@ __all__ = [
     "EvaluationConfig",
     "FlightConfig",
     "GateConfig",
-    "GateKind",
+    "MatchableConfig",
     "MissionConfig",
     "Parameter",
     "PoolConfig",
+    "Registry",
     "SceneConfig",
     "SeedConfig",
     "SharedTermsConfig",
@@ -52,6 +54,7 @@ __all__ = [
     "Weights",
     "canonical",
     "config_from_dict",
+    "gate_kinds",
     "parameter",
     "parameter_paths",
     "parameters",

@@ -10,7 +10,7 @@ import hashlib
 import json
 import typing
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 from nbv.config.parsing import build, leaf_paths, merge, set_values
 from nbv.config.sections import (
@@ -21,6 +21,7 @@ from nbv.config.sections import (
     EvaluationConfig,
     FlightConfig,
     GateConfig,
+    MatchableConfig,
     PoolConfig,
     SceneConfig,
     SeedConfig,
@@ -29,12 +30,18 @@ from nbv.config.sections import (
     StopConfig,
     VisibilityConfig,
 )
-from nbv.config.sources import code, ours
+from nbv.config.sources import ADDED_SINCE_VERSION_1, code, ours
 
 
 @dataclass(frozen=True)
 class MissionConfig:
     """Everything that decides a mission's outcome, together with the rock and the replicate."""
+
+    # What has another name now; a file that still uses the old one is told.
+    RENAMED: ClassVar[dict[str, str]] = {
+        "b_aware.main_term": "gate.geometry_scorer (repair is now b-aware)",
+        "b_aware.matchable_views": "matchable.views",
+    }
 
     preset: str = ours("paper", "name of the preset that it began as")
     target_m: tuple[float, float, float] = code((0.0, 0.0, 0.8), "mission file", "target, above the ground")
@@ -48,6 +55,7 @@ class MissionConfig:
     visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
     covis: CovisConfig = field(default_factory=CovisConfig)
     b_aware: BAwareConfig = field(default_factory=BAwareConfig)
+    matchable: MatchableConfig = field(default_factory=MatchableConfig, metadata=ADDED_SINCE_VERSION_1)
     gate: GateConfig = field(default_factory=GateConfig)
     sparse: SparseConfig = field(default_factory=SparseConfig)
     dense: DenseConfig = field(default_factory=DenseConfig)
@@ -87,15 +95,19 @@ def canonical(section: Any) -> dict[str, Any]:
 
 
 def _without_unused_additions(section: Any, tree: dict[str, Any]) -> dict[str, Any]:
-    """``tree``, the dictionary of ``section``, less the fields added since version 1 that have their default."""
+    """``tree``, the dictionary of ``section``, less what was added since version 1 and has its default."""
     kept = {}
     for f in dataclasses.fields(section):
         value = getattr(section, f.name)
-        if dataclasses.is_dataclass(value):
-            kept[f.name] = _without_unused_additions(value, tree[f.name])
-        elif "added_since_version_1" not in f.metadata or value != f.default:
-            kept[f.name] = tree[f.name]
+        if "added_since_version_1" in f.metadata and value == _default(f):
+            continue
+        nested = dataclasses.is_dataclass(value)
+        kept[f.name] = _without_unused_additions(value, tree[f.name]) if nested else tree[f.name]
     return kept
+
+
+def _default(f: dataclasses.Field[Any]) -> Any:
+    return f.default if f.default_factory is dataclasses.MISSING else f.default_factory()
 
 
 def config_from_dict(tree: dict[str, Any], base: MissionConfig | None = None) -> MissionConfig:

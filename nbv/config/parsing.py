@@ -66,6 +66,9 @@ def merge(into: dict[str, Any], new: dict[str, Any], cls: type, prefix: str = ""
 
 
 def _unknown_path(path: str, cls: type) -> str:
+    renamed: dict[str, str] = getattr(cls, "RENAMED", {})
+    if path in renamed:
+        return f"{path} of an earlier version is now {renamed[path]}"
     close = difflib.get_close_matches(path, leaf_paths(cls), n=3, cutoff=0.4)
     hint = f"; did you mean {', '.join(close)}?" if close else "; `gatetune config show` lists all paths"
     return f"unknown mission parameter {path!r}{hint}"

@@ -60,6 +60,7 @@ def _leaves(section: Any, prefix: str) -> list[Parameter]:
             continue
         about, kind = f.metadata, hints[f.name]
         choices = typing.get_args(kind) if typing.get_origin(kind) is Literal else ()
+        choices = tuple(about["names"]()) if "names" in about else choices
         found.append(
             Parameter(
                 f"{prefix}{f.name}",

@@ -2,20 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Literal
 
+from nbv.config.registry import SCORERS, gate_kinds
 from nbv.config.sources import code, ours, text
 from nbv.errors import UserError
-
-GATE_KINDS = (
-    "covis", "b-aware", "hyb-h", "hyb-o", "greedy-oracle", "learned",
-    "random", "novelty-only", "movement-only", "uniform-coverage",
-)  # fmt: skip
-GateKind = Literal[
-    "covis", "b-aware", "hyb-h", "hyb-o", "greedy-oracle", "learned",
-    "random", "novelty-only", "movement-only", "uniform-coverage",
-]  # fmt: skip
 
 
 class OutOfRange(UserError):
@@ -44,6 +36,13 @@ class Section:
         rule = "0 or more" if low == 0 else f"at least {low:g}"
         for name in names:
             self._need(getattr(self, name) >= low, name, rule)
+
+    def _need_known_names(self) -> None:
+        """Fields that name a part of the program name one that there is."""
+        for f in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, f.name)
+            if "names" in f.metadata and value not in (allowed := f.metadata["names"]()):
+                raise OutOfRange(type(self).__name__, f"{f.name} is {value!r}; allowed: {', '.join(allowed)}")
 
     def _need_elevations(self, *names: str) -> None:
         for name in names:
@@ -291,13 +290,6 @@ class BAwareConfig(Section):
         label="saturation angle θ*",
         symbol="θ*",
     )
-    main_term: Literal["repair", "matchable"] = text(
-        "repair",
-        "Eq. 8",
-        "what is repaired; matchable: surface that lacks matchable views (ours)",
-        added=True,
-    )
-    matchable_views: int = ours(6, "views that must match one another on a piece of surface", added=True)
 
     def __post_init__(self) -> None:
         self._need_at_least(0, "alpha_track", "alpha_density", "alpha_reprojection", "theta_low_deg")
@@ -305,23 +297,42 @@ class BAwareConfig(Section):
         self._need(
             self.theta_low_deg < self.theta_saturation_deg, "theta_low_deg", "below theta_saturation_deg"
         )
-        self._need_at_least(2, "matchable_views")
+
+
+@dataclass(frozen=True)
+class MatchableConfig(Section):
+    """Ours: which surface still lacks views that dense stereo could match (`nbv.scorers.matchable`)."""
+
+    weights: Weights = field(default_factory=Weights)
+    views: int = ours(6, "views that must match one another on a piece of surface")
+
+    def __post_init__(self) -> None:
+        self._need_at_least(2, "views")
 
 
 @dataclass(frozen=True)
 class GateConfig(Section):
     """Which ranking is flown (Eq. 9 for ``hyb-h``)."""
 
-    kind: GateKind = text("hyb-h", "III-B", "which ranking is flown")
+    kind: str = text(
+        "hyb-h", "III-B", "which ranking is flown; a scorer's name: that scorer alone", names=gate_kinds
+    )
+    geometry_scorer: str = text(
+        "b-aware", "III-B", "scorer that Hyb-H and Hyb-O switch to from Covis", names=SCORERS.keys, added=True
+    )
     budget_fraction: float = text(
         0.4,
         "Eq. 9",
-        "budget fraction below which Hyb-H flies B-aware",
+        "budget fraction below which Hyb-H flies the geometry scorer",
         label="budget fraction f_b",
         symbol="f_b",
     )
     d95_m: float = text(
-        0.14, "Eq. 9", "d95 above which Hyb-H flies B-aware", label="KNN distance d95", symbol="d95"
+        0.14,
+        "Eq. 9",
+        "d95 above which Hyb-H flies the geometry scorer",
+        label="KNN distance d95",
+        symbol="d95",
     )
     oracle_coverage: Literal["reconstruction", "seen", "matchable", "paper-code"] = ours(
         "reconstruction", "when Hyb-O counts a sample as covered", why="how we read III-B"
@@ -332,6 +343,7 @@ class GateConfig(Section):
     learned_policy: str = ours("", "path of a policy for the learned gate; empty: the one that ships")
 
     def __post_init__(self) -> None:
+        self._need_known_names()
         self._need(0 <= self.budget_fraction <= 1, "budget_fraction", "between 0 and 1")
         self._need_at_least(0, "d95_m")
         self._need_at_least(100, "oracle_samples")

@@ -2,17 +2,21 @@
 
 ``text`` is the paper as printed, ``code`` the authors' public code and simulator where the text is silent,
 ``ours`` everything else. ``added`` marks a field that came after missions had been recorded without it, since
-version 1: where it has its default, digests leave it out. A unit is the ending of the field's name (see `split_unit`).
+version 1: where it has its default, digests leave it out. ``names`` lists what a field may name
+(`nbv.config.registry`). A unit is the ending of the field's name (see `split_unit`).
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import Literal, TypeVar, cast
+from collections.abc import Callable, Collection
+from typing import Any, Literal, TypeVar, cast
 
 Source = Literal["text", "code", "ours"]
 T = TypeVar("T")
 
+# Also of a whole section.
+ADDED_SINCE_VERSION_1 = {"added_since_version_1": True}
 _UNITS = {
     "m": "m", "mm": "mm", "px": "px", "deg": "°", "s": "s", "dn": "DN", "m_s": "m/s", "m_s2": "m/s²", "m_s3": "m/s³",
     "rad_s": "rad/s", "rad_s2": "rad/s²", "rad_s3": "rad/s³",
@@ -20,10 +24,17 @@ _UNITS = {
 
 
 def text(
-    default: T, where: str, meaning: str, *, label: str = "", symbol: str = "", added: bool = False
+    default: T,
+    where: str,
+    meaning: str,
+    *,
+    label: str = "",
+    symbol: str = "",
+    added: bool = False,
+    names: Callable[[], Collection[str]] | None = None,
 ) -> T:
     """A default that the paper's text states, ``where`` (section, equation or table)."""
-    return _described(default, "text", where, meaning, label, symbol, added)
+    return _described(default, "text", where, meaning, label, symbol, added, names)
 
 
 def code(
@@ -41,11 +52,26 @@ def ours(
 
 
 def _described(
-    default: T, source: Source, where: str, meaning: str, label: str, symbol: str, added: bool = False
+    default: T,
+    source: Source,
+    where: str,
+    meaning: str,
+    label: str,
+    symbol: str,
+    added: bool,
+    names: Callable[[], Collection[str]] | None = None,
 ) -> T:
-    metadata = {"source": source, "where": where, "meaning": meaning, "label": label, "symbol": symbol}
+    metadata: dict[str, Any] = {
+        "source": source,
+        "where": where,
+        "meaning": meaning,
+        "label": label,
+        "symbol": symbol,
+    }
     if added:
-        metadata["added_since_version_1"] = "yes"
+        metadata |= ADDED_SINCE_VERSION_1
+    if names is not None:
+        metadata["names"] = names
     return cast(T, dataclasses.field(default=default, metadata=metadata))
 
 

@@ -6,24 +6,31 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nbv.gates.base import Gate, GateInputs
 from nbv.random_streams import keyed_rng
-from nbv.types import CandidatePool, Floats, GateDecision, Ints, PlanningState, Ranking
+from nbv.scorers import COVIS
+from nbv.scorers.scorer import falling
+from nbv.types import CandidatePool, Floats, GateDecision, PlanningState, Ranking
 
 
 def ranking_of(scorer: str, scores: Floats, rankings: dict[str, Ranking]) -> Ranking:
     """A ranking by ``scores`` (C,); ties keep pool order. Its main term is the score itself."""
-    shared = rankings["covis"].terms
+    shared = rankings[COVIS.name].terms  # as in any ranking
     terms = {"main": scores, "nov": shared["nov"], "move": shared["move"], "ang": shared["ang"]}
-    order: Ints = np.argsort(-np.round(scores, 12), kind="stable").astype(np.int64)
-    return Ranking(scorer, order, scores, terms)
+    return Ranking(scorer, falling(scores), scores, terms)
 
 
 @dataclass(frozen=True)
-class RandomGate:
+class RandomGate(Gate):
     """Any feasible candidate with equal probability, drawn per (rock, replicate, iteration)."""
 
     rock_sha256: str
     replicate: int
+
+    @classmethod
+    def make(cls, given: GateInputs) -> RandomGate:
+        """With the mission's key."""
+        return cls(given.rock_sha256, given.replicate)
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """A random permutation of the pool."""
@@ -32,33 +39,38 @@ class RandomGate:
 
 
 @dataclass(frozen=True)
-class NoveltyGate:
+class NoveltyGate(Gate):
     """The candidate farthest from everything visited, saturating at ``d_scale`` (Eq. 2 alone)."""
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """Falling novelty."""
-        nov = rankings["covis"].terms["nov"]
+        nov = rankings[COVIS.name].terms["nov"]
         return GateDecision(ranking_of("novelty-only", nov, rankings), "largest novelty")
 
 
 @dataclass(frozen=True)
-class MovementGate:
+class MovementGate(Gate):
     """The cheapest candidate to reach (Eq. 3 alone)."""
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """Rising movement cost."""
-        move = rankings["covis"].terms["move"]
+        move = rankings[COVIS.name].terms["move"]
         return GateDecision(ranking_of("movement-only", -move, rankings), "smallest movement")
 
 
 @dataclass(frozen=True)
-class UniformCoverageGate:
+class UniformCoverageGate(Gate):
     """Farthest-point sampling of viewing directions, seeds included: the evenest coverage of the sphere.
 
     Unlike novelty it compares directions, so the seeds' larger radius does not count as new.
     """
 
     target_m: tuple[float, float, float]
+
+    @classmethod
+    def make(cls, given: GateInputs) -> UniformCoverageGate:
+        """Around the mission's target."""
+        return cls(given.config.target_m)
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """Falling angle to the nearest visited direction."""

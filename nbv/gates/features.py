@@ -11,8 +11,8 @@ import numpy as np
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.gates.base import budget_fraction
-from nbv.scorers.b_aware import mean_neighbour_distance
-from nbv.scorers.scorer import box_points
+from nbv.scorers import box_points
+from nbv.scorers.weakness import mean_neighbour_distance
 from nbv.types import PlanningState
 
 FEATURE_NAMES = (

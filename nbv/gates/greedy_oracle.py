@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
+from nbv.gates.base import Gate, GateInputs
 from nbv.gates.controls import ranking_of
 from nbv.gates.ground_truth import GroundTruthOracle
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
 
 
 @dataclass(frozen=True)
-class GreedyOracleGate:
+class GreedyOracleGate(Gate):
     """Ranks the whole pool by the oracle's gain; ties keep pool order. Reads the ground truth."""
 
+    sees_ground_truth: ClassVar[bool] = True
     oracle: GroundTruthOracle
+
+    @classmethod
+    def make(cls, given: GateInputs) -> GreedyOracleGate:
+        """With the rock's truth."""
+        return cls(given.truth)
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """Falling gain."""

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from nbv.config import MissionConfig
 from nbv.geometry.frames import intrinsic_matrix, look_at
 from nbv.geometry.raycasting import RayCaster, rays_of
+from nbv.rocks.rock import Rock
 from nbv.types import CandidatePool, Floats, PlanningState, Ranking
 
 Mask = NDArray[np.bool_]
@@ -187,6 +188,11 @@ class GroundTruthOracle:
         reached = np.maximum(after.max(axis=0, initial=-1), own) + 1
         growth = np.minimum(reached, need) - np.minimum(before.max(axis=0, initial=-1) + 1, need)
         return float(growth.sum()) / need
+
+
+def make_oracle(config: MissionConfig, rock: Rock) -> GroundTruthOracle:
+    """The ground truth of one rock, for oracle gates and for logging rewards off-policy."""
+    return GroundTruthOracle(rock.vertices_m, rock.faces, config)
 
 
 def oracle_rewards(

@@ -2,7 +2,7 @@
 
 The file holds ``{"type": "decision_tree", "version": 1, "root": NODE}``. A node is either
 ``{"feature": NAME, "threshold": X, "left": NODE, "right": NODE}`` (left if the value is at most X) or a
-leaf ``{"scorer": "covis" | "b-aware", "probability": P}``, P being the share of training samples in that
+leaf ``{"scorer": NAME, "probability": P}``, P being the share of training samples in that
 leaf that agree with its scorer. Other keys (how it was trained, on what) are for people and ignored.
 
 Without a file of one's own, the policy that comes with the package is flown: ``policies/default.json``, made
@@ -18,8 +18,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from nbv.config import MissionConfig
+from nbv.config import SCORERS, MissionConfig
 from nbv.errors import UserError
+from nbv.gates.base import Gate, GateInputs
 from nbv.gates.features import FEATURE_NAMES, gate_features
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
 
@@ -53,8 +54,10 @@ def _check_node(node: Any, source: str, where: str) -> None:
     if not isinstance(node, dict):
         raise UserError(f"{source}: {where} is missing or not an object")
     if "scorer" in node:
-        if node["scorer"] not in ("covis", "b-aware"):
-            raise UserError(f"{source}: {where} names scorer {node['scorer']!r}; use covis or b-aware")
+        if node["scorer"] not in SCORERS:
+            raise UserError(
+                f"{source}: {where} names scorer {node['scorer']!r}; there are {', '.join(SCORERS)}"
+            )
         if not _is_number(node.get("probability")) or not 0.0 <= node["probability"] <= 1.0:
             raise UserError(f'{source}: {where} needs a "probability" between 0 and 1')
         return
@@ -73,11 +76,16 @@ def _is_number(value: Any) -> bool:
 
 
 @dataclass(frozen=True)
-class LearnedGate:
+class LearnedGate(Gate):
     """Walks the tree at every iteration. Deployable: features come from the sparse model alone."""
 
     root: dict[str, Any]
     config: MissionConfig
+
+    @classmethod
+    def make(cls, given: GateInputs) -> LearnedGate:
+        """With the configuration's policy."""
+        return cls.from_file(given.config.gate.learned_policy, given.config)
 
     @classmethod
     def from_file(cls, path: str, config: MissionConfig) -> LearnedGate:

@@ -1,12 +1,27 @@
-"""The scorers: arrays in, rankings out. `rank_candidates` is what the mission calls."""
+"""The scorers: arrays in, rankings out. `rank_candidates` is what the mission calls.
 
-from nbv.scorers.scorer import (
-    SharedTerms,
-    box_points,
-    rank_b_aware,
-    rank_candidates,
-    rank_covis,
-    shared_terms,
-)
+A scorer is a main term with weights (`Scorer`); Eq. 1 and the terms that all share are written once. Those that a
+configuration may name stand in `nbv.config.registry`.
+"""
 
-__all__ = ["SharedTerms", "box_points", "rank_b_aware", "rank_candidates", "rank_covis", "shared_terms"]
+from nbv.scorers.b_aware import B_AWARE
+from nbv.scorers.covis import COVIS
+from nbv.scorers.matchable import MATCHABLE
+from nbv.scorers.registry import PAPER_SCORERS, Rankings, find_scorer, rank_candidates
+from nbv.scorers.scorer import Scorer
+from nbv.scorers.shared import BoxPoints, SharedTerms, box_points, shared_terms
+
+__all__ = [
+    "B_AWARE",
+    "COVIS",
+    "MATCHABLE",
+    "PAPER_SCORERS",
+    "BoxPoints",
+    "Rankings",
+    "Scorer",
+    "SharedTerms",
+    "box_points",
+    "find_scorer",
+    "rank_candidates",
+    "shared_terms",
+]

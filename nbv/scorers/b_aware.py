@@ -2,202 +2,64 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-
 import numpy as np
-from numpy.typing import NDArray
 
-from nbv.config import BAwareConfig
-from nbv.geometry.neighbours import neighbour_distances
-from nbv.types import Floats, Ints
+from nbv.config import MissionConfig
+from nbv.scorers.repair import repair
+from nbv.scorers.repair_single import precision, repair_single
+from nbv.scorers.scorer import Scorer, eq_1, falling
+from nbv.scorers.shared import SharedTerms
+from nbv.scorers.weakness import weakness
+from nbv.types import CandidatePool, Floats, Ints
 
-BLOCK = 128  # points at a time: a block's (BLOCK, C) arrays stay in the processor's cache
-# Of few candidates several blocks at a time, or the calls take longer than the work.
-BLOCK_PAIRS = BLOCK * 160
-
-
-def percentiles(values: Floats, percents: Sequence[float]) -> list[float]:
-    """`numpy.percentile` of finite values (N,), to the bit, without its overhead of 0.1 ms."""
-    last = len(values) - 1
-    places = [last * (percent / 100.0) for percent in percents]
-    ordered = np.partition(values, [i for place in places for i in (int(place), min(int(place) + 1, last))])
-    found = []
-    for place in places:
-        below = int(place)
-        a, b = float(ordered[below]), float(ordered[min(below + 1, last)])
-        t = place - below
-        found.append(b - (b - a) * (1.0 - t) if t >= 0.5 else a + (b - a) * t)
-    return found
+MIN_POINTS_SINGLE = 300  # rounding errors of fewer points do not cancel well, and there is little to gain
 
 
-def percentile_scaled(values: Floats) -> Floats:
-    """Values scaled so that their 5th and 95th percentiles are 0 and 1, clipped; all 0 if these coincide."""
-    low, high = percentiles(values, (5.0, 95.0))
-    if high - low < 1e-8:
-        return np.zeros_like(values)
-    return np.clip((values - low) / (high - low), 0.0, 1.0)
+def repair_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
+    """Eq. 6 to 8: (C,) share of all weakness in the box that each candidate would repair.
 
-
-def mean_neighbour_distance(points_m: Floats, neighbours: int) -> Floats:
-    """(P,) mean distance to the nearest ``neighbours`` other points; zeros for a single point."""
-    k = min(neighbours, len(points_m) - 1)
-    if k < 1:
-        return np.zeros(len(points_m))
-    # Row by row a mean of a few numbers takes several times as long.
-    return np.ascontiguousarray(neighbour_distances(points_m, k).T).mean(axis=0)
-
-
-def weakness(
-    points_m: Floats, track_lengths: Ints, reprojection_error_px: Floats, config: BAwareConfig
-) -> Floats:
-    """Eq. 6: (P,) weakness in [0, 1] of the tracked points in the box.
-
-    Inverse track support and local sparsity; with ``alpha_reprojection`` (0 in the paper's text, 0.2
-    in the authors' code) also the percentile-scaled reprojection error.
+    Worked out in single precision first, and in double precision for the candidates that this cannot put in
+    order: the order is that of double precision throughout.
     """
-    target = config.target_track_length
-    w = config.alpha_track * np.clip((target - track_lengths) / target, 0.0, 1.0)
-    if config.alpha_density > 0:
-        spread = mean_neighbour_distance(points_m, config.density_neighbours)
-        w = w + config.alpha_density * percentile_scaled(spread)
-    if config.alpha_reprojection > 0 and np.any(reprojection_error_px > 0):
-        w = w + config.alpha_reprojection * percentile_scaled(reprojection_error_px)
-    return np.clip(w, 0.0, 1.0)
+    box, b_aware = terms.box, config.b_aware
+    lengths = box.track_lengths
+    weak = weakness(box.points_m, lengths, box.reprojection_error_px, b_aware)[terms.order]
+    angles = (b_aware.theta_low_deg, b_aware.theta_saturation_deg)
+
+    def exactly(columns: slice | Ints) -> Floats:
+        ordered = terms.ordered
+        return repair(
+            terms.visible[:, columns],
+            weak,
+            pool.positions_m[columns],
+            ordered.points_m,
+            ordered.track_offsets,
+            ordered.track_cameras,
+            ordered.camera_centers_m,
+            *angles,
+        )
+
+    error = precision(*angles)
+    if len(box.points_m) < MIN_POINTS_SINGLE or not np.isfinite(error):
+        return exactly(slice(None))
+    main = repair_single(
+        terms.visible,
+        weak,
+        pool.positions_m,
+        terms.points_m,
+        box.track_offsets[terms.order],
+        lengths[terms.order],
+        box.track_cameras,
+        box.camera_centers_m,
+        *angles,
+    )
+    scores = eq_1(main, terms, b_aware.weights)
+    order = falling(scores)
+    close = np.abs(np.diff(scores[order])) <= 2.0 * error * b_aware.weights.main + 1e-11
+    unsettled = order[np.append(close, False) | np.append(False, close)]
+    if len(unsettled):
+        main[unsettled] = exactly(unsettled)
+    return main
 
 
-def _observations_by_block(
-    order: Ints, lengths: Ints, track_offsets: Ints, track_cameras: Ints, block: int
-) -> tuple[Ints, Ints, list[list[int]]]:
-    """Observations sorted by (block of points, rank within the track), so that each group is a slice.
-
-    ``order`` lists the points by falling track length. Returns each observation's point and camera, and
-    for every block the sizes of its groups: how many of its points have a first ray, a second, ...
-    """
-    sizes = []
-    firsts = []
-    points = []
-    for start in range(0, len(order), block):
-        rows = order[start : start + block]
-        n_rays = lengths[rows]
-        longest = int(n_rays[0])
-        # Points with more than j rays, for j = 0, 1, ...: a prefix, since the longest come first.
-        counts = len(rows) - np.searchsorted(n_rays[::-1], np.arange(longest), side="right")
-        sizes.append(counts.tolist())
-        within = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        points.append(rows[within])
-        firsts.append(np.repeat(np.arange(longest), counts))
-    point = np.concatenate(points) if points else np.zeros(0, dtype=np.int64)
-    rank = np.concatenate(firsts) if firsts else np.zeros(0, dtype=np.int64)
-    return point, track_cameras[track_offsets[point] + rank], sizes
-
-
-def _gain_blocks(
-    candidates_m: Floats,
-    points_m: Floats,
-    track_offsets: Ints,
-    track_cameras: Ints,
-    camera_centers_m: Floats,
-    theta_low_deg: float,
-    theta_saturation_deg: float,
-) -> Iterator[tuple[Ints, Floats]]:
-    """Eq. 7 block by block: the points' indices and their (B, C) gains, a buffer that is used again."""
-    n_candidates = len(candidates_m)
-    low, high = np.deg2rad(theta_low_deg), np.deg2rad(theta_saturation_deg)
-    cos_low, cos_high = np.cos(low), np.cos(high)
-    lengths = np.diff(track_offsets)
-    size = BLOCK * max(1, BLOCK_PAIRS // (BLOCK * max(1, n_candidates)))
-
-    # Longest tracks first: within a block, the points that have a j-th ray are then a prefix, and
-    # (p - c) . ray = ray . p - ray . c for all candidates is one small matrix product.
-    order = np.argsort(-lengths, kind="stable")
-    point, camera, sizes = _observations_by_block(order, lengths, track_offsets, track_cameras, size)
-    rays = np.empty((len(point), 4))  # unit ray, ray . p
-    position = points_m.take(point, axis=0)
-    for axis in range(3):  # several times faster than rows of three
-        np.subtract(position[:, axis], camera_centers_m[:, axis].take(camera), out=rays[:, axis])
-    length = np.sqrt(np.einsum("ij,ij->i", rays[:, :3], rays[:, :3]))
-    for axis in range(3):
-        rays[:, axis] /= length
-    np.einsum("ij,ij->i", rays[:, :3], position, out=rays[:, 3])
-    minus_c = np.concatenate([-candidates_m.T, np.ones((1, n_candidates))])  # (4, C)
-    for_distance = np.concatenate([-2.0 * candidates_m.T, np.ones((1, n_candidates)),
-                                   (candidates_m**2).sum(axis=1)[None]])  # fmt: skip
-
-    product, best = np.empty((2, min(size, len(order)), n_candidates))
-    at = 0
-    for block, counts in enumerate(sizes):
-        rows = order[block * size : (block + 1) * size]
-        nearest = best[: len(rows)]  # becomes |p - c| cos(angle to the nearest ray)
-        observed = counts[0] if counts else 0
-        nearest[observed:] = -np.inf
-        for j, k in enumerate(counts):
-            if j == 0:
-                np.matmul(rays[at : at + k], minus_c, out=nearest[:k])
-            else:
-                np.matmul(rays[at : at + k], minus_c, out=product[:k])
-                np.maximum(nearest[:k], product[:k], out=nearest[:k])
-            at += k
-        p = np.ones((len(rows), 5))
-        p[:, :3] = points_m[rows]
-        np.einsum("ij,ij->i", p[:, :3], p[:, :3], out=p[:, 3])
-        distance = np.matmul(p, for_distance, out=product[: len(rows)])
-        np.maximum(distance, 1e-16, out=distance)  # a candidate on a point: no division by zero
-        np.sqrt(distance, out=distance)
-        nearest /= distance
-        np.minimum(nearest, cos_low, out=nearest)
-        np.maximum(nearest, cos_high, out=nearest)
-        np.arccos(nearest, out=nearest)
-        nearest -= low
-        nearest *= 1.0 / (high - low)
-        yield rows, nearest
-
-
-def geometry_gain(
-    candidates_m: Floats,
-    points_m: Floats,
-    track_offsets: Ints,
-    track_cameras: Ints,
-    camera_centers_m: Floats,
-    theta_low_deg: float,
-    theta_saturation_deg: float,
-) -> Floats:
-    """Eq. 7: (P, C) gain of each candidate's ray to each point, in [0, 1].
-
-    0 up to ``theta_low_deg`` from the nearest existing observation ray, 1 from
-    ``theta_saturation_deg`` on (or where a point has no observation). Tracks are CSR as in
-    `nbv.types.SparseModel`, relative to ``points_m``.
-    """
-    gain = np.empty((len(points_m), len(candidates_m)))
-    for rows, block in _gain_blocks(
-        candidates_m, points_m, track_offsets, track_cameras, camera_centers_m,
-        theta_low_deg, theta_saturation_deg,
-    ):  # fmt: skip
-        gain[rows] = block
-    return np.clip(gain, 0.0, 1.0, out=gain)  # the clip of the cosine leaves the ends inexact by rounding
-
-
-def repair(
-    visible: NDArray[np.bool_],
-    weak: Floats,
-    candidates_m: Floats,
-    points_m: Floats,
-    track_offsets: Ints,
-    track_cameras: Ints,
-    camera_centers_m: Floats,
-    theta_low_deg: float,
-    theta_saturation_deg: float,
-) -> Floats:
-    """Eq. 8: (C,) share of all weakness that each candidate would repair.
-
-    ``visible`` is (P, C), ``weak`` (P,). If no point is weak there is nothing to repair: zeros, through
-    the reference's guard of 1e-8 on the denominator. The (P, C) gains are never stored.
-    """
-    mass = np.zeros(len(candidates_m))
-    for rows, gain in _gain_blocks(
-        candidates_m, points_m, track_offsets, track_cameras, camera_centers_m,
-        theta_low_deg, theta_saturation_deg,
-    ):  # fmt: skip
-        gain *= visible[rows]
-        for start in range(0, len(rows), BLOCK):  # summed in the same order, however many come at a time
-            mass += weak[rows[start : start + BLOCK]] @ gain[start : start + BLOCK]
-    return np.maximum(mass, 0.0) / max(float(weak.sum()), 1e-8)
+B_AWARE = Scorer("b-aware", repair_share, weights=lambda config: config.b_aware.weights)

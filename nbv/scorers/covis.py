@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.types import Floats
+from nbv.config import MissionConfig
+from nbv.scorers.scorer import Scorer
+from nbv.scorers.shared import SharedTerms
+from nbv.types import CandidatePool, Floats
 
 
 def co_visibility(visible: NDArray[np.bool_]) -> Floats:
@@ -22,3 +25,11 @@ def co_visibility(visible: NDArray[np.bool_]) -> Floats:
     total = np.add.reduce(counts.reshape(together, n_candidates), axis=0, dtype=np.int64)
     total += np.add.reduce(as_bytes[whole:], axis=0, dtype=np.int64)
     return total / n_points
+
+
+def share_seen(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
+    """Eq. 5 of a state."""
+    return co_visibility(terms.visible)
+
+
+COVIS = Scorer("covis", share_seen, weights=lambda config: config.covis.weights)

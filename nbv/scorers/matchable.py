@@ -4,7 +4,7 @@ Eq. 8 asks which *sparse points* are weak. Dense stereo reconstructs *surface*, 
 at angles that can be matched. So this term closes the sparse points into a surface (their convex hull: the parts
 that no photograph has matched yet exist on it, too) and counts, for samples of it, the views that see them at a
 matchable angle to one another. Deployable: it reads the sparse model and the visited viewpoints only.
-Ours, not the paper's; `b_aware.main_term` chooses it.
+Ours, not the paper's.
 """
 
 from __future__ import annotations
@@ -17,8 +17,11 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from nbv.config import MissionConfig
+from nbv.errors import MissionFailure
 from nbv.geometry.frustum import in_frustum
-from nbv.types import Floats
+from nbv.scorers.scorer import Scorer
+from nbv.scorers.shared import SharedTerms
+from nbv.types import CandidatePool, Floats
 
 SAMPLES = 1_000
 SAMPLE_SEED = 42
@@ -81,10 +84,10 @@ def matchable_repair(
 
     A sample has as many matchable views as its best view has: itself and the visited views that see the
     sample at an angle that dense stereo would match (``dense.min_pair_angle_deg`` to
-    ``dense.max_pair_angle_deg``, as seen from the sample). It needs ``b_aware.matchable_views``. Zeros where
-    nothing is missing.
+    ``dense.max_pair_angle_deg``, as seen from the sample). It needs ``matchable.views``. Zeros where nothing is
+    missing.
     """
-    need = config.b_aware.matchable_views
+    need = config.matchable.views
     n_visited = len(visited_m)
     views = np.concatenate([visited_m.reshape(-1, 3), candidates_m])
     visible = sees(surface, views, config)
@@ -128,3 +131,25 @@ def _partners(
     """(S, V): -1 where a visited view does not see a sample, else how many others match it there."""
     pairs = _matchable(samples_m, visited_m, visited_m, config) & seen[:, None, :]
     return np.where(seen, pairs.sum(axis=2), -1).astype(np.int16)
+
+
+def missing_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
+    """`matchable_repair` of a state.
+
+    Raises
+    ------
+    MissionFailure
+        ``no_surface``: the points near the target span no volume.
+    """
+    points_m = terms.box.points_m
+    surface = proxy_surface(points_m, config)
+    if surface is None:
+        raise MissionFailure(
+            "no_surface",
+            f"the {len(points_m)} sparse points near the target span no volume above the ground, which scorer"
+            " matchable needs; b-aware and covis do not",
+        )
+    return matchable_repair(surface, pool.positions_m, terms.visited_m, config)
+
+
+MATCHABLE = Scorer("matchable", missing_share, weights=lambda config: config.matchable.weights)

@@ -116,7 +116,7 @@ class CampaignSettings:
 
     def config(self, values: Mapping[str, Any]) -> MissionConfig:
         """The mission configuration at tuned ``values``."""
-        return self.base_config().with_values(dict(values))
+        return self.base_config().with_values(self.space.complete(values))
 
     def default_values(self) -> Values:
         """Where every sampler starts: the paper's values."""

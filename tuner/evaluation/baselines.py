@@ -7,7 +7,7 @@ import difflib
 from dataclasses import dataclass, field
 from typing import Any
 
-from nbv.config import MissionConfig
+from nbv.config import GATES, MissionConfig
 from nbv.errors import UserError
 
 
@@ -19,8 +19,12 @@ class Baseline:
     label: str
     description: str
     in_paper: bool = False
-    uses_ground_truth: bool = False  # an upper reference, not deployable
     values: dict[str, Any] = field(default_factory=dict)  # further parameters of the strategy
+
+    @property
+    def uses_ground_truth(self) -> bool:
+        """Whether it is an upper reference, not deployable."""
+        return self.name in GATES and bool(GATES.load(self.name).sees_ground_truth)
 
     def config(self, base: MissionConfig) -> MissionConfig:
         """``base`` flying this strategy."""
@@ -33,22 +37,21 @@ BASELINES: dict[str, Baseline] = {
         Baseline("covis", "Covis", "co-visibility scorer throughout (Eq. 5)", in_paper=True),
         Baseline("b-aware", "B-aware", "baseline-aware repair scorer throughout (Eq. 6 to 8)", in_paper=True),
         Baseline("hyb-h", "Hyb-H", "heuristic gate at the paper's thresholds (Eq. 9)", in_paper=True),
-        Baseline("hyb-o", "Hyb-O", "oracle gate, from the true surface", True, True),
+        Baseline("hyb-o", "Hyb-O", "oracle gate, from the true surface", in_paper=True),
         Baseline("learned", "Learned gate", "decision tree trained on the oracle's choices"),
         Baseline("random", "Random views", "a feasible candidate at random"),
         Baseline("novelty-only", "Novelty only", "the feasible candidate farthest from earlier views"),
         Baseline("movement-only", "Movement only", "the feasible candidate nearest to the vehicle"),
         Baseline("uniform-coverage", "Uniform coverage", "azimuths and elevations filled evenly"),
         # The ceiling needs the reward that the dense stage pays back: docs/results/oracle_coverage.md.
-        Baseline("greedy-oracle", "Greedy oracle", "each view chosen from the true surface", False, True,
-                 {"gate.oracle_coverage": "matchable"}),
-        Baseline("matchable", "Matchable", "our own main term alone: the surface that lacks matchable views",
-                 values={"gate.kind": "b-aware", "b_aware.main_term": "matchable", "b_aware.weights.nov": 0.0,
-                         "b_aware.weights.move": 0.0, "b_aware.weights.ang": 0.0}),
+        Baseline("greedy-oracle", "Greedy oracle", "each view chosen from the true surface",
+                 values={"gate.oracle_coverage": "matchable"}),
+        Baseline("matchable", "Matchable", "our own scorer alone: the surface that lacks matchable views",
+                 values={f"matchable.weights.{term}": 0.0 for term in ("nov", "move", "ang")}),
     )
 }  # fmt: skip
 PAPER_STRATEGIES = tuple(name for name, b in BASELINES.items() if b.in_paper)
-# What `gatetune evaluate` compares with unless told otherwise: the paper's four, the learned gate, our own term,
+# What `gatetune evaluate` compares with unless told otherwise: the paper's four, the learned gate, our own scorer,
 # and what chance and a planner that looks at the true surface reach.
 EVALUATION_BASELINES = (*PAPER_STRATEGIES, "learned", "matchable", "random", "greedy-oracle")
 # What `gatetune reproduce` flies: Table I's columns, and the same two references for the gates.

@@ -9,6 +9,7 @@ A search space file reads::
       gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: log}       # default: the preset's value
       b_aware.target_track_length: {kind: int, low: 3, high: 12}
       visibility.mode: {kind: categorical, choices: [frustum, occlusion]}
+      b_aware.weights.nov: {kind: float, low: 0.1, high: 2.0, also: [matchable.weights.nov]}  # one value for both
 
 The unit cube has one dimension per parameter: floats and integers are scaled (after the logarithm where
 ``scale: log``), a categorical choice sits at the centre of its bin. Samplers work in the cube.
@@ -16,6 +17,7 @@ The unit cube has one dimension per parameter: floats and integers are scaled (a
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 import sys
@@ -37,7 +39,7 @@ if TYPE_CHECKING:
 Value = float | int | str | bool
 Values = dict[str, Any]
 
-_PARAMETER_KEYS = ("kind", "low", "high", "scale", "choices", "default")
+_PARAMETER_KEYS = ("kind", "low", "high", "scale", "choices", "default", "also")
 CHOICE_JUMP = 0.2  # probability of another choice where a configuration is moved a little
 _SPACE_KEYS = ("name", "description", "base", "parameters")
 
@@ -57,6 +59,7 @@ class Parameter:
     scale: Literal["linear", "log"] = "linear"
     choices: tuple[Value, ...] = ()
     default: Value | None = None  # None: the base configuration's value
+    also: tuple[str, ...] = ()  # further paths that take the same value
 
     def contains(self, value: Any) -> bool:
         """Whether ``value`` is admissible."""
@@ -115,6 +118,8 @@ class Parameter:
             tree.update(low=self.low, high=self.high, scale=self.scale)
         if self.default is not None:
             tree["default"] = self.default
+        if self.also:
+            tree["also"] = list(self.also)
         return tree
 
 
@@ -143,7 +148,14 @@ class SearchSpace:
 
     def config(self, preset: MissionConfig, values: Mapping[str, Any]) -> MissionConfig:
         """The mission configuration at ``values``."""
-        return preset.with_values({**self.base, **values})
+        return preset.with_values({**self.base, **self.complete(values)})
+
+    def complete(self, values: Mapping[str, Any]) -> Values:
+        """``values`` with the further paths that take the same (``also``): all that a configuration sets."""
+        return {
+            **values,
+            **{path: values[p.path] for p in self.parameters for path in p.also if p.path in values},
+        }
 
     def default(self, preset: MissionConfig) -> Values:
         """Default values: explicit ones, else the base configuration's (in every preset the paper's).
@@ -184,7 +196,7 @@ class SearchSpace:
         for ends in itertools.product(*(p.ends for p in parameters)):
             changed = {p.path: value for p, value in zip(parameters, ends)}
             try:
-                base.with_values({**values, **changed})
+                base.with_values(self.complete({**values, **changed}))
             except UserError as error:
                 text = " with ".join(f"{path} = {value!r}" for path, value in changed.items())
                 raise UserError(
@@ -351,10 +363,16 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
         raise UserError(f"{source}: 'base' must map parameter paths to values")
     for path in (*raw, *base):
         _known_path(str(path), source)
-    both = [path for path in raw if path in base]
-    if both:
-        raise UserError(f"{source}: {both[0]} is both fixed in 'base' and tuned; remove one of the two")
     parameters = tuple(_parameter(path, spec, f"{source}: {path}") for path, spec in raw.items())
+    tuned = [path for p in parameters for path in (p.path, *p.also)]
+    for path in tuned:
+        _known_path(path, source)
+        if path in base:
+            raise UserError(f"{source}: {path} is both fixed in 'base' and tuned; remove one of the two")
+        if tuned.count(path) > 1:
+            raise UserError(
+                f"{source}: {path} is tuned twice, as a parameter and in 'also'; remove one of the two"
+            )
     space = SearchSpace(
         str(tree.get("name") or Path(source).stem), parameters, dict(base), str(tree.get("description") or "")
     )
@@ -384,6 +402,13 @@ def _parameter(path: str, spec: Any, where: str) -> Parameter:
     if not isinstance(spec, dict):
         raise UserError(f"{where}: give a mapping such as {{kind: float, low: 0.1, high: 1.0}}")
     _known_keys(spec, _PARAMETER_KEYS, where)
+    also = spec.get("also", [])
+    if not isinstance(also, list) or any(not isinstance(other, str) for other in also):
+        raise UserError(f"{where}: 'also' must list parameter paths, not {also!r}")
+    return dataclasses.replace(_range(path, spec, where), also=tuple(also))
+
+
+def _range(path: str, spec: dict[str, Any], where: str) -> Parameter:
     kind = spec.get("kind", "float")
     if kind not in ("float", "int", "categorical"):
         raise UserError(f"{where}: unknown kind {kind!r}; allowed: float, int, categorical")

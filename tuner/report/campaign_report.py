@@ -14,6 +14,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
 from tuner.missions.fidelities import GEOMETRIC_NOTE
+from tuner.problem.search_space import SearchSpace
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.campaign_facts import CampaignFacts, verdict
 from tuner.report.campaign_illustrations import (
@@ -103,9 +104,10 @@ def campaign_headline(recommendation: Recommendation, metric: str, difference_un
     return f"No difference detected between the recommended configuration and the paper’s default in {metric}: {how}."
 
 
-def recommended_yaml(recommendation: Recommendation) -> str:
+def recommended_yaml(recommendation: Recommendation, space: SearchSpace) -> str:
     """The recommended values as parameter paths, seven significant digits."""
-    values = {k: float(f"{v:.7g}") if isinstance(v, float) else v for k, v in recommendation.values.items()}
+    recommended = space.complete(recommendation.values)
+    values = {k: float(f"{v:.7g}") if isinstance(v, float) else v for k, v in recommended.items()}
     return yaml.safe_dump(values, sort_keys=False)
 
 
@@ -192,12 +194,11 @@ def _verification_text(facts: CampaignFacts, best: Recommendation) -> str:
 def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Path) -> dict[str, Any]:
     label, s = facts.label, facts.settings
     assert facts.model is not None
-    sets = " ".join(
-        f"--set {shlex.quote(f'{k}={v}')}" for k, v in yaml.safe_load(recommended_yaml(best)).items()
-    )
+    text = recommended_yaml(best, s.space)
+    sets = " ".join(f"--set {shlex.quote(f'{k}={v}')}" for k, v in yaml.safe_load(text).items())
     base = " ".join(f"--set {shlex.quote(f'{k}={v}')}" for k, v in {**s.overrides, **s.space.base}.items())
     return {
-        "yaml": recommended_yaml(best),
+        "yaml": text,
         "mission_command": " ".join(
             f"gatetune mission run --rock {shlex.quote(s.rocks[0])} --preset {s.preset} {base} {sets}".split()
         ),

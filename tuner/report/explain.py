@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
 from rich.table import Table
 
-from nbv.config import MissionConfig, config_from_dict, preset
+from nbv.config import SCORERS, MissionConfig, Weights, config_from_dict, preset
 from nbv.errors import UserError
 from nbv.mission.planning_state import load_state
-from nbv.scorers import rank_candidates
+from nbv.scorers import find_scorer, rank_candidates
 from nbv.types import CandidatePool, Ranking
 from tuner.commands.console import parse_overrides
 
@@ -42,7 +41,7 @@ def locate_state(path: Path, iteration: int, preset_name: str) -> tuple[Path, Mi
 def explain_state(
     path: Path, iteration: int, preset_name: str, assignments: list[str], top: int
 ) -> Iterator[Table | str]:
-    """Tables and sentences that explain both scorers' rankings of one state."""
+    """Tables and sentences that explain the rankings of one state: the paper's two scorers, and what the gate flies."""
     file, config = locate_state(path, iteration, preset_name)
     config = config.with_values(parse_overrides(assignments))
     state, pool = load_state(file)
@@ -51,15 +50,14 @@ def explain_state(
         f"iteration {state.iteration}: {len(pool)} candidates, {len(state.model.points_m)} sparse points, "
         f"{state.captures_used} of {state.adaptive_budget} captures used, d95 {1000 * state.d95_m:.0f} mm"
     )
-    for name, ranking in rankings.items():
-        weights = (config.covis if name == "covis" else config.b_aware).weights
-        own = name == "b-aware" and config.b_aware.main_term != "repair"
-        title = f"{name} (main: {config.b_aware.main_term})" if own else name
-        yield _ranking_table(title, ranking, pool, weights, top)
-        yield _why(name, ranking, pool, weights)
+    flown = [name for name in (config.gate.kind, config.gate.geometry_scorer) if name in SCORERS]
+    for name in dict.fromkeys([*rankings, *flown]):
+        weights = find_scorer(name).weights(config)
+        yield _ranking_table(name, rankings[name], pool, weights, top)
+        yield _why(name, rankings[name], pool, weights)
 
 
-def _ranking_table(title: str, ranking: Ranking, pool: CandidatePool, weights: Any, top: int) -> Table:
+def _ranking_table(title: str, ranking: Ranking, pool: CandidatePool, weights: Weights, top: int) -> Table:
     table = Table(title=f"{title}: S = {weights.main:g} main + {weights.nov:g} nov - {weights.move:g} move - "
                         f"{weights.ang:g} ang")  # fmt: skip
     # In full on a terminal of 80 columns: names of candidates are what one looks up.
@@ -74,7 +72,7 @@ def _ranking_table(title: str, ranking: Ranking, pool: CandidatePool, weights: A
     return table
 
 
-def _why(name: str, ranking: Ranking, pool: CandidatePool, weights: Any) -> str:
+def _why(name: str, ranking: Ranking, pool: CandidatePool, weights: Weights) -> str:
     if len(ranking.order) < 2:
         return f"{name}: the only candidate."
     first, second = ranking.order[:2]

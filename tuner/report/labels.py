@@ -139,7 +139,7 @@ def parameter_value(value: Any) -> str:
 def strategy_label(kind: str) -> str:
     """The paper's name of a gate kind; others as they are."""
     return {
-        "covis": "Covis", "b-aware": "B-aware", "hyb-h": "Hyb-H", "hyb-o": "Hyb-O",
+        "covis": "Covis", "b-aware": "B-aware", "matchable": "Matchable", "hyb-h": "Hyb-H", "hyb-o": "Hyb-O",
         "greedy-oracle": "Greedy oracle", "learned": "Learned gate", "random": "Random views",
         "novelty-only": "Novelty only", "movement-only": "Nearest view", "uniform-coverage": "Uniform coverage",
     }.get(kind, kind)  # fmt: skip

@@ -22,10 +22,11 @@ from nbv.errors import UserError
 from nbv.gates.features import FEATURE_NAMES
 from nbv.gates.learned import check_policy
 from nbv.mission.run_directory import write_atomic
+from nbv.scorers import PAPER_SCORERS
 from nbv.types import Floats, Ints
 from tuner.studies.missions_as_data import FlownMission
 
-SCORERS = ("covis", "b-aware")  # class 0 and class 1: an exact draw of the votes goes to Covis
+SCORERS = PAPER_SCORERS  # class 0, Covis, and class 1, B-aware: an exact draw of the votes goes to Covis
 MAX_DEPTH = 3
 MIN_LEAF_SHARE, MIN_LEAF = 0.05, 5  # of the training samples; at least so many
 
@@ -64,7 +65,7 @@ class GateDecisions:
     @property
     def counts(self) -> dict[str, int]:
         """Decisions by what the oracle prefers."""
-        kinds = {"covis": self.margin < 0, "b-aware": self.margin > 0, "tie": self.margin == 0}
+        kinds = {SCORERS[0]: self.margin < 0, SCORERS[1]: self.margin > 0, "tie": self.margin == 0}
         return {name: int(mask.sum()) for name, mask in kinds.items()}
 
     def select(self, mask: np.ndarray) -> tuple[Floats, Ints, Floats]:
@@ -224,9 +225,8 @@ def learn_gate(decisions: GateDecisions, max_depth: int = MAX_DEPTH, seed: int =
             f"nothing to learn: the oracle ({decisions.coverage}) is indifferent in all {len(decisions.rewards)} "
             "decisions; fly missions with another gate.oracle_coverage, for example matchable"
         )
-    if min(counts["covis"], counts["b-aware"]) == 0:
-        only = "covis" if counts["covis"] else "b-aware"
-        other = SCORERS[1 - SCORERS.index(only)]
+    if min(counts[name] for name in SCORERS) == 0:
+        only, other = sorted(SCORERS, key=lambda name: -counts[name])
         notes.append(
             f"one-class labels: wherever the oracle is not indifferent it prefers {only}; there is nothing to "
             f"switch on, and the policy is to fly {only} always. {other} is never preferred in these missions"

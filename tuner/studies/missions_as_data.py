@@ -135,7 +135,9 @@ def mission_data(
             left_out["failed or without the metric"] += 1
         else:
             kept.append((mission, values, value))
-            reference = config.with_values({p.path: p.from_unit(0.5) for p in space.parameters})
+            reference = config.with_values(
+                space.complete({p.path: p.from_unit(0.5) for p in space.parameters})
+            )
             rest[reference.digest()] = reference
     if len(rest) > 1:
         path, shown = _difference(list(rest.values()))

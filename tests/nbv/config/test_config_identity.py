@@ -5,10 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 
+import pytest
+
 from nbv.config import MissionConfig, canonical, config_from_dict, preset
+from nbv.errors import UserError
 
 ADDED_SINCE_VERSION_1 = {
-    "b_aware": ("main_term", "matchable_views"),
+    "gate": ("geometry_scorer",),
     "sparse": (
         "min_ransac_trials",
         "local_ba_images",
@@ -24,6 +27,7 @@ ADDED_SINCE_VERSION_1 = {
 def version_1(config: MissionConfig) -> dict:
     """The configuration as a mission wrote it down before the later fields existed."""
     tree = config.to_dict()
+    del tree["matchable"]
     for section, names in ADDED_SINCE_VERSION_1.items():
         for name in names:
             del tree[section][name]
@@ -35,8 +39,8 @@ def test_an_added_field_changes_no_digest_until_it_is_used() -> None:
     text = json.dumps(version_1(config), sort_keys=True, separators=(",", ":"))
     assert config.digest() == hashlib.sha256(text.encode()).hexdigest()[:16]
     values = {
-        "b_aware.main_term": "matchable",
-        "b_aware.matchable_views": 5,
+        "gate.geometry_scorer": "matchable",
+        "matchable.views": 5,
         "b_aware.theta_low_deg": 4.0,
         "pool.max_altitude_m": 1.5,
     }
@@ -56,3 +60,19 @@ def test_a_record_of_version_1_is_the_mission_that_was_flown() -> None:
 def test_parts_of_a_configuration_are_keyed_without_unused_added_fields() -> None:
     assert canonical(preset("campaign").dense) == version_1(preset("campaign"))["dense"]
     assert canonical(preset("paper-reduced").dense)["search"] == "sparse"
+
+
+@pytest.mark.parametrize("name", ["main_term", "matchable_views"])
+def test_a_file_with_an_old_name_is_told_the_new_one(name: str) -> None:
+    new = {"main_term": "gate.geometry_scorer", "matchable_views": "matchable.views"}[name]
+    with pytest.raises(UserError, match=f"b_aware.{name} of an earlier version is now {new}"):
+        config_from_dict({"b_aware": {name: 6}})
+    with pytest.raises(UserError, match=new):
+        preset("campaign").with_values({f"b_aware.{name}": 6})
+
+
+def test_names_are_checked_when_a_configuration_is_read() -> None:
+    with pytest.raises(UserError, match=r"gate\.kind is 'hybh'; allowed: covis, b-aware, matchable, hyb-h"):
+        MissionConfig().with_values({"gate.kind": "hybh"})
+    with pytest.raises(UserError, match=r"gate\.geometry_scorer is 'hyb-h'; allowed: covis"):
+        MissionConfig().with_values({"gate.geometry_scorer": "hyb-h"})

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from gate_states import pool, rankings, state
 
-from nbv.config import GATE_KINDS, MissionConfig
+from nbv.config import GATES, SCORERS, MissionConfig, gate_kinds
 from nbv.errors import UserError
-from nbv.gates import make_gate
+from nbv.gates import GateInputs, controls, gate_class, make_gate
 from nbv.gates.controls import RandomGate
 from nbv.gates.heuristic import HeuristicGate
 
@@ -17,9 +17,9 @@ def config(kind: str, **values: object) -> MissionConfig:
     return MissionConfig().with_values({"gate.kind": kind, **values})
 
 
-@pytest.mark.parametrize("kind", ["covis", "b-aware"])
-def test_fixed_gates_fly_their_scorer(kind: str) -> None:
-    both = rankings(0, 1, len(pool()))
+@pytest.mark.parametrize("kind", list(SCORERS))
+def test_every_scorers_name_flies_it_alone(kind: str) -> None:
+    both = {**rankings(0, 1, len(pool())), "matchable": rankings(0, 2, len(pool()))["b-aware"]}
     assert make_gate(config(kind)).decide(state(), pool(), both).ranking is both[kind]
 
 
@@ -52,12 +52,38 @@ def test_budget_fraction_ignores_the_seeds() -> None:
 
 
 def test_every_kind_can_be_made_or_says_what_it_lacks() -> None:
-    for kind in GATE_KINDS:
-        if kind in ("hyb-o", "greedy-oracle"):
+    for kind in gate_kinds():
+        if gate_class(kind).sees_ground_truth:
             with pytest.raises(UserError, match="ground truth"):
                 make_gate(config(kind))
         else:
             assert make_gate(config(kind)) is not None
+
+
+def test_the_two_that_see_the_truth_say_so() -> None:
+    assert {k for k in gate_kinds() if gate_class(k).sees_ground_truth} == {"hyb-o", "greedy-oracle"}
+
+
+def test_hyb_h_switches_to_the_geometry_scorer_that_is_configured() -> None:
+    ranked = {**rankings(0, 1, len(pool())), "matchable": rankings(0, 2, len(pool()))["b-aware"]}
+    gate = make_gate(config("hyb-h", **{"gate.geometry_scorer": "matchable"}))
+    assert gate.decide(state(used=0), pool(), ranked).ranking is ranked["matchable"]
+    assert gate.decide(state(used=39, d95_m=0.0), pool(), ranked).ranking is ranked["covis"]
+
+
+def test_a_gate_gets_the_truth_only_if_it_says_that_it_sees_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Peeking(RandomGate):
+        @classmethod
+        def make(cls, given: GateInputs) -> Peeking:
+            given.truth  # noqa: B018
+            return cls("", 0)
+
+    monkeypatch.setattr(controls, "Peeking", Peeking, raising=False)
+    monkeypatch.setitem(GATES, "peeking", "nbv.gates.controls:Peeking")  # one line makes a new kind
+    with pytest.raises(ValueError, match="sees_ground_truth = True"):
+        make_gate(config("peeking"), oracle=object())  # type: ignore[arg-type]
+    monkeypatch.setattr(Peeking, "sees_ground_truth", True)
+    assert isinstance(make_gate(config("peeking"), oracle=object()), Peeking)  # type: ignore[arg-type]
 
 
 def test_random_is_keyed_not_sequential() -> None:

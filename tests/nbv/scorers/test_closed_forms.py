@@ -14,9 +14,10 @@ from nbv.errors import MissionFailure
 from nbv.geometry.frames import heading_to, intrinsic_matrix, look_at
 from nbv.geometry.frustum import in_frustum, look_at_many
 from nbv.scorers import box_points, rank_candidates
-from nbv.scorers.b_aware import geometry_gain, mean_neighbour_distance, percentile_scaled, repair, weakness
 from nbv.scorers.covis import co_visibility
+from nbv.scorers.repair import geometry_gain, repair
 from nbv.scorers.terms import angular_penalty, movement, novelty
+from nbv.scorers.weakness import mean_neighbour_distance, percentile_scaled, weakness
 from nbv.types import CandidatePool, PlanningState, SparseModel
 
 TARGET = np.array([0.0, 0.0, 0.8])

@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from scoring_speed import synthetic_state
 
 from nbv.config import MissionConfig
-from nbv.scorers import rank_candidates, shared_terms
-from nbv.scorers import scorer as scorer_module
-from nbv.scorers.b_aware import percentiles, repair, weakness
+from nbv.geometry.frustum import in_frustum
+from nbv.scorers import b_aware, rank_candidates, shared_terms
 from nbv.scorers.covis import co_visibility
+from nbv.scorers.repair import repair
 from nbv.scorers.repair_single import precision, repair_single
+from nbv.scorers.weakness import percentiles, weakness
 
 
 @settings(max_examples=10)
@@ -117,9 +118,9 @@ def test_near_ties_are_settled_in_double_precision(monkeypatch: pytest.MonkeyPat
         asked.append(len(result))
         return result
 
-    monkeypatch.setattr(scorer_module, "repair_single", noisy)
-    monkeypatch.setattr(scorer_module, "precision", lambda low, high: 0.01)
-    monkeypatch.setattr(scorer_module, "repair", counting)
+    monkeypatch.setattr(b_aware, "repair_single", noisy)
+    monkeypatch.setattr(b_aware, "precision", lambda low, high: 0.01)
+    monkeypatch.setattr(b_aware, "repair", counting)
     order = rank_candidates(state, pool, config)["b-aware"].order
     expected = reference.order(reference.scores(state, pool, config)["b-aware"])
     np.testing.assert_array_equal(order, expected)
@@ -140,6 +141,6 @@ def test_points_on_the_border_of_the_image_are_decided_in_double_precision() -> 
     on_plane = free - distance[:, None] * normal
     hair = rng.choice([-1e-9, 1e-9], 500)[:, None] * normal
     points = on_plane + hair
-    got = scorer_module.in_frustum(points, pool.positions_m, target, config.camera)
+    got = in_frustum(points, pool.positions_m, target, config.camera)
     np.testing.assert_array_equal(got, reference.in_frustum(points, pool.positions_m, target, config.camera))
     assert 100 < np.count_nonzero(got[:, 0]) < 400

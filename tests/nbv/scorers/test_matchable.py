@@ -1,4 +1,4 @@
-"""Our main term: closed forms on a sphere, and the oracle's plain loops on the same surface."""
+"""Our own scorer: closed forms on a sphere, and the oracle's plain loops on the same surface."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def view(azimuth_deg: float, elevation_deg: float = 20.0, radius_m: float = 3.5)
 
 
 def config(**values: object) -> MissionConfig:
-    return preset("campaign").with_values({"b_aware.main_term": "matchable", **values})
+    return preset("campaign").with_values(values)
 
 
 def surface(points_m: np.ndarray | None = None):
@@ -76,7 +76,7 @@ def test_too_near_or_too_far_to_match_gains_nothing_where_a_view_was() -> None:
 
 def test_a_surface_with_enough_matchable_views_asks_for_nothing() -> None:
     around = np.stack([view(a, e) for a in range(0, 360, 8) for e in (-40.0, -10.0, 20.0, 50.0, 70.0)])
-    few = config(**{"b_aware.matchable_views": 2})
+    few = config(**{"matchable.views": 2})
     np.testing.assert_array_equal(matchable_repair(surface(), np.stack([view(4.0)]), around, few), [0.0])
 
 
@@ -86,7 +86,7 @@ def test_equal_to_the_oracle_on_the_same_surface(seed: int, visited: int, need: 
     """The oracle casts rays and loops over views; on a convex surface both must count the same."""
     rng = np.random.default_rng(seed)
     points = sphere_points(200) + rng.normal(0.0, 0.02, (200, 3))
-    mission = config(**{"b_aware.matchable_views": need, "gate.oracle_matchable_views": need,
+    mission = config(**{"matchable.views": need, "gate.oracle_matchable_views": need,
                         "gate.oracle_coverage": "matchable", "gate.oracle_samples": SAMPLES})  # fmt: skip
     proxy = proxy_surface(points, mission)
     hull = trimesh.convex.convex_hull(points)
@@ -106,21 +106,23 @@ def test_equal_to_the_oracle_on_the_same_surface(seed: int, visited: int, need: 
 
 def test_points_without_volume_end_the_mission_with_a_reason(synthetic) -> None:
     state, pool = synthetic(flat=True)
+    rankings = rank_candidates(state, pool, config())
     with pytest.raises(MissionFailure, match="span no volume") as caught:
-        rank_candidates(state, pool, config())
+        rankings["matchable"]
     assert caught.value.reason == "no_surface"
-    rank_candidates(state, pool, config(**{"b_aware.main_term": "repair"}))
+    assert list(rankings) == ["covis", "b-aware"]
 
 
-def test_the_ranking_is_eq_1_with_this_main_term(synthetic) -> None:
+def test_the_ranking_is_eq_1_with_a_main_term_and_weights_of_its_own(synthetic) -> None:
     state, pool = synthetic(flat=False)
-    mission = config(**{"b_aware.weights.nov": 0.3})
-    ranking = rank_candidates(state, pool, mission)["b-aware"]
+    mission = config(**{"matchable.weights.nov": 0.3})
+    ranking = rank_candidates(state, pool, mission)["matchable"]
+    assert ranking.scorer == "matchable"
     expected = matchable_repair(
         proxy_surface(state.model.points_m, mission), pool.positions_m, state.visited_m, mission
     )
     np.testing.assert_allclose(ranking.terms["main"], expected)
-    w, t = mission.b_aware.weights, ranking.terms
+    w, t = mission.matchable.weights, ranking.terms
     np.testing.assert_allclose(ranking.scores, w.main * t["main"] + 0.3 * t["nov"] - w.move * t["move"]
                                - w.ang * t["ang"])  # fmt: skip
     assert ranking.scores[ranking.top] == ranking.scores.max() and expected.max() > 0

@@ -129,8 +129,8 @@ def test_mistakes(tmp_path: Path) -> None:
 def test_baselines_and_the_papers_table() -> None:
     configs = baseline_configs(list(BASELINES), BASE)
     matchable = configs.pop("matchable")
-    assert matchable.gate.kind == "b-aware" and matchable.b_aware.main_term == "matchable"
-    assert dataclasses.astuple(matchable.b_aware.weights)[1:] == (0.0, 0.0, 0.0)
+    assert matchable.gate.kind == "matchable"
+    assert dataclasses.astuple(matchable.matchable.weights) == (1.0, 0.0, 0.0, 0.0)
     assert all(config.gate.kind == name for name, config in configs.items())
     same = {"gate.kind": "hyb-h", "gate.oracle_coverage": BASE.gate.oracle_coverage}
     assert all(config.with_values(same) == BASE for config in configs.values())

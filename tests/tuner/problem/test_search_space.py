@@ -152,6 +152,9 @@ GOOD = "parameters:\n  gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: lo
         ("parameters:\n  visibility.mode: {kind: categorical, choices: [frustum]}\n", "at least two"),
         ("parameters:\n  visibility.mode: {kind: categorical, choices: [frustum, xray]}\n", "allowed: frustum"),
         (GOOD + "base:\n  gate.d95_m: 0.2\n", "both fixed in 'base' and tuned"),
+        ("parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, also: gate.d95}\n", "'also' must list parameter paths"),
+        ("parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, also: [gate.d96_m]}\n", "unknown mission parameter 'gate.d96_m'"),
+        ("parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, also: [gate.d95_m]}\n", "gate.d95_m is tuned twice"),
         (GOOD + "base:\n  gate.kind: psychic\n", "base: gate.kind is 'psychic'"),
     ],
 )  # fmt: skip
@@ -159,6 +162,15 @@ def test_mistakes_are_named(text: str, message: str) -> None:
     with pytest.raises(UserError, match=message) as caught:
         parse_search_space(text, "my.yaml")
     assert "\n" not in str(caught.value) and ("my.yaml" in str(caught.value) or "'my'" in str(caught.value))
+
+
+def test_one_parameter_may_set_several_paths() -> None:
+    shared = "{low: 0.1, high: 2.0, also: [matchable.weights.nov, covis.weights.nov]}"
+    space = parse_search_space(f"name: shared\nparameters:\n  b_aware.weights.nov: {shared}\n", "shared")
+    assert space.dimension == 1 and space_from_dict(space.to_dict(), "again") == space
+    config = space.config(preset("paper"), {"b_aware.weights.nov": 0.7})
+    novelty = {config.covis.weights.nov, config.b_aware.weights.nov, config.matchable.weights.nov}
+    assert novelty == {0.7}
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:

@@ -182,7 +182,7 @@ def test_every_kind_of_campaign_has_a_page(tmp_path: Path, changes: dict[str, ob
     text = text_of(write_campaign_report(campaign))
     best = campaign.recommendation(save=False)
     assert best is not None
-    for line in recommended_yaml(best).splitlines():
+    for line in recommended_yaml(best, campaign.settings.space).splitlines():
         assert line in text
     assert "nan" not in text.lower().split()
 

@@ -1,0 +1,56 @@
+"""Rankings by scorer: `rank_candidates` is what the mission calls."""
+
+from __future__ import annotations
+
+from nbv.config import SCORERS, MissionConfig
+from nbv.scorers.b_aware import B_AWARE
+from nbv.scorers.covis import COVIS
+from nbv.scorers.scorer import Scorer
+from nbv.scorers.shared import SharedTerms, shared_terms
+from nbv.types import CandidatePool, PlanningState, Ranking
+
+# Ranked in every mission, whatever it flies: the traces say what either would have chosen.
+PAPER_SCORERS = (COVIS.name, B_AWARE.name)
+
+
+def find_scorer(name: str) -> Scorer:
+    """The scorer called ``name``; ``UserError`` if there is none."""
+    found: Scorer = SCORERS.load(name)
+    return found
+
+
+class Rankings(dict[str, Ranking]):
+    """One pool's rankings by scorer: the paper's two, and any other as soon as it is asked for by name.
+
+    Raises
+    ------
+    UserError
+        On asking for a name that no scorer has.
+    MissionFailure
+        On asking for a scorer that the state gives nothing to work with.
+    """
+
+    def __init__(self, terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> None:
+        super().__init__()
+        self._terms, self._pool, self._config = terms, pool, config
+        for name in PAPER_SCORERS:
+            self[name]
+
+    def __missing__(self, name: str) -> Ranking:
+        ranking = self[name] = find_scorer(name).rank(self._terms, self._pool, self._config)
+        return ranking
+
+
+def rank_candidates(state: PlanningState, pool: CandidatePool, config: MissionConfig) -> Rankings:
+    """Rankings of the same pool by scorer: ``covis``, ``b-aware``, others on demand.
+
+    The pool must not be empty; the mission ends before scoring if it is.
+
+    Raises
+    ------
+    MissionFailure
+        ``no_points_in_box``: there is nothing to plan from.
+    """
+    if len(pool) == 0:
+        raise ValueError("rank_candidates: the candidate pool is empty")
+    return Rankings(shared_terms(state, pool, config), pool, config)
