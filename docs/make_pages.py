@@ -21,6 +21,17 @@ import networkx as nx
 DOCS = Path(__file__).resolve().parent
 sys.path.insert(0, str(DOCS.parent / "benchmarks"))
 
+COMMAND_ORDER = (
+    "campaign",
+    "evaluate",
+    "reproduce",
+    "mission",
+    "rocks",
+    "study",
+    "learn-gate",
+    "config",
+    "cache",
+)
 WIDTH, ROW, BOX_HEIGHT, GAP = 760, 74, 40, 14
 
 
@@ -32,16 +43,21 @@ def commands_page() -> str:
 
     root = typer.main.get_command(app)
     lines = ["# Commands", "", "Made from the program's own help by `python docs/make_pages.py`.", ""]
-    for path, command in _leaves(root, ()):
+    told: set[tuple[str, str]] = set()  # what earlier commands have said of an option
+    for path, command in sorted(_leaves(root, ()), key=lambda leaf: COMMAND_ORDER.index(leaf[0][0])):
         arguments = [p for p in command.params if p.param_type_name == "argument"]
         options = [p for p in command.params if p.param_type_name == "option" and p.name != "help"]
         usage = " ".join(["gatetune", *path, *(p.name.upper() for p in arguments)])
         lines += [f"## `{usage}`", "", " ".join(command.help.split()), ""]
-        for panel in dict.fromkeys(getattr(p, "rich_help_panel", None) for p in options):
+        new = [p for p in options if (p.name, p.help) not in told]
+        for panel in dict.fromkeys(getattr(p, "rich_help_panel", None) for p in new):
             if panel:
                 lines += [f"**{panel}**", ""]
-            lines += [_option(p) for p in options if getattr(p, "rich_help_panel", None) == panel]
+            lines += [_option(p) for p in new if getattr(p, "rich_help_panel", None) == panel]
             lines.append("")
+        if known := [f"`{p.opts[0]}`{_default(p)}" for p in options if p not in new]:
+            lines += [f"As above: {', '.join(known)}.", ""]
+        told |= {(p.name, p.help) for p in options}
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -53,16 +69,16 @@ def _leaves(command: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ..
         yield from _leaves(child, (*path, name))
 
 
-def _option(option: Any) -> str:
-    default = option.default
+def _default(option: Any) -> str:
     if option.required:
-        note = ", required"
-    elif default is None or isinstance(default, bool) or callable(default):
-        note = ""
-    else:
-        note = f" ({default})"
+        return ", required"
+    default = option.default
+    return "" if default is None or isinstance(default, bool) or callable(default) else f" ({default})"
+
+
+def _option(option: Any) -> str:
     names = "/".join([option.opts[0], *option.secondary_opts[:1]])
-    return f"- `{names}`{note}: {' '.join((option.help or '').split())}"
+    return f"- `{names}`{_default(option)}: {' '.join((option.help or '').split())}"
 
 
 def rooms(package: str) -> nx.DiGraph:
