@@ -83,7 +83,7 @@ def test_pages_made_from_the_code_are_current():
 @pytest.mark.slow
 def test_the_site_builds_without_a_warning(tmp_path):
     """A dead link, a missing anchor and a page that no menu leads to are warnings."""
-    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    build = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path)]
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
     found = subprocess.run(build, cwd=ROOT, env=environment, capture_output=True, text=True)
     assert found.returncode == 0, found.stdout + found.stderr
