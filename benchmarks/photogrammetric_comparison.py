@@ -23,7 +23,9 @@ from scipy import stats
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
+from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
+from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import FIDELITIES, SETTINGS_FILE, CampaignSettings
 from tuner.campaign.shipped import SHIPPED
 from tuner.commands.campaign import QUICK_ROCKS, refuse_held_out
@@ -49,13 +51,13 @@ def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str
         found = Campaign.open(directory)
     else:
         space = load_search_space(arguments.space)
-        found = Campaign.create(directory, CampaignSettings(
+        found = begin_campaign(directory, CampaignSettings(
             directory.name, space, rocks, budget, REPLICATES, seed, sampler=name,
             runner=runner_of(fidelity or "photogrammetric", FIDELITIES),
             learn_from={"earlier": (arguments.earlier.format(seed=seed),), "shipped": (SHIPPED,)}.get(before, ())))  # fmt: skip
     if found.status().finished < budget:
         with LocalProcessExecutor(arguments.workers, preload=(DEFAULT_RUNNER.partition(":")[0],)) as executor:
-            found.run(executor)
+            fly_campaign(found, executor)
     if found.status().finished < budget:
         raise SystemExit(f"{directory} was interrupted; the same command goes on")
     return found

@@ -6,7 +6,9 @@ from pathlib import Path
 
 import synthetic
 
+from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
+from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.executors import InProcessExecutor
 
@@ -24,6 +26,6 @@ def settings(**changes: object) -> CampaignSettings:
 
 def run(directory: Path, **changes: object) -> Campaign:
     """A finished campaign of ``settings(**changes)``."""
-    campaign = Campaign.create(directory, settings(**changes))
-    campaign.run(InProcessExecutor())
+    campaign = begin_campaign(directory, settings(**changes))
+    fly_campaign(campaign, InProcessExecutor())
     return campaign

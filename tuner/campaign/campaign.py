@@ -1,4 +1,4 @@
-"""A campaign: ask, fly, tell, until the budget is used; interrupted and resumed without losing a mission.
+"""A campaign as its run directory holds it: what was asked for, what has flown, what is recommended.
 
 A trial is one mission: one configuration on one rock with one replicate. Rocks are taken in turn, and missions
 share replicate numbers, so that configurations meet on common (rock, replicate) pairs. The run directory::
@@ -16,38 +16,29 @@ from __future__ import annotations
 import collections
 import contextlib
 import dataclasses
-import datetime
 import json
-import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import yaml
+from typing import Any
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
-from tuner.campaign.events import CampaignEvent, CampaignStatus, CampaignSummary
+from tuner.acquisition.front import FrontPoint, flown_in_both, pareto_front, two_models
+from tuner.campaign.events import CampaignStatus
 from tuner.campaign.ledger import Ledger, TrialRecord
-from tuner.campaign.session import CampaignSession
 from tuner.campaign.settings import (
-    FORMAT_VERSION,
     SETTINGS_FILE,
     CampaignSettings,
     first_difference,
     read_settings,
 )
-from tuner.missions.executors import Executor
-from tuner.missions.long_runs import exclusive, stop_signals
+from tuner.missions.long_runs import exclusive
 from tuner.problem.observations import Observation, Proposal
 from tuner.recommendation.recommendation import Recommendation, recommend
-from tuner.samplers.registry import require_sampler
-
-if TYPE_CHECKING:
-    from tuner.acquisition.front import FrontPoint
-    from tuner.samplers.earlier_missions import EarlierMissions
-    from tuner.surrogate.model import RockMeanGP
+from tuner.samplers.earlier_missions import EarlierMissions
+from tuner.surrogate.forward_check import check_ahead
+from tuner.surrogate.model import RockMeanGP
 
 RECOMMENDATION_FILE = "recommendation.json"
 LEARNED_FILE = "learned_from.json"
@@ -55,7 +46,7 @@ FRONT_FILE = "front.json"
 
 
 class Campaign:
-    """One run directory. Use ``create`` or ``open``."""
+    """One run directory: `begin_campaign` makes it, `open` looks at it, `fly_campaign` fills it."""
 
     def __init__(self, directory: Path, settings: CampaignSettings, ledger: Ledger) -> None:
         self.directory = directory
@@ -65,59 +56,6 @@ class Campaign:
         self._sampler = settings.make_sampler(self.learned)
 
     # -- the run directory -----------------------------------------------------------------------------------
-
-    @staticmethod
-    def create(directory: Path, settings: CampaignSettings) -> Campaign:
-        """Begin a campaign in a new or empty directory.
-
-        Raises
-        ------
-        UserError
-            The directory holds something already or cannot be written; the storage cannot be used.
-        """
-        if (directory / SETTINGS_FILE).exists():
-            theirs = read_settings(directory)[0]
-            what = (
-                "this campaign" if theirs == settings.to_dict() else f"another campaign ({theirs['name']!r})"
-            )
-            raise UserError(
-                f"{directory} already holds {what}; resume it with `gatetune campaign resume {directory}` "
-                "or choose another directory"
-            )
-        if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
-            raise UserError(f"{directory} exists and is not an empty directory; choose another directory")
-        learned = settings.learned()
-        settings.make_sampler()
-        require_sampler(settings.sampler)  # here and not in make_sampler: a report must open without the peer
-        was_there = directory.exists()
-        try:
-            directory.mkdir(parents=True, exist_ok=True)
-            identity = uuid.uuid4().hex
-            try:
-                ledger = Ledger(
-                    directory, settings.storage, settings.name, identity, settings.space, settings.objective,
-                    create=True,
-                )  # fmt: skip
-            except UserError:
-                if not was_there:
-                    with contextlib.suppress(OSError):  # not empty: somebody else's
-                        directory.rmdir()
-                raise
-            tree = {
-                "format": FORMAT_VERSION,
-                "id": identity,
-                "created": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
-                "base_config_digest": settings.base_config().digest(),
-                "settings": settings.to_dict(),
-            }
-            if learned is not None:
-                write_atomic(directory / LEARNED_FILE, learned.to_json())
-            write_atomic(directory / SETTINGS_FILE, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
-        except OSError as error:
-            raise UserError(
-                f"cannot write to {directory}: {error.strerror}; choose another directory"
-            ) from error
-        return Campaign(directory, settings, ledger)
 
     @staticmethod
     def open(
@@ -180,8 +118,6 @@ class Campaign:
         return [dataclasses.replace(o, second=outcomes[o.number]) for o in history]
 
     def _read_learned(self) -> EarlierMissions:
-        from tuner.samplers.earlier_missions import EarlierMissions
-
         path = self.directory / LEARNED_FILE
         try:
             return EarlierMissions.from_json(path.read_text(), self.settings.space)
@@ -194,8 +130,6 @@ class Campaign:
         history = [o for o in self.history() if o.outcome is not None and o.second is not None]
         if s.second is None or not history:
             return []
-        from tuner.acquisition.front import flown_in_both, two_models
-
         models = two_models(s.space, history, s.rocks, s.seed, s.surrogate())
         return flown_in_both(models, (s.objective, s.second))
 
@@ -204,8 +138,6 @@ class Campaign:
         points = self.flown_in_both()
         if self.settings.second is None or not points:
             return []
-        from tuner.acquisition.front import pareto_front
-
         points = pareto_front(points, (self.settings.objective, self.settings.second))
         if save:
             write_atomic(self.directory / FRONT_FILE, json.dumps([p.to_dict() for p in points], indent=1))
@@ -244,8 +176,6 @@ class Campaign:
         history = self.history()
         result = self.recommend_from(history)
         if result is not None and check:
-            from tuner.surrogate.forward_check import check_ahead
-
             s = self.settings
             found = check_ahead(
                 s.space, history, s.rocks, s.initial_size(), s.seed, s.surrogate(), self.learned
@@ -270,8 +200,6 @@ class Campaign:
 
         ``ValueError`` without a successful mission.
         """
-        from tuner.surrogate.model import RockMeanGP
-
         s = self.settings
         return RockMeanGP(s.space, history, rocks or s.rocks, s.seed, s.surrogate(), self.learned)
 
@@ -312,41 +240,3 @@ class Campaign:
             return None
         flown = any(values == dict(o.values) for o in history)
         return values if flown and counted == (len(history) - failures, failures) else None
-
-    # -- flying ----------------------------------------------------------------------------------------------
-
-    def run(
-        self,
-        executor: Executor,
-        on_event: Callable[[CampaignEvent], None] | None = None,
-        *,
-        recommend_every: int = 0,
-    ) -> CampaignSummary:
-        """Fly missions until the budget is used, Ctrl-C or SIGTERM; also resumes.
-
-        Missions that were in flight when an earlier session ended are flown again under their old trial
-        numbers (or entered, if they had finished). The executor is left open; missions still in flight at an
-        interruption are killed. A second Ctrl-C interrupts at once.
-
-        Parameters
-        ----------
-        recommend_every
-            Emit a "recommendation" event (and save it) after every so many finished missions; 0: only at the end.
-
-        Raises
-        ------
-        UserError
-            The campaign is running elsewhere; a mission met a user's mistake (its trial stays open, so a resume
-            flies it again); the ledger cannot be written.
-        """
-        session = CampaignSession(self, executor, on_event or (lambda event: None), recommend_every)
-        try:
-            with exclusive(self.directory), stop_signals() as stop:
-                try:
-                    return session.fly(stop)
-                finally:
-                    executor.cancel_all()
-        except OSError as error:
-            raise UserError(
-                f"cannot write to {self.directory}: {error.strerror or error}; make room, then resume"
-            ) from error

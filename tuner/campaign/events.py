@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
-if TYPE_CHECKING:
-    from tuner.campaign.ledger import TrialRecord
-    from tuner.recommendation.recommendation import Recommendation
+from tuner.campaign.ledger import TrialRecord
+from tuner.recommendation.recommendation import Recommendation
 
 EventKind = Literal[
     "proposed",
@@ -65,7 +64,7 @@ class CampaignStatus:
 
 @dataclass(frozen=True)
 class CampaignSummary:
-    """How one session of ``Campaign.run`` ended."""
+    """How one session (``fly_campaign``) ended."""
 
     stopped: Literal["budget", "interrupted", "failing"]
     message: str

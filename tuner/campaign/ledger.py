@@ -8,23 +8,22 @@ never touched again. A failed mission is a trial in state FAIL, without a value.
 
 from __future__ import annotations
 
-import contextlib
 import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
+
+import optuna
+from optuna.trial import TrialState, create_trial
 
 from nbv.errors import UserError
+from tuner.campaign.storage import JOURNAL_FILE, open_storage
 from tuner.missions.job import MissionOutcome
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.search_space import SearchSpace
 
-if TYPE_CHECKING:
-    import optuna
-
-JOURNAL_FILE = "study.journal"
 _CAMPAIGN_ID = "campaign_id"
 
 
@@ -94,8 +93,6 @@ class Ledger:
         create: bool = False,
         read_only: bool = False,
     ) -> None:
-        import optuna
-
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         self._space = space
         self._objective = objective
@@ -134,8 +131,6 @@ class Ledger:
         self, proposal: Proposal, rock: str, replicate: int, config_digest: str, seed: int
     ) -> TrialRecord:
         """Enter a mission that is about to fly, in one write."""
-        from optuna.trial import TrialState, create_trial
-
         number = len(self._study.get_trials(deepcopy=False))
         attributes = {
             "rock": rock,
@@ -161,8 +156,6 @@ class Ledger:
 
     def finish(self, number: int, outcome: MissionOutcome) -> TrialRecord:
         """Enter how a mission ended; once per mission."""
-        from optuna.trial import TrialState
-
         frozen = self._study.get_trials(deepcopy=False)[number]
         if frozen.state.is_finished():
             raise ValueError(f"trial {number} is finished already")
@@ -219,8 +212,6 @@ def mission_directory(number: int, rock: str, replicate: int) -> str:
 
 
 def _record(trial: optuna.trial.FrozenTrial) -> TrialRecord:
-    from optuna.trial import TrialState
-
     states: Mapping[TrialState, Literal["running", "complete", "failed"]] = {
         TrialState.RUNNING: "running",
         TrialState.COMPLETE: "complete",
@@ -253,75 +244,3 @@ def _record(trial: optuna.trial.FrozenTrial) -> TrialRecord:
         started=trial.datetime_start,
         finished=trial.datetime_complete,
     )
-
-
-# -- storages ------------------------------------------------------------------------------------------------
-
-
-def open_storage(
-    storage: str | None, directory: Path, *, must_exist: bool = False, heal: bool = True
-) -> optuna.storages.BaseStorage:
-    """The Optuna storage named by ``storage`` (see ``Ledger``).
-
-    Raises
-    ------
-    UserError
-        Unknown kind, missing driver, or it cannot be reached.
-    """
-    if storage is None:
-        return _journal(directory / JOURNAL_FILE, must_exist, heal)
-    if storage.startswith("journal:"):
-        return _journal(Path(storage.removeprefix("journal:").removeprefix("//")), must_exist, heal)
-    if "://" not in storage:
-        raise UserError(
-            f"unknown storage {storage!r}; give an Optuna storage URL such as sqlite:///missions.db or journal:PATH"
-        )
-    import optuna
-
-    try:
-        if storage.startswith("redis"):
-            backend = optuna.storages.journal.JournalRedisBackend(storage)
-            return optuna.storages.JournalStorage(backend)
-        return optuna.storages.RDBStorage(storage)
-    except Exception as error:  # SQLAlchemy, drivers and redis each raise families of their own
-        first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
-        raise UserError(
-            f"cannot open storage {storage!r}: {first}; check the URL, driver and server"
-        ) from error
-
-
-def _journal(path: Path, must_exist: bool, heal: bool) -> optuna.storages.BaseStorage:
-    from optuna.storages import JournalStorage
-    from optuna.storages.journal import JournalFileBackend
-
-    if must_exist and not path.is_file():
-        raise UserError(f"the ledger {path} is missing; restore it, or start a new campaign elsewhere")
-    try:
-        if heal and path.is_file():
-            _drop_torn_line(path)
-            # The caller holds the campaign's lock, so a lock file here was left by a killed process.
-            path.with_name(path.name + ".lock").unlink(missing_ok=True)
-        return JournalStorage(JournalFileBackend(str(path)))
-    except OSError as error:
-        raise UserError(f"cannot open the ledger {path}: {error.strerror}; make it writable") from error
-    except ValueError as error:
-        raise UserError(f"the ledger {path} is damaged ({error}); restore it from a copy") from error
-
-
-def _drop_torn_line(path: Path) -> None:
-    """Cut off a last line that a killed process or a full disk left without its end.
-
-    Optuna skips such a line when reading but would glue the next record to it.
-    """
-    size = path.stat().st_size
-    if size == 0:
-        return
-    with path.open("rb+") as file:
-        file.seek(-1, 2)
-        if file.read(1) == b"\n":
-            return
-        file.seek(0)
-        content = file.read()
-        with contextlib.suppress(OSError):
-            path.with_name(path.name + ".torn").write_bytes(content[content.rfind(b"\n") + 1 :])
-        file.truncate(content.rfind(b"\n") + 1)

@@ -6,26 +6,62 @@ import collections
 import threading
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from nbv.errors import UserError
+from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignSummary, EventKind
 from tuner.campaign.ledger import TrialRecord
 from tuner.missions.executors import Executor
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
+from tuner.missions.long_runs import exclusive, stop_signals
 from tuner.problem.blocks import next_slot
 from tuner.recommendation.recommendation import Recommendation
-
-if TYPE_CHECKING:
-    from tuner.campaign.campaign import Campaign
 
 # So many failures in a row mean that something is wrong with the set-up, not with the configurations.
 MAX_CONSECUTIVE_FAILURES = 8
 _POLL_S = 0.5
 
 
-class CampaignSession:
-    """One call of ``Campaign.run``."""
+def fly_campaign(
+    campaign: Campaign,
+    executor: Executor,
+    on_event: Callable[[CampaignEvent], None] | None = None,
+    *,
+    recommend_every: int = 0,
+) -> CampaignSummary:
+    """Fly missions until the budget is used, Ctrl-C or SIGTERM; also resumes.
+
+    Missions that were in flight when an earlier session ended are flown again under their old trial numbers (or
+    entered, if they had finished). The executor is left open; missions still in flight at an interruption are killed.
+    A second Ctrl-C interrupts at once.
+
+    Parameters
+    ----------
+    recommend_every
+        Emit a "recommendation" event (and save it) after every so many finished missions; 0: only at the end.
+
+    Raises
+    ------
+    UserError
+        The campaign is running elsewhere; a mission met a user's mistake (its trial stays open, so a resume
+        flies it again); the ledger cannot be written.
+    """
+    session = _Session(campaign, executor, on_event or (lambda event: None), recommend_every)
+    try:
+        with exclusive(campaign.directory), stop_signals() as stop:
+            try:
+                return session.fly(stop)
+            finally:
+                executor.cancel_all()
+    except OSError as error:
+        raise UserError(
+            f"cannot write to {campaign.directory}: {error.strerror or error}; make room, then resume"
+        ) from error
+
+
+class _Session:
+    """One call of `fly_campaign`."""
 
     def __init__(
         self,

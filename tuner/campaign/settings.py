@@ -142,20 +142,6 @@ class CampaignSettings:
         )  # fmt: skip
         return make_sampler(self.sampler, settings)
 
-    def learned(self) -> EarlierMissions | None:
-        """The missions of the earlier campaigns named; None where none is.
-
-        Raises
-        ------
-        UserError
-            As ``tuner.campaign.transfer.learn_from``.
-        """
-        if not self.learn_from:
-            return None
-        from tuner.campaign.transfer import learn_from
-
-        return learn_from(self.learn_from, self.space, self.base_config(), self.objective)
-
     def surrogate(self) -> SurrogateSettings:
         """What sampler gp, the recommendation and the report model."""
         return surrogate_settings(self.space, self.risk)

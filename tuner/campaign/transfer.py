@@ -10,18 +10,16 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
+from tuner.campaign.campaign import Campaign
 from tuner.campaign.shipped import SHIPPED, shipped_missions
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values, value_at
 from tuner.samplers.earlier_missions import MIN_OBSERVATIONS, EarlierMissions
-
-if TYPE_CHECKING:
-    from tuner.campaign.campaign import Campaign
 
 
 def learn_from(
@@ -59,8 +57,6 @@ def learn_from(
 def _missions_of(
     directory: str, space: SearchSpace, base: MissionConfig, objective: Objective
 ) -> EarlierMissions:
-    from tuner.campaign.campaign import Campaign
-
     campaign = Campaign.open(Path(directory), read_only=True)
     own = _observations(campaign, space, base, objective)
     measured = sum(o.feasible for o in own)

@@ -106,6 +106,7 @@ def run(
     resume_if_present: Annotated[bool, typer.Option(help="Go on if the directory holds it already.")] = False,
 ) -> None:
     """Run a campaign: the paper's defaults, an initial design, then a GP proposes; one mission per trial."""
+    from tuner.campaign.begin import begin_campaign
     from tuner.campaign.campaign import Campaign
     from tuner.campaign.settings import FIDELITIES, SETTINGS_FILE, CampaignSettings
     from tuner.campaign.shipped import sources_by_default
@@ -155,7 +156,7 @@ def run(
         learn_from=_sources(learn_from, sources_by_default(searched, objective, sampler, second)),
         in_step=in_step,
     )
-    fly(Campaign.create(directory, settings), workers, timeout_s)
+    fly(begin_campaign(directory, settings), workers, timeout_s)
 
 
 @app.command()
@@ -267,6 +268,7 @@ def _sources(given: list[str] | None, by_default: tuple[str, ...]) -> tuple[str,
 
 def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
     """Run or resume, with live progress, and end in the report."""
+    from tuner.campaign.session import fly_campaign
     from tuner.campaign.shipped import SHIPPED
     from tuner.missions.executors import LocalProcessExecutor
     from tuner.report import write_campaign_report
@@ -290,7 +292,7 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
             )
         )
     with LocalProcessExecutor(count, timeout_s=timeout_s) as executor, progress_bar() as bar:
-        summary = campaign.run(executor, CampaignProgress(bar, settings))
+        summary = fly_campaign(campaign, executor, CampaignProgress(bar, settings))
     show_recommendation(summary.recommendation)
     show_front(campaign)
     output.print(

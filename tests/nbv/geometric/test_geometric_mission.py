@@ -183,7 +183,8 @@ def test_the_whole_cloud_includes_far_ground(config):
 
 
 def test_it_runs_in_a_campaign(tmp_path):
-    from tuner.campaign.campaign import Campaign
+    from tuner.campaign.begin import begin_campaign
+    from tuner.campaign.session import fly_campaign
     from tuner.campaign.settings import CampaignSettings
     from tuner.missions.executors import InProcessExecutor
     from tuner.problem.search_space import load_search_space
@@ -193,7 +194,7 @@ def test_it_runs_in_a_campaign(tmp_path):
         overrides={"stop.adaptive_budget": 2}, sampler="sobol",
         runner="nbv.geometric:run_geometric_mission",
     )  # fmt: skip
-    summary = Campaign.create(tmp_path / "campaign", settings).run(InProcessExecutor())
+    summary = fly_campaign(begin_campaign(tmp_path / "campaign", settings), InProcessExecutor())
     assert summary.stopped == "budget"
     files = sorted((tmp_path / "campaign" / "missions").glob("*/mission.json"))
     assert len(files) == 3

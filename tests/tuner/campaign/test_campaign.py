@@ -20,8 +20,10 @@ import pytest
 import yaml
 
 from nbv.errors import UserError
+from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
+from tuner.campaign.session import fly_campaign
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
 from tuner.problem.objective import Objective
 from tuner.problem.search_space import load_search_space
@@ -38,9 +40,9 @@ def workers(count: int = 1, timeout_s: float = 60.0) -> LocalProcessExecutor:
 
 def test_campaign_flies_its_budget_over_rocks_in_turn(tmp_path: Path) -> None:
     events: list[CampaignEvent] = []
-    campaign = Campaign.create(tmp_path / "run", settings(budget=8, replicates=2))
+    campaign = begin_campaign(tmp_path / "run", settings(budget=8, replicates=2))
     with workers(2) as executor:
-        summary = campaign.run(executor, events.append)
+        summary = fly_campaign(campaign, executor, events.append)
     assert summary.stopped == "budget"
     assert summary.status.complete == 8 and summary.status.failed == 0
     assert summary.status.per_rock == {"a": 4, "b": 4}
@@ -82,12 +84,12 @@ def test_interrupted_campaign_goes_on_as_if_it_had_not_been(tmp_path: Path) -> N
         if event.kind == "finished" and event.finished == 5:
             os.kill(os.getpid(), signal.SIGINT)
 
-    campaign = Campaign.create(tmp_path / "parts", settings(**changes))
-    summary = campaign.run(InProcessExecutor(), interrupt)
+    campaign = begin_campaign(tmp_path / "parts", settings(**changes))
+    summary = fly_campaign(campaign, InProcessExecutor(), interrupt)
     assert summary.stopped == "interrupted" and summary.status.finished == 5
     assert signal.getsignal(signal.SIGINT) is handler
     resumed = Campaign.open(tmp_path / "parts", settings(**changes))
-    assert resumed.run(InProcessExecutor()).stopped == "budget"
+    assert fly_campaign(resumed, InProcessExecutor()).stopped == "budget"
     assert [t.number for t in resumed.trials()] == list(range(7))
     for a, b in zip(whole.trials(), resumed.trials()):
         np.testing.assert_allclose(list(a.values.values()), list(b.values.values()), rtol=1e-6)
@@ -98,7 +100,7 @@ def test_in_step_a_campaign_is_the_same_with_any_number_of_workers(tmp_path: Pat
         "sampler": "gp", "budget": 10, "initial": 4, "rocks": ("slow", "b"), "in_step": 3
     }  # fmt: skip
     alone = run(tmp_path / "alone", **changes)
-    side_by_side = Campaign.create(tmp_path / "four", settings(**changes))
+    side_by_side = begin_campaign(tmp_path / "four", settings(**changes))
     flying: set[int] = set()
     most = 0
 
@@ -111,17 +113,17 @@ def test_in_step_a_campaign_is_the_same_with_any_number_of_workers(tmp_path: Pat
         most = max(most, len(flying))
 
     with workers(4) as executor:
-        assert side_by_side.run(executor, watch).stopped == "budget"
+        assert fly_campaign(side_by_side, executor, watch).stopped == "budget"
     assert 2 <= most <= 3  # a fourth worker would have to know less
 
     def interrupt(event: CampaignEvent) -> None:
         if event.kind == "finished" and event.finished == 6:
             os.kill(os.getpid(), signal.SIGINT)
 
-    parts = Campaign.create(tmp_path / "parts", settings(**changes))
+    parts = begin_campaign(tmp_path / "parts", settings(**changes))
     with workers(2) as executor:
-        assert parts.run(executor, interrupt).stopped == "interrupted"
-        assert Campaign.open(tmp_path / "parts").run(executor).stopped == "budget"
+        assert fly_campaign(parts, executor, interrupt).stopped == "interrupted"
+        assert fly_campaign(Campaign.open(tmp_path / "parts"), executor).stopped == "budget"
     expected = [(t.number, t.rock, t.replicate, t.values, t.raw) for t in alone.trials()]
     assert len(expected) == 10
     for other in (side_by_side, Campaign.open(tmp_path / "parts")):
@@ -131,7 +133,7 @@ def test_in_step_a_campaign_is_the_same_with_any_number_of_workers(tmp_path: Pat
 
 
 def test_ctrl_c_kills_missions_in_flight_and_keeps_them_open(tmp_path: Path) -> None:
-    campaign = Campaign.create(tmp_path / "run", settings(rocks=("a", "hang"), budget=4))
+    campaign = begin_campaign(tmp_path / "run", settings(rocks=("a", "hang"), budget=4))
     started = threading.Event()
 
     def watch(event: CampaignEvent) -> None:
@@ -142,7 +144,7 @@ def test_ctrl_c_kills_missions_in_flight_and_keeps_them_open(tmp_path: Path) -> 
 
     with workers(2) as executor:
         began = time.monotonic()
-        summary = campaign.run(executor, watch)
+        summary = fly_campaign(campaign, executor, watch)
         assert time.monotonic() - began < 30
         assert executor.in_flight == ()
     assert started.is_set() and summary.stopped == "interrupted"
@@ -171,13 +173,13 @@ from tuner.missions.executors import LocalProcessExecutor
 if __name__ == "__main__":
     campaign = Campaign.open(Path(sys.argv[1]))
     with LocalProcessExecutor(2, 60.0, preload=("fake_missions",)) as executor:
-        campaign.run(executor)
+        fly_campaign(campaign, executor)
 """
 
 
 def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
     directory = tmp_path / "run"
-    campaign = Campaign.create(directory, settings(rocks=("slow-a", "slow-b"), budget=12))
+    campaign = begin_campaign(directory, settings(rocks=("slow-a", "slow-b"), budget=12))
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "OMP_NUM_THREADS": "1"}
     process = subprocess.Popen([sys.executable, "-c", DRIVER, str(directory)], env=environment)
     try:
@@ -203,7 +205,7 @@ def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
     finished_before = [n for n, t in before.items() if t.state != "running"]
     assert 1 <= len(finished_before) < 12
     with workers(2) as executor:
-        summary = resumed.run(executor)
+        summary = fly_campaign(resumed, executor)
     assert summary.stopped == "budget" and summary.status.complete == 12
     after = Campaign.open(directory, read_only=True).trials()
     assert [t.number for t in after] == list(range(12))
@@ -217,7 +219,7 @@ def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
 
 def test_finished_but_untold_mission_is_entered_not_flown_again(tmp_path: Path) -> None:
     directory = tmp_path / "run"
-    campaign = Campaign.create(directory, settings(budget=2))
+    campaign = begin_campaign(directory, settings(budget=2))
 
     class Crash(Exception):
         pass
@@ -228,10 +230,10 @@ def test_finished_but_untold_mission_is_entered_not_flown_again(tmp_path: Path) 
             raise Crash
 
     with pytest.raises(Crash):
-        campaign.run(CrashingExecutor())
+        fly_campaign(campaign, CrashingExecutor())
     assert [t.state for t in campaign.trials()] == ["running"]
     resumed = Campaign.open(directory)
-    resumed.run(InProcessExecutor())
+    fly_campaign(resumed, InProcessExecutor())
     assert [t.state for t in resumed.trials()] == ["complete", "complete"]
     first = resumed.trials()[0]
     assert (directory / first.directory / "flown.txt").read_text() == "flown\n"
@@ -239,9 +241,9 @@ def test_finished_but_untold_mission_is_entered_not_flown_again(tmp_path: Path) 
 
 def test_crashes_and_failures_are_recorded_and_the_campaign_goes_on(tmp_path: Path) -> None:
     rocks = ("a", "abort", "raise", "fail", "full")
-    campaign = Campaign.create(tmp_path / "run", settings(rocks=rocks, budget=10))
+    campaign = begin_campaign(tmp_path / "run", settings(rocks=rocks, budget=10))
     with workers() as executor:
-        summary = campaign.run(executor)
+        summary = fly_campaign(campaign, executor)
     assert summary.stopped == "budget"
     assert summary.status.complete == 2 and summary.status.failed == 8
     reasons = {t.rock: t.reason for t in campaign.trials()}
@@ -257,24 +259,24 @@ def test_crashes_and_failures_are_recorded_and_the_campaign_goes_on(tmp_path: Pa
 
 
 def test_mission_that_takes_too_long_is_killed(tmp_path: Path) -> None:
-    campaign = Campaign.create(tmp_path / "run", settings(rocks=("hang",), budget=1))
+    campaign = begin_campaign(tmp_path / "run", settings(rocks=("hang",), budget=1))
     with workers(timeout_s=0.5) as executor:
-        summary = campaign.run(executor)
+        summary = fly_campaign(campaign, executor)
     assert summary.status.failures == {"timeout": 1}
     assert summary.recommendation is None
 
 
 def test_nothing_but_failures_stops_the_campaign(tmp_path: Path) -> None:
-    campaign = Campaign.create(tmp_path / "run", settings(rocks=("fail",), budget=50))
-    summary = campaign.run(InProcessExecutor())
+    campaign = begin_campaign(tmp_path / "run", settings(rocks=("fail",), budget=50))
+    summary = fly_campaign(campaign, InProcessExecutor())
     assert summary.stopped == "failing" and "seed_model_failed" in summary.message
     assert summary.status.failed == 8
 
 
 def test_user_error_in_a_mission_reaches_the_user_and_costs_no_budget(tmp_path: Path) -> None:
-    campaign = Campaign.create(tmp_path / "run", settings(rocks=("user",)))
+    campaign = begin_campaign(tmp_path / "run", settings(rocks=("user",)))
     with pytest.raises(UserError, match="unknown rock 'user'"):
-        campaign.run(InProcessExecutor())
+        fly_campaign(campaign, InProcessExecutor())
     assert [t.state for t in campaign.trials()] == ["running"]
 
 
@@ -287,15 +289,15 @@ def test_missing_metric_is_a_failure_not_a_zero(tmp_path: Path) -> None:
 def test_every_sampler_runs_and_resumes(tmp_path: Path, sampler: str) -> None:
     changes: dict[str, object] = {"sampler": sampler, "budget": 10, "initial": 4}
     directory = tmp_path / "run"
-    campaign = Campaign.create(directory, settings(**changes))
+    campaign = begin_campaign(directory, settings(**changes))
 
     def interrupt(event: CampaignEvent) -> None:
         if event.kind == "finished" and event.finished == 8:
             os.kill(os.getpid(), signal.SIGINT)
 
-    assert campaign.run(InProcessExecutor(), interrupt).status.finished == 8
+    assert fly_campaign(campaign, InProcessExecutor(), interrupt).status.finished == 8
     resumed = Campaign.open(directory)
-    assert resumed.run(InProcessExecutor()).status.complete == 10
+    assert fly_campaign(resumed, InProcessExecutor()).status.complete == 10
     whole = run(tmp_path / "whole", **changes)
     for a, b in zip(whole.trials(), resumed.trials()):
         np.testing.assert_allclose(list(a.values.values()), list(b.values.values()), rtol=1e-6)
@@ -317,7 +319,7 @@ def test_every_sampler_runs_on_the_mixed_space(tmp_path: Path, sampler: str) -> 
 
 def test_cmaes_says_what_it_cannot_do(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="cannot handle categorical"):
-        Campaign.create(tmp_path / "run", settings(sampler="cmaes", space=load_search_space("full")))
+        begin_campaign(tmp_path / "run", settings(sampler="cmaes", space=load_search_space("full")))
 
 
 @pytest.mark.parametrize(
@@ -342,15 +344,15 @@ def test_directories_of_others_are_left_alone(tmp_path: Path) -> None:
     foreign.mkdir()
     (foreign / "thesis.tex").write_text("years of work")
     with pytest.raises(UserError, match="not an empty directory"):
-        Campaign.create(foreign, settings())
+        begin_campaign(foreign, settings())
     assert [p.name for p in foreign.iterdir()] == ["thesis.tex"]
 
     run(tmp_path / "run", budget=2)
     before = (tmp_path / "run" / "study.journal").read_bytes()
     with pytest.raises(UserError, match=r"already holds this campaign.*resume"):
-        Campaign.create(tmp_path / "run", settings(budget=2))
+        begin_campaign(tmp_path / "run", settings(budget=2))
     with pytest.raises(UserError, match="already holds another campaign"):
-        Campaign.create(tmp_path / "run", settings(budget=3))
+        begin_campaign(tmp_path / "run", settings(budget=3))
     with pytest.raises(UserError, match="seed is 1 there, not 7"):
         Campaign.open(tmp_path / "run", settings(budget=2, seed=7))
     with pytest.raises(UserError, match="holds no campaign"):
@@ -365,11 +367,11 @@ def test_directories_of_others_are_left_alone(tmp_path: Path) -> None:
 def test_directory_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(UserError, match="cannot write"):
-        Campaign.create(tmp_path / "file" / "run", settings())
+        begin_campaign(tmp_path / "file" / "run", settings())
 
 
 def test_one_campaign_runs_once_at_a_time(tmp_path: Path) -> None:
-    campaign = Campaign.create(tmp_path / "run", settings(budget=2))
+    campaign = begin_campaign(tmp_path / "run", settings(budget=2))
 
     def intrude(event: CampaignEvent) -> None:
         if event.kind == "launched":
@@ -377,7 +379,7 @@ def test_one_campaign_runs_once_at_a_time(tmp_path: Path) -> None:
                 Campaign.open(tmp_path / "run")
             assert Campaign.open(tmp_path / "run", read_only=True).status().budget == 2
 
-    assert campaign.run(InProcessExecutor(), intrude).stopped == "budget"
+    assert fly_campaign(campaign, InProcessExecutor(), intrude).stopped == "budget"
 
 
 def test_any_optuna_storage(tmp_path: Path) -> None:
@@ -387,7 +389,7 @@ def test_any_optuna_storage(tmp_path: Path) -> None:
     assert resumed.status().complete == 2
     assert not (tmp_path / "run" / "study.journal").exists()
     with pytest.raises(UserError, match="already holds a study"):
-        Campaign.create(tmp_path / "other", settings(storage=url))
+        begin_campaign(tmp_path / "other", settings(storage=url))
 
 
 @pytest.mark.parametrize(
@@ -397,11 +399,11 @@ def test_any_optuna_storage(tmp_path: Path) -> None:
 )  # fmt: skip
 def test_storage_that_cannot_be_used(tmp_path: Path, storage: str) -> None:
     with pytest.raises(UserError, match=r"storage|ledger"):
-        Campaign.create(tmp_path / "run", settings(storage=storage))
+        begin_campaign(tmp_path / "run", settings(storage=storage))
     assert not (tmp_path / "run").exists()  # nothing is left behind
     (tmp_path / "mine").mkdir()
     with pytest.raises(UserError):
-        Campaign.create(tmp_path / "mine", settings(storage=storage))
+        begin_campaign(tmp_path / "mine", settings(storage=storage))
     assert (tmp_path / "mine").is_dir()  # an empty directory of the user's own stays
 
 
@@ -433,7 +435,7 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
 
 
 def test_a_campaign_of_an_earlier_version_is_refused_in_one_line(tmp_path: Path) -> None:
-    campaign = Campaign.create(tmp_path / "run", settings(budget=2))
+    campaign = begin_campaign(tmp_path / "run", settings(budget=2))
     path = campaign.directory / "campaign.yaml"
     tree = yaml.safe_load(path.read_text())
     tree["format"] = 1

@@ -11,6 +11,7 @@ from test_campaign import run
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.extension import extend_campaign
+from tuner.campaign.session import fly_campaign
 from tuner.missions.executors import InProcessExecutor
 
 
@@ -21,7 +22,7 @@ def test_a_finished_campaign_is_extended(tmp_path: Path) -> None:
         extend_campaign(tmp_path / "run", 6)
     longer = extend_campaign(tmp_path / "run", 10)
     assert longer.settings.initial_size() == first.settings.initial_size()
-    summary = longer.run(InProcessExecutor())
+    summary = fly_campaign(longer, InProcessExecutor())
     assert (summary.status.budget, summary.status.complete) == (10, 10)
     after = [(t.number, t.rock, t.replicate, t.values, t.raw) for t in longer.trials()]
     assert after[:6] == before and len(after) == 10

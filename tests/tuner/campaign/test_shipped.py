@@ -13,6 +13,7 @@ import yaml
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from nbv.rocks.recipes import RECIPES
+from tuner.campaign.begin import begin_campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.shipped import DIRECTORY, SHIPPED, shipped_missions, sources_by_default
 from tuner.problem.objective import Objective
@@ -43,9 +44,9 @@ def test_a_mission_of_today_gives_what_is_recorded(name: str) -> None:
         assert Objective().measure(flown.metrics) == pytest.approx(each.raw, abs=0.05)
 
 
-def test_learning_from_them_needs_their_space_and_metric() -> None:
+def test_learning_from_them_needs_their_space_and_metric(tmp_path: Path) -> None:
     settings = CampaignSettings("x", FULL, ("waist",), 12, learn_from=(SHIPPED,))
-    learned = settings.learned()
+    learned = begin_campaign(tmp_path / "run", settings).learned
     assert learned is not None and set(learned.rocks) == {"slab", "vesicular", "breccia", "cavern"}
     assert settings.initial_size() == 4  # a third of the budget
     other = dataclasses.replace(FULL, parameters=FULL.parameters[:-1])

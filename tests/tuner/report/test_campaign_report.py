@@ -16,7 +16,9 @@ from made_evaluations import made_run
 
 from nbv.config import preset
 from nbv.errors import UserError
+from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
+from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import FIDELITIES, CampaignSettings
 from tuner.campaign.shipped import SHIPPED
 from tuner.cli import app
@@ -103,12 +105,12 @@ def test_the_command_runs_the_same_campaign(
         "name": "tiny", "space": load_search_space("gate"), "rocks": ("waist", "slab"), "budget": 6, "seed": 1,
         "sampler": "sobol",
     }  # fmt: skip
-    made = Campaign.create(tmp_path / "run", CampaignSettings(**{**fields, **changes}))  # type: ignore[arg-type]
+    made = begin_campaign(tmp_path / "run", CampaignSettings(**{**fields, **changes}))  # type: ignore[arg-type]
 
     def create(directory: Path, settings: CampaignSettings) -> Campaign:
         raise _Made(settings)
 
-    monkeypatch.setattr(Campaign, "create", staticmethod(create))
+    monkeypatch.setattr("tuner.campaign.begin.begin_campaign", create)
     words = shlex.split(reproduce_command(made))
     assert words[0] == "gatetune"
     with pytest.raises(_Made) as found:
@@ -130,8 +132,8 @@ def test_the_page_names_the_trend_of_a_model_with_many_parameters(tmp_path: Path
 def test_the_page_of_a_geometric_campaign_says_so(tmp_path: Path) -> None:
     flies = {"space": load_search_space("gate"), "rocks": ("waist",), "budget": 3, "sampler": "sobol"}
     settings = CampaignSettings("geo", runner=FIDELITIES["geometric"], **flies)  # type: ignore[arg-type]
-    campaign = Campaign.create(tmp_path / "geo", settings)
-    campaign.run(InProcessExecutor())
+    campaign = begin_campaign(tmp_path / "geo", settings)
+    fly_campaign(campaign, InProcessExecutor())
     text = text_of(write_campaign_report(campaign))
     assert "Geometric missions" in text and "--fidelity geometric" in text
     assert "cannot name" not in text
@@ -219,7 +221,7 @@ def test_slices_pass_through_the_recommendation_in_the_metric_s_own_direction(tm
 
 def test_campaign_without_missions_is_refused(tmp_path: Path) -> None:
     settings = flown(tmp_path / "other", budget=1).settings
-    empty = Campaign.create(tmp_path / "run", settings)
+    empty = begin_campaign(tmp_path / "run", settings)
     with pytest.raises(UserError, match="no finished mission"):
         write_campaign_report(empty)
 

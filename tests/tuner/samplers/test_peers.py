@@ -17,7 +17,9 @@ import synthetic
 import tuner.samplers.peers as peers
 from nbv.config import MissionConfig
 from nbv.errors import UserError
+from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
+from tuner.campaign.session import fly_campaign
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.observations import Observation, Pending
 from tuner.problem.search_space import load_search_space, space_from_dict
@@ -136,7 +138,7 @@ def test_a_campaign_without_the_peer_names_the_command(
     monkeypatch.setenv("GATETUNE_PEERS", str(tmp_path / "none"))
     assert available_peers() == ()
     with pytest.raises(UserError, match=f"set it up with `python benchmarks/peers/setup.py {name}`"):
-        Campaign.create(tmp_path / "run", campaign_settings(sampler=name))
+        begin_campaign(tmp_path / "run", campaign_settings(sampler=name))
     assert not (tmp_path / "run").exists()
 
 
@@ -151,7 +153,7 @@ def test_a_campaign_with_a_peer_is_interrupted_resumed_and_read(
     monkeypatch.setenv("GATETUNE_PEERS", str(environment))
     assert available_peers() == ("ax",)
 
-    campaign = Campaign.create(tmp_path / "run", campaign_settings())
+    campaign = begin_campaign(tmp_path / "run", campaign_settings())
     proposed = 0
 
     class Interrupted(Exception):
@@ -164,9 +166,9 @@ def test_a_campaign_with_a_peer_is_interrupted_resumed_and_read(
             raise Interrupted
 
     with pytest.raises(Interrupted):
-        campaign.run(InProcessExecutor(), stop_after_six)
+        fly_campaign(campaign, InProcessExecutor(), stop_after_six)
     resumed = Campaign.open(tmp_path / "run")  # a sampler of its own, which knows nothing yet
-    resumed.run(InProcessExecutor())
+    fly_campaign(resumed, InProcessExecutor())
     trials = resumed.trials()
     assert [t.state for t in trials] == ["complete"] * 9
     share = [t.values["gate.budget_fraction"] for t in trials[4:]]

@@ -11,7 +11,8 @@ from fake_study import fake_study_mission
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
-from tuner.campaign.campaign import Campaign
+from tuner.campaign.begin import begin_campaign
+from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.objective import Objective
@@ -184,7 +185,7 @@ def test_a_campaigns_ledger_is_enough(tmp_path):
         "c", GATE, ("r0", "r1"), 8, sampler="sobol", objective=Objective(METRIC),
         runner="fake_study:fake_study_mission",
     )  # fmt: skip
-    Campaign.create(tmp_path / "c", settings).run(InProcessExecutor())
+    fly_campaign(begin_campaign(tmp_path / "c", settings), InProcessExecutor())
     tuned = campaign_data(tmp_path / "c")
     assert len(tuned.observations) == 8 and tuned.rocks == ("r0", "r1") and tuned.left_out == {}
     other = campaign_data(tmp_path / "c", "agreement.5.whole.c2c_mean_mm")

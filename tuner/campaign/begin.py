@@ -1,0 +1,70 @@
+"""The beginning of a campaign: what it learns from is read, its ledger and ``campaign.yaml`` are written."""
+
+from __future__ import annotations
+
+import contextlib
+import datetime
+import uuid
+from pathlib import Path
+
+import yaml
+
+from nbv.errors import UserError
+from nbv.mission.run_directory import write_atomic
+from tuner.campaign.campaign import LEARNED_FILE, Campaign
+from tuner.campaign.ledger import Ledger
+from tuner.campaign.settings import FORMAT_VERSION, SETTINGS_FILE, CampaignSettings, read_settings
+from tuner.campaign.transfer import learn_from
+from tuner.samplers.registry import require_sampler
+
+
+def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
+    """Begin a campaign in a new or empty directory.
+
+    Raises
+    ------
+    UserError
+        The directory holds something already or cannot be written; the storage cannot be used; there is nothing
+        to learn from where ``settings`` says so.
+    """
+    if (directory / SETTINGS_FILE).exists():
+        theirs = read_settings(directory)[0]
+        what = "this campaign" if theirs == settings.to_dict() else f"another campaign ({theirs['name']!r})"
+        raise UserError(
+            f"{directory} already holds {what}; resume it with `gatetune campaign resume {directory}` "
+            "or choose another directory"
+        )
+    if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+        raise UserError(f"{directory} exists and is not an empty directory; choose another directory")
+    learned = None
+    if settings.learn_from:
+        learned = learn_from(settings.learn_from, settings.space, settings.base_config(), settings.objective)
+    settings.make_sampler()
+    require_sampler(settings.sampler)  # here and not in make_sampler: a report must open without the peer
+    was_there = directory.exists()
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        identity = uuid.uuid4().hex
+        try:
+            ledger = Ledger(
+                directory, settings.storage, settings.name, identity, settings.space, settings.objective,
+                create=True,
+            )  # fmt: skip
+        except UserError:
+            if not was_there:
+                with contextlib.suppress(OSError):  # not empty: somebody else's
+                    directory.rmdir()
+            raise
+        tree = {
+            "format": FORMAT_VERSION,
+            "id": identity,
+            "created": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
+            "base_config_digest": settings.base_config().digest(),
+            "settings": settings.to_dict(),
+        }
+        if learned is not None:
+            write_atomic(directory / LEARNED_FILE, learned.to_json())
+        write_atomic(directory / SETTINGS_FILE, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
+    except OSError as error:
+        raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error
+    return Campaign(directory, settings, ledger)
