@@ -18,6 +18,8 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
 Row = dict[str, str]
+NAMES = {"optuna-gp": "Optuna's GP", "smac": "SMAC3", "ax": "Ax", "tpe": "TPE", "hebo": "HEBO"}
+WAYS = {"": "", "all": ", all rocks each", "pruned": ", pruned"}  # how a peer flies many rocks
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#777777"
 
 
@@ -45,6 +47,12 @@ def with_interval(row: Row, column: str) -> tuple[float, float, float]:
     return float(row[column]), float(row[f"{column}, low"]), float(row[f"{column}, high"])
 
 
+def label(strategy: str) -> str:
+    """What a reader calls a peer that the benchmark calls ``name`` or ``name/way``."""
+    name, _, way = strategy.partition("/")
+    return NAMES[name] + WAYS[way]
+
+
 def optimisers(data: Path) -> plt.Figure:
     """Ours minus each peer, 18 parameters, two Apollo rocks."""
     column = "ours minus this (mean, 95 %)"
@@ -57,7 +65,7 @@ def optimisers(data: Path) -> plt.Figure:
     figure, axes = plt.subplots(figsize=(7, 3.4))
     forest(
         axes,
-        [f"{row['strategy']} ({row['seeds']} seeds)" for row in rows],
+        [f"{label(row['strategy'])} ({row['seeds']} seeds)" for row in rows],
         [with_interval(row, column) for row in rows],
     )
     axes.set_xlabel("ours minus this, F-score (points), 95 %")
