@@ -42,21 +42,27 @@ def commands_page() -> str:
     from tuner.cli import app
 
     root = typer.main.get_command(app)
-    lines = ["# Commands", "", "Made from the program's own help by `python docs/make_pages.py`.", ""]
+    lines = [
+        "# Commands",
+        "",
+        "Made from the program's own help by `python docs/make_pages.py`; `--help` explains the studies' options.",
+        "",
+    ]
     told: set[tuple[str, str]] = set()  # what earlier commands have said of an option
+    brief = ("study", "learn-gate")  # options by name only
     for path, command in sorted(_leaves(root, ()), key=lambda leaf: COMMAND_ORDER.index(leaf[0][0])):
         arguments = [p for p in command.params if p.param_type_name == "argument"]
         options = [p for p in command.params if p.param_type_name == "option" and p.name != "help"]
         usage = " ".join(["gatetune", *path, *(p.name.upper() for p in arguments)])
         lines += [f"## `{usage}`", "", " ".join(command.help.split()), ""]
-        new = [p for p in options if (p.name, p.help) not in told]
+        new = [p for p in options if path[0] not in brief and (p.name, p.help) not in told]
         for panel in dict.fromkeys(getattr(p, "rich_help_panel", None) for p in new):
             if panel:
                 lines += [f"**{panel}**", ""]
             lines += [_option(p) for p in new if getattr(p, "rich_help_panel", None) == panel]
             lines.append("")
         if known := [f"`{p.opts[0]}`{_default(p)}" for p in options if p not in new]:
-            lines += [f"As above: {', '.join(known)}.", ""]
+            lines += [f"{'Options' if path[0] in brief else 'As above'}: {', '.join(known)}.", ""]
         told |= {(p.name, p.help) for p in options}
     return "\n".join(lines).rstrip() + "\n"
 
