@@ -87,9 +87,10 @@ def reference_markdown() -> str:
     lines = [
         "# Parameters",
         "",
-        "Made from the program by `python docs/make_pages.py`. Defaults are preset `paper`. *Source*: **text**, the "
+        "A parameter's path is its section and name: `gate.d95_m`. Defaults are preset `paper`. *Source*: **text**, the "
         "paper as printed, with the place; **code**, the authors' public code or simulator, where the text is silent; "
-        "**ours**. `gatetune config show` prints any preset in this way; `--set PATH=VALUE` changes a parameter.",
+        "**ours**. `gatetune config show` prints any preset in this way; `--set PATH=VALUE` changes a parameter. "
+        "`python docs/make_pages.py` makes this page.",
         "",
         *_presets_table(),
     ]
@@ -97,22 +98,17 @@ def reference_markdown() -> str:
     for p in parameters().values():
         if p.section != section:
             section = p.section
-            lines += [
-                "",
-                f"## {section or 'Mission'}",
-                "",
-                "| parameter | default | meaning | source |",
-                "|---|---|---|---|",
-            ]
+            lines += ["", f"## {section or 'Mission'}", "", "|name|default|meaning|source|", "|-|-|-|-|"]
         choices = f" ({', '.join(f'`{c}`' for c in p.choices)})" if p.choices else ""
         value = f"{shown(p.default)} {p.unit}".strip() or "empty"
-        lines.append(f"| `{p.path}` | {value} | {p.meaning}{choices} | {p.origin} |")
+        name = p.path.removeprefix(f"{section}.")
+        lines.append(f"|`{name}`|{value}|{p.meaning}{choices}|{p.origin}|")
     return "\n".join(lines) + "\n"
 
 
 def _presets_table() -> list[str]:
-    lines = ["## Presets", "", "| preset | purpose | differs from `paper` in |", "|---|---|---|"]
+    lines = ["## Presets", "", "|preset|purpose|differs from `paper` in|", "|-|-|-|"]
     for name, preset in PRESETS.items():
         changes = ", ".join(f"`{path}` {shown(value)}" for path, value in preset.values.items())
-        lines.append(f"| `{name}` | {preset.purpose} | {changes or 'nothing'} |")
+        lines.append(f"|`{name}`|{preset.purpose}|{changes or 'nothing'}|")
     return lines

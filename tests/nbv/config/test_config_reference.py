@@ -13,7 +13,8 @@ def test_a_parameter_has_a_meaning_and_a_source(path: str) -> None:
     assert about.meaning
     assert about.source in ("text", "code", "ours")
     assert about.where or about.source == "ours"  # the place in the paper or the public code
-    assert f"| `{path}` |" in reference_markdown()
+    section = f"## {about.section or 'Mission'}\n"
+    assert f"|`{path.removeprefix(f'{about.section}.')}`|" in reference_markdown().partition(section)[2]
 
 
 def test_units_are_the_endings_of_names() -> None:
