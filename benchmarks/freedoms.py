@@ -29,7 +29,6 @@ from tuner.evaluation.evaluation import (
 )
 from tuner.evaluation.paper_table import MetricRow
 from tuner.missions.executors import LocalProcessExecutor
-from tuner.missions.job import DEFAULT_RUNNER
 from tuner.studies.paired_cells import difference_text, markdown_table
 
 LOW = {"pool.max_altitude_m": 1.5}  # the 10 degree ring alone
@@ -134,7 +133,7 @@ def main() -> None:
         parser.error(str(error))
     plan = EvaluationPlan(arms(preset("campaign")), rocks, arguments.replicates)
     if not arguments.report_only:
-        with LocalProcessExecutor(arguments.workers, preload=(DEFAULT_RUNNER.partition(":")[0],)) as executor:
+        with LocalProcessExecutor(arguments.workers) as executor:
             run_evaluation(plan, arguments.out, executor,
                            lambda e: print(f"{e.finished}/{e.total}", end="\r", flush=True))  # fmt: skip
     records = plan.records(arguments.out)

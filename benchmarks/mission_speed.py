@@ -73,7 +73,7 @@ def fly_all(jobs: list[tuple[MissionConfig, str]], workers: int, folder: Path) -
     from tuner.missions.executors import LocalProcessExecutor
     from tuner.missions.job import MissionJob
 
-    executor = LocalProcessExecutor(workers, preload=("nbv.photogrammetric", "fresh_process"))
+    executor = LocalProcessExecutor(workers, preload=("photogrammetric", "fresh_process:timed_mission"))
     queue = [
         MissionJob(f"m{i:02d}", config, rock, 0, folder / f"m{i:02d}", runner="fresh_process:timed_mission")
         for i, (config, rock) in enumerate(jobs)

@@ -26,14 +26,13 @@ from nbv.errors import UserError
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
-from tuner.campaign.settings import FIDELITIES, SETTINGS_FILE, CampaignSettings
+from tuner.campaign.settings import SETTINGS_FILE, CampaignSettings
 from tuner.campaign.shipped import SHIPPED
 from tuner.commands.campaign import QUICK_ROCKS, refuse_held_out
 from tuner.commands.console import rock_arguments
 from tuner.evaluation.evaluation import EvaluationPlan, run_evaluation, values_of
 from tuner.missions.executors import LocalProcessExecutor
-from tuner.missions.fidelities import runner_of
-from tuner.missions.job import DEFAULT_RUNNER
+from tuner.missions.registry import DEFAULT_RUNNER, registered
 from tuner.problem.objective import Objective
 from tuner.problem.search_space import load_search_space
 
@@ -53,10 +52,10 @@ def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str
         space = load_search_space(arguments.space)
         found = begin_campaign(directory, CampaignSettings(
             directory.name, space, rocks, budget, REPLICATES, seed, sampler=name,
-            runner=runner_of(fidelity or "photogrammetric", FIDELITIES),
+            runner=registered(fidelity or DEFAULT_RUNNER),
             learn_from={"earlier": (arguments.earlier.format(seed=seed),), "shipped": (SHIPPED,)}.get(before, ())))  # fmt: skip
     if found.status().finished < budget:
-        with LocalProcessExecutor(arguments.workers, preload=(DEFAULT_RUNNER.partition(":")[0],)) as executor:
+        with LocalProcessExecutor(arguments.workers) as executor:
             fly_campaign(found, executor)
     if found.status().finished < budget:
         raise SystemExit(f"{directory} was interrupted; the same command goes on")
@@ -124,7 +123,7 @@ def main() -> None:
     except UserError as error:
         parser.error(str(error))
     records = []
-    with LocalProcessExecutor(arguments.workers, preload=(DEFAULT_RUNNER.partition(":")[0],)) as executor:
+    with LocalProcessExecutor(arguments.workers) as executor:
         for name, config in configs.items():
             plan = EvaluationPlan({name: config}, rocks, arguments.judges, REPLICATES)
             records += run_evaluation(plan, arguments.out / "judges" / name, executor).records

@@ -13,7 +13,8 @@ import yaml
 
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
-from tuner.missions.job import DEFAULT_RUNNER, Keep
+from nbv.mission.runner import Keep
+from tuner.missions.registry import DEFAULT_RUNNER
 from tuner.problem.objective import Objective
 from tuner.problem.options import RISKS, Risk
 from tuner.problem.search_space import SearchSpace, Values, space_from_dict
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 
 SETTINGS_FILE = "campaign.yaml"
 FORMAT_VERSION = 2  # 1: could ask for what is gone, and was proposed for by another model
-FIDELITIES = {"photogrammetric": DEFAULT_RUNNER, "geometric": "nbv.geometric:run_geometric_mission"}
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class CampaignSettings:
     objective: Objective = field(default_factory=Objective)
     sampler: str = "gp"
     initial: int | None = None  # missions of the initial design; None: as many as suit sampler and budget
-    runner: str = DEFAULT_RUNNER
+    runner: str = DEFAULT_RUNNER  # a name of tuner.missions.registry, or module:function
     keep: Keep = "summary"
     storage: str | None = None  # None: study.journal in the run directory
     risk: Risk = "mean"  # over the training rocks: tune their mean, or the worst of them
@@ -104,11 +104,6 @@ class CampaignSettings:
             raise UserError(f"unknown risk measure {self.risk!r}; there are {', '.join(RISKS)}")
         if self.risk != "mean" and len(self.rocks) < 2:
             raise UserError(f"risk measure {self.risk} is over rocks; name at least two")
-
-    @property
-    def fidelity(self) -> str | None:
-        """What the command line calls its missions' fidelity; None: a runner of somebody's own."""
-        return next((name for name, runner in FIDELITIES.items() if runner == self.runner), None)
 
     def base_config(self) -> MissionConfig:
         """The mission configuration on which tuned values are laid."""

@@ -108,15 +108,14 @@ def run(
     """Run a campaign: the paper's defaults, an initial design, then a GP proposes; one mission per trial."""
     from tuner.campaign.begin import begin_campaign
     from tuner.campaign.campaign import Campaign
-    from tuner.campaign.settings import FIDELITIES, SETTINGS_FILE, CampaignSettings
+    from tuner.campaign.settings import SETTINGS_FILE, CampaignSettings
     from tuner.campaign.shipped import sources_by_default
-    from tuner.missions.fidelities import runner_of
+    from tuner.missions.registry import registered
     from tuner.problem.objective import Objective
     from tuner.problem.search_space import load_search_space
 
     if keep not in ("summary", "all"):
         raise UserError(f"--keep is {keep!r}; it must be summary or all")
-    runner = runner_of(fidelity, FIDELITIES)
     directory = out or RUNS / name
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
         output.print(f"{directory} holds a campaign already: going on with it")
@@ -148,7 +147,7 @@ def run(
         overrides=parse_overrides(set_ or []),
         objective=objective,
         sampler=sampler,
-        runner=runner,
+        runner=registered(fidelity),
         keep=keep,  # type: ignore[arg-type]
         storage=storage,
         risk=risk,  # type: ignore[arg-type]
@@ -291,7 +290,10 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
                 else ""
             )
         )
-    with LocalProcessExecutor(count, timeout_s=timeout_s) as executor, progress_bar() as bar:
+    with (
+        LocalProcessExecutor(count, timeout_s, preload=(settings.runner,)) as executor,
+        progress_bar() as bar,
+    ):
         summary = fly_campaign(campaign, executor, CampaignProgress(bar, settings))
     show_recommendation(summary.recommendation)
     show_front(campaign)

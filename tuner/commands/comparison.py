@@ -77,7 +77,7 @@ def compare(
         f"{len(plan.strategies)} strategies on {len(plan.rocks)} rocks x {plan.replicates} replicates: "
         f"{plan.missions} missions, {count} workers"
     )
-    with LocalProcessExecutor(count, timeout_s=timeout_s) as executor, progress_bar() as bar:
+    with LocalProcessExecutor(count, timeout_s, preload=(plan.runner,)) as executor, progress_bar() as bar:
         run = run_evaluation(plan, directory, executor, ComparisonProgress(bar, metric))
     table = comparison_table(run.records, tuple(plan.strategies), reference)
     output.print(comparison_terminal_table(table, paper=paper))

@@ -101,10 +101,8 @@ def _fly_noise_study(
     out: Path,
 ) -> bool:
     from tuner.commands.campaign import training_rocks
-    from tuner.missions.job import DEFAULT_RUNNER
     from tuner.problem.search_space import load_search_space
     from tuner.studies.noise import NoiseSettings, fly
-    from tuner.studies.runner import STUDY_RUNNER
 
     count = _worker_count(workers)
     chosen = _study_rocks(rocks, training_rocks())
@@ -130,7 +128,7 @@ def _fly_noise_study(
     )
     return _fly_study(
         lambda executor, show: fly(settings, out, executor, show),
-        (DEFAULT_RUNNER, STUDY_RUNNER),
+        (settings.runner,),
         count,
         timeout_s,
         f"agreement.{min(settings.levels)}.{settings.metrics[0]}",
@@ -171,7 +169,7 @@ def departures(
 ) -> None:
     """What does each departure of the authors' public code do to the outcome? One at a time, paired."""
     from tuner.commands.campaign import QUICK_ROCKS
-    from tuner.missions.fidelities import runner_of
+    from tuner.missions.registry import with_oracle
     from tuner.studies.departures import DEPARTURES, DepartureSettings, analyse, fly
     from tuner.studies.departures_report import departures_table, write_departures_report
 
@@ -179,7 +177,7 @@ def departures(
     if not report_only:
         settings = DepartureSettings(
             _study_rocks(rocks, QUICK_ROCKS), replicates, preset, gate, parse_overrides(set_ or []),
-            tuple(arms or DEPARTURES), surface, runner_of(fidelity),
+            tuple(arms or DEPARTURES), surface, with_oracle(fidelity),
         )  # fmt: skip
         plan = settings.plan()
         output.print(
@@ -238,13 +236,13 @@ def oracles(
 ) -> None:
     """When does the oracle count a sample as covered? Every reading of the paper, and what it gains."""
     from tuner.commands.campaign import QUICK_ROCKS
-    from tuner.missions.fidelities import runner_of
+    from tuner.missions.registry import with_oracle
     from tuner.studies.oracles import OracleSettings, analyse, fly
     from tuner.studies.oracles_report import oracles_table, write_oracles_report
 
     complete = True
     if not report_only:
-        options: dict[str, Any] = {"runner": runner_of(fidelity)}
+        options: dict[str, Any] = {"runner": with_oracle(fidelity)}
         if coverages:
             options["coverages"] = tuple(coverages)
         if greedy:
@@ -322,9 +320,8 @@ def _fly_study(
 ) -> bool:
     from tuner.missions.executors import LocalProcessExecutor
 
-    preload = tuple(runner.partition(":")[0] for runner in runners)
     with (
-        LocalProcessExecutor(workers, timeout_s=timeout_s, preload=preload) as executor,
+        LocalProcessExecutor(workers, timeout_s=timeout_s, preload=runners) as executor,
         progress_bar() as bar,
     ):
         return fly(executor, ComparisonProgress(bar, metric))

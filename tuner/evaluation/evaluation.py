@@ -20,15 +20,17 @@ import yaml
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
+from nbv.mission.runner import Keep
 from tuner.evaluation.paper_table import TABLE_I_ROWS, MetricRow
 from tuner.evaluation.statistics import Interval, Method, PairedDifference, mean_interval, paired_difference
 from tuner.missions.executors import Executor
-from tuner.missions.job import DEFAULT_RUNNER, Keep, MissionJob, MissionOutcome, collect_outcome
+from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
 from tuner.missions.long_runs import exclusive, stop_signals
+from tuner.missions.registry import DEFAULT_RUNNER
 from tuner.problem.objective import Objective
 
 PLAN_FILE = "evaluation.yaml"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2  # 1 named its runner by module and function
 _POLL_S = 0.5
 
 
@@ -89,7 +91,9 @@ class EvaluationPlan:
         try:
             tree = yaml.safe_load(path.read_text())
             if tree["format"] != FORMAT_VERSION:
-                raise UserError(f"{path} has format {tree['format']}, this version reads {FORMAT_VERSION}")
+                raise UserError(
+                    f"{path} has format {tree['format']}, this version reads {FORMAT_VERSION}; begin it again in another directory"
+                )
             return EvaluationPlan(
                 {name: config_from_dict(config) for name, config in tree["strategies"].items()},
                 tuple(tree["rocks"]), tree["replicates"], tree["first_replicate"], tree["runner"], tree["keep"],

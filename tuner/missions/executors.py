@@ -22,7 +22,6 @@ from typing import Protocol
 from nbv.errors import UserError
 from nbv.threads import single_thread_environment
 from tuner.missions.job import (
-    DEFAULT_RUNNER,
     LOG_FILE,
     MissionJob,
     MissionOutcome,
@@ -31,7 +30,8 @@ from tuner.missions.job import (
     failed_outcome,
     record_failure,
 )
-from tuner.missions.server import EXIT_NOT_WRITABLE, run_job
+from tuner.missions.registry import DEFAULT_RUNNER, runner_module
+from tuner.missions.run_job import EXIT_NOT_WRITABLE, run_job
 
 
 class Executor(Protocol):
@@ -124,14 +124,14 @@ class LocalProcessExecutor:
     timeout_s
         A mission that takes longer is killed and recorded as ``timeout``.
     preload
-        Modules that the server imports before it forks (the runner's own module is the useful one).
+        Runners whose modules the server imports before it forks.
     """
 
     def __init__(
         self,
         workers: int = 1,
         timeout_s: float = 3600.0,
-        preload: tuple[str, ...] = (DEFAULT_RUNNER.partition(":")[0],),
+        preload: tuple[str, ...] = (DEFAULT_RUNNER,),
     ) -> None:
         if workers < 1:
             raise UserError(f"workers is {workers}; it must be at least 1")
@@ -139,7 +139,7 @@ class LocalProcessExecutor:
             raise UserError(f"the mission time-out is {timeout_s} s; it must be positive")
         self.capacity = workers
         self._timeout_s = timeout_s
-        self._preload = preload
+        self._preload = [runner_module(runner) for runner in preload]
         self._flights: dict[str, _Flight] = {}
         self._ready: list[MissionOutcome] = []
         self._server: subprocess.Popen[bytes] | None = None

@@ -2,65 +2,20 @@
 
 from __future__ import annotations
 
-import importlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from nbv.config import MissionConfig, config_from_dict
-from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
+from nbv.mission.runner import Keep
+from tuner.missions.registry import DEFAULT_RUNNER
 
-DEFAULT_RUNNER = "nbv.photogrammetric:run_photogrammetric_mission"
 RESULT_FILE = "mission.json"
 ERROR_FILE = "worker_error.json"
 LOG_FILE = "worker.log"
-
-Keep = Literal["all", "summary"]
-# run_mission(config, rock, replicate, directory, *, keep) -> nbv.mission.result.MissionResult
-MissionRunner = Callable[..., Any]
-
-
-def runner_path(runner: str | MissionRunner) -> str:
-    """``"module:name"`` of an importable function, the form that crosses process boundaries.
-
-    Raises
-    ------
-    UserError
-        A lambda, a closure or a function of ``__main__``: a worker could not import it.
-    """
-    if isinstance(runner, str):
-        return runner
-    module, name = runner.__module__, getattr(runner, "__qualname__", "<none>")
-    if "<" in name or module == "__main__":
-        raise UserError(
-            f"mission runner {module}:{name} cannot be imported; define it at the top of a module"
-        )
-    return f"{module}:{name}"
-
-
-def resolve_runner(path: str) -> MissionRunner:
-    """Import the function named ``"module:name"``.
-
-    Raises
-    ------
-    UserError
-        There is no such module or function.
-    """
-    module_name, _, name = path.partition(":")
-    try:
-        target: Any = importlib.import_module(module_name)
-        for part in name.split("."):
-            target = getattr(target, part)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise UserError(
-            f"mission runner {path!r} cannot be imported ({error}); name it module:function"
-        ) from error
-    if not callable(target):
-        raise UserError(f"mission runner {path!r} is not a function; name it module:function")
-    return target
 
 
 @dataclass(frozen=True)
@@ -73,7 +28,7 @@ class MissionJob:
     replicate: int
     directory: Path
     keep: Keep = "summary"
-    runner: str = DEFAULT_RUNNER
+    runner: str = DEFAULT_RUNNER  # a name of the registry, or module:function
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form for a worker."""
@@ -92,11 +47,6 @@ class MissionJob:
         """The inverse of ``to_dict``."""
         fields = {**tree, "config": config_from_dict(tree["config"]), "directory": Path(tree["directory"])}
         return MissionJob(**fields)
-
-    @property
-    def slot(self) -> str:
-        """Rock and replicate, for people."""
-        return f"{self.rock} replicate {self.replicate}"
 
 
 @dataclass(frozen=True)
@@ -117,10 +67,11 @@ class MissionOutcome:
 def collect_outcome(job: MissionJob, wall_s: float | None = None) -> MissionOutcome | None:
     """The outcome that a worker left in the job's directory; None when the mission did not finish.
 
-    A ``mission.json`` of another configuration, rock or replicate is not this mission's.
+    A ``mission.json`` of another configuration or replicate is not this mission's.
     """
     tree = _read_json(job.directory / RESULT_FILE)
-    if tree is not None and tree.get("config_digest") == job.config.digest():
+    this = (job.config.digest(), job.replicate)
+    if tree is not None and (tree.get("config_digest"), tree.get("replicate")) == this:
         costs = tree.get("costs") or {}
         return MissionOutcome(
             job.id,

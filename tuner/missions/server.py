@@ -12,7 +12,7 @@ killed, all missions are killed: none outlives its campaign.
 from __future__ import annotations
 
 import contextlib
-import errno
+import ctypes
 import importlib
 import json
 import os
@@ -25,47 +25,9 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from nbv.threads import single_thread_environment
+from tuner.missions.job import LOG_FILE
+from tuner.missions.run_job import EXIT_FAILED, run_job
 from tuner.missions.shared_rocks import SharedRocks
-
-EXIT_FAILED = 1
-EXIT_NOT_WRITABLE = 74  # EX_IOERR: not even the error could be written
-
-
-def run_job(tree: dict[str, Any]) -> int:
-    """Fly one mission and leave ``mission.json``, or ``worker_error.json``, in its directory; exit status."""
-    from nbv.errors import MissionFailure, UserError
-    from nbv.mission.run_directory import write_atomic
-    from tuner.missions.job import RESULT_FILE, MissionJob, record_failure, resolve_runner
-
-    job = MissionJob.from_dict(tree)
-    directory = job.directory
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        runner = resolve_runner(job.runner)
-        result = runner(job.config, job.rock, job.replicate, directory, keep=job.keep)
-        if not (directory / RESULT_FILE).exists():
-            write_atomic(directory / RESULT_FILE, result.to_json())
-        return 0
-    except KeyboardInterrupt:
-        raise
-    except UserError as error:
-        reason, message = "user_error", str(error)
-    except MissionFailure as error:
-        reason, message = error.reason, error.message
-    except MemoryError:
-        reason, message = "out_of_memory", "the mission ran out of memory"
-    except OSError as error:
-        code = errno.errorcode.get(error.errno or 0, "unknown")
-        reason, message = "disk_full" if code == "ENOSPC" else f"os_error: {code}", str(error)
-    except BaseException as error:
-        reason, message = "mission_error", f"{type(error).__name__}: {error}"
-    traceback.print_exc()
-    try:
-        record_failure(job, reason, message)
-    except OSError:
-        traceback.print_exc()
-        return EXIT_NOT_WRITABLE
-    return EXIT_FAILED
 
 
 class MissionServer:
@@ -132,8 +94,6 @@ class MissionServer:
         self._say({"event": "started", "id": job["id"], "pid": pid})
 
     def _start(self, job: dict[str, Any]) -> int:
-        from tuner.missions.job import LOG_FILE
-
         Path(job["directory"]).mkdir(parents=True, exist_ok=True)
         with (Path(job["directory"]) / LOG_FILE).open("ab") as log:
             if self._fork:
@@ -199,8 +159,6 @@ def _kill_group(pid: int) -> None:
 
 def _die_with_parent() -> None:
     """Ask Linux to kill this mission should the server be killed outright."""
-    import ctypes
-
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
 
 

@@ -12,6 +12,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from tuner.missions.registry import RUNNERS, runner_module
+
 MAX_HELD_BYTES = 256 * 2**20  # eight to ten rocks of the catalogue
 # Importing a larger mesh takes more memory than there may be beside the missions.
 MAX_FILE_BYTES = 100 * 2**20
@@ -27,14 +29,14 @@ class SharedRocks:
     def keep(self, job: dict[str, Any]) -> None:
         """Load the rock of ``job``, whose mission has ended well; nothing if that cannot be done.
 
-        Only for this project's own missions: what other runners call a rock is their own business.
+        Only for registered runners: what other runners call a rock is their own business.
         """
-        rock, module = job["rock"], job["runner"].partition(":")[0]
-        if not module.startswith("nbv.") or rock in self._known or self.held_bytes >= MAX_HELD_BYTES:
+        rock, runner = job["rock"], job["runner"]
+        if runner not in RUNNERS or rock in self._known or self.held_bytes >= MAX_HELD_BYTES:
             return
         self._known.add(rock)
         try:
-            importlib.import_module(module)
+            importlib.import_module(runner_module(runner))
             path = Path(rock).expanduser()
             if path.is_file() and path.stat().st_size > MAX_FILE_BYTES:
                 return

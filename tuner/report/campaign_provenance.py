@@ -11,7 +11,8 @@ from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.shipped import NOTHING
-from tuner.missions.job import DEFAULT_RUNNER, RESULT_FILE
+from tuner.missions.job import RESULT_FILE
+from tuner.missions.registry import DEFAULT_RUNNER, RUNNERS
 from tuner.report.campaign_facts import CampaignFacts
 
 
@@ -92,7 +93,7 @@ def _optional_words(campaign: Campaign) -> list[str]:
     s, words = campaign.settings, []
     with_values = {
         "--keep": s.keep if s.keep != "summary" else None, "--in-step": s.in_step,
-        "--fidelity": s.fidelity if s.runner != DEFAULT_RUNNER else None,
+        "--fidelity": s.runner if s.runner in RUNNERS and s.runner != DEFAULT_RUNNER else None,
         "--risk": s.risk if s.risk != "mean" else None,
         "--second-metric": s.second.metric if s.second is not None else None,
     }  # fmt: skip
@@ -124,7 +125,7 @@ def command_note(campaign: Campaign) -> str:
         notes.append(
             f"Save the section “search_space” of the settings below as {_space_argument(campaign)} first."
         )
-    if s.fidelity is None:
+    if s.runner not in RUNNERS:
         notes.append(f"Missions were flown by {s.runner}, which the command line cannot name.")
     if s.in_step is None:
         notes.append(

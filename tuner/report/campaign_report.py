@@ -13,7 +13,7 @@ from nbv.provenance import versions
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
-from tuner.missions.fidelities import GEOMETRIC_NOTE
+from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 from tuner.problem.search_space import SearchSpace
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.campaign_facts import CampaignFacts, verdict
@@ -259,7 +259,7 @@ def _headline(facts: CampaignFacts) -> dict[str, Any]:
         "These figures are the surrogate’s, on the rocks that were tuned on, for the configuration picked as the best "
         "of those flown; they lean towards optimism. `gatetune evaluate` measures the recommendation on held-out rocks.",
     ]  # fmt: skip
-    if s.fidelity == "geometric":
+    if is_geometric(s.runner):
         sentences.append(
             f"{GEOMETRIC_NOTE} They rank configurations and do not measure them: `gatetune evaluate` flies the "
             "recommendation with photographs."

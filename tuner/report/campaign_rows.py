@@ -6,6 +6,7 @@ import collections
 from typing import Any
 
 from tuner.campaign.ledger import TrialRecord
+from tuner.missions.registry import is_geometric
 from tuner.problem.search_space import Parameter
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.campaign_facts import CampaignFacts
@@ -108,7 +109,7 @@ def inline_values(values: dict[str, Any]) -> str:
 
 
 def _photographs(facts: CampaignFacts) -> str:
-    return "captures, no photographs" if facts.settings.fidelity == "geometric" else "photographs"
+    return "captures, no photographs" if is_geometric(facts.settings.runner) else "photographs"
 
 
 def _distance(metres: float) -> str:

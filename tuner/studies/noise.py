@@ -35,7 +35,7 @@ from tuner.evaluation.evaluation import (
 )
 from tuner.missions.executors import Executor
 from tuner.problem.search_space import SearchSpace, space_from_dict
-from tuner.studies.runner import AGREEMENT_LEVELS, STUDY_RUNNER
+from tuner.studies.runner import AGREEMENT_LEVELS
 from tuner.studies.study_directory import claim, load_settings, settings_tree
 from tuner.studies.variance import (
     MIN_CONFIGURATIONS,
@@ -83,7 +83,7 @@ class NoiseSettings:
     seed: int = 0
     preset: str = "campaign"
     overrides: dict[str, Any] = field(default_factory=dict)
-    runner: str = STUDY_RUNNER
+    runner: str = "several-agreement-levels"
 
     def __post_init__(self) -> None:
         if self.configurations < MIN_CONFIGURATIONS:

@@ -31,7 +31,7 @@ from tuner.evaluation.evaluation import (
 from tuner.evaluation.paper_table import MetricRow
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval
 from tuner.missions.executors import Executor
-from tuner.missions.job import DEFAULT_RUNNER
+from tuner.missions.registry import DEFAULT_RUNNER
 from tuner.studies.decisions import (
     PERCENT,
     Traces,

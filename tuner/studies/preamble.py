@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from tuner.missions.fidelities import GEOMETRIC_NOTE, RUNNERS
+from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 from tuner.report.style import short_names
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ def preamble(findings: DepartureFindings | OracleFindings) -> list[str]:
         f"({findings.wall_s / 60:.0f} min of missions).",
         "",
     ]
-    if s.runner == RUNNERS["geometric"]:
+    if is_geometric(s.runner):
         lines += [GEOMETRIC_NOTE, ""]
     if findings.failures:
         counts = ", ".join(f"{reason} {n}" for reason, n in sorted(findings.failures.items()))

@@ -20,7 +20,6 @@ from nbv.types import Cloud
 
 # Values of dense.agreeing_views that are measured; a mission is flown with the lowest.
 AGREEMENT_LEVELS = (3, 5, 6, 7)
-STUDY_RUNNER = "tuner.studies.runner:run_study_mission"
 SURFACES = ("whole", "observable")
 
 

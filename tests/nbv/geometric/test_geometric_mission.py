@@ -192,7 +192,7 @@ def test_it_runs_in_a_campaign(tmp_path):
     settings = CampaignSettings(
         name="geometric", space=load_search_space("gate_and_weights"), rocks=(ROCK,), budget=3,
         overrides={"stop.adaptive_budget": 2}, sampler="sobol",
-        runner="nbv.geometric:run_geometric_mission",
+        runner="geometric",
     )  # fmt: skip
     summary = fly_campaign(begin_campaign(tmp_path / "campaign", settings), InProcessExecutor())
     assert summary.stopped == "budget"

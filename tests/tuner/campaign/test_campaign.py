@@ -35,7 +35,7 @@ run = functools.partial(fake_campaigns.run, space=load_search_space("gate"), bud
 
 
 def workers(count: int = 1, timeout_s: float = 60.0) -> LocalProcessExecutor:
-    return LocalProcessExecutor(count, timeout_s, preload=("fake_missions",))
+    return LocalProcessExecutor(count, timeout_s, preload=("fake_missions:fake_mission",))
 
 
 def test_campaign_flies_its_budget_over_rocks_in_turn(tmp_path: Path) -> None:
@@ -172,7 +172,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.missions.executors import LocalProcessExecutor
 if __name__ == "__main__":
     campaign = Campaign.open(Path(sys.argv[1]))
-    with LocalProcessExecutor(2, 60.0, preload=("fake_missions",)) as executor:
+    with LocalProcessExecutor(2, 60.0, preload=("fake_missions:fake_mission",)) as executor:
         fly_campaign(campaign, executor)
 """
 

@@ -69,7 +69,7 @@ def test_interrupted_evaluation_flies_only_the_rest(tmp_path: Path) -> None:
     first = run_evaluation(plan(), tmp_path / "out", InProcessExecutor(), interrupt)
     assert not first.complete
     events: list[EvaluationEvent] = []
-    with LocalProcessExecutor(2, preload=("fake_missions",)) as executor:
+    with LocalProcessExecutor(2, preload=("fake_missions:fake_mission",)) as executor:
         second = run_evaluation(plan(), tmp_path / "out", executor, events.append)
     assert second.complete and sum(e.kind == "launched" for e in events) == 12 - 5
     assert all(file.read_text() == "flown\n" for file in (tmp_path / "out").rglob("flown.txt"))
@@ -78,7 +78,7 @@ def test_interrupted_evaluation_flies_only_the_rest(tmp_path: Path) -> None:
 
 
 def test_failures_are_counted_and_pairs_are_common_ones(tmp_path: Path) -> None:
-    with LocalProcessExecutor(1, preload=("fake_missions",)) as executor:
+    with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
         result = run_evaluation(plan(rocks=("x", "fail", "abort"), replicates=1), tmp_path / "out", executor)
         assert result.complete and result.failures == {"seed_model_failed": 3, "worker_died: signal 6": 3}
         table = comparison_table(result.records, ["tuned", "hyb-h"], "hyb-h", "observable", ROWS)

@@ -14,7 +14,7 @@ import pytest
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
-from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome, resolve_runner, runner_path
+from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
 
 
 def job(
@@ -34,7 +34,7 @@ def fly(executor: LocalProcessExecutor, jobs: list[MissionJob]) -> dict[str, Mis
 
 
 def test_outcomes_come_back_from_processes_of_their_own(tmp_path: Path) -> None:
-    with LocalProcessExecutor(2, preload=("fake_missions",)) as executor:
+    with LocalProcessExecutor(2, preload=("fake_missions:fake_mission",)) as executor:
         outcomes = fly(executor, [job(tmp_path, "a", 0), job(tmp_path, "b", 1)])
         assert {o.status for o in outcomes.values()} == {"ok"} and len(outcomes) == 2
         here = InProcessExecutor()
@@ -43,7 +43,7 @@ def test_outcomes_come_back_from_processes_of_their_own(tmp_path: Path) -> None:
 
 
 def test_server_that_dies_costs_its_missions_and_is_replaced(tmp_path: Path) -> None:
-    with LocalProcessExecutor(1, preload=("fake_missions",)) as executor:
+    with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
         executor.submit(job(tmp_path, "hang", 0))
         time.sleep(1.0)
         assert executor._server is not None
@@ -54,7 +54,7 @@ def test_server_that_dies_costs_its_missions_and_is_replaced(tmp_path: Path) -> 
 
 
 def test_runner_that_cannot_be_imported_fails_the_mission(tmp_path: Path) -> None:
-    with LocalProcessExecutor(1, preload=("no_such_module",)) as executor:
+    with LocalProcessExecutor(1, preload=("no_such_module:fly",)) as executor:
         outcome = fly(executor, [job(tmp_path, runner="no_such_module:fly")])["0000"]
     assert outcome.reason == "user_error" and "no_such_module" in outcome.message
 
@@ -82,14 +82,6 @@ def test_results_of_another_configuration_are_not_taken_over(tmp_path: Path) -> 
     assert collect_outcome(job(tmp_path)) is not None and collect_outcome(other) is None
 
 
-def test_runner_names() -> None:
-    import fake_missions
-
-    assert runner_path(fake_missions.fake_mission) == "fake_missions:fake_mission"
-    assert resolve_runner("fake_missions:fake_mission") is fake_missions.fake_mission
-    with pytest.raises(UserError, match="cannot be imported; define it at the top"):
-        runner_path(lambda: None)
-    with pytest.raises(UserError, match="cannot be imported"):
-        resolve_runner("fake_missions:nothing")
+def test_an_executor_needs_a_worker() -> None:
     with pytest.raises(UserError, match="workers is 0"):
         LocalProcessExecutor(0)

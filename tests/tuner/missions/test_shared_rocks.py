@@ -17,7 +17,7 @@ from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.job import MissionJob, MissionOutcome
 from tuner.missions.shared_rocks import SharedRocks
 
-RUNNER = "nbv.geometric:run_geometric_mission"
+RUNNER = "geometric"
 
 
 def write_ball(path: Path, radius: float = 1.0, squeeze: float = 1.0) -> Path:

@@ -19,7 +19,7 @@ from nbv.errors import UserError
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
-from tuner.campaign.settings import FIDELITIES, CampaignSettings
+from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.shipped import SHIPPED
 from tuner.cli import app
 from tuner.missions.executors import InProcessExecutor
@@ -91,7 +91,7 @@ class _Made(Exception):
     [
         {"rocks": ("waist",), "budget": 5, "replicates": 2, "seed": 7, "in_step": 3, "keep": "all"},
         {"sampler": "gp", "budget": 10, "risk": "worst"},
-        {"runner": FIDELITIES["geometric"]},
+        {"runner": "geometric"},
         {"space": load_search_space("full"), "sampler": "gp"},
         {"space": load_search_space("full"), "sampler": "gp", "learn_from": (SHIPPED,)},
         {"sampler": "gp", "second": Objective("costs.flight_time_s", "minimise"),
@@ -131,7 +131,7 @@ def test_the_page_names_the_trend_of_a_model_with_many_parameters(tmp_path: Path
 
 def test_the_page_of_a_geometric_campaign_says_so(tmp_path: Path) -> None:
     flies = {"space": load_search_space("gate"), "rocks": ("waist",), "budget": 3, "sampler": "sobol"}
-    settings = CampaignSettings("geo", runner=FIDELITIES["geometric"], **flies)  # type: ignore[arg-type]
+    settings = CampaignSettings("geo", runner="geometric", **flies)  # type: ignore[arg-type]
     campaign = begin_campaign(tmp_path / "geo", settings)
     fly_campaign(campaign, InProcessExecutor())
     text = text_of(write_campaign_report(campaign))

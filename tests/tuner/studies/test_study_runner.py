@@ -7,8 +7,7 @@ import pytest
 from nbv.config import preset
 from nbv.mission.result import MissionResult
 from nbv.photogrammetric import run_photogrammetric_mission
-from tuner.missions.job import resolve_runner
-from tuner.studies.runner import AGREEMENT_LEVELS, STUDY_RUNNER, SeveralAgreementLevels, run_study_mission
+from tuner.studies.runner import AGREEMENT_LEVELS, SeveralAgreementLevels, run_study_mission
 
 
 @pytest.mark.slow
@@ -43,7 +42,3 @@ def test_each_level_is_the_mission_that_was_configured_with_it(tmp_path, monkeyp
     blank = run_study_mission(base, "boulder")
     assert blank.metrics["agreement"]["12"] == {"failed": "empty_dense_cloud"}
     assert blank.metrics["agreement"]["5"] == result.metrics["agreement"]["5"]
-
-
-def test_workers_can_import_the_runner():
-    assert resolve_runner(STUDY_RUNNER) is run_study_mission

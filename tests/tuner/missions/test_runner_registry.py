@@ -1,0 +1,46 @@
+"""Every mission runner can be found by its name, and is called alike."""
+
+from __future__ import annotations
+
+import inspect
+
+import fake_missions
+import pytest
+
+from nbv.errors import UserError
+from nbv.geometric import run_geometric_mission
+from tuner.missions.registry import RUNNERS, registered, resolve_runner, with_oracle
+
+
+@pytest.mark.parametrize("name", RUNNERS)
+def test_registered_runners_have_one_signature(name: str) -> None:
+    assert inspect.signature(resolve_runner(name)) == inspect.signature(run_geometric_mission)
+
+
+def test_a_runner_of_ones_own_is_named_by_module_and_function() -> None:
+    assert resolve_runner("fake_missions:fake_mission") is fake_missions.fake_mission
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("photogrametric", "choose from photogrammetric, geometric"),
+        ("fake_missions:nothing", "cannot be imported"),
+        ("no_such_module:fly", "cannot be imported"),
+        ("fake_missions:NOISE_SD", "is not a function"),
+    ],
+)
+def test_unknown_runners_are_refused_with_a_remedy(name: str, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        resolve_runner(name)
+
+
+def test_the_command_line_offers_registered_runners_only() -> None:
+    assert registered("geometric") == "geometric"
+    with pytest.raises(UserError, match="unknown fidelity"):
+        registered("fake_missions:fake_mission")
+
+
+def test_studies_of_decisions_fly_the_runner_that_asks_the_oracle() -> None:
+    assert with_oracle("geometric") == "geometric-with-oracle"
+    assert with_oracle("photogrammetric") == "photogrammetric"

@@ -1,0 +1,78 @@
+"""Mission runners by name. A new one is one file, with a function like `nbv.mission.MissionRunner`, and one line here.
+
+The name goes into a campaign's settings, to the workers, and to ``--fidelity``. From Python, and in tests, a runner
+may also be ``"module:function"``.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from nbv.errors import UserError
+from nbv.mission import MissionRunner
+
+# Named by module, so that a command imports only the runner that it flies.
+RUNNERS = {
+    "photogrammetric": "nbv.photogrammetric:run_photogrammetric_mission",
+    "geometric": "nbv.geometric:run_geometric_mission",
+    "geometric-with-oracle": "nbv.geometric:run_geometric_mission_with_oracle",
+    "several-agreement-levels": "tuner.studies.runner:run_study_mission",
+}
+DEFAULT_RUNNER = "photogrammetric"
+
+# The same missions, with an oracle's opinion of every decision in their traces.
+_WITH_ORACLE = {"geometric": "geometric-with-oracle"}
+
+GEOMETRIC_NOTE = (
+    "Geometric missions: the same loop, scorers, gates and flight over simulated tracks, no photographs. Completeness is "
+    "predicted, accuracy is taken as 100 %, distances are absent, and features, matching and the ground-truth gate have "
+    "nothing to act on."
+)
+
+
+def registered(name: str) -> str:
+    """``name``; ``UserError`` if no runner is called so."""
+    if name not in RUNNERS:
+        raise UserError(f"unknown fidelity {name!r}; choose from {', '.join(RUNNERS)}")
+    return name
+
+
+def with_oracle(name: str) -> str:
+    """The runner of the same missions that records what an oracle would have thought of every decision."""
+    return _WITH_ORACLE.get(registered(name), name)
+
+
+def is_geometric(name: str) -> bool:
+    """Whether missions of this runner are geometric ones."""
+    return name in ("geometric", "geometric-with-oracle")
+
+
+def runner_module(runner: str) -> str:
+    """The module that a worker imports to fly ``runner``."""
+    return RUNNERS.get(runner, runner).partition(":")[0]
+
+
+def resolve_runner(runner: str) -> MissionRunner:
+    """The function behind a name or ``"module:function"``.
+
+    Raises
+    ------
+    UserError
+        There is no such runner.
+    """
+    if runner not in RUNNERS and ":" not in runner:
+        raise UserError(f"unknown mission runner {runner!r}; choose from {', '.join(RUNNERS)}")
+    module_name, _, name = RUNNERS.get(runner, runner).partition(":")
+    try:
+        target: Any = importlib.import_module(module_name)
+        for part in name.split("."):
+            target = getattr(target, part)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise UserError(
+            f"mission runner {runner!r} cannot be imported ({error}); name it module:function"
+        ) from error
+    if not callable(target):
+        raise UserError(f"mission runner {runner!r} is not a function; name it module:function")
+    found: MissionRunner = target
+    return found
