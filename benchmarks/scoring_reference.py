@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, MissionConfig
 from nbv.geometry.frustum import frustum_planes
+from nbv.geometry.incidence import SURFEL_MAX_INCIDENCE_DEG
 from nbv.scorers import BoxPoints, box_points
 from nbv.scorers.occlusion import (
     CLEARANCE_M,
-    MAX_INCIDENCE_DEG,
     discs,
     mean_observing_directions,
     surfels,
@@ -42,7 +42,7 @@ def unoccluded(visible: Mask, box: BoxPoints, candidates_m: Floats) -> Mask:
     to_candidate = candidates_m[None] - points[:, None]
     distance = np.linalg.norm(to_candidate, axis=2)
     facing = np.einsum("pck,pk->pc", to_candidate, normals)
-    visible = visible & (facing > np.cos(np.deg2rad(MAX_INCIDENCE_DEG)) * distance)
+    visible = visible & (facing > np.cos(np.deg2rad(SURFEL_MAX_INCIDENCE_DEG)) * distance)
     i, j = np.nonzero(visible)
     direction = to_candidate[i, j] / distance[i, j][:, None]
     rays = np.concatenate([points[i] + CLEARANCE_M * direction, direction], axis=1).astype(np.float32)

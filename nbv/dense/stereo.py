@@ -19,6 +19,7 @@ import numpy as np
 from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.interface import Floats32, Image
 from nbv.geometry.frames import intrinsic_matrix
+from nbv.geometry.matchability import usable_angles
 from nbv.types import Floats
 
 MERGE_RELATIVE_DEPTH = 0.01  # neighbours' depths within 1 % of each other are one surface
@@ -69,7 +70,7 @@ def choose_neighbours(
             continue
         other = camera_center_m(camera_from_world[name])
         angle = viewing_angle_deg(center, other, target)
-        if config.min_pair_angle_deg <= angle <= config.max_pair_angle_deg:
+        if usable_angles(angle, config):
             scored.append((abs(np.log(angle / config.best_pair_angle_deg)), name, other))
     chosen: list[str] = []
     for _, name, other in sorted(scored, key=lambda entry: entry[:2]):

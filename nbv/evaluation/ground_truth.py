@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.geometry.incidence import OBSERVABLE_MAX_INCIDENCE_DEG
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
 from nbv.geometry.visibility import SURFACE_OFFSET_M, lifted, seen_from
 from nbv.types import Floats, Ints
 
-MAX_INCIDENCE_DEG = 80.0  # beyond this a surface is foreshortened more than 5.8 times
 MIN_OBSERVING_VIEWS = 2  # a depth needs two rays
 
 
@@ -43,7 +43,7 @@ def observable_mask(
     camera_centers_m: Floats,
     *,
     min_views: int = MIN_OBSERVING_VIEWS,
-    max_incidence_deg: float = MAX_INCIDENCE_DEG,
+    max_incidence_deg: float = OBSERVABLE_MAX_INCIDENCE_DEG,
     ground_height_m: float = 0.0,
 ) -> NDArray[np.bool_]:
     """Which samples at least ``min_views`` of the reachable cameras see.
@@ -131,5 +131,7 @@ def _content_key(vertices_m: Floats, faces: Ints, camera_centers_m: Floats, n: i
         values = np.ascontiguousarray(array, dtype=kind)
         digest.update(repr(values.shape).encode())
         digest.update(values.tobytes())
-    digest.update(repr((n, seed, MAX_INCIDENCE_DEG, MIN_OBSERVING_VIEWS, SURFACE_OFFSET_M)).encode())
+    digest.update(
+        repr((n, seed, OBSERVABLE_MAX_INCIDENCE_DEG, MIN_OBSERVING_VIEWS, SURFACE_OFFSET_M)).encode()
+    )
     return digest.hexdigest()[:20]

@@ -14,6 +14,8 @@ from scipy.spatial import cKDTree
 
 from nbv.config import MissionConfig
 from nbv.geometry.frames import intrinsic_matrix, look_at
+from nbv.geometry.incidence import MATCHABLE_MAX_INCIDENCE_DEG
+from nbv.geometry.matchability import matchable_views, matchable_views_with, usable_cosines
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.rocks.rock import Rock
 from nbv.types import CandidatePool, Floats, PlanningState, Ranking
@@ -21,7 +23,6 @@ from nbv.types import CandidatePool, Floats, PlanningState, Ranking
 Mask = NDArray[np.bool_]
 
 SAMPLE_SEED = 42
-MAX_INCIDENCE_DEG = 75.0  # beyond this a photograph says little about the surface
 RAY_TOLERANCE_M = 1e-3  # how far in front of a sample a ray may be stopped by the sample's own surface
 GROUND_Z_M = 0.0  # samples below are buried
 
@@ -32,7 +33,7 @@ class Coverage:
 
     covered: Mask  # (S,)
     visited_m: Floats  # (V, 3); used by "matchable" only
-    partners: NDArray[np.int16] | None = None  # (V, S), "matchable" only; see `_matchable_partners`
+    partners: NDArray[np.int16] | None = None  # (V, S), "matchable" only; see `nbv.geometry.matchability`
 
 
 class GroundTruthOracle:
@@ -97,7 +98,7 @@ class GroundTruthOracle:
         to_camera = position - self.samples_m
         distance = np.linalg.norm(to_camera, axis=1)
         facing = np.einsum("ij,ij->i", to_camera, self.normals)
-        inside &= facing > distance * np.cos(np.deg2rad(MAX_INCIDENCE_DEG))
+        inside &= facing > distance * np.cos(np.deg2rad(MATCHABLE_MAX_INCIDENCE_DEG))
         inside &= self.samples_m[:, 2] > GROUND_Z_M
         ask = np.flatnonzero(inside)
         # Not normalised: the sample is at t = 1.
@@ -123,7 +124,7 @@ class GroundTruthOracle:
         if mode == "matchable":
             partners = self._matchable_partners(visited)
             need = self.config.gate.oracle_matchable_views
-            covered = (partners.max(axis=0, initial=-1) + 1) >= need
+            covered = matchable_views(partners.T) >= need
             return Coverage(covered, visited, partners)
         covered = np.zeros(len(self.samples_m), dtype=bool)
         for position in visited:
@@ -134,12 +135,20 @@ class GroundTruthOracle:
         delta = position_m - self.samples_m[samples]
         return delta / np.linalg.norm(delta, axis=1, keepdims=True)
 
-    def _matchable(self, a: Floats, b: Floats) -> Mask:
-        cosine = np.einsum("ij,ij->i", a, b)
-        dense = self.config.dense
-        return (cosine <= np.cos(np.deg2rad(dense.min_pair_angle_deg))) & (
-            cosine >= np.cos(np.deg2rad(dense.max_pair_angle_deg))
-        )
+    def _pairs(
+        self, position_m: Floats, rows: NDArray[np.integer], others_m: Floats, partners: NDArray[np.int16]
+    ) -> Mask:
+        """(V, R) which of the other views (V, 3) match one from ``position_m`` at the samples ``rows`` that it sees.
+
+        ``partners`` (V, R) says which of them the others see.
+        """
+        mine = self._directions(position_m, rows)
+        pairs = np.zeros(partners.shape, dtype=bool)
+        for v, other in enumerate(others_m):
+            both = np.flatnonzero(partners[v] >= 0)
+            cosine = np.einsum("ij,ij->i", mine[both], self._directions(other, rows[both]))
+            pairs[v, both] = usable_cosines(cosine, self.config.dense)
+        return pairs
 
     def _matchable_partners(self, visited_m: Floats) -> NDArray[np.int16]:
         """(V, S): -1 where a view does not see a sample, else how many others see it at a matchable angle."""
@@ -152,14 +161,9 @@ class GroundTruthOracle:
                 partners[:done] = counts
         for v in range(done, len(visited_m)):
             seen = np.flatnonzero(self.visible(visited_m[v]))
-            partners[v, seen] = 0
-            mine = self._directions(visited_m[v], seen)
-            for u in range(v):
-                both = partners[u, seen] >= 0
-                rows = seen[both]
-                rows = rows[self._matchable(mine[both], self._directions(visited_m[u], rows))]
-                partners[u, rows] += 1
-                partners[v, rows] += 1
+            pairs = self._pairs(visited_m[v], seen, visited_m[:v], partners[:v, seen])
+            partners[:v, seen] += pairs
+            partners[v, seen] = pairs.sum(axis=0)
         self._partners = (visited_m.copy(), partners.copy())
         return partners
 
@@ -176,17 +180,12 @@ class GroundTruthOracle:
         if coverage.partners is None:
             return float(np.count_nonzero(visible))
         rows = np.flatnonzero(visible)
-        mine = self._directions(position_m, rows)
         before = coverage.partners[:, rows]
-        after, own = before.copy(), np.zeros(len(rows), dtype=np.int16)
-        for v, position in enumerate(coverage.visited_m):
-            both = np.flatnonzero(before[v] >= 0)
-            match = both[self._matchable(mine[both], self._directions(position, rows[both]))]
-            after[v, match] += 1
-            own[match] += 1
+        pairs = self._pairs(position_m, rows, coverage.visited_m, before)
+        seen = np.ones((len(rows), 1), dtype=bool)
+        after = matchable_views_with(before.T, pairs.T[:, None], seen)[:, 0]
         need = self.config.gate.oracle_matchable_views
-        reached = np.maximum(after.max(axis=0, initial=-1), own) + 1
-        growth = np.minimum(reached, need) - np.minimum(before.max(axis=0, initial=-1) + 1, need)
+        growth = np.minimum(after, need) - np.minimum(matchable_views(before.T), need)
         return float(growth.sum()) / need
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from nbv.config import DenseConfig, MissionConfig
 from nbv.geometric.world import GeometricWorld
+from nbv.geometry.matchability import usable_angles
 from nbv.types import Floats
 
 Mask = NDArray[np.bool_]
@@ -55,7 +56,7 @@ def stereo_partners(angle_deg: Floats, dense: DenseConfig) -> tuple[NDArray[np.i
     view is in front. With 40 degrees (preset ``paper``) that concerns 2 to 6 pairs in a hundred.
     """
     off_best = np.abs(np.log(np.maximum(angle_deg, 1e-9) / dense.best_pair_angle_deg))
-    usable = (angle_deg >= dense.min_pair_angle_deg) & (angle_deg <= dense.max_pair_angle_deg)
+    usable = usable_angles(angle_deg, dense)
     off_best[~usable | np.eye(len(angle_deg), dtype=bool)] = np.inf
     partner = np.argsort(off_best, axis=1, kind="stable")[:, : dense.neighbours]
     return partner, np.isfinite(np.take_along_axis(off_best, partner, axis=1))

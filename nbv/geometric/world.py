@@ -17,8 +17,9 @@ from scipy.spatial import cKDTree
 
 from nbv.cache import Store, digest
 from nbv.config import CameraConfig, MissionConfig
-from nbv.evaluation.ground_truth import MAX_INCIDENCE_DEG, MIN_OBSERVING_VIEWS
+from nbv.evaluation.ground_truth import MIN_OBSERVING_VIEWS
 from nbv.geometry.frustum import frustum_planes
+from nbv.geometry.incidence import LANDMARK_MAX_INCIDENCE_DEG, OBSERVABLE_MAX_INCIDENCE_DEG
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.geometry.sampling import sample_surface
 from nbv.geometry.visibility import lifted, seen_from
@@ -38,7 +39,6 @@ GROUND_MARGIN_M = 0.05  # near ground reaches this far beyond the planners' box
 GROUND_SPACING_M = 0.118
 FAR_LANDMARKS = 1_000
 FAR_RADIUS_M = 30.0
-LANDMARK_INCIDENCE_DEG = 86.0  # of visibility; detection has limits of its own
 TEXTURE_RADIUS_M = 0.03  # a feature's neighbourhood
 TEXTURE_NEIGHBOURS = 48
 SAMPLE_NEIGHBOURS = 16
@@ -104,7 +104,7 @@ def world_key(rock: Rock, config: MissionConfig) -> str:
     viewpoints = all_viewpoints(config)
     constants = [
         WORLD_VERSION, SURFACE_SAMPLES, ROCK_LANDMARKS, GROUND_MARGIN_M, GROUND_SPACING_M,
-        FAR_LANDMARKS, FAR_RADIUS_M, LANDMARK_INCIDENCE_DEG, TEXTURE_RADIUS_M, TEXTURE_NEIGHBOURS,
+        FAR_LANDMARKS, FAR_RADIUS_M, LANDMARK_MAX_INCIDENCE_DEG, TEXTURE_RADIUS_M, TEXTURE_NEIGHBOURS,
         SAMPLE_NEIGHBOURS, versions().get("open3d-cpu", versions().get("open3d", "")),
     ]  # fmt: skip
     camera, scene = config.camera, config.scene
@@ -139,7 +139,7 @@ def build_world(rock: Rock, config: MissionConfig) -> GeometricWorld:
     shade = _Shading(rock, config, caster)
 
     samples, sample_normals = sample_surface(rock.vertices_m, rock.faces, SURFACE_SAMPLES, 0)
-    sample_seen = _seen(caster, samples, sample_normals, viewpoints, config, MAX_INCIDENCE_DEG)
+    sample_seen = _seen(caster, samples, sample_normals, viewpoints, config, OBSERVABLE_MAX_INCIDENCE_DEG)
     observable = sample_seen.sum(axis=0) >= MIN_OBSERVING_VIEWS
 
     on_rock, rock_normals = sample_surface(rock.vertices_m, rock.faces, ROCK_LANDMARKS, 1)
@@ -161,7 +161,7 @@ def build_world(rock: Rock, config: MissionConfig) -> GeometricWorld:
         landmarks_m=landmarks,
         landmark_normals=normals,
         landmark_contrast=np.concatenate([shade.contrast(on_rock, rock_normals), ground_contrast]),
-        landmark_seen=_seen(caster, landmarks, normals, viewpoints, config, LANDMARK_INCIDENCE_DEG),
+        landmark_seen=_seen(caster, landmarks, normals, viewpoints, config, LANDMARK_MAX_INCIDENCE_DEG),
         n_rock=len(on_rock),
         n_near=n_near,
         samples_m=samples,

@@ -19,6 +19,8 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.geometry.frustum import in_frustum
+from nbv.geometry.incidence import MATCHABLE_MAX_INCIDENCE_DEG
+from nbv.geometry.matchability import matchable_views, matchable_views_with, partners, usable_cosines
 from nbv.scorers.scorer import Scorer
 from nbv.scorers.shared import SharedTerms
 from nbv.types import CandidatePool, Floats
@@ -28,7 +30,6 @@ SAMPLE_SEED = 42
 GROUND_CLEARANCE_M = 0.05  # points below are ground: the world frame's z = 0, good to a few centimetres
 STRAY_NEIGHBOURS = 10  # a point whose 10th neighbour is three times as far as usual is a stray
 STRAY_SPACINGS = 3.0
-MAX_INCIDENCE_DEG = 75.0  # beyond this a photograph says little about the surface
 BLOCK = 64  # samples at a time: a block's (BLOCK, C, V) arrays stay in the processor's cache
 
 
@@ -73,7 +74,7 @@ def sees(surface: ProxySurface, positions_m: Floats, config: MissionConfig) -> N
     to_view = positions_m[None] - surface.samples_m[:, None]
     facing = np.einsum("snk,sk->sn", to_view, surface.normals)
     distance = np.sqrt(np.einsum("snk,snk->sn", to_view, to_view))
-    front = facing > distance * np.cos(np.deg2rad(MAX_INCIDENCE_DEG))
+    front = facing > distance * np.cos(np.deg2rad(MATCHABLE_MAX_INCIDENCE_DEG))
     return front & in_frustum(surface.samples_m, positions_m, np.array(config.target_m), config.camera)
 
 
@@ -82,9 +83,7 @@ def matchable_repair(
 ) -> Floats:
     """(C,) share of all matchable views still missing that each candidate would add, in [0, 1].
 
-    A sample has as many matchable views as its best view has: itself and the visited views that see the
-    sample at an angle that dense stereo would match (``dense.min_pair_angle_deg`` to
-    ``dense.max_pair_angle_deg``, as seen from the sample). It needs ``matchable.views``. Zeros where nothing is
+    What a sample has is counted in `nbv.geometry.matchability`; it needs ``matchable.views``. Zeros where nothing is
     missing.
     """
     need = config.matchable.views
@@ -95,42 +94,29 @@ def matchable_repair(
     missing = 0
     for start in range(0, len(surface.samples_m), BLOCK):
         samples, seen = surface.samples_m[start : start + BLOCK], visible[start : start + BLOCK]
-        partners = _partners(samples, visited_m, seen[:, :n_visited], config)
-        before = np.minimum(partners.max(axis=1, initial=-1) + 1, need)  # (S,)
+        have = partners(_pairs(samples, visited_m, visited_m, config), seen[:, :n_visited])
+        before = np.minimum(matchable_views(have), need)  # (S,)
         lacks = before < need
         if not lacks.any():
             continue
-        samples, seen, partners, before = samples[lacks], seen[lacks], partners[lacks], before[lacks]
-        new = _matchable(samples, candidates_m, visited_m, config)  # (S, C, V)
+        samples, seen, have, before = samples[lacks], seen[lacks], have[lacks], before[lacks]
+        new = _pairs(samples, candidates_m, visited_m, config)  # (S, C, V)
         new &= seen[:, n_visited:, None] & seen[:, None, :n_visited]
-        helped = (partners[:, None, :] + new).max(axis=2, initial=-1)
-        own = np.where(seen[:, n_visited:], new.sum(axis=2), -1)
-        after = np.minimum(np.maximum(helped, own) + 1, need)  # (S, C)
+        after = np.minimum(matchable_views_with(have, new, seen[:, n_visited:]), need)  # (S, C)
         gained += (after - before[:, None]).sum(axis=0)
         missing += int((need - before).sum())
     return gained / max(missing, 1)
 
 
-def _matchable(samples_m: Floats, a_m: Floats, b_m: Floats, config: MissionConfig) -> NDArray[np.bool_]:
-    """(S, A, B): is the angle between two views, as seen from a sample, one that dense stereo matches?"""
+def _pairs(samples_m: Floats, a_m: Floats, b_m: Floats, config: MissionConfig) -> NDArray[np.bool_]:
+    """(S, A, B): can two views be matched, as seen from a sample?"""
 
     def directions(positions_m: Floats) -> NDArray[np.float32]:
         delta = (positions_m.reshape(1, -1, 3) - samples_m[:, None]).astype(np.float32)
         delta /= np.sqrt(np.einsum("snk,snk->sn", delta, delta))[:, :, None]
         return delta
 
-    cosine = directions(a_m) @ directions(b_m).transpose(0, 2, 1)
-    near = np.float32(np.cos(np.deg2rad(config.dense.min_pair_angle_deg)))
-    far = np.float32(np.cos(np.deg2rad(config.dense.max_pair_angle_deg)))
-    return (cosine <= near) & (cosine >= far)
-
-
-def _partners(
-    samples_m: Floats, visited_m: Floats, seen: NDArray[np.bool_], config: MissionConfig
-) -> NDArray[np.int16]:
-    """(S, V): -1 where a visited view does not see a sample, else how many others match it there."""
-    pairs = _matchable(samples_m, visited_m, visited_m, config) & seen[:, None, :]
-    return np.where(seen, pairs.sum(axis=2), -1).astype(np.int16)
+    return usable_cosines(directions(a_m) @ directions(b_m).transpose(0, 2, 1), config.dense)
 
 
 def missing_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:

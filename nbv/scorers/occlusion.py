@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from nbv.geometry.incidence import SURFEL_MAX_INCIDENCE_DEG
 from nbv.geometry.raycasting import RayCaster
 from nbv.types import Floats, Ints
 
@@ -26,7 +27,6 @@ NORMAL_NEIGHBOURS = 16
 SPACING_NEIGHBOURS = 5
 RADIUS_SPACINGS = 1.5
 MAX_RADIUS_M = 0.12  # isolated points must not become walls
-MAX_INCIDENCE_DEG = 85.0
 CLEARANCE_M = 0.3  # a ray is free this far from its point: neighbours on the same surface do not hide it
 RIM = 6  # a disc is a hexagon
 BLOCK = 1024  # points at a time
@@ -90,7 +90,7 @@ def unoccluded(
     walls = discs(points_m, normals, radius)
     offset = np.einsum("ij,ij->i", normals, points_m)
     p2, c2 = (points_m**2).sum(axis=1), (candidates_m**2).sum(axis=1)
-    min_cosine = np.cos(np.deg2rad(MAX_INCIDENCE_DEG))
+    min_cosine = np.cos(np.deg2rad(SURFEL_MAX_INCIDENCE_DEG))
     visible = in_frustum.copy()
     for rows, obstacle in _by_height(points_m, normals, radius, candidates_m):
         p = points_m[rows]
