@@ -28,11 +28,12 @@ import numpy as np  # noqa: E402
 
 from nbv.config import preset  # noqa: E402
 from nbv.errors import UserError  # noqa: E402
-from tuner.problem.blocks import next_slot  # noqa: E402
+from tuner.problem.blocks import next_block  # noqa: E402
 from tuner.problem.observations import Observation, Proposal  # noqa: E402
 from tuner.problem.search_space import load_search_space  # noqa: E402
+from tuner.samplers.base import Sampler, SamplerSettings  # noqa: E402
 from tuner.samplers.peers import OWN_DESIGN, available_peers  # noqa: E402
-from tuner.samplers.registry import SAMPLER_NAMES, Sampler, SamplerSettings, make_sampler  # noqa: E402
+from tuner.samplers.registry import SAMPLER_NAMES, make_sampler  # noqa: E402
 
 SPACE = load_search_space("gate_and_weights")
 ROCKS = tuple(f"rock-{i}" for i in range(6))
@@ -46,7 +47,7 @@ def observe(
     number: int, proposal: Proposal, history: list[Observation], rng: np.random.Generator
 ) -> Observation:
     """Fly ``proposal``."""
-    rock, replicate = next_slot(ROCKS, REPLICATES, history, proposal)
+    rock, replicate = next_block(ROCKS, REPLICATES, history, proposal)
     u = SPACE.to_unit(proposal.values)
     i = ROCKS.index(rock)
     smooth = float(-3 * ((u - _CENTRE) ** 2).sum() + np.sin(3 * u @ _WEIGHTS))

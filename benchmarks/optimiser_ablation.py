@@ -2,9 +2,9 @@
 
 The problem is the tests' fake mission: a smooth function of the gate's two thresholds (best value 1, paper's
 thresholds about 0.45, standard deviation over the space 0.31), four rocks with their own offset and scale, two
-replicates per rock, noise per mission, and an offset per (rock, replicate) slot that all configurations share.
+replicates per rock, noise per mission, and an offset per (rock, replicate) block that all configurations share.
 
-The Gaussian process with and without slot offsets. Prints Markdown. Run from the repository root::
+The Gaussian process with and without block offsets. Prints Markdown. Run from the repository root::
 
     OMP_NUM_THREADS=1 python benchmarks/optimiser_ablation.py
 """
@@ -26,12 +26,12 @@ sys.path[:0] = [str(Path(__file__).resolve().parent.parent / part) for part in (
 import synthetic  # noqa: E402
 
 from nbv.types import Floats  # noqa: E402
-from tuner.problem.blocks import next_slot  # noqa: E402
+from tuner.problem.blocks import next_block  # noqa: E402
 from tuner.problem.objective import Objective  # noqa: E402
 from tuner.problem.observations import Observation  # noqa: E402
 from tuner.recommendation.recommendation import recommend  # noqa: E402
-from tuner.samplers.registry import GPSampler  # noqa: E402
-from tuner.surrogate.model import SurrogateSettings  # noqa: E402
+from tuner.samplers.gp import GPSampler  # noqa: E402
+from tuner.surrogate.settings import SurrogateSettings  # noqa: E402
 
 REPLICATES = 2
 NOISE_SD = 0.15
@@ -48,25 +48,25 @@ class Outcome:
 
 
 @functools.cache
-def play(seed: int, budget: int, slot_sd: float, slots: bool) -> tuple[Observation, ...]:
+def play(seed: int, budget: int, block_sd: float, blocks: bool) -> tuple[Observation, ...]:
     """The missions of one campaign, one at a time."""
     rocks = synthetic.ROCKS
-    sampler = GPSampler(synthetic.sampler_settings(seed), model=SurrogateSettings(slots=slots))
+    sampler = GPSampler(synthetic.sampler_settings(seed), model=SurrogateSettings(blocks=blocks))
     rng = np.random.default_rng(seed)
     history: list[Observation] = []
     for number in range(budget):
         proposal = sampler.ask(history, [])
-        rock, replicate = next_slot(rocks, REPLICATES, history, proposal)
+        rock, replicate = next_block(rocks, REPLICATES, history, proposal)
         history.append(
-            synthetic.observe(number, proposal.values, rock, NOISE_SD, rng, replicate, slot_sd, seed)
+            synthetic.observe(number, proposal.values, rock, NOISE_SD, rng, replicate, block_sd, seed)
         )
     return tuple(history)
 
 
-def campaign(seed: int, budget: int, slot_sd: float, *, slots: bool = True) -> Outcome:
+def campaign(seed: int, budget: int, block_sd: float, *, blocks: bool = True) -> Outcome:
     """How a campaign ends."""
-    history = play(seed, budget, slot_sd, slots)
-    settings = SurrogateSettings(slots=slots)
+    history = play(seed, budget, block_sd, blocks)
+    settings = SurrogateSettings(blocks=blocks)
     default = synthetic.DEFAULT
     result = recommend(
         synthetic.SPACE, history, synthetic.ROCKS, default, Objective(), seed, settings=settings
@@ -90,7 +90,7 @@ def paired_interval(differences: Floats) -> tuple[float, float, float]:
     return float(differences.mean()), float(low), float(high)
 
 
-def row(name: str, slot_sd: float, outcomes: Sequence[Outcome], reference: Sequence[Outcome] | None) -> str:
+def row(name: str, block_sd: float, outcomes: Sequence[Outcome], reference: Sequence[Outcome] | None) -> str:
     """One line of the table."""
     values = np.array([o.value for o in outcomes])
     difference = "reference"
@@ -98,7 +98,7 @@ def row(name: str, slot_sd: float, outcomes: Sequence[Outcome], reference: Seque
         mean, low, high = paired_interval(values - np.array([o.value for o in reference]))
         difference = f"{mean:+.3f} ({low:+.3f} to {high:+.3f})"
     return (
-        f"| {slot_sd:g} | {name} | {values.mean():.3f} | {values.min():.3f} | {difference} | "
+        f"| {block_sd:g} | {name} | {values.mean():.3f} | {values.min():.3f} | {difference} | "
         f"{sum(o.covered for o in outcomes)} of {len(outcomes)} | {np.mean([o.width for o in outcomes]):.3f} | "
         f"{100 * np.mean([o.loo_coverage for o in outcomes]):.0f} |"
     )
@@ -109,20 +109,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--budget", type=int, default=24)
-    parser.add_argument("--slot-sd", type=float, nargs="+", default=[0.0, 0.3, 0.6])
+    parser.add_argument("--block-sd", type=float, nargs="+", default=[0.0, 0.3, 0.6])
     arguments = parser.parse_args()
-    variants = {"without slot offsets": {"slots": False}, "with slot offsets": {"slots": True}}
+    variants = {"without block offsets": {"blocks": False}, "with block offsets": {"blocks": True}}
     began = time.process_time()
-    print("| slot sd | variant | value | worst | paired difference (95 %) | improvement interval holds truth "
+    print("| block sd | variant | value | worst | paired difference (95 %) | improvement interval holds truth "
           "| its width | LOO coverage % |")  # fmt: skip
     print("|---|---|---|---|---|---|---|---|")
-    for slot_sd in arguments.slot_sd:
+    for block_sd in arguments.block_sd:
         reference: list[Outcome] | None = None
         for name, options in variants.items():
             outcomes = [
-                campaign(seed, arguments.budget, slot_sd, **options) for seed in range(arguments.seeds)
+                campaign(seed, arguments.budget, block_sd, **options) for seed in range(arguments.seeds)
             ]
-            print(row(name, slot_sd, outcomes, reference), flush=True)
+            print(row(name, block_sd, outcomes, reference), flush=True)
             reference = reference or outcomes
     print(f"\n{time.process_time() - began:.0f} CPU seconds")
 

@@ -38,12 +38,12 @@ sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve
 from optimiser_problems import ROCKS, Problem, make_problem  # noqa: E402
 from optimiser_strategies import STRATEGIES, applicable  # noqa: E402
 
-from tuner.problem.blocks import next_slot  # noqa: E402
+from tuner.problem.blocks import next_block  # noqa: E402
 from tuner.problem.observations import Observation, Proposal  # noqa: E402
 from tuner.problem.search_space import Values  # noqa: E402
-from tuner.samplers.registry import surrogate_settings  # noqa: E402
 from tuner.samplers.verification import distinct_configurations, expected_shortfall, markdown  # noqa: E402
 from tuner.surrogate.model import RockMeanGP  # noqa: E402
+from tuner.surrogate.settings import surrogate_settings  # noqa: E402
 
 OUT = Path("runs/optimiser_comparison")
 # Shares of the budget at which a recommendation is made; ours more often, to see when it reaches a peer's last:
@@ -66,7 +66,8 @@ def surrogate(problem: Problem, history: Sequence[Observation], seed: int, strat
     """Our GP, with the strategy's settings where it has some, else the product's."""
     settings = getattr(strategy, "model", None) or surrogate_settings(problem.space)
     earlier = getattr(strategy, "earlier", None)
-    return RockMeanGP(problem.space, history, problem.rocks, seed, settings, earlier)
+    feature = None if earlier is None else earlier.feature
+    return RockMeanGP(problem.space, history, problem.rocks, seed, settings, feature)
 
 
 def common_recommendation(
@@ -107,7 +108,7 @@ def play(problem: Problem, name: str, seed: int, log: TextIO) -> None:
         ask_s = time.process_time() - began
         total_ask_s += ask_s
         proposal = Proposal(request.values, {}, request.rock, request.replicate)
-        rock, replicate = next_slot(problem.rocks, problem.replicates, history, proposal)
+        rock, replicate = next_block(problem.rocks, problem.replicates, history, proposal)
         flight = problem.fly(request.values, rock, replicate)
         expected = {}
         if (

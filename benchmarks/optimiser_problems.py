@@ -10,7 +10,7 @@ A problem is made for one seed (``make_problem(name, seed)``) and is a pure func
     cube, the first point is random: no sampler profits from the centre.
 ``four-rocks``
     Hartmann-6 in 10 dimensions on four rocks with their own shift (up to 0.08), scale and offset; noise 0.1 per
-    mission, ``:SLOT_SD`` the offset that all missions on one (rock, replicate) share.
+    mission, ``:BLOCK_SD`` the offset that all missions on one (rock, replicate) share.
 ``geometric``
     Missions of the geometric fidelity at the campaign preset; ``:SPACE`` is the search space.
 """
@@ -162,7 +162,7 @@ class FourRocks:
     """Hartmann-6 in ten dimensions on four correlated rocks."""
 
     seed: int
-    slot_sd: float = 0.0
+    block_sd: float = 0.0
     noise: float = 0.1
     shift: float = 0.08
     budget: int = 64
@@ -173,8 +173,8 @@ class FourRocks:
 
     @property
     def name(self) -> str:
-        """With its slot offsets."""
-        return f"four-rocks:{self.slot_sd:g}"
+        """With its block offsets."""
+        return f"four-rocks:{self.block_sd:g}"
 
     @functools.cached_property
     def space(self) -> SearchSpace:
@@ -205,10 +205,10 @@ class FourRocks:
         return float((np.mean([self._on_rock(values, rock) for rock in self.rocks]) - offsets) / scale)
 
     def fly(self, values: Values, rock: str, replicate: int) -> Flight:
-        """With noise and the slot's offset."""
+        """With noise and the block's offset."""
         noise = self.noise * normal("noise", self.seed, sorted(values.items()), rock, replicate)
-        slot = self.slot_sd * normal("slot", self.seed, rock, replicate)
-        return Flight(self._on_rock(values, rock) + self._rocks[rock][1] * (noise + slot))
+        block = self.block_sd * normal("slot", self.seed, rock, replicate)
+        return Flight(self._on_rock(values, rock) + self._rocks[rock][1] * (noise + block))
 
 
 # -- geometric missions --------------------------------------------------------------------------------------

@@ -11,7 +11,6 @@ every configuration on all rocks.
 
 from __future__ import annotations
 
-import collections
 import dataclasses
 import logging
 import warnings
@@ -20,28 +19,22 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
-import torch
 from optimiser_problems import Problem
 
-from tuner.acquisition.propose import SearchSettings
 from tuner.campaign.shipped import shipped_missions
 from tuner.commands.campaign import training_rocks
-from tuner.problem.blocks import next_slot
-from tuner.problem.objective import Objective, RockStandardiser
-from tuner.problem.observations import Observation, Proposal
+from tuner.problem.blocks import next_block
+from tuner.problem.objective import Objective
+from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
+from tuner.problem.standardise import RockStandardiser
+from tuner.samplers.base import Sampler, SamplerSettings, derived_seed
 from tuner.samplers.design import initial_design_size
 from tuner.samplers.earlier_missions import EarlierMissions
+from tuner.samplers.gp import GPSampler
 from tuner.samplers.peers import available_peers
-from tuner.samplers.registry import (
-    GPSampler,
-    Sampler,
-    SamplerSettings,
-    derived_seed,
-    make_sampler,
-    surrogate_settings,
-)
-from tuner.surrogate.model import RockMeanGP, SurrogateSettings, moments
+from tuner.samplers.registry import make_sampler
+from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
 
 
 @dataclass(frozen=True)
@@ -171,7 +164,7 @@ def earlier_campaign(problem: Any, seed: int) -> EarlierMissions:
     history: list[Observation] = []
     while len(history) < size:
         proposal = sampler.ask(history, [])
-        rock, replicate = next_slot(rocks, replicates, history, proposal)
+        rock, replicate = next_block(rocks, replicates, history, proposal)
         y = elsewhere.fly(proposal.values, rock, replicate).value
         history.append(Observation(len(history), proposal.values, rock, replicate, y, y))
     return EarlierMissions(problem.space, rocks, tuple(history))
@@ -195,42 +188,6 @@ def second_campaign(name: str, before: Callable[[Any, int], EarlierMissions]) ->
     if name == "gp":
         return lambda problem, seed: SecondCampaign(problem, seed, before(problem, seed))
     return lambda problem, seed: OurDesign(problem, seed, name, before(problem, seed))
-
-
-class RockByVariance(OneRock):
-    """Our sampler, its rock chosen by what the mission would tell.
-
-    That is the drop in the posterior variance of f(proposed) - f(best so far) by a mission on the rock's next
-    slot, in closed form; a rock may not be visited more than half as often again as the least visited one.
-    """
-
-    def __init__(self, problem: Problem, seed: int) -> None:
-        super().__init__(GPSampler(settings_of(problem, seed, ours=True)))
-        self.problem = problem
-
-    def ask(self) -> Request:
-        """The sampler's proposal on the most telling rock."""
-        request = super().ask()
-        if request.why.get("phase") != "model":
-            return request
-        p, visits = self.problem, collections.Counter(o.rock for o in self.history)
-        least = min(visits[rock] for rock in p.rocks)
-        gp = RockMeanGP(p.space, self.history, p.rocks, 0)
-        best = gp.unit[int(gp.posterior([p.space.from_unit(u) for u in gp.unit]).mean.argmax())]
-        at = p.space.to_unit(request.values)
-        rocks = [rock for rock in p.rocks if visits[rock] <= 1.5 * least + 1]
-        slots = [
-            next_slot(p.rocks, p.replicates, self.history, Proposal(request.values, {}, rock))[1]
-            for rock in rocks
-        ]
-        missions = [gp.inputs(at[None], gp.rock_level(r), gp.slot_level(r, k)) for r, k in zip(rocks, slots)]
-        x = torch.cat([gp.inputs(at[None]), gp.inputs(best[None]), *missions])
-        with torch.no_grad():
-            _, c = moments(gp.model.posterior(x))
-        noise = float(gp.model.likelihood.noise)
-        drop = [(c[0, i] - c[1, i]) ** 2 / (c[i, i] + noise) for i in range(2, len(x))]
-        i = int(np.argmax(drop))
-        return dataclasses.replace(request, rock=rocks[i], replicate=slots[i])
 
 
 class AllRocks:
@@ -341,20 +298,15 @@ def all_rocks(name: str) -> Factory:
     )
 
 
-def gp_variant(
-    *,
-    search: SearchSettings | None = None,
-    initial: int | None = None,
-    **options: Any,
-) -> Factory:
-    """Our sampler with other settings of its surrogate, of its search or of its initial design; the rest as in ``gp``."""
+def gp_variant(*, initial: int | None = None, **options: Any) -> Factory:
+    """Our sampler with other settings of its surrogate or of its initial design; the rest as in ``gp``."""
 
     def make(problem: Problem, seed: int) -> Strategy:
         model = dataclasses.replace(surrogate_settings(problem.space), **options)
         settings = settings_of(problem, seed, ours=True)
         if initial is not None:
             settings = dataclasses.replace(settings, initial=initial)
-        return OneRock(GPSampler(settings, model=model, search=search), model)
+        return OneRock(GPSampler(settings, model=model), model)
 
     return make
 
@@ -377,24 +329,16 @@ STRATEGIES: dict[str, Factory] = {
     "gp+sobol": lambda problem, seed: OneRock(GPSampler(settings_of(problem, seed))),  # its design before
     "optuna-gp+near": lambda problem, seed: OurDesign(problem, seed, "optuna-gp"),
     "gp+short": gp_variant(initial=8),
-    "gp+sampled": gp_variant(search=SearchSettings(closed_form=False)),
-    "gp+old-priors": gp_variant(
-        length_median=0.5, variance_median=0.7, variance_spread=0.7, noise_median=0.2
-    ),
-    "gp+noisy": gp_variant(noise_median=0.5),
     "gp+short12": gp_variant(initial=12),
-    "gp+variance": RockByVariance,
-    "gp+pooled": gp_variant(rock_scales=False),
     "gp+dense": gp_variant(sparse=False, trend=False),  # as gp on fewer than 13 parameters
     # as gp from 13 parameters on, without its linear trend
     "gp+sparse": gp_variant(sparse=True, trend=False),
-    "gp+long": gp_variant(length_median=1.0, length_spread=1.2),
-    "gp+long4": gp_variant(sparse=False, trend=False, length_median=1.2),  # four times the default's
-    "gp+deviations": gp_variant(deviations=True),
+    "gp+unblocked": gp_variant(blocks=False),
+    "gp+landscapes": gp_variant(own_landscapes=True),
 }
 
 
-_MANY_ROCKS = ("gp+deviations", "gp+variance", "gp+pooled", "gp+trusting")
+_MANY_ROCKS = ("gp+landscapes", "gp+unblocked", "gp+trusting")
 _TRUSTED_DEFAULT = (
     "gp+sobol",
     "optuna-gp+near",

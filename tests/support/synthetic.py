@@ -11,7 +11,7 @@ import numpy as np
 from nbv.config import MissionConfig
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import space_from_dict
-from tuner.samplers.registry import Sampler, SamplerSettings
+from tuner.samplers.base import Sampler, SamplerSettings
 
 # The range on which ``fake_missions.truth`` has its maximum inside; not the shipped space "gate".
 SPACE = space_from_dict(
@@ -38,8 +38,8 @@ def true_rock_mean(values: Mapping[str, Any], rocks: Sequence[str] = ROCKS) -> f
     return float(np.mean([o + s * true_value(values) for o, s in map(fake_missions.rock_shift, rocks)]))
 
 
-def slot_offset(rock: str, replicate: int, seed: int) -> float:
-    """Standard normal offset of one (rock, replicate) slot, the same for all configurations."""
+def block_offset(rock: str, replicate: int, seed: int) -> float:
+    """Standard normal offset of one (rock, replicate) block, the same for all configurations."""
     return float(fake_missions._draw("slot", rock, replicate, seed).normal())
 
 
@@ -50,23 +50,23 @@ def observe(
     noise_sd: float,
     rng: np.random.Generator,
     replicate: int = 0,
-    slot_sd: float = 0.0,
-    slot_seed: int = 0,
+    block_sd: float = 0.0,
+    block_seed: int = 0,
 ) -> Observation:
     offset, scale = fake_missions.rock_shift(rock)
-    shared = slot_sd * slot_offset(rock, replicate, slot_seed) if slot_sd else 0.0
+    shared = block_sd * block_offset(rock, replicate, block_seed) if block_sd else 0.0
     y = offset + scale * (true_value(values) + shared + noise_sd * rng.normal())
     return Observation(number, dict(values), rock, replicate, y, y)
 
 
 def random_design(
-    count: int, noise_sd: float, seed: int, replicates: int = 1, slot_sd: float = 0.0
+    count: int, noise_sd: float, seed: int, replicates: int = 1, block_sd: float = 0.0
 ) -> list[Observation]:
     """Rocks in turn, then replicates in turn."""
     rng = np.random.default_rng(seed)
     return [
         observe(i, SPACE.from_unit(rng.random(2)), ROCKS[i % len(ROCKS)], noise_sd, rng,
-                (i // len(ROCKS)) % replicates, slot_sd, seed)
+                (i // len(ROCKS)) % replicates, block_sd, seed)
         for i in range(count)
     ]  # fmt: skip
 

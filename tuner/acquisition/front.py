@@ -19,7 +19,9 @@ from tuner.acquisition.propose import maximise
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values
-from tuner.surrogate.model import RockMeanGP, SurrogateSettings, numerics
+from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.numerics import numerics
+from tuner.surrogate.settings import SurrogateSettings
 
 MONTE_CARLO_SAMPLES = 64
 # BoTorch would compile a C++ kernel in the middle of a campaign: minutes without a word on a slow machine, and for

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,16 +11,18 @@ import torch
 from botorch.acquisition import AcquisitionFunction
 from botorch.acquisition.logei import qLogNoisyExpectedImprovement
 from botorch.acquisition.objective import GenericMCObjective
+from botorch.models.model import Model
 from botorch.optim import optimize_acqf
 from botorch.sampling import SobolQMCNormalSampler
 from botorch.utils.sampling import draw_sobol_samples
 
 from nbv.types import Floats
-from tuner.acquisition.improvement import LogNoisyImprovement
+from tuner.acquisition.over_rocks import RockOutcomes
 from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
-from tuner.surrogate.model import RockMeanGP, moments, numerics
-from tuner.surrogate.risk import RockOutcomes, risk_of
+from tuner.surrogate.model import RockMeanGP, moments
+from tuner.surrogate.numerics import numerics
+from tuner.surrogate.risk import risk_of
 
 BLOCK = 128  # points tried at once
 LOCAL_BEST = 4
@@ -30,16 +31,9 @@ MONTE_CARLO_SAMPLES = 64
 MAX_ITERATIONS = 50
 # Mixed spaces: the continuous part is optimised under this many of the best discrete combinations.
 DISCRETE_COMBINATIONS = 4
-
-
-@dataclass(frozen=True)
-class SearchSettings:
-    """How the maximum of the acquisition is looked for; each default is there by an ablation."""
-
-    restarts: int = 4  # gradient searches
-    global_points: int = 512  # of a Sobol sequence over the whole space
-    local_points: int = 256  # near the best configurations so far, where improvement is likeliest
-    closed_form: bool = True  # ``LogNoisyImprovement`` instead of BoTorch's, where the risk is the mean
+RESTARTS = 4  # gradient searches
+GLOBAL_POINTS = 512  # of a Sobol sequence over the whole space
+LOCAL_POINTS = 256  # near the best configurations so far, where improvement is likeliest
 
 
 def propose(
@@ -47,7 +41,6 @@ def propose(
     pending: Sequence[Mapping[str, Any]],
     seed: int,
     risk: Risk = "mean",
-    search: SearchSettings | None = None,
 ) -> tuple[Values, dict[str, float]]:
     """The configuration with the largest acquisition value.
 
@@ -56,9 +49,8 @@ def propose(
     improvement it stands for, and the model's mean and standard deviation there (objective's unit, larger is better).
     """
     with numerics(seed):
-        search = search or SearchSettings()
-        acquisition = _acquisition(model, pending, seed, risk, search)
-        position, score = maximise(model, acquisition, seed, search)
+        acquisition = _acquisition(model, pending, seed, risk)
+        position, score = maximise(model, acquisition, seed)
     values = model.space.from_unit(position)
     belief = model.posterior([values], risk)
     # Over rocks outcomes are in the objective's unit already.
@@ -72,46 +64,37 @@ def propose(
 
 
 def _acquisition(
-    model: RockMeanGP, pending: Sequence[Mapping[str, Any]], seed: int, risk: Risk, search: SearchSettings
-) -> AcquisitionFunction:
-    over_rocks = _over_rocks(model, risk)
-    if not over_rocks and search.closed_form:
-        flying = np.array([model.space.to_unit(v) for v in pending]).reshape(-1, model.space.dimension)
-        return LogNoisyImprovement(model, flying, seed)
-    options: dict[str, Any] = {}
-    target = model.model
-    if over_rocks:
+    model: RockMeanGP, pending: Sequence[Mapping[str, Any]], seed: int, risk: Risk
+) -> qLogNoisyExpectedImprovement:
+    over_rocks: dict[str, Any] = {}
+    target: Model = model.model
+    if _over_rocks(model, risk):
         target = RockOutcomes(model)
-        options = {
-            "objective": GenericMCObjective(lambda samples, X=None: risk_of(samples, risk)),
-            "cache_root": False,
-        }
+        measure = GenericMCObjective(lambda samples, X=None: risk_of(samples, risk))
+        over_rocks = {"objective": measure, "cache_root": False}
     return qLogNoisyExpectedImprovement(
         target,
         X_baseline=model.inputs(np.unique(model.unit, axis=0)),
         sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
         X_pending=model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None,
         prune_baseline=True,
-        **options,
+        **over_rocks,
     )
 
 
 def _over_rocks(model: RockMeanGP, risk: Risk) -> bool:
     """Whether rocks are looked at one by one: their own landscapes count by scales that the common one does not know."""
-    return risk != "mean" or model.settings.deviations
+    return risk != "mean" or model.settings.own_landscapes
 
 
-def maximise(
-    model: RockMeanGP, acquisition: AcquisitionFunction, seed: int, search: SearchSettings | None = None
-) -> tuple[Floats, float]:
+def maximise(model: RockMeanGP, acquisition: AcquisitionFunction, seed: int) -> tuple[Floats, float]:
     """Best (d,) unit position, exactly a configuration, and its acquisition value.
 
     Starts are the best of many global and local points, tried without gradients.
     """
-    search = search or SearchSettings()
     d = model.space.dimension
     discrete = model.space.discrete_dimensions
-    points = _starting_points(model, seed, search)
+    points = _starting_points(model, seed)
     if discrete:
         points = np.array([model.space.snap(x) for x in points])
     starts = model.inputs(points).unsqueeze(1)
@@ -121,12 +104,12 @@ def maximise(
     best, best_score = points[int(order[0])], float(scores[order[0]])
     if len(discrete) == d:
         return best, best_score
-    # The last columns are rock and slot: everything is compared without their offsets.
+    # The last columns are rock and block: everything is compared without their offsets.
     nowhere = dict(enumerate(starts[0, 0, d:].tolist(), start=d))
     bounds = torch.zeros(2, starts.shape[-1], dtype=torch.float64)
     bounds[1, :d] = 1.0
     bounds[:, d:] = starts[0, 0, d:]
-    for fixed, chosen in _climbs(points, order.tolist(), discrete, search.restarts):
+    for fixed, chosen in _climbs(points, order.tolist(), discrete):
         position, score = optimize_acqf(
             acquisition, bounds, 1, len(chosen), batch_initial_conditions=starts[chosen],
             options={"maxiter": MAX_ITERATIONS}, fixed_features={**fixed, **nowhere},
@@ -144,11 +127,11 @@ def _best_flown(model: RockMeanGP, count: int) -> Floats:
     return seen[np.argsort(-mean)[:count]]
 
 
-def _starting_points(model: RockMeanGP, seed: int, search: SearchSettings) -> Floats:
+def _starting_points(model: RockMeanGP, seed: int) -> Floats:
     """(global + local points, d) unit positions."""
-    d, count = model.space.dimension, search.local_points
+    d, count = model.space.dimension, LOCAL_POINTS
     cube = torch.stack([torch.zeros(d), torch.ones(d)]).to(torch.float64)
-    everywhere = draw_sobol_samples(cube, search.global_points, 1, seed=seed).squeeze(1).numpy()
+    everywhere = draw_sobol_samples(cube, GLOBAL_POINTS, 1, seed=seed).squeeze(1).numpy()
     best = _best_flown(model, LOCAL_BEST)
     best = best[np.arange(count) % len(best)]
     rng = np.random.default_rng(seed)
@@ -163,11 +146,11 @@ def _starting_points(model: RockMeanGP, seed: int, search: SearchSettings) -> Fl
 
 
 def _climbs(
-    points: Floats, order: Sequence[int], discrete: Sequence[int], restarts: int
+    points: Floats, order: Sequence[int], discrete: Sequence[int]
 ) -> list[tuple[dict[int, float], list[int]]]:
     """``(fixed coordinates, starting points)`` of each gradient search; one per discrete combination."""
     if not discrete:
-        return [({}, list(order[:restarts]))]
+        return [({}, list(order[:RESTARTS]))]
     climbs: dict[tuple[float, ...], list[int]] = {}
     for index in order:
         combination = tuple(float(points[index, i]) for i in discrete)

@@ -38,6 +38,7 @@ from tuner.problem.observations import Observation, Proposal
 from tuner.recommendation.recommendation import Recommendation, recommend
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.surrogate.forward_check import check_ahead
+from tuner.surrogate.kernel import Feature
 from tuner.surrogate.model import RockMeanGP
 
 RECOMMENDATION_FILE = "recommendation.json"
@@ -178,7 +179,7 @@ class Campaign:
         if result is not None and check:
             s = self.settings
             found = check_ahead(
-                s.space, history, s.rocks, s.initial_size(), s.seed, s.surrogate(), self.learned
+                s.space, history, s.rocks, s.initial_size(), s.seed, s.surrogate(), self._feature()
             )
             result = dataclasses.replace(result, ahead_of_search=found.to_dict() if found else None)
         if result is not None and save:
@@ -190,8 +191,11 @@ class Campaign:
         s = self.settings
         return recommend(
             s.space, history, s.rocks, s.default_values(), s.objective, s.seed,
-            settings=s.surrogate(), risk=s.risk, earlier=self.learned,
+            settings=s.surrogate(), risk=s.risk, feature=self._feature(),
         )  # fmt: skip
+
+    def _feature(self) -> Feature | None:
+        return None if self.learned is None else self.learned.feature
 
     def surrogate_from(
         self, history: Sequence[Observation], rocks: Sequence[str] | None = None
@@ -201,7 +205,7 @@ class Campaign:
         ``ValueError`` without a successful mission.
         """
         s = self.settings
-        return RockMeanGP(s.space, history, rocks or s.rocks, s.seed, s.surrogate(), self.learned)
+        return RockMeanGP(s.space, history, rocks or s.rocks, s.seed, s.surrogate(), self._feature())
 
     def propose(self, trials: Sequence[TrialRecord], known: int) -> Proposal:
         """The sampler's next mission after the first ``known`` trials; the others count as in flight."""

@@ -15,7 +15,7 @@ from tuner.campaign.ledger import TrialRecord
 from tuner.missions.executors import Executor
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
 from tuner.missions.long_runs import exclusive, stop_signals
-from tuner.problem.blocks import next_slot
+from tuner.problem.blocks import next_block
 from tuner.recommendation.recommendation import Recommendation
 
 # So many failures in a row mean that something is wrong with the set-up, not with the configurations.
@@ -141,7 +141,7 @@ class _Session:
         proposal = self._campaign.propose(trials, len(known))
         ask_s = time.monotonic() - started
         self._ask_s += ask_s
-        rock, replicate = next_slot(self._settings.rocks, self._settings.replicates, trials, proposal)
+        rock, replicate = next_block(self._settings.rocks, self._settings.replicates, trials, proposal)
         digest = self._settings.config(proposal.values).digest()
         trial = self._ledger.start(proposal, rock, replicate, digest, self._settings.seed)
         self._emit("proposed", trial, ask_s=ask_s)

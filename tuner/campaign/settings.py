@@ -18,18 +18,13 @@ from tuner.missions.registry import DEFAULT_RUNNER
 from tuner.problem.objective import Objective
 from tuner.problem.options import RISKS, Risk
 from tuner.problem.search_space import SearchSpace, Values, space_from_dict
+from tuner.samplers.base import Sampler, SamplerSettings
 from tuner.samplers.design import initial_design_size
-from tuner.samplers.registry import (
-    ALL_SAMPLER_NAMES,
-    Sampler,
-    SamplerSettings,
-    make_sampler,
-    surrogate_settings,
-)
+from tuner.samplers.registry import ALL_SAMPLER_NAMES, make_sampler
+from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
 
 if TYPE_CHECKING:
     from tuner.samplers.earlier_missions import EarlierMissions
-    from tuner.surrogate.model import SurrogateSettings
 
 SETTINGS_FILE = "campaign.yaml"
 FORMAT_VERSION = 2  # 1: could ask for what is gone, and was proposed for by another model

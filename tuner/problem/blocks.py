@@ -1,4 +1,4 @@
-"""On which (rock, replicate) slot a configuration flies."""
+"""On which (rock, replicate) block a configuration flies."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tuner.problem.observations import Proposal
 
 
 class Mission(Protocol):
-    """What a slot is chosen by: a ledger's trial, an observation or a pending mission."""
+    """What a block is chosen by: a ledger's trial, an observation or a pending mission."""
 
     @property
     def values(self) -> Mapping[str, Any]:
@@ -28,7 +28,7 @@ class Mission(Protocol):
         ...
 
 
-def next_slot(
+def next_block(
     rocks: Sequence[str], replicates: int, missions: Sequence[Mission], proposal: Proposal
 ) -> tuple[str, int]:
     """Rock and replicate of the next mission, where the sampler left them open.

@@ -9,13 +9,16 @@ from typing import Any
 
 from scipy.stats import norm
 
+from tuner.problem.configurations import configuration_key
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.options import Risk
 from tuner.problem.search_space import SearchSpace
-from tuner.samplers.earlier_missions import EarlierMissions
-from tuner.samplers.verification import configuration_key, expected_shortfall, markdown
-from tuner.surrogate.model import NORMAL_95, RockMeanGP, SurrogateSettings
+from tuner.samplers.verification import expected_shortfall, markdown
+from tuner.surrogate.kernel import Feature
+from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.numerics import NORMAL_95
+from tuner.surrogate.settings import SurrogateSettings
 
 TOP = 5
 
@@ -49,7 +52,7 @@ class Recommendation:
     ``mean``, ``sd`` and ``interval_95`` are about the mean over the training rocks, without the noise of single
     missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
     positive when the recommendation is better, whatever the direction. After verification
-    missions (``tuner.samplers.verification``) what has not flown every slot is marked down by its share of ``expected_shortfall``.
+    missions (``tuner.samplers.verification``) what has not flown every block is marked down by its share of ``expected_shortfall``.
     """
 
     values: dict[str, Any]
@@ -66,8 +69,8 @@ class Recommendation:
     improvement_sd: float
     improvement_interval_95: tuple[float, float]
     probability_better_than_default: float
-    noise_sd: float  # of one mission, beside its slot's offset
-    slot_sd: float | None  # of the offsets that (rock, replicate) slots share; None: not told from noise
+    noise_sd: float  # of one mission, beside its block's offset
+    block_sd: float | None  # of the offsets that (rock, replicate) blocks share; None: not told from noise
     observations: int
     failures: int
     metric: str
@@ -94,17 +97,17 @@ def recommend(
     *,
     settings: SurrogateSettings | None = None,
     risk: Risk = "mean",
-    earlier: EarlierMissions | None = None,
+    feature: Feature | None = None,
 ) -> Recommendation | None:
     """The recommendation after ``observations``; None before the first feasible one.
 
     ``settings``: of the surrogate.
-    ``risk``: the measure over rocks that is meant by the mean everywhere in the result. ``earlier``: missions flown before.
+    ``risk``: the measure over rocks that is meant by the mean everywhere in the result. ``feature``: of the surrogate.
     """
     feasible = [o for o in observations if o.feasible]
     if not feasible:
         return None
-    model = RockMeanGP(space, feasible, rocks, seed, settings, earlier)
+    model = RockMeanGP(space, feasible, rocks, seed, settings, feature)
     groups: dict[tuple[Any, ...], list[Observation]] = {}
     for o in observations:
         groups.setdefault(configuration_key(space, o.values), []).append(o)
@@ -148,7 +151,7 @@ def recommend(
         improvement_interval_95=(gain - NORMAL_95 * gain_sd, gain + NORMAL_95 * gain_sd),
         probability_better_than_default=float(norm.cdf(gain / gain_sd)) if gain_sd > 1e-12 else 0.5,
         noise_sd=model.noise_sd,
-        slot_sd=model.slot_sd,
+        block_sd=model.block_sd,
         observations=len(feasible),
         failures=len(observations) - len(feasible),
         metric=objective.metric,

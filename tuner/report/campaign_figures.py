@@ -29,7 +29,7 @@ from tuner.report.style import (
     marker,
     new_figure,
 )
-from tuner.surrogate.model import NORMAL_95
+from tuner.surrogate.numerics import NORMAL_95
 
 RECOMMENDED, DEFAULT, FAILED = VERMILION, BLACK, PURPLE
 

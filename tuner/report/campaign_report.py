@@ -167,7 +167,7 @@ def _earlier_text(facts: CampaignFacts) -> str:
     )
     share = (
         "What they say of a configuration is part of the model, as far as the missions here bear it out."
-        if facts.model.uses_earlier
+        if facts.model.uses_feature
         else "The missions here do not bear out what they say of a configuration, so it is no part of the model."
     )
     return f" Before it {len(earlier.observations)} {what} were flown; the best of them lead the initial design. {share}"
@@ -220,8 +220,8 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Pa
             "differences have to be seen."
             + (
                 " What all missions on one rock and replicate share is modelled apart and cancels between "
-                f"configurations; its standard deviation is {with_unit(best.slot_sd, label.difference_unit, facts.digits)}."
-                if best.slot_sd is not None
+                f"configurations; its standard deviation is {with_unit(best.block_sd, label.difference_unit, facts.digits)}."
+                if best.block_sd is not None
                 else ""
             )
             + _earlier_text(facts)

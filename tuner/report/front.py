@@ -12,7 +12,7 @@ from tuner.acquisition.front import FrontPoint, pareto_front
 from tuner.report.campaign_facts import CampaignFacts
 from tuner.report.labels import decimals_for, format_number, metric_label, parameter_value
 from tuner.report.style import BLACK, BLUE, GREY, VERMILION, embed, look, new_figure
-from tuner.surrogate.model import NORMAL_95
+from tuner.surrogate.numerics import NORMAL_95
 
 
 def front_context(facts: CampaignFacts, figures: Path) -> dict[str, Any] | None:

@@ -8,11 +8,7 @@ import warnings
 import numpy as np
 
 from tuner.problem.search_space import SearchSpace, Values
-
-# With so many parameters most of them do next to nothing, and what does is found by spreading, not near the default;
-# a campaign's budget tells which parameters matter only under that assumption
-# (docs/results/optimiser_ablation.md, "Many parameters").
-MANY_PARAMETERS = 13
+from tuner.surrogate.settings import MANY_PARAMETERS
 
 # Where missions were flown before a campaign, elsewhere, a design this short has so many of the best of them right after
 # the default (docs/results/optimiser_ablation.md, "A design that trusts an earlier campaign").

@@ -14,17 +14,17 @@ from __future__ import annotations
 import functools
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
 
+from nbv.types import Floats
+from tuner.problem.configurations import distinct_configurations
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values
-
-if TYPE_CHECKING:
-    from nbv.types import Floats
-    from tuner.surrogate.model import RockMeanGP
+from tuner.samplers.verification import markdown
+from tuner.surrogate.landscape import Landscape
+from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.settings import surrogate_settings
 
 # Root mean square distance in the unit cube between their configurations in an initial design.
 _APART = 0.15
@@ -46,24 +46,18 @@ class EarlierMissions:
 
     @functools.cached_property
     def _model(self) -> RockMeanGP:
-        from tuner.samplers.registry import surrogate_settings
-        from tuner.surrogate.model import RockMeanGP
-
-        settings = surrogate_settings(self.space)
-        return RockMeanGP(self.space, self.observations, self.rocks, 0, settings)
+        return RockMeanGP(self.space, self.observations, self.rocks, 0, surrogate_settings(self.space))
 
     @functools.cached_property
-    def feature(self) -> Feature:
-        """g, standardised over the missions flown."""
-        return Feature(self._model)
+    def feature(self) -> Landscape | None:
+        """g, standardised over the missions flown; None where they are not usable."""
+        return Landscape(self._model) if self.usable else None
 
     def best(self, count: int) -> list[Values]:
         """The configurations flown with the best g that are apart from each other; at most ``count``.
 
-        What has not flown every slot is marked down by its share of a mission's noise.
+        What has not flown every block is marked down by its share of a mission's noise.
         """
-        from tuner.samplers.verification import distinct_configurations, markdown
-
         gp = self._model
         seen = distinct_configurations(self.space, gp.observations)
         doubt = markdown(self.space, self.observations, seen, self.rocks, gp.noise_sd)
@@ -87,24 +81,3 @@ class EarlierMissions:
         tree = json.loads(text)
         observations = [Observation(i, v, r, k, y, y) for i, (v, r, y, k) in enumerate(tree["missions"])]
         return EarlierMissions(space, tuple(tree["rocks"]), tuple(observations))
-
-
-class Feature:
-    """Posterior mean of a fitted ``RockMeanGP`` at no rock, standardised: ``(..., d + 2)`` inputs to ``(...,)``."""
-
-    def __init__(self, gp: Any) -> None:
-        model = gp.model
-        self._d, self._kernel, self._x = gp.space.dimension, model.covar_module, model.train_inputs[0]
-        with torch.no_grad():
-            noise = model.likelihood.noise * torch.eye(len(self._x), dtype=torch.float64)
-            residual = model.train_targets - model.mean_module.constant
-            self._weights = torch.linalg.solve(self._kernel.forward(self._x, self._x) + noise, residual)
-            self._centre, self._scale = 0.0, 1.0
-            level = self(gp.inputs(gp.unit))
-        self._centre, self._scale = float(level.mean()), max(1e-9, float(level.std()))
-
-    def __call__(self, x: torch.Tensor) -> torch.Tensor:
-        """The rock and slot columns are ignored."""
-        bare = torch.cat([x[..., : self._d], torch.full_like(x[..., self._d :], -1.0)], dim=-1)
-        level = self._kernel.forward(bare, self._x) @ self._weights
-        return (level - self._centre) / self._scale

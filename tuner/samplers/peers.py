@@ -19,17 +19,15 @@ import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from nbv.errors import UserError
-from tuner.problem.objective import RockStandardiser
 from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.search_space import Parameter, Values
-
-if TYPE_CHECKING:
-    from tuner.samplers.registry import SamplerSettings
+from tuner.problem.standardise import RockStandardiser
+from tuner.samplers.base import SamplerSettings, derived_seed, initial_proposal
 
 PEER_NAMES = ("ax", "smac", "hebo")
 OWN_DESIGN = ("smac",)  # these run the initial design themselves
@@ -190,13 +188,11 @@ class PeerSampler:
         UserError
             The peer cannot be reached, fails, or proposes something outside the space.
         """
-        from tuner.samplers.registry import _initial_proposal, derived_seed
-
         command = self.command()  # first, so that a missing peer is noticed before any mission
         number = len(history) + len(pending)
         feasible = [o for o in history if o.outcome is not None]
         if not self.own_design and (number < self.settings.initial or len(feasible) < MIN_FEASIBLE):
-            return _initial_proposal(self.settings, number, self.name)
+            return initial_proposal(self.settings, number, self.name)
         process = self._process(history, command)
         outcomes = np.array([o.outcome for o in feasible], dtype=float)
         standard = RockStandardiser.fit([o.rock for o in feasible], outcomes)
@@ -231,7 +227,6 @@ class PeerSampler:
         return shared.process
 
     def _begin(self, command: Sequence[str]) -> _Shared:
-        from tuner.samplers.registry import _initial_proposal
 
         shared = _processes.get(self.name)
         if shared is None or not shared.process.alive:
@@ -244,7 +239,7 @@ class PeerSampler:
             "start",
             parameters=[_parameter(p) for p in s.space.parameters],
             default=dict(s.default),
-            design=[_initial_proposal(s, i, self.name).values for i in range(s.initial)],
+            design=[initial_proposal(s, i, self.name).values for i in range(s.initial)],
             rocks=list(s.rocks),
             replicates=s.replicates,
             initial=s.initial,

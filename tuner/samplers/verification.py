@@ -3,19 +3,18 @@
 The search flies a new configuration with every mission, so most of what it knows of its favourite is what the
 surrogate concludes from neighbours. A planner's outcome jumps wherever another view is chosen, the surrogate takes it
 for smooth, and the best of many such conclusions is too good more often than not. Near the end of a budget, when little
-is left to gain by exploring, the favourite is therefore flown on the (rock, replicate) slots it has not seen. What the
+is left to gain by exploring, the favourite is therefore flown on the (rock, replicate) blocks it has not seen. What the
 first such mission of a favourite falls short of its prediction by, on average, is what a configuration is marked down
-by in a recommendation for the share of the slots it has not flown. Later ones say nothing of what has flown once: they
+by in a recommendation for the share of the blocks it has not flown. Later ones say nothing of what has flown once: they
 are predicted from those before.
 
-Slots, not rocks: one that chooses the plateau's views on every rock once may lose half a point with the other replicate.
-The last missions of a budget, as many as there are slots, complete what would be recommended whatever exploring
+Blocks, not rocks: one that chooses the plateau's views on every rock once may lose half a point with the other replicate.
+The last missions of a budget, as many as there are blocks, complete what would be recommended whatever exploring
 promises: a newcomer that nobody can check any more is of no use to anybody.
 """
 
 from __future__ import annotations
 
-import collections
 import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
@@ -23,7 +22,8 @@ from typing import Any
 import numpy as np
 
 from nbv.errors import UserError
-from tuner.problem.blocks import next_slot
+from tuner.problem.blocks import next_block
+from tuner.problem.configurations import Block, blocks_flown, configuration_key, distinct_configurations
 from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.options import Risk
 from tuner.problem.search_space import SearchSpace, Values
@@ -34,27 +34,6 @@ BEGINS = 2 / 3  # of the search budget
 PREDICTED = "predicted"
 # The model's noise counts like this many such missions that fell short by it.
 PRIOR_MISSIONS = 1.0
-
-Key = tuple[float, ...]
-Slot = tuple[str, int]  # rock, replicate
-
-
-def configuration_key(space: SearchSpace, values: Mapping[str, Any]) -> Key:
-    """The same for the same configuration."""
-    return tuple(round(float(u), 12) for u in space.to_unit(values))
-
-
-def distinct_configurations(space: SearchSpace, missions: Sequence[Observation]) -> list[Values]:
-    """Each configuration that has flown, once, in the order of the first flights."""
-    return [dict(v) for v in {configuration_key(space, o.values): o.values for o in missions}.values()]
-
-
-def slots_flown(space: SearchSpace, missions: Sequence[Observation | Pending]) -> dict[Key, set[Slot]]:
-    """The (rock, replicate) slots that each configuration has flown, or is flying."""
-    flown: dict[Key, set[Slot]] = collections.defaultdict(set)
-    for mission in missions:
-        flown[configuration_key(space, mission.values)].add((mission.rock, mission.replicate))
-    return flown
 
 
 def expected_shortfall(history: Sequence[Observation], noise_sd: float) -> float | None:
@@ -89,7 +68,7 @@ def verification(
     last: bool = False,
     default: Mapping[str, Any] | None = None,
 ) -> Proposal | None:
-    """The favourite on a slot it has not flown, if that is worth more than exploring.
+    """The favourite on a block it has not flown, if that is worth more than exploring.
 
     Parameters
     ----------
@@ -106,7 +85,7 @@ def verification(
 
     Returns
     -------
-    None where the favourite (best posterior mean) has flown every slot, or where exploring promises more than it is
+    None where the favourite (best posterior mean) has flown every block, or where exploring promises more than it is
     expected to fall short by. The rock is one of those it has flown least.
     """
     shortfall = expected_shortfall(history, model.noise_sd)
@@ -121,36 +100,36 @@ def verification(
         cautious = mean - markdown(model.space, history, configurations, model.rocks, shortfall, default)
         candidates.insert(0, int(cautious.argmax()))
     missions: list[Observation | Pending] = [*history, *pending]
-    flown = slots_flown(model.space, missions)
+    flown = blocks_flown(model.space, missions)
     for i in candidates:
         values = configurations[i]
         own = flown[configuration_key(model.space, values)]
-        slot = _unseen_slot(model.rocks, replicates, own, missions, values)
-        if slot is None:
+        block = _unseen_block(model.rocks, replicates, own, missions, values)
+        if block is None:
             continue
-        predicted, sd = model.predict_mission(values, *slot)
+        predicted, sd = model.predict_mission(values, *block)
         why = {
             "sampler": "gp", "phase": "verification", "predicted_mean": predicted, "predicted_sd": sd,
             "expected_shortfall": shortfall, "expected_gain": expected_gain,
         }  # fmt: skip
-        return Proposal(values, why, *slot, memory={PREDICTED: predicted} if len(own) <= 1 else {})
+        return Proposal(values, why, *block, memory={PREDICTED: predicted} if len(own) <= 1 else {})
     return None
 
 
-def _unseen_slot(
+def _unseen_block(
     rocks: Sequence[str],
     replicates: int,
-    own: Collection[Slot],
+    own: Collection[Block],
     missions: Sequence[Observation | Pending],
     values: Values,
-) -> Slot | None:
-    """The next slot of a configuration that has flown ``own``, on a rock it has flown least; None if there is none."""
+) -> Block | None:
+    """The next block of a configuration that has flown ``own``, on a rock it has flown least; None if there is none."""
     counts = {rock: sum((rock, k) in own for k in range(replicates)) for rock in rocks}
     least = min(counts.values())
     if least >= replicates:
         return None
     fewest = [rock for rock, count in counts.items() if count == least]
-    return next_slot(fewest, replicates, missions, Proposal(values, {}))
+    return next_block(fewest, replicates, missions, Proposal(values, {}))
 
 
 def markdown(
@@ -161,15 +140,15 @@ def markdown(
     shortfall: float | None,
     default: Mapping[str, Any] | None = None,
 ) -> np.ndarray:
-    """(len(configurations),) what each loses in a recommendation: ``shortfall`` for its share of unseen slots.
+    """(len(configurations),) what each loses in a recommendation: ``shortfall`` for its share of unseen blocks.
 
-    Slots are those of ``rocks`` that any configuration has flown. ``default`` loses nothing: no outcome made it a
+    Blocks are those of ``rocks`` that any configuration has flown. ``default`` loses nothing: no outcome made it a
     favourite, so nothing flatters it, and nothing believed to be worse may be recommended in its place.
     """
     if shortfall is None:
         return np.zeros(len(configurations))
-    slots = {(o.rock, o.replicate) for o in history if o.rock in rocks}
-    flown, keys = slots_flown(space, history), [configuration_key(space, c) for c in configurations]
+    blocks = {(o.rock, o.replicate) for o in history if o.rock in rocks}
+    flown, keys = blocks_flown(space, history), [configuration_key(space, c) for c in configurations]
     trusted = None if default is None else configuration_key(space, default)
-    unseen = [0 if key == trusted else len(slots - flown[key]) for key in keys]
-    return shortfall * np.array(unseen) / len(slots)
+    unseen = [0 if key == trusted else len(blocks - flown[key]) for key in keys]
+    return shortfall * np.array(unseen) / len(blocks)

@@ -14,8 +14,8 @@ import torch
 
 from nbv.errors import UserError
 from nbv.types import Floats
-from tuner.problem.objective import RockStandardiser
 from tuner.problem.search_space import SearchSpace
+from tuner.problem.standardise import RockStandardiser
 from tuner.studies.missions_as_data import MissionData
 from tuner.studies.sobol import (
     Pair,
@@ -25,7 +25,8 @@ from tuner.studies.sobol import (
     sobol_design,
     sobol_indices,
 )
-from tuner.surrogate.model import RockMeanGP, numerics
+from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.numerics import numerics
 
 GATE_PAIR = ("gate.budget_fraction", "gate.d95_m")
 MEAN_SAMPLES = 2048  # rows of the design for the posterior mean

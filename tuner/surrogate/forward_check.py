@@ -19,8 +19,10 @@ from scipy.stats import t as student_t
 from nbv.types import Floats
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
-from tuner.samplers.earlier_missions import EarlierMissions
-from tuner.surrogate.model import NORMAL_95, RockMeanGP, SurrogateSettings
+from tuner.surrogate.kernel import Feature
+from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.numerics import NORMAL_95
+from tuner.surrogate.settings import SurrogateSettings
 
 PRIOR_COUNT = 5.0
 MOST = 24
@@ -87,7 +89,7 @@ def check_ahead(
     first: int,
     seed: int = 0,
     settings: SurrogateSettings | None = None,
-    earlier: EarlierMissions | None = None,
+    feature: Feature | None = None,
 ) -> AheadCheck | None:
     """The check of missions from the ``first``-th successful one on, ``MOST`` of them evenly spread.
 
@@ -100,7 +102,7 @@ def check_ahead(
     residuals = []
     for i in later[np.unique(np.linspace(0, len(later) - 1, min(MOST, len(later))).round().astype(int))]:
         o = flown[i]
-        model = RockMeanGP(space, flown[:i], rocks, seed, settings, earlier)
+        model = RockMeanGP(space, flown[:i], rocks, seed, settings, feature)
         if o.rock not in model.rocks:
             continue
         mean, sd = model.predict_mission(o.values, o.rock, o.replicate)

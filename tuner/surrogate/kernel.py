@@ -1,17 +1,15 @@
-"""The covariance of missions, as one kernel.
+"""The covariance of missions, a sum of GPyTorch's kernels.
 
-    k = s^2 m(x, x') (1 + delta [same rock]) + b^2 [same rock] + c^2 [same slot] + t^2 l(x, x') + v^2 g(x) g(x')
+    k = s^2 m(x, x') + a^2 m(x, x') [same rock] + b^2 [same rock] + c^2 [same block] + t^2 l(x, x') + v^2 g(x) g(x')
 
-m is Matern-5/2 with a length scale per ordered parameter, times exp(-mean of mismatches / length) over the
-choices. b^2 and c^2 are the variances of what all missions on a rock or on one (rock, replicate) slot share.
-delta is the share by which a rock's own landscape departs from the common one: an intrinsic coregionalisation
-model whose rocks are exchangeable, so that one number describes all correlations, 1 / (1 + delta). l is the
-covariance of a linear trend with a slope per ordered parameter, scaled so that t^2 is the trend's mean variance over
-the cube. g is a given function of the configuration, such as the landscape of missions flown before (``tuner.samplers.earlier_missions``).
+m is Matern-5/2 with a length scale per ordered parameter, times BoTorch's categorical kernel of the choices. b^2 and c^2
+are the variances of what all missions on a rock, or on one (rock, replicate) block, share. a^2 is that of a rock's own
+departure from the common landscape: an intrinsic coregionalisation model whose rocks are exchangeable. l is the
+covariance of a linear trend, scaled so that t^2 is its mean variance over the cube. g is a given function of the
+configuration, such as the landscape of missions flown before.
 
-Inputs are (..., d + 2): the unit cube, then the rock's and the slot's column of exact whole numbers.
-``NO_OFFSET`` there is the mean over rocks, or slots, that nobody has flown: it shares nothing, not even with
-itself. One kernel instead of a sum of library kernels: an evaluation takes a fraction of the time.
+Inputs are (..., d + 2): the unit cube, then the rock's and the block's column of exact whole numbers. ``NO_OFFSET`` there
+is the mean over rocks, or blocks, that nobody has flown: it shares nothing, not even with itself.
 """
 
 from __future__ import annotations
@@ -21,125 +19,161 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import torch
-from gpytorch.kernels import Kernel
+from botorch.models.kernels import CategoricalKernel
+from botorch.utils.constraints import LogTransformedInterval
+from gpytorch.kernels import Kernel, LinearKernel, MaternKernel, ScaleKernel
+from gpytorch.priors import HalfCauchyPrior, LogNormalPrior
+
+from tuner.surrogate.settings import SurrogateSettings
+
+Feature = Callable[[torch.Tensor], torch.Tensor]
 
 NO_OFFSET = -1.0
-_SQRT5 = math.sqrt(5.0)
-# Squared distances below this have no gradient; the kernel is flat there.
-_TINY = 1e-20
+MIN_LENGTHSCALE = 2.5e-2
+_LARGEST = 1.6e5  # of any length or variance; 1 / this is the smallest variance
+
+# Medians and spreads of log-normal priors; outcomes are standardised, inputs are in the unit cube.
+LENGTH_MEDIAN, LENGTH_SPREAD = 0.3, 0.8  # over the square root of the number of ordered parameters
+LENGTH_LEAST = 0.7  # of the median: with few parameters there are missions enough to say otherwise
+VARIANCE = (2.0, 1.0)  # of f
+# Wide: a rock's centre is the mean of a few configurations and may be off by a standard deviation.
+ROCK_VARIANCE = (1.0, 1.0)
+# Wider still: measured blocks differ by anything from nothing to several times what parameters do.
+BLOCK_VARIANCE = (0.3, 1.5)
+OWN_VARIANCE = (0.6, 1.0)
+TREND_VARIANCE = (2.0, 1.0)
+FEATURE_VARIANCE = (0.5, 1.0)
+NOISE_VARIANCE, MIN_NOISE_VARIANCE = (0.2, 1.0), 1e-4
 
 
-class MissionKernel(Kernel):
-    """The kernel above; all parameters are logarithms, so that they need no constraints.
+class SharedLevel(Kernel):
+    """1 where two inputs have the same level of one column, else 0; ``NO_OFFSET`` is no level."""
+
+    def forward(self, x1: torch.Tensor, x2: torch.Tensor, diag: bool = False, **params: Any) -> torch.Tensor:
+        """(..., n, m) of (..., n, 1) and (..., m, 1) columns; (..., n) if ``diag``."""
+        one, two = x1[..., 0], x2[..., 0]
+        if not diag:
+            one, two = one.unsqueeze(-1), two.unsqueeze(-2)
+        return ((one == two) & (one >= 0)).to(x1.dtype)
+
+
+class FeatureKernel(LinearKernel):
+    """Linear in given features of the whole input: ``features`` maps (..., n, d + 2) to (..., n, p)."""
+
+    def __init__(self, features: Feature, **options: Any) -> None:
+        super().__init__(**options)
+        self._features = features
+
+    def forward(self, x1: torch.Tensor, x2: torch.Tensor, diag: bool = False, **params: Any) -> torch.Tensor:
+        """(..., n, m) of (..., n, d + 2) and (..., m, d + 2); (..., n) if ``diag``."""
+        return super().forward(self._features(x1), self._features(x2), diag=diag, **params)
+
+
+class SparseLengthPrior(HalfCauchyPrior):
+    """Sparse axis-aligned prior: 1 / length^2 ~ HalfCauchy(tau) (Eriksson and Jankowiak, UAI 2021).
+
+    Most length scales go to infinity, that is, most parameters are switched off, unless the data object. A density over
+    the logarithm of the length, unlike BoTorch's ``add_saas_prior``: it has a mode, at tau^-1/2.
+    """
+
+    def log_prob(self, length: torch.Tensor) -> torch.Tensor:
+        """Per element, up to a constant."""
+        inverse_square = length**-2
+        return super().log_prob(inverse_square) + inverse_square.log()
+
+
+def log_normal(median: float, spread: float) -> tuple[LogNormalPrior, float]:
+    """The prior and its mode, where the search for hyperparameters begins."""
+    return LogNormalPrior(math.log(median), spread), median * math.exp(-(spread**2))
+
+
+def mission_kernel(
+    ordered: Sequence[int],
+    categorical: Sequence[int],
+    rock_column: int,
+    settings: SurrogateSettings,
+    *,
+    tau: float | None = None,
+    feature: Feature | None = None,
+) -> Kernel:
+    """The kernel above, with its priors.
 
     Parameters
     ----------
     ordered, categorical
         Columns of the ordered parameters and of the choices.
     rock_column
-        The rock's column; the slot's is the next one.
-    slots, deviations, trend
-        Whether c^2, delta and t^2 are there.
+        The rock's column; the block's is the next one.
+    tau
+        Of the sparse prior of the length scales; None: log-normal, growing with the square root of the dimension.
     feature
-        g, of (..., n, d + 2) inputs: (..., n); None where there is none.
+        g, of (..., n, d + 2) inputs: (..., n, 1).
     """
+    f = _landscape(ordered, categorical, tau)
+    rock = SharedLevel(active_dims=[rock_column])
+    kernel = _scaled(f, *VARIANCE) + _scaled(rock, *ROCK_VARIANCE)
+    if settings.own_landscapes:
+        kernel = kernel + _scaled(f * rock, *OWN_VARIANCE)
+    if settings.blocks:
+        kernel = kernel + _scaled(SharedLevel(active_dims=[rock_column + 1]), *BLOCK_VARIANCE)
+    if settings.trend and ordered:
+        scale, columns = math.sqrt(12.0 / len(ordered)), list(ordered)
+        kernel = kernel + _linear(lambda x: scale * (x[..., columns] - 0.5), *TREND_VARIANCE)
+    if feature is not None:
+        kernel = kernel + _linear(feature, *FEATURE_VARIANCE)
+    return kernel
 
-    has_lengthscale = False
-    is_stationary = False
 
-    def __init__(
-        self,
-        ordered: Sequence[int],
-        categorical: Sequence[int],
-        rock_column: int,
-        *,
-        slots: bool,
-        deviations: bool,
-        trend: bool = False,
-        feature: Callable[[torch.Tensor], torch.Tensor] | None = None,
-    ) -> None:
-        super().__init__()
-        self.ordered, self.categorical = list(ordered), list(categorical)
-        self.rock_column = rock_column
-        self.slots, self.deviations, self.trend = slots, deviations, trend and len(self.ordered) > 0
-        self.log_lengthscale = _parameter(len(self.ordered))
-        self.log_choice_length = _parameter(len(self.categorical))
-        self.log_variance = _parameter()
-        self.log_rock_variance = _parameter()
-        if slots:
-            self.log_slot_variance = _parameter()
-        if deviations:
-            self.log_deviation = _parameter()
-        if self.trend:
-            self.log_trend_variance = _parameter()
-        self.feature = feature
-        if feature is not None:
-            self.log_feature_variance = _parameter()
-
-    @property
-    def slot_variance(self) -> float:
-        """c^2; 0 where it is not modelled."""
-        return math.exp(self.log_slot_variance.item()) if self.slots else 0.0
-
-    def correlation(self, x1: torch.Tensor, x2: torch.Tensor, diag: bool) -> torch.Tensor:
-        """m: ``(..., n, m)``, or ``(..., n)`` where ``diag``."""
-        scale = self.log_lengthscale.exp().unsqueeze(-2)
-        a, b = x1[..., self.ordered] / scale, x2[..., self.ordered] / scale
-        if diag:
-            squared = ((a - b) ** 2).sum(-1)
-        else:
-            squared = (
-                (a**2).sum(-1).unsqueeze(-1) + (b**2).sum(-1).unsqueeze(-2) - 2 * a @ b.transpose(-1, -2)
+def _landscape(ordered: Sequence[int], categorical: Sequence[int], tau: float | None) -> Kernel:
+    factors: list[Kernel] = []
+    if ordered:
+        prior, mode = log_normal(max(LENGTH_LEAST, LENGTH_MEDIAN * math.sqrt(len(ordered))), LENGTH_SPREAD)
+        if tau is not None:
+            prior, mode = SparseLengthPrior(tau), tau**-0.5
+        factors.append(
+            MaternKernel(
+                nu=2.5, ard_num_dims=len(ordered), active_dims=list(ordered), lengthscale_prior=prior,
+                lengthscale_constraint=_between(MIN_LENGTHSCALE, mode),
             )
-        r = _SQRT5 * squared.clamp_min(_TINY).sqrt()
-        m = (1 + r + r**2 / 3) * (-r).exp()
-        if self.categorical:
-            one, two = x1[..., self.categorical], x2[..., self.categorical]
-            if not diag:
-                one, two = one.unsqueeze(-2), two.unsqueeze(-3)
-            mismatch = ((one - two).abs() > 1e-9).to(m.dtype)
-            length = self.log_choice_length.exp().unsqueeze(-2)
-            if not diag:
-                length = length.unsqueeze(-2)
-            m = m * (-(mismatch / length).mean(-1)).exp()
-        return m
-
-    def linear_terms(self, x: torch.Tensor) -> dict[str, torch.Tensor]:
-        """What f is linear in, by the name of its coefficients' variance: ``(..., n, p)`` of ``(..., n, d + 2)``."""
-        terms = {}
-        if self.trend:
-            terms["log_trend_variance"] = math.sqrt(12.0 / len(self.ordered)) * (x[..., self.ordered] - 0.5)
-        if self.feature is not None:
-            terms["log_feature_variance"] = self.feature(x).unsqueeze(-1)
-        return terms
-
-    def forward(self, x1: torch.Tensor, x2: torch.Tensor, diag: bool = False, **params: Any) -> torch.Tensor:
-        """``(..., n, m)`` covariance of ``(..., n, d + 2)`` and ``(..., m, d + 2)``; ``(..., n)`` if ``diag``."""
-        same_rock = _same(x1, x2, self.rock_column, diag)
-
-        def wide(log_value: torch.Tensor) -> torch.Tensor:
-            value = log_value.exp().unsqueeze(-1)
-            return value if diag else value.unsqueeze(-1)
-
-        m = wide(self.log_variance) * self.correlation(x1, x2, diag)
-        k = m + wide(self.log_rock_variance) * same_rock
-        if self.deviations:
-            k = k + wide(self.log_deviation) * m * same_rock
-        if self.slots:
-            k = k + wide(self.log_slot_variance) * _same(x1, x2, self.rock_column + 1, diag)
-        one, two = self.linear_terms(x1), self.linear_terms(x2)
-        for name in one:
-            product = (one[name] * two[name]).sum(-1) if diag else one[name] @ two[name].transpose(-1, -2)
-            k = k + wide(getattr(self, name)) * product
-        return k
+        )  # fmt: skip
+    if categorical:
+        prior, mode = log_normal(1.0, 1.0)
+        factors.append(
+            CategoricalKernel(
+                ard_num_dims=len(categorical), active_dims=list(categorical), lengthscale_prior=prior,
+                lengthscale_constraint=_between(1 / _LARGEST, mode),
+            )
+        )  # fmt: skip
+    return factors[0] if len(factors) == 1 else factors[0] * factors[1]
 
 
-def _parameter(*shape: int) -> torch.nn.Parameter:
-    return torch.nn.Parameter(torch.zeros(shape, dtype=torch.float64))
+def _scaled(base: Kernel, median: float, spread: float) -> ScaleKernel:
+    prior, mode = log_normal(median, spread)
+    return ScaleKernel(base, outputscale_prior=prior, outputscale_constraint=_between(1 / _LARGEST, mode))
 
 
-def _same(x1: torch.Tensor, x2: torch.Tensor, column: int, diag: bool) -> torch.Tensor:
-    one, two = x1[..., column], x2[..., column]
-    if not diag:
-        one, two = one.unsqueeze(-1), two.unsqueeze(-2)
-    return ((one == two) & (one >= 0)).to(x1.dtype)
+def _linear(features: Feature, median: float, spread: float) -> FeatureKernel:
+    prior, mode = log_normal(median, spread)
+    return FeatureKernel(features, variance_prior=prior, variance_constraint=_between(1 / _LARGEST, mode))
+
+
+def _between(low: float, begin: float) -> LogTransformedInterval:
+    """Searched on a logarithmic scale."""
+    return LogTransformedInterval(low, _LARGEST, initial_value=begin)
+
+
+def lengthscales(kernel: Kernel) -> list[float]:
+    """Of the ordered parameters, in the order of their columns; empty where there are none."""
+    found = [part for part in kernel.modules() if isinstance(part, MaternKernel)]
+    return [float(length) for length in found[0].lengthscale[0]] if found else []
+
+
+def shared_variance(kernel: Kernel, column: int) -> float:
+    """Variance of what missions with the same level of ``column`` share; 0 where it is not modelled."""
+    shared = [
+        part
+        for part in kernel.modules()
+        if isinstance(part, ScaleKernel) and isinstance(part.base_kernel, SharedLevel)
+    ]
+    found = [k.outputscale.item() for k in shared if k.base_kernel.active_dims.tolist() == [column]]
+    return found[0] if found else 0.0

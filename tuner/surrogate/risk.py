@@ -1,67 +1,17 @@
 """What is tuned over rocks: the mean outcome, or that of the worst rock.
 
-Risk is over the training rocks' own landscapes, so it needs a surrogate with ``deviations``: where rocks differ by
+Risk is over the training rocks' own landscapes, so it needs a surrogate with ``own_landscapes``: where rocks differ by
 an offset and a scale alone, every measure has its optimum at the same configuration. Outcomes enter in the
 objective's unit: a rock that is hard for every configuration counts as it would for a user.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
 import torch
-from botorch.models.model import Model
-from botorch.posteriors import GPyTorchPosterior
-from gpytorch.distributions import MultitaskMultivariateNormal
-from linear_operator.operators import DenseLinearOperator
 
 from tuner.problem.options import Risk
-
-if TYPE_CHECKING:
-    from tuner.surrogate.model import RockMeanGP
 
 
 def risk_of(outcomes: torch.Tensor, risk: Risk) -> torch.Tensor:
     """(...,) measure of (..., rocks) outcomes, larger is better."""
     return outcomes.mean(-1) if risk == "mean" else outcomes.amin(-1)
-
-
-class RockOutcomes(Model):
-    """The surrogate as a model with one output per training rock, in the objective's unit.
-
-    Its inputs are the surrogate's; the rock and slot columns are replaced.
-    """
-
-    def __init__(self, gp: RockMeanGP) -> None:
-        super().__init__()
-        self._gp = gp
-        self._levels = [gp.rock_level(rock) for rock in gp.rocks]
-        self._scales = torch.tensor([gp.standardiser.scale(rock) for rock in gp.rocks])
-        self._centres = torch.tensor([gp.standardiser.centre(rock) for rock in gp.rocks])
-
-    @property
-    def num_outputs(self) -> int:
-        """Number of training rocks."""
-        return len(self._levels)
-
-    @property
-    def batch_shape(self) -> torch.Size:
-        """No batch."""
-        return torch.Size()
-
-    def posterior(self, X: torch.Tensor, posterior_transform: Any = None, **kwargs: Any) -> GPyTorchPosterior:
-        """Joint over q points and R rocks at ``(..., q, d + 2)`` inputs: ``(..., q, R)`` values."""
-        d, q, count = self._gp.space.dimension, X.shape[-2], len(self._levels)
-        blocks = []
-        for level in self._levels:
-            block = X.clone()
-            block[..., d], block[..., d + 1] = level, self._gp.virtual_rock
-            blocks.append(block)
-        joint = self._gp.model.posterior(torch.cat(blocks, dim=-2)).distribution
-        mean = joint.mean.unflatten(-1, (count, q)).transpose(-1, -2) * self._scales + self._centres
-        factor = self._scales.repeat_interleave(q)
-        covariance = joint.covariance_matrix * factor * factor.unsqueeze(-1)
-        posterior = GPyTorchPosterior(
-            MultitaskMultivariateNormal(mean, DenseLinearOperator(covariance), interleaved=False)
-        )
-        return posterior if posterior_transform is None else posterior_transform(posterior, X=X)

@@ -15,7 +15,8 @@ import numpy as np
 from scipy import stats
 
 from tuner.problem.observations import Observation
-from tuner.surrogate.model import NORMAL_95, RockMeanGP
+from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.numerics import NORMAL_95
 
 MIN_MISSIONS = 4  # on a rock: its level is estimated from them
 
@@ -52,7 +53,7 @@ def leave_one_rock_out(
         measured = np.array([o.outcome for o in own], dtype=float)
         residual = measured - belief.mean
         residual -= residual.mean()
-        variance = belief.sd**2 + model.noise_sd**2 + (model.slot_sd or 0.0) ** 2
+        variance = belief.sd**2 + model.noise_sd**2 + (model.block_sd or 0.0) ** 2
         z = residual / np.sqrt(variance * (1.0 - 1.0 / len(own)))  # the level took one degree of freedom
         varied = np.ptp(measured) > 0 and np.ptp(belief.mean) > 0
         rank = float(stats.spearmanr(measured, belief.mean).statistic) if varied else math.nan

@@ -22,7 +22,8 @@ from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
 from tuner.report import write_campaign_report
-from tuner.samplers.registry import GPSampler, SamplerSettings
+from tuner.samplers.base import SamplerSettings
+from tuner.samplers.gp import GPSampler
 
 FRACTION, D95 = synthetic.SPACE.parameters
 ONE_PARAMETER = dataclasses.replace(synthetic.SPACE, name="one", parameters=(FRACTION,))

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nbv.errors import UserError
-from tuner.problem.objective import Objective, RockStandardiser
+from tuner.problem.objective import Objective
+from tuner.problem.standardise import RockStandardiser
 
 
 def test_failed_and_missing_are_infeasible_degraded_counts() -> None:

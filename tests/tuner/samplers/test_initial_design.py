@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
+from tuner.samplers.base import SamplerSettings
 from tuner.samplers.design import (
     MANY_PARAMETERS,
     NEAR_SD,
@@ -20,7 +21,7 @@ from tuner.samplers.design import (
     places_for_earlier,
     sobol_point,
 )
-from tuner.samplers.registry import SamplerSettings, make_sampler
+from tuner.samplers.registry import make_sampler
 
 MIXED = SearchSpace(
     "mixed",

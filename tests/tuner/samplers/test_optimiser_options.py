@@ -21,8 +21,9 @@ from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values, load_search_space
 from tuner.samplers.earlier_missions import EarlierMissions
-from tuner.samplers.registry import GPSampler, surrogate_settings
-from tuner.surrogate.model import RockMeanGP, SurrogateSettings
+from tuner.samplers.gp import GPSampler
+from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
 
 settings = functools.partial(fake_campaigns.settings, initial=4)
 run = functools.partial(fake_campaigns.run, initial=4)
@@ -45,7 +46,7 @@ def opposed_rocks() -> list[Observation]:
 @pytest.mark.parametrize(("risk", "best"), [("mean", 1.0), ("worst", 1 / 3)])
 def test_risk_measures_have_their_own_optimum(risk: str, best: float) -> None:
     model = RockMeanGP(
-        synthetic.SPACE, opposed_rocks(), ("up", "down"), settings=SurrogateSettings(deviations=True)
+        synthetic.SPACE, opposed_rocks(), ("up", "down"), settings=SurrogateSettings(own_landscapes=True)
     )
     grid = [synthetic.SPACE.from_unit([u, 0.5]) for u in np.linspace(0, 1, 31)]
     belief = model.posterior(grid, risk)  # type: ignore[arg-type]
@@ -118,10 +119,10 @@ def flown_before(fly: Callable[[Values, str], float | None], missions: int = 96)
 
 def test_agreeing_landscape_is_used_and_a_misleading_one_is_not() -> None:
     history = synthetic.random_design(12, 0.05, 0)
-    good = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, earlier=flown_before(cheap))
-    bad = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, earlier=flown_before(misleading))
+    good = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, feature=flown_before(cheap).feature)
+    bad = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, feature=flown_before(misleading).feature)
     alone = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
-    assert good.uses_earlier and not bad.uses_earlier and not alone.uses_earlier
+    assert good.uses_feature and not bad.uses_feature and not alone.uses_feature
     points = [synthetic.SPACE.from_unit(u) for u in np.random.default_rng(5).random((200, 2))]
     truth = np.array([synthetic.true_rock_mean(v) for v in points])
     best = truth > np.quantile(truth, 0.75)  # the search went there

@@ -23,8 +23,8 @@ from tuner.campaign.session import fly_campaign
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.observations import Observation, Pending
 from tuner.problem.search_space import load_search_space, space_from_dict
+from tuner.samplers.base import SamplerSettings
 from tuner.samplers.peers import PEER_NAMES, PeerSampler, available_peers, make_peer_sampler
-from tuner.samplers.registry import SamplerSettings
 
 FAKE = str(Path(__file__).parents[2] / "support" / "fake_peer_server.py")
 FIRST, SECOND = synthetic.SPACE.paths

@@ -15,7 +15,7 @@ from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Pending
 from tuner.problem.search_space import Values
 from tuner.recommendation.recommendation import recommend
-from tuner.samplers.registry import GPSampler
+from tuner.samplers.gp import GPSampler
 from tuner.samplers.verification import PREDICTED, expected_shortfall, markdown, verification
 from tuner.surrogate.model import RockMeanGP
 
@@ -60,14 +60,14 @@ def test_favourite_flies_every_slot_it_has_not_seen() -> None:
     assert proposal is not None and proposal.values == GOOD and proposal.why["phase"] == "verification"
     assert (proposal.rock, proposal.replicate) == ("r1", 1)  # replicate 0 of r1 has been flown once, 1 never
     assert proposal.memory[PREDICTED] == pytest.approx(proposal.why["predicted_mean"])
-    slots = [("r0", 0)]
+    blocks = [("r0", 0)]
     flying: list[Pending] = []
     while (proposal := verification(model_of(history), history, flying, 2, expected_gain=0.0)) is not None:
-        slots.append((proposal.rock or "", -1 if proposal.replicate is None else proposal.replicate))
-        assert (PREDICTED in proposal.memory) == (len(slots) == 2), "only the first check tells of the model"
-        flying.append(Pending(4 + len(flying), GOOD, *slots[-1]))
-    assert {rock for rock, _ in slots[:3]} == set(ROCKS), "every rock once comes before any rock twice"
-    assert sorted(slots) == [(rock, k) for rock in ROCKS for k in range(2)]
+        blocks.append((proposal.rock or "", -1 if proposal.replicate is None else proposal.replicate))
+        assert (PREDICTED in proposal.memory) == (len(blocks) == 2), "only the first check tells of the model"
+        flying.append(Pending(4 + len(flying), GOOD, *blocks[-1]))
+    assert {rock for rock, _ in blocks[:3]} == set(ROCKS), "every rock once comes before any rock twice"
+    assert sorted(blocks) == [(rock, k) for rock in ROCKS for k in range(2)]
 
 
 def test_nothing_to_verify_while_exploring_promises_more() -> None:
@@ -98,7 +98,7 @@ def test_marked_down_for_the_share_of_slots_not_flown() -> None:
     history = a_clear_favourite()
     space = synthetic.SPACE
     np.testing.assert_allclose(markdown(space, history, [FAIR, GOOD], ROCKS, 1.5), [0.0, 1.0])
-    history.append(seen(4, FAIR, "r0", 50.0, 1))  # a fourth slot, which GOOD has not flown either
+    history.append(seen(4, FAIR, "r0", 50.0, 1))  # a fourth block, which GOOD has not flown either
     np.testing.assert_allclose(markdown(space, history, [FAIR, GOOD], ROCKS, 1.0), [0.0, 0.75])
     np.testing.assert_allclose(markdown(space, history, [FAIR, GOOD], ("r0",), 1.0), [0.0, 0.5])
     np.testing.assert_array_equal(markdown(space, history, [FAIR, GOOD], ROCKS, None), [0.0, 0.0])
@@ -158,7 +158,7 @@ def test_sampler_verifies_near_the_end_of_its_budget_on_a_plateau(verify: bool) 
 
 
 def test_last_missions_are_the_favourites() -> None:
-    """Wherever exploring promises something to the end, as many missions as there are slots check the favourite."""
+    """Wherever exploring promises something to the end, as many missions as there are blocks check the favourite."""
     settings = dataclasses.replace(synthetic.sampler_settings(0, 4), budget=20, replicates=2)
     history, phases = campaign(GPSampler(settings), 20, lambda x: 50.0 + 10.0 * float(x.sum()), seed=1)
     assert phases[12:].count("verification") >= 6

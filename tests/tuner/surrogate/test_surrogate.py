@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 import synthetic
 import torch
+from gpytorch.kernels import Kernel, ScaleKernel
 
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace, space_from_dict
-from tuner.surrogate.model import NORMAL_95, Posterior, RockMeanGP, SurrogateSettings
+from tuner.surrogate.kernel import NO_OFFSET, lengthscales, mission_kernel, shared_variance
+from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.numerics import NORMAL_95
+from tuner.surrogate.posterior import Posterior
+from tuner.surrogate.settings import SurrogateSettings
 
 
 def test_recovers_a_smooth_function_over_shifted_rocks() -> None:
@@ -43,7 +48,7 @@ def test_leave_one_out_agrees_with_leaving_one_out() -> None:
     model = RockMeanGP(synthetic.SPACE, synthetic.random_design(15, 0.1, 3), synthetic.ROCKS)
     check = model.leave_one_out()
     x, y = model.model.train_inputs[0], model.model.train_targets
-    assert x.shape == (15, 4)  # rock and slot are the last columns
+    assert x.shape == (15, 4)  # rock and block are the last columns
     kernel, noise = model.model.covar_module, float(model.model.likelihood.noise)
     constant = float(model.model.mean_module.constant)
     i = 4
@@ -61,45 +66,45 @@ def test_noise_is_recovered() -> None:
     assert model.noise_sd == pytest.approx(0.2 * mean_scale, rel=0.3)
 
 
-def test_slot_offsets_are_told_from_noise_and_cancel() -> None:
-    """Slots that differ twice as much as configurations: noise and differences are found all the same."""
+def test_block_offsets_are_told_from_noise_and_cancel() -> None:
+    """Blocks that differ twice as much as configurations: noise and differences are found all the same."""
     space = synthetic.SPACE
     points = [space.from_unit(u) for u in ([0.7, 0.3], [0.2, 0.8], [0.4, 0.5])]
     scale = float(np.mean([synthetic.fake_missions.rock_shift(r)[1] for r in synthetic.ROCKS]))
     errors: dict[bool, list[float]] = {True: [], False: []}
     noise: dict[bool, list[float]] = {True: [], False: []}
     for seed in range(4):
-        history = synthetic.random_design(32, 0.1, seed, replicates=2, slot_sd=0.6)
-        for slots, found in errors.items():
-            model = RockMeanGP(space, history, synthetic.ROCKS, settings=SurrogateSettings(slots=slots))
-            noise[slots].append(float(model.noise_sd / scale))
+        history = synthetic.random_design(32, 0.1, seed, replicates=2, block_sd=0.6)
+        for blocks, found in errors.items():
+            model = RockMeanGP(space, history, synthetic.ROCKS, settings=SurrogateSettings(blocks=blocks))
+            noise[blocks].append(float(model.noise_sd / scale))
             belief = model.posterior(points)
             for i in (1, 2):
                 truth = synthetic.true_rock_mean(points[i]) - synthetic.true_rock_mean(points[0])
                 found.append(belief.difference(i, 0)[0] - truth)
-            if slots:
+            if blocks:
                 gaps = [
-                    synthetic.slot_offset(r, 0, seed) - synthetic.slot_offset(r, 1, seed)
+                    synthetic.block_offset(r, 0, seed) - synthetic.block_offset(r, 1, seed)
                     for r in synthetic.ROCKS
                 ]
                 realised = 0.6 * scale * np.sqrt(np.mean(np.square(gaps)) / 2)  # four differences: a rough sd
-                assert model.slot_sd is not None and 0.4 * realised < model.slot_sd < 2.5 * realised
+                assert model.block_sd is not None and 0.4 * realised < model.block_sd < 2.5 * realised
                 assert model.leave_one_out().coverage_95 >= 0.85
     assert np.mean(noise[True]) == pytest.approx(0.1, rel=0.3)
-    assert np.mean(noise[False]) > 1.5 * np.mean(noise[True])  # slots taken for noise
-    rms = {slots: np.sqrt(np.mean(np.square(e))) for slots, e in errors.items()}
+    assert np.mean(noise[False]) > 1.5 * np.mean(noise[True])  # blocks taken for noise
+    rms = {blocks: np.sqrt(np.mean(np.square(e))) for blocks, e in errors.items()}
     assert rms[True] < 0.7 * rms[False]
 
 
-def test_predictions_know_a_flown_slot_and_are_humble_about_others() -> None:
-    history = synthetic.random_design(40, 0.1, 1, replicates=2, slot_sd=0.6)
+def test_predictions_know_a_flown_block_and_are_humble_about_others() -> None:
+    history = synthetic.random_design(40, 0.1, 1, replicates=2, block_sd=0.6)
     model = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
     rng = np.random.default_rng(7)
     inside, known, fresh = [], [], []
     for i in range(80):
         rock, replicate = synthetic.ROCKS[i % 4], (i // 4) % 2
         values = synthetic.SPACE.from_unit(rng.random(2))
-        new = synthetic.observe(0, values, rock, 0.1, rng, replicate, 0.6, slot_seed=1)
+        new = synthetic.observe(0, values, rock, 0.1, rng, replicate, 0.6, block_seed=1)
         mean, sd = model.predict_mission(values, rock, replicate)
         inside.append(abs((new.outcome or 0) - mean) <= NORMAL_95 * sd)
         known.append(sd)
@@ -110,50 +115,54 @@ def test_predictions_know_a_flown_slot_and_are_humble_about_others() -> None:
 
 
 def test_slots_are_modelled_only_where_they_show() -> None:
-    from tuner.surrogate.model import slots_identifiable
+    from tuner.surrogate.model import blocks_identifiable
 
-    assert slots_identifiable([("a", 0), ("a", 0), ("a", 1)])
-    assert not slots_identifiable([("a", 0), ("a", 0), ("b", 1), ("b", 1)])  # a rock's only slot is the rock
-    assert not slots_identifiable([("a", 0), ("a", 1), ("b", 0), ("b", 1)])  # one mission each: noise
+    assert blocks_identifiable([("a", 0), ("a", 0), ("a", 1)])
+    assert not blocks_identifiable(
+        [("a", 0), ("a", 0), ("b", 1), ("b", 1)]
+    )  # a rock's only block is the rock
+    assert not blocks_identifiable([("a", 0), ("a", 1), ("b", 0), ("b", 1)])  # one mission each: noise
     model = RockMeanGP(synthetic.SPACE, synthetic.random_design(12, 0.1, 1), synthetic.ROCKS)
-    assert not model.models_slots and model.slot_sd is None
+    assert model.block_sd is None
+
+
+def variance_of(kernel: Kernel, index: int, value: float) -> None:
+    """Sets the variance of the ``index``-th term of the sum."""
+    term = kernel.kernels[index]
+    setattr(term, "outputscale" if isinstance(term, ScaleKernel) else "variance", value)
 
 
 def test_kernel_of_missions() -> None:
-    """What shares a rock or a slot covaries by it; a column at NO_OFFSET shares nothing, not even with itself."""
-    from tuner.surrogate.kernel import NO_OFFSET, MissionKernel
-
-    kernel = MissionKernel([0], [], 1, slots=True, deviations=True)
-    for name, value in (("log_rock_variance", 2.0), ("log_slot_variance", 3.0), ("log_deviation", 0.5)):
-        getattr(kernel, name).data = torch.tensor(value, dtype=torch.float64).log()
+    """What shares a rock or a block covaries by it; a column at NO_OFFSET shares nothing, not even with itself."""
+    kernel = mission_kernel([0], [], 1, SurrogateSettings(own_landscapes=True))
+    for term, value in enumerate((1.0, 2.0, 0.5, 3.0)):
+        variance_of(kernel, term, value)
     x = [[0.5, 0, 0], [0.5, 0, 0], [0.5, 0, 1], [0.5, 1, 2], [0.5, NO_OFFSET, NO_OFFSET]]
     k = kernel(torch.tensor(x, dtype=torch.float64)).to_dense().detach()
     np.testing.assert_allclose(k[0], [6.5, 6.5, 3.5, 1.0, 1.0], rtol=1e-6)
     np.testing.assert_allclose(k[4], [1.0, 1.0, 1.0, 1.0, 1.0], rtol=1e-6)
     diagonal = kernel(torch.tensor(x, dtype=torch.float64), diag=True).detach()
     np.testing.assert_allclose(diagonal, k.diagonal(), rtol=1e-9)
+    assert shared_variance(kernel, 2) == pytest.approx(3.0) and shared_variance(kernel, 0) == 0.0
 
 
 def test_kernel_is_materns_times_mismatches() -> None:
-    from tuner.surrogate.kernel import MissionKernel
-
-    kernel = MissionKernel([0, 1], [2], 3, slots=False, deviations=False)
-    kernel.log_lengthscale.data = torch.tensor([0.5, 2.0], dtype=torch.float64).log()
-    kernel.log_rock_variance.data -= 50
+    kernel = mission_kernel([0, 1], [2], 3, SurrogateSettings(blocks=False))
+    variance_of(kernel, 0, 1.0)
+    matern, choices = kernel.kernels[0].base_kernel.kernels
+    matern.lengthscale, choices.lengthscale = torch.tensor([0.5, 2.0]), 1.0
     a, b = [0.1, 0.9, 0.25, -1, -1], [0.4, 0.3, 0.75, -1, -1]
     r = 5**0.5 * np.hypot(0.3 / 0.5, 0.6 / 2.0)
     k = kernel(torch.tensor([a], dtype=torch.float64), torch.tensor([b], dtype=torch.float64)).to_dense()
     assert k.item() == pytest.approx((1 + r + r**2 / 3) * np.exp(-r) * np.exp(-1.0))
+    assert lengthscales(kernel) == pytest.approx([0.5, 2.0])
 
 
 def test_a_trend_is_linear_with_slopes_alike() -> None:
     """Its covariance is that of sum of slope_i (x_i - 1/2), of variance t^2 on average over the cube."""
-    from tuner.surrogate.kernel import MissionKernel
-
-    kernel = MissionKernel([0, 1], [2], 3, slots=False, deviations=False, trend=True)
-    kernel.log_variance.data -= 50
-    kernel.log_rock_variance.data -= 50
-    kernel.log_trend_variance.data = torch.tensor(4.0, dtype=torch.float64).log()
+    kernel = mission_kernel([0, 1], [2], 3, SurrogateSettings(blocks=False, trend=True))
+    variance_of(kernel, 0, 1e-5)
+    variance_of(kernel, 2, 4.0)
     rng = np.random.default_rng(0)
     x = np.column_stack([rng.random((400, 3)), -np.ones((400, 2))])
     k = kernel(torch.from_numpy(x)).to_dense().detach().numpy()
@@ -184,26 +193,6 @@ def test_a_trend_reaches_where_nothing_was_flown() -> None:
     )
     assert abs(with_trend.mean[0] - truth) < 0.15 * truth
     assert abs(with_trend.mean[0] - truth) < 0.5 * abs(without.mean[0] - truth)
-
-
-@pytest.mark.parametrize("trend", [False, True])
-def test_gradient_of_the_evidence_is_its_slope(trend: bool) -> None:
-    from tuner.surrogate.fit import NOISE, Evidence
-    from tuner.surrogate.kernel import MissionKernel
-
-    rng = np.random.default_rng(0)
-    x = np.column_stack([rng.random((20, 2)), rng.integers(0, 2, 20), np.arange(20) % 3, np.arange(20) % 6])
-    kernel = MissionKernel([0, 1], [2], 3, slots=True, deviations=True, trend=trend)
-    slices, begin = {}, 0
-    for name, parameter in kernel.named_parameters():
-        slices[name] = slice(begin, begin + parameter.numel())
-        begin += parameter.numel()
-    slices[NOISE] = slice(begin, begin + 1)
-    evidence = Evidence(kernel, x, rng.normal(size=20), slices)
-    at = rng.normal(0, 0.5, begin + 1)
-    steps = 1e-5 * np.eye(begin + 1)
-    slope = [(evidence(at + h)[0] - evidence(at - h)[0]) / 2e-5 for h in steps]
-    np.testing.assert_allclose(evidence(at)[1], slope, atol=1e-6)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])

@@ -1,0 +1,103 @@
+"""Outcomes made comparable over rocks."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nbv.types import Floats
+
+# Pseudo-counts of the shrinkage below: a rock's own spread counts fully only beyond this many missions.
+_SCALE_PRIOR_COUNT = 5.0
+
+
+@dataclass(frozen=True)
+class RockStandardiser:
+    """Per-rock standardisation that stays sane with one or two missions on a rock.
+
+    z = (y - centre[rock]) / scale[rock]. Centres are empirical-Bayes estimates of a random rock effect:
+    y = mu + a_rock + e, with the variances of a and e estimated from the data, so that a rock's centre moves
+    from the grand mean towards its own mean as the rock effect stands out from the spread within rocks.
+    Scales are within-rock standard deviations shrunk towards the pooled one by 5 pseudo-observations.
+    Rocks never flown get the grand mean and the pooled scale.
+    """
+
+    centres: Mapping[str, float]
+    scales: Mapping[str, float]
+    grand_mean: float
+    pooled_scale: float
+
+    @staticmethod
+    def fit(
+        rocks: Sequence[str],
+        outcomes: Floats | Sequence[float],
+        *,
+        shrink_centres: bool = True,
+        blocks: Sequence[Hashable] | None = None,
+    ) -> RockStandardiser:
+        """Estimate from ``(n,)`` rock names and outcomes (larger is better); n may be 0.
+
+        Without ``shrink_centres`` each rock is centred on its own mean: for a model that infers what is left of
+        the rock effect by itself. With ``(n,)`` ``blocks``, each within one rock, scales are standard deviations
+        within blocks: for a model that infers what is common to a block.
+        """
+        y = np.asarray(outcomes, dtype=float)
+        names = sorted(set(rocks))
+        groups = {name: y[np.array([rock == name for rock in rocks])] for name in names}
+        if len(y) == 0:
+            return RockStandardiser({}, {}, 0.0, 1.0)
+        means = {name: float(group.mean()) for name, group in groups.items()}
+        residual, own = _residuals(y, rocks if blocks is None else blocks)
+        of_rock = {name: np.array([rock == name for rock in rocks]) for name in names}
+        within_squares = {name: float((residual[of_rock[name]] ** 2).sum()) for name in names}
+        freedom = {name: float(own[of_rock[name]].sum()) for name in names}
+        degrees = sum(freedom.values())
+        between = float(np.var(list(means.values()), ddof=1)) if len(names) > 1 else 0.0
+        # With one mission per rock nothing tells rock from configuration: share the spread between them.
+        within = sum(within_squares.values()) / degrees if degrees > 0.5 else between / 2
+        within = max(within, 1e-12 * max(1.0, float(np.mean(y**2))))
+        mean_inverse_count = float(np.mean([1 / len(group) for group in groups.values()]))
+        rock_variance = max(0.0, between - within * mean_inverse_count)
+
+        precision = {n: 1 / (rock_variance + within / len(g)) for n, g in groups.items()}
+        grand = sum(precision[n] * means[n] for n in names) / sum(precision.values())
+        centres, scales = {}, {}
+        for name, group in groups.items():
+            weight = rock_variance / (rock_variance + within / len(group)) if shrink_centres else 1.0
+            centres[name] = grand + weight * (means[name] - grand)
+            count = _SCALE_PRIOR_COUNT + freedom[name]
+            variance = (_SCALE_PRIOR_COUNT * within + within_squares[name]) / count
+            scales[name] = math.sqrt(variance)
+        return RockStandardiser(centres, scales, grand, math.sqrt(within))
+
+    def standardise(self, rocks: Sequence[str], outcomes: Floats | Sequence[float]) -> Floats:
+        """(n,) standardised outcomes."""
+        return np.array([(y - self.centre(rock)) / self.scale(rock) for rock, y in zip(rocks, outcomes)])
+
+    def centre(self, rock: str) -> float:
+        """The rock's centre, in the outcome's unit."""
+        return self.centres.get(rock, self.grand_mean)
+
+    def scale(self, rock: str) -> float:
+        """The rock's scale, in the outcome's unit."""
+        return self.scales.get(rock, self.pooled_scale)
+
+    def mean_over(self, rocks: Sequence[str]) -> tuple[float, float]:
+        """``(offset, factor)``: the mean outcome over ``rocks`` is offset + factor * z."""
+        return (
+            float(np.mean([self.centre(rock) for rock in rocks])),
+            float(np.mean([self.scale(rock) for rock in rocks])),
+        )
+
+
+def _residuals(y: Floats, groups: Sequence[Hashable]) -> tuple[Floats, Floats]:
+    """(n,) deviations from the group means, and (n,) shares of the degrees of freedom, 1 - 1 / group size."""
+    residual, share = np.empty(len(y)), np.empty(len(y))
+    for group in set(groups):
+        inside = np.array([g == group for g in groups])
+        residual[inside] = y[inside] - y[inside].mean()
+        share[inside] = 1 - 1 / inside.sum()
+    return residual, share

@@ -1,0 +1,70 @@
+"""One ask face for our optimiser and for the baselines.
+
+A sampler is a function of the history, the missions in flight and a seed; it keeps no state of its own, so a
+campaign that is resumed proposes what it would have proposed. What a library needs to remember between asks
+travels in ``Proposal.memory`` through the ledger and back in the history.
+
+Every sampler starts at the default configuration: each optimiser may know where the paper stands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from tuner.problem.observations import Observation, Pending, Proposal
+from tuner.problem.options import Risk
+from tuner.problem.search_space import SearchSpace, Values
+from tuner.samplers.design import sobol_point
+
+if TYPE_CHECKING:
+    from tuner.samplers.earlier_missions import EarlierMissions
+
+
+class Sampler(Protocol):
+    """Proposes the next mission."""
+
+    @property
+    def name(self) -> str:
+        """As in ``tuner.samplers.registry.ALL_SAMPLER_NAMES``."""
+        ...
+
+    def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
+        """The next configuration, given all finished missions and those in flight."""
+        ...
+
+
+@dataclass(frozen=True)
+class SamplerSettings:
+    """What every sampler is built from."""
+
+    space: SearchSpace
+    default: Values  # the configuration everything starts from: the paper's
+    rocks: tuple[str, ...]  # training rocks
+    seed: int
+    initial: int  # size of the initial design, the default configuration included
+    replicates: int = 1  # per rock, for samplers that choose them
+    risk: Risk = "mean"  # of sampler gp
+    earlier: EarlierMissions | None = None  # missions flown before the campaign, for sampler gp
+    two_objectives: bool = False  # sampler gp: search the front between the objective and the second one
+    budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
+    trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it
+
+
+def derived_seed(seed: int, number: int) -> int:
+    """Seed of the ask for trial ``number``: a function of both, well mixed."""
+    return int(np.random.SeedSequence([seed, number]).generate_state(1)[0]) % (2**31)
+
+
+def asks(history: Sequence[Observation], pending: Sequence[Pending]) -> int:
+    return len(history) + len(pending)
+
+
+def initial_proposal(settings: SamplerSettings, number: int, sampler: str) -> Proposal:
+    if number == 0:
+        return Proposal(dict(settings.default), {"sampler": sampler, "phase": "default"})
+    why = {"sampler": sampler, "phase": "initial design", "point": number - 1}
+    return Proposal(sobol_point(settings.space, settings.seed, number - 1), why)

@@ -1,0 +1,45 @@
+"""Samplers that learn nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tuner.problem.observations import Observation, Pending, Proposal
+from tuner.samplers.base import SamplerSettings, asks, derived_seed, initial_proposal
+
+
+@dataclass(frozen=True)
+class SobolSampler:
+    """Scrambled Sobol sequence."""
+
+    settings: SamplerSettings
+    name: str = "sobol"
+
+    def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
+        """The next point of the sequence."""
+        return initial_proposal(self.settings, asks(history, pending), self.name)
+
+
+@dataclass(frozen=True)
+class RandomSampler:
+    """Uniform in the unit cube."""
+
+    settings: SamplerSettings
+    name: str = "random"
+
+    def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
+        """A fresh uniform draw."""
+        number = asks(history, pending)
+        if number == 0:
+            return initial_proposal(self.settings, 0, self.name)
+        rng = np.random.default_rng(derived_seed(self.settings.seed, number))
+        values = self.settings.space.from_unit(rng.random(self.settings.space.dimension))
+        return Proposal(values, {"sampler": self.name, "phase": "random"})
+
+
+def make_plain_sampler(name: str, settings: SamplerSettings) -> SobolSampler | RandomSampler:
+    """``sobol`` or ``random``."""
+    return SobolSampler(settings) if name == "sobol" else RandomSampler(settings)

@@ -1,0 +1,34 @@
+"""What the surrogate is made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from tuner.problem.options import Risk
+from tuner.problem.search_space import SearchSpace
+
+# From so many parameters on most of them are expected to be without effect: 64 missions cannot tell which of 18
+# matter otherwise.
+MANY_PARAMETERS = 13
+
+
+@dataclass(frozen=True)
+class SurrogateSettings:
+    """What the Gaussian process has beside the common landscape and the rocks' offsets."""
+
+    blocks: bool = (
+        True  # an offset per (rock, replicate), as soon as the data can tell it from rock and noise
+    )
+    own_landscapes: bool = False  # each rock departs from the common landscape, not only by an offset
+    sparse: bool = False  # SAAS prior of the length scales: most parameters are expected to be without effect
+    trend: bool = False  # a linear trend beside f's other part, one slope per ordered parameter
+
+
+def surrogate_settings(space: SearchSpace, risk: Risk = "mean") -> SurrogateSettings:
+    """The surrogate that goes with a search space and what is tuned over the rocks.
+
+    Risk is about what rocks do not share. In ``full`` (18 parameters, 64 geometric missions) the sparse prior gains 0.25
+    points of F-score (0.06 to 0.49) over the prior of smaller spaces, and the trend alone loses 0.10 (0.00 to 0.19).
+    """
+    many = space.dimension >= MANY_PARAMETERS
+    return SurrogateSettings(own_landscapes=risk != "mean", sparse=many, trend=many)
