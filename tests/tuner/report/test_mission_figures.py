@@ -16,7 +16,9 @@ from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.mission.planning_state import save_state
 from nbv.mission.run_directory import RunDirectory
+from nbv.rocks.rock import make_rock
 from nbv.types import CandidatePool, PlanningState, PointCloud, SparseModel
+from tuner.report import mission_figures
 from tuner.report.mission_figures import (
     labels_of,
     overlay_figure,
@@ -84,17 +86,14 @@ def made_mission(root: Path, gate: str = "hyb-h", offset_m: float = 0.01) -> Pat
 
 @pytest.fixture
 def rock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
-    """A ball known to ``load_rock``."""
-    from nbv import rocks
-    from nbv.rocks.rock import make_rock
-
+    """A ball known to the figures."""
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.8)
     vertices = np.asarray(ball.vertices) + np.array([0, 0, 0.8])
     subject = make_rock(
         "ball", vertices, np.asarray(ball.faces), np.full((len(vertices), 3), 0.3, np.float32), split="extra",
         difficulty="none",
     )  # fmt: skip
-    monkeypatch.setattr(rocks, "load_rock", lambda name: {"ball": subject}[name])
+    monkeypatch.setattr(mission_figures, "load_rock", lambda name: {"ball": subject}[name])
     return "ball"
 
 
