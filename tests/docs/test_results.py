@@ -49,6 +49,19 @@ def test_every_row_of_data_is_complete(path):
     assert all(len(row) == len(head) for row in rows)
 
 
+def test_pages_that_the_code_names_exist():
+    files = [
+        path
+        for folder in ("nbv", "tuner", "search_spaces")
+        for path in (ROOT / folder).rglob("*")
+        if path.suffix in (".py", ".yaml")
+    ]
+    named = {
+        page for path in files for page in re.findall(r"\bdocs/[\w/-]+\.md", path.read_text(encoding="utf-8"))
+    }
+    assert named and not [page for page in named if not (ROOT / page).is_file()]
+
+
 def test_every_image_is_shown_somewhere():
     texts = "".join(
         page.read_text(encoding="utf-8") for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]

@@ -11,11 +11,11 @@ from tuner.problem.search_space import SearchSpace, Values
 from tuner.surrogate.settings import MANY_PARAMETERS
 
 # Where missions were flown before a campaign, elsewhere, a design this short has so many of the best of them right after
-# the default (docs/results/optimiser_ablation.md, "A design that trusts an earlier campaign").
+# the default (docs/results/warm_start.md).
 WITH_EARLIER, FROM_EARLIER = 6, 4
 
 # Standard deviation of a point near a trusted default, per parameter, of the unit cube: smallest and largest,
-# evenly spread logarithms (docs/results/optimiser_ablation.md, "A design that trusts the default").
+# evenly spread logarithms (docs/results/optimiser_ablation.md).
 NEAR_SD = (0.075, 0.3)
 
 
