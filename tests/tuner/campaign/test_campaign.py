@@ -169,6 +169,7 @@ DRIVER = """
 import sys
 from pathlib import Path
 from tuner.campaign.campaign import Campaign
+from tuner.campaign.session import fly_campaign
 from tuner.missions.executors import LocalProcessExecutor
 if __name__ == "__main__":
     campaign = Campaign.open(Path(sys.argv[1]))
