@@ -9,8 +9,22 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-PACKAGES = ("gatetune", "numpy", "scipy", "pycolmap", "opencv-python-headless", "open3d-cpu", "open3d", "pyrender2",
-            "trimesh", "ruckig", "torch", "botorch", "gpytorch", "optuna")  # fmt: skip
+PACKAGES = (
+    "gatetune",
+    "numpy",
+    "scipy",
+    "pycolmap",
+    "opencv-python-headless",
+    "open3d-cpu",
+    "open3d",
+    "pyrender2",
+    "trimesh",
+    "ruckig",
+    "torch",
+    "botorch",
+    "gpytorch",
+    "optuna",
+)
 
 
 @functools.cache
@@ -30,10 +44,22 @@ def git_revision() -> str:
     """The checkout's revision with ``+changes`` if the tree is dirty; ``unknown`` outside a checkout."""
     root = Path(__file__).resolve().parent.parent
     try:
-        revision = subprocess.run(["git", "rev-parse", "--short=12", "HEAD"], cwd=root, capture_output=True,
-                                  text=True, timeout=10, check=True).stdout.strip()  # fmt: skip
-        dirty = subprocess.run(["git", "status", "--porcelain", "--untracked-files=no"], cwd=root,
-                               capture_output=True, text=True, timeout=10, check=True).stdout.strip()  # fmt: skip
+        revision = subprocess.run(
+            ["git", "rev-parse", "--short=12", "HEAD"],
+            cwd=root,
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        ).stdout.strip()
+        dirty = subprocess.run(
+            ["git", "status", "--porcelain", "--untracked-files=no"],
+            cwd=root,
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        ).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return "unknown"
     return f"{revision}+changes" if dirty else revision

@@ -126,8 +126,13 @@ class CandidatePool:
     def viewpoint(self, index: int) -> Viewpoint:
         """The candidate at ``index``."""
         x, y, z = (float(v) for v in self.positions_m[index])
-        return Viewpoint(self.ids[index], (x, y, z), float(self.azimuths_deg[index]),
-                         float(self.elevations_deg[index]), self.bands[index])  # fmt: skip
+        return Viewpoint(
+            self.ids[index],
+            (x, y, z),
+            float(self.azimuths_deg[index]),
+            float(self.elevations_deg[index]),
+            self.bands[index],
+        )
 
 
 @dataclass(frozen=True)

@@ -64,9 +64,15 @@ class GeometricReconstructor:
         self._n = len(world.landmarks_m) if config.stop.knn_region == "all" else world.n_near
         sparse = config.sparse
         self._identity: tuple[object, ...] = (
-            rock_sha256, replicate, self._n, config.target_m, config.camera,
-            sparse.min_inliers, sparse.min_registered_seeds, sparse.max_pair_angle_deg,
-        )  # fmt: skip
+            rock_sha256,
+            replicate,
+            self._n,
+            config.target_m,
+            config.camera,
+            sparse.min_inliers,
+            sparse.min_registered_seeds,
+            sparse.max_pair_angle_deg,
+        )
         draw = Draw(self._n, self._features, sparse.max_pair_angle_deg, rock_sha256, replicate)
         self._landmarks = landmarks_of(world, draw)
         self._tracks: Tracks | None = None

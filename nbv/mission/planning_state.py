@@ -88,12 +88,25 @@ def load_state(path: Path) -> tuple[PlanningState, CandidatePool]:
                 alignment_max_m=float(data["alignment_m"][1]),
             )
             n_seeds, heading, used, budget, d95, iteration = data["scalars"].tolist()
-            state = PlanningState(model, data["visited_m"], int(n_seeds), data["vehicle_m"], heading, int(used),
-                                  int(budget), d95, int(iteration))  # fmt: skip
+            state = PlanningState(
+                model,
+                data["visited_m"],
+                int(n_seeds),
+                data["vehicle_m"],
+                heading,
+                int(used),
+                int(budget),
+                d95,
+                int(iteration),
+            )
             pool = CandidatePool(
-                tuple(data["pool_ids"].tolist()), data["pool_positions_m"], data["pool_headings_rad"],
-                data["pool_azimuths_deg"], data["pool_elevations_deg"], tuple(data["pool_bands"].tolist()),
-            )  # fmt: skip
+                tuple(data["pool_ids"].tolist()),
+                data["pool_positions_m"],
+                data["pool_headings_rad"],
+                data["pool_azimuths_deg"],
+                data["pool_elevations_deg"],
+                tuple(data["pool_bands"].tolist()),
+            )
             return state, pool
     except FileNotFoundError as error:
         raise UserError(f"{path} does not exist; name a state file of a finished mission") from error

@@ -185,9 +185,12 @@ class CachedClouds:
         # Depths are checked with the configured number and may then be fused at a stricter one: the same bits.
         dense = dataclasses.replace(config.dense, agreeing_views=level)
         key = digest(
-            _stage_code("dense"), self._sparse.key, dataclasses.asdict(config.camera), list(config.target_m),
+            _stage_code("dense"),
+            self._sparse.key,
+            dataclasses.asdict(config.camera),
+            list(config.target_m),
             canonical(dense),
-        )  # fmt: skip
+        )
         if (entry := self._store.get("clouds", key)) is not None:
             if "failure" in entry:
                 raise MissionFailure(*(str(part) for part in entry["failure"]))
@@ -210,11 +213,15 @@ class CachedEvaluation:
     def __call__(self, cloud: Cloud, rock: Rock, config: MissionConfig) -> Evaluation:
         """See `nbv.evaluation.evaluate_cloud`; a failure is not kept, it is met again."""
         key = digest(
-            _stage_code("evaluation"), _stage_code("viewpoints"),
-            cloud.key if isinstance(cloud, LazyCloud) else cloud.points_m, rock.sha256,
-            dataclasses.asdict(config.evaluation), list(config.target_m), config.dense.fusion_voxel_m,
+            _stage_code("evaluation"),
+            _stage_code("viewpoints"),
+            cloud.key if isinstance(cloud, LazyCloud) else cloud.points_m,
+            rock.sha256,
+            dataclasses.asdict(config.evaluation),
+            list(config.target_m),
+            config.dense.fusion_voxel_m,
             camera_shell(config),
-        )  # fmt: skip
+        )
         if (entry := self._store.get("evaluations", key)) is not None:
             found = json.loads(entry["json"].tobytes())
             return Evaluation(

@@ -7,6 +7,13 @@ Where forking is not safe (a library started threads on import, or the system is
 fresh interpreter. Lines of JSON: in ``{"op": "run", "job": {...}}`` and ``{"op": "kill", "id": ...}``; out
 ``{"event": "ready" | "started" | "exited", ...}``. When standard input closes, i.e. the campaign ended or was
 killed, all missions are killed: none outlives its campaign.
+
+What it buys over a library, with a process of its own for every mission, one worker and a warm store
+(``benchmarks/mission_processes.py``, medians of three rounds on two busy cores, 2026-11): a geometric mission takes 0.57
+of the time under pebble 5.2.3 and 0.77 of that under `concurrent.futures`, whose processes read the rock again; a
+photogrammetric one 0.88 of that under `concurrent.futures`. Under pebble a process that a hung mission had started
+outlived the time-out; under `concurrent.futures` one aborted mission broke the pool and a hung one went on; under both
+a mission outlived its killed campaign.
 """
 
 from __future__ import annotations

@@ -30,8 +30,16 @@ class CountingReconstructor:
         points = rng.normal(size=(n, 3))
         points = [0, 0, 0.8] + 0.7 * points / np.linalg.norm(points, axis=1, keepdims=True)
         cameras = np.stack([rng.permutation(24)[:3] for _ in range(n)])
-        return SparseModel(points, np.full(n, 0.5), np.arange(n + 1) * 3, cameras.ravel(), np.array(self.centers),
-                           tuple(self.names), 0.005, 0.01)  # fmt: skip
+        return SparseModel(
+            points,
+            np.full(n, 0.5),
+            np.arange(n + 1) * 3,
+            cameras.ravel(),
+            np.array(self.centers),
+            tuple(self.names),
+            0.005,
+            0.01,
+        )
 
     def bootstrap(self, captures):
         for capture in captures:

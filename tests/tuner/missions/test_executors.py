@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -21,6 +22,19 @@ def job(
     directory: Path, rock: str = "a", number: int = 0, runner: str = "fake_missions:fake_mission"
 ) -> MissionJob:
     return MissionJob(f"{number:04d}", MissionConfig(), rock, 0, directory / f"{number:04d}", runner=runner)
+
+
+def server_of_this_process() -> int:
+    """Process id of the mission server that this process has started."""
+    for entry in Path("/proc").glob("[0-9]*"):
+        try:
+            parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
+            is_server = b"tuner.missions.server" in (entry / "cmdline").read_bytes()
+        except OSError:  # it has just ended
+            continue
+        if parent == os.getpid() and is_server:
+            return int(entry.name)
+    raise AssertionError("there is no server")
 
 
 def fly(executor: LocalProcessExecutor, jobs: list[MissionJob]) -> dict[str, MissionOutcome]:
@@ -46,8 +60,7 @@ def test_server_that_dies_costs_its_missions_and_is_replaced(tmp_path: Path) -> 
     with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
         executor.submit(job(tmp_path, "hang", 0))
         time.sleep(1.0)
-        assert executor._server is not None
-        executor._server.kill()
+        os.kill(server_of_this_process(), signal.SIGKILL)
         outcomes = {o.job_id: o for _ in range(10) for o in executor.wait_any(1.0)}
         assert outcomes["0000"].status == "failed" and outcomes["0000"].reason.startswith("worker_died")
         assert fly(executor, [job(tmp_path, "a", 1)])["0001"].status == "ok"
@@ -66,9 +79,13 @@ def test_one_thread_per_mission_and_a_fresh_interpreter_where_forking_is_unsafe(
     environment = {k: v for k, v in os.environ.items() if not k.endswith("_NUM_THREADS")}
     environment["PYTHONPATH"] = os.pathsep.join(sys.path)
     done = subprocess.run(
-        [sys.executable, "-m", "tuner.missions.server", "--job"], input=json.dumps(each.to_dict()), text=True,
-        env=environment, check=False, capture_output=True,
-    )  # fmt: skip
+        [sys.executable, "-m", "tuner.missions.server", "--job"],
+        input=json.dumps(each.to_dict()),
+        text=True,
+        env=environment,
+        check=False,
+        capture_output=True,
+    )
     assert done.returncode == 0, done.stderr
     outcome = collect_outcome(each)
     assert outcome is not None and outcome.status == "ok"

@@ -74,8 +74,11 @@ def test_later_missions_fly_around_the_rock_that_the_first_one_read(tmp_path: Pa
     stamp = ball.stat().st_mtime_ns
 
     def fly(executor: LocalProcessExecutor, number: int) -> MissionOutcome:
-        executor.submit(MissionJob(f"{number:04d}", preset("campaign"), str(ball), 0, tmp_path / str(number),
-                                   runner=RUNNER))  # fmt: skip
+        executor.submit(
+            MissionJob(
+                f"{number:04d}", preset("campaign"), str(ball), 0, tmp_path / str(number), runner=RUNNER
+            )
+        )
         return next(o for _ in range(120) for o in executor.wait_any(1.0))
 
     def rock_sha256(number: int) -> str:
