@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
@@ -31,7 +32,9 @@ from nbv.viewpoints import raw_candidates, seed_viewpoints
 
 def measure(rock: Rock, extras: list[int], config: MissionConfig) -> None:
     """Print the table rows of one rock."""
-    renderer = make_renderer(build_scene(rock, config.scene, config.camera), config.scene.backend)
+    renderer = make_renderer(
+        build_scene(rock, config.scene, config.camera, store=Store()), config.scene.backend
+    )
     seeds, pool = list(seed_viewpoints(config)), list(raw_candidates(config))
     shuffled = [pool[i] for i in keyed_rng("dense agreement", rock.sha256).permutation(len(pool))]
     views = [*seeds, *shuffled[: max(extras)]]
@@ -54,7 +57,7 @@ def measure(rock: Rock, extras: list[int], config: MissionConfig) -> None:
             cloud = fuse(depths, chosen_images, chosen_poses, config.camera, config.target_m, dense)
             fusion_s = time.process_time() - start
             start = time.process_time()
-            scores = evaluate_cloud(cloud, rock, config).metrics
+            scores = evaluate_cloud(cloud, rock, config, Store()).metrics
             evaluation_s = time.process_time() - start
             part = scores["observable"]
             values = [
@@ -75,10 +78,12 @@ def main() -> None:
     parser.add_argument("--mesh", type=Path, nargs="*", default=[], help="mesh files, scaled to 1.6 m")
     parser.add_argument("--extra", type=int, nargs="+", default=[0, 8, 16], help="candidates after the seeds")
     arguments = parser.parse_args()
-    rocks = [load_rock(name) for name in arguments.rocks] + [import_mesh(path) for path in arguments.mesh]
+    rocks = [load_rock(name, Store()) for name in arguments.rocks] + [
+        import_mesh(path) for path in arguments.mesh
+    ]
     print("| rock | views | agreeing | C48 | A48 | F48 | C16 | A16 | F16 | points | depth s | fusion s "
           "| cleaning and metrics s |\n" + "|---" * 13 + "|")  # fmt: skip
-    for rock in rocks or [load_rock("boulder")]:
+    for rock in rocks or [load_rock("boulder", Store())]:
         measure(rock, sorted(arguments.extra), MissionConfig())
 
 

@@ -45,12 +45,12 @@ Tensor = torch.Tensor
 def observe(mission: Path, rock_name: str) -> dict[str, np.ndarray]:
     """(V, S) right depths and agreeing views of one mission's dense stage, and the geometry they are fitted to."""
     config = config_from_dict(yaml.safe_load((mission / "config.yaml").read_text()))
-    result, rock = MissionResult.load(mission), load_rock(rock_name)
+    result, rock = MissionResult.load(mission), load_rock(rock_name, Store())
     viewpoints = {v.id: v for v in raw_candidates(config)}
     visited = [*seed_viewpoints(config), *(viewpoints[t.chosen] for t in result.trace)]
     centers = np.array([arrival_position(v, config.flight, rock.sha256, result.replicate) for v in visited])
     store = Store()
-    studio = Studio(lambda: make_renderer(build_scene(rock, config.scene, config.camera), config.scene.backend),
+    studio = Studio(lambda: make_renderer(build_scene(rock, config.scene, config.camera, store=Store()), config.scene.backend),
                     rock, result.replicate, config)  # fmt: skip
     photographs = CachedStudio(studio, store, rock, result.replicate, config)
     captures = [photographs.take_photograph(v, c) for v, c in zip(visited, centers)]

@@ -34,6 +34,7 @@ import cv2  # noqa: F401  before pycolmap
 import numpy as np
 from fresh_process import fly_in_fresh_process
 
+from nbv.cache import Store
 from nbv.config import preset
 from nbv.dense.stereo import estimate_depth
 from nbv.geometry.knn import knn_statistics
@@ -74,13 +75,15 @@ def image_sizes(rock_name: str) -> list[Curve]:
     """Features, matching and depth against pixels."""
     pixels: list[float] = []
     costs: dict[str, list[float]] = {"features, a photograph": [], "matching, a pair": [], "depth map, a view": []}  # fmt: skip
-    rock = load_rock(rock_name)
+    rock = load_rock(rock_name, Store())
     for width in (320, 480, 640, 960):
         base = preset("campaign")
         scale = width / base.camera.width_px
         config = base.with_values({"camera.width_px": width, "camera.height_px": round(480 * scale),
                                    "camera.focal_px": base.camera.focal_px * scale})  # fmt: skip
-        renderer = make_renderer(build_scene(rock, config.scene, config.camera), config.scene.backend)
+        renderer = make_renderer(
+            build_scene(rock, config.scene, config.camera, store=Store()), config.scene.backend
+        )
         studio = Studio(lambda r=renderer: r, rock, 0, config)  # type: ignore[misc]
         views = seed_viewpoints(config)[:1]
         shots = [studio.take_photograph(views[0], np.array(views[0].position_m))]

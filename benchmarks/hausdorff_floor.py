@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import sys
 
+from nbv.cache import Store
 from nbv.config import preset
 from nbv.evaluation.evaluate import camera_shell, ground_truth, rock_floors
 from nbv.evaluation.floor import perfect_cloud
@@ -24,9 +25,9 @@ def main() -> None:
     print("| rock | never visible (% of the surface) | floor, whole (mm) | floor, observable (mm) | floor, cloud to "
           "truth (mm) | best completeness @ 48 mm, whole (%) |\n|---|---:|---:|---:|---:|---:|")  # fmt: skip
     for name in names:
-        rock = load_rock(name)
-        truth = ground_truth(rock, config)
-        floors = rock_floors(rock, truth, config)
+        rock = load_rock(name, Store())
+        truth = ground_truth(rock, config, Store())
+        floors = rock_floors(rock, truth, config, Store())
         cloud = perfect_cloud(
             rock.vertices_m, rock.faces, camera_shell(config), config.dense.fusion_voxel_m,
             config.evaluation.ground_ransac_threshold_m,

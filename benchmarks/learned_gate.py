@@ -24,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nbv.cache import Store
 from nbv.config import MissionConfig, preset
 from nbv.mission.result import MissionResult
 from nbv.rocks import load_rock
@@ -121,7 +122,7 @@ def fly(
 ) -> None:
     """Leave-one-rock-out policies against the other gates."""
     for rock in rocks:
-        name = load_rock(rock).name
+        name = load_rock(rock, Store()).name
         file = (out / "policies" / f"without-{name}.json").resolve()
         if not file.exists():  # a resumed study keeps the policy that it began with
             policy = learn_gate(gate_decisions(without_rocks(missions, [name])))

@@ -31,6 +31,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
+from nbv.cache import Store
 from nbv.config import MissionConfig, config_from_dict
 from nbv.geometry.frustum import in_frustum
 from nbv.geometry.raycasting import RayCaster
@@ -220,7 +221,7 @@ def main() -> None:
         import yaml
 
         config = config_from_dict(yaml.safe_load((Path(run) / "config.yaml").read_text()))
-        subject = load_rock(name)
+        subject = load_rock(name, Store())
         caster = RayCaster(subject.vertices_m, subject.faces)
         states = sorted((Path(run) / "states").glob("iter_*.npz"))[::STATE_STEP]
         rows(subject.name, [Case.mission(state, caster, config) for state in states])

@@ -62,7 +62,9 @@ def photographs(config: MissionConfig, rock: Rock, replicate: int, chosen: list[
     """The captures of a flown mission, from the store: seeds, then the candidates ``chosen``."""
 
     def no_renderer():  # type: ignore[no-untyped-def]
-        return make_renderer(build_scene(rock, config.scene, config.camera), config.scene.backend)
+        return make_renderer(
+            build_scene(rock, config.scene, config.camera, store=Store()), config.scene.backend
+        )
 
     studio = CachedStudio(Studio(no_renderer, rock, replicate, config), Store(), rock, replicate, config)
     flight = Flight(config, rock_sha256=rock.sha256, replicate=replicate)
@@ -154,7 +156,7 @@ def outcome(
     )
     cloud = checked.fuse()
     dense_s = time.process_time() - started
-    metrics = evaluate_cloud(cloud, rock, config).metrics["observable"]
+    metrics = evaluate_cloud(cloud, rock, config, Store()).metrics["observable"]
     return {
         "registered": len(names),
         "alignment_rms_m": alignment.rms_m,
@@ -228,7 +230,7 @@ def compare(config: MissionConfig, rock_name: str, every: int, folder: Path) -> 
     print(f"all three with the same metrics, to the bit: {same}", flush=True)
 
     limit_threads()
-    rock = load_rock(rock_name)
+    rock = load_rock(rock_name, Store())
     captures = photographs(config, rock, 0, [record.chosen for record in cold.trace])
     n_seeds = len(captures) - len(cold.trace)
     authors = AuthorsReconstruction(folder / "authors")

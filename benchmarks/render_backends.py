@@ -18,6 +18,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from nbv.cache import Store
 from nbv.threads import limit_threads, single_thread_environment
 
 single_thread_environment()
@@ -49,9 +50,9 @@ def measure(rock_name: str, backend: str, frames: int, out: Path) -> None:
     """One process's measurements, as JSON in ``out`` with the views beside it."""
     limit_threads()
     started = time.perf_counter()
-    rock = load_rock(rock_name)
+    rock = load_rock(rock_name, Store())
     loaded = time.perf_counter()
-    scene = build_scene(rock, SceneConfig(), CameraConfig())
+    scene = build_scene(rock, SceneConfig(), CameraConfig(), store=Store())
     built = time.perf_counter()
     try:
         renderer = make_renderer(scene, backend)

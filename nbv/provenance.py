@@ -9,8 +9,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-PACKAGES = (
-    "gatetune",
+MISSION_LIBRARIES = (
     "numpy",
     "scipy",
     "pycolmap",
@@ -19,12 +18,10 @@ PACKAGES = (
     "open3d",
     "pyrender2",
     "trimesh",
+    "scikit-image",
     "ruckig",
-    "torch",
-    "botorch",
-    "gpytorch",
-    "optuna",
 )
+PACKAGES = ("gatetune", *MISSION_LIBRARIES, "torch", "botorch", "gpytorch", "optuna")
 
 
 @functools.cache

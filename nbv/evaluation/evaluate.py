@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from nbv.cache import home
+from nbv.cache import Store, remember, remember_json
 from nbv.config import MissionConfig
 from nbv.evaluation.cleaning import clean_cloud
 from nbv.evaluation.floor import hausdorff_floors
@@ -20,6 +20,7 @@ from nbv.types import Cloud, Floats, PointCloud
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
 _CLEANING_SEED = 0
+_GROUND_TRUTH, _FLOORS = build_ground_truth.__module__, hausdorff_floors.__module__
 
 
 @dataclass(frozen=True)
@@ -45,21 +46,33 @@ def camera_shell(config: MissionConfig) -> Floats:
     return np.array([view.position_m for view in (*seed_viewpoints(config), *raw_candidates(config))])
 
 
-def ground_truth(rock: Rock, config: MissionConfig) -> GroundTruthSamples:
-    """Samples of the true surface and the part that the camera shell can see (kept in the user's cache)."""
-    return build_ground_truth(
-        rock.vertices_m, rock.faces, camera_shell(config), config.evaluation.gt_samples,
-        cache_dir=home() / "ground_truth",
-    )  # fmt: skip
+def ground_truth(rock: Rock, config: MissionConfig, store: Store | None = None) -> GroundTruthSamples:
+    """Samples of the true surface and the part that the camera shell can see."""
+    shell, count = camera_shell(config), config.evaluation.gt_samples
+    arrays = remember(
+        store,
+        "ground-truth",
+        lambda: vars(build_ground_truth(rock.vertices_m, rock.faces, shell, count)),
+        code=_GROUND_TRUTH,
+        inputs=[rock.sha256, shell, count],
+    )
+    return GroundTruthSamples(**arrays)
 
 
-def rock_floors(rock: Rock, truth: GroundTruthSamples, config: MissionConfig) -> dict[str, dict[str, float]]:
-    """What a perfect reconstruction of the rock's observable surface would get (kept in the user's cache)."""
-    return hausdorff_floors(
-        rock.vertices_m, rock.faces, truth, camera_shell(config),
-        config.dense.fusion_voxel_m, config.evaluation.ground_ransac_threshold_m,
-        cache_dir=home() / "ground_truth",
-    )  # fmt: skip
+def rock_floors(
+    rock: Rock, truth: GroundTruthSamples, config: MissionConfig, store: Store | None = None
+) -> dict[str, dict[str, float]]:
+    """What a perfect reconstruction of the rock's observable surface would get; ``truth`` as `ground_truth` has it."""
+    shell = camera_shell(config)
+    voxel_m, ground_cut_m = config.dense.fusion_voxel_m, config.evaluation.ground_ransac_threshold_m
+    floors: dict[str, dict[str, float]] = remember_json(
+        store,
+        "floors",
+        lambda: hausdorff_floors(rock.vertices_m, rock.faces, truth, shell, voxel_m, ground_cut_m),
+        code=_FLOORS,
+        inputs=[rock.sha256, shell, config.evaluation.gt_samples, voxel_m, ground_cut_m],
+    )
+    return floors
 
 
 def clean_for_evaluation(cloud: Cloud, config: MissionConfig) -> tuple[PointCloud, dict[str, float]]:
@@ -67,8 +80,8 @@ def clean_for_evaluation(cloud: Cloud, config: MissionConfig) -> tuple[PointClou
     return clean_cloud(cloud, config.evaluation, config.target_m, _CLEANING_SEED)
 
 
-def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig) -> Evaluation:
-    """Clean a dense cloud and measure it.
+def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig, store: Store | None = None) -> Evaluation:
+    """Clean a dense cloud and measure it; what concerns the rock alone is kept in ``store``.
 
     Raises
     ------
@@ -76,9 +89,13 @@ def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig) -> Evaluatio
         Nothing is left after cleaning.
     """
     cleaned, report = clean_for_evaluation(cloud, config)
-    truth = ground_truth(rock, config)
+    truth = ground_truth(rock, config, store)
     metrics = compute_metrics(
-        cleaned, truth, config.evaluation, config.target_m,
-        RayCaster(rock.vertices_m, rock.faces).distances_m(cleaned.points_m), rock_floors(rock, truth, config),
-    )  # fmt: skip
+        cleaned,
+        truth,
+        config.evaluation,
+        config.target_m,
+        to_surface_m=RayCaster(rock.vertices_m, rock.faces).distances_m(cleaned.points_m),
+        floors=rock_floors(rock, truth, config, store),
+    )
     return Evaluation(metrics.to_dict(), report, lambda: cleaned)

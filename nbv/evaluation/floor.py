@@ -6,11 +6,6 @@ reach zero however good the views are. The floor says how far down they can go o
 
 from __future__ import annotations
 
-import hashlib
-import json
-import os
-from pathlib import Path
-
 import numpy as np
 
 from nbv.evaluation.ground_truth import (
@@ -26,7 +21,6 @@ from nbv.types import Floats, Ints
 SAMPLES_PER_VOXEL = 2.0  # per voxel area of surface: with 4 the floors of two rocks moved by 0.4 mm or less
 MIN_SAMPLES, MAX_SAMPLES = 1_000, 1_000_000
 _SEED = 1  # not the ground truth's: equal samples would hide the sampling's own gaps
-_VERSION = 1
 
 
 def perfect_cloud(
@@ -67,7 +61,6 @@ def hausdorff_floors(
     camera_centers_m: Floats,
     voxel_m: float,
     ground_cut_m: float,
-    cache_dir: Path | None = None,
 ) -> dict[str, dict[str, float]]:
     """``{"whole": {...}, "observable": {...}}``, each with ``hausdorff_{direction}_floor_mm``.
 
@@ -83,21 +76,11 @@ def hausdorff_floors(
         (V, 3) and (F, 3): the rock.
     truth
         Its ground-truth samples.
-    cache_dir
-        Where floors are kept, by content of all inputs; None computes them.
 
     Returns
     -------
     Empty dictionaries if nothing at all is observable above the ground cut.
     """
-    path = None
-    if cache_dir is not None:
-        path = (
-            cache_dir
-            / f"floor_{_key(vertices_m, faces, truth, camera_centers_m, voxel_m, ground_cut_m)}.json"
-        )
-        if (stored := _read(path)) is not None:
-            return stored
     cloud = perfect_cloud(vertices_m, faces, camera_centers_m, voxel_m, ground_cut_m)
     floors: dict[str, dict[str, float]] = {"whole": {}, "observable": {}}
     if len(cloud):
@@ -106,37 +89,4 @@ def hausdorff_floors(
         for name, part in (("whole", to_cloud), ("observable", to_cloud[truth.observable])):
             distances = hausdorff_mm(part, to_gt)
             floors[name] = {key.removesuffix("_mm") + "_floor_mm": value for key, value in distances.items()}
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f"{path.stem}.{os.getpid()}.tmp")  # a parallel mission never reads a part
-        temporary.write_text(json.dumps(floors))
-        temporary.replace(path)
     return floors
-
-
-def _read(path: Path) -> dict[str, dict[str, float]] | None:
-    try:
-        floors: dict[str, dict[str, float]] = json.loads(path.read_text())
-        return floors
-    except (OSError, ValueError):  # absent or damaged: made anew
-        return None
-
-
-def _key(
-    vertices_m: Floats,
-    faces: Ints,
-    truth: GroundTruthSamples,
-    camera_centers_m: Floats,
-    voxel_m: float,
-    ground_cut_m: float,
-) -> str:
-    digest = hashlib.sha256()
-    for array, kind in (
-        (vertices_m, float), (faces, np.int64), (truth.points_m, float), (truth.observable, bool),
-        (camera_centers_m, float),
-    ):  # fmt: skip
-        values = np.ascontiguousarray(array, dtype=kind)
-        digest.update(repr(values.shape).encode())
-        digest.update(values.tobytes())
-    digest.update(repr((voxel_m, ground_cut_m, SAMPLES_PER_VOXEL, _SEED, _VERSION)).encode())
-    return digest.hexdigest()[:20]

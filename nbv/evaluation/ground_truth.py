@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +10,7 @@ from numpy.typing import NDArray
 from nbv.geometry.incidence import OBSERVABLE_MAX_INCIDENCE_DEG
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
-from nbv.geometry.visibility import SURFACE_OFFSET_M, lifted, seen_from
+from nbv.geometry.visibility import lifted, seen_from
 from nbv.types import Floats, Ints
 
 MIN_OBSERVING_VIEWS = 2  # a depth needs two rays
@@ -83,36 +81,12 @@ def observable_mask(
 
 
 def build_ground_truth(
-    vertices_m: Floats,
-    faces: Ints,
-    camera_centers_m: Floats,
-    n: int,
-    seed: int = 0,
-    cache_dir: Path | None = None,
+    vertices_m: Floats, faces: Ints, camera_centers_m: Floats, n: int, seed: int = 0
 ) -> GroundTruthSamples:
-    """Samples and observable mask of a mesh; read from ``cache_dir`` if they were made before.
-
-    Arguments are those of `sample_surface` and `observable_mask`. A cache file is named after the
-    content of all inputs, so a changed mesh, shell, count or seed never reads a stale one.
-    """
-    path = None
-    if cache_dir is not None:
-        path = cache_dir / f"ground_truth_{_content_key(vertices_m, faces, camera_centers_m, n, seed)}.npz"
-        if path.is_file():
-            with np.load(path) as data:
-                return GroundTruthSamples(data["points_m"], data["normals"], data["observable"])
+    """Samples and observable mask of a mesh; arguments as `sample_surface` and `observable_mask` have them."""
     points, normals = sample_surface(vertices_m, faces, n, seed)
     mask = observable_mask(vertices_m, faces, points, normals, camera_centers_m)
-    truth = GroundTruthSamples(points, normals, mask)
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # Written aside and renamed, so that a parallel mission never reads half a file.
-        import os
-
-        temporary = path.with_name(f"{path.stem}.{os.getpid()}.tmp.npz")
-        np.savez_compressed(temporary, points_m=points, normals=normals, observable=mask)
-        temporary.replace(path)
-    return truth
+    return GroundTruthSamples(points, normals, mask)
 
 
 def _spread_order(count: int) -> Ints:
@@ -123,15 +97,3 @@ def _spread_order(count: int) -> Ints:
     while np.gcd(stride, count) != 1:
         stride += 1
     return (np.arange(count) * stride) % count
-
-
-def _content_key(vertices_m: Floats, faces: Ints, camera_centers_m: Floats, n: int, seed: int) -> str:
-    digest = hashlib.sha256()
-    for array, kind in ((vertices_m, float), (faces, np.int64), (camera_centers_m, float)):
-        values = np.ascontiguousarray(array, dtype=kind)
-        digest.update(repr(values.shape).encode())
-        digest.update(values.tobytes())
-    digest.update(
-        repr((n, seed, OBSERVABLE_MAX_INCIDENCE_DEG, MIN_OBSERVING_VIEWS, SURFACE_OFFSET_M)).encode()
-    )
-    return digest.hexdigest()[:20]

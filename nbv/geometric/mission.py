@@ -8,12 +8,12 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from nbv.cache import code_digest
 from nbv.config import MissionConfig
 from nbv.gates import GroundTruthOracle, make_oracle
 from nbv.geometric.held_worlds import world_of
 from nbv.geometric.metrics import predicted_metrics
-from nbv.geometric.reconstructor import MODEL_VERSION, GeometricReconstructor
-from nbv.geometric.world import WORLD_VERSION
+from nbv.geometric.reconstructor import GeometricReconstructor
 from nbv.geometry.frames import look_at
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.flying import fly_mission
@@ -51,7 +51,7 @@ class GeometricFidelity:
         self.camera = PoseCamera(config.target_m)
         self.reconstructor = GeometricReconstructor(self._world, config, rock.sha256, context.replicate)
         self.oracle: GroundTruthOracle | None = None
-        self.facts = {"geometric_world_version": WORLD_VERSION, "geometric_model_version": MODEL_VERSION}
+        self.facts = {"geometric_code": code_digest(__package__)}
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
         """Predicted scores; ``metrics["fidelity"]`` says that they are."""

@@ -28,8 +28,9 @@ def predict_views(
     UserError
         Unknown rock, or an id that is no candidate.
     """
-    subject = load_rock(rock)
-    world = world_of(subject, config, Store() if cache else None)
+    store = Store() if cache else None
+    subject = load_rock(rock, store)
+    world = world_of(subject, config, store)
     seeds = seed_viewpoints(config)
     viewpoints = {v.id: v for v in (*seeds, *raw_candidates(config))}
     unknown = [name for name in chosen if name not in viewpoints]

@@ -15,8 +15,6 @@ from nbv.geometric.tracks import Tracks
 from nbv.geometric.world import GeometricWorld
 from nbv.types import Capture, Floats, PointCloud, SparseModel, UpdateReport
 
-# Raise when the default constants in `FeatureModel` or `DenseModel` change, or what is made of them.
-MODEL_VERSION = 2
 MIN_TRIANGULATION_ANGLE_DEG = 1.5  # COLMAP's default
 
 

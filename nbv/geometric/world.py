@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from nbv.cache import Store, digest
+from nbv.cache import Store, remember
 from nbv.config import CameraConfig, MissionConfig
 from nbv.evaluation.ground_truth import MIN_OBSERVING_VIEWS
 from nbv.geometry.frustum import frustum_planes
@@ -23,15 +23,11 @@ from nbv.geometry.incidence import LANDMARK_MAX_INCIDENCE_DEG, OBSERVABLE_MAX_IN
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.geometry.sampling import sample_surface
 from nbv.geometry.visibility import lifted, seen_from
-from nbv.provenance import versions
 from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
 from nbv.rocks.mesh import vertex_normals
 from nbv.types import Floats, Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
-
-# Raise when this file's code changes what it computes.
-WORLD_VERSION = 3
 
 SURFACE_SAMPLES = 3_000
 ROCK_LANDMARKS = 1_800  # candidates on the rock; most are too faint to be detected often
@@ -99,23 +95,6 @@ class GeometricWorld:
         return {name: row for row, name in enumerate(self.viewpoint_ids)}
 
 
-def world_key(rock: Rock, config: MissionConfig) -> str:
-    """Digest of everything that decides a world."""
-    viewpoints = all_viewpoints(config)
-    constants = [
-        WORLD_VERSION, SURFACE_SAMPLES, ROCK_LANDMARKS, GROUND_MARGIN_M, GROUND_SPACING_M,
-        FAR_LANDMARKS, FAR_RADIUS_M, LANDMARK_MAX_INCIDENCE_DEG, TEXTURE_RADIUS_M, TEXTURE_NEIGHBOURS,
-        SAMPLE_NEIGHBOURS, versions().get("open3d-cpu", versions().get("open3d", "")),
-    ]  # fmt: skip
-    camera, scene = config.camera, config.scene
-    return digest(
-        constants, rock.sha256, [camera.width_px, camera.height_px, camera.focal_px], list(config.target_m),
-        config.shared.box_half_extent_m,
-        [list(scene.sun_direction), scene.sun_irradiance, scene.ambient],
-        [[v.id, *v.position_m] for v in viewpoints],
-    )  # fmt: skip
-
-
 def all_viewpoints(config: MissionConfig) -> list[Viewpoint]:
     """Every place from which a mission may photograph: the seed rings and the raw pool."""
     return [*seed_viewpoints(config), *raw_candidates(config)]
@@ -123,13 +102,19 @@ def all_viewpoints(config: MissionConfig) -> list[Viewpoint]:
 
 def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) -> GeometricWorld:
     """The world from the store, or a fresh one that is put there."""
-    key = world_key(rock, config)
-    if store is not None and (entry := store.get("geometric_worlds", key)) is not None:
-        return _from_arrays(entry)
-    world = build_world(rock, config)
-    if store is not None:
-        store.put("geometric_worlds", key, _to_arrays(world))
-    return world
+    scene = config.scene
+    inputs = [
+        rock.sha256,
+        config.camera,
+        list(config.target_m),
+        config.shared.box_half_extent_m,
+        [list(scene.sun_direction), scene.sun_irradiance, scene.ambient],
+        [[v.id, *v.position_m] for v in all_viewpoints(config)],
+    ]
+    arrays = remember(
+        store, "geometric-worlds", lambda: _to_arrays(build_world(rock, config)), code=__name__, inputs=inputs
+    )
+    return _from_arrays(arrays)
 
 
 def build_world(rock: Rock, config: MissionConfig) -> GeometricWorld:

@@ -56,12 +56,14 @@ def fly_mission(
     overwrite
         Whether a finished mission in ``directory`` may be replaced.
     cache
-        Keep what missions share in the user's store; the outcome is the same.
+        Keep what missions share in the user's store; the outcome is the same. Otherwise the store is neither read nor
+        written.
     log
         Called with an event's name and its facts as the mission goes on.
     """
     started = time.perf_counter()
-    subject = load_rock(rock)
+    store = Store() if cache else None
+    subject = load_rock(rock, store)
     run = RunDirectory(directory, overwrite=overwrite) if directory is not None else None
     if run is not None:
         run.write_config(config.to_dict())
@@ -69,7 +71,6 @@ def fly_mission(
     log("start", _order(config, subject, replicate))
 
     stopwatch = Stopwatch()
-    store = Store() if cache else None
     fidelity = make_fidelity(
         MissionContext(config, subject, replicate, store, full_run is not None, stopwatch)
     )

@@ -8,34 +8,29 @@ What cannot be kept is the mapper itself: COLMAP's hash tables carry the order i
 order reaches the last bits of every later adjustment, and files do not hold it. A mission that leaves a known
 sequence is therefore replayed from its seed model before it goes on, at the price that it would have paid anyway.
 
-Keys hold the source code of the stages too: a change there never meets an old entry.
+The rule for what is stale is that of ``nbv.cache``.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-import nbv
-from nbv.cache import Arrays, Store, digest
-from nbv.config import MissionConfig, canonical
+from nbv.cache import Arrays, Store, address, digest, remember_json
+from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation import Evaluation, camera_shell, evaluate_cloud
 from nbv.evaluation.evaluate import clean_for_evaluation
-from nbv.photogrammetric.cached_stages import STAGE_VERSION, CachedSeedModel
-from nbv.provenance import versions
+from nbv.photogrammetric.cached_stages import CachedSeedModel
 from nbv.rocks import Rock
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import Capture, Cloud, Floats, PointCloud, SparseModel, UpdateReport
-
-_LIBRARIES = ("pycolmap", "numpy", "scipy", "opencv-python-headless", "open3d-cpu", "open3d")
-_COMMON_SOURCES = ("geometry/frames.py", "geometry/neighbours.py", "random_streams.py", "types.py")
 
 
 class CachedSparse:
@@ -56,7 +51,7 @@ class CachedSparse:
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         """See `SparseReconstructor.bootstrap`."""
         self._seeds = tuple(captures)
-        self.key = digest(_stage_code("sparse"), self._seed_stage.key(captures))
+        self.key = self._seed_stage.key(captures)
         return self._report()
 
     def add(self, capture: Capture) -> UpdateReport:
@@ -90,11 +85,11 @@ class CachedSparse:
         del self._sparse, self._seed_stage
 
     def _report(self) -> UpdateReport:
-        if (entry := self._store.get("sequence_models", self.key)) is not None:
+        if (entry := self._store.get("sequence-models", self.key)) is not None:
             return _unpack_report(entry)
         report = self._catch_up()  # a failure is not kept, it is met again
         assert report is not None
-        self._store.put("sequence_models", self.key, _pack_report(report))
+        self._store.put("sequence-models", self.key, _pack_report(report))
         return report
 
     def _catch_up(self) -> UpdateReport | None:
@@ -184,13 +179,7 @@ class CachedClouds:
         level = config.dense.agreeing_views if agreeing_views is None else agreeing_views
         # Depths are checked with the configured number and may then be fused at a stricter one: the same bits.
         dense = dataclasses.replace(config.dense, agreeing_views=level)
-        key = digest(
-            _stage_code("dense"),
-            self._sparse.key,
-            dataclasses.asdict(config.camera),
-            list(config.target_m),
-            canonical(dense),
-        )
+        key = address("nbv.dense", self._sparse.key, config.camera, list(config.target_m), dense)
         if (entry := self._store.get("clouds", key)) is not None:
             if "failure" in entry:
                 raise MissionFailure(*(str(part) for part in entry["failure"]))
@@ -212,25 +201,25 @@ class CachedEvaluation:
 
     def __call__(self, cloud: Cloud, rock: Rock, config: MissionConfig) -> Evaluation:
         """See `nbv.evaluation.evaluate_cloud`; a failure is not kept, it is met again."""
-        key = digest(
-            _stage_code("evaluation"),
-            _stage_code("viewpoints"),
+
+        made: list[Evaluation] = []
+
+        def evaluate() -> dict[str, Any]:
+            made.append(evaluate_cloud(cloud, rock, config, self._store))
+            return {"metrics": made[0].metrics, "cleaning": made[0].cleaning}
+
+        inputs = [
             cloud.key if isinstance(cloud, LazyCloud) else cloud.points_m,
             rock.sha256,
-            dataclasses.asdict(config.evaluation),
+            config.evaluation,
             list(config.target_m),
             config.dense.fusion_voxel_m,
             camera_shell(config),
-        )
-        if (entry := self._store.get("evaluations", key)) is not None:
-            found = json.loads(entry["json"].tobytes())
-            return Evaluation(
-                found["metrics"], found["cleaning"], lambda: clean_for_evaluation(cloud, config)[0]
-            )
-        evaluation = evaluate_cloud(cloud, rock, config)
-        text = json.dumps({"metrics": evaluation.metrics, "cleaning": evaluation.cleaning})
-        self._store.put("evaluations", key, {"json": np.frombuffer(text.encode(), np.uint8)})
-        return evaluation
+        ]
+        found = remember_json(self._store, "evaluations", evaluate, code="nbv.evaluation", inputs=inputs)
+        if made:
+            return made[0]
+        return Evaluation(found["metrics"], found["cleaning"], lambda: clean_for_evaluation(cloud, config)[0])
 
 
 def _pack_report(report: UpdateReport) -> Arrays:
@@ -267,12 +256,3 @@ def _unpack_report(entry: Arrays) -> UpdateReport:
 def _smallest(values: np.ndarray) -> np.ndarray:
     """The same non-negative integers in the smallest type that holds them."""
     return values.astype(np.min_scalar_type(int(values.max(initial=0))))
-
-
-@functools.cache
-def _stage_code(package: str) -> str:
-    """Digest of a stage's source, of what all stages use, and of the libraries that decide its bits."""
-    root = Path(nbv.__file__).parent
-    files = [root / name for name in _COMMON_SOURCES] + sorted((root / package).glob("*.py"))
-    installed = {name: version for name, version in versions().items() if name in _LIBRARIES}
-    return digest(STAGE_VERSION, installed, *(f"{path.name}\n{path.read_text()}" for path in files))

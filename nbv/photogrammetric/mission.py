@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Unpack
 
@@ -17,6 +18,7 @@ from nbv.photogrammetric.cached_sequences import CachedEvaluation
 from nbv.photogrammetric.cached_stages import CachedStudio
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photogrammetric.studio import Studio
+from nbv.rocks import Rock
 from nbv.scene import Renderer, build_scene, make_renderer
 from nbv.threads import limit_threads
 from nbv.types import Camera, Cloud
@@ -33,7 +35,7 @@ class PhotogrammetricFidelity:
         self.context = context
         studio = Studio(self._renderer, rock, context.replicate, config)
         self.camera: Camera = studio
-        self.evaluate = evaluate_cloud
+        self.evaluate: Callable[[Cloud, Rock, MissionConfig], Evaluation] = evaluate_cloud
         if store is not None:
             self.camera = CachedStudio(studio, store, rock, context.replicate, config)
             self.evaluate = CachedEvaluation(store)
@@ -59,7 +61,7 @@ class PhotogrammetricFidelity:
     def _renderer(self) -> Renderer:
         config = self.context.config
         with self.context.stopwatch.timed("scene"):
-            scene = build_scene(self.context.rock, config.scene, config.camera)
+            scene = build_scene(self.context.rock, config.scene, config.camera, store=self.context.store)
             return make_renderer(scene, config.scene.backend)
 
 

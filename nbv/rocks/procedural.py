@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
-from functools import cache
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
 from skimage.measure import marching_cubes
 
+from nbv.cache import Arrays, Store, remember
 from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.mesh import body_labels, drop_unused_vertices, face_areas, rest_on_ground, vertex_normals
 from nbv.rocks.recipe import Recipe, Shape
@@ -17,20 +14,10 @@ from nbv.rocks.recipes import RECIPES
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, Rock, make_rock
 from nbv.types import Floats, Ints
 
-GENERATOR_VERSION = 1
 GRID_M = 0.007  # of the signed distance; mean edge about 6 mm, below a pixel at 4 m (8.6 mm)
 LIPSCHITZ = 2.0  # how much faster than the true distance a shape function may change
 _HALF_WIDTH_M, _TOP_M = 1.2, 1.92
 _LEVELS = 3  # blocks of 8, 4, 2 cells
-
-
-@cache
-def generator_key() -> str:
-    """Changes whenever the code that shapes rocks does, so that no stale rock is read from the cache."""
-    digest = hashlib.sha256(f"{GENERATOR_VERSION} {GRID_M}".encode())
-    for name in ("noise", "sdf", "recipe", "recipes", "recipes_held_out", "albedo", "procedural", "mesh"):
-        digest.update((Path(__file__).parent / f"{name}.py").read_bytes())
-    return digest.hexdigest()[:16]
 
 
 def generate_rock(name: str, *, grid_m: float = GRID_M) -> Rock:
@@ -40,6 +27,25 @@ def generate_rock(name: str, *, grid_m: float = GRID_M) -> Rock:
     vertices, _ = rest_on_ground(vertices, DEFAULT_HEIGHT_M)
     albedo = procedural_albedo(vertices, vertex_normals(vertices, faces), recipe.seed, recipe.paint)
     return make_rock(name, vertices, faces, albedo, split=recipe.split, difficulty=recipe.difficulty)
+
+
+def procedural_rock(name: str, store: Store | None = None) -> Rock:
+    """`generate_rock`, which takes a few seconds, from ``store`` if it is there."""
+    recipe = RECIPES[name]
+
+    def arrays() -> Arrays:
+        rock = generate_rock(name)
+        return {"vertices_m": rock.vertices_m, "faces": rock.faces.astype(np.int32), "albedo": rock.albedo}
+
+    found = remember(store, "rocks", arrays, code=__name__, inputs=[name, GRID_M])
+    return make_rock(
+        name,
+        found["vertices_m"],
+        found["faces"],
+        found["albedo"],
+        split=recipe.split,
+        difficulty=recipe.difficulty,
+    )
 
 
 def _surface(recipe: Recipe, grid_m: float) -> tuple[Floats, Ints]:

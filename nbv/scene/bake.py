@@ -10,14 +10,12 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.cache import Arrays, Store, digest
+from nbv.cache import Arrays, Store, remember
 from nbv.config import CameraConfig, SceneConfig
 from nbv.errors import UserError
 from nbv.geometry.raycasting import RayCaster, rays_of
@@ -74,9 +72,13 @@ def direction_to_sun(config: SceneConfig) -> Floats:
 
 
 def build_scene(
-    rock: RockLike, config: SceneConfig, camera: CameraConfig, ground: GroundSpec | None = None
+    rock: RockLike,
+    config: SceneConfig,
+    camera: CameraConfig,
+    ground: GroundSpec | None = None,
+    store: Store | None = None,
 ) -> Scene:
-    """Bake the light on a rock and its ground, or read it from the store (``nbv.cache``).
+    """Bake the light on a rock and its ground, or read it from ``store``.
 
     Raises
     ------
@@ -90,15 +92,21 @@ def build_scene(
     geometry = {"spec": dataclasses.asdict(spec), "sun": config.sun_direction}
     light = {"irradiance": config.sun_irradiance, "ambient": config.ambient}
 
-    surface = _stored(
+    def stored(kind: str, bake: Callable[[], Arrays], **inputs: Any) -> Arrays:
+        return remember(store, kind, bake, code=__name__, inputs=[inputs])
+
+    surface = stored(
         "scene-ground",
-        {"seed": config.ground_seed, **geometry},
         lambda: _ground_arrays(config.ground_seed, to_sun, spec),
+        seed=config.ground_seed,
+        **geometry,
     )
-    rock_light = _stored(
+    rock_light = stored(
         "scene-rock",
-        {"rock": rock.sha256, **geometry, **light},
         lambda: _rock_arrays(rock, vertices, faces, config, to_sun, spec),
+        rock=rock.sha256,
+        **geometry,
+        **light,
     )
 
     levels = []
@@ -112,21 +120,6 @@ def build_scene(
     return Scene(
         vertices, faces, rock_light["radiance"], spec, tuple(levels), linear_from_srgb(config.sky_grey), camera
     )  # fmt: skip
-
-
-def _stored(kind: str, key: dict[str, Any], bake: Callable[[], Arrays]) -> Arrays:
-    store, name = Store(), digest(kind, baking_code_digest(), key)
-    arrays = store.get(kind, name)
-    if arrays is None:
-        arrays = bake()
-        store.put(kind, name, arrays)
-    return arrays
-
-
-@lru_cache(maxsize=1)
-def baking_code_digest() -> str:
-    """Digest of the source that decides baked values: editing it makes old entries unreachable."""
-    return digest(*(Path(__file__).with_name(name).read_bytes() for name in ("ground.py", "bake.py")))
 
 
 def _ground_arrays(seed: int, to_sun: Floats, spec: GroundSpec) -> dict[str, np.ndarray]:

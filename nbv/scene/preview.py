@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.cache import Store
 from nbv.config import CameraConfig, SceneConfig
 from nbv.geometry.frames import look_at
 from nbv.scene.bake import RockLike, build_scene
@@ -21,11 +22,12 @@ def preview(
     radius_m: float = 3.5,
     views_deg: tuple[tuple[float, float], ...] = PREVIEW_VIEWS_DEG,
     columns: int = 3,
+    store: Store | None = None,
 ) -> NDArray[np.uint8]:
     """(H, W, 3) RGB contact sheet of ``views_deg`` (azimuth, elevation), aimed at the rock's mid height."""
     scene_config = config or SceneConfig()
     camera = CameraConfig(width_px=320, height_px=240, focal_px=320.0)
-    renderer = make_renderer(build_scene(rock, scene_config, camera), scene_config.backend)
+    renderer = make_renderer(build_scene(rock, scene_config, camera, store=store), scene_config.backend)
     target = np.array([0.0, 0.0, float(np.max(rock.vertices_m[:, 2])) / 2])
     rows = -(-len(views_deg) // columns)
     cell_h, cell_w = camera.height_px + GAP_PX, camera.width_px + GAP_PX

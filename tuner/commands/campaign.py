@@ -204,10 +204,11 @@ def refuse_held_out(rocks: Sequence[str]) -> None:
     UserError
         A rock of the held-out split.
     """
+    from nbv.cache import Store
     from nbv.rocks import load_rock
 
     for rock in rocks:
-        if load_rock(rock).split == "held-out":
+        if load_rock(rock, Store()).split == "held-out":
             raise UserError(
                 f"rock {rock!r} is held out: it may not be tuned on; `gatetune rocks list` names others"
             )

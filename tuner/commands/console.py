@@ -56,10 +56,11 @@ def rock_arguments(rocks: list[str]) -> list[str]:
     UserError
         An unknown rock or a bad mesh.
     """
+    from nbv.cache import Store
     from nbv.rocks import load_rock
 
     for rock in rocks:
-        load_rock(rock)
+        load_rock(rock, Store())
     return [str(Path(rock).resolve()) if Path(rock).is_file() else rock for rock in rocks]
 
 

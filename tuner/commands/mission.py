@@ -73,10 +73,11 @@ def run(
     """Fly one complete mission and print its metrics."""
     config = mission_config(preset, set_ or [], gate)
     directory = out or Path("runs") / f"mission-{Path(rock).stem}-{config.gate.kind}-{replicate}"
+    from nbv.cache import Store
     from nbv.photogrammetric import run_photogrammetric_mission
     from nbv.rocks import load_rock
 
-    load_rock(rock)  # a mistake shows before the progress bar
+    load_rock(rock, Store())  # a mistake shows before the progress bar
     with progress_bar() as bar:
         result = run_photogrammetric_mission(
             config, rock, replicate, directory, overwrite=overwrite, log=MissionProgress(bar)
@@ -136,12 +137,13 @@ def figures(
     out: Annotated[Path, typer.Option(help="Directory of the PNG files.")] = Path("figures"),
 ) -> None:
     """The paper's figures: trajectory, sector completeness, error overlay, pipeline states."""
+    from nbv.cache import Store
     from nbv.errors import UserError
     from nbv.mission.result import MissionResult
     from nbv.rocks import load_rock
     from tuner.report.mission_figures import labels_of, write_mission_figures
 
-    subject = load_rock(rock)
+    subject = load_rock(rock, Store())
     for run_directory in runs:
         result = MissionResult.load(run_directory)
         if result.rock != subject.name:

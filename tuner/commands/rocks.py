@@ -35,9 +35,10 @@ def show(
     image: Annotated[Path | None, typer.Option(help="Also render a contact sheet into this PNG.")] = None,
 ) -> None:
     """Size, area, overhangs and what the importer changed; with --image, a picture."""
+    from nbv.cache import Store
     from nbv.rocks import describe, load_rock
 
-    subject = load_rock(rock)
+    subject = load_rock(rock, Store())
     table = Table(title=subject.name, show_header=False)
     table.add_column("fact")
     table.add_column("value")
@@ -51,7 +52,7 @@ def show(
 
         from nbv.scene import preview
 
-        picture = Image.fromarray(preview(subject))
+        picture = Image.fromarray(preview(subject, store=Store()))
         try:
             picture.save(image)
         except (OSError, ValueError) as error:  # ValueError: no such picture format

@@ -40,9 +40,10 @@ class SharedRocks:
             path = Path(rock).expanduser()
             if path.is_file() and path.stat().st_size > MAX_FILE_BYTES:
                 return
+            from nbv.cache import Store
             from nbv.rocks import load_rock
 
-            mesh = load_rock(rock)
+            mesh = load_rock(rock, Store())
         except Exception as error:  # the next mission on it meets the same error and records it
             print(f"rock {rock!r} is not shared: {error}", file=sys.stderr)
             return

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
+from nbv.cache import Store
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.geometry.neighbours import nearest_neighbours
@@ -244,7 +245,7 @@ def overlay_figure(run: Path, rock: str) -> Figure:
     cloud = read_ply(run / "cleaned.ply").points_m
     if len(cloud) == 0:
         raise UserError(f"{run / 'cleaned.ply'} holds no points")
-    subject = load_rock(rock)
+    subject = load_rock(rock, Store())
     wrong_m, cloud_normals = _distance_to_mesh(cloud, subject.vertices_m, subject.faces)
     # The same samples as the metrics: same count, same seed.
     samples, normals = sample_surface(subject.vertices_m, subject.faces, config.evaluation.gt_samples, 0)

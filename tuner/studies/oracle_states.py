@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.gates import make_oracle
 from nbv.mission.planning_state import load_state
@@ -63,7 +64,7 @@ def judge(
     UserError
         No mission with its planning states, or a mission on a rock that is not given.
     """
-    known = [load_rock(rock) for rock in rocks]
+    known = [load_rock(rock, Store()) for rock in rocks]
     missions = [m for m in find_missions(directories) if any((m.directory / "states").glob("iter_*.npz"))]
     if not missions:
         raise UserError(
@@ -78,7 +79,7 @@ def _rock_of(mission: FlownMission, known: Sequence[Rock]) -> Rock:
         if rock.sha256 == sha256:
             return rock
     try:
-        rock = load_rock(mission.result.rock)
+        rock = load_rock(mission.result.rock, Store())
     except UserError as error:
         raise UserError(f"{mission.directory}: {error}; name its mesh file with --rock") from error
     if rock.sha256 != sha256:

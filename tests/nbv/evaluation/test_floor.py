@@ -103,17 +103,6 @@ def test_floors_stand_beside_the_scores_and_change_none(standing_box):
     json.dumps(given.to_dict(), allow_nan=False)
 
 
-def test_kept_by_content(standing_box, tmp_path):
-    vertices, faces, cameras, truth, floors = standing_box
-    for _ in range(2):
-        assert hausdorff_floors(vertices, faces, truth, cameras, VOXEL_M, CUT_M, tmp_path) == floors
-    (file,) = tmp_path.iterdir()
-    file.write_text("{")  # a damaged file is made anew
-    assert hausdorff_floors(vertices, faces, truth, cameras, VOXEL_M, CUT_M, tmp_path) == floors
-    coarser = hausdorff_floors(vertices, faces, truth, cameras, 2 * VOXEL_M, CUT_M, tmp_path)
-    assert coarser != floors and len(list(tmp_path.iterdir())) == 2
-
-
 def test_nothing_observable_has_no_floor():
     vertices, faces = box(1.0, 0.02)  # all of it is taken for ground
     cameras = dome_of_cameras()

@@ -6,7 +6,6 @@ import pytest
 
 from nbv.evaluation.ground_truth import (
     GroundTruthSamples,
-    build_ground_truth,
     observable_mask,
 )
 from nbv.geometry.sampling import sample_surface
@@ -62,22 +61,6 @@ def test_order_of_cameras_does_not_matter():
     first = observable_mask(vertices, faces, points, normals, cameras)
     assert np.array_equal(first, observable_mask(vertices, faces, points, normals, shuffled))
     assert 0.3 < first.mean() < 0.95
-
-
-def test_cache_is_keyed_by_content(tmp_path):
-    vertices, faces = mesh_arrays(o3d.geometry.TriangleMesh.create_sphere(0.8).translate((0, 0, 0.8)))
-    cameras = ring(3.5, 20)
-    fresh = build_ground_truth(vertices, faces, cameras, 2000, 0)
-    stored = build_ground_truth(vertices, faces, cameras, 2000, 0, tmp_path)
-    read = build_ground_truth(vertices, faces, cameras, 2000, 0, tmp_path)
-    for other in (stored, read):
-        assert np.array_equal(fresh.points_m, other.points_m)
-        assert np.array_equal(fresh.observable, other.observable)
-    assert len(list(tmp_path.iterdir())) == 1
-    build_ground_truth(vertices * 1.01, faces, cameras, 2000, 0, tmp_path)
-    build_ground_truth(vertices, faces, cameras[:-1], 2000, 0, tmp_path)
-    build_ground_truth(vertices, faces, cameras, 2000, 1, tmp_path)
-    assert len(list(tmp_path.iterdir())) == 4
 
 
 def test_empty_samples_are_refused():

@@ -6,16 +6,17 @@ import json
 import numpy as np
 import pytest
 
-from nbv.cache import Store
+from nbv.cache import Store, code_digest
 from nbv.config import preset
 from nbv.errors import UserError
 from nbv.flight import arrival_position
 from nbv.geometric import GeometricReconstructor, load_world, predict_views, run_geometric_mission
 from nbv.geometric.held_worlds import forget_worlds
-from nbv.geometric.reconstructor import MODEL_VERSION, forget_seed_models
+from nbv.geometric.reconstructor import forget_seed_models
 from nbv.geometry.frames import look_at
 from nbv.mission.result import MissionResult
 from nbv.rocks import load_rock
+from nbv.rocks.catalogue import forget_loaded
 from nbv.types import Capture
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
@@ -30,7 +31,7 @@ def config():
 
 @pytest.fixture(scope="module")
 def rock():
-    return load_rock(ROCK)
+    return load_rock(ROCK, Store())
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +72,7 @@ def test_the_mission_flies_the_loop_and_says_what_it_is(flown, config):
     assert len(chosen) == len(set(chosen)) == BUDGET
     assert set(chosen) <= legal
     assert flown.provenance["fidelity"] == flown.metrics["fidelity"] == "geometric"
-    assert flown.provenance["geometric_model_version"] == MODEL_VERSION
+    assert flown.provenance["geometric_code"] == code_digest("nbv.geometric")
     for surface in ("observable", "whole"):
         scores = [flown.metric(f"{surface}.completeness_{t}mm") for t in (16, 32, 48, 64, 80)]
         assert scores == sorted(scores)
@@ -88,15 +89,19 @@ def test_both_rankings_are_finite_at_every_iteration(flown):
         assert record.n_points > 300
 
 
-def test_a_mission_is_a_function_of_configuration_rock_and_replicate(flown, config):
+def test_a_mission_is_a_function_of_configuration_rock_and_replicate(flown, config, tmp_path, monkeypatch):
     run_geometric_mission(config, ROCK, 1)
     run_geometric_mission(config.with_values({"gate.kind": "random"}), ROCK)
     assert same(run_geometric_mission(config, ROCK), flown)  # from the memories in this process
     forget()
     assert same(run_geometric_mission(config, ROCK), flown)  # from the store
     forget()
-    assert same(run_geometric_mission(config, ROCK, cache=False), flown)  # from nothing
     assert not same(run_geometric_mission(config, ROCK, 1), flown)
+    forget()
+    forget_loaded()
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
+    assert same(run_geometric_mission(config, ROCK, cache=False), flown)  # from nothing
+    assert not (tmp_path / "home").exists()  # and nothing was kept
 
 
 def test_detections_do_not_depend_on_the_order_of_visits(world, config, rock):

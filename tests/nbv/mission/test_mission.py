@@ -11,6 +11,7 @@ from nbv.mission.planning_state import load_state
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import read_ply
 from nbv.photogrammetric import run_photogrammetric_mission
+from nbv.rocks.catalogue import forget_loaded
 from nbv.scorers import rank_candidates
 
 ROCK = "boulder"
@@ -88,10 +89,13 @@ def test_every_iteration_can_be_explained_again(flown, config):
 
 
 @pytest.mark.slow
-def test_cached_and_uncached_missions_are_bit_identical(flown, config, tmp_path):
+def test_cached_and_uncached_missions_are_bit_identical(flown, config, tmp_path, monkeypatch):
     result, directory, _ = flown  # filled the store
     again = run_photogrammetric_mission(config, ROCK, 0, tmp_path / "cached", cache=True)
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
+    forget_loaded()
     without = run_photogrammetric_mission(config, ROCK, 0, tmp_path / "uncached", cache=False)
+    assert not (tmp_path / "home").exists()  # nothing was read or written
     assert (
         again.timings_s.get("bootstrap", 0) < result.timings_s["bootstrap"] / 3
     )  # it really came from the store

@@ -93,7 +93,7 @@ def test_a_mission_that_leaves_a_known_sequence_goes_on_exactly(store, plain):
 
 def test_a_sequence_whose_middle_was_pruned_is_replayed(store, plain):
     filled(store)
-    entries = sorted((store.root / "sequence_models").rglob("??/*"), key=lambda p: p.stat().st_mtime_ns)
+    entries = sorted((store.root / "sequence-models").rglob("??/*"), key=lambda p: p.stat().st_mtime_ns)
     entries[3].unlink()
     assert bits(fly(CachedSparse(reconstructor(), store), LATER)[1:]) == plain[len(LATER)]
     assert entries[3].exists()
@@ -102,7 +102,7 @@ def test_a_sequence_whose_middle_was_pruned_is_replayed(store, plain):
 @pytest.mark.parametrize("damage", ["flip", "truncate"])
 def test_damaged_models_are_noticed_and_rebuilt(store, plain, damage):
     filled(store)
-    entries = [path for path in (store.root / "sequence_models").rglob("*") if path.is_file()]
+    entries = [path for path in (store.root / "sequence-models").rglob("*") if path.is_file()]
     for path in entries:
         data = bytearray(path.read_bytes())
         data[len(data) // 2] ^= 1
@@ -203,7 +203,7 @@ def test_that_there_is_no_cloud_is_remembered(store):
 
 
 def test_the_metrics_of_a_known_sequence_need_no_cloud(store):
-    rock = load_rock("boulder")
+    rock = load_rock("boulder", Store())
     config = config_from_dict({"evaluation": {"gt_samples": 2000}, "dense": {"fusion_voxel_m": 0.05}})
     points, _ = sample_surface(rock.vertices_m, rock.faces, 3000, 5)
     made = []
@@ -222,7 +222,7 @@ def test_the_metrics_of_a_known_sequence_need_no_cloud(store):
 
 
 def test_metrics_come_back_as_they_were(store, monkeypatch):
-    rock = load_rock("boulder")
+    rock = load_rock("boulder", Store())
     config = config_from_dict({"evaluation": {"gt_samples": 2000}, "dense": {"fusion_voxel_m": 0.05}})
     points, _ = sample_surface(rock.vertices_m, rock.faces, 3000, 5)
     cloud = PointCloud(points + np.random.default_rng(1).normal(0, 0.004, points.shape))

@@ -8,17 +8,11 @@ import numpy as np
 import pytest
 import trimesh
 
+from nbv.cache import Store
 from nbv.errors import UserError
-from nbv.rocks import (
-    catalogue,
-    import_mesh,
-    importer,
-    list_rocks,
-    load_rock,
-    remove_imported,
-    save_imported,
-    store,
-)
+from nbv.rocks import import_mesh, importer, list_rocks, load_rock, procedural, remove_imported, save_imported
+from nbv.rocks.catalogue import forget_loaded
+from nbv.rocks.imported import DamagedRockError, read_rock, write_rock
 from nbv.rocks.procedural import generate_rock
 from nbv.rocks.recipes import RECIPES
 
@@ -27,16 +21,10 @@ from nbv.rocks.recipes import RECIPES
 def home(tmp_path, monkeypatch):
     """An empty folder for rocks, and coarse, quick procedural ones."""
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
-    monkeypatch.setattr(catalogue, "generate_rock", lambda name: generate_rock(name, grid_m=0.04))
-    forget()
+    monkeypatch.setattr(procedural, "generate_rock", lambda name: generate_rock(name, grid_m=0.04))
+    forget_loaded()
     yield tmp_path / "home"
-    forget()
-
-
-def forget():
-    """What a new process would not remember."""
-    for loader in (catalogue._load_procedural, catalogue._load_imported, catalogue._load_file):
-        loader.cache_clear()
+    forget_loaded()
 
 
 @pytest.fixture
@@ -47,65 +35,47 @@ def mesh_file(tmp_path, monkeypatch):
     return path
 
 
-def test_procedural_rock_is_generated_once_and_read_back_identically(home, monkeypatch):
-    first = load_rock("waist")
-    forget()
-    monkeypatch.setattr(catalogue, "generate_rock", lambda name: pytest.fail("generated twice"))
-    again = load_rock("waist")
+def test_a_procedural_rock_is_generated_once_and_read_back_identically(home, monkeypatch):
+    first = load_rock("waist", Store())
+    assert load_rock("waist", Store()) is first  # in memory
+    forget_loaded()
+    monkeypatch.setattr(procedural, "generate_rock", lambda name: pytest.fail("generated twice"))
+    again = load_rock("waist", Store())
     assert again.sha256 == first.sha256
     np.testing.assert_array_equal(again.vertices_m, first.vertices_m)
     np.testing.assert_array_equal(again.faces, first.faces)
     np.testing.assert_array_equal(again.albedo, first.albedo)
-    assert (again.split, again.difficulty) == (first.split, first.difficulty)
+    assert (again.name, again.split, again.difficulty) == ("waist", first.split, first.difficulty)
+    assert again.faces.dtype == first.faces.dtype and not again.vertices_m.flags.writeable
+    assert [kind.kind for kind in Store().info()] == ["rocks"]
 
 
-def test_cache_holds_one_version_of_a_rock(home, monkeypatch):
-    load_rock("waist")
-    load_rock("slab")
-    forget()
-    monkeypatch.setattr(catalogue, "generator_key", lambda: "0123456789abcdef")
-    load_rock("waist")
-    files = sorted(path.name for path in (home / "rocks" / "generated").iterdir())
-    assert files[0].startswith("slab-") and files[1:] == ["waist-0123456789abcdef.npz"]
+def test_without_a_store_a_rock_is_made_in_memory(home):
+    assert load_rock("waist").name == "waist"
+    assert not home.exists()
 
 
-@pytest.mark.parametrize("damage", ["truncated", "flipped", "other file", "emptied"])
-def test_damaged_cache_is_noticed_and_rebuilt(home, damage, caplog):
-    good = load_rock("waist").sha256
-    (file,) = (home / "rocks" / "generated").glob("waist-*.npz")
-    content = bytearray(file.read_bytes())
-    if damage == "truncated":
-        file.write_bytes(content[: len(content) // 2])
-    elif damage == "flipped":
-        content[len(content) // 2] ^= 0x55
-        file.write_bytes(content)
-    elif damage == "emptied":
-        file.write_bytes(b"")
-    else:
-        file.write_bytes(b"not a rock at all")
-    forget()
-    assert load_rock("waist").sha256 == good
-    assert "generating waist again" in caplog.text
-    forget()
-    assert store.read_rock(file).sha256 == good  # mended on disk
-    assert not list(file.parent.glob("*.tmp"))
+def test_a_damaged_entry_is_made_anew(home):
+    store = Store()
+    good = load_rock("waist", store).sha256
+    (file,) = (path for path in store.root.rglob("*") if path.is_file())
+    file.write_bytes(file.read_bytes()[:1000])
+    forget_loaded()
+    assert load_rock("waist", store).sha256 == good
+    assert store.verify() == (1, 0)  # mended on disk
 
 
-def test_altered_content_in_a_sound_file_is_noticed(home):
-    rock = load_rock("waist")
-    (file,) = (home / "rocks" / "generated").glob("waist-*.npz")
-    forged = dataclasses.replace(rock, vertices_m=rock.vertices_m * 1.01)
-    store.write_rock(forged, file)  # keeps the old hash
-    with pytest.raises(store.DamagedRockError, match="content"):
-        store.read_rock(file)
+def test_altered_content_in_a_sound_file_is_noticed(tmp_path):
+    rock, file = load_rock("waist"), tmp_path / "waist.npz"
+    write_rock(dataclasses.replace(rock, vertices_m=rock.vertices_m * 1.01), file)  # keeps the old hash
+    with pytest.raises(DamagedRockError, match="content"):
+        read_rock(file)
 
 
-def test_unwritable_cache_does_not_stop_a_mission(tmp_path, monkeypatch, caplog):
+def test_an_unwritable_store_does_not_stop_a_mission(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("a file where a folder should be")
-    monkeypatch.setenv("GATETUNE_HOME", str(blocked))
-    assert load_rock("waist").name == "waist"
-    assert "cannot cache" in caplog.text
+    assert load_rock("waist", Store(blocked)).name == "waist"
 
 
 def test_imported_rock_is_found_by_name(mesh_file):

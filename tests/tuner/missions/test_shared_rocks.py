@@ -11,7 +11,7 @@ import pytest
 import trimesh
 
 from nbv.config import preset
-from nbv.rocks import catalogue
+from nbv.rocks.catalogue import forget_loaded, loaded_rocks
 from tuner.missions import shared_rocks
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.job import MissionJob, MissionOutcome
@@ -33,11 +33,11 @@ def order(rock: Path | str, runner: str = RUNNER) -> dict[str, Any]:
 
 @pytest.fixture(autouse=True)
 def nothing_in_memory() -> None:
-    catalogue._load_file.cache_clear()
+    forget_loaded()
 
 
 def held() -> int:
-    return catalogue._load_file.cache_info().currsize
+    return len(loaded_rocks())
 
 
 def test_the_rock_of_a_flown_mission_is_held_once(tmp_path: Path) -> None:

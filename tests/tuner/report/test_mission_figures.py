@@ -93,7 +93,7 @@ def rock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         "ball", vertices, np.asarray(ball.faces), np.full((len(vertices), 3), 0.3, np.float32), split="extra",
         difficulty="none",
     )  # fmt: skip
-    monkeypatch.setattr(mission_figures, "load_rock", lambda name: {"ball": subject}[name])
+    monkeypatch.setattr(mission_figures, "load_rock", lambda name, store: {"ball": subject}[name])
     return "ball"
 
 

@@ -1,7 +1,11 @@
-"""Rocks on disk: where they live, and reading and writing one so that a damaged file is noticed."""
+"""The user's own rocks: kept by name, one file each, so that a damaged file is noticed.
+
+They are the user's data and no cache: nothing here is made anew or removed unless the user says so.
+"""
 
 from __future__ import annotations
 
+import logging
 import os
 import re
 import tempfile
@@ -13,9 +17,12 @@ import numpy as np
 
 from nbv.cache import home
 from nbv.errors import UserError
-from nbv.rocks.rock import SPLITS, Rock, Split, make_rock
+from nbv.rocks.recipes import RECIPES
+from nbv.rocks.rock import SPLITS, Rock, RockInfo, Split, make_rock
 
-FORMAT = 1
+log = logging.getLogger(__name__)
+
+_FORMAT = 1
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 
 
@@ -23,19 +30,57 @@ class DamagedRockError(Exception):
     """A rock file that cannot be read back as it was written."""
 
 
-def generated_path(name: str, key: str) -> Path:
-    """Where the procedural rock ``name`` of generator ``key`` is cached."""
-    return home() / "rocks" / "generated" / f"{name}-{key}.npz"
-
-
 def imported_dir() -> Path:
-    """Where imported rocks are kept, one file each."""
+    """Where imported rocks are kept."""
     return home() / "rocks" / "imported"
 
 
 def imported_path(name: str) -> Path:
     """Where the imported rock ``name`` is kept."""
     return imported_dir() / f"{name}.npz"
+
+
+def list_imported() -> list[RockInfo]:
+    """Imported rocks by name; a warning for every file that cannot be read."""
+    rocks = []
+    folder = imported_dir()
+    for path in sorted(folder.glob("*.npz")) if folder.is_dir() else []:
+        try:
+            split, difficulty = read_labels(path)
+        except (DamagedRockError, FileNotFoundError) as error:
+            log.warning("%s; import the rock again", error)
+            continue
+        rocks.append(RockInfo(path.stem, split, "imported", difficulty))
+    return rocks
+
+
+def save_imported(rock: Rock, *, force: bool = False) -> Path:
+    """Keep an imported rock so that `nbv.rocks.load_rock` finds it by name.
+
+    Raises
+    ------
+    UserError
+        The name is not usable or taken (``force`` replaces an imported rock, never a procedural one).
+    """
+    check_name(rock.name)
+    if rock.name in RECIPES:
+        raise UserError(f"{rock.name!r} is the name of a procedural rock; choose another with --name")
+    path = imported_path(rock.name)
+    if path.exists() and not force:
+        raise UserError(f"there is already a rock {rock.name!r}; choose another --name or pass --force")
+    try:
+        write_rock(rock, path)
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error}; set GATETUNE_HOME to a writable folder") from error
+    return path
+
+
+def remove_imported(name: str) -> None:
+    """Forget an imported rock; ``UserError`` if there is none of that name."""
+    path = imported_path(check_name(name))
+    if not path.is_file():
+        raise UserError(f"there is no imported rock {name!r} to remove")
+    path.unlink()
 
 
 def check_name(name: str) -> str:
@@ -56,7 +101,7 @@ def write_rock(rock: Rock, path: Path) -> None:
         with os.fdopen(handle, "wb") as file:
             np.savez(
                 file,
-                format=np.array(FORMAT),
+                format=np.array(_FORMAT),
                 name=np.array(rock.name),
                 vertices_m=rock.vertices_m,
                 faces=rock.faces.astype(np.int32),
@@ -84,8 +129,8 @@ def read_rock(path: Path) -> Rock:
     """
     try:
         with np.load(path, allow_pickle=False) as data:
-            if int(data["format"]) != FORMAT:
-                raise DamagedRockError(f"{path} has format {int(data['format'])}, not {FORMAT}")
+            if int(data["format"]) != _FORMAT:
+                raise DamagedRockError(f"{path} has format {int(data['format'])}, not {_FORMAT}")
             rock = make_rock(
                 str(data["name"]),
                 data["vertices_m"],

@@ -1,17 +1,18 @@
 """The store: whole entries or none, damage noticed, bounded, safe for several processes."""
 
-import dataclasses
 import multiprocessing
+import os
 
 import numpy as np
 import pytest
 
-from nbv.cache import Store, digest
-from nbv.config import CameraConfig, SparseConfig
-from nbv.photogrammetric.cached_stages import STAGE_VERSION, CachedCorrespondences
-from nbv.provenance import versions
-from nbv.sparse.features import Features
-from nbv.sparse.matching import VerifiedPair
+from nbv.cache import Store
+
+
+def file_of(store, key, kind="*"):
+    """The file that holds an entry."""
+    (path,) = (path for path in store.root.glob(f"{kind}/**/{key}") if path.is_file())
+    return path
 
 
 def test_an_entry_comes_back_as_it_was(tmp_path):
@@ -30,7 +31,7 @@ def test_an_entry_comes_back_as_it_was(tmp_path):
 def test_a_damaged_entry_is_noticed_and_can_be_made_anew(tmp_path, damage):
     store = Store(tmp_path)
     store.put("pairs", "cd34", {"m": np.arange(100)})
-    (path,) = [p for p in tmp_path.rglob("cd34") if p.is_file()]
+    path = file_of(store, "cd34")
     data = bytearray(path.read_bytes())
     if damage == "flip":
         data[-50] ^= 1
@@ -45,19 +46,41 @@ def test_verify_removes_only_the_damaged(tmp_path):
     store = Store(tmp_path)
     for index in range(5):
         store.put("photos", f"{index:02d}xx", {"i": np.array(index)})
-    victim = store._path("photos", "03xx")
+    victim = file_of(store, "03xx")
     victim.write_bytes(victim.read_bytes()[:-1])
     assert store.verify() == (5, 1)
     assert store.verify() == (4, 0)
 
 
-def test_prune_drops_the_least_recently_used(tmp_path):
-    import os
+def test_entries_that_changed_places_are_noticed(tmp_path):
+    store = Store(tmp_path)
+    for kind, key in (("photos", "aa"), ("photos", "ab"), ("pairs", "aa")):
+        store.put(kind, key, {"name": np.array(f"{kind} {key}")})
+    a, b = file_of(store, "aa", "photos"), file_of(store, "ab")
+    content = a.read_bytes()
+    a.write_bytes(b.read_bytes())  # another key's
+    b.write_bytes(content)
+    assert store.get("photos", "aa") is None
+    file_of(store, "aa", "pairs").write_bytes(content)  # another kind's
+    assert store.verify() == (2, 2)
 
+
+@pytest.mark.parametrize("name", ["", ".", "..", "../photos", "a/b", "a\\b", "/etc", "A", "a b"])
+def test_names_that_could_leave_the_store_are_refused(tmp_path, name):
+    store = Store(tmp_path / "store")
+    for kind, key in ((name, "ab12"), ("photos", name)):
+        with pytest.raises(ValueError, match="cannot name an entry"):
+            store.put(kind, key, {"i": np.zeros(1)})
+        with pytest.raises(ValueError, match="cannot name an entry"):
+            store.get(kind, key)
+    assert list(tmp_path.rglob("*")) == []
+
+
+def test_prune_drops_the_least_recently_used(tmp_path):
     store = Store(tmp_path)
     for index in range(4):
         store.put("photos", f"{index:02d}", {"i": np.zeros(1000)})
-        os.utime(store._path("photos", f"{index:02d}"), (index, index))
+        os.utime(file_of(store, f"{index:02d}"), (index, index))
     store.get("photos", "00")  # used just now
     size = store.info()[0].size_bytes // 4
     removed, freed = store.prune(2 * size)
@@ -93,38 +116,3 @@ def test_an_unwritable_store_costs_the_entry_not_the_result(tmp_path):
     store = Store(blocked / "store")
     store.put("photos", "ab", {"i": np.zeros(3)})
     assert not (blocked / "store").exists()
-
-
-def test_digest_tells_values_shapes_and_types_apart():
-    a = np.zeros((2, 3))
-    keys = [
-        digest(a),
-        digest(a.T),
-        digest(a.astype(np.float32)),
-        digest("x", "y"),
-        digest("xy"),
-        digest(["x", "y"]),
-    ]
-    assert len(set(keys)) == len(keys)
-    assert digest({"b": 1, "a": 2}) == digest({"a": 2, "b": 1})
-
-
-def test_pairs_verified_with_other_trials_are_other_pairs_and_earlier_ones_stay_valid(tmp_path, monkeypatch):
-    asked = []
-
-    def verify(a, b, matches, camera, config):
-        asked.append(config.min_ransac_trials)
-        return VerifiedPair(np.zeros((20, 2), np.uint32), 2)
-
-    monkeypatch.setattr("nbv.sparse.correspondences.verify_pair", verify)
-    rng = np.random.default_rng(0)
-    a, b = (Features(np.zeros((9, 4), np.float32), rng.integers(0, 99, (9, 128), np.uint8)) for _ in range(2))
-    store, camera = Store(tmp_path / "store"), CameraConfig()
-    for trials in (100, 30, 100, 30):
-        CachedCorrespondences(camera, SparseConfig(min_ransac_trials=trials), store).pair(a, b)
-    assert asked == [100, 30]
-    # The key of a pair with COLMAP's number of trials is that of the time when there was no choice.
-    options = SparseConfig()
-    key = digest([STAGE_VERSION, versions()["pycolmap"], dataclasses.asdict(camera), options.match_ratio,
-                  options.min_inliers], digest(a.keypoints, a.descriptors), digest(b.keypoints, b.descriptors))  # fmt: skip
-    assert store.get("pairs", key) is not None

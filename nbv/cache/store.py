@@ -1,11 +1,9 @@
-"""A content-addressed store of arrays, shared by many processes.
+"""A store of arrays, shared by many processes.
 
-An entry is a dictionary of arrays under (kind, key); the key is a digest of everything that decides the
-content. Entries are written to a temporary file and renamed, so a reader sees a whole entry or none, and
-two processes that fill the same entry leave one of two equal files. Every entry carries a checksum: a
-damaged one is noticed, removed and made anew by whoever needs it.
-
-Caching wraps the stages (``nbv.photogrammetric.cached_stages``); no algorithm knows of this module.
+An entry is a dictionary of arrays under (kind, key). Entries are written to a temporary file and renamed, so a
+reader sees a whole entry or none, and two processes that fill the same entry leave one of two equal files. Every
+entry carries a checksum of its kind, its key and its content: one that is damaged or lies under another's name is
+noticed, removed and made anew by whoever needs it.
 """
 
 from __future__ import annotations
@@ -13,21 +11,21 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import io
-import json
 import os
+import re
 import shutil
 import sys
 import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from nbv.errors import UserError
 
-_MAGIC = b"gatetune-entry-1"
+_MAGIC = b"gatetune-entry-2"
+_NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
 DEFAULT_MAX_BYTES = 10 * 2**30
 _PRUNE_EVERY_PUTS = 500
 
@@ -41,21 +39,6 @@ def home() -> Path:
     if sys.platform == "darwin":
         return Path.home() / "Library" / "Caches" / "gatetune"
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gatetune"
-
-
-def digest(*parts: Any) -> str:
-    """32 hex digits that identify ``parts`` (JSON values, bytes or arrays)."""
-    hasher = hashlib.sha256()
-    for part in parts:
-        if isinstance(part, np.ndarray):
-            head = f"{part.dtype.str}{part.shape}".encode()
-            body = np.ascontiguousarray(part).tobytes()
-        elif isinstance(part, bytes):
-            head, body = b"bytes", part
-        else:
-            head, body = b"json", json.dumps(part, sort_keys=True, separators=(",", ":")).encode()
-        hasher.update(len(head).to_bytes(4, "little") + head + len(body).to_bytes(8, "little") + body)
-    return hasher.hexdigest()[:32]
 
 
 @dataclass(frozen=True)
@@ -76,13 +59,13 @@ class Store:
         self._puts = 0
 
     def get(self, kind: str, key: str) -> Arrays | None:
-        """The entry, or ``None`` if it is absent or damaged (then it is removed)."""
+        """The entry, or ``None`` if it is absent or not what was put there (then it is removed)."""
         path = self._path(kind, key)
         try:
             data = path.read_bytes()
         except OSError:
             return None
-        arrays = _unpack(data)
+        arrays = _unpack(kind, key, data)
         if arrays is None:
             path.unlink(missing_ok=True)
             return None
@@ -96,7 +79,7 @@ class Store:
         temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            temporary.write_bytes(_pack(arrays))
+            temporary.write_bytes(_pack(kind, key, arrays))
             temporary.replace(path)
         except OSError:
             with contextlib.suppress(OSError):
@@ -137,7 +120,7 @@ class Store:
         return removed, freed
 
     def verify(self) -> tuple[int, int]:
-        """Check every entry's checksum and remove the damaged: (entries checked, entries removed)."""
+        """Check every entry's checksum and remove those that fail: (entries checked, entries removed)."""
         checked = damaged = 0
         for path in self._entries():
             try:
@@ -145,7 +128,7 @@ class Store:
             except FileNotFoundError:
                 continue
             checked += 1
-            if _unpack(data) is None:
+            if _payload(path.relative_to(self.root).parts[0], path.name, data) is None:
                 path.unlink(missing_ok=True)
                 damaged += 1
         return checked, damaged
@@ -155,6 +138,9 @@ class Store:
         shutil.rmtree(self.root, ignore_errors=True)
 
     def _path(self, kind: str, key: str) -> Path:
+        for name in (kind, key):
+            if not _NAME.fullmatch(name):
+                raise ValueError(f"{name!r} cannot name an entry of the store")
         return self.root / kind / key[:2] / key
 
     def _entries(self) -> Iterator[Path]:
@@ -162,16 +148,30 @@ class Store:
             yield from (path for path in self.root.glob("*/??/*") if not path.name.startswith("."))
 
 
-def _pack(arrays: Arrays) -> bytes:
+def _pack(kind: str, key: str, arrays: Arrays) -> bytes:
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
-    payload = buffer.getvalue()
-    return _MAGIC + hashlib.sha256(payload).digest() + payload
+    payload = buffer.getbuffer()
+    return b"".join((_MAGIC, _checksum(kind, key, payload), payload))
 
 
-def _unpack(data: bytes) -> Arrays | None:
-    start = len(_MAGIC) + 32
-    if data[: len(_MAGIC)] != _MAGIC or hashlib.sha256(data[start:]).digest() != data[len(_MAGIC) : start]:
+def _unpack(kind: str, key: str, data: bytes) -> Arrays | None:
+    payload = _payload(kind, key, data)
+    if payload is None:
         return None
-    with np.load(io.BytesIO(data[start:]), allow_pickle=False) as entry:
+    with np.load(io.BytesIO(payload), allow_pickle=False) as entry:
         return {name: entry[name] for name in entry.files}
+
+
+def _payload(kind: str, key: str, data: bytes) -> memoryview | None:
+    """What was put under (kind, key), if that is what ``data`` holds."""
+    start = len(_MAGIC) + hashlib.sha256().digest_size
+    payload = memoryview(data)[start:]
+    sound = data[:start] == _MAGIC + _checksum(kind, key, payload)
+    return payload if sound else None
+
+
+def _checksum(kind: str, key: str, payload: memoryview) -> bytes:
+    hasher = hashlib.sha256(f"{kind}/{key}\n".encode())
+    hasher.update(payload)
+    return hasher.digest()

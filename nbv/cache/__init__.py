@@ -1,0 +1,29 @@
+"""One cache with one rule. What a stage made is kept under the address of everything that decides it:
+
+* the *kind* of thing;
+* its *inputs*: pixels, poses, options, a rock's SHA-256;
+* the source code that makes it, with all that this code imports, and the libraries' versions (`code_digest`).
+
+An entry is stale when its address is no longer asked for, and never otherwise: there is no number to raise by hand.
+`remember` is the rule in one call; without a store it only calls ``make``, so nothing is read or written. Stores are
+handed from the mission runner down to the stages; no algorithm opens one.
+
+Rocks that a user imported by name live beside the store (``nbv.rocks.imported``) and are not part of it.
+"""
+
+from nbv.cache.addressing import address, code_digest, digest
+from nbv.cache.remembering import remember, remember_json
+from nbv.cache.store import DEFAULT_MAX_BYTES, Arrays, KindInfo, Store, home
+
+__all__ = [
+    "DEFAULT_MAX_BYTES",
+    "Arrays",
+    "KindInfo",
+    "Store",
+    "address",
+    "code_digest",
+    "digest",
+    "home",
+    "remember",
+    "remember_json",
+]

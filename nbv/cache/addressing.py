@@ -1,0 +1,108 @@
+"""The address of a stored thing: a digest of its inputs, of the code that makes it and of the libraries below."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nbv.provenance import MISSION_LIBRARIES, versions
+
+_PACKAGE = Path(__file__).resolve().parents[1]  # nbv/
+_IMPORT = re.compile(
+    r"^[ \t]*(?:from[ \t]+(nbv[\w.]*)[ \t]+import[ \t]+(\([^)]*\)|[^\n]*)|import[ \t]+(nbv[\w.]*))",
+    re.MULTILINE,
+)
+
+
+def digest(*parts: Any) -> str:
+    """32 hex digits that identify ``parts`` (JSON values, dataclasses of them, bytes or arrays)."""
+    hasher = hashlib.sha256()
+    for part in parts:
+        if isinstance(part, np.ndarray):
+            head = f"{part.dtype.str}{part.shape}".encode()
+            body = np.ascontiguousarray(part).tobytes()
+        elif isinstance(part, bytes):
+            head, body = b"bytes", part
+        else:
+            tree = dataclasses.asdict(part) if dataclasses.is_dataclass(part) else part  # type: ignore[arg-type]
+            head, body = b"json", json.dumps(tree, sort_keys=True, separators=(",", ":")).encode()
+        hasher.update(len(head).to_bytes(4, "little") + head + len(body).to_bytes(8, "little") + body)
+    return hasher.hexdigest()[:32]
+
+
+def address(code: str, *inputs: Any) -> str:
+    """The key of what the module or package ``code`` makes of ``inputs`` (each as `digest` takes it)."""
+    return digest(code, code_digest(code), *inputs)
+
+
+@functools.cache
+def code_digest(module: str) -> str:
+    """Digest of the source of ``module`` and of all of ``nbv`` that it imports, and of the libraries' versions.
+
+    Imports are followed through the text of the files, so that no list of them can be forgotten. A package stands for
+    all of its files.
+    """
+    installed = {name: version for name, version in versions().items() if name in MISSION_LIBRARIES}
+    return digest(installed, *(f"{name}\n{_sources()[name]}" for name in sorted(imported_modules(module))))
+
+
+def imported_modules(module: str) -> set[str]:
+    """The modules below ``nbv`` that are ``module``, or in it, or imported by these; by dotted name.
+
+    Raises
+    ------
+    ValueError
+        There is no such module.
+    """
+    waiting, found = _modules_of(module), set[str]()
+    while waiting:
+        name = waiting.pop()
+        found.add(name)
+        waiting |= _imports_of(name) - found
+    return found
+
+
+@functools.cache
+def _imports_of(name: str) -> frozenset[str]:
+    found: set[str] = set()
+    for source, names, plain in _IMPORT.findall(_sources()[name]):
+        if plain:
+            found |= _modules_of(plain)
+            continue
+        for imported in re.findall(r"\w+", names):
+            # Either a module of the package, or a name that the module or package defines.
+            inner = f"{source}.{imported}"
+            found |= _modules_of(inner if inner in _members() else source)
+    return frozenset(found)
+
+
+def _modules_of(name: str) -> set[str]:
+    if name == _PACKAGE.name:
+        return set()
+    if name not in _members():
+        raise ValueError(f"there is no module {name}")
+    return set(_members()[name])
+
+
+@functools.cache
+def _sources() -> dict[str, str]:
+    """The text of every module of the package, by dotted name."""
+    files = ((path.relative_to(_PACKAGE.parent).with_suffix(""), path) for path in _PACKAGE.rglob("*.py"))
+    return {".".join(relative.parts): path.read_text() for relative, path in files}
+
+
+@functools.cache
+def _members() -> dict[str, set[str]]:
+    """Every module and package: which modules it stands for."""
+    members: dict[str, set[str]] = {}
+    for name in _sources():
+        members.setdefault(name, set()).add(name)
+        members.setdefault(name.rpartition(".")[0], set()).add(name)
+    return members
