@@ -424,7 +424,7 @@ def pipeline_figure(run: Path) -> Figure:
                     ms=9,
                     mew=0,
                     color=GREY,
-                    label="both scorers prefer the same view",
+                    label="all scorers prefer the same view",
                 )
             )
         figure.legend(handles=handles, loc="outside upper center", ncols=4)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from nbv.mission.result import IterationRecord, MissionResult
+from nbv.scorers import B_AWARE
 from tuner.evaluation.evaluation import EvaluationRecord
 
 Slot = tuple[str, int]  # (rock, replicate)
@@ -37,7 +38,7 @@ def b_aware_share(trace: Sequence[IterationRecord]) -> float | None:
     """Percent of the captures that flew B-aware's ranking; None without a capture."""
     if not trace:
         return None
-    return PERCENT * sum(record.scorer == "b-aware" for record in trace) / len(trace)
+    return PERCENT * sum(record.scorer == B_AWARE.name for record in trace) / len(trace)
 
 
 def other_views_share(trace: Sequence[IterationRecord], reference: Sequence[IterationRecord]) -> float | None:

@@ -16,7 +16,7 @@ from nbv.errors import UserError
 from nbv.gates import make_oracle
 from nbv.mission.planning_state import load_state
 from nbv.rocks import Rock, load_rock
-from nbv.scorers import rank_candidates
+from nbv.scorers import B_AWARE, COVIS, rank_candidates
 from tuner.studies.decisions import PERCENT
 from tuner.studies.missions_as_data import FlownMission, find_missions
 from tuner.studies.oracles import COVERAGES, Judgement, Preferences, preferences
@@ -98,7 +98,7 @@ def _judge_mission(mission: FlownMission, rock: Rock, coverages: Sequence[str]) 
     for file in files:
         state, pool = load_state(file)
         rankings = rank_candidates(state, pool, mission.config)
-        b_aware, covis = rankings["b-aware"].top, rankings["covis"].top
+        b_aware, covis = rankings[B_AWARE.name].top, rankings[COVIS.name].top
         for coverage, oracle in oracles.items():
             now = oracle.coverage(state)
             ours, theirs = (oracle.gain(pool.positions_m[top], now) for top in (b_aware, covis))

@@ -18,6 +18,7 @@ from typing import Any, get_args, get_type_hints
 from nbv.config import GateConfig, MissionConfig, preset
 from nbv.errors import UserError
 from nbv.mission.result import IterationRecord
+from nbv.scorers import B_AWARE, COVIS, PAPER_SCORERS
 from tuner.evaluation.baselines import baseline
 from tuner.evaluation.evaluation import (
     EvaluationEvent,
@@ -171,9 +172,10 @@ def judgements(trace: Sequence[IterationRecord]) -> list[Judgement]:
     found = []
     for record in trace:
         rewards, top = record.oracle_rewards, record.top
-        if "b-aware" in rewards and "covis" in rewards:
-            best = {top.get(name, {}).get("candidate", name) for name in ("b-aware", "covis")}
-            found.append(Judgement(record.iteration, rewards["b-aware"], rewards["covis"], len(best) == 1))
+        if all(name in rewards for name in PAPER_SCORERS):
+            best = {top.get(name, {}).get("candidate", name) for name in PAPER_SCORERS}
+            b_aware, covis = rewards[B_AWARE.name], rewards[COVIS.name]
+            found.append(Judgement(record.iteration, b_aware, covis, len(best) == 1))
     return found
 
 
