@@ -5,22 +5,25 @@ Nothing is imported before a sampler is made: the command line lists their names
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 
-from nbv.errors import UserError
+from nbv.config.registry import Registry
 from tuner.samplers.base import Sampler, SamplerSettings
 from tuner.samplers.peers import PEER_NAMES, make_peer_sampler, peer_command
 
-_MODULES = {
-    "gp": "gp:make_gp_sampler",
-    "sobol": "plain:make_plain_sampler",
-    "random": "plain:make_plain_sampler",
-    "tpe": "optuna:make_optuna_sampler",
-    "cmaes": "optuna:make_optuna_sampler",
-    "optuna-gp": "optuna:make_optuna_sampler",
-}
-SAMPLER_NAMES = tuple(_MODULES)  # these are always there
+# A function each that makes a sampler of (name, settings).
+SAMPLERS = Registry(
+    "sampler",
+    {
+        "gp": "tuner.samplers.gp:make_gp_sampler",
+        "sobol": "tuner.samplers.plain:make_plain_sampler",
+        "random": "tuner.samplers.plain:make_plain_sampler",
+        "tpe": "tuner.samplers.optuna:make_optuna_sampler",
+        "cmaes": "tuner.samplers.optuna:make_optuna_sampler",
+        "optuna-gp": "tuner.samplers.optuna:make_optuna_sampler",
+    },
+)
+SAMPLER_NAMES = tuple(SAMPLERS)  # these are always there
 ALL_SAMPLER_NAMES = (*SAMPLER_NAMES, *PEER_NAMES)
 
 
@@ -46,10 +49,5 @@ def make_sampler(name: str, settings: SamplerSettings) -> Sampler:
     """
     if name in PEER_NAMES:
         return make_peer_sampler(name, settings)
-    if name not in _MODULES:
-        raise UserError(f"unknown sampler {name!r}; there are {', '.join(ALL_SAMPLER_NAMES)}")
-    module, _, function = _MODULES[name].partition(":")
-    make: Callable[[str, SamplerSettings], Sampler] = getattr(
-        importlib.import_module(f"tuner.samplers.{module}"), function
-    )
+    make: Callable[[str, SamplerSettings], Sampler] = SAMPLERS.load(name)
     return make(name, settings)
