@@ -22,7 +22,7 @@ import numpy as np
 from optimiser_problems import Problem
 
 from tuner.campaign.shipped import shipped_missions
-from tuner.commands.campaign import training_rocks
+from tuner.commands.rock_choice import training_rocks
 from tuner.problem.blocks import next_block
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation

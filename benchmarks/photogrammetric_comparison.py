@@ -28,8 +28,8 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import SETTINGS_FILE, CampaignSettings
 from tuner.campaign.shipped import SHIPPED
-from tuner.commands.campaign import QUICK_ROCKS, refuse_held_out
 from tuner.commands.console import rock_arguments
+from tuner.commands.rock_choice import QUICK_ROCKS, refuse_held_out
 from tuner.evaluation.evaluation import EvaluationPlan, run_evaluation, values_of
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.registry import DEFAULT_RUNNER, registered

@@ -20,7 +20,7 @@ from nbv.errors import UserError
 from nbv.rocks.recipes import RECIPES
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.shipped import DIRECTORY, NOTHING
-from tuner.report.campaign_provenance import flown_by, reproduce_command
+from tuner.report.campaign_provenance import flown_by
 
 
 def main() -> None:
@@ -42,13 +42,18 @@ def main() -> None:
         parser.error(f"{arguments.run} is not finished")
     if s.learn_from:
         parser.error(f"{arguments.run} learned from other campaigns; fly it with --learn-from {NOTHING}")
+    rocks = " ".join(f"--rock {rock}" for rock in s.rocks)
+    command = (
+        f"gatetune campaign run --name shipped --space {s.space.name} --fidelity {s.runner} --budget {s.budget} "
+        f"--replicates {s.replicates} --seed {s.seed} {rocks} --learn-from {NOTHING}"
+    )
     tree = {
         "search_space": s.space.name,
         "metric": s.objective.metric,
         "direction": s.objective.direction,
         "preset": s.preset,
         "runner": s.runner,
-        "flown_by": reproduce_command(campaign),
+        "flown_by": command,
         "revisions": flown_by(campaign),
         "rocks": list(s.rocks),
         "paths": list(s.space.paths),

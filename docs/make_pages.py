@@ -3,13 +3,14 @@
     python docs/make_pages.py            # write them
     python docs/make_pages.py --check    # exit 1 and name those that are not current
 
-``reference/commands.md`` comes from the command line's own declarations, ``reference/parameters.md`` from the
-configuration's, ``internals/rooms_*.svg`` from the imports.
+``reference/commands.md`` comes from the command line's own declarations, ``reference/campaign_settings.md`` from the
+settings', ``reference/parameters.md`` from the configuration's, ``internals/rooms_*.svg`` from the imports.
 """
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -65,6 +66,39 @@ def commands_page() -> str:
             lines += [f"{'Options' if path[0] in brief else 'As above'}: {', '.join(known)}.", ""]
         told |= {(p.name, p.help) for p in options}
     return "\n".join(lines).rstrip() + "\n"
+
+
+def settings_page() -> str:
+    """Every field of a campaign's settings file, as Markdown."""
+    from tuner.campaign import CampaignSettings
+    from tuner.campaign.settings_file import FIELDS
+    from tuner.commands.campaign_settings import DEFAULTS
+    from tuner.problem.objective import DEFAULT_METRIC
+
+    lines = [
+        "# A campaign's settings file", "",
+        "`gatetune campaign run settings.yaml` takes what a campaign is from a file; options of the command go before it. "
+        "Every field may be left out. Some are only here, for experts. The `campaign.yaml` of another campaign is such a "
+        "file: `gatetune campaign run runs/first/campaign.yaml --name second --seed 1` is the same campaign with another "
+        "seed.", "",
+        "    name: shale", "    search_space: gate_weights_and_pool", "    rocks: [slab, scans/shale.obj]", "    budget: 96",
+        "    overrides: {stop.adaptive_budget: 12}",
+        "    objective: {metric: observable.c2c_mean_mm, direction: minimise}", "    in_step: 2", "",
+        "| field | default | meaning |", "|---|---|---|",
+    ]  # fmt: skip
+    defaults: dict[str, Any] = {f.name: f.default for f in dataclasses.fields(CampaignSettings)}
+    defaults |= {
+        **DEFAULTS,
+        "objective": DEFAULT_METRIC,
+        "overrides": "none",
+        "rocks": "the procedural training rocks",
+    }
+    defaults |= {"learn_from": "shipped where there are some, else none"}
+    for key, meaning in FIELDS.items():
+        default = "null" if defaults[key] is None else defaults[key]
+        lines.append(f"| `{key}` | {default} | {meaning} |")
+    lines += ["", "Made by `python docs/make_pages.py`."]
+    return "\n".join(lines) + "\n"
 
 
 def _leaves(command: Any, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -177,6 +211,7 @@ def pages() -> dict[Path, str]:
 
     return {
         Path("reference/commands.md"): commands_page(),
+        Path("reference/campaign_settings.md"): settings_page(),
         Path("reference/parameters.md"): reference_markdown(),
         Path("internals/rooms_nbv.svg"): rooms_picture("nbv"),
     }

@@ -11,9 +11,10 @@ import yaml
 
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
-from tuner.campaign.campaign import LEARNED_FILE, Campaign
+from tuner.campaign.campaign import LEARNED_FILE, Campaign, sampler_of
 from tuner.campaign.ledger import Ledger
-from tuner.campaign.settings import FORMAT_VERSION, SETTINGS_FILE, CampaignSettings, read_settings
+from tuner.campaign.settings import CampaignSettings
+from tuner.campaign.settings_file import FORMAT_VERSION, SETTINGS_FILE, read_settings
 from tuner.campaign.transfer import learn_from
 from tuner.samplers.registry import require_sampler
 
@@ -39,7 +40,7 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
     learned = None
     if settings.learn_from:
         learned = learn_from(settings.learn_from, settings.space, settings.base_config(), settings.objective)
-    settings.make_sampler()
+    sampler_of(settings)
     require_sampler(settings.sampler)  # here and not in make_sampler: a report must open without the peer
     was_there = directory.exists()
     try:

@@ -27,23 +27,53 @@ from nbv.mission.run_directory import write_atomic
 from tuner.acquisition.front import FrontPoint, flown_in_both, pareto_front, two_models
 from tuner.campaign.events import CampaignStatus
 from tuner.campaign.ledger import Ledger, TrialRecord
-from tuner.campaign.settings import (
+from tuner.campaign.settings import CampaignSettings
+from tuner.campaign.settings_file import (
     SETTINGS_FILE,
-    CampaignSettings,
     first_difference,
     read_settings,
+    settings_from_dict,
 )
 from tuner.missions.long_runs import exclusive
 from tuner.problem.observations import Observation, Proposal
 from tuner.recommendation.recommendation import Recommendation, recommend
+from tuner.samplers.base import Sampler, SamplerSettings
 from tuner.samplers.earlier_missions import EarlierMissions
+from tuner.samplers.registry import make_sampler
 from tuner.surrogate.forward_check import check_ahead
 from tuner.surrogate.kernel import Feature
 from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.settings import surrogate_settings
 
 RECOMMENDATION_FILE = "recommendation.json"
 LEARNED_FILE = "learned_from.json"
 FRONT_FILE = "front.json"
+
+
+def sampler_of(settings: CampaignSettings, learned: EarlierMissions | None = None) -> Sampler:
+    """The sampler that a campaign asks; ``learned``: missions flown before it.
+
+    Raises
+    ------
+    UserError
+        The sampler cannot handle the search space.
+    """
+    return make_sampler(
+        settings.sampler,
+        SamplerSettings(
+            settings.space,
+            settings.default_values(),
+            settings.rocks,
+            settings.seed,
+            settings.initial_size(),
+            settings.replicates,
+            settings.risk,
+            learned,
+            settings.second is not None,
+            settings.budget,
+            trusted_default=True,
+        ),
+    )
 
 
 class Campaign:
@@ -54,7 +84,7 @@ class Campaign:
         self.settings = settings
         self.ledger = ledger
         self.learned = self._read_learned() if settings.learn_from else None
-        self._sampler = settings.make_sampler(self.learned)
+        self._sampler = sampler_of(settings, self.learned)
 
     # -- the run directory -----------------------------------------------------------------------------------
 
@@ -77,7 +107,7 @@ class Campaign:
             No campaign there, other settings, a ledger that is missing or belongs elsewhere.
         """
         stored, identity, digest = read_settings(directory)
-        settings = CampaignSettings.from_dict(stored, str(directory / SETTINGS_FILE))
+        settings = settings_from_dict(stored, str(directory / SETTINGS_FILE))
         if expected is not None:
             difference = first_difference(settings.to_dict(), expected.to_dict())
             if difference:
@@ -131,7 +161,7 @@ class Campaign:
         history = [o for o in self.history() if o.outcome is not None and o.second is not None]
         if s.second is None or not history:
             return []
-        models = two_models(s.space, history, s.rocks, s.seed, s.surrogate())
+        models = two_models(s.space, history, s.rocks, s.seed, surrogate_settings(s.space, s.risk))
         return flown_in_both(models, (s.objective, s.second))
 
     def front(self, *, save: bool = True) -> list[FrontPoint]:
@@ -179,7 +209,13 @@ class Campaign:
         if result is not None and check:
             s = self.settings
             found = check_ahead(
-                s.space, history, s.rocks, s.initial_size(), s.seed, s.surrogate(), self._feature()
+                s.space,
+                history,
+                s.rocks,
+                s.initial_size(),
+                s.seed,
+                surrogate_settings(s.space, s.risk),
+                self._feature(),
             )
             result = dataclasses.replace(result, ahead_of_search=found.to_dict() if found else None)
         if result is not None and save:
@@ -191,7 +227,7 @@ class Campaign:
         s = self.settings
         return recommend(
             s.space, history, s.rocks, s.default_values(), s.objective, s.seed,
-            settings=s.surrogate(), risk=s.risk, feature=self._feature(),
+            settings=surrogate_settings(s.space, s.risk), risk=s.risk, feature=self._feature(),
         )  # fmt: skip
 
     def _feature(self) -> Feature | None:
@@ -205,7 +241,9 @@ class Campaign:
         ``ValueError`` without a successful mission.
         """
         s = self.settings
-        return RockMeanGP(s.space, history, rocks or s.rocks, s.seed, s.surrogate(), self._feature())
+        return RockMeanGP(
+            s.space, history, rocks or s.rocks, s.seed, surrogate_settings(s.space, s.risk), self._feature()
+        )
 
     def propose(self, trials: Sequence[TrialRecord], known: int) -> Proposal:
         """The sampler's next mission after the first ``known`` trials; the others count as in flight."""

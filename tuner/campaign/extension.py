@@ -11,7 +11,7 @@ import yaml
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.settings import SETTINGS_FILE
+from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.missions.long_runs import exclusive
 
 

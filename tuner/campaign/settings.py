@@ -1,4 +1,4 @@
-"""What a campaign was asked to do, and the file in its run directory that says so."""
+"""What a campaign was asked to do."""
 
 from __future__ import annotations
 
@@ -6,10 +6,7 @@ import collections
 import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import yaml
+from typing import Any
 
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
@@ -17,17 +14,11 @@ from nbv.mission.runner import Keep
 from tuner.missions.registry import DEFAULT_RUNNER
 from tuner.problem.objective import Objective
 from tuner.problem.options import RISKS, Risk
-from tuner.problem.search_space import SearchSpace, Values, space_from_dict
-from tuner.samplers.base import Sampler, SamplerSettings
+from tuner.problem.search_space import SearchSpace, Values
 from tuner.samplers.design import initial_design_size
-from tuner.samplers.registry import ALL_SAMPLER_NAMES, make_sampler
-from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
-
-if TYPE_CHECKING:
-    from tuner.samplers.earlier_missions import EarlierMissions
-
-SETTINGS_FILE = "campaign.yaml"
-FORMAT_VERSION = 2  # 1: could ask for what is gone, and was proposed for by another model
+from tuner.samplers.registry import (
+    ALL_SAMPLER_NAMES,
+)
 
 
 @dataclass(frozen=True)
@@ -79,6 +70,8 @@ class CampaignSettings:
             raise UserError(f"rock {twice[0]!r} is named twice; name each rock once")
         if self.initial is not None and self.initial < 1:
             raise UserError(f"the initial design has {self.initial} missions; give at least 1")
+        if self.keep not in ("summary", "all"):
+            raise UserError(f"keep is {self.keep!r}; it must be summary or all")
         self._check_options()
         if self.sampler not in ALL_SAMPLER_NAMES:
             raise UserError(f"unknown sampler {self.sampler!r}; there are {', '.join(ALL_SAMPLER_NAMES)}")
@@ -123,21 +116,8 @@ class CampaignSettings:
             earlier=bool(self.learn_from),
         )  # fmt: skip
 
-    def make_sampler(self, earlier: EarlierMissions | None = None) -> Sampler:
-        """The sampler at work; ``earlier``: missions flown before the campaign."""
-        settings = SamplerSettings(
-            self.space, self.default_values(), self.rocks, self.seed, self.initial_size(), self.replicates,
-            self.risk, earlier, self.second is not None, self.budget,
-            trusted_default=True,
-        )  # fmt: skip
-        return make_sampler(self.sampler, settings)
-
-    def surrogate(self) -> SurrogateSettings:
-        """What sampler gp, the recommendation and the report model."""
-        return surrogate_settings(self.space, self.risk)
-
     def to_dict(self) -> dict[str, Any]:
-        """YAML form."""
+        """YAML form, as ``campaign.yaml`` has it; ``settings_file.settings_from_dict`` reads it back."""
         return {
             "name": self.name,
             "search_space": self.space.to_dict(),
@@ -158,57 +138,3 @@ class CampaignSettings:
             "learn_from": list(self.learn_from),
             "in_step": self.in_step,
         }
-
-    @staticmethod
-    def from_dict(tree: Mapping[str, Any], source: str) -> CampaignSettings:
-        """The inverse of ``to_dict``; ``source`` names the file in messages."""
-        try:
-            return CampaignSettings(
-                name=tree["name"],
-                space=space_from_dict(tree["search_space"], source),
-                rocks=tuple(tree["rocks"]),
-                budget=tree["budget"],
-                replicates=tree["replicates"],
-                seed=tree["seed"],
-                preset=tree["preset"],
-                overrides=dict(tree["overrides"]),
-                objective=Objective(tree["objective"]["metric"], tree["objective"]["direction"]),
-                sampler=tree["sampler"],
-                initial=tree["initial"],
-                runner=tree["runner"],
-                keep=tree["keep"],
-                storage=tree["storage"],
-                risk=tree["risk"],
-                second=Objective(**tree["second"]) if tree.get("second") else None,
-                learn_from=tuple(tree.get("learn_from") or ()),
-                in_step=tree.get("in_step"),
-            )
-        except (KeyError, TypeError, AttributeError) as error:
-            raise UserError(f"{source} is not a campaign's settings ({error!r}); restore the file") from error
-
-
-def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
-    path = directory / SETTINGS_FILE
-    if not path.is_file():
-        raise UserError(
-            f"{directory} holds no campaign ({SETTINGS_FILE} is missing); name a campaign's directory"
-        )
-    try:
-        tree = yaml.safe_load(path.read_text())
-        if tree["format"] != FORMAT_VERSION:
-            raise UserError(
-                f"{path} has format {tree['format']}, this version reads {FORMAT_VERSION}; open the campaign with the "
-                "version that began it"
-            )
-        return tree["settings"], tree["id"], tree["base_config_digest"]
-    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
-        raise UserError(f"{path} is not a campaign's settings ({error!r}); restore the file") from error
-
-
-def first_difference(stored: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
-    for key in wanted:
-        if stored.get(key) != wanted[key]:
-            if key == "search_space":
-                return f"search space {stored[key].get('name')!r} differs from {wanted[key].get('name')!r}"
-            return f"{key} is {stored.get(key)!r} there, not {wanted[key]!r}"
-    return ""

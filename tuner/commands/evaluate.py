@@ -9,14 +9,7 @@ import typer
 
 from nbv.errors import UserError
 from tuner.commands.comparison import compare
-from tuner.commands.console import rock_arguments
-
-
-def held_out_rocks() -> list[str]:
-    """The procedural rocks of the held-out split, in catalogue order."""
-    from nbv.rocks import list_rocks
-
-    return [info.name for info in list_rocks() if info.split == "held-out" and info.source == "procedural"]
+from tuner.commands.console import output, rock_arguments
 
 
 def evaluate(
@@ -41,7 +34,9 @@ def evaluate(
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/evaluation).")] = None,
 ) -> None:
     """Fly the recommended configuration and the baselines on held-out rocks; print Table I with intervals."""
+    output.print(f"evaluating the recommendation of {campaign}")  # before what takes seconds to load
     from tuner.campaign.campaign import Campaign
+    from tuner.commands.rock_choice import held_out_rocks
     from tuner.evaluation.baselines import EVALUATION_BASELINES, baseline_configs, tuned_configs
     from tuner.evaluation.evaluation import EvaluationPlan
 

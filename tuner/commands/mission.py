@@ -9,7 +9,7 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from tuner.commands.console import PRESET_NAMES, mission_config, output, seconds
+from tuner.commands.console import PRESET_NAMES, mission_config, output, parse_overrides, seconds
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -124,7 +124,7 @@ def explain(
     """Score one planning state again: every candidate's terms, and why the chosen one won."""
     from tuner.report.explain import explain_state
 
-    for item in explain_state(mission, iteration, preset, set_ or [], top):
+    for item in explain_state(mission, iteration, preset, parse_overrides(set_ or []), top):
         output.print(item)
 
 

@@ -9,7 +9,7 @@ import typer
 
 from nbv.config import PRESETS
 from tuner.commands.comparison import compare
-from tuner.commands.console import mission_config, rock_arguments
+from tuner.commands.console import mission_config, output, rock_arguments
 
 
 def reproduce(
@@ -36,6 +36,7 @@ def reproduce(
     out: Annotated[Path, typer.Option(help="Directory.")] = Path("runs/reproduce"),
 ) -> None:
     """Fly the paper's default configuration for its strategies and two references; print its Table I beside the paper's numbers."""
+    output.print(f"reproducing Table I with preset {preset}")  # before what takes seconds to load
     from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
     from tuner.evaluation.evaluation import EvaluationPlan
 

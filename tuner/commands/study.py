@@ -100,7 +100,7 @@ def _fly_noise_study(
     timeout_s: float,
     out: Path,
 ) -> bool:
-    from tuner.commands.campaign import training_rocks
+    from tuner.commands.rock_choice import training_rocks
     from tuner.problem.search_space import load_search_space
     from tuner.studies.noise import NoiseSettings, fly
 
@@ -168,7 +168,7 @@ def departures(
     ] = False,
 ) -> None:
     """What does each departure of the authors' public code do to the outcome? One at a time, paired."""
-    from tuner.commands.campaign import QUICK_ROCKS
+    from tuner.commands.rock_choice import QUICK_ROCKS
     from tuner.missions.registry import with_oracle
     from tuner.studies.departures import DEPARTURES, DepartureSettings, analyse, fly
     from tuner.studies.departures_report import departures_table, write_departures_report
@@ -235,7 +235,7 @@ def oracles(
     ] = False,
 ) -> None:
     """When does the oracle count a sample as covered? Every reading of the paper, and what it gains."""
-    from tuner.commands.campaign import QUICK_ROCKS
+    from tuner.commands.rock_choice import QUICK_ROCKS
     from tuner.missions.registry import with_oracle
     from tuner.studies.oracles import OracleSettings, analyse, fly
     from tuner.studies.oracles_report import oracles_table, write_oracles_report
@@ -298,7 +298,7 @@ def oracle_states(
 
 
 def _study_rocks(rocks: list[str] | None, otherwise: list[str]) -> tuple[str, ...]:
-    from tuner.commands.campaign import refuse_held_out
+    from tuner.commands.rock_choice import refuse_held_out
 
     chosen = rock_arguments(rocks or otherwise)
     refuse_held_out(chosen)

@@ -13,6 +13,25 @@ DEFAULT_METRIC = "observable.f_score_48mm"
 Direction = Literal["maximise", "minimise"]
 
 
+def direction_of(metric: str) -> Direction:
+    """Which way a mission's metric, or a cost, is better.
+
+    Raises
+    ------
+    UserError
+        Neither an overlap (completeness, accuracy, F-score) nor a distance nor a cost: the user has to say it.
+    """
+    key = metric.rpartition(".")[2]
+    if key.startswith(("completeness", "accuracy", "f_score")):
+        return "maximise"
+    if key.startswith(("c2c", "hausdorff")) or metric.startswith("costs."):
+        return "minimise"
+    raise UserError(
+        f"whether more or less of {metric!r} is better is not known; say it in a settings file: "
+        f"{{metric: {metric}, direction: maximise}}"
+    )
+
+
 @dataclass(frozen=True)
 class Objective:
     """A metric path on ``MissionResult.metrics`` and its direction."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from tuner.problem.search_space import Parameter
 from tuner.report.campaign_facts import CampaignFacts, Slice
@@ -312,8 +313,6 @@ def _scale_axis(ax: Axes, parameter: Parameter, axis: str) -> None:
     setter: Any = ax.set_xscale if axis == "x" else ax.set_yscale
     if parameter.scale == "log":
         setter("log")
-        from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
         target = ax.xaxis if axis == "x" else ax.yaxis
         decades = np.log10(parameter.high / parameter.low)
         subs = (1.0,) if decades > 3 else (1.0, 3.0) if decades > 1 else (1.0, 2.0, 5.0)
@@ -325,6 +324,4 @@ def _scale_axis(ax: Axes, parameter: Parameter, axis: str) -> None:
 
 
 def _wrap(text: str, width: int = 30) -> str:
-    import textwrap
-
     return "\n".join(textwrap.wrap(text, width))

@@ -7,12 +7,10 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.shipped import NOTHING
+from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.missions.job import RESULT_FILE
-from tuner.missions.registry import DEFAULT_RUNNER, RUNNERS
 from tuner.report.campaign_facts import CampaignFacts
 
 
@@ -71,65 +69,18 @@ def _revisions(trees: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def reproduce_command(campaign: Campaign) -> str:
-    """The command line that runs the same campaign again."""
-    s = campaign.settings
-    words = ["gatetune", "campaign", "run", "--name", s.name, "--space", _space_argument(campaign)]
-    for rock in s.rocks:
-        words += ["--rock", rock]
-    words += ["--replicates", str(s.replicates), "--budget", str(s.budget), "--seed", str(s.seed)]
-    words += ["--preset", s.preset, "--metric", s.objective.metric, "--sampler", s.sampler]
-    if s.objective.direction == "minimise":
-        words.append("--minimise")
-    for path, value in s.overrides.items():
-        words += ["--set", f"{path}={json.dumps(value)}"]
-    # Always said: what a campaign learns from unless told otherwise may change with what comes with the program.
-    for source in s.learn_from or (NOTHING,):
-        words += ["--learn-from", source]
-    return " ".join(shlex.quote(word) for word in [*words, *_optional_words(campaign)])
-
-
-def _optional_words(campaign: Campaign) -> list[str]:
-    """What of the settings is not a campaign's default."""
-    s, words = campaign.settings, []
-    with_values = {
-        "--keep": s.keep if s.keep != "summary" else None, "--in-step": s.in_step,
-        "--fidelity": s.runner if s.runner in RUNNERS and s.runner != DEFAULT_RUNNER else None,
-        "--risk": s.risk if s.risk != "mean" else None,
-        "--second-metric": s.second.metric if s.second is not None else None,
-    }  # fmt: skip
-    for option, value in with_values.items():
-        if value is not None:
-            words += [option, str(value)]
-    flags = {
-        "--second-minimise": s.second is not None and s.second.direction == "minimise",
-    }  # fmt: skip
-    return [*words, *(option for option, wanted in flags.items() if wanted)]
-
-
-def _space_argument(campaign: Campaign) -> str:
-    from tuner.problem.search_space import load_search_space
-
-    space = campaign.settings.space
-    try:
-        if load_search_space(space.name).to_dict() == space.to_dict():
-            return space.name
-    except UserError:
-        pass
-    return f"{space.name}.yaml"
+    """The command line that runs the same campaign again, in a directory beside it."""
+    beside = campaign.directory.with_name(f"{campaign.directory.name}-again")
+    words = ["gatetune", "campaign", "run", str(campaign.directory / SETTINGS_FILE), "--out", str(beside)]
+    return shlex.join(words)
 
 
 def command_note(campaign: Campaign) -> str:
     """What the reader of `reproduce_command` must know besides."""
-    s, notes = campaign.settings, []
-    if _space_argument(campaign).endswith(".yaml"):
-        notes.append(
-            f"Save the section “search_space” of the settings below as {_space_argument(campaign)} first."
-        )
-    if s.runner not in RUNNERS:
-        notes.append(f"Missions were flown by {s.runner}, which the command line cannot name.")
-    if s.in_step is None:
+    notes = [f"Without this run directory: save the settings below as {SETTINGS_FILE} and name that file."]
+    if campaign.settings.in_step is None:
         notes.append(
             "With one worker the sequence of proposals repeats exactly; with more it depends on which mission ends "
-            "first, unless the campaign is run --in-step."
+            "first, unless the settings have `in_step`."
         )
     return " ".join(notes)

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
 from nbv.errors import UserError
 from nbv.provenance import versions
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.settings import SETTINGS_FILE
+from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
+from tuner.evaluation.evaluation import EvaluationRun
 from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 from tuner.problem.search_space import SearchSpace
 from tuner.recommendation.recommendation import Recommendation
@@ -34,12 +35,10 @@ from tuner.report.campaign_rows import (
     rock_rows,
     trial_row,
 )
+from tuner.report.comparison_report import comparison_context
 from tuner.report.front import front_context
 from tuner.report.labels import decimals_for, format_number, parameter_label, parameter_value, with_unit
 from tuner.report.pages import write_page
-
-if TYPE_CHECKING:
-    from tuner.evaluation.evaluation import EvaluationRun
 
 REPORT_FILE = "report.html"
 FIGURES_DIRECTORY = "figures"
@@ -74,8 +73,6 @@ def write_campaign_report(campaign: Campaign, evaluation: EvaluationRun | None =
     figures = campaign.directory / FIGURES_DIRECTORY
     comparison: dict[str, Any] | None = None
     if evaluation is not None:
-        from tuner.report.comparison_report import comparison_context
-
         comparison = comparison_context(evaluation, figures, metric=facts.settings.objective.metric)
     try:
         context = _context(facts, figures)

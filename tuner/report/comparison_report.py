@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+from nbv.errors import UserError
+from nbv.mission.run_directory import write_atomic
 from nbv.provenance import git_revision, versions
 from tuner.evaluation.baselines import BASELINES, TUNED, description
 from tuner.evaluation.baselines import label as strategy_label
@@ -80,9 +82,6 @@ def write_comparison_report(
     UserError
         The reference was not evaluated, or the directory cannot be written.
     """
-    from nbv.errors import UserError
-    from nbv.mission.run_directory import write_atomic
-
     try:
         facts = comparison_context(
             run, directory / FIGURES_DIRECTORY, reference=reference, metric=metric, surfaces=surfaces, paper=paper

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import yaml
@@ -14,7 +15,6 @@ from nbv.errors import UserError
 from nbv.mission.planning_state import load_state
 from nbv.scorers import find_scorer, rank_candidates
 from nbv.types import CandidatePool, Ranking
-from tuner.commands.console import parse_overrides
 
 
 def locate_state(path: Path, iteration: int, preset_name: str) -> tuple[Path, MissionConfig]:
@@ -39,11 +39,11 @@ def locate_state(path: Path, iteration: int, preset_name: str) -> tuple[Path, Mi
 
 
 def explain_state(
-    path: Path, iteration: int, preset_name: str, assignments: list[str], top: int
+    path: Path, iteration: int, preset_name: str, overrides: Mapping[str, Any], top: int
 ) -> Iterator[Table | str]:
     """Tables and sentences that explain the rankings of one state: the paper's two scorers, and what the gate flies."""
     file, config = locate_state(path, iteration, preset_name)
-    config = config.with_values(parse_overrides(assignments))
+    config = config.with_values(dict(overrides))
     state, pool = load_state(file)
     rankings = rank_candidates(state, pool, config)
     yield (

@@ -17,11 +17,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from sklearn.linear_model import LogisticRegression
+from sklearn.model_selection import LeaveOneGroupOut
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import StandardScaler
+from sklearn.tree import DecisionTreeClassifier
 
 from nbv.errors import UserError
 from nbv.gates.features import FEATURE_NAMES
 from nbv.gates.learned import check_policy
 from nbv.mission.run_directory import write_atomic
+from nbv.rocks import list_rocks
 from nbv.scorers import PAPER_SCORERS
 from nbv.types import Floats, Ints
 from tuner.studies.missions_as_data import FlownMission
@@ -76,8 +82,6 @@ class GateDecisions:
 
 def held_out_rocks() -> set[str]:
     """Names of all rocks that nothing may be learned from, imported ones included."""
-    from nbv.rocks import list_rocks
-
     return {rock.name for rock in list_rocks() if rock.split == "held-out"}
 
 
@@ -250,26 +254,18 @@ def learn_gate(decisions: GateDecisions, max_depth: int = MAX_DEPTH, seed: int =
 
 
 def _fit_tree(features: Floats, labels: Ints, weights: Floats, max_depth: int, seed: int) -> Any:
-    from sklearn.tree import DecisionTreeClassifier
-
     leaf = max(MIN_LEAF, math.ceil(MIN_LEAF_SHARE * len(labels)))
     tree = DecisionTreeClassifier(max_depth=max_depth, min_samples_leaf=leaf, random_state=seed)
     return tree.fit(features, labels, sample_weight=weights)
 
 
 def _fit_logistic(features: Floats, labels: Ints, weights: Floats) -> Any:
-    from sklearn.linear_model import LogisticRegression
-    from sklearn.pipeline import make_pipeline
-    from sklearn.preprocessing import StandardScaler
-
     model = make_pipeline(StandardScaler(), LogisticRegression(max_iter=2000))
     return model.fit(features, labels, logisticregression__sample_weight=weights)
 
 
 def _cross_validate(decisions: GateDecisions, max_depth: int, seed: int) -> list[PolicyScore]:
     """Every rock in turn is left out of the training; fixed choices beside the learned ones."""
-    from sklearn.model_selection import LeaveOneGroupOut
-
     n, groups = len(decisions.rewards), np.array(decisions.rocks)
     if len(set(decisions.rocks)) < 2:
         return []

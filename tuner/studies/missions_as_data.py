@@ -10,9 +10,10 @@ from typing import Any
 
 import yaml
 
-from nbv.config import MissionConfig, config_from_dict
+from nbv.config import MissionConfig, config_from_dict, parameter_paths
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
+from tuner.campaign.campaign import Campaign
 from tuner.problem.objective import DEFAULT_METRIC, Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, value_at
@@ -75,8 +76,6 @@ def find_missions(directories: Sequence[Path]) -> list[FlownMission]:
 
 def campaign_data(directory: Path, metric: str | None = None) -> MissionData:
     """A campaign's finished missions; another ``metric`` than the tuned one is read from their results."""
-    from tuner.campaign.campaign import Campaign  # brings torch: only where needed
-
     campaign = Campaign.open(directory, read_only=True)
     objective = campaign.settings.objective
     if metric is not None and metric != objective.metric:
@@ -162,8 +161,6 @@ def is_campaign(directory: Path) -> bool:
 
 
 def _difference(configs: Sequence[MissionConfig]) -> tuple[str, str]:
-    from nbv.config import parameter_paths
-
     for path in parameter_paths():
         seen = dict.fromkeys(value_at(c, path) for c in configs)
         if len(seen) > 1:

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.stats import qmc
 
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
@@ -118,8 +119,6 @@ class NoiseSettings:
     @functools.cached_property
     def points(self) -> dict[str, dict[str, Any]]:
         """Tuned values of the default and of every Sobol point, by name."""
-        from scipy.stats import qmc
-
         engine = qmc.Sobol(self.space.dimension, scramble=True, rng=self.seed)
         unit = engine.random_base2(math.ceil(math.log2(self.configurations)))[: self.configurations]
         points = {f"sobol-{i:02d}": self.space.from_unit(u) for i, u in enumerate(unit)}

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 from tuner.report.style import short_names
-
-if TYPE_CHECKING:
-    from tuner.studies.departures import DepartureFindings
-    from tuner.studies.oracles import OracleFindings
+from tuner.studies.departures import DepartureFindings
+from tuner.studies.oracles import OracleFindings
 
 
 def preamble(findings: DepartureFindings | OracleFindings) -> list[str]:

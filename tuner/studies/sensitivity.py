@@ -10,7 +10,13 @@ from typing import Any
 
 import gpytorch
 import numpy as np
+import optuna
 import torch
+from optuna.importance import (
+    FanovaImportanceEvaluator,
+    PedAnovaImportanceEvaluator,
+    get_param_importances,
+)
 
 from nbv.errors import UserError
 from nbv.types import Floats
@@ -249,13 +255,6 @@ def optuna_importances(data: MissionData, seed: int) -> tuple[dict[str, float], 
     Outcomes are standardised per rock first, or hard rocks would look like bad configurations. Empty where
     Optuna finds nothing to attribute (no spread, too few missions).
     """
-    import optuna
-    from optuna.importance import (
-        FanovaImportanceEvaluator,
-        PedAnovaImportanceEvaluator,
-        get_param_importances,
-    )
-
     rocks = [o.rock for o in data.observations]
     outcomes = np.array([o.outcome for o in data.observations], dtype=float)
     targets = RockStandardiser.fit(rocks, outcomes).standardise(rocks, outcomes)

@@ -54,7 +54,7 @@ def test_the_best_of_an_earlier_campaign_fly_first_on_new_rocks(earlier: Campaig
     again = Campaign.open(campaign.directory)
     assert again.learned is not None and again.learned.best(3) == campaign.learned.best(3)
     page = write_campaign_report(again).read_text()
-    assert "missions of earlier campaigns" in page and "--learn-from" in page
+    assert "missions of earlier campaigns" in page and "learn_from:" in page
     (campaign.directory / "learned_from.json").unlink()
     with pytest.raises(UserError, match=r"learned_from.json cannot be read .* restore it"):
         Campaign.open(campaign.directory)

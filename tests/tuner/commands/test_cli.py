@@ -6,6 +6,7 @@ import trimesh
 import yaml
 
 from nbv.config import config_from_dict, preset
+from tuner.campaign.settings_file import FIELDS
 
 RUN = ["campaign", "run", "--rock", "boulder"]
 
@@ -42,7 +43,8 @@ def mesh(kind, path):
         ([*RUN, "--set", "stop.adaptive_budgit=4"], "stop.adaptive_budget"),
         ([*RUN, "--set", "stop.adaptive_budget"], "PATH=VALUE"),
         ([*RUN, "--set", "stop.adaptive_budget=many"], "stop.adaptive_budget"),
-        ([*RUN, "--storage", "nosuchdb://x"], "nosuchdb"),
+        ([*RUN, "--metric", "observable.surprise"], "direction: maximise"),
+        (["campaign", "run", "nowhere.yaml"], "nowhere.yaml"),
         (["campaign", "run", "--rock", "bouldr"], "boulder"),
         (["campaign", "run", "--rock", "mushroom"], "held out"),
         (["campaign", "resume", "nowhere"], "nowhere"),
@@ -95,6 +97,59 @@ def test_a_bad_search_space_is_named(gatetune, tmp_path, text, says):
     assert code == 2
     assert says in err
     assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    "text, says",
+    [
+        ("budgit: 4\n", "did you mean 'budget'?"),
+        ("budget: many\n", "budget is 'many'; it must be a whole number"),
+        ("rocks: boulder\n", "rocks is 'boulder'; it must be a list"),
+        ("storage: nosuchdb://x\n", "nosuchdb"),
+        ("- budget\n", "map fields to values"),
+        ("objective: {metrik: x}\n", "an objective is a metric's path"),
+        ("budget: [4\n", "not YAML"),
+        ("format: 1\nsettings: {}\n", "has format 1, this version reads"),
+    ],
+)
+def test_a_bad_settings_file_is_named(gatetune, tmp_path, text, says):
+    (tmp_path / "mine.yaml").write_text(text)
+    code, _, err = gatetune("campaign", "run", "mine.yaml", "--rock", "boulder")
+    assert code == 2
+    assert says in err
+    assert len(err.strip().splitlines()) == 1
+    assert not any((tmp_path / "runs").rglob("*.json"))
+
+
+def test_options_go_before_the_settings_file_and_the_file_before_the_defaults(
+    gatetune, monkeypatch, tmp_path
+):
+    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_: None)
+    (tmp_path / "mine.yaml").write_text(
+        "name: mine\nbudget: 20\nrocks: [slab]\nin_step: 2\noverrides: {gate.kind: hyb-o, stop.adaptive_budget: 9}\n"
+        "second: costs.flight_time_s\n"
+    )
+    code, out, err = gatetune(
+        "campaign", "run", "mine.yaml", "--budget", "30", "--rock", "waist", "--set", "stop.adaptive_budget=4"
+    )
+    assert code == 0, err
+    assert out.splitlines()[0] == "campaign mine in runs/mine"
+    found = yaml.safe_load((tmp_path / "runs/mine/campaign.yaml").read_text())["settings"]
+    assert (found["budget"], found["rocks"], found["in_step"], found["replicates"]) == (30, ["waist"], 2, 2)
+    assert found["overrides"] == {"gate.kind": "hyb-o", "stop.adaptive_budget": 4}
+    assert found["second"] == {"metric": "costs.flight_time_s", "direction": "minimise"}
+    # Another campaign's file will do, and changes what is asked to.
+    code, _, err = gatetune("campaign", "run", "runs/mine/campaign.yaml", "--name", "again", "--seed", "7")
+    assert code == 0, err
+    again = yaml.safe_load((tmp_path / "runs/again/campaign.yaml").read_text())["settings"]
+    assert again == {**found, "name": "again", "seed": 7}
+
+
+def test_every_setting_is_a_field_of_the_file(gatetune, monkeypatch, tmp_path):
+    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_: None)
+    assert gatetune(*RUN)[0] == 0
+    found = yaml.safe_load((tmp_path / "runs/campaign/campaign.yaml").read_text())["settings"]
+    assert set(found) == set(FIELDS)
 
 
 def test_a_directory_with_something_else_in_it_is_left_alone(gatetune, tmp_path):

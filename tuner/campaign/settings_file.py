@@ -1,0 +1,162 @@
+"""A campaign's settings as YAML: the file that a user writes, and ``campaign.yaml`` in a run directory.
+
+Both have the fields named in ``FIELDS``. In a user's file all may be left out; ``campaign.yaml`` itself will do as one.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from nbv.errors import UserError
+from tuner.campaign.settings import CampaignSettings
+from tuner.problem.objective import Objective, direction_of
+from tuner.problem.search_space import load_search_space, space_from_dict
+
+SETTINGS_FILE = "campaign.yaml"
+FORMAT_VERSION = 2  # 1: could ask for what is gone, and was proposed for by another model
+FIELDS = {
+    "name": "the campaign's name",
+    "search_space": "a space's name, a YAML file, or the space itself",
+    "rocks": "training rocks: names or mesh files",
+    "budget": "missions",
+    "replicates": "draws of arrival errors and noise per rock, shared by all configurations",
+    "seed": "of the design and the acquisition",
+    "preset": "mission preset",
+    "overrides": "parameter paths and values laid over the preset",
+    "objective": "a metric's path, or {metric, direction: maximise or minimise}",
+    "second": "the same, of a second objective; null: none",
+    "risk": "over the training rocks: mean, or worst (the worst rock's outcome)",
+    "learn_from": "run directories of earlier campaigns, or shipped; an empty list: none",
+    "sampler": "gp, sobol, random, tpe, cmaes, optuna-gp; after `make peers` ax, smac, hebo",
+    "initial": "missions of the initial design; null: as many as suit sampler, budget and space",
+    "runner": "photogrammetric, geometric, or module:function of a mission runner",
+    "keep": "of every mission: summary, or all (images and models)",
+    "storage": "Optuna storage URL of the ledger, sqlite:///missions.db say; null: a file in the run directory",
+    "in_step": "N: a proposal knows all missions but the last N - 1, so that the campaign is the same with any number of "
+    "workers, N of which have work; null: it knows what has ended",
+}  # fmt: skip
+_TEXTS = ("name", "preset", "risk", "sampler", "runner", "keep", "storage")
+_NUMBERS = ("budget", "replicates", "seed", "initial", "in_step")
+_LISTS = ("rocks", "learn_from")
+_MAY_BE_NULL = ("initial", "in_step", "storage")
+
+
+def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
+    """The inverse of ``CampaignSettings.to_dict``; ``source`` names the file in messages.
+
+    Raises
+    ------
+    UserError
+        A field that there is not, one of the wrong kind, no rocks or budget, or settings that make no campaign.
+    """
+    _check(tree, source)
+    missing = [key for key in ("name", "search_space", "rocks", "budget") if key not in tree]
+    if missing:
+        raise UserError(f"{source}: {missing[0]!r} is missing: {FIELDS[missing[0]]}")
+    fields: dict[str, Any] = {key: tree[key] for key in (*_TEXTS, *_NUMBERS) if key in tree}
+    fields |= {key: tuple(tree[key]) for key in _LISTS if key in tree}
+    space = tree["search_space"]
+    fields["space"] = load_search_space(space) if isinstance(space, str) else space_from_dict(space, source)
+    if tree.get("overrides"):
+        fields["overrides"] = dict(tree["overrides"])
+    if tree.get("objective") is not None:
+        fields["objective"] = _objective(tree["objective"], source)
+    if tree.get("second") is not None:
+        fields["second"] = _objective(tree["second"], source)
+    return CampaignSettings(**fields)
+
+
+def _check(tree: Any, source: str) -> None:
+    if not isinstance(tree, Mapping):
+        raise UserError(f"{source}: a campaign's settings map fields to values, such as `budget: 64`")
+    for key, value in tree.items():
+        if key not in FIELDS:
+            near = difflib.get_close_matches(str(key), FIELDS, 1)
+            hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(FIELDS)}"
+            raise UserError(f"{source}: a campaign has no setting {key!r}; {hint}")
+        if value is None and key in _MAY_BE_NULL:
+            continue
+        kinds = {**dict.fromkeys(_TEXTS, str), **dict.fromkeys(_NUMBERS, int), **dict.fromkeys(_LISTS, list)}
+        if (kind := kinds.get(key)) is None:
+            continue
+        words = {str: "a text", int: "a whole number", list: "a list"}
+        if not isinstance(value, kind) or isinstance(value, bool):
+            raise UserError(f"{source}: {key} is {value!r}; it must be {words[kind]}: {FIELDS[key]}")
+    if not isinstance(tree.get("overrides") or {}, Mapping):
+        raise UserError(
+            f"{source}: overrides is {tree['overrides']!r}; it must map parameter paths to values"
+        )
+
+
+def _objective(tree: Any, source: str) -> Objective:
+    if isinstance(tree, str):
+        return Objective(tree, direction_of(tree))
+    if not isinstance(tree, Mapping) or "metric" not in tree or not set(tree) <= {"metric", "direction"}:
+        raise UserError(f"{source}: an objective is a metric's path or {{metric, direction}}, not {tree!r}")
+    metric = str(tree["metric"])
+    return Objective(metric, tree.get("direction") or direction_of(metric))
+
+
+def read_settings_file(path: Path) -> dict[str, Any]:
+    """The fields in a user's file, or in a ``campaign.yaml``.
+
+    Raises
+    ------
+    UserError
+        The file cannot be read, is no YAML, or has a field that there is not.
+    """
+    try:
+        tree = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"cannot read the settings {path}: {error}; give a readable YAML file") from error
+    except yaml.YAMLError as error:
+        raise UserError(f"{path}: not YAML ({str(error).splitlines()[0]}); mend it") from error
+    if isinstance(tree, Mapping) and "format" in tree:
+        _check_format(tree, path)
+        tree = tree.get("settings")
+    _check(tree or {}, str(path))
+    return dict(tree or {})
+
+
+def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
+    """``(settings, identity, digest of the base configuration)`` of the campaign in ``directory``.
+
+    Raises
+    ------
+    UserError
+        There is none, or one of another version.
+    """
+    path = directory / SETTINGS_FILE
+    if not path.is_file():
+        raise UserError(
+            f"{directory} holds no campaign ({SETTINGS_FILE} is missing); name a campaign's directory"
+        )
+    try:
+        tree = yaml.safe_load(path.read_text())
+        _check_format(tree, path)
+        return tree["settings"], tree["id"], tree["base_config_digest"]
+    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
+        raise UserError(f"{path} is not a campaign's settings ({error!r}); restore the file") from error
+
+
+def _check_format(tree: Mapping[str, Any], path: Path) -> None:
+    if tree["format"] != FORMAT_VERSION:
+        raise UserError(
+            f"{path} has format {tree['format']}, this version reads {FORMAT_VERSION}; open the campaign with the "
+            "version that began it"
+        )
+
+
+def first_difference(stored: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
+    """In which field two campaigns differ, in words; empty if in none."""
+    for key in wanted:
+        if stored.get(key) != wanted[key]:
+            if key == "search_space":
+                return f"search space {stored[key].get('name')!r} differs from {wanted[key].get('name')!r}"
+            return f"{key} is {stored.get(key)!r} there, not {wanted[key]!r}"
+    return ""

@@ -1,0 +1,106 @@
+"""A campaign on the terminal: its progress, its recommendation, its front."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from rich.table import Table
+
+from tuner.commands.console import output
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from tuner.campaign.campaign import Campaign
+    from tuner.campaign.events import CampaignEvent
+    from tuner.campaign.settings import CampaignSettings
+    from tuner.recommendation.recommendation import Recommendation
+
+
+class CampaignProgress:
+    """A line per mission and one bar."""
+
+    def __init__(self, progress: Progress, settings: CampaignSettings) -> None:
+        self._progress, self._settings = progress, settings
+        self._task = progress.add_task("campaign", total=settings.budget)
+        self._in_flight = 0
+
+    def __call__(self, event: CampaignEvent) -> None:
+        if event.kind == "launched":
+            self._in_flight += 1
+        elif event.kind in ("finished", "failed") and event.trial is not None:
+            self._in_flight = max(0, self._in_flight - 1)
+            self._progress.console.print(self._line(event))
+        elif event.kind in ("interrupted", "stopped"):
+            self._progress.console.print(f"[yellow]{event.kind}[/]: {event.message}")
+        self._progress.update(
+            self._task,
+            completed=event.finished,
+            description=f"{event.finished}/{event.budget}, {self._in_flight} in flight",
+        )
+
+    def _line(self, event: CampaignEvent) -> str:
+        trial = event.trial
+        assert trial is not None
+        values = " ".join(f"{path.split('.')[-1]}={_short(value)}" for path, value in trial.values.items())
+        if event.kind == "failed":
+            outcome = f"[red]failed: {trial.reason}[/] {event.message}"
+        else:
+            outcome = f"{self._settings.objective.metric.split('.')[-1]} [bold]{trial.raw:6.2f}[/]"
+        return f"#{trial.number:03d} {trial.rock:<12} r{trial.replicate} {outcome}  {trial.wall_s:4.0f} s  [dim]{values}[/]"
+
+
+def _short(value: Any) -> str:
+    return f"{value:.3g}" if isinstance(value, float) else str(value)
+
+
+def show_front(campaign: Campaign) -> None:
+    """The Pareto front of a campaign with two objectives."""
+    from tuner.report.labels import parameter_label
+
+    second, points = campaign.settings.second, campaign.front(save=False)
+    if second is None:
+        return
+    if not points:
+        output.print(
+            f"no front: no mission has both metrics; mission.json lists {second.metric!r}'s neighbours by name"
+        )
+        return
+    table = Table(title="Configurations flown that no other beats in both (posterior means over the rocks)")
+    for metric in (campaign.settings.objective.metric, second.metric):
+        table.add_column(metric.split(".")[-1], justify="right", no_wrap=True)
+    table.add_column("configuration")
+    for p in points:
+        values = ", ".join(
+            f"{parameter_label(path).short} {_short(value)}" for path, value in p.values.items()
+        )
+        table.add_row(f"{p.first:.2f} ± {p.first_sd:.2f}", f"{p.second:.1f} ± {p.second_sd:.1f}", values)
+    output.print(table)
+
+
+def show_recommendation(recommendation: Recommendation | None) -> None:
+    """The recommended values beside the defaults, and what the difference is worth."""
+    if recommendation is None:
+        output.print("no recommendation yet: no mission has succeeded")
+        return
+    table = Table(title="Recommendation (best posterior mean over the training rocks)")
+    for column in ("parameter", "paper", "recommended"):
+        table.add_column(column, justify="left" if column == "parameter" else "right")
+    for path, value in recommendation.values.items():
+        table.add_row(path, _short(recommendation.default_values[path]), _short(value))
+    table.add_row(recommendation.metric, f"{recommendation.default_mean:.2f} ± {recommendation.default_sd:.2f}",
+                  f"{recommendation.mean:.2f} ± {recommendation.sd:.2f}", end_section=True)  # fmt: skip
+    output.print(table)
+    low, high = recommendation.improvement_interval_95
+    output.print(
+        f"improvement over the paper's defaults {recommendation.improvement:+.2f} "
+        f"(95 % interval {low:+.2f} to {high:+.2f}) on the training rocks, by the surrogate; "
+        "`gatetune evaluate` measures it on held-out rocks"
+    )
+    ahead = recommendation.ahead_of_search
+    if ahead is not None:
+        output.print(
+            f"{100 * ahead['coverage_95']:.0f} % of {ahead['missions']:.0f} missions lay inside the 95 % intervals "
+            f"predicted before they were flown; widened as the missions before them taught, "
+            f"{100 * ahead['coverage_95_widened']:.0f} %"
+        )
