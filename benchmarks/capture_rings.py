@@ -11,7 +11,7 @@ from pathlib import Path
 
 from nbv.viewpoints import raw_candidates
 from tuner.evaluation.baselines import label
-from tuner.evaluation.evaluation import EvaluationPlan
+from tuner.evaluation.plan import EvaluationPlan
 from tuner.studies.decisions import load_traces
 from tuner.studies.paired_cells import markdown_table
 

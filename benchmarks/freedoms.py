@@ -20,14 +20,10 @@ from nbv.errors import UserError
 from tuner.commands.console import rock_arguments
 from tuner.commands.rock_choice import refuse_held_out
 from tuner.evaluation.baselines import baseline
-from tuner.evaluation.evaluation import (
-    EvaluationPlan,
-    EvaluationRecord,
-    run_evaluation,
-    strategy_difference,
-    strategy_interval,
-)
+from tuner.evaluation.comparison import strategy_difference, strategy_interval
+from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.paper_table import MetricRow
+from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.studies.paired_cells import difference_text, markdown_table
 

@@ -29,7 +29,9 @@ from nbv.config import MissionConfig, preset
 from nbv.mission.result import MissionResult
 from nbv.rocks import load_rock
 from tuner.evaluation.baselines import baseline_configs
-from tuner.evaluation.evaluation import EvaluationPlan, EvaluationRecord, comparison_table, run_evaluation
+from tuner.evaluation.comparison import comparison_table
+from tuner.evaluation.flying import run_evaluation
+from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.report.comparison_tables import comparison_markdown
 from tuner.studies.gate_learning import (

@@ -30,7 +30,9 @@ from tuner.campaign.settings import SETTINGS_FILE, CampaignSettings
 from tuner.campaign.shipped import SHIPPED
 from tuner.commands.console import rock_arguments
 from tuner.commands.rock_choice import QUICK_ROCKS, refuse_held_out
-from tuner.evaluation.evaluation import EvaluationPlan, run_evaluation, values_of
+from tuner.evaluation.comparison import values_of
+from tuner.evaluation.flying import run_evaluation
+from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.registry import DEFAULT_RUNNER, registered
 from tuner.problem.objective import Objective

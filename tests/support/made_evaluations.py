@@ -7,7 +7,8 @@ import zlib
 import numpy as np
 
 from nbv.config import preset
-from tuner.evaluation.evaluation import EvaluationPlan, EvaluationRecord, EvaluationRun
+from tuner.evaluation.flying import EvaluationRun
+from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.missions.job import MissionOutcome
 
 

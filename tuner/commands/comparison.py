@@ -17,7 +17,8 @@ from tuner.commands.mission import progress_bar
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from tuner.evaluation.evaluation import EvaluationEvent, EvaluationPlan
+    from tuner.evaluation.flying import EvaluationEvent
+    from tuner.evaluation.plan import EvaluationPlan
 
 
 class ComparisonProgress:
@@ -61,7 +62,8 @@ def compare(
     paper: bool,
 ) -> None:
     """Fly what is missing, print Table I's layout with intervals, write the report."""
-    from tuner.evaluation.evaluation import comparison_table, run_evaluation
+    from tuner.evaluation.comparison import comparison_table
+    from tuner.evaluation.flying import run_evaluation
     from tuner.missions.executors import LocalProcessExecutor
     from tuner.report import write_comparison_report
     from tuner.report.comparison_tables import (

@@ -38,7 +38,7 @@ def evaluate(
     from tuner.campaign.campaign import Campaign
     from tuner.commands.rock_choice import held_out_rocks
     from tuner.evaluation.baselines import EVALUATION_BASELINES, baseline_configs, tuned_configs
-    from tuner.evaluation.evaluation import EvaluationPlan
+    from tuner.evaluation.plan import EvaluationPlan
 
     source = Campaign.open(campaign, read_only=True)
     chosen = tuple(rock_arguments(rocks or held_out_rocks()))

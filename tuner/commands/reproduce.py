@@ -38,7 +38,7 @@ def reproduce(
     """Fly the paper's default configuration for its strategies and two references; print its Table I beside the paper's numbers."""
     output.print(f"reproducing Table I with preset {preset}")  # before what takes seconds to load
     from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
-    from tuner.evaluation.evaluation import EvaluationPlan
+    from tuner.evaluation.plan import EvaluationPlan
 
     base = mission_config(preset, set_ or [])
     chosen = tuple(rock_arguments(rocks or ["vesicular"]))

@@ -16,7 +16,7 @@ from tuner.commands.mission import progress_bar
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tuner.evaluation.evaluation import EvaluationEvent
+    from tuner.evaluation.flying import EvaluationEvent
     from tuner.missions.executors import Executor
 
 app = typer.Typer(no_args_is_help=True)

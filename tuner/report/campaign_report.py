@@ -13,7 +13,7 @@ from nbv.provenance import versions
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
-from tuner.evaluation.evaluation import EvaluationRun
+from tuner.evaluation.flying import EvaluationRun
 from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 from tuner.problem.search_space import SearchSpace
 from tuner.recommendation.recommendation import Recommendation

@@ -13,8 +13,10 @@ from nbv.mission.run_directory import write_atomic
 from nbv.provenance import git_revision, versions
 from tuner.evaluation.baselines import BASELINES, TUNED, description
 from tuner.evaluation.baselines import label as strategy_label
-from tuner.evaluation.evaluation import ComparisonTable, EvaluationRecord, EvaluationRun, comparison_table
+from tuner.evaluation.comparison import ComparisonTable, comparison_table
+from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.paper_table import PAPER_TABLE_I, MetricRow
+from tuner.evaluation.plan import EvaluationRecord
 from tuner.missions.job import RESULT_FILE
 from tuner.problem.objective import DEFAULT_METRIC
 from tuner.report.comparison_figures import forest_figure, rocks_figure
@@ -60,7 +62,7 @@ def write_comparison_report(
     Parameters
     ----------
     run
-        What ``tuner.evaluation.evaluation.run_evaluation`` returned; may be incomplete.
+        What ``tuner.evaluation.run_evaluation`` returned; may be incomplete.
     reference
         Strategy against which differences are taken. None: ``hyb-h`` where it was evaluated (the paper's default
         configuration), else the first strategy.

@@ -9,7 +9,7 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table
 
 from tuner.evaluation.baselines import label as strategy_label
-from tuner.evaluation.evaluation import ComparisonRow, ComparisonTable
+from tuner.evaluation.comparison import ComparisonRow, ComparisonTable
 from tuner.evaluation.paper_table import PAPER_TABLE_I, MetricRow
 from tuner.evaluation.statistics import Interval, PairedDifference
 from tuner.report.campaign_facts import verdict
@@ -158,7 +158,7 @@ def comparison_markdown(table: ComparisonTable, *, paper: bool = False, differen
     Parameters
     ----------
     table
-        From ``tuner.evaluation.evaluation.comparison_table``.
+        From ``tuner.evaluation.comparison_table``.
     paper
         Add the paper's own column beside each of its strategies.
     differences

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from nbv.mission.result import IterationRecord, MissionResult
 from nbv.scorers import B_AWARE
-from tuner.evaluation.evaluation import EvaluationRecord
+from tuner.evaluation.plan import EvaluationRecord
 
 Slot = tuple[str, int]  # (rock, replicate)
 Traces = dict[str, dict[Slot, list[IterationRecord]]]  # by strategy and slot

@@ -21,15 +21,10 @@ from typing import Any, Literal
 from nbv.config import PRESETS, MissionConfig, preset
 from nbv.errors import UserError
 from tuner.evaluation.baselines import baseline
-from tuner.evaluation.evaluation import (
-    EvaluationEvent,
-    EvaluationPlan,
-    EvaluationRecord,
-    failure_counts,
-    run_evaluation,
-    values_of,
-)
+from tuner.evaluation.comparison import values_of
+from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluation
 from tuner.evaluation.paper_table import MetricRow
+from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval, paired_difference
 from tuner.missions.executors import Executor
 from tuner.missions.registry import DEFAULT_RUNNER

@@ -27,13 +27,8 @@ from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.types import Floats
 from tuner.evaluation.baselines import baseline
-from tuner.evaluation.evaluation import (
-    EvaluationEvent,
-    EvaluationPlan,
-    EvaluationRecord,
-    failure_counts,
-    run_evaluation,
-)
+from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluation
+from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.missions.executors import Executor
 from tuner.problem.search_space import SearchSpace, space_from_dict
 from tuner.studies.runner import AGREEMENT_LEVELS

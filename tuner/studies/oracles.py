@@ -20,16 +20,10 @@ from nbv.errors import UserError
 from nbv.mission.result import IterationRecord
 from nbv.scorers import B_AWARE, COVIS, PAPER_SCORERS
 from tuner.evaluation.baselines import baseline
-from tuner.evaluation.evaluation import (
-    EvaluationEvent,
-    EvaluationPlan,
-    EvaluationRecord,
-    failure_counts,
-    run_evaluation,
-    strategy_difference,
-    strategy_interval,
-)
+from tuner.evaluation.comparison import strategy_difference, strategy_interval
+from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluation
 from tuner.evaluation.paper_table import MetricRow
+from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval
 from tuner.missions.executors import Executor
 from tuner.missions.registry import DEFAULT_RUNNER

@@ -19,14 +19,10 @@ from tuner.evaluation.baselines import (
     label,
     tuned_configs,
 )
-from tuner.evaluation.evaluation import (
-    EvaluationEvent,
-    EvaluationPlan,
-    comparison_table,
-    run_evaluation,
-    strategy_difference,
-)
+from tuner.evaluation.comparison import comparison_table, strategy_difference
+from tuner.evaluation.flying import EvaluationEvent, run_evaluation
 from tuner.evaluation.paper_table import PAPER_TABLE_I, TABLE_I_ROWS, MetricRow
+from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
 
 RUNNER = "fake_missions:fake_mission"

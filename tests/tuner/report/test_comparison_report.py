@@ -12,7 +12,7 @@ from made_evaluations import made_run
 from rich.console import Console
 
 from nbv.errors import UserError
-from tuner.evaluation.evaluation import comparison_table
+from tuner.evaluation.comparison import comparison_table
 from tuner.report import write_comparison_report
 from tuner.report.comparison_report import comparison_context
 from tuner.report.comparison_tables import (

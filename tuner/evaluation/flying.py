@@ -1,0 +1,118 @@
+"""Flying an evaluation: a mission that has finished is never flown again, so an interrupted one goes on where it stopped."""
+
+from __future__ import annotations
+
+import collections
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+
+from nbv.errors import UserError
+from nbv.mission.run_directory import write_atomic
+from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan, EvaluationRecord
+from tuner.missions.executors import Executor
+from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
+from tuner.missions.long_runs import exclusive, stop_signals
+
+_POLL_S = 0.5
+
+
+@dataclass(frozen=True)
+class EvaluationEvent:
+    """Something a live display may show."""
+
+    kind: Literal["launched", "finished", "failed", "interrupted", "done"]
+    elapsed_s: float
+    finished: int  # missions with an outcome, those of earlier sessions included
+    total: int
+    job: MissionJob | None = None
+    outcome: MissionOutcome | None = None
+
+
+@dataclass(frozen=True)
+class EvaluationRun:
+    """What ``run_evaluation`` leaves: all records, and whether they are complete."""
+
+    plan: EvaluationPlan
+    records: list[EvaluationRecord]
+    complete: bool
+    elapsed_s: float
+    failures: dict[str, int] = field(default_factory=dict)  # by reason
+
+
+def run_evaluation(
+    plan: EvaluationPlan,
+    directory: Path,
+    executor: Executor,
+    on_event: Callable[[EvaluationEvent], None] | None = None,
+) -> EvaluationRun:
+    """Fly what is not flown yet, until done, Ctrl-C or SIGTERM.
+
+    Raises
+    ------
+    UserError
+        The directory holds something else or cannot be written; a mission met a user's mistake.
+    """
+    _claim(plan, directory)
+    emit = on_event or (lambda event: None)
+    began = time.monotonic()
+    jobs = plan.jobs(directory)
+    waiting = collections.deque(job for job in jobs if _unfinished(job))
+    flying: dict[str, MissionJob] = {}
+
+    def tell(kind: Any, job: MissionJob | None = None, outcome: MissionOutcome | None = None) -> None:
+        finished = len(jobs) - len(waiting) - len(flying)
+        emit(EvaluationEvent(kind, time.monotonic() - began, finished, len(jobs), job, outcome))
+
+    try:
+        with exclusive(directory), stop_signals() as stop:
+            try:
+                while (waiting or flying) and not stop.is_set():
+                    while waiting and len(flying) < executor.capacity:
+                        job = waiting.popleft()
+                        flying[job.id] = job
+                        executor.submit(job)
+                        tell("launched", job)
+                    for outcome in executor.wait_any(_POLL_S):
+                        job = flying.pop(outcome.job_id)
+                        if outcome.reason == "user_error":
+                            raise UserError(outcome.message)
+                        tell("failed" if outcome.status == "failed" else "finished", job, outcome)
+                complete = not waiting and not flying
+                tell("done" if complete else "interrupted")
+            finally:
+                executor.cancel_all()
+    except OSError as error:
+        raise UserError(
+            f"cannot write to {directory}: {error.strerror or error}; make room, then resume"
+        ) from error
+    records = plan.records(directory)
+    return EvaluationRun(plan, records, complete, time.monotonic() - began, failure_counts(records))
+
+
+def failure_counts(records: Iterable[EvaluationRecord]) -> dict[str, int]:
+    """Failed missions by reason."""
+    return dict(collections.Counter(r.outcome.reason for r in records if r.outcome.status == "failed"))
+
+
+def _unfinished(job: MissionJob) -> bool:
+    outcome = collect_outcome(job)
+    return outcome is None or outcome.reason == "user_error"
+
+
+def _claim(plan: EvaluationPlan, directory: Path) -> None:
+    if (directory / PLAN_FILE).exists():
+        if EvaluationPlan.load(directory).to_dict() != plan.to_dict():
+            raise UserError(f"{directory} holds another evaluation; choose another directory")
+        return
+    if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+        raise UserError(f"{directory} exists and is not an empty directory; choose another directory")
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        write_atomic(directory / PLAN_FILE, yaml.safe_dump(plan.to_dict(), sort_keys=False))
+    except OSError as error:
+        raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error

@@ -1,0 +1,146 @@
+"""What an evaluation flies: named configurations on the same rocks with the same replicates, and its directory.
+
+The directory holds ``evaluation.yaml`` and ``missions/STRATEGY/ROCK_rK``.
+"""
+
+from __future__ import annotations
+
+import collections
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from nbv.config import MissionConfig, config_from_dict
+from nbv.errors import UserError
+from nbv.mission.runner import Keep
+from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
+from tuner.missions.registry import DEFAULT_RUNNER
+from tuner.problem.objective import Objective
+
+PLAN_FILE = "evaluation.yaml"
+FORMAT_VERSION = 2  # 1 named its runner by module and function
+
+
+@dataclass(frozen=True)
+class EvaluationPlan:
+    """Named configurations, rocks and replicates; every combination is one mission.
+
+    Raises
+    ------
+    UserError
+        Nothing to compare.
+    """
+
+    strategies: dict[str, MissionConfig]
+    rocks: tuple[str, ...]
+    replicates: int = 1  # numbered from ``first_replicate``, the same for all strategies
+    first_replicate: int = 0
+    runner: str = DEFAULT_RUNNER
+    keep: Keep = "summary"
+
+    def __post_init__(self) -> None:
+        if not self.strategies:
+            raise UserError("no strategy to evaluate; name at least one")
+        if not self.rocks:
+            raise UserError("no rock to evaluate on; name at least one")
+        if len(set(self.rocks)) != len(self.rocks):
+            twice = next(rock for rock, n in collections.Counter(self.rocks).items() if n > 1)
+            raise UserError(f"rock {twice!r} is named twice; name each rock once")
+        if self.replicates < 1:
+            raise UserError(f"replicates is {self.replicates}; give at least 1")
+        for name in self.strategies:
+            if not name or "/" in name or name.startswith("."):
+                raise UserError(f"{name!r} cannot name a strategy; use letters, digits and dashes")
+
+    @property
+    def missions(self) -> int:
+        """Missions in all, strategies that are the same configuration counted once."""
+        return len(set(self._owners.values())) * len(self.rocks) * self.replicates
+
+    def to_dict(self) -> dict[str, Any]:
+        """YAML form."""
+        return {
+            "format": FORMAT_VERSION,
+            "rocks": list(self.rocks),
+            "replicates": self.replicates,
+            "first_replicate": self.first_replicate,
+            "runner": self.runner,
+            "keep": self.keep,
+            "strategies": {name: config.to_dict() for name, config in self.strategies.items()},
+        }
+
+    @staticmethod
+    def load(directory: Path) -> EvaluationPlan:
+        """The plan of an evaluation's directory; ``UserError`` if there is none."""
+        path = directory / PLAN_FILE
+        if not path.is_file():
+            raise UserError(f"{directory} holds no evaluation ({PLAN_FILE} is missing)")
+        try:
+            tree = yaml.safe_load(path.read_text())
+            if tree["format"] != FORMAT_VERSION:
+                raise UserError(
+                    f"{path} has format {tree['format']}, this version reads {FORMAT_VERSION}; begin it again in another directory"
+                )
+            return EvaluationPlan(
+                {name: config_from_dict(config) for name, config in tree["strategies"].items()},
+                tuple(tree["rocks"]), tree["replicates"], tree["first_replicate"], tree["runner"], tree["keep"],
+            )  # fmt: skip
+        except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+            raise UserError(f"{path} is not an evaluation's plan ({error!r}); restore the file") from error
+
+    def jobs(self, directory: Path) -> list[MissionJob]:
+        """One job per distinct mission: replicates outermost, so that partial results are balanced."""
+        jobs = []
+        for k in range(self.first_replicate, self.first_replicate + self.replicates):
+            for rock in self.rocks:
+                jobs += [self._job(directory, name, rock, k)
+                         for name, owner in self._owners.items() if name == owner]  # fmt: skip
+        return jobs
+
+    @functools.cached_property
+    def _owners(self) -> dict[str, str]:
+        """Strategies that are one and the same configuration share the first one's missions."""
+        first: dict[str, str] = {}
+        return {name: first.setdefault(c.digest(), name) for name, c in self.strategies.items()}
+
+    def _job(self, directory: Path, strategy: str, rock: str, replicate: int) -> MissionJob:
+        config = self.strategies[strategy]
+        owner = self._owners[strategy]
+        rock_index = self.rocks.index(rock)
+        folder = f"{rock_index:02d}_{Path(rock).stem}_r{replicate}"
+        return MissionJob(
+            f"{owner}/{folder}", config, rock, replicate, directory / "missions" / owner / folder, self.keep,
+            self.runner,
+        )  # fmt: skip
+
+    def records(self, directory: Path) -> list[EvaluationRecord]:
+        """What is known of every combination so far; missions not flown yet are left out."""
+        records = []
+        for name in self.strategies:
+            for rock in self.rocks:
+                for k in range(self.first_replicate, self.first_replicate + self.replicates):
+                    outcome = collect_outcome(self._job(directory, name, rock, k))
+                    if outcome is not None:
+                        records.append(EvaluationRecord(name, rock, k, outcome))
+        return records
+
+
+@dataclass(frozen=True)
+class EvaluationRecord:
+    """One strategy's mission on one rock with one replicate."""
+
+    strategy: str
+    rock: str
+    replicate: int
+    outcome: MissionOutcome
+
+    def value(self, key: str) -> float | None:
+        """A metric by path, or a cost by ``costs.NAME``; None where the mission has none."""
+        tree: Mapping[str, Any] = {**self.outcome.metrics, "costs": self.outcome.costs}
+        if self.outcome.status == "failed":
+            return None
+        return Objective(key).measure(tree)
