@@ -1,5 +1,8 @@
 """The command line's manners: a user's mistake is one line that names the thing and the remedy, exit code 2."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 import trimesh
@@ -143,6 +146,13 @@ def test_options_go_before_the_settings_file_and_the_file_before_the_defaults(
     assert code == 0, err
     again = yaml.safe_load((tmp_path / "runs/again/campaign.yaml").read_text())["settings"]
     assert again == {**found, "name": "again", "seed": 7}
+
+
+def test_the_first_line_waits_for_nothing_that_takes_seconds_to_load():
+    heavy = {"torch", "botorch", "optuna", "matplotlib", "sklearn", "open3d", "pycolmap"}
+    program = "import sys, tuner.cli, tuner.commands.campaign_settings; print(*sys.modules)"
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert not heavy & set(found.stdout.split())
 
 
 def test_every_setting_is_a_field_of_the_file(gatetune, monkeypatch, tmp_path):
