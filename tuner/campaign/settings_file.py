@@ -30,15 +30,14 @@ FIELDS = {
     "overrides": "parameter paths and values laid over the preset",
     "objective": "a metric's path, or {metric, direction: maximise or minimise}",
     "second": "the same, of a second objective; null: none",
-    "risk": "over the training rocks: mean, or worst (the worst rock's outcome)",
-    "learn_from": "run directories of earlier campaigns, or shipped; an empty list: none",
-    "sampler": "gp, sobol, random, tpe, cmaes, optuna-gp; after `make peers` ax, smac, hebo",
+    "risk": "as `--risk`",
+    "learn_from": "as `--learn-from`; an empty list: none",
+    "sampler": "as `--sampler`",
     "initial": "missions of the initial design; null: as many as suit sampler, budget and space",
     "runner": "photogrammetric, geometric, or module:function of a mission runner",
     "keep": "of every mission: summary, or all (images and models)",
-    "storage": "Optuna storage URL of the ledger, sqlite:///missions.db say; null: a file in the run directory",
-    "in_step": "N: a proposal knows all missions but the last N - 1, so that the campaign is the same with any number of "
-    "workers, N of which have work; null: it knows what has ended",
+    "storage": "Optuna storage URL of the ledger; null: a file in the run directory",
+    "in_step": "N: a proposal knows all missions but the last N - 1: the same campaign with any number of workers",
 }  # fmt: skip
 _TEXTS = ("name", "preset", "risk", "sampler", "runner", "keep", "storage")
 _NUMBERS = ("budget", "replicates", "seed", "initial", "in_step")
