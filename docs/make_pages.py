@@ -96,7 +96,6 @@ def settings_page() -> str:
     for key, meaning in FIELDS.items():
         default = "null" if defaults[key] is None else defaults[key]
         lines.append(f"| `{key}` | {default} | {meaning} |")
-    lines += ["", "Made by `python docs/make_pages.py`."]
     return "\n".join(lines) + "\n"
 
 

@@ -24,7 +24,7 @@ FIELDS = {
     "search_space": "a space's name, a YAML file, or the space itself",
     "rocks": "training rocks: names or mesh files",
     "budget": "missions",
-    "replicates": "draws of arrival errors and noise per rock, shared by all configurations",
+    "replicates": "draws of arrival errors and noise per rock",
     "seed": "of the design and the acquisition",
     "preset": "mission preset",
     "overrides": "parameter paths and values laid over the preset",

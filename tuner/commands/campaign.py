@@ -27,7 +27,7 @@ def run(
     settings: Annotated[
         Path | None,
         typer.Argument(
-            help="YAML file of settings; options go before it. Another campaign's campaign.yaml will do."
+            help="YAML file of settings, such as another campaign's campaign.yaml; options go before it."
         ),
     ] = None,
     name: Annotated[
@@ -101,8 +101,8 @@ def run(
         list[str] | None,
         typer.Option(
             "--learn-from",
-            help="Run directory of an earlier campaign, of other rocks say; repeatable. shipped: the missions that come "
-            "with this program for a space (default where there are some and the sampler is gp); nothing: begin without.",
+            help="Run directory of an earlier campaign; repeatable. shipped: missions that come with this program (default "
+            "where there are some); nothing: none.",
             rich_help_panel=_LONG,
         ),
     ] = None,
@@ -135,7 +135,7 @@ def run(
 ) -> None:
     """Run a campaign: the paper's defaults, an initial design, then a GP proposes; one mission per trial.
 
-    What is not here is a field of the settings file: see docs/reference/campaign_settings.md.
+    Experts' options are fields of the settings file.
     """
     from tuner.campaign.settings_file import SETTINGS_FILE
     from tuner.commands.campaign_settings import asked_fields, asked_settings
