@@ -25,11 +25,11 @@ single_thread_environment()
 
 import numpy as np  # noqa: E402
 
-from nbv.config import CameraConfig, SceneConfig  # noqa: E402
+from nbv.config import RENDERERS, CameraConfig, SceneConfig  # noqa: E402
 from nbv.errors import UserError  # noqa: E402
 from nbv.geometry.frames import look_at  # noqa: E402
 from nbv.rocks import load_rock  # noqa: E402
-from nbv.scene import BACKENDS, build_scene, make_renderer  # noqa: E402
+from nbv.scene import build_scene, make_renderer  # noqa: E402
 
 TARGET = np.array([0.0, 0.0, 0.8])
 
@@ -114,7 +114,7 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
         views = {}
-        for backend in BACKENDS:
+        for backend in RENDERERS:
             runs = []
             for attempt in range(2):
                 out = Path(folder) / f"{backend}{attempt}.json"

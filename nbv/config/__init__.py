@@ -8,7 +8,7 @@ that a user starts from, ``registry`` what a configuration may name, ``reference
 from nbv.config.mission_config import MissionConfig, canonical, config_from_dict, parameter_paths
 from nbv.config.presets import PRESETS, REDUCED_SFM, preset
 from nbv.config.reference import Parameter, parameter, parameters, reference_markdown
-from nbv.config.registry import GATES, SCORERS, Registry, gate_kinds
+from nbv.config.registry import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, Registry, gate_kinds
 from nbv.config.sections import (
     BAwareConfig,
     CameraConfig,
@@ -29,9 +29,11 @@ from nbv.config.sections import (
 )
 
 __all__ = [
+    "DENSE_BACKENDS",
     "GATES",
     "PRESETS",
     "REDUCED_SFM",
+    "RENDERERS",
     "SCORERS",
     "BAwareConfig",
     "CameraConfig",

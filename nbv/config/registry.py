@@ -61,6 +61,24 @@ GATES = Registry(
     },
 )
 
+# A class each that takes a `nbv.scene.Scene` and has the face of `nbv.scene.Renderer`.
+RENDERERS = Registry(
+    "renderer",
+    {
+        "raycast": "nbv.scene.raycast:RaycastRenderer",
+        "gl": "nbv.scene.gl:GLRenderer",
+    },
+)
+
+# A class each that implements `nbv.dense.DepthBackend`.
+DENSE_BACKENDS = Registry(
+    "dense backend",
+    {
+        "sgbm": "nbv.dense.sgbm:SgbmBackend",
+        "patchmatch": "nbv.dense.patchmatch:PatchMatchBackend",
+    },
+)
+
 
 def gate_kinds() -> Collection[str]:
     """The values of ``gate.kind``: every scorer alone, then the gates."""

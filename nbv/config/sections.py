@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields
 from typing import Literal
 
-from nbv.config.registry import SCORERS, gate_kinds
+from nbv.config.registry import DENSE_BACKENDS, RENDERERS, SCORERS, gate_kinds
 from nbv.config.sources import code, ours, text
 from nbv.errors import UserError
 
@@ -69,7 +69,7 @@ class CameraConfig(Section):
 class SceneConfig(Section):
     """Light, ground and sensor."""
 
-    backend: Literal["raycast", "gl"] = ours("raycast", "renderer", why="gl needs a display or EGL")
+    backend: str = ours("raycast", "renderer", why="gl needs a display or EGL", names=RENDERERS.keys)
     sun_direction: tuple[float, float, float] = code(
         (0.001, 0.625, -0.78), "simulator", "direction the light travels, ENU"
     )
@@ -403,8 +403,11 @@ class SparseConfig(Section):
 class DenseConfig(Section):
     """Depth maps and fusion."""
 
-    backend: Literal["sgbm", "patchmatch"] = ours(
-        "sgbm", "stereo", why="the paper's COLMAP PatchMatch needs CUDA: patchmatch"
+    backend: str = ours(
+        "sgbm",
+        "stereo",
+        why="the paper's COLMAP PatchMatch needs CUDA: patchmatch",
+        names=DENSE_BACKENDS.keys,
     )
     neighbours: int = ours(3, "stereo partners of a photograph")
     min_pair_angle_deg: float = ours(3.0, "least angle of a stereo pair, seen from the target")

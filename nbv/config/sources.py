@@ -45,10 +45,17 @@ def code(
 
 
 def ours(
-    default: T, meaning: str, *, why: str = "", label: str = "", symbol: str = "", added: bool = False
+    default: T,
+    meaning: str,
+    *,
+    why: str = "",
+    label: str = "",
+    symbol: str = "",
+    added: bool = False,
+    names: Callable[[], Collection[str]] | None = None,
 ) -> T:
     """A default of this project, and ``why``."""
-    return _described(default, "ours", why, meaning, label, symbol, added)
+    return _described(default, "ours", why, meaning, label, symbol, added, names)
 
 
 def _described(

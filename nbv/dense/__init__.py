@@ -1,0 +1,14 @@
+"""The dense stage: depth maps from posed photographs, checked against each other and fused."""
+
+from nbv.dense.interface import DenseReport, DepthBackend, DepthMap
+from nbv.dense.reconstruct import CheckedDepths, check_depths, make_backend, reconstruct_dense
+
+__all__ = [
+    "CheckedDepths",
+    "DenseReport",
+    "DepthBackend",
+    "DepthMap",
+    "check_depths",
+    "make_backend",
+    "reconstruct_dense",
+]

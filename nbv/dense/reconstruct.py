@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nbv.config import CameraConfig, DenseConfig
+from nbv.config import DENSE_BACKENDS, CameraConfig, DenseConfig
 from nbv.dense.consistency import ConsistentDepth, check_consistency
 from nbv.dense.fusion import fuse
 from nbv.dense.interface import DenseReport, DepthBackend, Floats32, Image
@@ -19,22 +19,15 @@ from nbv.types import Floats, PointCloud
 
 
 def make_backend(name: str) -> DepthBackend:
-    """The depth backend called ``name``.
+    """The depth backend called ``name``; the names stand in `nbv.config.registry`.
 
     Raises
     ------
     UserError
         There is none of that name, or it needs CUDA and this machine or build has none.
     """
-    if name == "sgbm":
-        from nbv.dense.sgbm import SgbmBackend
-
-        return SgbmBackend()
-    if name == "patchmatch":
-        from nbv.dense.patchmatch import PatchMatchBackend
-
-        return PatchMatchBackend()
-    raise UserError(f"unknown dense backend {name!r}; there are sgbm and patchmatch")
+    backend: DepthBackend = DENSE_BACKENDS.load(name)()
+    return backend
 
 
 @dataclass(frozen=True)

@@ -50,7 +50,6 @@ def clean_cloud(
     * points below the plane go with it, since nothing of the rock can be seen there;
     * the random draw has a generator of its own, keyed by ``seed`` (theirs is shared, so that results
       depend on processing order);
-    * the 20 neighbours of the outlier test leave the point itself out;
     * no ground-truth gate here: `nbv.evaluation.metrics` applies it and reports with and without.
 
     Parameters

@@ -164,7 +164,7 @@ def test_patchmatch_without_cuda_names_the_remedy():
         pytest.skip("pycolmap has CUDA here")
     with pytest.raises(UserError, match=r'pip install "gatetune\[cuda\]"'):
         make_backend("patchmatch")
-    with pytest.raises(UserError, match="sgbm and patchmatch"):
+    with pytest.raises(UserError, match="sgbm, patchmatch"):
         make_backend("magic")
 
 
