@@ -11,7 +11,7 @@ from typing import Any
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.mission.runner import Keep
-from tuner.missions.registry import DEFAULT_RUNNER
+from tuner.missions.registry import DEFAULT_RUNNER, check_runner
 from tuner.problem.objective import Objective
 from tuner.problem.options import RISKS, Risk
 from tuner.problem.search_space import SearchSpace, Values
@@ -72,6 +72,7 @@ class CampaignSettings:
             raise UserError(f"the initial design has {self.initial} missions; give at least 1")
         if self.keep not in ("summary", "all"):
             raise UserError(f"keep is {self.keep!r}; it must be summary or all")
+        check_runner(self.runner)
         self._check_options()
         if self.sampler not in ALL_SAMPLER_NAMES:
             raise UserError(f"unknown sampler {self.sampler!r}; there are {', '.join(ALL_SAMPLER_NAMES)}")

@@ -48,6 +48,12 @@ def is_geometric(name: str) -> bool:
     return name in ("geometric", "geometric-with-oracle")
 
 
+def check_runner(runner: str) -> None:
+    """`UserError` for a name that no runner has; ``"module:function"`` is not looked for here."""
+    if ":" not in runner:
+        registered(runner)
+
+
 def runner_module(runner: str) -> str:
     """The module that a worker imports to fly ``runner``."""
     return RUNNERS.get(runner, runner).partition(":")[0]
@@ -61,8 +67,7 @@ def resolve_runner(runner: str) -> MissionRunner:
     UserError
         There is no such runner.
     """
-    if runner not in RUNNERS and ":" not in runner:
-        raise UserError(f"unknown mission runner {runner!r}; choose from {', '.join(RUNNERS)}")
+    check_runner(runner)
     module_name, _, name = RUNNERS.get(runner, runner).partition(":")
     try:
         target: Any = importlib.import_module(module_name)

@@ -15,7 +15,7 @@ from nbv.mission.run_directory import write_atomic
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2  # 1 named its mission runner by module and function
 Settings = TypeVar("Settings")
 
 

@@ -67,21 +67,36 @@ class Flown(NamedTuple):
     notes: list
 
 
-def fly(reconstructor=None, **values):
-    config = preset("campaign").with_values({"stop.adaptive_budget": 4, **values})
-
-    flight = Flight(config, rock_sha256="rock", replicate=0)
-    recorder = Recorder(config, flight, Stopwatch())
-    mission = AdaptiveMission(
+def made(config, reconstructor=None, flight=None, observer=None):
+    return AdaptiveMission(
         config,
-        flight,
+        flight or Flight(config, rock_sha256="rock", replicate=0),
         PoseCamera(config.target_m),
         reconstructor or CountingReconstructor(),
         make_gate(config),
-        recorder,
+        observer,
     )
+
+
+def fly(reconstructor=None, **values):
+    config = preset("campaign").with_values({"stop.adaptive_budget": 4, **values})
+    flight = Flight(config, rock_sha256="rock", replicate=0)
+    recorder = Recorder(config, flight, Stopwatch())
+    mission = made(config, reconstructor, flight, recorder)
     mission.fly()
     return Flown(mission.captures, recorder.trace, recorder.notes)
+
+
+def test_a_mission_goes_the_same_way_unobserved():
+    unobserved = made(preset("campaign").with_values({"stop.adaptive_budget": 4}))
+    assert len(unobserved.fly()) == 1
+    assert [c.name for c in unobserved.captures] == [c.name for c in fly().captures]
+
+
+def test_a_leg_is_from_the_decision_to_the_next_photograph():
+    trace = fly().trace
+    assert all(record.leg_length_m > 0.1 and record.leg_duration_s > 1.0 for record in trace)
+    assert [record.planning_s > 0 for record in trace] == [True] * 4
 
 
 def test_the_budget_counts_adaptive_captures():

@@ -331,6 +331,7 @@ def test_cmaes_says_what_it_cannot_do(tmp_path: Path) -> None:
         ({"rocks": ()}, "no rocks"),
         ({"rocks": ("a", "a")}, "named twice"),
         ({"sampler": "magic"}, "unknown sampler 'magic'"),
+        ({"runner": "magic"}, "unknown fidelity 'magic'; choose from photogrammetric"),
         ({"preset": "magic"}, "unknown preset 'magic'"),
         ({"overrides": {"gate.d95": 1.0}}, "did you mean"),
     ],
