@@ -11,6 +11,7 @@ from nbv.errors import UserError
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import read_settings_file, settings_from_dict
 from tuner.commands.console import rock_arguments
+from tuner.commands.rock_choice import QUICK_ROCKS, refuse_held_out, training_rocks
 
 DEFAULTS: dict[str, Any] = {
     "name": "campaign",
@@ -19,7 +20,7 @@ DEFAULTS: dict[str, Any] = {
     "replicates": 2,
 }
 # `make tune`: what a real campaign needs, small enough for a quarter of an hour on two cores.
-QUICK: dict[str, Any] = {"budget": 48, "rocks": ["slab", "vesicular", "cavern"]}
+QUICK: dict[str, Any] = {"budget": 48, "rocks": QUICK_ROCKS}
 
 
 def asked_fields(
@@ -43,7 +44,6 @@ def asked_settings(fields: Mapping[str, Any], source: str) -> CampaignSettings:
         As `settings_from_dict`; a rock that cannot be loaded or is held out.
     """
     from tuner.campaign.shipped import sources_by_default  # with what follows it takes seconds to load
-    from tuner.commands.rock_choice import refuse_held_out, training_rocks
 
     sources = fields.get("learn_from")
     rocks = fields.get("rocks") or training_rocks()
