@@ -9,8 +9,8 @@ from nbv.mission.result import IterationRecord, MissionResult
 from nbv.scorers import B_AWARE
 from tuner.evaluation.plan import EvaluationRecord
 
-Slot = tuple[str, int]  # (rock, replicate)
-Traces = dict[str, dict[Slot, list[IterationRecord]]]  # by strategy and slot
+Block = tuple[str, int]  # (rock, replicate)
+Traces = dict[str, dict[Block, list[IterationRecord]]]  # by strategy and block
 PERCENT = 100.0
 
 
@@ -58,7 +58,7 @@ def same_flight(trace: Sequence[IterationRecord], reference: Sequence[IterationR
     return [record.chosen for record in trace] == [record.chosen for record in reference]
 
 
-def by_rock(values: dict[Slot, float]) -> dict[str, list[float]]:
+def by_rock(values: dict[Block, float]) -> dict[str, list[float]]:
     """Values grouped for ``tuner.evaluation.statistics.mean_interval``."""
     grouped: dict[str, list[float]] = {}
     for (rock, _), value in sorted(values.items()):
@@ -66,8 +66,8 @@ def by_rock(values: dict[Slot, float]) -> dict[str, list[float]]:
     return grouped
 
 
-def per_slot(
-    traces: dict[Slot, list[IterationRecord]], measure: Callable[[list[IterationRecord]], float | None]
-) -> dict[Slot, float]:
+def per_block(
+    traces: dict[Block, list[IterationRecord]], measure: Callable[[list[IterationRecord]], float | None]
+) -> dict[Block, float]:
     """``measure`` of every mission that has it."""
-    return {slot: value for slot, t in traces.items() if (value := measure(t)) is not None}
+    return {block: value for block, t in traces.items() if (value := measure(t)) is not None}

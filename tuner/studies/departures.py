@@ -29,12 +29,12 @@ from tuner.evaluation.statistics import Interval, PairedDifference, mean_interva
 from tuner.missions.executors import Executor
 from tuner.missions.registry import DEFAULT_RUNNER
 from tuner.studies.decisions import (
-    Slot,
+    Block,
     b_aware_share,
     by_rock,
     load_traces,
     other_views_share,
-    per_slot,
+    per_block,
     same_flight,
 )
 from tuner.studies.study_directory import claim, load_settings, settings_tree
@@ -310,7 +310,7 @@ def analyse(directory: Path) -> DepartureFindings:
     for strategy in [s for s in plan.strategies if s.startswith("base-")]:
         own = {row.key: values(strategy, row, settings.surface, "") for row in METRICS}
         cells = {key: mean_interval(by_rock(found)) for key, found in own.items()}
-        share = mean_interval(by_rock(per_slot(traces.get(strategy, {}), b_aware_share)))
+        share = mean_interval(by_rock(per_block(traces.get(strategy, {}), b_aware_share)))
         bases.append(BaseResult(strategy, cells, share, len(traces.get(strategy, {}))))
 
     arms = []
@@ -325,15 +325,15 @@ def analyse(directory: Path) -> DepartureFindings:
             for row in METRICS
         }
         ours, theirs = traces.get(strategy, {}), traces.get(reference, {})
-        shares = [per_slot(t, b_aware_share) for t in (ours, theirs)]
+        shares = [per_block(t, b_aware_share) for t in (ours, theirs)]
         common = sorted(set(ours) & set(theirs))
-        views = {slot: other_views_share(ours[slot], theirs[slot]) for slot in common}
-        known = {slot: share for slot, share in views.items() if share is not None}
+        views = {block: other_views_share(ours[block], theirs[block]) for block in common}
+        known = {block: share for block, share in views.items() if share is not None}
         arms.append(
             ArmResult(
                 d, reference, differences, paired_difference(shares[0], shares[1], True),
                 mean_interval(by_rock(known)), len(common),
-                sum(same_flight(ours[slot], theirs[slot]) for slot in common),
+                sum(same_flight(ours[block], theirs[block]) for block in common),
                 sum(r.strategy == strategy and r.outcome.status == "failed" for r in records),
             )
         )  # fmt: skip
@@ -348,5 +348,5 @@ def _values(
     row: MetricRow,
     surface: str,
     variant: str,
-) -> dict[Slot, float]:
+) -> dict[Block, float]:
     return values_of(records, strategy, metric_key(row, surface, variant))

@@ -34,7 +34,7 @@ from tuner.studies.decisions import (
     by_rock,
     load_traces,
     other_views_share,
-    per_slot,
+    per_block,
 )
 from tuner.studies.departures import FLIGHTS, METRICS, metric_key
 from tuner.studies.study_directory import claim, load_settings, settings_tree
@@ -292,18 +292,20 @@ def _strategy_result(
     coverage: str,
 ) -> StrategyResult:
     own = traces.get(name, {})
-    judged = {slot: p for slot, t in own.items() if (p := preferences(judgements(t))) is not None}
+    judged = {block: p for block, t in own.items() if (p := preferences(judgements(t))) is not None}
     covered = [shares for t in own.values() if (shares := covered_shares(t)) is not None]
     saturating = [p.saturates_at for p in judged.values() if p.saturates_at is not None]
     against = [r for r in settings.references if r != name]
 
     def share(count: Callable[[Preferences], int]) -> Interval | None:
-        return mean_interval(by_rock({slot: PERCENT * count(p) / p.decisions for slot, p in judged.items()}))
+        return mean_interval(
+            by_rock({block: PERCENT * count(p) / p.decisions for block, p in judged.items()})
+        )
 
     def views(reference: str) -> Interval | None:
         theirs = traces.get(reference, {})
-        found = {slot: other_views_share(own[slot], theirs[slot]) for slot in set(own) & set(theirs)}
-        return mean_interval(by_rock({slot: v for slot, v in found.items() if v is not None}))
+        found = {block: other_views_share(own[block], theirs[block]) for block in set(own) & set(theirs)}
+        return mean_interval(by_rock({block: v for block, v in found.items() if v is not None}))
 
     return StrategyResult(
         strategy=name,
@@ -316,7 +318,7 @@ def _strategy_result(
             for reference in against
         },
         other_views={reference: views(reference) for reference in against},
-        flew_b_aware=mean_interval(by_rock(per_slot(own, b_aware_share))),
+        flew_b_aware=mean_interval(by_rock(per_block(own, b_aware_share))),
         decisions=sum(p.decisions for p in judged.values()),
         prefers_b_aware=share(lambda p: p.b_aware),
         prefers_covis=share(lambda p: p.covis),
