@@ -30,6 +30,7 @@ from tuner.problem.search_space import Values
 from tuner.problem.standardise import RockStandardiser
 from tuner.samplers.base import Sampler, SamplerSettings, derived_seed
 from tuner.samplers.design import initial_design_size
+from tuner.samplers.distributions import distributions
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.gp import GPSampler
 from tuner.samplers.peers import available_peers
@@ -248,7 +249,7 @@ class PrunedTPE:
             pruner = optuna.pruners.WilcoxonPruner(p_threshold=0.26, n_startup_steps=2)
         self.study = optuna.create_study(direction="maximize", sampler=sampler, pruner=pruner)
         self.study.enqueue_trial(dict(problem.default))
-        self._distributions = problem.space.distributions()
+        self._distributions = distributions(problem.space)
         self._trial: Any = None
         self._mine: list[Observation] = []
         self._all: list[Observation] = []

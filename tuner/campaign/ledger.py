@@ -23,6 +23,7 @@ from tuner.missions.job import MissionOutcome
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.search_space import SearchSpace
+from tuner.samplers.distributions import distributions
 
 _CAMPAIGN_ID = "campaign_id"
 
@@ -96,7 +97,7 @@ class Ledger:
         optuna.logging.set_verbosity(optuna.logging.WARNING)
         self._space = space
         self._objective = objective
-        self._distributions = space.distributions()
+        self._distributions = distributions(space)
         shown = storage or str(directory / JOURNAL_FILE)
         self._storage = open_storage(storage, directory, must_exist=not create, heal=not read_only)
         try:

@@ -24,7 +24,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import yaml
@@ -32,9 +32,6 @@ import yaml
 from nbv.config import MissionConfig, parameter_paths
 from nbv.errors import UserError
 from nbv.types import Floats
-
-if TYPE_CHECKING:
-    from optuna.distributions import BaseDistribution
 
 Value = float | int | str | bool
 Values = dict[str, Any]
@@ -97,17 +94,6 @@ class Parameter:
             number = self.low + position * (self.high - self.low)
         number = min(self.high, max(self.low, number))
         return round(number) if self.kind == "int" else number
-
-    def distribution(self) -> BaseDistribution:
-        """The same set as an Optuna distribution."""
-        from optuna import distributions
-
-        if self.kind == "categorical":
-            return distributions.CategoricalDistribution(self.choices)
-        log = self.scale == "log"
-        if self.kind == "int":
-            return distributions.IntDistribution(int(self.low), int(self.high), log=log)
-        return distributions.FloatDistribution(self.low, self.high, log=log)
 
     def to_dict(self) -> dict[str, Any]:
         """The YAML form."""
@@ -238,10 +224,6 @@ class SearchSpace:
     def categorical_dimensions(self) -> tuple[int, ...]:
         """Indices of categorical parameters."""
         return tuple(i for i, p in enumerate(self.parameters) if p.kind == "categorical")
-
-    def distributions(self) -> dict[str, BaseDistribution]:
-        """Optuna distributions by path."""
-        return {parameter.path: parameter.distribution() for parameter in self.parameters}
 
     def to_dict(self) -> dict[str, Any]:
         """The YAML form; ``space_from_dict`` reads it back."""

@@ -16,6 +16,7 @@ from nbv.errors import UserError
 from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.standardise import RockStandardiser
 from tuner.samplers.base import SamplerSettings, asks, derived_seed, initial_proposal
+from tuner.samplers.distributions import distributions
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class OptunaSampler:
                 sampler = self.build(self.settings, derived_seed(self.settings.seed, number))
                 study = optuna.create_study(direction="maximize", sampler=sampler)
                 study.add_trials(self._replay(history, pending))
-                trial = study.ask(self.settings.space.distributions())
+                trial = study.ask(distributions(self.settings.space))
         finally:
             optuna.logging.set_verbosity(verbosity)
         memory = dict(study.get_trials(deepcopy=False)[trial.number].system_attrs)
@@ -55,11 +56,11 @@ class OptunaSampler:
         outcomes = np.array([o.outcome for o in feasible], dtype=float)
         standard = RockStandardiser.fit(rocks, outcomes).standardise(rocks, outcomes)
         value_of = {o.number: float(z) for o, z in zip(feasible, standard)}
-        distributions = self.settings.space.distributions()
+        known = distributions(self.settings.space)
 
         def replay(values: Mapping[str, Any], state: TrialState, value: float | None, memory: Any) -> Any:
             return create_trial(
-                state=state, value=value, params=dict(values), distributions=distributions,
+                state=state, value=value, params=dict(values), distributions=known,
                 system_attrs=dict(memory),
             )  # fmt: skip
 

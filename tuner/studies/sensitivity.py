@@ -22,6 +22,7 @@ from nbv.errors import UserError
 from nbv.types import Floats
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.standardise import RockStandardiser
+from tuner.samplers.distributions import distributions
 from tuner.studies.missions_as_data import MissionData
 from tuner.studies.sobol import (
     Pair,
@@ -260,10 +261,10 @@ def optuna_importances(data: MissionData, seed: int) -> tuple[dict[str, float], 
     targets = RockStandardiser.fit(rocks, outcomes).standardise(rocks, outcomes)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = optuna.create_study(direction="maximize")
-    distributions = data.space.distributions()
+    known = distributions(data.space)
     study.add_trials(
         [
-            optuna.trial.create_trial(params=dict(o.values), distributions=distributions, value=float(z))
+            optuna.trial.create_trial(params=dict(o.values), distributions=known, value=float(z))
             for o, z in zip(data.observations, targets)
         ]
     )
