@@ -50,7 +50,7 @@ def commands_page() -> str:
         "",
     ]
     told: set[tuple[str, str]] = set()  # what earlier commands have said of an option
-    brief = ("study", "learn-gate")  # options by name only
+    brief = ("study", "learn-gate")  # their options are for --help
     for path, command in sorted(_leaves(root, ()), key=lambda leaf: COMMAND_ORDER.index(leaf[0][0])):
         arguments = [p for p in command.params if p.param_type_name == "argument"]
         options = [p for p in command.params if p.param_type_name == "option" and p.name != "help"]
@@ -62,8 +62,9 @@ def commands_page() -> str:
                 lines += [f"**{panel}**", ""]
             lines += [_option(p) for p in new if getattr(p, "rich_help_panel", None) == panel]
             lines.append("")
-        if known := [f"`{p.opts[0]}`{_default(p)}" for p in options if p not in new]:
-            lines += [f"{'Options' if path[0] in brief else 'As above'}: {', '.join(known)}.", ""]
+        known = [f"`{p.opts[0]}`{_default(p)}" for p in options if p not in new and path[0] not in brief]
+        if known:
+            lines += [f"As above: {', '.join(known)}.", ""]
         told |= {(p.name, p.help) for p in options}
     return "\n".join(lines).rstrip() + "\n"
 

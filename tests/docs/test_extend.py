@@ -53,7 +53,7 @@ def test_an_example_works_as_one_file_and_one_line(heading, blocks, tmp_path, mo
 
 
 def test_every_kind_of_part_has_an_example():
-    kinds = {"scorer", "gate", "sampler", "mission runner"}
+    kinds = {"scorer", "gate", "renderer", "dense backend", "sampler", "mission runner"}
     assert {heading.removeprefix("A ") for heading, _ in examples()} == kinds
 
 
