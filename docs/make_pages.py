@@ -22,17 +22,8 @@ import networkx as nx
 DOCS = Path(__file__).resolve().parent
 sys.path[:0] = [str(DOCS.parent), str(DOCS.parent / "benchmarks")]  # this checkout, wherever it is run from
 
-COMMAND_ORDER = (
-    "campaign",
-    "evaluate",
-    "reproduce",
-    "mission",
-    "rocks",
-    "study",
-    "learn-gate",
-    "config",
-    "cache",
-)
+COMMAND_ORDER = ("campaign", "evaluate", "reproduce", "mission", "rocks", "config", "cache")
+STUDIES = ("study", "learn-gate")  # how-to/studies.md says what they answer
 WIDTH, ROW, BOX_HEIGHT, GAP = 760, 74, 40, 14
 
 
@@ -46,23 +37,23 @@ def commands_page() -> str:
     lines = [
         "# Commands",
         "",
-        "Made from the program's own help by `python docs/make_pages.py`; `--help` explains the studies' options.",
+        "Made from the program's own help by `python docs/make_pages.py`. [Studies](../how-to/studies.md) have a page.",
         "",
     ]
     told: set[tuple[str, str]] = set()  # what earlier commands have said of an option
-    brief = ("study", "learn-gate")  # their options are for --help
-    for path, command in sorted(_leaves(root, ()), key=lambda leaf: COMMAND_ORDER.index(leaf[0][0])):
+    leaves = [leaf for leaf in _leaves(root, ()) if leaf[0][0] not in STUDIES]
+    for path, command in sorted(leaves, key=lambda leaf: COMMAND_ORDER.index(leaf[0][0])):
         arguments = [p for p in command.params if p.param_type_name == "argument"]
         options = [p for p in command.params if p.param_type_name == "option" and p.name != "help"]
         usage = " ".join(["gatetune", *path, *(p.name.upper() for p in arguments)])
         lines += [f"## `{usage}`", "", " ".join(command.help.split()), ""]
-        new = [p for p in options if path[0] not in brief and (p.name, p.help) not in told]
+        new = [p for p in options if (p.name, p.help) not in told]
         for panel in dict.fromkeys(getattr(p, "rich_help_panel", None) for p in new):
             if panel:
                 lines += [f"**{panel}**", ""]
             lines += [_option(p) for p in new if getattr(p, "rich_help_panel", None) == panel]
             lines.append("")
-        known = [f"`{p.opts[0]}`{_default(p)}" for p in options if p not in new and path[0] not in brief]
+        known = [f"`{p.opts[0]}`{_default(p)}" for p in options if p not in new]
         if known:
             lines += [f"As above: {', '.join(known)}.", ""]
         told |= {(p.name, p.help) for p in options}
@@ -213,6 +204,7 @@ def pages() -> dict[Path, str]:
         Path("reference/campaign_settings.md"): settings_page(),
         Path("reference/parameters.md"): reference_markdown(),
         Path("internals/rooms_nbv.svg"): rooms_picture("nbv"),
+        Path("internals/rooms_tuner.svg"): rooms_picture("tuner"),
     }
 
 
