@@ -53,7 +53,7 @@ def observe(mission: Path, rock_name: str) -> dict[str, np.ndarray]:
     studio = Studio(lambda: make_renderer(build_scene(rock, config.scene, config.camera, store=Store()), config.scene.backend),
                     rock, result.replicate, config)  # fmt: skip
     photographs = CachedStudio(studio, store, rock, result.replicate, config)
-    captures = [photographs.take_photograph(v, c) for v, c in zip(visited, centers)]
+    captures = [photographs.take_photograph(v, c, 0.0) for v, c in zip(visited, centers)]
     n_seeds = len(seed_viewpoints(config))
     reconstructor = PhotogrammetricReconstructor(config, store)
     reconstructor.bootstrap(captures[:n_seeds])

@@ -86,14 +86,14 @@ def image_sizes(rock_name: str) -> list[Curve]:
         )
         studio = Studio(lambda r=renderer: r, rock, 0, config)  # type: ignore[misc]
         views = seed_viewpoints(config)[:1]
-        shots = [studio.take_photograph(views[0], np.array(views[0].position_m))]
+        shots = [studio.take_photograph(views[0], np.array(views[0].position_m), 0.0)]
         # Neighbours as in a mission: 6 to 10 degrees beside.
         near = []
         for turn in (6.0, -8.0, 10.0):
             x, y, z = views[0].position_m
             c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
             near.append(studio.take_photograph(dataclasses.replace(views[0], id=f"near{turn:g}"),
-                                               np.array([c * x - s * y, s * x + c * y, z])))  # fmt: skip
+                                               np.array([c * x - s * y, s * x + c * y, z]), 0.0))  # fmt: skip
         image, other = shots[0].image, near[0].image
         assert image is not None and other is not None
         a, b = (extract_features(i, config.sparse) for i in (image, other))

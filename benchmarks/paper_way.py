@@ -71,7 +71,7 @@ def photographs(config: MissionConfig, rock: Rock, replicate: int, chosen: list[
     candidates = {view.id: view for view in raw_candidates(config)}
     flight.take_off()
     views = [*seed_viewpoints(config), *(candidates[name] for name in chosen)]
-    return [studio.take_photograph(view, flight.fly_to(view)) for view in views]
+    return [studio.take_photograph(view, flight.fly_to(view), flight.flight_time_s) for view in views]
 
 
 class AuthorsReconstruction:

@@ -26,7 +26,7 @@ class Viewpoint:
 
 @dataclass(frozen=True)
 class Capture:
-    """One photograph and where it was really taken from (telemetry)."""
+    """One photograph and where telemetry says that it was taken from."""
 
     name: str  # image file name, unique within the mission, e.g. "seed_00.png" or "cand_017.png"
     viewpoint: Viewpoint
@@ -177,8 +177,11 @@ class GateDecision:
 class Camera(Protocol):
     """Takes the photographs of one mission. The mission loop does not know which implementation it has."""
 
-    def take_photograph(self, viewpoint: Viewpoint, position_m: Floats) -> Capture:
-        """The photograph of ``viewpoint``, taken from ``position_m`` (3,), the vehicle's actual position."""
+    def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
+        """The photograph of ``viewpoint``, taken where the vehicle believes to be, ``position_m`` (3,).
+
+        ``time_s`` into the flight, on which slow errors of the telemetry depend.
+        """
         ...
 
     def close(self) -> None:

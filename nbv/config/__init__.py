@@ -27,6 +27,7 @@ from nbv.config.sections import (
     VisibilityConfig,
     Weights,
 )
+from nbv.config.telemetry import TELEMETRY_LEVELS, TelemetryConfig
 
 __all__ = [
     "DENSE_BACKENDS",
@@ -35,6 +36,7 @@ __all__ = [
     "REDUCED_SFM",
     "RENDERERS",
     "SCORERS",
+    "TELEMETRY_LEVELS",
     "BAwareConfig",
     "CameraConfig",
     "CovisConfig",
@@ -52,6 +54,7 @@ __all__ = [
     "SharedTermsConfig",
     "SparseConfig",
     "StopConfig",
+    "TelemetryConfig",
     "VisibilityConfig",
     "Weights",
     "canonical",

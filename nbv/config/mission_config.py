@@ -31,6 +31,7 @@ from nbv.config.sections import (
     VisibilityConfig,
 )
 from nbv.config.sources import ADDED_SINCE_VERSION_1, code, ours
+from nbv.config.telemetry import TelemetryConfig, telemetry_level
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,7 @@ class MissionConfig:
     b_aware: BAwareConfig = field(default_factory=BAwareConfig)
     matchable: MatchableConfig = field(default_factory=MatchableConfig, metadata=ADDED_SINCE_VERSION_1)
     gate: GateConfig = field(default_factory=GateConfig)
+    telemetry: TelemetryConfig = field(default_factory=TelemetryConfig, metadata=ADDED_SINCE_VERSION_1)
     sparse: SparseConfig = field(default_factory=SparseConfig)
     dense: DenseConfig = field(default_factory=DenseConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
@@ -79,12 +81,17 @@ class MissionConfig:
     def with_values(self, values: dict[str, Any]) -> MissionConfig:
         """A copy with the named parameter paths replaced, e.g. ``{"covis.weights.nov": 0.3}``.
 
+        ``{"telemetry": "rtk"}`` sets all fields of that section to a level of `TELEMETRY_LEVELS`.
+
         Raises
         ------
         UserError
-            A path does not exist, or a value has the wrong type or range.
+            A path or level does not exist, or a value has the wrong type or range.
         """
-        tree = self.to_dict()
+        tree, values = self.to_dict(), dict(values)
+        if isinstance(level := values.get("telemetry"), str):
+            del values["telemetry"]
+            tree["telemetry"] = dataclasses.asdict(telemetry_level(level))
         set_values(tree, values, MissionConfig)
         return typing.cast(MissionConfig, build(MissionConfig, tree))
 

@@ -14,6 +14,8 @@ from nbv.evaluation.cleaning import clean_cloud
 from nbv.evaluation.floor import hausdorff_floors
 from nbv.evaluation.ground_truth import GroundTruthSamples, build_ground_truth
 from nbv.evaluation.metrics import compute_metrics
+from nbv.evaluation.registration import register_cloud
+from nbv.geometry.frames import Similarity
 from nbv.geometry.raycasting import RayCaster
 from nbv.rocks import Rock
 from nbv.types import Cloud, Floats, PointCloud
@@ -83,6 +85,9 @@ def clean_for_evaluation(cloud: Cloud, config: MissionConfig) -> tuple[PointClou
 def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig, store: Store | None = None) -> Evaluation:
     """Clean a dense cloud and measure it; what concerns the rock alone is kept in ``store``.
 
+    Where telemetry errs the metrics also hold ``registered``: the same scores of the cloud after the similarity that
+    fits it best to the true surface (`nbv.evaluation.registration`), and that similarity in numbers.
+
     Raises
     ------
     MissionFailure
@@ -90,12 +95,47 @@ def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig, store: Store
     """
     cleaned, report = clean_for_evaluation(cloud, config)
     truth = ground_truth(rock, config, store)
-    metrics = compute_metrics(
-        cleaned,
-        truth,
-        config.evaluation,
-        config.target_m,
-        to_surface_m=RayCaster(rock.vertices_m, rock.faces).distances_m(cleaned.points_m),
-        floors=rock_floors(rock, truth, config, store),
-    )
-    return Evaluation(metrics.to_dict(), report, lambda: cleaned)
+    floors = rock_floors(rock, truth, config, store)
+    caster = RayCaster(rock.vertices_m, rock.faces)
+
+    def measure(measured: PointCloud) -> dict[str, Any]:
+        to_surface_m = caster.distances_m(measured.points_m)
+        return compute_metrics(
+            measured, truth, config.evaluation, config.target_m, to_surface_m, floors
+        ).to_dict()
+
+    metrics = measure(cleaned)
+    if not config.telemetry.is_exact:
+        metrics["registered"] = _registered(cloud, cleaned, truth, config, measure)
+    return Evaluation(metrics, report, lambda: cleaned)
+
+
+def _registered(
+    cloud: Cloud,
+    cleaned: PointCloud,
+    truth: GroundTruthSamples,
+    config: MissionConfig,
+    measure: Callable[[PointCloud], dict[str, Any]],
+) -> dict[str, Any]:
+    """Both surfaces' scores after registration, and the similarity that it found.
+
+    Registered twice: the crop and the ground's removal, which come first, are only right once the cloud lies right.
+    """
+    truth_from_cloud = register_cloud(cleaned.points_m, truth.points_m)
+    again, _ = clean_for_evaluation(_moved(cloud, truth_from_cloud), config)
+    finer = register_cloud(again.points_m, truth.points_m)
+    measured = measure(_moved(again, finer))
+    turn = finer.rotation @ truth_from_cloud.rotation
+    centre_m = np.asarray(config.target_m)
+    return {
+        "whole": measured["whole"],
+        "observable": measured["observable"],
+        "scale": finer.scale * truth_from_cloud.scale,
+        "turn_deg": float(np.rad2deg(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))),
+        "shift_of_target_m": float(np.linalg.norm(finer.apply(truth_from_cloud.apply(centre_m)) - centre_m)),
+    }
+
+
+def _moved(cloud: Cloud, target_from_cloud: Similarity) -> PointCloud:
+    normals = None if cloud.normals is None else cloud.normals @ target_from_cloud.rotation.T
+    return PointCloud(target_from_cloud.apply(cloud.points_m), cloud.colors, normals)

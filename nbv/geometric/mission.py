@@ -24,13 +24,16 @@ from nbv.types import Capture, Cloud, Floats, Viewpoint
 
 
 class PoseCamera:
-    """Implements ``nbv.types.Camera`` without images: a photograph is where it was taken from."""
+    """Implements ``nbv.types.Camera`` without images: a photograph is where it was taken from.
+
+    Telemetry is exact here, whatever is configured.
+    """
 
     def __init__(self, target_m: tuple[float, float, float]) -> None:
         self._target_m = target_m
 
-    def take_photograph(self, viewpoint: Viewpoint, position_m: Floats) -> Capture:
-        """The gimbal aimed at the target from ``position_m`` (3,)."""
+    def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
+        """See `nbv.types.Camera`."""
         return Capture(
             f"{viewpoint.id}.png", viewpoint, _aim(tuple(position_m.tolist()), self._target_m), None
         )

@@ -87,7 +87,7 @@ class AdaptiveMission:
         """Photograph the target from where the vehicle really arrives."""
         position_m = self.flight.fly_to(viewpoint)
         with self.observer.timed("photograph"):
-            capture = self.camera.take_photograph(viewpoint, position_m)
+            capture = self.camera.take_photograph(viewpoint, position_m, self.flight.flight_time_s)
         self.captures.append(capture)
         self.observer.photographed(capture)
         return capture

@@ -214,6 +214,7 @@ class CachedEvaluation:
             config.evaluation,
             list(config.target_m),
             config.dense.fusion_voxel_m,
+            config.telemetry.is_exact,
             camera_shell(config),
         ]
         found = remember_json(self._store, "evaluations", evaluate, code="nbv.evaluation", inputs=inputs)

@@ -35,18 +35,18 @@ class CachedStudio:
         self._studio, self._store = studio, store
         self._identity = (rock.sha256, replicate, config.camera, config.scene)
 
-    def take_photograph(self, viewpoint: Viewpoint, position_m: Floats) -> Capture:
-        """See `nbv.photogrammetric.studio.Studio.take_photograph`."""
-        pose = self._studio.aim(position_m)
-
-        def photograph() -> Arrays:
-            image = self._studio.take_photograph(viewpoint, position_m).image
-            assert image is not None
-            return {"image": image}
-
-        inputs = [*self._identity, viewpoint.id, pose]
-        entry = remember(self._store, "photographs", photograph, code=_STUDIO, inputs=inputs)
-        return Capture(f"{viewpoint.id}.png", viewpoint, pose, entry["image"])
+    def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
+        """See `nbv.types.Camera`."""
+        reported = self._studio.aim(position_m)
+        true = self._studio.true_pose(reported, viewpoint, time_s)
+        entry = remember(
+            self._store,
+            "photographs",
+            lambda: {"image": self._studio.photograph(viewpoint, true)},
+            code=_STUDIO,
+            inputs=[*self._identity, viewpoint.id, true],
+        )
+        return Capture(f"{viewpoint.id}.png", viewpoint, reported, entry["image"])
 
     def close(self) -> None:
         """See `nbv.photogrammetric.studio.Studio.close`."""
@@ -107,6 +107,7 @@ class CachedSeedModel:
             _SPARSE,
             sparse.camera,
             sparse.config,
+            sparse.tolerance_m,
             sparse.target_m,
             [capture.name for capture in captures],
             *(capture.camera_from_world for capture in captures),

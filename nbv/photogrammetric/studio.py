@@ -1,12 +1,17 @@
-"""Where photographs are taken: the actual position, the gimbal aimed at the target, the sensor's noise."""
+"""Where photographs are taken: the true pose, the gimbal aimed at the target, the sensor's noise.
+
+The only part of a mission that knows a true pose. What leaves it is a photograph with the pose that telemetry reports.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nbv.config import MissionConfig
+from nbv.flight.telemetry import TelemetryErrors
 from nbv.geometry.frames import look_at
 from nbv.memory import give_back_freed_memory
 from nbv.rocks import Rock
@@ -23,6 +28,9 @@ class Studio:
         self._make_renderer = make_renderer
         self._renderer: Renderer | None = None
         self._rock, self._replicate, self._config = rock, replicate, config
+        self._errors = TelemetryErrors(
+            config.telemetry, rock.sha256, replicate, config.flight.min_camera_altitude_m
+        )
 
     def close(self) -> None:
         """Let the renderer and its scene go (0.15 GB); another photograph would make them again.
@@ -32,16 +40,24 @@ class Studio:
         self._renderer = None
         give_back_freed_memory()
 
-    def aim(self, position_m: np.ndarray) -> Floats:
-        """(4, 4) ``camera_from_world`` of the gimbal camera at ``position_m`` (3,)."""
+    def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
+        """See `nbv.types.Camera`."""
+        reported = self.aim(position_m)
+        image = self.photograph(viewpoint, self.true_pose(reported, viewpoint, time_s))
+        return Capture(f"{viewpoint.id}.png", viewpoint, reported, image)
+
+    def aim(self, position_m: Floats) -> Floats:
+        """(4, 4) reported ``camera_from_world`` of the gimbal camera at ``position_m`` (3,)."""
         return look_at(position_m, np.asarray(self._config.target_m))
 
-    def take_photograph(self, viewpoint: Viewpoint, position_m: np.ndarray) -> Capture:
-        """The photograph of ``viewpoint``, taken from ``position_m`` (3,), the vehicle's actual position."""
+    def true_pose(self, reported: Floats, viewpoint: Viewpoint, time_s: float) -> Floats:
+        """(4, 4) ``camera_from_world`` where the camera really is; see `nbv.flight.telemetry`."""
+        return self._errors.true_pose(reported, viewpoint.id, time_s)
+
+    def photograph(self, viewpoint: Viewpoint, true_pose: Floats) -> NDArray[np.uint8]:
+        """(H, W, 3) what the sensor sees from ``true_pose`` (4, 4)."""
         if self._renderer is None:
             self._renderer = self._make_renderer()
-        pose = self.aim(position_m)
-        image = photograph(
-            self._renderer, pose, self._rock, self._replicate, viewpoint.id, self._config.scene
+        return photograph(
+            self._renderer, true_pose, self._rock, self._replicate, viewpoint.id, self._config.scene
         )
-        return Capture(f"{viewpoint.id}.png", viewpoint, pose, image)

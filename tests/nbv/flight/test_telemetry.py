@@ -1,0 +1,91 @@
+"""The telemetry model: its moments, its drift, and that exact means exact."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from nbv.config import TELEMETRY_LEVELS, MissionConfig, TelemetryConfig
+from nbv.errors import UserError
+from nbv.flight.telemetry import TelemetryErrors
+from nbv.geometry.frames import invert_rigid, look_at
+
+REPORTED = look_at(np.array([0.0, -4.0, 2.0]), np.array([0.0, 0.0, 0.8]))
+POSITION = np.array([0.0, -4.0, 2.0])
+
+
+def errors_m(config: TelemetryConfig, count: int, time_s: float = 10.0) -> np.ndarray:
+    """(count, 3) reported minus true position, one per replicate."""
+    poses = [
+        TelemetryErrors(config, "rock", k, 0.3).true_pose(REPORTED, "seed_00", time_s) for k in range(count)
+    ]
+    return POSITION - np.array([invert_rigid(pose)[:3, 3] for pose in poses])
+
+
+def test_exact_is_the_same_object() -> None:
+    assert TelemetryErrors(TelemetryConfig(), "rock", 0, 0.3).true_pose(REPORTED, "seed_00", 1.0) is REPORTED
+
+
+def test_noise_has_the_configured_moments() -> None:
+    config = TelemetryConfig(horizontal_noise_m=0.2, vertical_noise_m=0.1)
+    found = errors_m(config, 4000)
+    np.testing.assert_allclose(found.std(axis=0), [0.2, 0.2, 0.1], rtol=0.05)
+    np.testing.assert_allclose(found.mean(axis=0), 0.0, atol=0.012)
+
+
+def test_drift_correlates_by_one_over_e() -> None:
+    config = TelemetryConfig(drift_m=0.5, drift_time_s=60.0)
+    flights = [TelemetryErrors(config, "rock", k, 0.3) for k in range(3000)]
+    now, later = (np.array([f.drift_m(t) for f in flights]) for t in (0.0, 60.0))
+    np.testing.assert_allclose(now.std(axis=0), 0.5, rtol=0.06)
+    correlation = [np.corrcoef(now[:, axis], later[:, axis])[0, 1] for axis in range(3)]
+    np.testing.assert_allclose(correlation, np.exp(-1.0), atol=0.06)
+
+
+def test_lever_arm_turns_with_the_heading() -> None:
+    config = TelemetryConfig(lever_arm_m=(0.1, 0.02, 0.3))
+    # The camera looks north: forward is +y, left is -x.
+    np.testing.assert_allclose(errors_m(config, 1)[0], [-0.02, 0.1, 0.3], atol=1e-12)
+
+
+def test_attitude_error_turns_the_camera_about_itself() -> None:
+    config = TelemetryConfig(attitude_noise_deg=1.0)
+    true = [TelemetryErrors(config, "rock", k, 0.3).true_pose(REPORTED, "seed_00", 0.0) for k in range(2000)]
+    np.testing.assert_allclose([invert_rigid(pose)[:3, 3] for pose in true[:5]], [POSITION] * 5, atol=1e-12)
+    cosine = [(np.trace(pose[:3, :3] @ REPORTED[:3, :3].T) - 1) / 2 for pose in true]
+    angle_deg = np.rad2deg(np.arccos(np.clip(cosine, -1, 1)))
+    assert np.sqrt((angle_deg**2).mean()) == pytest.approx(np.sqrt(3.0), rel=0.06)
+
+
+def test_the_ground_is_solid() -> None:
+    config = TelemetryConfig(vertical_noise_m=50.0)
+    assert (POSITION[2] - errors_m(config, 50)[:, 2]).min() >= 0.3
+
+
+def test_same_viewpoint_same_error_other_viewpoint_another() -> None:
+    flight = TelemetryErrors(TELEMETRY_LEVELS["gnss"], "rock", 0, 0.3)
+    a, b, c = (flight.true_pose(REPORTED, name, 5.0) for name in ("seed_00", "seed_00", "seed_01"))
+    assert np.array_equal(a, b)
+    assert not np.array_equal(a, c)
+
+
+def test_standard_deviation_covers_every_part() -> None:
+    config = TelemetryConfig(
+        horizontal_noise_m=0.3, vertical_noise_m=0.4, drift_m=0.5, lever_arm_m=(0.0, 0.0, 1.2)
+    )
+    assert config.position_sd_m == pytest.approx(np.sqrt(2 * 0.09 + 0.16 + 3 * 0.25 + 1.44))
+    assert TelemetryConfig().position_sd_m == 0.0
+
+
+def test_a_negative_sigma_is_named() -> None:
+    with pytest.raises(UserError, match=r"telemetry\.horizontal_noise_m"):
+        MissionConfig().with_values({"telemetry.horizontal_noise_m": -0.1})
+
+
+def test_a_level_sets_the_whole_section() -> None:
+    config = MissionConfig().with_values({"telemetry": "rtk", "telemetry.drift_m": 0.1})
+    assert config.telemetry == dataclasses.replace(TELEMETRY_LEVELS["rtk"], drift_m=0.1)
+    with pytest.raises(UserError, match="unknown telemetry level 'gps'; there are exact, rtk, gnss, vio"):
+        MissionConfig().with_values({"telemetry": "gps"})
