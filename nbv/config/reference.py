@@ -89,7 +89,7 @@ def reference_markdown() -> str:
         "",
         "A parameter's path is its section and name: `gate.d95_m`. Defaults are preset `paper`. *Source*: **text**, the "
         "paper as printed, with the place; **code**, the authors' public code or simulator, where the text is silent; "
-        "**ours**. `gatetune config show` prints any preset in this way; `--set PATH=VALUE` changes a parameter. "
+        "**ours**. `gatetune config show` prints any preset with more on the source; `--set PATH=VALUE` changes a parameter. "
         "`python docs/make_pages.py` makes this page.",
         "",
         *_presets_table(),
@@ -102,7 +102,8 @@ def reference_markdown() -> str:
         choices = f" ({', '.join(f'`{c}`' for c in p.choices)})" if p.choices else ""
         value = f"{shown(p.default)} {p.unit}".strip() or "empty"
         name = p.path.removeprefix(f"{section}.")
-        lines.append(f"|`{name}`|{value}|{p.meaning}{choices}|{p.origin}|")
+        source = p.source if p.source == "code" else p.origin  # `gatetune config show` says where in the code
+        lines.append(f"|`{name}`|{value}|{p.meaning}{choices}|{source}|")
     return "\n".join(lines) + "\n"
 
 
