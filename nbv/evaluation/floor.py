@@ -12,7 +12,8 @@ from nbv.evaluation.ground_truth import (
     GroundTruthSamples,
     observable_mask,
 )
-from nbv.evaluation.metrics import hausdorff_mm, voxel_means
+from nbv.evaluation.measures import hausdorff_mm
+from nbv.evaluation.metrics import voxel_means
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface

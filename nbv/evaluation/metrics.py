@@ -25,11 +25,12 @@ from numpy.typing import NDArray
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation.ground_truth import GroundTruthSamples
+from nbv.evaluation.measures import azimuth_sectors, f_score, sector_centers_deg
+from nbv.evaluation.registry import Distances, measure_all
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.types import Floats, PointCloud
 
 PAPER_CODE_GATE_M = 0.05
-SECTOR_THRESHOLD_MM = 48.0  # 3 % of the rock's height: the paper's Fig. 3
 
 
 @dataclass(frozen=True)
@@ -41,12 +42,8 @@ class Metrics:
     by name; ``gated`` uses the configured gate, or 50 mm if that is off, and is None when the gate leaves
     no point.
 
-    Each surface holds, in mm and percent: ``hausdorff_gt_to_cloud_mm`` (the paper's),
-    ``hausdorff_cloud_to_gt_mm``, ``hausdorff_symmetric_mm``; ``c2c_{mean,median,p95}_mm`` (the paper's,
-    gt -> cloud) and ``c2c_cloud_to_gt_{mean,median,p95}_mm``; ``completeness_{t}mm``, ``accuracy_{t}mm``,
-    ``f_score_{t}mm``; ``f_score_auc``; ``sector_completeness_48mm`` (list, None where a sector holds no
-    sample); ``n_gt_samples``; and, where floors were given, what a perfect reconstruction of this rock
-    would get: ``hausdorff_{direction}_floor_mm``.
+    Each surface holds the metrics of `nbv.evaluation.registry`; ``n_gt_samples``; and, where floors were given, what a
+    perfect reconstruction of this rock would get: ``hausdorff_{direction}_floor_mm``.
     """
 
     n_points: int
@@ -158,91 +155,9 @@ def _variant(
     everything = np.ones(len(to_cloud_m), dtype=bool)
     out: dict[str, Any] = {"n_points": len(to_gt_m)}
     for name, mask in (("whole", everything), ("observable", truth.observable)):
-        scores: dict[str, Any] = dict(distance_scores(to_cloud_m[mask], to_gt_m, config.thresholds_mm))
-        scores[f"sector_completeness_{SECTOR_THRESHOLD_MM:g}mm"] = sector_completeness(
-            to_cloud_m[mask], sectors[mask], config.azimuth_sectors, SECTOR_THRESHOLD_MM
-        )
-        scores["n_gt_samples"] = int(mask.sum())
-        scores.update(floors.get(name, {}))
-        out[name] = scores
+        distances = Distances(1000.0 * to_cloud_m[mask], 1000.0 * to_gt_m, sectors[mask], config)
+        out[name] = {**measure_all(distances), "n_gt_samples": int(mask.sum()), **floors.get(name, {})}
     return out
-
-
-def distance_scores(to_cloud_m: Floats, to_gt_m: Floats, thresholds_mm: Sequence[float]) -> dict[str, float]:
-    """All scalar scores of two non-empty sets of nearest-neighbour distances in metres.
-
-    Parameters
-    ----------
-    to_cloud_m
-        (S,) from each reference sample to the cloud.
-    to_gt_m
-        (N,) from each reconstructed point to the reference.
-    """
-    forward, backward = 1000.0 * np.asarray(to_cloud_m), 1000.0 * np.asarray(to_gt_m)
-    scores = hausdorff_mm(to_cloud_m, to_gt_m)
-    for prefix, distance in (("c2c", forward), ("c2c_cloud_to_gt", backward)):
-        scores[f"{prefix}_mean_mm"] = float(distance.mean())
-        scores[f"{prefix}_median_mm"] = float(np.median(distance))
-        scores[f"{prefix}_p95_mm"] = float(np.percentile(distance, 95))
-    ordered = sorted(thresholds_mm)
-    curve = []
-    for t in ordered:
-        recall, precision = 100.0 * float((forward < t).mean()), 100.0 * float((backward < t).mean())
-        scores[f"completeness_{t:g}mm"] = recall
-        scores[f"accuracy_{t:g}mm"] = precision
-        scores[f"f_score_{t:g}mm"] = f_score(precision, recall)
-        curve.append(scores[f"f_score_{t:g}mm"])
-    scores["f_score_auc"] = area_under_curve(ordered, curve)
-    return scores
-
-
-def hausdorff_mm(to_cloud_m: Floats, to_gt_m: Floats) -> dict[str, float]:
-    """Both directed Hausdorff distances and the symmetric one, from distances in metres, in mm."""
-    forward, backward = (float((1000.0 * np.asarray(d)).max()) for d in (to_cloud_m, to_gt_m))
-    return {
-        "hausdorff_gt_to_cloud_mm": forward,
-        "hausdorff_cloud_to_gt_mm": backward,
-        "hausdorff_symmetric_mm": max(forward, backward),
-    }
-
-
-def f_score(precision: float, recall: float) -> float:
-    """Harmonic mean of two percentages; 0 where both are 0."""
-    return 0.0 if precision + recall == 0 else 2.0 * precision * recall / (precision + recall)
-
-
-def area_under_curve(thresholds_mm: Sequence[float], scores: Sequence[float]) -> float:
-    """Mean height of the piecewise-linear curve between the first and last threshold (0 to 100).
-
-    With a single threshold, or several equal ones, the mean of the scores.
-    """
-    span = thresholds_mm[-1] - thresholds_mm[0]
-    if span <= 0:
-        return float(np.mean(scores))
-    return float(np.trapezoid(scores, thresholds_mm) / span)
-
-
-def sector_centers_deg(count: int) -> Floats:
-    """(count,) azimuths of the sector centres, counter-clockwise from east; sector 0 starts at east."""
-    return (np.arange(count) + 0.5) * 360.0 / count
-
-
-def azimuth_sectors(
-    points_m: Floats, target_m: tuple[float, float, float] | Floats, count: int
-) -> NDArray[np.int64]:
-    """(S,) sector index of each point (S, 3) about the vertical axis through the target."""
-    azimuth_deg = np.rad2deg(np.arctan2(points_m[:, 1] - target_m[1], points_m[:, 0] - target_m[0])) % 360.0
-    return np.minimum((azimuth_deg * count / 360.0).astype(np.int64), count - 1)
-
-
-def sector_completeness(
-    to_cloud_m: Floats, sectors: NDArray[np.int64], count: int, threshold_mm: float
-) -> list[float | None]:
-    """Completeness in percent per sector; None where a sector holds no sample."""
-    reached = 1000.0 * to_cloud_m < threshold_mm
-    total = np.bincount(sectors, minlength=count)
-    hit = np.bincount(sectors, weights=reached, minlength=count)
-    return [100.0 * float(h) / int(n) if n else None for h, n in zip(hit, total)]
 
 
 def voxel_scores(points_m: Floats, gt_points_m: Floats, thresholds_mm: Sequence[float]) -> dict[str, float]:

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 
 from nbv.config import MissionConfig
-from nbv.evaluation.metrics import (
-    SECTOR_THRESHOLD_MM,
+from nbv.evaluation.measures import (
     area_under_curve,
     azimuth_sectors,
     f_score,
     sector_centers_deg,
 )
+from nbv.evaluation.registry import SECTOR_THRESHOLD_MM
 from nbv.geometric.completeness import best_so_far, within_reach
 from nbv.geometric.world import GeometricWorld
 from nbv.types import Floats

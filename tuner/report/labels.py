@@ -3,23 +3,16 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
 from nbv.config import parameter
+from nbv.evaluation.registry import find_metric
 
 MISSING = "–"
 SURFACES = {"whole": "whole surface", "observable": "observable surface"}
 VARIANTS = {"gated": "after the ground-truth gate", "ungated": "without ground-truth gate"}
-
-_HAUSDORFF = {
-    "gt_to_cloud": "Hausdorff distance",
-    "cloud_to_gt": "Hausdorff distance, cloud to truth",
-    "symmetric": "Symmetric Hausdorff distance",
-}
-_THRESHOLDED = {"completeness": "Completeness", "accuracy": "Accuracy", "f_score": "F-score"}
 
 
 @dataclass(frozen=True)
@@ -86,18 +79,11 @@ def metric_label(path: str) -> MetricLabel:
     """
     *prefix, key = path.split(".")
     surface = ", ".join(SURFACES.get(part) or VARIANTS.get(part) or part for part in reversed(prefix))
-    if match := re.fullmatch(r"(completeness|accuracy|f_score)_(\d+(?:\.\d+)?)mm", key):
-        return MetricLabel(f"{_THRESHOLDED[match[1]]} @ {match[2]} mm", "%", surface, True)
-    if match := re.fullmatch(r"hausdorff_(gt_to_cloud|cloud_to_gt|symmetric)_mm", key):
-        return MetricLabel(_HAUSDORFF[match[1]], "mm", surface, False)
-    if match := re.fullmatch(r"hausdorff_(gt_to_cloud|cloud_to_gt|symmetric)_floor_mm", key):
-        return MetricLabel(f"{_HAUSDORFF[match[1]]}, the rock's own floor", "mm", surface, False)
-    if match := re.fullmatch(r"c2c_(cloud_to_gt_)?(mean|median|p95)_mm", key):
-        kind = "P95" if match[2] == "p95" else match[2].capitalize()
-        direction = ", cloud to truth" if match[1] else ""
-        return MetricLabel(f"{kind} C2C distance{direction}", "mm", surface, False)
-    if key == "f_score_auc":
-        return MetricLabel("F-score, mean over thresholds", "%", surface, True)
+    floor = "_floor_mm" if key.endswith("_floor_mm") else ""
+    if found := find_metric(f"{key.removesuffix(floor)}_mm" if floor else key):
+        metric, name = found
+        name = f"{name}, the rock's own floor" if floor else name
+        return MetricLabel(name, metric.unit, surface, metric.larger_is_better)
     for ending, unit in (("_mm", "mm"), ("_m", "m"), ("_s", "s"), ("_deg", "°"), ("_px", "px")):
         if key.endswith(ending):
             return MetricLabel(_words(key.removesuffix(ending)), unit, surface, False)

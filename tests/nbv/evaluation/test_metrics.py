@@ -12,22 +12,45 @@ from scipy.spatial import cKDTree
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation.ground_truth import GroundTruthSamples
-from nbv.evaluation.metrics import (
+from nbv.evaluation.measures import (
     area_under_curve,
     azimuth_sectors,
-    compute_metrics,
-    distance_scores,
     f_score,
     sector_centers_deg,
     sector_completeness,
-    voxel_means,
-    voxel_scores,
 )
+from nbv.evaluation.metrics import compute_metrics, voxel_means, voxel_scores
+from nbv.evaluation.registry import METRICS, Distances, Metric, find_metric, measure_all
 from nbv.geometry.sampling import sample_surface
 from nbv.types import PointCloud
 
 CONFIG = EvaluationConfig()
 TARGET = (0.0, 0.0, 0.8)
+
+
+def distance_scores(to_cloud_m, to_truth_m, thresholds_mm):
+    """Every metric of two sets of distances."""
+    config = dataclasses.replace(CONFIG, thresholds_mm=thresholds_mm)
+    sectors = np.zeros(len(to_cloud_m), dtype=np.int64)
+    return measure_all(Distances(1000.0 * to_cloud_m, 1000.0 * to_truth_m, sectors, config))
+
+
+def test_every_number_of_a_result_is_a_metric_that_says_what_it_is():
+    scores = distance_scores(np.array([0.01, 0.03]), np.array([0.02]), (16.0, 48.0))
+    labels = {key: find_metric(key)[1] for key in scores}
+    assert labels["f_score_16mm"] == "F-score @ 16 mm" and labels["c2c_p95_mm"] == "P95 C2C distance"
+    assert all(metric.unit in ("mm", "%") for metric in METRICS.values())
+    assert find_metric("n_gt_samples") is None
+
+
+def test_a_new_metric_is_one_line(monkeypatch):
+    missing = Metric(
+        "missing_{t}mm", "Missing @ {t} mm", "%", False, lambda d, t: float((d.to_cloud_mm >= t).mean() * 100)
+    )
+    monkeypatch.setitem(METRICS, missing.key, missing)
+    scores = distance_scores(np.array([0.01, 0.03]), np.array([0.02]), (16.0, 48.0))
+    assert (scores["missing_16mm"], scores["missing_48mm"]) == (50.0, 0.0)
+    assert find_metric("missing_16mm") == (missing, "Missing @ 16 mm")
 
 
 def truth_of(points, observable=None):
@@ -226,7 +249,7 @@ def test_a_missing_sector_is_zero_and_an_empty_one_is_none():
     assert sectors[5] is None
     assert sectors[8] < 25 and sectors[7] < 40  # a rim of 48 mm, and the poles where sectors are narrow
     assert [sectors[k] for k in (0, 1, 2, 3, 4, 10, 11)] == [100.0] * 7
-    assert sector_completeness(np.array([0.0, 1.0]), np.array([0, 0]), 2, 48.0) == [50.0, None]
+    assert sector_completeness(np.array([0.0, 1000.0]), np.array([0, 0]), 2, 48.0) == [50.0, None]
 
 
 def test_gate_removes_far_points_and_both_variants_are_reported():

@@ -1,0 +1,171 @@
+"""The metrics of a cloud: a new one is one new file and one line in `METRICS`.
+
+Reports read names, units and directions from here; missions hold every metric for the whole and the observable surface.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.config import EvaluationConfig
+from nbv.evaluation.measures import area_under_curve, f_score, sector_completeness
+from nbv.types import Floats
+
+SECTOR_THRESHOLD_MM = 48.0  # 3 % of the rock's height: the paper's Fig. 3
+
+
+@dataclass(frozen=True)
+class Distances:
+    """What a cloud's metrics on one surface are made from: S reference samples, N reconstructed points."""
+
+    to_cloud_mm: Floats  # (S,) from each sample to the cloud: what is missing
+    to_truth_mm: Floats  # (N,) from each point to the whole reference surface: what is wrong
+    sectors: NDArray[np.int64]  # (S,) azimuth sector of each sample
+    config: EvaluationConfig
+
+
+@dataclass(frozen=True)
+class Metric:
+    """One number of a mission's result, or one for each of ``evaluation.thresholds_mm``.
+
+    Parameters
+    ----------
+    key
+        Its name in the result; ``{t}`` stands for the threshold in mm.
+    label
+        Its name for people; may hold ``{t}``, too.
+    unit
+        Of the value: "%", "mm".
+    larger_is_better
+        Its direction.
+    measure
+        The value, from the distances and the threshold in mm (0 where the key has none).
+    """
+
+    key: str
+    label: str
+    unit: str
+    larger_is_better: bool
+    measure: Callable[[Distances, float], Any]
+
+
+def completeness(distances: Distances, threshold_mm: float) -> float:
+    """Percentage of the samples that lie less than the threshold from the cloud (recall)."""
+    return 100.0 * float((distances.to_cloud_mm < threshold_mm).mean())
+
+
+def accuracy(distances: Distances, threshold_mm: float) -> float:
+    """Percentage of the points that lie less than the threshold from the truth (precision)."""
+    return 100.0 * float((distances.to_truth_mm < threshold_mm).mean())
+
+
+def f_score_at(distances: Distances, threshold_mm: float) -> float:
+    """Harmonic mean of the two."""
+    return f_score(accuracy(distances, threshold_mm), completeness(distances, threshold_mm))
+
+
+def _auc(distances: Distances, _: float) -> float:
+    thresholds_mm = sorted(distances.config.thresholds_mm)
+    return area_under_curve(thresholds_mm, [f_score_at(distances, t) for t in thresholds_mm])
+
+
+def _by_sector(distances: Distances, _: float) -> list[float | None]:
+    count = distances.config.azimuth_sectors
+    return sector_completeness(distances.to_cloud_mm, distances.sectors, count, SECTOR_THRESHOLD_MM)
+
+
+def _largest(missing: bool, wrong: bool) -> Callable[[Distances, float], float]:
+    def measure(distances: Distances, _: float) -> float:
+        parts = (distances.to_cloud_mm,) * missing + (distances.to_truth_mm,) * wrong
+        return max(float(part.max()) for part in parts)
+
+    return measure
+
+
+def _c2c(
+    statistic: Callable[[Floats], Any], *, to_truth: bool = False
+) -> Callable[[Distances, float], float]:
+    def measure(distances: Distances, _: float) -> float:
+        return float(statistic(distances.to_truth_mm if to_truth else distances.to_cloud_mm))
+
+    return measure
+
+
+def _p95(distances: Floats) -> Any:
+    return np.percentile(distances, 95)
+
+
+METRICS: dict[str, Metric] = {
+    metric.key: metric
+    for metric in (
+        Metric("hausdorff_gt_to_cloud_mm", "Hausdorff distance", "mm", False, _largest(True, False)),
+        Metric(
+            "hausdorff_cloud_to_gt_mm",
+            "Hausdorff distance, cloud to truth",
+            "mm",
+            False,
+            _largest(False, True),
+        ),
+        Metric("hausdorff_symmetric_mm", "Symmetric Hausdorff distance", "mm", False, _largest(True, True)),
+        Metric("c2c_mean_mm", "Mean C2C distance", "mm", False, _c2c(np.mean)),
+        Metric("c2c_median_mm", "Median C2C distance", "mm", False, _c2c(np.median)),
+        Metric("c2c_p95_mm", "P95 C2C distance", "mm", False, _c2c(_p95)),
+        Metric(
+            "c2c_cloud_to_gt_mean_mm",
+            "Mean C2C distance, cloud to truth",
+            "mm",
+            False,
+            _c2c(np.mean, to_truth=True),
+        ),
+        Metric(
+            "c2c_cloud_to_gt_median_mm",
+            "Median C2C distance, cloud to truth",
+            "mm",
+            False,
+            _c2c(np.median, to_truth=True),
+        ),
+        Metric(
+            "c2c_cloud_to_gt_p95_mm",
+            "P95 C2C distance, cloud to truth",
+            "mm",
+            False,
+            _c2c(_p95, to_truth=True),
+        ),
+        Metric("completeness_{t}mm", "Completeness @ {t} mm", "%", True, completeness),
+        Metric("accuracy_{t}mm", "Accuracy @ {t} mm", "%", True, accuracy),
+        Metric("f_score_{t}mm", "F-score @ {t} mm", "%", True, f_score_at),
+        Metric("f_score_auc", "F-score, mean over thresholds", "%", True, _auc),
+        Metric(
+            f"sector_completeness_{SECTOR_THRESHOLD_MM:g}mm",
+            f"Completeness @ {SECTOR_THRESHOLD_MM:g} mm by sector",
+            "%",
+            True,
+            _by_sector,
+        ),
+    )
+}
+
+
+def measure_all(distances: Distances) -> dict[str, Any]:
+    """Every metric by its name in the result."""
+    values = {}
+    for metric in METRICS.values():
+        thresholds_mm = sorted(distances.config.thresholds_mm) if "{t}" in metric.key else [0.0]
+        for t in thresholds_mm:
+            values[metric.key.replace("{t}", f"{t:g}")] = metric.measure(distances, t)
+    return values
+
+
+def find_metric(key: str) -> tuple[Metric, str] | None:
+    """The metric that the name ``key`` of a result stands for, and its label; ``None`` for other facts."""
+    for metric in METRICS.values():
+        pattern = re.escape(metric.key).replace(re.escape("{t}"), r"(?P<t>\d+(?:\.\d+)?)")
+        if match := re.fullmatch(pattern, key):
+            return metric, metric.label.replace("{t}", match.groupdict().get("t", ""))
+    return None
