@@ -69,7 +69,14 @@ def campaign(seed: int, budget: int, block_sd: float, *, blocks: bool = True) ->
     settings = SurrogateSettings(blocks=blocks)
     default = synthetic.DEFAULT
     result = recommend(
-        synthetic.SPACE, history, synthetic.ROCKS, default, Objective(), seed, settings=settings
+        synthetic.SPACE,
+        history,
+        synthetic.ROCKS,
+        default,
+        Objective(),
+        seed,
+        replicates=REPLICATES,
+        settings=settings,
     )
     assert result is not None
     truth = synthetic.true_rock_mean(result.values) - synthetic.true_rock_mean(default)

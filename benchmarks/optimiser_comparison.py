@@ -35,13 +35,16 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 sys.path[:0] = [str(Path(__file__).resolve().parent), str(Path(__file__).resolve().parent.parent)]
 
+import numpy as np  # noqa: E402
 from optimiser_problems import ROCKS, Problem, make_problem  # noqa: E402
 from optimiser_strategies import STRATEGIES, applicable  # noqa: E402
 
 from tuner.problem.blocks import next_block  # noqa: E402
+from tuner.problem.configurations import distinct_configurations  # noqa: E402
 from tuner.problem.observations import Observation, Proposal  # noqa: E402
 from tuner.problem.search_space import Values  # noqa: E402
-from tuner.samplers.verification import distinct_configurations, expected_shortfall, markdown  # noqa: E402
+from tuner.recommendation.eligible import may_be_recommended  # noqa: E402
+from tuner.surrogate.forward_check import PREDICTED  # noqa: E402
 from tuner.surrogate.model import RockMeanGP  # noqa: E402
 from tuner.surrogate.settings import surrogate_settings  # noqa: E402
 
@@ -71,20 +74,21 @@ def surrogate(problem: Problem, history: Sequence[Observation], seed: int, strat
 
 
 def common_recommendation(
-    problem: Problem, history: Sequence[Observation], seed: int, strategy: object
+    problem: Problem, history: Sequence[Observation], seed: int, strategy: object, *, ours: bool
 ) -> tuple[Values, float, float, RockMeanGP]:
     """Best posterior mean among the configurations flown, its mean and sd, and the model.
 
-    What verification missions found counts as in the product; only our sampler flies any.
+    Ours, as in the product, only of what has flown on two rocks and replicates, once its last missions see to that.
     """
     model = surrogate(problem, history, seed, strategy)
     configurations = distinct_configurations(problem.space, model.observations)
     belief = model.posterior(configurations)
-    shortfall = expected_shortfall(history, model.noise_sd)
-    worth = belief.mean - markdown(
-        problem.space, history, configurations, problem.rocks, shortfall, problem.default
+    allowed = may_be_recommended(
+        problem.space, history, configurations, problem.rocks, problem.replicates, problem.default
     )
-    i = int(worth.argmax())
+    if not ours or sum(allowed) < 2:
+        allowed = [True] * len(configurations)
+    i = int(np.where(allowed, belief.mean, -np.inf).argmax())
     return configurations[i], float(belief.mean[i]), float(belief.sd[i]), model
 
 
@@ -110,15 +114,8 @@ def play(problem: Problem, name: str, seed: int, log: TextIO) -> None:
         proposal = Proposal(request.values, {}, request.rock, request.replicate)
         rock, replicate = next_block(problem.rocks, problem.replicates, history, proposal)
         flight = problem.fly(request.values, rock, replicate)
-        expected = {}
-        if (
-            request.why.get("phase") in ("model", "verification")
-            and name.startswith("gp")
-            and rock in problem.rocks
-        ):
-            model = surrogate(problem, history, seed, strategy)
-            mean, sd = model.predict_mission(request.values, rock, replicate)
-            expected = {"mean": mean, "sd": sd}
+        mean, sd = request.memory.get(PREDICTED, (None, None))
+        expected = {} if mean is None else {"mean": mean, "sd": sd}
         spent += flight.cost
         observation = Observation(
             len(history), request.values, rock, replicate, flight.value, flight.value, memory=request.memory
@@ -135,7 +132,9 @@ def play(problem: Problem, name: str, seed: int, log: TextIO) -> None:
             while marks and spent >= marks[0] - 1e-6:
                 marks.pop(0)
             full = [o for o in history if o.rock in problem.rocks]
-            values, mean, sd, model = common_recommendation(problem, full, seed, strategy)
+            values, mean, sd, model = common_recommendation(
+                problem, full, seed, strategy, ours=name.startswith("gp") and name != "gp+trusting"
+            )
             own = strategy.recommend()
             belief = {"mean": mean, "sd": sd} if own is None else {}
             belief["loo"] = model.leave_one_out().coverage_95

@@ -46,7 +46,7 @@ def rescore(path: Path, out: Path) -> str:
         if marks and mission["cost"] >= marks[0] - 1e-6:
             while marks and mission["cost"] >= marks[0] - 1e-6:
                 marks.pop(0)
-            chosen, mean, sd, _ = common_recommendation(problem, history, head["seed"], None)
+            chosen, mean, sd, _ = common_recommendation(problem, history, head["seed"], None, ours=False)
             belief = {"mean": mean, "sd": sd, "truth": problem.truth(chosen)}
             lines.append({"kind": "checkpoint", "cost": mission["cost"], "values": dict(chosen), **belief})
     lines.append(rows[-1])

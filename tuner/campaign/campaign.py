@@ -40,7 +40,6 @@ from tuner.recommendation.recommendation import Recommendation, recommend
 from tuner.samplers.base import Sampler, SamplerSettings
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.registry import make_sampler
-from tuner.surrogate.forward_check import check_ahead
 from tuner.surrogate.kernel import Feature
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import surrogate_settings
@@ -199,25 +198,9 @@ class Campaign:
             best_observed=best(values) if values else None,
         )
 
-    def recommendation(self, *, save: bool = True, check: bool = False) -> Recommendation | None:
-        """The evaluated configuration with the best posterior mean over the training rocks.
-
-        ``check``: how well the missions were predicted before they were flown, a fit each for up to 24 of them.
-        """
-        history = self.history()
-        result = self.recommend_from(history)
-        if result is not None and check:
-            s = self.settings
-            found = check_ahead(
-                s.space,
-                history,
-                s.rocks,
-                s.initial_size(),
-                s.seed,
-                surrogate_settings(s.space, s.risk),
-                self._feature(),
-            )
-            result = dataclasses.replace(result, ahead_of_search=found.to_dict() if found else None)
+    def recommendation(self, *, save: bool = True) -> Recommendation | None:
+        """The best of what may be recommended, by posterior mean over the training rocks."""
+        result = self.recommend_from(self.history())
         if result is not None and save:
             write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
         return result
@@ -227,6 +210,7 @@ class Campaign:
         s = self.settings
         return recommend(
             s.space, history, s.rocks, s.default_values(), s.objective, s.seed,
+            replicates=s.replicates, only_verified=s.sampler == "gp" and s.second is None,
             settings=surrogate_settings(s.space, s.risk), risk=s.risk, feature=self._feature(),
         )  # fmt: skip
 

@@ -188,7 +188,7 @@ class _Session:
             time.monotonic() - self._began,
             self._ask_s,
             self._campaign.status(),
-            self._campaign.recommendation(check=True),
+            self._campaign.recommendation(),
         )
 
     def _emit(

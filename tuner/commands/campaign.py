@@ -204,7 +204,7 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
     )
     for reason, count in facts.failures.items():
         output.print(f"  failed {count} times: {reason}")
-    show_recommendation(campaign.recommendation(save=False, check=True))
+    show_recommendation(campaign.recommendation(save=False))
     show_front(campaign)
 
 

@@ -83,7 +83,7 @@ def show_recommendation(recommendation: Recommendation | None) -> None:
     if recommendation is None:
         output.print("no recommendation yet: no mission has succeeded")
         return
-    table = Table(title="Recommendation (best posterior mean over the training rocks)")
+    table = Table(title="Recommendation (best posterior mean among what has flown often enough)")
     for column in ("parameter", "paper", "recommended"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
     for path, value in recommendation.values.items():
@@ -94,13 +94,12 @@ def show_recommendation(recommendation: Recommendation | None) -> None:
     low, high = recommendation.improvement_interval_95
     output.print(
         f"improvement over the paper's defaults {recommendation.improvement:+.2f} "
-        f"(95 % interval {low:+.2f} to {high:+.2f}) on the training rocks, by the surrogate; "
+        f"(calibrated 95 % interval {low:+.2f} to {high:+.2f}) on the training rocks, by the surrogate; "
         "`gatetune evaluate` measures it on held-out rocks"
     )
-    ahead = recommendation.ahead_of_search
-    if ahead is not None:
+    found = recommendation.calibration
+    if found["coverage_95"] is not None:
         output.print(
-            f"{100 * ahead['coverage_95']:.0f} % of {ahead['missions']:.0f} missions lay inside the 95 % intervals "
-            f"predicted before they were flown; widened as the missions before them taught, "
-            f"{100 * ahead['coverage_95_widened']:.0f} %"
+            f"{100 * found['coverage_95']:.0f} % of {found['missions']:.0f} missions lay inside the 95 % intervals "
+            "predicted before they were flown; the intervals above are wider by what that taught (calibrated)"
         )

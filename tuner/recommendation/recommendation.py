@@ -7,17 +7,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from scipy.stats import norm
-
 from tuner.problem.configurations import configuration_key
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.options import Risk
 from tuner.problem.search_space import SearchSpace
-from tuner.samplers.verification import expected_shortfall, markdown
+from tuner.recommendation.eligible import may_be_recommended
+from tuner.surrogate.forward_check import calibration
 from tuner.surrogate.kernel import Feature
 from tuner.surrogate.model import RockMeanGP
-from tuner.surrogate.numerics import NORMAL_95
 from tuner.surrogate.settings import SurrogateSettings
 
 TOP = 5
@@ -51,8 +49,9 @@ class Recommendation:
 
     ``mean``, ``sd`` and ``interval_95`` are about the mean over the training rocks, without the noise of single
     missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
-    positive when the recommendation is better, whatever the direction. After verification
-    missions (``tuner.samplers.verification``) what has not flown every block is marked down by its share of ``expected_shortfall``.
+    positive when the recommendation is better, whatever the direction. All intervals and probabilities are calibrated
+    (``tuner.surrogate.forward_check``). ``top`` is the ranking that decided: what may be recommended
+    (``tuner.recommendation.eligible``), best posterior mean first.
     """
 
     values: dict[str, Any]
@@ -77,10 +76,7 @@ class Recommendation:
     direction: str
     lengthscales: dict[str, float]
     leave_one_out: dict[str, float]
-    expected_shortfall: float | None = None  # by the verification missions; None without one
-    ahead_of_search: dict[str, float] | None = (
-        None  # ``tuner.surrogate.forward_check``, where it was asked for
-    )
+    calibration: dict[str, float | None]  # how missions were predicted before they were flown
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
@@ -95,14 +91,25 @@ def recommend(
     objective: Objective,
     seed: int = 0,
     *,
+    replicates: int = 1,
+    only_verified: bool = True,
     settings: SurrogateSettings | None = None,
     risk: Risk = "mean",
     feature: Feature | None = None,
 ) -> Recommendation | None:
     """The recommendation after ``observations``; None before the first feasible one.
 
-    ``settings``: of the surrogate.
-    ``risk``: the measure over rocks that is meant by the mean everywhere in the result. ``feature``: of the surrogate.
+    Parameters
+    ----------
+    replicates
+        The campaign's, per rock.
+    only_verified
+        Whether a configuration has to have flown on two rocks and two replicates. Samplers that fly nothing again leave
+        no such configuration: theirs is the best posterior mean.
+    settings, feature
+        Of the surrogate.
+    risk
+        The measure over rocks that is meant by the mean everywhere in the result.
     """
     feasible = [o for o in observations if o.feasible]
     if not feasible:
@@ -115,9 +122,13 @@ def recommend(
     configurations = [dict(group[0].values) for group in evaluated.values()]
     belief = model.posterior([*configurations, default], risk)
     reference = len(configurations)
-    shortfall = expected_shortfall(observations, model.noise_sd)
-    worth = belief.mean[:reference] - markdown(space, observations, configurations, rocks, shortfall, default)
-    order = sorted(range(len(configurations)), key=lambda i: -worth[i])
+    allowed = [True] * reference
+    if only_verified:
+        allowed = may_be_recommended(space, observations, configurations, rocks, replicates, default)
+    # Where even the default has failed there is nothing better than what has not.
+    chosen = [i for i in range(reference) if allowed[i]] or range(reference)
+    order = sorted(chosen, key=lambda i: -belief.mean[i])
+    calibrated = calibration(observations)
     top = order[:TOP]
     shares = belief.probability_best(top, seed)
     best, sign = top[0], objective.sign
@@ -139,7 +150,7 @@ def recommend(
         values=configurations[best],
         mean=mean,
         sd=sd,
-        interval_95=(mean - NORMAL_95 * sd, mean + NORMAL_95 * sd),
+        interval_95=calibrated.interval_95(mean, sd),
         probability_best=candidates[0].probability_best,
         top=candidates,
         per_rock=[_rock_row(model, rock, own, configurations[best], sign) for rock in rocks],
@@ -148,8 +159,8 @@ def recommend(
         default_sd=float(belief.sd[reference]),
         improvement=gain,
         improvement_sd=gain_sd,
-        improvement_interval_95=(gain - NORMAL_95 * gain_sd, gain + NORMAL_95 * gain_sd),
-        probability_better_than_default=float(norm.cdf(gain / gain_sd)) if gain_sd > 1e-12 else 0.5,
+        improvement_interval_95=calibrated.interval_95(gain, gain_sd),
+        probability_better_than_default=calibrated.probability_positive(gain, gain_sd),
         noise_sd=model.noise_sd,
         block_sd=model.block_sd,
         observations=len(feasible),
@@ -158,7 +169,7 @@ def recommend(
         direction=objective.direction,
         lengthscales=model.lengthscales,
         leave_one_out=model.leave_one_out().to_dict(),
-        expected_shortfall=shortfall,
+        calibration=calibrated.to_dict(),
     )
 
 

@@ -174,17 +174,14 @@ def _source(name: str) -> str:
     return "shipped with this program, geometric" if name == SHIPPED else name
 
 
-def _verification_text(facts: CampaignFacts, best: Recommendation) -> str:
+def _verification_text(facts: CampaignFacts) -> str:
     flown = sum(t.why.get("phase") == "verification" for t in facts.trials)
-    if best.expected_shortfall is None or not flown:
+    if not flown:
         return ""
-    shortfall = with_unit(best.expected_shortfall, facts.label.difference_unit, facts.digits)
     missions = "One mission" if flown == 1 else f"{flown} missions"
     return (
-        f" {missions} near the end of the search flew its favourite on a rock, or with a replicate, it had not seen. By "
-        f"what the first of a favourite stayed behind its prediction, {shortfall} on average (the noise counted as one "
-        "more), configurations are marked down before one is recommended, each for its share of the rocks and replicates "
-        "it has not flown."
+        f" {missions} near the end of the search flew its favourite on a rock, or with a replicate, it had not seen: only a "
+        "configuration flown on two rocks and with two replicates may be recommended, or the default."
     )
 
 
@@ -222,7 +219,7 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Pa
                 else ""
             )
             + _earlier_text(facts)
-            + _verification_text(facts, best)
+            + _verification_text(facts)
         ),
         "model_figures": model_illustrations(facts, best, figures),
         "rock_checks": [

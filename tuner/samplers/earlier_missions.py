@@ -21,7 +21,6 @@ from nbv.types import Floats
 from tuner.problem.configurations import distinct_configurations
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values
-from tuner.samplers.verification import markdown
 from tuner.surrogate.landscape import Landscape
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import surrogate_settings
@@ -54,15 +53,11 @@ class EarlierMissions:
         return Landscape(self._model) if self.usable else None
 
     def best(self, count: int) -> list[Values]:
-        """The configurations flown with the best g that are apart from each other; at most ``count``.
-
-        What has not flown every block is marked down by its share of a mission's noise.
-        """
+        """The configurations flown with the best g that are apart from each other; at most ``count``."""
         gp = self._model
         seen = distinct_configurations(self.space, gp.observations)
-        doubt = markdown(self.space, self.observations, seen, self.rocks, gp.noise_sd)
         chosen: list[tuple[Values, Floats]] = []
-        for index in np.argsort(doubt - gp.posterior(seen).mean, kind="stable"):
+        for index in np.argsort(-gp.posterior(seen).mean, kind="stable"):
             unit = self.space.to_unit(seen[index])
             if all(np.sqrt(np.mean((unit - other) ** 2)) > _APART for _, other in chosen):
                 chosen.append((seen[index], unit))

@@ -9,10 +9,12 @@ from typing import Any
 
 from tuner.acquisition.front import propose_for_front, two_models
 from tuner.acquisition.propose import propose
+from tuner.problem.blocks import next_block
 from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.samplers.base import SamplerSettings, asks, derived_seed, initial_proposal
 from tuner.samplers.design import near_default, places_for_earlier, sobol_point, stays_near_default
 from tuner.samplers.verification import BEGINS, verification
+from tuner.surrogate.forward_check import PREDICTED
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
 
@@ -53,12 +55,12 @@ class GPSampler:
         values, figures = propose(model, flying, seed, s.risk)
         if self.verify and s.budget is not None and number >= BEGINS * s.budget:
             gain, last = figures["expected_gain"], number >= s.budget - len(s.rocks) * s.replicates
-            again = verification(
-                model, history, pending, s.replicates, gain, s.risk, last=last, default=s.default
-            )
+            again = verification(model, history, pending, s.replicates, gain, s.risk, last=last)
             if again is not None:
-                return dataclasses.replace(again, why={**figures, **again.why})
-        return Proposal(values, {"sampler": self.name, "phase": "model", **figures})
+                return _predicted(model, dataclasses.replace(again, why={**figures, **again.why}))
+        proposal = Proposal(values, {"sampler": self.name, "phase": "model", **figures})
+        rock, replicate = next_block(s.rocks, s.replicates, [*history, *pending], proposal)
+        return _predicted(model, dataclasses.replace(proposal, rock=rock, replicate=replicate))
 
     def _design(self, number: int) -> Proposal:
         s, rank = self.settings, number // 2 - 1
@@ -79,6 +81,13 @@ class GPSampler:
             values = near_default(s.space, s.default, s.seed, number // 2)
             return Proposal(values, {**why, "near": "default", "point": number // 2})
         return Proposal(sobol_point(s.space, s.seed, rank), {**why, "point": rank})
+
+
+def _predicted(model: RockMeanGP, proposal: Proposal) -> Proposal:
+    """With what the model predicts of the mission, so that it can be told how well it did."""
+    assert proposal.rock is not None
+    mean, sd = model.predict_mission(proposal.values, proposal.rock, proposal.replicate)
+    return dataclasses.replace(proposal, memory={PREDICTED: [mean, sd]})
 
 
 def make_gp_sampler(name: str, settings: SamplerSettings) -> GPSampler:

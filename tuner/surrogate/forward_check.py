@@ -1,4 +1,4 @@
-"""How well missions were predicted before they were flown, and how much wider the intervals should have been.
+"""How well missions were predicted before they were flown, and how wide calibrated intervals are.
 
 Leaving one out is kind to a model: its neighbours stay. A search goes where the model hopes for something that it has
 not seen, and there its intervals are too narrow wherever the landscape is rougher than where it came from. No prior
@@ -6,26 +6,28 @@ mends that for every landscape; the missions themselves tell. The next standardi
 variance that nobody knows, whose prior is a scaled inverse chi-square one worth ``PRIOR_COUNT`` residuals of mean square
 1. Given n residuals, its prediction is Student's t with ``PRIOR_COUNT`` + n degrees of freedom, its scale the root mean
 square of those and the prior's (Gelman et al., Bayesian Data Analysis, 3rd ed., sections 2.6 and 3.2).
+
+Sampler gp keeps what it predicted of a mission with the mission, so the check fits nothing again. Missions of other
+samplers say nothing; then the prior decides.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import t as student_t
 
+from nbv.errors import UserError
 from nbv.types import Floats
 from tuner.problem.observations import Observation
-from tuner.problem.search_space import SearchSpace
-from tuner.surrogate.kernel import Feature
-from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import NORMAL_95
-from tuner.surrogate.settings import SurrogateSettings
 
 PRIOR_COUNT = 5.0
-MOST = 24
+# In a mission's memory: the mean and the standard deviation predicted of its outcome, objective's unit.
+PREDICTED = "predicted"
 
 
 def widening(z: Floats) -> Floats:
@@ -36,7 +38,7 @@ def widening(z: Floats) -> Floats:
 
 
 def half_widths_95(z: Floats) -> Floats:
-    """(n + 1,) half-widths of 95 % predictive intervals, in standard deviations of the model.
+    """(n + 1,) half-widths of calibrated 95 % intervals, in standard deviations of the model.
 
     Before each of (n,) standardised residuals, by those before it, and after the last.
     """
@@ -46,66 +48,57 @@ def half_widths_95(z: Floats) -> Floats:
 
 
 @dataclass(frozen=True)
-class AheadCheck:
-    """Missions as predicted by the surrogate of all missions before them."""
+class Calibration:
+    """What the missions so far say about the model's intervals."""
 
-    z: Floats  # (n,) standardised residuals, in the order of the missions
-
-    @property
-    def coverage_95(self) -> float:
-        """Share of missions inside their 95 % predictive intervals."""
-        return float(np.mean(np.abs(self.z) <= NORMAL_95))
-
-    @property
-    def coverage_95_widened(self) -> float:
-        """The same after widening by what was known before each mission."""
-        return float(np.mean(np.abs(self.z) <= half_widths_95(self.z)[:-1]))
-
-    @property
-    def factor(self) -> float:
-        """By which the standard deviations of predictions for the next missions are to be multiplied."""
-        return float(widening(self.z)[-1])
+    z: Floats  # (n,) standardised residuals of the predictions, in the order of the missions; n may be 0
 
     @property
     def half_width_95(self) -> float:
-        """Of the 95 % interval of the next mission, in the model's standard deviations."""
+        """Of a calibrated 95 % interval, in the model's standard deviations."""
         return float(half_widths_95(self.z)[-1])
 
-    def to_dict(self) -> dict[str, float]:
-        """The figures for a report."""
+    def interval_95(self, mean: float, sd: float) -> tuple[float, float]:
+        """Calibrated, of something of which the model believes ``mean`` and ``sd``."""
+        return mean - self.half_width_95 * sd, mean + self.half_width_95 * sd
+
+    def probability_positive(self, mean: float, sd: float) -> float:
+        """Calibrated probability that it is above 0; a half where the model knows it to be 0."""
+        if sd <= 1e-12:
+            return 0.5
+        factor = float(widening(self.z)[-1])
+        return float(student_t.cdf(mean / (factor * sd), PRIOR_COUNT + len(self.z)))
+
+    def to_dict(self) -> dict[str, float | None]:
+        """The figures for a report; shares are None before the first prediction."""
+        share = float(np.mean(np.abs(self.z) <= NORMAL_95)) if len(self.z) else None
+        calibrated = float(np.mean(np.abs(self.z) <= half_widths_95(self.z)[:-1])) if len(self.z) else None
         return {
             "missions": len(self.z),
-            "coverage_95": self.coverage_95,
-            "coverage_95_widened": self.coverage_95_widened,
-            "factor": self.factor,
+            "coverage_95": share,
+            "coverage_95_calibrated": calibrated,
+            "factor": float(widening(self.z)[-1]),
             "half_width_95": self.half_width_95,
         }
 
 
-def check_ahead(
-    space: SearchSpace,
-    observations: Sequence[Observation],
-    rocks: Sequence[str],
-    first: int,
-    seed: int = 0,
-    settings: SurrogateSettings | None = None,
-    feature: Feature | None = None,
-) -> AheadCheck | None:
-    """The check of missions from the ``first``-th successful one on, ``MOST`` of them evenly spread.
+def calibration(history: Sequence[Observation]) -> Calibration:
+    """The calibration after ``history``. ``UserError`` where the ledger has something else than a prediction."""
+    predicted = [
+        (o.outcome, *_prediction(o)) for o in history if o.outcome is not None and PREDICTED in o.memory
+    ]
+    return Calibration(np.array([(outcome - mean) / sd for outcome, mean, sd in predicted]))
 
-    One fit per mission checked. None where there is nothing to check.
-    """
-    flown = [o for o in observations if o.outcome is not None]
-    later = np.arange(max(first, 1), len(flown))
-    if len(later) == 0:
-        return None
-    residuals = []
-    for i in later[np.unique(np.linspace(0, len(later) - 1, min(MOST, len(later))).round().astype(int))]:
-        o = flown[i]
-        model = RockMeanGP(space, flown[:i], rocks, seed, settings, feature)
-        if o.rock not in model.rocks:
-            continue
-        mean, sd = model.predict_mission(o.values, o.rock, o.replicate)
-        assert o.outcome is not None
-        residuals.append((o.outcome - mean) / sd)
-    return AheadCheck(np.array(residuals)) if residuals else None
+
+def _prediction(mission: Observation) -> tuple[float, float]:
+    value = mission.memory[PREDICTED]
+    try:
+        mean, sd = (float(part) for part in value)
+    except (TypeError, ValueError):
+        mean = sd = math.nan
+    if math.isfinite(mean) and math.isfinite(sd) and sd > 0:
+        return mean, sd
+    raise UserError(
+        f"the ledger says {value!r} was predicted for trial {mission.number}, which is no mean and standard deviation; "
+        "restore the ledger"
+    )

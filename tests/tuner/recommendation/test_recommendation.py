@@ -8,11 +8,15 @@ import synthetic
 
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
+from tuner.problem.search_space import Values
+from tuner.recommendation.eligible import may_be_recommended
 from tuner.recommendation.recommendation import Recommendation, recommend
 
 
 def advise(observations: list[Observation], rocks: tuple[str, ...] = synthetic.ROCKS) -> Recommendation:
-    result = recommend(synthetic.SPACE, observations, rocks, synthetic.DEFAULT, Objective())
+    result = recommend(
+        synthetic.SPACE, observations, rocks, synthetic.DEFAULT, Objective(), only_verified=False
+    )
     assert result is not None
     return result
 
@@ -75,3 +79,54 @@ def test_only_the_default_flown() -> None:
     result = advise([Observation(0, synthetic.DEFAULT, "r0", 0, 1.0, None)], ("r0",))
     assert result.values == synthetic.DEFAULT and result.improvement == pytest.approx(0.0, abs=1e-9)
     assert result.probability_better_than_default == 0.5
+
+
+# -- what may be recommended -----------------------------------------------------------------------------------
+
+GOOD, FAIR = synthetic.SPACE.from_unit([0.7, 0.3]), synthetic.SPACE.from_unit([0.2, 0.8])
+ROCKS = ("r0", "r1", "r2")
+
+
+def flights(values: Values, outcome: float | None, *blocks: tuple[str, int]) -> list[Observation]:
+    return [Observation(0, values, rock, k, outcome, outcome) for rock, k in blocks]
+
+
+@pytest.mark.parametrize(
+    ("rocks", "replicates", "blocks", "expected"),
+    [
+        (ROCKS, 2, [("r0", 0)], False),
+        (ROCKS, 2, [("r0", 0), ("r0", 1)], False),
+        (ROCKS, 2, [("r0", 0), ("r1", 0)], False),
+        (ROCKS, 2, [("r0", 0), ("r1", 1)], True),
+        (ROCKS, 1, [("r0", 0), ("r1", 0)], True),  # the campaign has one replicate
+        (("r0",), 2, [("r0", 0), ("r0", 1)], True),  # and here one rock
+        (("r0",), 1, [("r0", 0)], True),
+        (ROCKS, 2, [("r0", 0), ("elsewhere", 1)], False),
+    ],
+)
+def test_two_rocks_and_two_replicates_or_all_there_are(
+    rocks: tuple[str, ...], replicates: int, blocks: list[tuple[str, int]], expected: bool
+) -> None:
+    history = flights(GOOD, 1.0, *blocks)
+    may = may_be_recommended(synthetic.SPACE, history, [GOOD, FAIR], rocks, replicates, FAIR)
+    assert may == [expected, True]  # the default always
+
+
+def test_failed_missions_verify_nothing() -> None:
+    history = flights(GOOD, 1.0, ("r0", 0)) + flights(GOOD, None, ("r1", 1))
+    assert may_be_recommended(synthetic.SPACE, history, [GOOD], ROCKS, 2, FAIR) == [False]
+
+
+def test_a_favourite_is_recommended_once_it_has_flown_again() -> None:
+    """Ten points better, and all the same not before its second rock and replicate; the ranking is of what may be."""
+    default = flights(synthetic.DEFAULT, 50.0, ("r0", 0), ("r1", 0), ("r2", 0), ("r0", 1))
+    once = [*default, *flights(FAIR, 51.0, ("r0", 0), ("r1", 1)), *flights(GOOD, 60.0, ("r2", 1))]
+
+    def ranking(history: list[Observation]) -> list[Values]:
+        result = recommend(synthetic.SPACE, history, ROCKS, synthetic.DEFAULT, Objective(), replicates=2)
+        assert result is not None and result.top[0].values == result.values
+        assert [c.mean for c in result.top] == sorted((c.mean for c in result.top), reverse=True)
+        return [c.values for c in result.top]
+
+    assert GOOD not in ranking(once)
+    assert ranking([*once, *flights(GOOD, 60.0, ("r1", 0))])[0] == GOOD

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 import synthetic
 
-from tuner.surrogate.forward_check import MOST, check_ahead, half_widths_95, widening
+from nbv.errors import UserError
+from tuner.problem.observations import Observation
+from tuner.surrogate.forward_check import PREDICTED, calibration, half_widths_95, widening
+from tuner.surrogate.numerics import NORMAL_95
 
 
 def test_widening_follows_the_surprises_and_looks_only_back() -> None:
@@ -40,29 +41,36 @@ def test_intervals_are_the_posterior_predictive_of_an_unknown_variance() -> None
     )  # Student's t, five degrees of freedom
 
 
-def test_widened_intervals_hold_what_a_changing_landscape_does() -> None:
-    """Outcomes that grow exponentially leave the intervals of a model of what came before."""
-    rng = np.random.default_rng(0)
-    history = synthetic.random_design(60, 0.1, 0)
-    growing = [
-        dataclasses.replace(o, outcome=float(np.exp(0.1 * i + 0.3 * rng.normal())), rock="r0")
-        for i, o in enumerate(history)
-    ]
-    steady, wild = (
-        check_ahead(synthetic.SPACE, h, synthetic.ROCKS, 12, settings=None) for h in (history, growing)
+def seen(number: int, outcome: float | None, predicted: object = None) -> Observation:
+    memory = {} if predicted is None else {PREDICTED: predicted}
+    return Observation(number, synthetic.DEFAULT, "r0", 0, outcome, outcome, memory=memory)
+
+
+def test_missions_are_judged_by_what_was_predicted_of_them() -> None:
+    history = [seen(0, 1.0), seen(1, 3.0, [1.0, 1.0]), seen(2, None, [1.0, 1.0]), seen(3, 0.5, [1.0, 0.5])]
+    found = calibration(history)
+    np.testing.assert_allclose(found.z, [2.0, -1.0])
+    assert found.to_dict()["coverage_95"] == 0.5
+    assert found.interval_95(10.0, 2.0) == pytest.approx(
+        (10 - 2 * found.half_width_95, 10 + 2 * found.half_width_95)
     )
-    assert steady is not None and wild is not None
-    assert len(steady.z) == MOST
-    assert steady.coverage_95 >= 0.85 and steady.factor < 1.3
-    assert wild.coverage_95 < 0.8 and wild.factor > 1.5
-    assert wild.coverage_95_widened > wild.coverage_95
+    assert found.half_width_95 > NORMAL_95
+    nothing = calibration(history[:1])
+    assert (
+        nothing.half_width_95 == pytest.approx(2.571, abs=1e-3) and nothing.to_dict()["coverage_95"] is None
+    )
 
 
-def test_is_the_prediction_of_the_missions_before() -> None:
-    history = synthetic.random_design(16, 0.1, 1)
-    check = check_ahead(synthetic.SPACE, history, synthetic.ROCKS, 12)
-    later = [dataclasses.replace(o, outcome=(o.outcome or 0) + 100.0 * (o.number > 13)) for o in history]
-    changed = check_ahead(synthetic.SPACE, later, synthetic.ROCKS, 12)
-    assert check is not None and changed is not None and len(check.z) == 4
-    assert changed.z[:2] == pytest.approx(check.z[:2]) and changed.z[2] > 20
-    assert check_ahead(synthetic.SPACE, history, synthetic.ROCKS, 16) is None
+def test_probabilities_go_with_the_intervals() -> None:
+    found = calibration([seen(i, 2.0 * (-1) ** i, [0.0, 1.0]) for i in range(10)])
+    low, _ = found.interval_95(1.0, 0.5)
+    assert found.probability_positive(1.0 - low, 0.5) == pytest.approx(0.975)
+    assert found.probability_positive(0.0, 0.0) == 0.5
+
+
+@pytest.mark.parametrize("value", ["high", 57.0, [1.0, None], [1.0, float("nan")], [1.0, 0.0]])
+def test_a_prediction_that_is_none_is_one_line(value: object) -> None:
+    with pytest.raises(
+        UserError, match="predicted for trial 7, which is no mean and standard deviation; restore"
+    ):
+        calibration([seen(7, 57.0, value)])
