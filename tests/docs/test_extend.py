@@ -30,16 +30,22 @@ def add_file(title, code, folder, monkeypatch):
     module = importlib.util.module_from_spec(spec)
     monkeypatch.setitem(sys.modules, name, module)
     spec.loader.exec_module(module)
+    return module
 
 
-def add_line(title, line, monkeypatch):
+def add_line(title, line, new_module, monkeypatch):
     """The line in the registry that the title names: "file, REGISTRY"."""
     file, registry_name = title.split(", ")
     assert (ROOT / file).is_file()
     module = importlib.import_module(file.removesuffix(".py").replace("/", "."))
     assert line.strip().count("\n") == 0, "one line"
-    for name, place in eval(f"{{{line}}}").items():
-        monkeypatch.setitem(getattr(module, registry_name), name, place)
+    if line.startswith('"'):
+        entries = eval(f"{{{line}}}")
+    else:  # of a table of metrics
+        metric = eval(line, {**vars(module), **vars(new_module)})
+        entries = {metric.key: metric}
+    for name, entry in entries.items():
+        monkeypatch.setitem(getattr(module, registry_name), name, entry)
 
 
 @pytest.mark.slow
@@ -47,13 +53,13 @@ def add_line(title, line, monkeypatch):
 def test_an_example_works_as_one_file_and_one_line(heading, blocks, tmp_path, monkeypatch):
     (new_file, code), (registry, line), (trial, check) = blocks
     assert trial == "try it" and "assert" in check
-    add_file(new_file, code, tmp_path, monkeypatch)
-    add_line(registry, line, monkeypatch)
+    module = add_file(new_file, code, tmp_path, monkeypatch)
+    add_line(registry, line, module, monkeypatch)
     exec(compile(check, f"extend.md, {heading}", "exec"), {})
 
 
 def test_every_kind_of_part_has_an_example():
-    kinds = {"scorer", "gate", "renderer", "dense backend", "sampler", "mission runner"}
+    kinds = {"scorer", "gate", "renderer", "dense backend", "metric", "sampler", "mission runner"}
     assert {heading.removeprefix("A ") for heading, _ in examples()} == kinds
 
 
