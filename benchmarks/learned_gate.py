@@ -33,7 +33,7 @@ from tuner.evaluation.comparison import comparison_table
 from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.missions.executors import LocalProcessExecutor
-from tuner.report.comparison_tables import comparison_markdown
+from tuner.report.comparison.tables import comparison_markdown
 from tuner.studies.gate_learning import (
     GateDecisions,
     describe_tree,

@@ -66,7 +66,7 @@ def compare(
     from tuner.evaluation.flying import run_evaluation
     from tuner.missions.executors import LocalProcessExecutor
     from tuner.report import write_comparison_report
-    from tuner.report.comparison_tables import (
+    from tuner.report.comparison.tables import (
         PAPER_NOT_COMPARABLE,
         comparison_terminal_table,
         difference_terminal_table,

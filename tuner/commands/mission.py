@@ -122,7 +122,7 @@ def explain(
     top: Annotated[int, typer.Option(help="Rows to show.")] = 10,
 ) -> None:
     """Score one planning state again: every candidate's terms, and why the chosen one won."""
-    from tuner.report.explain import explain_state
+    from tuner.report.mission.explain import explain_state
 
     for item in explain_state(mission, iteration, preset, parse_overrides(set_ or []), top):
         output.print(item)
@@ -141,7 +141,7 @@ def figures(
     from nbv.errors import UserError
     from nbv.mission.result import MissionResult
     from nbv.rocks import load_rock
-    from tuner.report.mission_figures import labels_of, write_mission_figures
+    from tuner.report.mission.figures import labels_of, write_mission_figures
 
     subject = load_rock(rock, Store())
     for run_directory in runs:

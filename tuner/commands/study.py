@@ -64,7 +64,7 @@ def noise(
     ] = False,
 ) -> None:
     """Does the objective tell configurations apart? Variance by configuration, rock and replicate."""
-    from tuner.studies.noise import analyse
+    from tuner.studies.noise.study import analyse
 
     complete = True
     if not report_only:
@@ -72,7 +72,7 @@ def noise(
             space, rocks, budgets, configurations, replicates, repeats, controls, metrics, preset, set_, seed,
             workers, timeout_s, out,
         )  # fmt: skip
-    from tuner.studies.noise_report import noise_table, write_noise_report
+    from tuner.studies.noise.report import noise_table, write_noise_report
 
     findings = analyse(out)
     for metric in findings.settings.metrics:
@@ -102,7 +102,7 @@ def _fly_noise_study(
 ) -> bool:
     from tuner.commands.rock_choice import training_rocks
     from tuner.problem.search_space import load_search_space
-    from tuner.studies.noise import NoiseSettings, fly
+    from tuner.studies.noise.study import NoiseSettings, fly
 
     count = _worker_count(workers)
     chosen = _study_rocks(rocks, training_rocks())
@@ -170,8 +170,8 @@ def departures(
     """What does each departure of the authors' public code do to the outcome? One at a time, paired."""
     from tuner.commands.rock_choice import QUICK_ROCKS
     from tuner.missions.registry import with_oracle
-    from tuner.studies.departures import DEPARTURES, DepartureSettings, analyse, fly
-    from tuner.studies.departures_report import departures_table, write_departures_report
+    from tuner.studies.departures.report import departures_table, write_departures_report
+    from tuner.studies.departures.study import DEPARTURES, DepartureSettings, analyse, fly
 
     complete = True
     if not report_only:
@@ -237,8 +237,8 @@ def oracles(
     """When does the oracle count a sample as covered? Every reading of the paper, and what it gains."""
     from tuner.commands.rock_choice import QUICK_ROCKS
     from tuner.missions.registry import with_oracle
-    from tuner.studies.oracles import OracleSettings, analyse, fly
-    from tuner.studies.oracles_report import oracles_table, write_oracles_report
+    from tuner.studies.oracles.report import oracles_table, write_oracles_report
+    from tuner.studies.oracles.study import OracleSettings, analyse, fly
 
     complete = True
     if not report_only:
@@ -285,8 +285,8 @@ def oracle_states(
 ) -> None:
     """What every oracle would have preferred on the same planning states."""
     from nbv.mission.run_directory import write_atomic
-    from tuner.studies.oracle_states import judge
-    from tuner.studies.oracles_report import states_markdown, states_table
+    from tuner.studies.oracles.report import states_markdown, states_table
+    from tuner.studies.oracles.states import judge
 
     judged = judge(runs, rocks or [])
     output.print(states_table(judged))
@@ -363,8 +363,8 @@ def sensitivity(
     from tuner.problem.objective import DEFAULT_METRIC
     from tuner.problem.search_space import load_search_space
     from tuner.studies.missions_as_data import campaign_data, is_campaign, mission_data
-    from tuner.studies.sensitivity import sensitivity as analyse_sensitivity
-    from tuner.studies.sensitivity_report import sensitivity_table, summary_lines, write_sensitivity_report
+    from tuner.studies.sensitivity.report import sensitivity_table, summary_lines, write_sensitivity_report
+    from tuner.studies.sensitivity.study import sensitivity as analyse_sensitivity
 
     if len(runs) == 1 and is_campaign(runs[0]):
         if space is not None or where:

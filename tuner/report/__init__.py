@@ -9,15 +9,15 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tuner.report.campaign_report import write_campaign_report
-    from tuner.report.comparison_report import write_comparison_report
-    from tuner.report.mission_figures import write_mission_figures
+    from tuner.report.campaign.page import write_campaign_report
+    from tuner.report.comparison.page import write_comparison_report
+    from tuner.report.mission.figures import write_mission_figures
 
 __all__ = ["write_campaign_report", "write_comparison_report", "write_mission_figures"]
 _FILES = {
-    "write_campaign_report": "campaign_report",
-    "write_comparison_report": "comparison_report",
-    "write_mission_figures": "mission_figures",
+    "write_campaign_report": "campaign.page",
+    "write_comparison_report": "comparison.page",
+    "write_mission_figures": "mission.figures",
 }
 
 

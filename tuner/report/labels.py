@@ -149,3 +149,13 @@ def interval_methods(methods: Collection[str]) -> str:
 def _words(key: str) -> str:
     text = key.replace("_", " ").strip()
     return text[:1].upper() + text[1:]
+
+
+def verdict(interval_95: tuple[float, float]) -> str:
+    """``better``, ``worse`` or ``no difference detected``, from a 95 % interval of an improvement."""
+    low, high = interval_95
+    if not (math.isfinite(low) and math.isfinite(high)):
+        return "no difference detected"
+    if low > 0:
+        return "better"
+    return "worse" if high < 0 else "no difference detected"

@@ -2,13 +2,45 @@
 
 from __future__ import annotations
 
+from typing import Any, Protocol
+
 from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 from tuner.report.style import short_names
-from tuner.studies.departures import DepartureFindings
-from tuner.studies.oracles import OracleFindings
 
 
-def preamble(findings: DepartureFindings | OracleFindings) -> list[str]:
+class Settings(Protocol):
+    """What a study flew."""
+
+    @property
+    def rocks(self) -> tuple[str, ...]: ...
+    @property
+    def replicates(self) -> int: ...
+    @property
+    def preset(self) -> str: ...
+    @property
+    def overrides(self) -> dict[str, Any]: ...
+    @property
+    def surface(self) -> str: ...
+    @property
+    def runner(self) -> str: ...
+
+
+class Findings(Protocol):
+    """What came of it."""
+
+    @property
+    def settings(self) -> Settings: ...
+    @property
+    def missions(self) -> int: ...
+    @property
+    def expected(self) -> int: ...
+    @property
+    def failures(self) -> dict[str, int]: ...
+    @property
+    def wall_s(self) -> float: ...
+
+
+def preamble(findings: Findings) -> list[str]:
     """Markdown lines: preset, overrides, rocks, replicates, surface, missions; fidelity; failures."""
     s = findings.settings
     changed = "".join(f", `{path}={value}`" for path, value in s.overrides.items())

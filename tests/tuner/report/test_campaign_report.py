@@ -27,9 +27,10 @@ from tuner.problem.objective import Objective
 from tuner.problem.search_space import load_search_space, space_from_dict
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report import write_campaign_report
-from tuner.report.campaign_facts import CampaignFacts, verdict
-from tuner.report.campaign_provenance import reproduce_command
-from tuner.report.campaign_report import campaign_headline, recommended_yaml
+from tuner.report.campaign.facts import CampaignFacts
+from tuner.report.campaign.page import campaign_headline, recommended_yaml
+from tuner.report.campaign.provenance import reproduce_command
+from tuner.report.labels import verdict
 
 MIXED = {
     "name": "mixed",
@@ -234,7 +235,7 @@ def test_held_out_evaluation_appears_in_the_page(tmp_path: Path) -> None:
 
 
 def test_recommendation_at_the_edge_of_the_range_is_pointed_out(tmp_path: Path) -> None:
-    from tuner.report.campaign_report import _warnings
+    from tuner.report.campaign.page import _warnings
 
     facts = CampaignFacts(flown(tmp_path / "run", budget=2))
     assert facts.recommendation is not None

@@ -14,8 +14,8 @@ from rich.console import Console
 from nbv.errors import UserError
 from tuner.evaluation.comparison import comparison_table
 from tuner.report import write_comparison_report
-from tuner.report.comparison_report import comparison_context
-from tuner.report.comparison_tables import (
+from tuner.report.comparison.page import comparison_context
+from tuner.report.comparison.tables import (
     PAPER_NOT_COMPARABLE,
     cell,
     comparison_markdown,

@@ -18,8 +18,8 @@ from nbv.mission.planning_state import save_state
 from nbv.mission.run_directory import RunDirectory
 from nbv.rocks.rock import make_rock
 from nbv.types import CandidatePool, PlanningState, PointCloud, SparseModel
-from tuner.report import mission_figures
-from tuner.report.mission_figures import (
+from tuner.report.mission import figures as mission_figures
+from tuner.report.mission.figures import (
     labels_of,
     overlay_figure,
     pipeline_figure,

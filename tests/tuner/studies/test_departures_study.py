@@ -10,8 +10,8 @@ from fake_flight import BUDGET
 from nbv.config import preset
 from nbv.errors import UserError
 from tuner.missions.executors import InProcessExecutor
-from tuner.studies.departures import DEPARTURES, PAPER_CODE, DepartureSettings, analyse, fly
-from tuner.studies.departures_report import departures_markdown, write_departures_report
+from tuner.studies.departures.report import departures_markdown, write_departures_report
+from tuner.studies.departures.study import DEPARTURES, PAPER_CODE, DepartureSettings, analyse, fly
 
 ROCKS = ("r0", "r1", "r2")
 F48 = "f_score_48mm"

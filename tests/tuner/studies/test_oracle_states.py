@@ -9,8 +9,8 @@ import pytest
 from nbv.config import preset
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission_with_oracle
-from tuner.studies.oracle_states import judge, summarise
-from tuner.studies.oracles import COVERAGES, judgements, preferences
+from tuner.studies.oracles.states import judge, summarise
+from tuner.studies.oracles.study import COVERAGES, judgements, preferences
 
 BUDGET = 3
 

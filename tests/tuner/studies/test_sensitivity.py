@@ -19,8 +19,8 @@ from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import load_search_space, space_from_dict
 from tuner.studies.missions_as_data import MissionData, campaign_data, find_missions, mission_data
-from tuner.studies.sensitivity import Surrogate, sensitivity, settle
-from tuner.studies.sensitivity_report import write_sensitivity_report
+from tuner.studies.sensitivity.report import write_sensitivity_report
+from tuner.studies.sensitivity.study import Surrogate, sensitivity, settle
 from tuner.surrogate.model import RockMeanGP
 
 METRIC = "agreement.5.observable.f_score_48mm"

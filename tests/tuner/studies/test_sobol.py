@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tuner.studies.sobol import bootstrap_interval, main_effect_map, sobol_design, sobol_indices
+from tuner.studies.sensitivity.sobol import bootstrap_interval, main_effect_map, sobol_design, sobol_indices
 
 A, B = 7.0, 0.1
 

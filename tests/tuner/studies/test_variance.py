@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tuner.studies.variance import largest_complete, pooled_variance, variance_components
+from tuner.studies.noise.variance import largest_complete, pooled_variance, variance_components
 
 
 def effects_design(rng, c=12, k=5, r=3, sd_c=2.0, sd_cr=1.0, sd_r=4.0, sd_b=0.8, sd_e=1.5):

@@ -19,7 +19,7 @@ from nbv.rocks import Rock, load_rock
 from nbv.scorers import B_AWARE, COVIS, rank_candidates
 from tuner.studies.decisions import PERCENT
 from tuner.studies.missions_as_data import FlownMission, find_missions
-from tuner.studies.oracles import COVERAGES, Judgement, Preferences, preferences
+from tuner.studies.oracles.study import COVERAGES, Judgement, Preferences, preferences
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,8 @@ from tuner.evaluation.paper_table import PAPER_TABLE_I, MetricRow
 from tuner.evaluation.plan import EvaluationRecord
 from tuner.missions.job import RESULT_FILE
 from tuner.problem.objective import DEFAULT_METRIC
-from tuner.report.comparison_figures import forest_figure, rocks_figure
-from tuner.report.comparison_tables import (
+from tuner.report.comparison.figures import forest_figure, rocks_figure
+from tuner.report.comparison.tables import (
     FLOOR_NOTE,
     PAPER_NOT_COMPARABLE,
     cell,

@@ -17,7 +17,13 @@ from nbv.mission.run_directory import write_atomic
 from tuner.evaluation.statistics import Interval, PairedDifference
 from tuner.report.labels import format_number, strategy_label
 from tuner.report.style import BLUE, GREY, VERMILION, look, new_figure
-from tuner.studies.departures import METRICS, ArmResult, BaseResult, DepartureFindings, DepartureSettings
+from tuner.studies.departures.study import (
+    METRICS,
+    ArmResult,
+    BaseResult,
+    DepartureFindings,
+    DepartureSettings,
+)
 from tuner.studies.paired_cells import (
     EXACTLY_ZERO,
     difference_text,

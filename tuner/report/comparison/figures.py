@@ -12,7 +12,7 @@ from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import ComparisonTable
 from tuner.evaluation.paper_table import MetricRow
 from tuner.evaluation.plan import EvaluationRecord
-from tuner.report.comparison_tables import difference_verdict, gain_interval
+from tuner.report.comparison.tables import difference_verdict, gain_interval
 from tuner.report.labels import metric_label
 from tuner.report.style import (
     BLUE,

@@ -31,15 +31,15 @@ from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluat
 from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.missions.executors import Executor
 from tuner.problem.search_space import SearchSpace, space_from_dict
-from tuner.studies.runner import AGREEMENT_LEVELS
-from tuner.studies.study_directory import claim, load_settings, settings_tree
-from tuner.studies.variance import (
+from tuner.studies.noise.variance import (
     MIN_CONFIGURATIONS,
     VarianceComponents,
     largest_complete,
     pooled_variance,
     variance_components,
 )
+from tuner.studies.runner import AGREEMENT_LEVELS
+from tuner.studies.study_directory import claim, load_settings, settings_tree
 
 SETTINGS_FILE = "noise_study.yaml"
 STUDY = "noise study"

@@ -36,7 +36,7 @@ from tuner.studies.decisions import (
     other_views_share,
     per_block,
 )
-from tuner.studies.departures import FLIGHTS, METRICS, metric_key
+from tuner.studies.departures.study import FLIGHTS, METRICS, metric_key
 from tuner.studies.study_directory import claim, load_settings, settings_tree
 
 SETTINGS_FILE = "oracles.yaml"

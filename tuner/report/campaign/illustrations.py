@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from tuner.recommendation.recommendation import Recommendation
-from tuner.report.campaign_facts import CampaignFacts
-from tuner.report.campaign_figures import (
+from tuner.report.campaign.facts import CampaignFacts
+from tuner.report.campaign.figures import (
     calibration_figure,
     history_figure,
     map_figure,

@@ -12,8 +12,7 @@ from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import ComparisonRow, ComparisonTable
 from tuner.evaluation.paper_table import PAPER_TABLE_I, MetricRow
 from tuner.evaluation.statistics import Interval, PairedDifference
-from tuner.report.campaign_facts import verdict
-from tuner.report.labels import MISSING, format_number, interval_methods
+from tuner.report.labels import MISSING, format_number, interval_methods, verdict
 
 # Of the terminal's columns: "– the rocks’ own floor (mm)" and "410.8 ± 115.8" with their borders.
 _METRIC_WIDTH, _STRATEGY_WIDTH = 30, 16

@@ -29,7 +29,7 @@ from tuner.report.style import (
     look,
     new_figure,
 )
-from tuner.studies.noise import DEFAULT, TARGET_SIGNAL_TO_NOISE, NoiseCell, NoiseFindings
+from tuner.studies.noise.study import DEFAULT, TARGET_SIGNAL_TO_NOISE, NoiseCell, NoiseFindings
 
 _SHARE_LOOK = {  # colour and hatch: the hatch tells them apart in grey
     "configuration": (BLUE, ""),

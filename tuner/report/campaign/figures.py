@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from tuner.problem.search_space import Parameter
-from tuner.report.campaign_facts import CampaignFacts, Slice
+from tuner.report.campaign.facts import CampaignFacts, Slice
 from tuner.report.labels import parameter_label
 from tuner.report.style import (
     BLACK,

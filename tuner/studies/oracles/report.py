@@ -13,9 +13,9 @@ from nbv.mission.run_directory import write_atomic
 from tuner.evaluation.statistics import PairedDifference
 from tuner.report.labels import MISSING, format_number, strategy_label
 from tuner.studies.decisions import PERCENT
-from tuner.studies.departures import METRICS, metric_key
-from tuner.studies.oracle_states import CoverageSummary, JudgedMission, summarise
-from tuner.studies.oracles import OracleFindings, StrategyResult
+from tuner.studies.departures.study import METRICS, metric_key
+from tuner.studies.oracles.states import CoverageSummary, JudgedMission, summarise
+from tuner.studies.oracles.study import OracleFindings, StrategyResult
 from tuner.studies.paired_cells import difference_text, heading, interval_sentence, markdown_table, mean_text
 from tuner.studies.preamble import preamble
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -233,13 +232,3 @@ class CampaignFacts:
     def leave_one_rock_out(self) -> list[RockCheck]:
         """Every rock predicted from the others; empty for a single rock."""
         return leave_one_rock_out(self.observations, self.settings.rocks, self.campaign.surrogate_from)
-
-
-def verdict(interval_95: tuple[float, float]) -> str:
-    """``better``, ``worse`` or ``no difference detected``, from a 95 % interval of an improvement."""
-    low, high = interval_95
-    if not (math.isfinite(low) and math.isfinite(high)):
-        return "no difference detected"
-    if low > 0:
-        return "better"
-    return "worse" if high < 0 else "no difference detected"

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tuner.acquisition.front import FrontPoint, pareto_front
-from tuner.report.campaign_facts import CampaignFacts
+from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.labels import decimals_for, format_number, metric_label, parameter_value
 from tuner.report.style import BLACK, BLUE, GREY, VERMILION, embed, look, new_figure
 from tuner.surrogate.numerics import NORMAL_95

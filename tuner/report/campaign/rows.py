@@ -9,7 +9,7 @@ from tuner.campaign.ledger import TrialRecord
 from tuner.missions.registry import is_geometric
 from tuner.problem.search_space import Parameter
 from tuner.recommendation.recommendation import Recommendation
-from tuner.report.campaign_facts import CampaignFacts
+from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.labels import format_number, parameter_label, parameter_value
 from tuner.report.pages import duration
 

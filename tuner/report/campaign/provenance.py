@@ -11,7 +11,7 @@ from nbv.provenance import git_revision, versions
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.missions.job import RESULT_FILE
-from tuner.report.campaign_facts import CampaignFacts
+from tuner.report.campaign.facts import CampaignFacts
 
 
 def provenance_rows(facts: CampaignFacts) -> tuple[list[tuple[str, str]], str]:

@@ -17,16 +17,17 @@ from tuner.evaluation.flying import EvaluationRun
 from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 from tuner.problem.search_space import SearchSpace
 from tuner.recommendation.recommendation import Recommendation
-from tuner.report.campaign_facts import CampaignFacts, verdict
-from tuner.report.campaign_illustrations import (
+from tuner.report.campaign.facts import CampaignFacts
+from tuner.report.campaign.front import front_context
+from tuner.report.campaign.illustrations import (
     compute_time,
     history,
     model_illustrations,
     running_recommendation,
     trend_text,
 )
-from tuner.report.campaign_provenance import command_note, provenance_rows, reproduce_command
-from tuner.report.campaign_rows import (
+from tuner.report.campaign.provenance import command_note, provenance_rows, reproduce_command
+from tuner.report.campaign.rows import (
     cost_rows,
     failure_rows,
     inline_values,
@@ -35,9 +36,15 @@ from tuner.report.campaign_rows import (
     rock_rows,
     trial_row,
 )
-from tuner.report.comparison_report import comparison_context
-from tuner.report.front import front_context
-from tuner.report.labels import decimals_for, format_number, parameter_label, parameter_value, with_unit
+from tuner.report.comparison.page import comparison_context
+from tuner.report.labels import (
+    decimals_for,
+    format_number,
+    parameter_label,
+    parameter_value,
+    verdict,
+    with_unit,
+)
 from tuner.report.pages import write_page
 
 REPORT_FILE = "report.html"

@@ -16,8 +16,8 @@ from rich.table import Table
 from nbv.mission.run_directory import write_atomic
 from tuner.report.labels import format_number, metric_label, parameter_label, parameter_value
 from tuner.report.style import BLACK, BLUE, ORANGE, SEQUENTIAL, SKY, VERMILION, look, new_figure
-from tuner.studies.noise_report import json_safe
-from tuner.studies.sensitivity import Sensitivity
+from tuner.studies.noise.report import json_safe
+from tuner.studies.sensitivity.study import Sensitivity
 
 
 def write_sensitivity_report(result: Sensitivity, directory: Path) -> list[Path]:

@@ -24,7 +24,7 @@ from tuner.problem.search_space import SearchSpace
 from tuner.problem.standardise import RockStandardiser
 from tuner.samplers.distributions import distributions
 from tuner.studies.missions_as_data import MissionData
-from tuner.studies.sobol import (
+from tuner.studies.sensitivity.sobol import (
     Pair,
     SobolIndices,
     bootstrap_interval,

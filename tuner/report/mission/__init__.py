@@ -1,0 +1,1 @@
+"""The figures of one mission, and why a candidate won."""

@@ -1,0 +1,1 @@
+"""Study: what each departure of the public code from the paper's text does."""

@@ -1,0 +1,1 @@
+"""Study: does the objective tell configurations apart?"""

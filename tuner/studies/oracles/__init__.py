@@ -1,0 +1,1 @@
+"""Study: what an oracle that sees the true surface gains, by its notion of coverage."""

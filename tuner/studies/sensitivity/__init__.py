@@ -1,0 +1,1 @@
+"""Study: on which parameters does the objective depend?"""
