@@ -81,8 +81,10 @@ def main() -> None:
     rocks = [load_rock(name, Store()) for name in arguments.rocks] + [
         import_mesh(path) for path in arguments.mesh
     ]
-    print("| rock | views | agreeing | C48 | A48 | F48 | C16 | A16 | F16 | points | depth s | fusion s "
-          "| cleaning and metrics s |\n" + "|---" * 13 + "|")  # fmt: skip
+    print(
+        "| rock | views | agreeing | C48 | A48 | F48 | C16 | A16 | F16 | points | depth s | fusion s "
+        "| cleaning and metrics s |\n" + "|---" * 13 + "|"
+    )
     for rock in rocks or [load_rock("boulder", Store())]:
         measure(rock, sorted(arguments.extra), MissionConfig())
 

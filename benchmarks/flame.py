@@ -92,8 +92,15 @@ def draw(stacks: dict[Stack, float], title: str, path: Path) -> None:
                 continue
             deepest = max(deepest, depth)
             shade = (hash_of(name) % 100) / 100
-            axis.barh(depth, width, left=left, height=0.96, color=plt.cm.YlOrRd(0.15 + 0.5 * shade),
-                      edgecolor="white", linewidth=0.5)  # fmt: skip
+            axis.barh(
+                depth,
+                width,
+                left=left,
+                height=0.96,
+                color=plt.cm.YlOrRd(0.15 + 0.5 * shade),
+                edgecolor="white",
+                linewidth=0.5,
+            )
             module, function = name.split(": ")
             room = int(width / total * 190)
             text = f"{function} ({module.split('/')[-1]}) {width:.2f} s"
@@ -140,7 +147,9 @@ def main() -> None:
     )
     parser.add_argument("--rock", default="boulder")
     parser.add_argument("--preset", default="campaign")
-    parser.add_argument("--kinds", nargs="+", choices=["cold", "new", "known"], default=["cold", "new", "known"])  # fmt: skip
+    parser.add_argument(
+        "--kinds", nargs="+", choices=["cold", "new", "known"], default=["cold", "new", "known"]
+    )
     parser.add_argument(
         "--home", type=Path, help="rocks, caches and store, needed for new or known without cold"
     )
@@ -169,10 +178,16 @@ def main() -> None:
                 print(f"| {function} | {value:.2f} | {100 * value / total:.0f} % |", flush=True)
             report[kind] = {"total_s": total, "functions": heaviest(stacks, 400)}
             if arguments.folder:
-                title = {"cold": "nothing cached", "new": "warm store, new sequence of views",
-                         "known": "warm store, known sequence of views"}[kind]  # fmt: skip
-                draw(stacks, f"{arguments.preset} mission on {arguments.rock}, {title}: {total:.1f} CPU s",
-                     arguments.folder / f"flame_{arguments.preset}_{kind}.png")  # fmt: skip
+                title = {
+                    "cold": "nothing cached",
+                    "new": "warm store, new sequence of views",
+                    "known": "warm store, known sequence of views",
+                }[kind]
+                draw(
+                    stacks,
+                    f"{arguments.preset} mission on {arguments.rock}, {title}: {total:.1f} CPU s",
+                    arguments.folder / f"flame_{arguments.preset}_{kind}.png",
+                )
     if arguments.out:
         arguments.out.write_text(json.dumps(report, indent=1))
 

@@ -48,7 +48,7 @@ ARMS: dict[str, tuple[str, dict[str, Any]]] = {  # name in the table: baseline, 
     "Greedy oracle, 3 views": ("greedy-oracle", {}),
     "Greedy oracle, 6 views": ("greedy-oracle", {"gate.oracle_matchable_views": 6}),
     "Greedy oracle, pool up to 1.5 m": ("greedy-oracle", LOW),
-}  # fmt: skip
+}
 GROUP = "freedoms"
 SHOWN = (
     MetricRow(GROUP, "F-score @ 48 mm, observable (%)", "observable.f_score_48mm", "%", True),
@@ -61,8 +61,10 @@ SHOWN = (
 
 def arms(base: MissionConfig) -> dict[str, MissionConfig]:
     """Configurations by a name that may be a directory's."""
-    return {file_name(title): baseline(name).config(base).with_values(values)
-            for title, (name, values) in ARMS.items()}  # fmt: skip
+    return {
+        file_name(title): baseline(name).config(base).with_values(values)
+        for title, (name, values) in ARMS.items()
+    }
 
 
 def file_name(title: str) -> str:
@@ -130,8 +132,12 @@ def main() -> None:
     plan = EvaluationPlan(arms(preset("campaign")), rocks, arguments.replicates)
     if not arguments.report_only:
         with LocalProcessExecutor(arguments.workers) as executor:
-            run_evaluation(plan, arguments.out, executor,
-                           lambda e: print(f"{e.finished}/{e.total}", end="\r", flush=True))  # fmt: skip
+            run_evaluation(
+                plan,
+                arguments.out,
+                executor,
+                lambda e: print(f"{e.finished}/{e.total}", end="\r", flush=True),
+            )
     records = plan.records(arguments.out)
     print(table(records))
     if arguments.figure is not None:

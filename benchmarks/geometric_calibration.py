@@ -91,10 +91,13 @@ def read_flights(
         configs[config.digest()] = config
         flights.append(
             Flight(
-                config.digest(), by_stem[Path(mission["rock"]).stem], mission["replicate"], values,
+                config.digest(),
+                by_stem[Path(mission["rock"]).stem],
+                mission["replicate"],
+                values,
                 tuple(t["chosen"] for t in mission["trace"]),
             )
-        )  # fmt: skip
+        )
     return flights, configs
 
 
@@ -171,16 +174,28 @@ def cell(
 ) -> Cell:
     """Everything about the configurations that were flown on all ``rocks`` with all replicates."""
     by_key = {(f.digest, f.rock, f.replicate): f for f in flights if level in f.values}
-    digests = [d for d in sorted({f.digest for f in flights})
-               if all((d, r, k) in by_key for r in rocks for k in measured_replicates)]  # fmt: skip
+    digests = [
+        d
+        for d in sorted({f.digest for f in flights})
+        if all((d, r, k) in by_key for r in rocks for k in measured_replicates)
+    ]
     mine = [[[by_key[d, r, k] for k in measured_replicates] for r in rocks] for d in digests]
     return Cell(
-        digests, list(rocks), list(measured_replicates),
+        digests,
+        list(rocks),
+        list(measured_replicates),
         np.array([[[f.values[level] for f in row] for row in group] for group in mine]),
-        np.array([[[value(r, choices.get(configs[d], r, k), k) for k in range(geometric_replicates)] for r in rocks]
-                  for d in digests]),
+        np.array(
+            [
+                [
+                    [value(r, choices.get(configs[d], r, k), k) for k in range(geometric_replicates)]
+                    for r in rocks
+                ]
+                for d in digests
+            ]
+        ),
         np.array([[[value(f.rock, f.chosen, f.replicate) for f in row] for row in group] for group in mine]),
-    )  # fmt: skip
+    )
 
 
 def correlation(a: Floats, b: Floats) -> float:
@@ -207,9 +222,11 @@ def row(name: str, group: str, c: Cell) -> str:
         r = correlation(c.measured[:, :, 0].mean(axis=1), c.measured[:, :, 1].mean(axis=1))
         alike, ceiling = f"{r:.2f}", f"{np.sqrt(max(0.0, 2 * r / (1 + r))):.2f}"
     bias = float((c.same_views - c.measured).mean())
-    return (f"| {name} | {group} | {len(c.digests)} | {len(c.replicates)} | {with_interval(truth, c.end_to_end.mean(axis=(1, 2)))} |"
-            f" {with_interval(truth, c.same_views.mean(axis=(1, 2)))} | {alike} | {ceiling} |"
-            f" {truth.std():.2f} | {bias:+.2f} |")  # fmt: skip
+    return (
+        f"| {name} | {group} | {len(c.digests)} | {len(c.replicates)} | {with_interval(truth, c.end_to_end.mean(axis=(1, 2)))} |"
+        f" {with_interval(truth, c.same_views.mean(axis=(1, 2)))} | {alike} | {ceiling} |"
+        f" {truth.std():.2f} | {bias:+.2f} |"
+    )
 
 
 def mean_over_rocks(
@@ -220,9 +237,12 @@ def mean_over_rocks(
     def once(draws: Sequence[NDArray[np.int64]]) -> float:
         return float(
             np.mean(
-                [correlation(c.measured.mean(axis=(1, 2))[d], of(c).mean(axis=(1, 2))[d]) for c, d in zip(cells, draws)]
+                [
+                    correlation(c.measured.mean(axis=(1, 2))[d], of(c).mean(axis=(1, 2))[d])
+                    for c, d in zip(cells, draws)
+                ]
             )
-        )  # fmt: skip
+        )
 
     counts = [len(c.digests) for c in cells]
     draws = [once([rng.integers(0, n, n) for n in counts]) for _ in range(BOOTSTRAP)]
@@ -247,9 +267,11 @@ def rock_by_rock(name: str, group: str, singles: Sequence[Cell], doubles: Sequen
         rocks = ", ".join(Path(c.rocks[0]).stem for c in doubles)
         alike, bound = f"{r:.2f} ({rocks})", f"{np.sqrt(max(0.0, r)):.2f}"
     counts = sorted(len(c.digests) for c in singles)
-    return (f"| {name} | {group} | {counts[0]} to {counts[-1]} | 1 | {parts[0]} | {parts[1]} | {alike} | {bound} |"
-            f" {np.mean([c.measured.std() for c in singles]):.2f} |"
-            f" {np.mean([(c.same_views - c.measured).mean() for c in singles]):+.2f} |")  # fmt: skip
+    return (
+        f"| {name} | {group} | {counts[0]} to {counts[-1]} | 1 | {parts[0]} | {parts[1]} | {alike} | {bound} |"
+        f" {np.mean([c.measured.std() for c in singles]):.2f} |"
+        f" {np.mean([(c.same_views - c.measured).mean() for c in singles]):+.2f} |"
+    )
 
 
 def scatter(cells: dict[str, Cell], path: Path) -> None:
@@ -265,8 +287,9 @@ def scatter(cells: dict[str, Cell], path: Path) -> None:
     for column, (level, c) in enumerate(cells.items()):
         truth = c.measured.mean(axis=(1, 2))
         for ax, values, title in (
-            (axes[0, column], c.same_views, "same views"), (axes[1, column], c.end_to_end, "end to end"),
-        ):  # fmt: skip
+            (axes[0, column], c.same_views, "same views"),
+            (axes[1, column], c.end_to_end, "end to end"),
+        ):
             guess = values.mean(axis=(1, 2))
             ax.plot(guess, truth, "o", ms=4, alpha=0.8)
             ax.set_title(f"{title}, {level} agreeing views: {correlation(truth, guess):.2f}", fontsize=9)
@@ -291,8 +314,10 @@ def report(
     """The Markdown table; writes the figure. ``most`` are the rocks whose means are correlated."""
     rocks = list(dict.fromkeys(f.rock for f in flights))
     groups = [(f"mean over {len(most)} rocks", "all", list(most))]
-    for name, members in (("calibrated on", [r for r in most if Path(r).stem in calibrated]),
-                          ("not calibrated on", [r for r in most if Path(r).stem not in calibrated])):  # fmt: skip
+    for name, members in (
+        ("calibrated on", [r for r in most if Path(r).stem in calibrated]),
+        ("not calibrated on", [r for r in most if Path(r).stem not in calibrated]),
+    ):
         groups.append((f"mean over {', '.join(Path(r).stem for r in members)}", name, members))
     groups += [
         (Path(r).stem, "calibrated on" if Path(r).stem in calibrated else "not calibrated on", [r])
@@ -303,10 +328,11 @@ def report(
     for level in levels:
         value = predicted(level)
         lines += [
-            f"### {level} agreeing views", "",
+            f"### {level} agreeing views",
+            "",
             "| rocks | group | configurations | measured replicates | end to end | same views | two replicates of photogrammetry | best possible | sd between configurations | bias, same views |",
             "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|",
-        ]  # fmt: skip
+        ]
         for name, group, members in groups:
             if not members:
                 continue
@@ -321,9 +347,12 @@ def report(
         for group in ("calibrated on", "not calibrated on"):
             own = [r for r in rocks if (Path(r).stem in calibrated) == (group == "calibrated on")]
             cells = {
-                k: [cell(flights, configs, [r], range(k), geometric_replicates, level, choices, value) for r in own]
+                k: [
+                    cell(flights, configs, [r], range(k), geometric_replicates, level, choices, value)
+                    for r in own
+                ]
                 for k in (1, 2)
-            }  # fmt: skip
+            }
             singles = [c for c in cells[1] if len(c.digests) >= 40]
             doubles = [c for c in cells[2] if len(c.digests) >= 10 and c.rocks in [s.rocks for s in singles]]
             if singles:
@@ -339,16 +368,24 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("studies", nargs="+", type=Path, help="folders with missions")
     parser.add_argument(
-        "--together", nargs="+", default=["slab", "vesicular", "cavern", f"{APOLLO}/apollo_15016_0/apollo_15016_0.obj"],
+        "--together",
+        nargs="+",
+        default=["slab", "vesicular", "cavern", f"{APOLLO}/apollo_15016_0/apollo_15016_0.obj"],
         help="rocks over which configurations are averaged",
-    )  # fmt: skip
+    )
     parser.add_argument(
-        "--rocks", nargs="*", default=["breccia", f"{APOLLO}/apollo_65035_0/apollo_65035_0.obj"], help="further rocks"
-    )  # fmt: skip
+        "--rocks",
+        nargs="*",
+        default=["breccia", f"{APOLLO}/apollo_65035_0/apollo_65035_0.obj"],
+        help="further rocks",
+    )
     parser.add_argument(
-        "--fly", type=int, default=0, metavar="N",
+        "--fly",
+        type=int,
+        default=0,
+        metavar="N",
         help="first fly until the first level is known of N configurations on all rocks of --together",
-    )  # fmt: skip
+    )
     parser.add_argument(
         "--calibrated", nargs="*", default=["slab", "cavern"], help="rocks whose depth maps were fitted"
     )
@@ -370,9 +407,15 @@ def main() -> None:
             flights, configs = read_flights(folders, arguments.levels, rocks, budget)
         print(f"{len(flights)} photogrammetric missions of {len(configs)} configurations", flush=True)
         text = report(
-            flights, configs, arguments.calibrated, arguments.replicates, arguments.levels,
-            GeometricChoices(arguments.work / "choices.json"), arguments.figure, arguments.together,
-        )  # fmt: skip
+            flights,
+            configs,
+            arguments.calibrated,
+            arguments.replicates,
+            arguments.levels,
+            GeometricChoices(arguments.work / "choices.json"),
+            arguments.figure,
+            arguments.together,
+        )
     print(text)
     if arguments.out is not None:
         write_atomic(arguments.out, text + "\n")

@@ -50,8 +50,14 @@ def observe(mission: Path, rock_name: str) -> dict[str, np.ndarray]:
     visited = [*seed_viewpoints(config), *(viewpoints[t.chosen] for t in result.trace)]
     centers = np.array([arrival_position(v, config.flight, rock.sha256, result.replicate) for v in visited])
     store = Store()
-    studio = Studio(lambda: make_renderer(build_scene(rock, config.scene, config.camera, store=Store()), config.scene.backend),
-                    rock, result.replicate, config)  # fmt: skip
+    studio = Studio(
+        lambda: make_renderer(
+            build_scene(rock, config.scene, config.camera, store=Store()), config.scene.backend
+        ),
+        rock,
+        result.replicate,
+        config,
+    )
     photographs = CachedStudio(studio, store, rock, result.replicate, config)
     captures = [photographs.take_photograph(v, c, 0.0) for v, c in zip(visited, centers)]
     n_seeds = len(seed_viewpoints(config))
@@ -84,7 +90,13 @@ def observe(mission: Path, rock_name: str) -> dict[str, np.ndarray]:
         pose = poses[capture.name]
         image = (samples @ pose[:3, :3].T + pose[:3, 3]) @ matrix.T
         u, v = np.rint(image[:, :2] / image[:, 2:]).astype(int).T
-        inside = (image[:, 2] > 0) & (u >= 0) & (u < config.camera.width_px) & (v >= 0) & (v < config.camera.height_px)  # fmt: skip
+        inside = (
+            (image[:, 2] > 0)
+            & (u >= 0)
+            & (u < config.camera.width_px)
+            & (v >= 0)
+            & (v < config.camera.height_px)
+        )
         z, at = image[inside, 2], (v[inside], u[inside])
         right[row, inside] = np.abs(depths[capture.name][at] - z) < RIGHT * z  # NaN compares false
         agreeing[row, inside] = checked.depths[capture.name].agreeing[at]
@@ -165,10 +177,17 @@ def fit(cases: Sequence[Case], steps: int) -> dict[str, float]:
         each = [log_likelihood(depth_chance(c, p)[c.seen], c.right[c.seen]) for c in cases]
         return -torch.stack(each).mean()
 
-    first = descend({
-        "incidence_deg": (76.0, 0.8), "incidence_width_deg": (8.0, 0.8), "half_contrast": (0.003, 0.0005),
-        "angle_decay_per_deg": (0.02, 0.002), "slant_decay_per_deg": (0.02, 0.002),
-    }, depth_loss, steps)  # fmt: skip
+    first = descend(
+        {
+            "incidence_deg": (76.0, 0.8),
+            "incidence_width_deg": (8.0, 0.8),
+            "half_contrast": (0.003, 0.0005),
+            "angle_decay_per_deg": (0.02, 0.002),
+            "slant_decay_per_deg": (0.02, 0.002),
+        },
+        depth_loss,
+        steps,
+    )
     depths = [depth_chance(c, first) for c in cases]
 
     def kept_loss(p: dict[str, Tensor]) -> Tensor:
@@ -183,10 +202,16 @@ def fit(cases: Sequence[Case], steps: int) -> dict[str, float]:
                 total.append(0.3 * log_likelihood(kept[flown], c.agreeing[flown] >= level))
         return -torch.stack(total).mean()
 
-    second = descend({
-        "logit_agreement": (2.2, 0.03), "witness_incidence_deg": (90.0, 0.5), "log_witness_width": (2.2, 0.03),
-        "log_agreement_sd": (0.0, 0.03),
-    }, kept_loss, steps)  # fmt: skip
+    second = descend(
+        {
+            "logit_agreement": (2.2, 0.03),
+            "witness_incidence_deg": (90.0, 0.5),
+            "log_witness_width": (2.2, 0.03),
+            "log_agreement_sd": (0.0, 0.03),
+        },
+        kept_loss,
+        steps,
+    )
     return {
         **{name: abs(float(value)) for name, value in first.items()},
         "agreement": float(torch.sigmoid(second["logit_agreement"])),

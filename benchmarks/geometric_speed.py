@@ -49,9 +49,11 @@ def main() -> None:
                     cpu.append((time.process_time() - cpu_started) * 1e3)
                     for name, seconds in result.timings_s.items():
                         stages.setdefault(name, []).append(seconds * 1e3)
-                print(f"{rock:12s} {visibility:9s} wall: median {statistics.median(wall):6.1f} ms, min {min(wall):6.1f} ms"
-                      f"   CPU: median {statistics.median(cpu):6.1f} ms, min {min(cpu):6.1f} ms"
-                      f"   (first mission of the process {first_s:.2f} s)")  # fmt: skip
+                print(
+                    f"{rock:12s} {visibility:9s} wall: median {statistics.median(wall):6.1f} ms, min {min(wall):6.1f} ms"
+                    f"   CPU: median {statistics.median(cpu):6.1f} ms, min {min(cpu):6.1f} ms"
+                    f"   (first mission of the process {first_s:.2f} s)"
+                )
                 means = {name: statistics.mean(values) for name, values in stages.items() if name != "total"}
                 print("    " + ", ".join(f"{name} {value:.1f} ms" for name, value in means.items()))
 

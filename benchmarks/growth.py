@@ -74,13 +74,22 @@ def curve(name: str, what: str, sizes: list[float], seconds: list[float]) -> Cur
 def image_sizes(rock_name: str) -> list[Curve]:
     """Features, matching and depth against pixels."""
     pixels: list[float] = []
-    costs: dict[str, list[float]] = {"features, a photograph": [], "matching, a pair": [], "depth map, a view": []}  # fmt: skip
+    costs: dict[str, list[float]] = {
+        "features, a photograph": [],
+        "matching, a pair": [],
+        "depth map, a view": [],
+    }
     rock = load_rock(rock_name, Store())
     for width in (320, 480, 640, 960):
         base = preset("campaign")
         scale = width / base.camera.width_px
-        config = base.with_values({"camera.width_px": width, "camera.height_px": round(480 * scale),
-                                   "camera.focal_px": base.camera.focal_px * scale})  # fmt: skip
+        config = base.with_values(
+            {
+                "camera.width_px": width,
+                "camera.height_px": round(480 * scale),
+                "camera.focal_px": base.camera.focal_px * scale,
+            }
+        )
         renderer = make_renderer(
             build_scene(rock, config.scene, config.camera, store=Store()), config.scene.backend
         )
@@ -92,8 +101,13 @@ def image_sizes(rock_name: str) -> list[Curve]:
         for turn in (6.0, -8.0, 10.0):
             x, y, z = views[0].position_m
             c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
-            near.append(studio.take_photograph(dataclasses.replace(views[0], id=f"near{turn:g}"),
-                                               np.array([c * x - s * y, s * x + c * y, z]), 0.0))  # fmt: skip
+            near.append(
+                studio.take_photograph(
+                    dataclasses.replace(views[0], id=f"near{turn:g}"),
+                    np.array([c * x - s * y, s * x + c * y, z]),
+                    0.0,
+                )
+            )
         image, other = shots[0].image, near[0].image
         assert image is not None and other is not None
         a, b = (extract_features(i, config.sparse) for i in (image, other))
@@ -102,14 +116,22 @@ def image_sizes(rock_name: str) -> list[Curve]:
             fastest(lambda i=image, c=config: extract_features(i, c.sparse), 3)
         )
         costs["matching, a pair"].append(
-            fastest(lambda a=a, b=b, c=config: verify_pair(
-                a, b, match_pair(a.descriptors, b.descriptors, c.sparse.match_ratio), c.camera, c.sparse), 3)
-        )  # fmt: skip
+            fastest(
+                lambda a=a, b=b, c=config: verify_pair(
+                    a, b, match_pair(a.descriptors, b.descriptors, c.sparse.match_ratio), c.camera, c.sparse
+                ),
+                3,
+            )
+        )
         pairs = [(n.image, n.camera_from_world) for n in near]
         costs["depth map, a view"].append(
-            fastest(lambda i=image, s=shots[0], p=pairs, c=config: estimate_depth(
-                i, s.camera_from_world, p, c.camera, c.target_m, c.dense), 3)  # type: ignore[misc]
-        )  # fmt: skip
+            fastest(
+                lambda i=image, s=shots[0], p=pairs, c=config: estimate_depth(
+                    i, s.camera_from_world, p, c.camera, c.target_m, c.dense
+                ),
+                3,
+            )  # type: ignore[misc]
+        )
     return [curve(name, "pixels", pixels, seconds) for name, seconds in costs.items()]
 
 
@@ -136,10 +158,14 @@ def planning(state: PlanningState) -> list[Curve]:
         config = base.with_values({"visibility.mode": mode})
         sizes, seconds = [], []
         for factor in (0.25, 0.5, 1, 2, 4, 8):
-            dense = config.with_values({
-                "pool.lateral_count": round(120 * factor), "pool.upper_count": round(50 * factor),
-                "pool.min_spacing_m": 0.0, "pool.max_candidates": 10_000,
-            })  # fmt: skip
+            dense = config.with_values(
+                {
+                    "pool.lateral_count": round(120 * factor),
+                    "pool.upper_count": round(50 * factor),
+                    "pool.min_spacing_m": 0.0,
+                    "pool.max_candidates": 10_000,
+                }
+            )
             pool = candidate_pool(dense, state.vehicle_position_m, state.visited_m[state.n_seeds :])
             sizes.append(float(len(pool)))
             seconds.append(fastest(lambda p=pool, c=dense: rank_candidates(state, p, c)))
@@ -164,7 +190,9 @@ def rocks_curve(home: Path, names: list[str]) -> Curve:
     """Sum over rocks of a cold campaign mission's cost."""
     costs = [fly_in_fresh_process(preset("campaign"), name, 0, home).cpu_s for name in names]
     total = np.cumsum(costs).tolist()
-    return curve("campaign missions, nothing cached", "rocks", [float(n + 1) for n in range(len(names))], total)  # fmt: skip
+    return curve(
+        "campaign missions, nothing cached", "rocks", [float(n + 1) for n in range(len(names))], total
+    )
 
 
 def captures_curve(speed: Path) -> Curve:
@@ -204,8 +232,14 @@ def draw(curves: list[Curve], path: Path) -> None:
     )
     for axis, kind in zip(axes[0], kinds):
         for item in (c for c in curves if c["size"] == kind):
-            axis.loglog(item["sizes"], item["seconds"], "o-", markersize=3, linewidth=1,
-                        label=f"{item['name']}: p = {item['exponent']:.2f}")  # fmt: skip
+            axis.loglog(
+                item["sizes"],
+                item["seconds"],
+                "o-",
+                markersize=3,
+                linewidth=1,
+                label=f"{item['name']}: p = {item['exponent']:.2f}",
+            )
         axis.set_xlabel(kind)
         axis.set_ylabel("seconds")
         axis.grid(True, which="both", alpha=0.2)
@@ -240,8 +274,10 @@ def main() -> None:
     print("| what | against | from | to | CPU s, smallest | CPU s, largest | exponent | last two |")
     print("|---|---|---|---|---|---|---|---|")
     for c in curves:
-        print(f"| {c['name']} | {c['size']} | {c['sizes'][0]:g} | {c['sizes'][-1]:g} | {c['seconds'][0]:.3g} | "
-              f"{c['seconds'][-1]:.3g} | {c['exponent']:.2f} | {c['last']:.2f} |")  # fmt: skip
+        print(
+            f"| {c['name']} | {c['size']} | {c['sizes'][0]:g} | {c['sizes'][-1]:g} | {c['seconds'][0]:.3g} | "
+            f"{c['seconds'][-1]:.3g} | {c['exponent']:.2f} | {c['last']:.2f} |"
+        )
     if arguments.out:
         arguments.out.write_text(json.dumps(curves, indent=1))
     if arguments.figure:

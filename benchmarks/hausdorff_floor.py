@@ -22,21 +22,29 @@ from nbv.rocks import list_rocks, load_rock
 def main() -> None:
     config = preset("campaign")
     names = sys.argv[1:] or [r.name for r in list_rocks() if r.split == "train" and r.source == "procedural"]
-    print("| rock | never visible (% of the surface) | floor, whole (mm) | floor, observable (mm) | floor, cloud to "
-          "truth (mm) | best completeness @ 48 mm, whole (%) |\n|---|---:|---:|---:|---:|---:|")  # fmt: skip
+    print(
+        "| rock | never visible (% of the surface) | floor, whole (mm) | floor, observable (mm) | floor, cloud to "
+        "truth (mm) | best completeness @ 48 mm, whole (%) |\n|---|---:|---:|---:|---:|---:|"
+    )
     for name in names:
         rock = load_rock(name, Store())
         truth = ground_truth(rock, config, Store())
         floors = rock_floors(rock, truth, config, Store())
         cloud = perfect_cloud(
-            rock.vertices_m, rock.faces, camera_shell(config), config.dense.fusion_voxel_m,
+            rock.vertices_m,
+            rock.faces,
+            camera_shell(config),
+            config.dense.fusion_voxel_m,
             config.evaluation.ground_ransac_threshold_m,
-        )  # fmt: skip
+        )
         reached = nearest_neighbours(cloud, truth.points_m)[0] < 0.048
         key = "hausdorff_gt_to_cloud_floor_mm"
-        print(f"| {rock.name} | {100 * (~truth.observable).mean():.1f} | {floors['whole'][key]:.0f} | "
-              f"{floors['observable'][key]:.0f} | {floors['whole']['hausdorff_cloud_to_gt_floor_mm']:.1f} | "
-              f"{100 * reached.mean():.1f} |", flush=True)  # fmt: skip
+        print(
+            f"| {rock.name} | {100 * (~truth.observable).mean():.1f} | {floors['whole'][key]:.0f} | "
+            f"{floors['observable'][key]:.0f} | {floors['whole']['hausdorff_cloud_to_gt_floor_mm']:.1f} | "
+            f"{100 * reached.mean():.1f} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

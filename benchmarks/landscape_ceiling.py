@@ -75,8 +75,10 @@ def main() -> None:
     arguments = parser.parse_args()
     arguments.out.mkdir(parents=True, exist_ok=True)
     start: tuple[Any, ...] = (
-        arguments.space, tuple(arguments.rocks), arguments.out / "geometric_missions.sqlite"
-    )  # fmt: skip
+        arguments.space,
+        tuple(arguments.rocks),
+        arguments.out / "geometric_missions.sqlite",
+    )
     _start(*start)
     assert _problem is not None
     space, rng = _problem.space, np.random.default_rng(SEED)

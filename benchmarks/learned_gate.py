@@ -84,8 +84,12 @@ def describe(name: str, decisions: GateDecisions) -> None:
     mask = decisions.informative
     x, y, weight = decisions.features[mask], decisions.labels[mask], np.abs(decisions.margin[mask])
     groups = np.array(decisions.rocks)[mask]
-    models = {f"tree, depth {d}": DecisionTreeClassifier(max_depth=d, min_samples_leaf=max(5, len(y) // 20),
-                                                         random_state=0) for d in DEPTHS}  # fmt: skip
+    models = {
+        f"tree, depth {d}": DecisionTreeClassifier(
+            max_depth=d, min_samples_leaf=max(5, len(y) // 20), random_state=0
+        )
+        for d in DEPTHS
+    }
     models["random forest, 300 trees"] = RandomForestClassifier(300, min_samples_leaf=5, random_state=0)
     splits = {
         "unseen rocks": list(LeaveOneGroupOut().split(x, y, groups)),

@@ -267,8 +267,10 @@ def main() -> None:
         seconds = race(runner, count, arguments.rounds, arguments.only)
         for name, values in seconds.items():
             ratios = [own / other for own, other in zip(seconds.get("own", values), values)]
-            print(f"{fidelity:16s} {name:8s} {statistics.median(values):7.3f} s a mission "
-                  f"(rounds {', '.join(f'{v:.3f}' for v in values)}); own / this {statistics.median(ratios):.2f}")  # fmt: skip
+            print(
+                f"{fidelity:16s} {name:8s} {statistics.median(values):7.3f} s a mission "
+                f"(rounds {', '.join(f'{v:.3f}' for v in values)}); own / this {statistics.median(ratios):.2f}"
+            )
     for name in arguments.only:
         print(name, json.dumps(accidents(name)))
 

@@ -44,16 +44,25 @@ def stages(home: Path, rock: str, name: str = "campaign") -> dict[str, Any]:
     names = sorted({s for f in flown.values() for s in f.result.timings_s} - {"total"})
     print("| stage | " + " | ".join(flown) + " |\n|---" * 1 + "|---" * len(flown) + "|")
     for stage in names:
-        print(f"| {stage} | " + " | ".join(f"{f.result.timings_s.get(stage, 0):.2f}" for f in flown.values()) + " |")  # fmt: skip
+        print(
+            f"| {stage} | "
+            + " | ".join(f"{f.result.timings_s.get(stage, 0):.2f}" for f in flown.values())
+            + " |"
+        )
     for label, get in (("wall s", "wall_s"), ("CPU s", "cpu_s"), ("peak memory MB", "peak_rss_mb")):
         print(
             f"| **{label}** | " + " | ".join(f"{getattr(f, get):.1f}" for f in flown.values()) + " |",
             flush=True,
         )
     return {
-        k: {"wall_s": f.wall_s, "cpu_s": f.cpu_s, "peak_rss_mb": f.peak_rss_mb, "timings_s": f.result.timings_s}
+        k: {
+            "wall_s": f.wall_s,
+            "cpu_s": f.cpu_s,
+            "peak_rss_mb": f.peak_rss_mb,
+            "timings_s": f.result.timings_s,
+        }
         for k, f in flown.items()
-    }  # fmt: skip
+    }
 
 
 def spread_out(count: int) -> list[MissionConfig]:
@@ -80,8 +89,16 @@ def fly_all(jobs: list[tuple[MissionConfig, str]], workers: int, folder: Path) -
     ]
     try:
         # Starts the server, which imports everything before it forks; the job itself fails at once.
-        executor.submit(MissionJob("warm-up", preset("campaign"), "no such rock", 0, folder / "warm-up",
-                                   runner="fresh_process:timed_mission"))  # fmt: skip
+        executor.submit(
+            MissionJob(
+                "warm-up",
+                preset("campaign"),
+                "no such rock",
+                0,
+                folder / "warm-up",
+                runner="fresh_process:timed_mission",
+            )
+        )
         while executor.in_flight:
             executor.wait_any(1.0)
         waiting, landed = list(queue), 0
@@ -123,13 +140,18 @@ def workers(home: Path, rocks: list[str], count: int, rounds: int, folder: Path)
     print("|---|---|---|---|---|---|---|")
     for row in table:
         m = row["missions"]
-        print(f"| {row['sequences']} | {row['workers']} | {row['wall_s'] / m:.1f} | {3600 * m / row['wall_s']:.0f} | "
-              f"{row['cpu_s'] / m:.1f} | {2 * 3600 * m / row['cpu_s']:.0f} | {row['peak_rss_mb']:.0f} |")  # fmt: skip
+        print(
+            f"| {row['sequences']} | {row['workers']} | {row['wall_s'] / m:.1f} | {3600 * m / row['wall_s']:.0f} | "
+            f"{row['cpu_s'] / m:.1f} | {2 * 3600 * m / row['cpu_s']:.0f} | {row['peak_rss_mb']:.0f} |"
+        )
     one, two = ([r for r in table if r["sequences"] == "new" and r["workers"] == n] for n in (1, 2))
     ratio = statistics.median(a["wall_s"] for a in one) / statistics.median(b["wall_s"] for b in two)
     cpu = 2 * statistics.median(a["cpu_s"] for a in one) / statistics.median(b["cpu_s"] for b in two)
-    print(f"\n2 workers against 1: {ratio:.2f} times by the wall clock; {cpu:.2f} times if each worker had a core to "
-          "itself (twice the CPU seconds of a mission alone over those of one beside another)", flush=True)  # fmt: skip
+    print(
+        f"\n2 workers against 1: {ratio:.2f} times by the wall clock; {cpu:.2f} times if each worker had a core to "
+        "itself (twice the CPU seconds of a mission alone over those of one beside another)",
+        flush=True,
+    )
     return {"rounds": table, "ratio_wall": ratio, "ratio_cpu": cpu}
 
 
@@ -138,11 +160,20 @@ def captures(home: Path, rock: str) -> dict[str, Any]:
     flown = fly_in_fresh_process(preset("paper-reduced"), rock, 0, home)
     costs = flown.capture_cpu_s
     first, last = statistics.mean(costs[:10]), statistics.mean(costs[-10:])
-    print(f"\npaper-reduced mission, 24 + {len(costs)}, nothing cached, on {rock}: {flown.cpu_s:.1f} s CPU, {flown.wall_s:.1f} s "
-          f"wall, peak {flown.peak_rss_mb:.0f} MB; CPU s of a capture: mean of the first 10 {first:.2f}, of the last 10 "
-          f"{last:.2f}, growth {last / first:.2f} times\n" + ", ".join(f"{c:.2f}" for c in costs), flush=True)  # fmt: skip
-    return {"capture_cpu_s": costs, "growth": last / first, "cpu_s": flown.cpu_s, "wall_s": flown.wall_s,
-            "peak_rss_mb": flown.peak_rss_mb, "timings_s": flown.result.timings_s}  # fmt: skip
+    print(
+        f"\npaper-reduced mission, 24 + {len(costs)}, nothing cached, on {rock}: {flown.cpu_s:.1f} s CPU, {flown.wall_s:.1f} s "
+        f"wall, peak {flown.peak_rss_mb:.0f} MB; CPU s of a capture: mean of the first 10 {first:.2f}, of the last 10 "
+        f"{last:.2f}, growth {last / first:.2f} times\n" + ", ".join(f"{c:.2f}" for c in costs),
+        flush=True,
+    )
+    return {
+        "capture_cpu_s": costs,
+        "growth": last / first,
+        "cpu_s": flown.cpu_s,
+        "wall_s": flown.wall_s,
+        "peak_rss_mb": flown.peak_rss_mb,
+        "timings_s": flown.result.timings_s,
+    }
 
 
 def main() -> None:
@@ -150,8 +181,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--parts", nargs="+", default=["stages", "workers", "captures"],
-                        choices=["stages", "workers", "captures"])  # fmt: skip
+    parser.add_argument(
+        "--parts",
+        nargs="+",
+        default=["stages", "workers", "captures"],
+        choices=["stages", "workers", "captures"],
+    )
     parser.add_argument("--rocks", nargs="+", default=["boulder", "slab"])
     parser.add_argument("--missions", type=int, default=8)
     parser.add_argument("--rounds", type=int, default=2)

@@ -128,10 +128,14 @@ class Case:
             order = np.argsort(z["track_point"], kind="stable")
             observed = inside[z["track_point"][order]]
             return Case(
-                z["points_m"][inside], np.concatenate([[0], np.cumsum(lengths[inside])]),
-                z["track_camera"][order][observed].astype(np.int64), z["camera_centers_m"],
-                z["candidates_m"][::CANDIDATE_STEP], golden_mesh(mesh), MissionConfig(),
-            )  # fmt: skip
+                z["points_m"][inside],
+                np.concatenate([[0], np.cumsum(lengths[inside])]),
+                z["track_camera"][order][observed].astype(np.int64),
+                z["camera_centers_m"],
+                z["candidates_m"][::CANDIDATE_STEP],
+                golden_mesh(mesh),
+                MissionConfig(),
+            )
 
     @staticmethod
     def mission(state: Path, caster: RayCaster, config: MissionConfig) -> Case:
@@ -139,9 +143,14 @@ class Case:
         planning, pool = load_state(state)
         box = box_points(planning.model, config)
         return Case(
-            box.points_m, box.track_offsets, box.track_cameras, planning.model.camera_centers_m,
-            pool.positions_m[::CANDIDATE_STEP], caster, config,
-        )  # fmt: skip
+            box.points_m,
+            box.track_offsets,
+            box.track_cameras,
+            planning.model.camera_centers_m,
+            pool.positions_m[::CANDIDATE_STEP],
+            caster,
+            config,
+        )
 
     def mean_ray_test(self, limit_deg: float) -> Mask:
         """(P, C) candidate within ``limit_deg`` of the point's mean observing ray."""
@@ -196,8 +205,15 @@ def rows(name: str, cases: Sequence[Case]) -> None:
         rock = sum((c.counts(a, True) for c, a in zip(cases, answers)), Counts())
         everything = sum((c.counts(a, False) for c, a in zip(cases, answers)), Counts())
         correlation = float(np.mean([c.correlation(a) for c, a in zip(cases, answers)]))
-        values = (rock.precision, rock.recall, rock.balanced, correlation,
-                  everything.precision, everything.recall, everything.balanced)  # fmt: skip
+        values = (
+            rock.precision,
+            rock.recall,
+            rock.balanced,
+            correlation,
+            everything.precision,
+            everything.recall,
+            everything.balanced,
+        )
         print(f"| {name} | {len(cases)} | {points} | {test} | " + " | ".join(map(text, values)) + " |")
 
 
@@ -206,8 +222,10 @@ def main() -> None:
     parser.add_argument("--shared", type=Path, default=Path(__file__).parents[2] / "shared")
     parser.add_argument("--mission", nargs=2, action="append", default=[], metavar=("RUN", "ROCK"))
     arguments = parser.parse_args()
-    print("| rock | states | points on the rock, of all (mean) | test | precision | recall | balanced | correlation "
-          "| all: precision | recall | balanced |")  # fmt: skip
+    print(
+        "| rock | states | points on the rock, of all (mean) | test | precision | recall | balanced | correlation "
+        "| all: precision | recall | balanced |"
+    )
     print("|---|---:|---:|---|" + "---:|" * 7)
     golden: dict[str, list[Case]] = {}
     for state, rock in CASES:

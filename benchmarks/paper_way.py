@@ -96,10 +96,13 @@ class AuthorsReconstruction:
         reader.camera_model, reader.camera_params = "PINHOLE", self.camera
         started = time.process_time()
         pycolmap.extract_features(
-            self.database, self.images,
+            self.database,
+            self.images,
             camera_mode=pycolmap.CameraMode.SINGLE if self.camera else pycolmap.CameraMode.AUTO,
-            reader_options=reader, extraction_options=extraction, device=pycolmap.Device.cpu,
-        )  # fmt: skip
+            reader_options=reader,
+            extraction_options=extraction,
+            device=pycolmap.Device.cpu,
+        )
         extracted = time.process_time()
         matching = pycolmap.FeatureMatchingOptions()
         matching.num_threads, matching.use_gpu = 1, False
@@ -174,15 +177,23 @@ def to_known_camera(
     fx, fy, cx, cy = intrinsics
     camera = config.camera
     own = np.array([[fx, 0, cx - 0.5], [0, fy, cy - 0.5], [0, 0, 1]])
-    known = np.array([[camera.focal_px, 0, camera.width_px / 2 - 0.5],
-                      [0, camera.focal_px, camera.height_px / 2 - 0.5], [0, 0, 1]])  # fmt: skip
+    known = np.array(
+        [
+            [camera.focal_px, 0, camera.width_px / 2 - 0.5],
+            [0, camera.focal_px, camera.height_px / 2 - 0.5],
+            [0, 0, 1],
+        ]
+    )
     if np.allclose(own, known, atol=1e-6):
         return image
     own_from_known: Floats = own @ np.linalg.inv(known)
     return cv2.warpPerspective(
-        image, own_from_known, (camera.width_px, camera.height_px),
-        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP, borderMode=cv2.BORDER_REPLICATE,
-    )  # fmt: skip
+        image,
+        own_from_known,
+        (camera.width_px, camera.height_px),
+        flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
 
 
 def mapping_seconds(measured: dict[int, float], captures: int) -> list[float]:
@@ -221,8 +232,11 @@ def compare(config: MissionConfig, rock_name: str, every: int, folder: Path) -> 
     ours["warm, new sequence"] = fly_in_fresh_process(config, rock_name, 0, home)
     ours["warm, known sequence"] = fly_in_fresh_process(config, rock_name, 0, home)
     for name, flown in ours.items():
-        print(f"ours, {name}: {flown.cpu_s:.1f} s CPU, {flown.wall_s:.1f} s wall, peak {flown.peak_rss_mb:.0f} MB, "
-              f"status {flown.result.status}", flush=True)  # fmt: skip
+        print(
+            f"ours, {name}: {flown.cpu_s:.1f} s CPU, {flown.wall_s:.1f} s wall, peak {flown.peak_rss_mb:.0f} MB, "
+            f"status {flown.result.status}",
+            flush=True,
+        )
     cold = ours["cold"].result
     if cold.status == "failed":
         raise SystemExit(f"our own mission failed ({cold.reason}); there is nothing to compare")
@@ -242,8 +256,11 @@ def compare(config: MissionConfig, rock_name: str, every: int, folder: Path) -> 
         if k % every == 0 or k in (1, len(cold.trace)):
             model, mapping[k] = authors.rebuild()
             note = f", mapping {mapping[k]:.1f} s, {model.num_reg_images()} of {n_seeds + k} registered"
-        print(f"authors' way, capture {k}: features {authors.seconds['features'][-1]:.1f} s, "
-              f"matching {authors.seconds['matching'][-1]:.1f} s{note}", flush=True)  # fmt: skip
+        print(
+            f"authors' way, capture {k}: features {authors.seconds['features'][-1]:.1f} s, "
+            f"matching {authors.seconds['matching'][-1]:.1f} s{note}",
+            flush=True,
+        )
     assert model is not None
     theirs = {"their cameras": outcome(model, captures, config, rock)}
     camera = config.camera
@@ -260,13 +277,19 @@ def compare(config: MissionConfig, rock_name: str, every: int, folder: Path) -> 
     per_capture = [sum(values) for values in zip(*stages.values())]
     last = theirs["their cameras"]
     total = sum(per_capture) + last["dense_s"] + last["evaluation_s"]
-    measured = "every rebuild measured" if every == 1 else (
-        f"{len(mapping)} of {len(cold.trace) + 1} rebuilds measured, the others interpolated (trapezoid)"
-    )  # fmt: skip
+    measured = (
+        "every rebuild measured"
+        if every == 1
+        else (
+            f"{len(mapping)} of {len(cold.trace) + 1} rebuilds measured, the others interpolated (trapezoid)"
+        )
+    )
     print(f"\nauthors' way, {n_seeds} + {len(cold.trace)} captures of {rock_name} ({measured}):")
-    print(f"  seeds {per_capture[0]:.1f} s; captures {sum(per_capture[1:]):.1f} s (first {per_capture[1]:.1f}, last "
-          f"{per_capture[-1]:.1f}); dense {last['dense_s']:.1f} s; evaluation {last['evaluation_s']:.1f} s; "
-          f"total {total:.1f} s")  # fmt: skip
+    print(
+        f"  seeds {per_capture[0]:.1f} s; captures {sum(per_capture[1:]):.1f} s (first {per_capture[1]:.1f}, last "
+        f"{per_capture[-1]:.1f}); dense {last['dense_s']:.1f} s; evaluation {last['evaluation_s']:.1f} s; "
+        f"total {total:.1f} s"
+    )
     print("\n| ours | CPU s | wall s | authors' CPU s / ours |\n|---|---|---|---|")
     for name, flown in ours.items():
         print(f"| {name} | {flown.cpu_s:.1f} | {flown.wall_s:.1f} | {total / flown.cpu_s:.1f} |")
@@ -276,20 +299,36 @@ def compare(config: MissionConfig, rock_name: str, every: int, folder: Path) -> 
         "\n| outcome, observable surface | ours | authors', their cameras | authors' mapper, known camera |\n|---|---|---|---|"
     )
     for name in METRICS:
-        print(f"| {name} | {cold.metrics['observable'][name]:.2f} | {theirs['their cameras'][name]:.2f} | "
-              f"{theirs.get('known camera', {}).get(name, float('nan')):.2f} |")  # fmt: skip
+        print(
+            f"| {name} | {cold.metrics['observable'][name]:.2f} | {theirs['their cameras'][name]:.2f} | "
+            f"{theirs.get('known camera', {}).get(name, float('nan')):.2f} |"
+        )
     for name in ("registered", "alignment_rms_m", "median_focal_px"):
-        print(f"| {name} |  | {theirs['their cameras'][name]:.3f} | "
-              f"{theirs.get('known camera', {}).get(name, float('nan')):.3f} |")  # fmt: skip
+        print(
+            f"| {name} |  | {theirs['their cameras'][name]:.3f} | "
+            f"{theirs.get('known camera', {}).get(name, float('nan')):.3f} |"
+        )
     return {
-        "rock": rock_name, "preset": config.preset, "seeds": n_seeds, "captures": len(cold.trace), "every": every,
+        "rock": rock_name,
+        "preset": config.preset,
+        "seeds": n_seeds,
+        "captures": len(cold.trace),
+        "every": every,
         "authors_s": {"per_capture": per_capture, **stages, "mapping_measured": mapping, "total": total},
-        "ours": {name: {"cpu_s": f.cpu_s, "wall_s": f.wall_s, "peak_rss_mb": f.peak_rss_mb,
-                        "timings_s": f.result.timings_s, "capture_cpu_s": f.capture_cpu_s,
-                        "metrics": {m: f.result.metrics["observable"][m] for m in METRICS}}
-                 for name, f in ours.items()},
-        "authors_outcome": theirs, "same_bits": same,
-    }  # fmt: skip
+        "ours": {
+            name: {
+                "cpu_s": f.cpu_s,
+                "wall_s": f.wall_s,
+                "peak_rss_mb": f.peak_rss_mb,
+                "timings_s": f.result.timings_s,
+                "capture_cpu_s": f.capture_cpu_s,
+                "metrics": {m: f.result.metrics["observable"][m] for m in METRICS},
+            }
+            for name, f in ours.items()
+        },
+        "authors_outcome": theirs,
+        "same_bits": same,
+    }
 
 
 if __name__ == "__main__":

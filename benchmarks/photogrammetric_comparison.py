@@ -52,10 +52,22 @@ def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str
         found = Campaign.open(directory)
     else:
         space = load_search_space(arguments.space)
-        found = begin_campaign(directory, CampaignSettings(
-            directory.name, space, rocks, budget, REPLICATES, seed, sampler=name,
-            runner=registered(fidelity or DEFAULT_RUNNER),
-            learn_from={"earlier": (arguments.earlier.format(seed=seed),), "shipped": (SHIPPED,)}.get(before, ())))  # fmt: skip
+        found = begin_campaign(
+            directory,
+            CampaignSettings(
+                directory.name,
+                space,
+                rocks,
+                budget,
+                REPLICATES,
+                seed,
+                sampler=name,
+                runner=registered(fidelity or DEFAULT_RUNNER),
+                learn_from={"earlier": (arguments.earlier.format(seed=seed),), "shipped": (SHIPPED,)}.get(
+                    before, ()
+                ),
+            ),
+        )
     if found.status().finished < budget:
         with LocalProcessExecutor(arguments.workers) as executor:
             fly_campaign(found, executor)
@@ -154,8 +166,11 @@ def main() -> None:
     if not arguments.after:
         return
     finals = {s: [value(directory_name(s, k)) for k in range(arguments.seeds)] for s in arguments.sampler}
-    print("\n| sampler | after missions | seeds | mean | "
-          + " | ".join(f"minus {s}'s last" for s in arguments.sampler) + " |")  # fmt: skip
+    print(
+        "\n| sampler | after missions | seeds | mean | "
+        + " | ".join(f"minus {s}'s last" for s in arguments.sampler)
+        + " |"
+    )
     print("|---|---:|---|---:|" + "---:|" * len(arguments.sampler))
     for sampler in looked_into:
         for missions in arguments.after:

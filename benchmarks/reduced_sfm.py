@@ -28,9 +28,12 @@ from nbv.config import REDUCED_SFM, MissionConfig, preset
 PAIRS = ("sparse.max_pairs", "sparse.max_pair_angle_deg")
 VERIFICATION = ("sparse.min_ransac_trials",)
 ADJUSTMENT = (
-    "sparse.global_ba_interval", "sparse.local_ba_images", "sparse.local_ba_rounds", "sparse.local_ba_iterations",
+    "sparse.global_ba_interval",
+    "sparse.local_ba_images",
+    "sparse.local_ba_rounds",
+    "sparse.local_ba_iterations",
     "sparse.global_ba_iterations",
-)  # fmt: skip
+)
 TABLES = ("sparse.update_pairs",)
 STEREO = ("dense.min_baseline_angle_deg", "dense.search")
 PARTS: dict[str, tuple[str, ...]] = {
@@ -43,8 +46,13 @@ PARTS: dict[str, tuple[str, ...]] = {
     "all": tuple(REDUCED_SFM),
 }
 METRICS = (
-    "f_score_48mm", "f_score_16mm", "completeness_16mm", "accuracy_16mm", "c2c_mean_mm", "hausdorff_gt_to_cloud_mm",
-)  # fmt: skip
+    "f_score_48mm",
+    "f_score_16mm",
+    "completeness_16mm",
+    "accuracy_16mm",
+    "c2c_mean_mm",
+    "hausdorff_gt_to_cloud_mm",
+)
 STAGES = {"mapping": "sparse.mapping", "adjustment": "sparse.ba", "dense": "dense"}
 
 
@@ -80,9 +88,10 @@ def table(lines: Sequence[dict[str, Any]]) -> str:
         flights.setdefault((line["rock"], line["replicate"]), {})[line["part"]] = line
     rows = [
         f"| reductions | flights | registered | sparse points | {' | '.join(f'{s}, CPU s' for s in STAGES)} | "
-        + " | ".join(METRICS) + " |",
+        + " | ".join(METRICS)
+        + " |",
         "|---" * (4 + len(STAGES) + len(METRICS)) + "|",
-    ]  # fmt: skip
+    ]
     for part in PARTS:
         paired = [(f["none"], f[part]) for f in flights.values() if "none" in f and part in f]
         if not paired:
@@ -113,8 +122,11 @@ def compare_presets(rock: str) -> None:
             flown = fly_in_fresh_process(preset(name), rock, 0, Path(home))
         observable = flown.result.metrics["observable"]
         views[name] = [step.chosen for step in flown.result.trace]
-        print(f"{rock}, {name}: {flown.wall_s:.0f} s wall, {flown.cpu_s:.0f} s CPU, "
-              + ", ".join(f"{metric} {observable[metric]:.3f}" for metric in METRICS), flush=True)  # fmt: skip
+        print(
+            f"{rock}, {name}: {flown.wall_s:.0f} s wall, {flown.cpu_s:.0f} s CPU, "
+            + ", ".join(f"{metric} {observable[metric]:.3f}" for metric in METRICS),
+            flush=True,
+        )
     paper, reduced = views["paper"], views["paper-reduced"]
     same = next((i for i, (a, b) in enumerate(zip(paper, reduced)) if a != b), len(paper))
     print(

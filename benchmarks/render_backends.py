@@ -136,8 +136,10 @@ def main() -> None:
         if len(views) < 2:
             return
         first, *others = views
-        print(f"\n| backend against {first} | silhouette IoU, worst | relative depth error, median / 95 % "
-              "| grey levels, mean absolute |\n|---|---|---|---|")  # fmt: skip
+        print(
+            f"\n| backend against {first} | silhouette IoU, worst | relative depth error, median / 95 % "
+            "| grey levels, mean absolute |\n|---|---|---|---|"
+        )
         for other in others:
             a_view, b_view = views[first], views[other]
             overlap = (a_view["mask"] & b_view["mask"]).sum((1, 2)) / (a_view["mask"] | b_view["mask"]).sum(

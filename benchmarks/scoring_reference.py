@@ -59,17 +59,29 @@ def scores(state: PlanningState, pool: CandidatePool, config: MissionConfig) -> 
     if config.visibility.mode == "occlusion":
         visible = unoccluded(visible, box, pool.positions_m)
     nov = novelty(pool.positions_m, state.visited_m, shared.d_scale_m)
-    move = movement(pool.positions_m, pool.headings_rad, state.vehicle_position_m,
-                    state.vehicle_heading_rad, shared.d_travel_m)  # fmt: skip
+    move = movement(
+        pool.positions_m,
+        pool.headings_rad,
+        state.vehicle_position_m,
+        state.vehicle_heading_rad,
+        shared.d_travel_m,
+    )
     ang = angular_penalty(pool.positions_m, state.visited_m, target, shared.theta_min_deg)
     weak = weakness(box.points_m, box.track_lengths, box.reprojection_error_px, config.b_aware)
     main = {
         "covis": visible.mean(axis=0),
         "b-aware": repair(
-            visible, weak, pool.positions_m, box.points_m, box.track_offsets, box.track_cameras,
-            box.camera_centers_m, config.b_aware.theta_low_deg, config.b_aware.theta_saturation_deg,
+            visible,
+            weak,
+            pool.positions_m,
+            box.points_m,
+            box.track_offsets,
+            box.track_cameras,
+            box.camera_centers_m,
+            config.b_aware.theta_low_deg,
+            config.b_aware.theta_saturation_deg,
         ),
-    }  # fmt: skip
+    }
     weights = {"covis": config.covis.weights, "b-aware": config.b_aware.weights}
     return {
         name: w.main * main[name] + w.nov * nov - w.move * move - w.ang * ang for name, w in weights.items()

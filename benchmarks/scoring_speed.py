@@ -89,11 +89,15 @@ def measure(
             one()
             wall[i].append((time.perf_counter() - started) * 1e3)
             cpu[i].append((time.process_time() - cpu_started) * 1e3)
-    line = (f"{name:36s} wall: median {statistics.median(wall[0]):8.2f} ms, min {min(wall[0]):8.2f} ms"
-            f"   CPU: median {statistics.median(cpu[0]):8.2f} ms, min {min(cpu[0]):8.2f} ms")  # fmt: skip
+    line = (
+        f"{name:36s} wall: median {statistics.median(wall[0]):8.2f} ms, min {min(wall[0]):8.2f} ms"
+        f"   CPU: median {statistics.median(cpu[0]):8.2f} ms, min {min(cpu[0]):8.2f} ms"
+    )
     if against is not None:
-        line += (f"   plainly: CPU median {statistics.median(cpu[1]):8.2f} ms,"
-                 f" {statistics.median(cpu[1]) / statistics.median(cpu[0]):.1f} times as long")  # fmt: skip
+        line += (
+            f"   plainly: CPU median {statistics.median(cpu[1]):8.2f} ms,"
+            f" {statistics.median(cpu[1]) / statistics.median(cpu[0]):.1f} times as long"
+        )
     print(line)
 
 
@@ -115,22 +119,46 @@ def report(points: int, repeats: int) -> None:
     box = terms.ordered
     print(f"{len(pool)} candidates x {len(box.points_m)} points, mean track {box.track_lengths.mean():.2f}")
     weak = weakness(box.points_m, box.track_lengths, box.reprojection_error_px, config.b_aware)
-    measure("candidate pool",
-            lambda: candidate_pool(config, state.vehicle_position_m, state.visited_m[24:]), repeats)  # fmt: skip
-    measure("  frustum",
-            lambda: in_frustum(box.points_m, pool.positions_m, np.array(config.target_m), config.camera),
-            repeats)  # fmt: skip
+    measure(
+        "candidate pool",
+        lambda: candidate_pool(config, state.vehicle_position_m, state.visited_m[24:]),
+        repeats,
+    )
+    measure(
+        "  frustum",
+        lambda: in_frustum(box.points_m, pool.positions_m, np.array(config.target_m), config.camera),
+        repeats,
+    )
     # The distances are remembered from the stopping rule, as in a mission.
-    measure("  weakness",
-            lambda: weakness(box.points_m, box.track_lengths, box.reprojection_error_px, config.b_aware),
-            repeats)  # fmt: skip
-    measure("  gain and repair", lambda: repair_single(
-        terms.visible, weak, pool.positions_m, box.points_m, box.track_offsets[:-1], box.track_lengths,
-        box.track_cameras, box.camera_centers_m, 5.0, 25.0), repeats)  # fmt: skip
+    measure(
+        "  weakness",
+        lambda: weakness(box.points_m, box.track_lengths, box.reprojection_error_px, config.b_aware),
+        repeats,
+    )
+    measure(
+        "  gain and repair",
+        lambda: repair_single(
+            terms.visible,
+            weak,
+            pool.positions_m,
+            box.points_m,
+            box.track_offsets[:-1],
+            box.track_lengths,
+            box.track_cameras,
+            box.camera_centers_m,
+            5.0,
+            25.0,
+        ),
+        repeats,
+    )
     for mode, n in (("frustum", repeats), ("occlusion", max(3, repeats // 4))):
         seen = config.with_values({"visibility.mode": mode})
-        measure(f"both scorers, {mode}", lambda seen=seen: rank_candidates(state, pool, seen), n,  # type: ignore[misc]
-                lambda seen=seen: scoring_reference.scores(state, pool, seen))  # type: ignore[misc]  # fmt: skip
+        measure(
+            f"both scorers, {mode}",
+            lambda seen=seen: rank_candidates(state, pool, seen),
+            n,  # type: ignore[misc]
+            lambda seen=seen: scoring_reference.scores(state, pool, seen),
+        )  # type: ignore[misc]
 
 
 if __name__ == "__main__":

@@ -92,9 +92,15 @@ def main() -> None:
             metrics = json.loads((run / "mission.json").read_text())["metrics"]["observable"]
             missing_mm = 1000.0 * cKDTree(read_ply(run / "cleaned.ply").points_m).query(points)[0]
             shown = axes.scatter(
-                points[order] @ right, points[order] @ up, c=missing_mm[order], s=0.8, lw=0, cmap=COLOURS,
-                vmin=0.0, vmax=MISSING_RANGE_MM,
-            )  # fmt: skip
+                points[order] @ right,
+                points[order] @ up,
+                c=missing_mm[order],
+                s=0.8,
+                lw=0,
+                cmap=COLOURS,
+                vmin=0.0,
+                vmax=MISSING_RANGE_MM,
+            )
             axes.set_aspect("equal")
             axes.axis("off")
             axes.set_title(f"{title}: F-score {metrics['f_score_48mm']:.1f} %")

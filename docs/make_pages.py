@@ -68,15 +68,23 @@ def settings_page() -> str:
     from tuner.problem.objective import DEFAULT_METRIC
 
     lines = [
-        "# A campaign's settings file", "",
+        "# A campaign's settings file",
+        "",
         "`gatetune campaign run settings.yaml` takes what a campaign is from a file; options of the command go before it. "
         "Every field may be left out. The `campaign.yaml` of another campaign will do: "
-        "`gatetune campaign run runs/first/campaign.yaml --name second --seed 1`.", "",
-        "    name: shale", "    search_space: gate_weights_and_pool", "    rocks: [slab, scans/shale.obj]", "    budget: 96",
+        "`gatetune campaign run runs/first/campaign.yaml --name second --seed 1`.",
+        "",
+        "    name: shale",
+        "    search_space: gate_weights_and_pool",
+        "    rocks: [slab, scans/shale.obj]",
+        "    budget: 96",
         "    overrides: {stop.adaptive_budget: 12}",
-        "    objective: {metric: observable.c2c_mean_mm, direction: minimise}", "    in_step: 2", "",
-        "| field | default | meaning |", "|---|---|---|",
-    ]  # fmt: skip
+        "    objective: {metric: observable.c2c_mean_mm, direction: minimise}",
+        "    in_step: 2",
+        "",
+        "| field | default | meaning |",
+        "|---|---|---|",
+    ]
     defaults: dict[str, Any] = {f.name: f.default for f in dataclasses.fields(CampaignSettings)}
     defaults |= {
         **DEFAULTS,

@@ -43,10 +43,13 @@ class AxPeer:
         client.configure_optimization("outcome")
         # What was told is the initial design: one trial is enough to leave it.
         client.configure_generation_strategy(
-            method="fast", initialization_budget=1, initialization_random_seed=request.seed,
-            initialize_with_center=False, min_observed_initialization_trials=1,
+            method="fast",
+            initialization_budget=1,
+            initialization_random_seed=request.seed,
+            initialize_with_center=False,
+            min_observed_initialization_trials=1,
             allow_exceeding_initialization_budget=True,
-        )  # fmt: skip
+        )
         rows: list[Any] = []
         for trial in self.trials:
             index = client.attach_trial(self._to_ax(trial.values))
@@ -72,9 +75,11 @@ class AxPeer:
             labels = [str(i) for i in range(len(p["choices"]))]
             return ChoiceParameterConfig(name=name, values=labels, parameter_type="str", is_ordered=False)
         return RangeParameterConfig(
-            name=name, bounds=(p["low"], p["high"]), parameter_type=p["kind"],
+            name=name,
+            bounds=(p["low"], p["high"]),
+            parameter_type=p["kind"],
             scaling="log" if p["log"] else "linear",
-        )  # fmt: skip
+        )
 
     def _to_ax(self, values: dict[str, Any]) -> dict[str, Any]:
         return {

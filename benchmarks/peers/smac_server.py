@@ -48,24 +48,30 @@ class SmacPeer:
         self._outputs = tempfile.TemporaryDirectory()
         several = len(self.rocks) > 1
         scenario = Scenario(
-            self.space, deterministic=self.replicates == 1, n_trials=_NO_LIMIT, seed=start["seed"] % 2**31,
+            self.space,
+            deterministic=self.replicates == 1,
+            n_trials=_NO_LIMIT,
+            seed=start["seed"] % 2**31,
             instances=self.rocks if several else None,
             instance_features={rock: [float(rock == other) for other in self.rocks] for rock in self.rocks}
-            if several else None,
+            if several
+            else None,
             output_directory=Path(self._outputs.name),
-        )  # fmt: skip
+        )
         facade = AlgorithmConfigurationFacade if several else BlackBoxFacade
         design = [self._configuration(values) for values in start["design"]]
         self.smac = facade(
-            scenario, _never_called,
+            scenario,
+            _never_called,
             initial_design=DefaultInitialDesign(scenario, n_configs=0, additional_configs=design),
             intensifier=facade.get_intensifier(scenario, max_config_calls=len(self.rocks) * self.replicates),
             # SMAC's racing defaults are made for thousands of missions: half of the configurations random, the
             # model trained anew after eight. At tens of missions: as its other facades, and after every one.
             random_design=facade.get_random_design(scenario, probability=_RANDOM_SHARE[facade]),
             config_selector=facade.get_config_selector(scenario, retrain_after=1),
-            overwrite=True, logging_level=False,
-        )  # fmt: skip
+            overwrite=True,
+            logging_level=False,
+        )
         self.smac.intensifier._tf_seeds = list(range(self.replicates))  # SMAC's seeds are our replicates
         self._asked: dict[int, TrialInfo] = {}
         self._told: list[tuple[TrialInfo, Trial]] = []

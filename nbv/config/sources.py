@@ -18,9 +18,19 @@ T = TypeVar("T")
 # Also of a whole section.
 ADDED_SINCE_VERSION_1 = {"added_since_version_1": True}
 _UNITS = {
-    "m": "m", "mm": "mm", "px": "px", "deg": "°", "s": "s", "dn": "DN", "m_s": "m/s", "m_s2": "m/s²", "m_s3": "m/s³",
-    "rad_s": "rad/s", "rad_s2": "rad/s²", "rad_s3": "rad/s³",
-}  # fmt: skip
+    "m": "m",
+    "mm": "mm",
+    "px": "px",
+    "deg": "°",
+    "s": "s",
+    "dn": "DN",
+    "m_s": "m/s",
+    "m_s2": "m/s²",
+    "m_s3": "m/s³",
+    "rad_s": "rad/s",
+    "rad_s2": "rad/s²",
+    "rad_s3": "rad/s³",
+}
 
 
 def text(

@@ -63,10 +63,13 @@ def write_images(
     model = pycolmap.Reconstruction()
     model.add_camera_with_trivial_rig(
         pycolmap.Camera(
-            camera_id=1, model="PINHOLE", width=camera.width_px, height=camera.height_px,
+            camera_id=1,
+            model="PINHOLE",
+            width=camera.width_px,
+            height=camera.height_px,
             params=[matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]],
         )
-    )  # fmt: skip
+    )
     ids = {name: index for index, name in enumerate(names, start=1)}
     for name in names:
         PillowImage.fromarray(images[name]).save(workspace / "images" / file_name(name))
@@ -150,8 +153,10 @@ def overlap_links(
         pose = camera_from_world[name]
         local = backproject(depth, camera)[rows[pick], columns[pick]].astype(float)
         world = (local - pose[:3, 3]) @ pose[:3, :3]
-        seen = {other: _observe(world, depth_maps[other].depth_m, camera_from_world[other], matrix)
-                for other in sorted(depth_maps)}  # fmt: skip
+        seen = {
+            other: _observe(world, depth_maps[other].depth_m, camera_from_world[other], matrix)
+            for other in sorted(depth_maps)
+        }
         for index, position in enumerate(world):
             pixels = {other: pixel[index] for other, (ok, pixel) in seen.items() if ok[index]}
             if len(pixels) >= 2:

@@ -243,11 +243,15 @@ def pair_depth(
     size = (x1 - x0, y1 - y0)
     smooth, sharp = (
         cv2.warpPerspective(
-            disparity, rectified_from_pixel, size, flags=mode | cv2.WARP_INVERSE_MAP,
-            borderMode=cv2.BORDER_CONSTANT, borderValue=float(invalid),
+            disparity,
+            rectified_from_pixel,
+            size,
+            flags=mode | cv2.WARP_INVERSE_MAP,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=float(invalid),
         )
         for mode in (cv2.INTER_LINEAR, cv2.INTER_NEAREST)
-    )  # fmt: skip
+    )
     valid = (smooth >= lowest) & (np.abs(smooth - sharp) <= _MAX_INTERPOLATION_JUMP_PX)
 
     # Depth along the rectified z axis, then along the reference's: a pixel's ray has depth component

@@ -29,9 +29,15 @@ def look_at_many(positions_m: Floats, target_m: Floats) -> Floats:
     rx, ry = fy / length, -fx / length  # forward x up; level
     rotation = np.zeros((len(positions_m), 3, 3))  # rows: right, forward x right, forward
     for (row, column), value in {
-        (0, 0): rx, (0, 1): ry, (1, 0): -(fz * ry), (1, 1): fz * rx, (1, 2): fx * ry - fy * rx,
-        (2, 0): fx, (2, 1): fy, (2, 2): fz,
-    }.items():  # fmt: skip
+        (0, 0): rx,
+        (0, 1): ry,
+        (1, 0): -(fz * ry),
+        (1, 1): fz * rx,
+        (1, 2): fx * ry - fy * rx,
+        (2, 0): fx,
+        (2, 1): fy,
+        (2, 2): fz,
+    }.items():
         rotation[:, row, column] = value
     poses = np.zeros((len(positions_m), 4, 4))
     poses[:, :3, :3] = rotation
@@ -81,8 +87,9 @@ def in_frustum(
     q32 = np.ones((len(ask), 4), dtype=np.float32)
     q32[:, :3] = offset[ask]
     at_target = np.append(target_m, 1.0)
-    x32, y32, z32 = (np.concatenate([plane[:3], (at_target @ plane)[None]]).astype(np.float32)
-                     for plane in (x, y, z))  # fmt: skip
+    x32, y32, z32 = (
+        np.concatenate([plane[:3], (at_target @ plane)[None]]).astype(np.float32) for plane in (x, y, z)
+    )
     border = np.float32(BORDER_M * max(1.0, np.abs(x).max(), np.abs(y).max()))
     one, other = scratch(2, BLOCK, n_candidates)
     unsure = []  # flat indices into (ask, candidates)

@@ -138,8 +138,19 @@ def import_mesh(
         notes.append(f"subdivided from {coarse} to {len(fine_faces)} faces; the surface is unchanged")
 
     normals = meshes.vertex_normals(fine_vertices, fine_faces)
-    colors = _albedo(soup, vertices, faces, fine_vertices, fine_faces, parent, barycentric, normals,
-                     albedo, max_edge, notes)  # fmt: skip
+    colors = _albedo(
+        soup,
+        vertices,
+        faces,
+        fine_vertices,
+        fine_faces,
+        parent,
+        barycentric,
+        normals,
+        albedo,
+        max_edge,
+        notes,
+    )
     return make_rock(
         name or _default_name(path),
         fine_vertices,
@@ -352,10 +363,18 @@ def _check_reach(vertices: Floats, height_m: float, path: Path, notes: list[str]
 
 
 def _albedo(
-    soup: _Soup, vertices: Floats, faces: Ints, fine_vertices: Floats, fine_faces: Ints,
-    parent: Ints, barycentric: Floats, normals: Floats,
-    choice: str | Path | None, max_edge: float, notes: list[str],
-) -> NDArray[np.float32]:  # fmt: skip
+    soup: _Soup,
+    vertices: Floats,
+    faces: Ints,
+    fine_vertices: Floats,
+    fine_faces: Ints,
+    parent: Ints,
+    barycentric: Floats,
+    normals: Floats,
+    choice: str | Path | None,
+    max_edge: float,
+    notes: list[str],
+) -> NDArray[np.float32]:
     spacing = 0.6 * max_edge
     if choice is not None and str(choice) != "procedural":
         image = open_texture(Path(choice).expanduser())
@@ -378,9 +397,15 @@ def _albedo(
 
 
 def _own_colors(
-    soup: _Soup, vertices: Floats, faces: Ints, fine_vertices: Floats, fine_faces: Ints,
-    parent: Ints, barycentric: Floats, spacing: float,
-) -> NDArray[np.float32] | None:  # fmt: skip
+    soup: _Soup,
+    vertices: Floats,
+    faces: Ints,
+    fine_vertices: Floats,
+    fine_faces: Ints,
+    parent: Ints,
+    barycentric: Floats,
+    spacing: float,
+) -> NDArray[np.float32] | None:
     """(V, 3) the mean over the faces at each vertex of the colour there; None if nothing has a colour.
 
     Each face is asked at points drawn a sixth of the way from its corners to its middle: the mean then

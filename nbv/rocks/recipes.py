@@ -149,29 +149,55 @@ _RECIPES = (
         "slab", "train", 12, "leaning slab: an underside on one side, narrow edges", _slab, Paint(dust=0.45)
     ),
     Recipe(
-        "vesicular", "train", 13, "hundreds of bubbles 2 to 11 cm deep, fine even grain", _vesicular,
+        "vesicular",
+        "train",
+        13,
+        "hundreds of bubbles 2 to 11 cm deep, fine even grain",
+        _vesicular,
         Paint(grey=0.26, clasts=0.15, dust=0.25),
     ),
     Recipe("waist", "train", 14, "narrow waist under an overhanging head", _waist),
     Recipe(
-        "breccia", "train", 15, "two lobes with a deep gap, strong clasts", _breccia,
+        "breccia",
+        "train",
+        15,
+        "two lobes with a deep gap, strong clasts",
+        _breccia,
         Paint(grey=0.42, clasts=0.9, dust=0.2),
     ),
     Recipe(
-        "cavern", "train", 16, "two caves in the lower half, seen from few low views", _cavern,
+        "cavern",
+        "train",
+        16,
+        "two caves in the lower half, seen from few low views",
+        _cavern,
         Paint(grey=0.30, dust=0.4),
     ),
     Recipe("arch", "held-out", 17, "a window through the rock, inner faces seen from below only", _arch),
     Recipe(
-        "spire", "held-out", 18, "twisted column with ledges and little surface to match", _spire,
+        "spire",
+        "held-out",
+        18,
+        "twisted column with ledges and little surface to match",
+        _spire,
         Paint(grey=0.28, clasts=0.3, dust=0.3),
     ),
     Recipe(
-        "mushroom", "held-out", 19, "hard: a wide cap hides stem and underside from most views", _mushroom,
+        "mushroom",
+        "held-out",
+        19,
+        "hard: a wide cap hides stem and underside from most views",
+        _mushroom,
         Paint(grey=0.38, clasts=0.5, dust=0.45),
     ),
-    Recipe("cleft", "held-out", 20, "two deep, narrow cracks and faces with weak texture", _cleft,
-           Paint(dust=0.55)),
-)  # fmt: skip
+    Recipe(
+        "cleft",
+        "held-out",
+        20,
+        "two deep, narrow cracks and faces with weak texture",
+        _cleft,
+        Paint(dust=0.55),
+    ),
+)
 
 RECIPES: dict[str, Recipe] = {recipe.name: recipe for recipe in (*_RECIPES, *MORE_HELD_OUT)}

@@ -118,8 +118,14 @@ def build_scene(
         radiance = albedo * (np.float32(config.ambient) + sun)
         levels.append(np.rint(np.clip(radiance, 0, 1) * np.float32(_FULL_SCALE)).astype(np.uint16))
     return Scene(
-        vertices, faces, rock_light["radiance"], spec, tuple(levels), linear_from_srgb(config.sky_grey), camera
-    )  # fmt: skip
+        vertices,
+        faces,
+        rock_light["radiance"],
+        spec,
+        tuple(levels),
+        linear_from_srgb(config.sky_grey),
+        camera,
+    )
 
 
 def _ground_arrays(seed: int, to_sun: Floats, spec: GroundSpec) -> dict[str, np.ndarray]:

@@ -151,9 +151,14 @@ def _scatter_discs(
                 if pebble:
                     shadow = _Disc(centres[i] + 0.35 * radii[i] * shadow_shift, radii[i], texel, half)
                     _draw_pebble(
-                        disc, shadow, 0.5 * steep[i], tones[i],
-                        heights[level], log_albedos[level], shades[level],
-                    )  # fmt: skip
+                        disc,
+                        shadow,
+                        0.5 * steep[i],
+                        tones[i],
+                        heights[level],
+                        log_albedos[level],
+                        shades[level],
+                    )
                 else:
                     _draw_crater(disc, 0.16 * steep[i], tones[i], heights[level], log_albedos[level])
         size_class += 1

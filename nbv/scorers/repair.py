@@ -69,8 +69,9 @@ def _gain_blocks(
         rays[:, axis] /= length
     np.einsum("ij,ij->i", rays[:, :3], position, out=rays[:, 3])
     minus_c = np.concatenate([-candidates_m.T, np.ones((1, n_candidates))])  # (4, C)
-    for_distance = np.concatenate([-2.0 * candidates_m.T, np.ones((1, n_candidates)),
-                                   (candidates_m**2).sum(axis=1)[None]])  # fmt: skip
+    for_distance = np.concatenate(
+        [-2.0 * candidates_m.T, np.ones((1, n_candidates)), (candidates_m**2).sum(axis=1)[None]]
+    )
 
     product, best = np.empty((2, min(size, len(order)), n_candidates))
     at = 0
@@ -118,9 +119,14 @@ def geometry_gain(
     """
     gain = np.empty((len(points_m), len(candidates_m)))
     for rows, block in _gain_blocks(
-        candidates_m, points_m, track_offsets, track_cameras, camera_centers_m,
-        theta_low_deg, theta_saturation_deg,
-    ):  # fmt: skip
+        candidates_m,
+        points_m,
+        track_offsets,
+        track_cameras,
+        camera_centers_m,
+        theta_low_deg,
+        theta_saturation_deg,
+    ):
         gain[rows] = block
     return np.clip(gain, 0.0, 1.0, out=gain)  # the clip of the cosine leaves the ends inexact by rounding
 
@@ -143,9 +149,14 @@ def repair(
     """
     mass = np.zeros(len(candidates_m))
     for rows, gain in _gain_blocks(
-        candidates_m, points_m, track_offsets, track_cameras, camera_centers_m,
-        theta_low_deg, theta_saturation_deg,
-    ):  # fmt: skip
+        candidates_m,
+        points_m,
+        track_offsets,
+        track_cameras,
+        camera_centers_m,
+        theta_low_deg,
+        theta_saturation_deg,
+    ):
         gain *= visible[rows]
         for start in range(0, len(rows), BLOCK):  # summed in the same order, however many come at a time
             mass += weak[rows[start : start + BLOCK]] @ gain[start : start + BLOCK]

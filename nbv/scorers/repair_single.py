@@ -107,8 +107,9 @@ def repair_single(
     starts = [0, *np.cumsum(n_rays).tolist()]
     minus_c = np.concatenate([-candidates.T, np.ones((1, n_candidates))]).astype(np.float32)
     # |p - c|^2 = |p|^2 - 2 p . c + |c|^2, one product as well
-    for_distance = np.concatenate([-2.0 * candidates.T, np.ones((1, n_candidates)),
-                                   (candidates**2).sum(axis=1)[None]]).astype(np.float32)  # fmt: skip
+    for_distance = np.concatenate(
+        [-2.0 * candidates.T, np.ones((1, n_candidates)), (candidates**2).sum(axis=1)[None]]
+    ).astype(np.float32)
     q = np.ones((5, n_points), dtype=np.float32)
     q[:3] = points
     q[3] = np.einsum("ij,ij->j", points, points)

@@ -38,8 +38,13 @@ class BoxPoints:
         offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
         # Position of every kept observation in the full list: start of its point's track + rank within it.
         place = np.arange(offsets[-1]) + np.repeat(self.track_offsets[keep] - offsets[:-1], lengths)
-        return BoxPoints(self.points_m[keep], self.reprojection_error_px[keep], offsets,
-                         self.track_cameras[place], self.camera_centers_m)  # fmt: skip
+        return BoxPoints(
+            self.points_m[keep],
+            self.reprojection_error_px[keep],
+            offsets,
+            self.track_cameras[place],
+            self.camera_centers_m,
+        )
 
 
 @dataclass(frozen=True)
@@ -66,8 +71,13 @@ def box_points(model: SparseModel, config: MissionConfig) -> BoxPoints:
     offset = np.abs(model.points_m - config.target_m)
     near = np.maximum(np.maximum(offset[:, 0], offset[:, 1]), offset[:, 2]) <= config.shared.box_half_extent_m
     keep = np.flatnonzero(near & (model.track_lengths >= config.shared.min_track_length))
-    everything = BoxPoints(model.points_m, model.reprojection_error_px, model.track_offsets,
-                           model.track_cameras, model.camera_centers_m)  # fmt: skip
+    everything = BoxPoints(
+        model.points_m,
+        model.reprojection_error_px,
+        model.track_offsets,
+        model.track_cameras,
+        model.camera_centers_m,
+    )
     return everything if len(keep) == len(model.points_m) else everything.select(keep)
 
 
@@ -93,9 +103,13 @@ def shared_terms(state: PlanningState, pool: CandidatePool, config: MissionConfi
     if config.visibility.mode == "occlusion":
         ordered = box.select(order)
         visible = unoccluded(
-            visible, ordered.points_m, ordered.track_offsets, ordered.track_cameras,
-            ordered.camera_centers_m, pool.positions_m,
-        )  # fmt: skip
+            visible,
+            ordered.points_m,
+            ordered.track_offsets,
+            ordered.track_cameras,
+            ordered.camera_centers_m,
+            pool.positions_m,
+        )
     return SharedTerms(
         box=box,
         order=order,
@@ -103,7 +117,12 @@ def shared_terms(state: PlanningState, pool: CandidatePool, config: MissionConfi
         visible=visible,
         visited_m=state.visited_m,
         nov=novelty(pool.positions_m, state.visited_m, shared.d_scale_m),
-        move=movement(pool.positions_m, pool.headings_rad, state.vehicle_position_m,
-                      state.vehicle_heading_rad, shared.d_travel_m),
+        move=movement(
+            pool.positions_m,
+            pool.headings_rad,
+            state.vehicle_position_m,
+            state.vehicle_heading_rad,
+            shared.d_travel_m,
+        ),
         ang=angular_penalty(pool.positions_m, state.visited_m, target, shared.theta_min_deg),
-    )  # fmt: skip
+    )

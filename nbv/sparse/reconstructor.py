@@ -240,8 +240,10 @@ class SparseReconstructor:
         if len(alignment.outliers) == 0:
             return ""
         ids = sorted(self.reconstruction.reg_image_ids())
-        names = [f"{self._captures[ids[row] - 1].name} ({alignment.residuals_m[row]:.2f} m)"
-                 for row in alignment.outliers]  # fmt: skip
+        names = [
+            f"{self._captures[ids[row] - 1].name} ({alignment.residuals_m[row]:.2f} m)"
+            for row in alignment.outliers
+        ]
         for row in alignment.outliers:
             self._model.deregister(ids[row])
         self._align(self.reconstruction)

@@ -36,16 +36,23 @@ def upper_ring_counts(total: int, rings: int) -> list[int]:
 @lru_cache(maxsize=8)
 def _raw_candidates(pool: PoolConfig, target_m: tuple[float, float, float]) -> tuple[Viewpoint, ...]:
     bands = (
-        ("lateral", pool.lateral_elevations_deg,
-         lateral_ring_counts(pool.lateral_count, len(pool.lateral_elevations_deg))),
-        ("upper", pool.upper_elevations_deg,
-         upper_ring_counts(pool.upper_count, len(pool.upper_elevations_deg))),
-    )  # fmt: skip
+        (
+            "lateral",
+            pool.lateral_elevations_deg,
+            lateral_ring_counts(pool.lateral_count, len(pool.lateral_elevations_deg)),
+        ),
+        (
+            "upper",
+            pool.upper_elevations_deg,
+            upper_ring_counts(pool.upper_count, len(pool.upper_elevations_deg)),
+        ),
+    )
     candidates: list[Viewpoint] = []
     for band, elevations, counts in bands:
         for elevation_deg, count in zip(elevations, counts):
-            candidates += ring(target_m, pool.radius_m, elevation_deg, count, band, "cand",
-                               len(candidates), 3)  # fmt: skip
+            candidates += ring(
+                target_m, pool.radius_m, elevation_deg, count, band, "cand", len(candidates), 3
+            )
     return tuple(candidates)
 
 
@@ -95,9 +102,13 @@ def candidate_pool(
     keep = np.arange(len(raw), dtype=np.int64)
     counts = {"raw": len(keep)}
     keep = filters.within_altitude_and_travel(
-        positions, keep, pool.min_altitude_m, pool.max_altitude_m,
-        np.asarray(vehicle_position_m, dtype=float), pool.max_travel_m,
-    )  # fmt: skip
+        positions,
+        keep,
+        pool.min_altitude_m,
+        pool.max_altitude_m,
+        np.asarray(vehicle_position_m, dtype=float),
+        pool.max_travel_m,
+    )
     counts["altitude_travel"] = len(keep)
     keep = filters.spaced(positions, keep, pool.min_spacing_m)
     counts["spacing"] = len(keep)

@@ -43,6 +43,7 @@ def seed_viewpoints(config: MissionConfig) -> list[Viewpoint]:
     """The stratified seed orbit in the order flown: ring by ring, lowest first (``seed_00`` ...)."""
     seeds: list[Viewpoint] = []
     for elevation_deg, count in zip(config.seed.ring_elevations_deg, config.seed.ring_azimuth_counts):
-        seeds += ring(config.target_m, config.seed.radius_m, elevation_deg, count, "seed", "seed",
-                      len(seeds), 2)  # fmt: skip
+        seeds += ring(
+            config.target_m, config.seed.radius_m, elevation_deg, count, "seed", "seed", len(seeds), 2
+        )
     return seeds

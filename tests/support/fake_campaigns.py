@@ -18,9 +18,14 @@ RUNNER = "fake_missions:fake_mission"
 def settings(**changes: object) -> CampaignSettings:
     """Two rocks, two parameters, nine missions of sampler gp, and ``changes``."""
     fields: dict[str, object] = {
-        "name": "test", "space": synthetic.SPACE, "rocks": ("a", "b"), "budget": 9, "seed": 1, "sampler": "gp",
+        "name": "test",
+        "space": synthetic.SPACE,
+        "rocks": ("a", "b"),
+        "budget": 9,
+        "seed": 1,
+        "sampler": "gp",
         "runner": RUNNER,
-    }  # fmt: skip
+    }
     return CampaignSettings(**{**fields, **changes})  # type: ignore[arg-type]
 
 

@@ -58,10 +58,17 @@ def fake_mission(
         with (directory / "flown.txt").open("a") as file:
             file.write("flown\n")
     return MissionResult(
-        status="ok", reason="", message="", config_digest=config.digest(), rock=rock, replicate=replicate,
-        metrics={**headline, **surfaces}, trace=[record(config, i, chosen[i]) for i in range(BUDGET)],
-        timings_s={}, costs={"wall_s": 10.0, "flight_time_s": 150.0},
-    )  # fmt: skip
+        status="ok",
+        reason="",
+        message="",
+        config_digest=config.digest(),
+        rock=rock,
+        replicate=replicate,
+        metrics={**headline, **surfaces},
+        trace=[record(config, i, chosen[i]) for i in range(BUDGET)],
+        timings_s={},
+        costs={"wall_s": 10.0, "flight_time_s": 150.0},
+    )
 
 
 def scores(f_score: float) -> dict[str, float]:
@@ -81,8 +88,24 @@ def record(config: MissionConfig, i: int, chosen: str) -> IterationRecord:
     details = {"covered_fraction": 0.1 * (i + 1)} if kind == "greedy-oracle" else {}
     top = {"b-aware": {"candidate": "x"}, "covis": {"candidate": "x" if i == SAME_CANDIDATE_AT else "y"}}
     return IterationRecord(
-        iteration=i, pool_size=9, pool_counts={}, d95_m=0.2, n_points=9, n_registered=9, alignment_rms_m=0.0,
-        scorer=scorer.get(kind, kind), reason="", gate_details=details,
-        oracle_rewards={"b-aware": float(b_aware), "covis": float(covis)}, features={}, top=top, chosen=chosen,
-        registered=True, message="", leg_duration_s=1.0, leg_length_m=1.0, update_s=0.0, planning_s=0.0,
-    )  # fmt: skip
+        iteration=i,
+        pool_size=9,
+        pool_counts={},
+        d95_m=0.2,
+        n_points=9,
+        n_registered=9,
+        alignment_rms_m=0.0,
+        scorer=scorer.get(kind, kind),
+        reason="",
+        gate_details=details,
+        oracle_rewards={"b-aware": float(b_aware), "covis": float(covis)},
+        features={},
+        top=top,
+        chosen=chosen,
+        registered=True,
+        message="",
+        leg_duration_s=1.0,
+        leg_length_m=1.0,
+        update_s=0.0,
+        planning_s=0.0,
+    )

@@ -56,7 +56,14 @@ def fake_study_mission(
         with (directory / "flown.txt").open("a") as file:
             file.write("flown\n")
     return MissionResult(
-        status="ok", reason="", message="", config_digest=config.digest(), rock=rock, replicate=replicate,
-        metrics={"agreement": agreement}, trace=[], timings_s={"agreement_levels": 2.0},
+        status="ok",
+        reason="",
+        message="",
+        config_digest=config.digest(),
+        rock=rock,
+        replicate=replicate,
+        metrics={"agreement": agreement},
+        trace=[],
+        timings_s={"agreement_levels": 2.0},
         costs={"wall_s": 12.0 + budget},
-    )  # fmt: skip
+    )

@@ -15,9 +15,15 @@ def model(points: np.ndarray, lengths: np.ndarray | None = None, cameras: int = 
     track = np.concatenate([np.arange(k) for k in lengths]).astype(np.int64)
     seeds = np.array([s.position_m for s in seed_viewpoints(MissionConfig())])[:cameras]
     return SparseModel(
-        points, np.linspace(0.1, 0.9, len(points)), offsets, track, seeds,
-        tuple(f"seed_{i:02d}.png" for i in range(cameras)), 0.004, 0.02,
-    )  # fmt: skip
+        points,
+        np.linspace(0.1, 0.9, len(points)),
+        offsets,
+        track,
+        seeds,
+        tuple(f"seed_{i:02d}.png" for i in range(cameras)),
+        0.004,
+        0.02,
+    )
 
 
 def state(
@@ -35,9 +41,16 @@ def state(
     )
     seeds = np.array([s.position_m for s in seed_viewpoints(MissionConfig())])
     return PlanningState(
-        model(points, lengths), seeds if visited is None else visited, 24, np.array([0.0, -4.0, 2.0]), 1.5,
-        used, budget, d95_m, used,
-    )  # fmt: skip
+        model(points, lengths),
+        seeds if visited is None else visited,
+        24,
+        np.array([0.0, -4.0, 2.0]),
+        1.5,
+        used,
+        budget,
+        d95_m,
+        used,
+    )
 
 
 def pool() -> CandidatePool:
@@ -46,9 +59,11 @@ def pool() -> CandidatePool:
 
 def ranking(name: str, scores: np.ndarray) -> Ranking:
     terms = {
-        "main": scores, "nov": np.linspace(0, 1, len(scores)), "move": np.linspace(1, 0.5, len(scores)) ** 2,
+        "main": scores,
+        "nov": np.linspace(0, 1, len(scores)),
+        "move": np.linspace(1, 0.5, len(scores)) ** 2,
         "ang": np.zeros(len(scores)),
-    }  # fmt: skip
+    }
     return Ranking(name, np.argsort(-scores, kind="stable"), scores, terms)
 
 

@@ -65,10 +65,18 @@ def random_design(
     """Rocks in turn, then replicates in turn."""
     rng = np.random.default_rng(seed)
     return [
-        observe(i, SPACE.from_unit(rng.random(2)), ROCKS[i % len(ROCKS)], noise_sd, rng,
-                (i // len(ROCKS)) % replicates, block_sd, seed)
+        observe(
+            i,
+            SPACE.from_unit(rng.random(2)),
+            ROCKS[i % len(ROCKS)],
+            noise_sd,
+            rng,
+            (i // len(ROCKS)) % replicates,
+            block_sd,
+            seed,
+        )
         for i in range(count)
-    ]  # fmt: skip
+    ]
 
 
 def sampler_settings(seed: int, initial: int = 6) -> SamplerSettings:

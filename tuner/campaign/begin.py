@@ -48,9 +48,14 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
         identity = uuid.uuid4().hex
         try:
             ledger = Ledger(
-                directory, settings.storage, settings.name, identity, settings.space, settings.objective,
+                directory,
+                settings.storage,
+                settings.name,
+                identity,
+                settings.space,
+                settings.objective,
                 create=True,
-            )  # fmt: skip
+            )
         except UserError:
             if not was_there:
                 with contextlib.suppress(OSError):  # not empty: somebody else's

@@ -123,9 +123,14 @@ class Campaign:
             if not read_only:  # repairs to the ledger need the campaign to be idle
                 stack.enter_context(exclusive(directory))
             ledger = Ledger(
-                directory, settings.storage, settings.name, identity, settings.space, settings.objective,
+                directory,
+                settings.storage,
+                settings.name,
+                identity,
+                settings.space,
+                settings.objective,
                 read_only=read_only,
-            )  # fmt: skip
+            )
         return Campaign(directory, settings, ledger)
 
     # -- looking ---------------------------------------------------------------------------------------------
@@ -209,10 +214,18 @@ class Campaign:
         """What would be recommended after ``history``."""
         s = self.settings
         return recommend(
-            s.space, history, s.rocks, s.default_values(), s.objective, s.seed,
-            replicates=s.replicates, only_verified=s.sampler == "gp" and s.second is None,
-            settings=surrogate_settings(s.space, s.risk), risk=s.risk, feature=self._feature(),
-        )  # fmt: skip
+            s.space,
+            history,
+            s.rocks,
+            s.default_values(),
+            s.objective,
+            s.seed,
+            replicates=s.replicates,
+            only_verified=s.sampler == "gp" and s.second is None,
+            settings=surrogate_settings(s.space, s.risk),
+            risk=s.risk,
+            feature=self._feature(),
+        )
 
     def _feature(self) -> Feature | None:
         return None if self.learned is None else self.learned.feature

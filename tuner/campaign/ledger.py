@@ -190,12 +190,19 @@ class Ledger:
         sign = self._objective.sign
         return [
             Observation(
-                t.number, t.values, t.rock, t.replicate, None if t.raw is None else sign * t.raw, t.raw,
-                t.reason, t.wall_s, t.memory,
+                t.number,
+                t.values,
+                t.rock,
+                t.replicate,
+                None if t.raw is None else sign * t.raw,
+                t.raw,
+                t.reason,
+                t.wall_s,
+                t.memory,
             )
             for t in (self.trials() if trials is None else trials)
             if t.state != "running"
-        ]  # fmt: skip
+        ]
 
     def pending(self, trials: Sequence[TrialRecord], known: int) -> list[Pending]:
         """Missions in flight, and those after the first ``known``, which count as if they were."""

@@ -113,9 +113,11 @@ class CampaignSettings:
         # The paper's values were chosen by hand. Other samplers keep the designs their authors recommend.
         trusted = self.sampler == "gp"
         return initial_design_size(
-            self.space.dimension, self.budget, trusted_default=trusted,
+            self.space.dimension,
+            self.budget,
+            trusted_default=trusted,
             earlier=bool(self.learn_from),
-        )  # fmt: skip
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """YAML form, as ``campaign.yaml`` has it; ``settings_file.settings_from_dict`` reads it back."""

@@ -38,7 +38,7 @@ FIELDS = {
     "keep": "of every mission: summary, or all (images and models)",
     "storage": "Optuna storage URL of the ledger; null: a file in the run directory",
     "in_step": "N: a proposal knows all missions but the last N - 1: the same campaign with any number of workers",
-}  # fmt: skip
+}
 _TEXTS = ("name", "preset", "risk", "sampler", "runner", "keep", "storage")
 _NUMBERS = ("budget", "replicates", "seed", "initial", "in_step")
 _LISTS = ("rocks", "learn_from")

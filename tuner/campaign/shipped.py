@@ -46,10 +46,16 @@ def shipped_missions(space: SearchSpace, objective: Objective) -> EarlierMission
             f"default metric); leave `--learn-from {SHIPPED}` out"
         )
     observations = tuple(
-        Observation(number, dict(zip(tree["paths"], values)), tree["rocks"][rock], replicate,
-                    None if raw is None else objective.sign * raw, raw)
+        Observation(
+            number,
+            dict(zip(tree["paths"], values)),
+            tree["rocks"][rock],
+            replicate,
+            None if raw is None else objective.sign * raw,
+            raw,
+        )
         for number, (rock, replicate, raw, values) in enumerate(tree["missions"])
-    )  # fmt: skip
+    )
     return EarlierMissions(space, tuple(tree["rocks"]), observations)
 
 

@@ -88,8 +88,12 @@ def show_recommendation(recommendation: Recommendation | None) -> None:
         table.add_column(column, justify="left" if column == "parameter" else "right")
     for path, value in recommendation.values.items():
         table.add_row(path, _short(recommendation.default_values[path]), _short(value))
-    table.add_row(recommendation.metric, f"{recommendation.default_mean:.2f} ± {recommendation.default_sd:.2f}",
-                  f"{recommendation.mean:.2f} ± {recommendation.sd:.2f}", end_section=True)  # fmt: skip
+    table.add_row(
+        recommendation.metric,
+        f"{recommendation.default_mean:.2f} ± {recommendation.default_sd:.2f}",
+        f"{recommendation.mean:.2f} ± {recommendation.sd:.2f}",
+        end_section=True,
+    )
     output.print(table)
     low, high = recommendation.improvement_interval_95
     output.print(

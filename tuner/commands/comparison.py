@@ -88,9 +88,14 @@ def compare(
     if paper:
         output.print(PAPER_NOT_COMPARABLE)
     report = write_comparison_report(
-        run, directory, title=title, reference=reference, metric=metric, paper=paper,
+        run,
+        directory,
+        title=title,
+        reference=reference,
+        metric=metric,
+        paper=paper,
         command=f"gatetune {shlex.join(sys.argv[1:])}",
-    )  # fmt: skip
+    )
     output.print(f"{seconds(run.elapsed_s)}; report: {report}")
     for reason, times in run.failures.items():
         output.print(f"[red]failed {times} times: {reason}[/]")

@@ -32,8 +32,10 @@ class MissionProgress:
             if facts["index"] + 1 == self._seeds:
                 update(self._task, description="seed model")
         elif event == "seed-model":
-            text = (f"seed model: {facts['registered']}/{facts['captures']} images, {facts['points']} points, "
-                    f"alignment {1000 * facts['alignment_rms_m']:.1f} mm")  # fmt: skip
+            text = (
+                f"seed model: {facts['registered']}/{facts['captures']} images, {facts['points']} points, "
+                f"alignment {1000 * facts['alignment_rms_m']:.1f} mm"
+            )
             self._progress.console.print(text)
             update(self._task, description="adaptive phase")
         elif event == "capture":

@@ -69,9 +69,21 @@ def noise(
     complete = True
     if not report_only:
         complete = _fly_noise_study(
-            space, rocks, budgets, configurations, replicates, repeats, controls, metrics, preset, set_, seed,
-            workers, timeout_s, out,
-        )  # fmt: skip
+            space,
+            rocks,
+            budgets,
+            configurations,
+            replicates,
+            repeats,
+            controls,
+            metrics,
+            preset,
+            set_,
+            seed,
+            workers,
+            timeout_s,
+            out,
+        )
     from tuner.studies.noise.report import noise_table, write_noise_report
 
     findings = analyse(out)
@@ -176,9 +188,15 @@ def departures(
     complete = True
     if not report_only:
         settings = DepartureSettings(
-            _study_rocks(rocks, QUICK_ROCKS), replicates, preset, gate, parse_overrides(set_ or []),
-            tuple(arms or DEPARTURES), surface, with_oracle(fidelity),
-        )  # fmt: skip
+            _study_rocks(rocks, QUICK_ROCKS),
+            replicates,
+            preset,
+            gate,
+            parse_overrides(set_ or []),
+            tuple(arms or DEPARTURES),
+            surface,
+            with_oracle(fidelity),
+        )
         plan = settings.plan()
         output.print(
             f"{len(plan.strategies)} configurations x {len(plan.rocks)} rocks x {replicates} replicates: "

@@ -44,12 +44,20 @@ BASELINES: dict[str, Baseline] = {
         Baseline("movement-only", "Movement only", "the feasible candidate nearest to the vehicle"),
         Baseline("uniform-coverage", "Uniform coverage", "azimuths and elevations filled evenly"),
         # The ceiling needs the reward that the dense stage pays back: docs/results/oracle_coverage.md.
-        Baseline("greedy-oracle", "Greedy oracle", "each view chosen from the true surface",
-                 values={"gate.oracle_coverage": "matchable"}),
-        Baseline("matchable", "Matchable", "our own scorer alone: the surface that lacks matchable views",
-                 values={f"matchable.weights.{term}": 0.0 for term in ("nov", "move", "ang")}),
+        Baseline(
+            "greedy-oracle",
+            "Greedy oracle",
+            "each view chosen from the true surface",
+            values={"gate.oracle_coverage": "matchable"},
+        ),
+        Baseline(
+            "matchable",
+            "Matchable",
+            "our own scorer alone: the surface that lacks matchable views",
+            values={f"matchable.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
+        ),
     )
-}  # fmt: skip
+}
 PAPER_STRATEGIES = tuple(name for name, b in BASELINES.items() if b.in_paper)
 # What `gatetune evaluate` compares with unless told otherwise: the paper's four, the learned gate, our own scorer,
 # and what chance and a planner that looks at the true surface reach.
@@ -98,6 +106,8 @@ def label(strategy: str) -> str:
 
 def description(strategy: str) -> str:
     """One line on what a strategy does."""
-    own = {TUNED: "the recommended configuration",
-           TUNED_POOL_RANDOM: "a candidate at random in the pool of the recommended configuration"}  # fmt: skip
+    own = {
+        TUNED: "the recommended configuration",
+        TUNED_POOL_RANDOM: "a candidate at random in the pool of the recommended configuration",
+    }
     return own.get(strategy) or (BASELINES[strategy].description if strategy in BASELINES else "")

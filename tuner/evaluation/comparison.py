@@ -113,6 +113,9 @@ def comparison_table(
     counts = collections.Counter(r.strategy for r in records if r.outcome.status != "failed")
     failures = collections.Counter(r.strategy for r in records if r.outcome.status == "failed")
     return ComparisonTable(
-        tuple(strategies), reference, table,
-        {name: counts[name] for name in strategies}, {name: failures[name] for name in strategies},
-    )  # fmt: skip
+        tuple(strategies),
+        reference,
+        table,
+        {name: counts[name] for name in strategies},
+        {name: failures[name] for name in strategies},
+    )

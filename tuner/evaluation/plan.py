@@ -87,8 +87,12 @@ class EvaluationPlan:
                 )
             return EvaluationPlan(
                 {name: config_from_dict(config) for name, config in tree["strategies"].items()},
-                tuple(tree["rocks"]), tree["replicates"], tree["first_replicate"], tree["runner"], tree["keep"],
-            )  # fmt: skip
+                tuple(tree["rocks"]),
+                tree["replicates"],
+                tree["first_replicate"],
+                tree["runner"],
+                tree["keep"],
+            )
         except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
             raise UserError(f"{path} is not an evaluation's plan ({error!r}); restore the file") from error
 
@@ -97,8 +101,11 @@ class EvaluationPlan:
         jobs = []
         for k in range(self.first_replicate, self.first_replicate + self.replicates):
             for rock in self.rocks:
-                jobs += [self._job(directory, name, rock, k)
-                         for name, owner in self._owners.items() if name == owner]  # fmt: skip
+                jobs += [
+                    self._job(directory, name, rock, k)
+                    for name, owner in self._owners.items()
+                    if name == owner
+                ]
         return jobs
 
     @functools.cached_property
@@ -113,9 +120,14 @@ class EvaluationPlan:
         rock_index = self.rocks.index(rock)
         folder = f"{rock_index:02d}_{Path(rock).stem}_r{replicate}"
         return MissionJob(
-            f"{owner}/{folder}", config, rock, replicate, directory / "missions" / owner / folder, self.keep,
+            f"{owner}/{folder}",
+            config,
+            rock,
+            replicate,
+            directory / "missions" / owner / folder,
+            self.keep,
             self.runner,
-        )  # fmt: skip
+        )
 
     def records(self, directory: Path) -> list[EvaluationRecord]:
         """What is known of every combination so far; missions not flown yet are left out."""

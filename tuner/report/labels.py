@@ -125,19 +125,27 @@ def parameter_value(value: Any) -> str:
 def strategy_label(kind: str) -> str:
     """The paper's name of a gate kind; others as they are."""
     return {
-        "covis": "Covis", "b-aware": "B-aware", "matchable": "Matchable", "hyb-h": "Hyb-H", "hyb-o": "Hyb-O",
-        "greedy-oracle": "Greedy oracle", "learned": "Learned gate", "random": "Random views",
-        "novelty-only": "Novelty only", "movement-only": "Nearest view", "uniform-coverage": "Uniform coverage",
-    }.get(kind, kind)  # fmt: skip
+        "covis": "Covis",
+        "b-aware": "B-aware",
+        "matchable": "Matchable",
+        "hyb-h": "Hyb-H",
+        "hyb-o": "Hyb-O",
+        "greedy-oracle": "Greedy oracle",
+        "learned": "Learned gate",
+        "random": "Random views",
+        "novelty-only": "Novelty only",
+        "movement-only": "Nearest view",
+        "uniform-coverage": "Uniform coverage",
+    }.get(kind, kind)
 
 
 _INTERVAL_METHODS = {
     "rocks": "t-intervals over rock means (every rock counts the same): they speak for unseen rocks of the same kind",
     "replicates": "rocks taken as fixed, pooled variance between replicates: they speak for new replicates on these rocks "
-                  "only, not for other rocks",
+    "only, not for other rocks",
     "bootstrap": "percentile bootstrap, rocks resampled and then replicates within them; too narrow when rocks are few",
     "none": "none where there are too few missions for one",
-}  # fmt: skip
+}
 
 
 def interval_methods(methods: Collection[str]) -> str:

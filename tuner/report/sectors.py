@@ -48,9 +48,16 @@ def sector_figure(
                 continue
             lowest = min(lowest, float(np.nanmin(mean)))
             ax.plot(
-                np.append(angles, angles[0]), np.append(mean, mean[0]), color=colour(i), marker=marker(i), ms=4.5,
-                lw=1.7, mec="white", mew=0.4, label=f"{label}" + (f" (n = {len(missions)})" if len(missions) > 1 else ""),
-            )  # fmt: skip
+                np.append(angles, angles[0]),
+                np.append(mean, mean[0]),
+                color=colour(i),
+                marker=marker(i),
+                ms=4.5,
+                lw=1.7,
+                mec="white",
+                mew=0.4,
+                label=f"{label}" + (f" (n = {len(missions)})" if len(missions) > 1 else ""),
+            )
         ax.set_theta_zero_location("E")
         ax.set_theta_direction(1)
         names = []
@@ -62,9 +69,16 @@ def sector_figure(
             if not any(name.endswith(letter) for name in names):
                 a = np.deg2rad(azimuth_deg)
                 ax.text(
-                    0.5 + 0.535 * np.cos(a), 0.5 + 0.535 * np.sin(a), letter, transform=ax.transAxes,
-                    ha="center", va="center", fontsize=9.5, weight="bold", color="#444444",
-                )  # fmt: skip
+                    0.5 + 0.535 * np.cos(a),
+                    0.5 + 0.535 * np.sin(a),
+                    letter,
+                    transform=ax.transAxes,
+                    ha="center",
+                    va="center",
+                    fontsize=9.5,
+                    weight="bold",
+                    color="#444444",
+                )
         floor = 0.0 if lowest < 40 else 10 * np.floor(lowest / 10) - 10
         ax.set_ylim(max(0.0, floor), 100)
         # Texts of our own: the lines pass behind them, over tick labels they would be drawn.
@@ -74,12 +88,23 @@ def sector_figure(
         between = float(angles[0] + np.diff(angles[:2])[0] / 2) if len(angles) > 1 else np.deg2rad(20)
         for ring in rings:
             ax.text(
-                between, ring, f"{ring:g} %", fontsize=7.5, ha="center", va="center", zorder=6,
+                between,
+                ring,
+                f"{ring:g} %",
+                fontsize=7.5,
+                ha="center",
+                va="center",
+                zorder=6,
                 bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 0.8},
-            )  # fmt: skip
+            )
         ax.text(
-            0.0, -0.1, f"completeness at {threshold}\nazimuth from the target: 0° east, 90° north\nlabels at sector centres; the plot’s centre is {bottom:g} %",
-            transform=ax.transAxes, fontsize=8, va="top", ha="left",
-        )  # fmt: skip
+            0.0,
+            -0.1,
+            f"completeness at {threshold}\nazimuth from the target: 0° east, 90° north\nlabels at sector centres; the plot’s centre is {bottom:g} %",
+            transform=ax.transAxes,
+            fontsize=8,
+            va="top",
+            ha="left",
+        )
         ax.legend(loc="center left", bbox_to_anchor=(1.14, 0.5))
         return figure

@@ -116,6 +116,8 @@ def new_figure(width_in: float, height_in: float) -> Figure:
 
 def short_names(names: Sequence[str]) -> list[str]:
     """Rocks may be mesh files: show the stem; names that would then collide stay whole."""
-    stems = [Path(name).stem if "/" in name or name.endswith((".ply", ".obj", ".stl", ".glb")) else name
-             for name in names]  # fmt: skip
+    stems = [
+        Path(name).stem if "/" in name or name.endswith((".ply", ".obj", ".stl", ".glb")) else name
+        for name in names
+    ]
     return [stem if stems.count(stem) == 1 else name for stem, name in zip(stems, names)]

@@ -147,11 +147,17 @@ def gate_decisions(missions: Sequence[FlownMission]) -> GateDecisions:
         )
     features_, rewards_, rocks = zip(*rows.values())
     return GateDecisions(
-        np.array(features_, dtype=float), np.array(rewards_, dtype=float), tuple(rocks), len(missions),
-        duplicates, incomplete, same_view, kinds[0],
+        np.array(features_, dtype=float),
+        np.array(rewards_, dtype=float),
+        tuple(rocks),
+        len(missions),
+        duplicates,
+        incomplete,
+        same_view,
+        kinds[0],
         tuple(sorted({m.config.preset for m in missions})),
         tuple(sorted({m.config.stop.adaptive_budget for m in missions})),
-    )  # fmt: skip
+    )
 
 
 def _finite(value: Any) -> bool:

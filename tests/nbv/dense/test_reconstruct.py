@@ -104,8 +104,13 @@ def test_true_depths_confirm_each_other_and_a_wrong_one_is_dropped(scene):
     assert np.abs(checked["view_018.png"].depth_m - scene.depths["view_018.png"])[middle].max() < 0.01
     wrong = truth["view_018.png"].depth_m.copy()
     wrong[middle] += 0.2
-    checked = check_consistency({**truth, "view_018.png": DepthMap(wrong)}, scene.poses, scene.camera, TARGET,
-                                dataclasses.replace(CONFIG, agreeing_views=2))  # fmt: skip
+    checked = check_consistency(
+        {**truth, "view_018.png": DepthMap(wrong)},
+        scene.poses,
+        scene.camera,
+        TARGET,
+        dataclasses.replace(CONFIG, agreeing_views=2),
+    )
     assert np.isnan(checked["view_018.png"].depth_m[middle]).all()
     assert (checked["view_018.png"].agreeing[middle] == 1).all()
 

@@ -41,8 +41,12 @@ def test_neighbours_lie_within_the_angles_best_first():
 
 def test_a_view_in_front_of_or_behind_another_is_no_partner_if_so_configured():
     """Six degrees and a metre: the baseline is 22 degrees off the line to the target."""
-    poses = {"here": orbit_pose(0, 0.0), "behind": orbit_pose(6, 0.0, 4.5), "front": orbit_pose(-6, 0.0, 2.5),
-             "beside": orbit_pose(14, 0.0)}  # fmt: skip
+    poses = {
+        "here": orbit_pose(0, 0.0),
+        "behind": orbit_pose(6, 0.0, 4.5),
+        "front": orbit_pose(-6, 0.0, 2.5),
+        "beside": orbit_pose(14, 0.0),
+    }
     here, behind, beside = (camera_center_m(poses[n]) for n in ("here", "behind", "beside"))
     assert baseline_angle_deg(here, behind, np.array(TARGET)) == pytest.approx(25.75 - 3.38, abs=0.01)
     assert baseline_angle_deg(beside, here, np.array(TARGET)) == pytest.approx(90.0)
@@ -60,9 +64,13 @@ def test_depth_of_one_pair_matches_the_closed_form(scene, other, completeness):
     # A neighbour on either side, narrow and wide.
     for name, partner in (("view_000.png", other), (other, "view_000.png")):
         depth = estimate_depth(
-            scene.images[name], scene.poses[name], [(scene.images[partner], scene.poses[partner])],
-            scene.camera, TARGET, CONFIG,
-        )  # fmt: skip
+            scene.images[name],
+            scene.poses[name],
+            [(scene.images[partner], scene.poses[partner])],
+            scene.camera,
+            TARGET,
+            CONFIG,
+        )
         # On the sphere (the ground runs out of the search range). Errors in pixels of disparity, the
         # matcher's own unit: focal * baseline * |1 / Z - 1 / Z_true|.
         true = scene.depths[name]
@@ -213,11 +221,15 @@ def test_a_wider_search_range_still_finds_the_same_surface(scene):
     name, other = "view_000.png", "view_009.png"
     narrow, wide = (
         estimate_depth(
-            scene.images[name], scene.poses[name], [(scene.images[other], scene.poses[other])], scene.camera,
-            TARGET, dataclasses.replace(CONFIG, crop_half_width_m=half),
+            scene.images[name],
+            scene.poses[name],
+            [(scene.images[other], scene.poses[other])],
+            scene.camera,
+            TARGET,
+            dataclasses.replace(CONFIG, crop_half_width_m=half),
         )
         for half in (1.0, 1.5)
-    )  # fmt: skip
+    )
     both = np.isfinite(narrow) & np.isfinite(wide)
     assert both.sum() > 5_000
     assert np.nanmedian(np.abs(narrow - wide)[both]) < 0.003

@@ -25,10 +25,13 @@ def box(width_m: float, height_m: float):
 
 
 def dome_of_cameras(radius_m: float = 3.5):
-    return np.array([
-        [radius_m * np.cos(e) * np.cos(a), radius_m * np.cos(e) * np.sin(a), 0.5 + radius_m * np.sin(e)]
-        for e in np.deg2rad([10.0, 30.0, 50.0]) for a in np.linspace(0, 2 * np.pi, 24, endpoint=False)
-    ])  # fmt: skip
+    return np.array(
+        [
+            [radius_m * np.cos(e) * np.cos(a), radius_m * np.cos(e) * np.sin(a), 0.5 + radius_m * np.sin(e)]
+            for e in np.deg2rad([10.0, 30.0, 50.0])
+            for a in np.linspace(0, 2 * np.pi, 24, endpoint=False)
+        ]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -73,9 +76,13 @@ def test_no_real_cloud_beats_the_floor_by_more_than_a_voxel(standing_box):
     vertices, faces, _, truth, floors = standing_box
     seen = truth.points_m[truth.observable & (truth.points_m[:, 2] > CUT_M)]
     metrics = compute_metrics(
-        PointCloud(seen), truth, EvaluationConfig(), (0, 0, 0.4),
-        RayCaster(vertices, faces).distances_m(seen), floors,
-    )  # fmt: skip
+        PointCloud(seen),
+        truth,
+        EvaluationConfig(),
+        (0, 0, 0.4),
+        RayCaster(vertices, faces).distances_m(seen),
+        floors,
+    )
     for surface in ("whole", "observable"):
         scores = getattr(metrics, surface)
         assert scores["hausdorff_gt_to_cloud_mm"] == pytest.approx(

@@ -19,8 +19,13 @@ def ring(radius, elevation_deg, count=24, center=(0, 0, 0.8)):
     azimuth = np.linspace(0, 2 * np.pi, count, endpoint=False)
     elevation = np.deg2rad(elevation_deg)
     return np.array(center) + radius * np.stack(
-        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth),
-         np.full(count, np.sin(elevation))], axis=1)  # fmt: skip
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.full(count, np.sin(elevation)),
+        ],
+        axis=1,
+    )
 
 
 def test_single_camera_sees_a_sphere_up_to_the_incidence_limit():

@@ -82,8 +82,14 @@ def test_a_surface_against_itself_is_perfect():
 
 def test_an_offset_plane_gives_its_offset_in_every_distance():
     scores = compute_metrics(PointCloud(plane(z=0.040)), truth_of(plane()), CONFIG).whole
-    for name in ("hausdorff_gt_to_cloud_mm", "hausdorff_cloud_to_gt_mm", "c2c_mean_mm", "c2c_median_mm",
-                 "c2c_p95_mm", "c2c_cloud_to_gt_mean_mm"):  # fmt: skip
+    for name in (
+        "hausdorff_gt_to_cloud_mm",
+        "hausdorff_cloud_to_gt_mm",
+        "c2c_mean_mm",
+        "c2c_median_mm",
+        "c2c_p95_mm",
+        "c2c_cloud_to_gt_mean_mm",
+    ):
         assert scores[name] == pytest.approx(40.0), name
     assert [scores[f"f_score_{t}mm"] for t in (16, 32, 48, 64, 80)] == [0, 0, 100, 100, 100]
     # Trapezoids of 0, 0, 1, 1, 1 over four equal intervals: (0 + 1/2 + 1 + 1) / 4.

@@ -21,15 +21,17 @@ TREE = {
     "type": "decision_tree",
     "version": 1,
     "root": {
-        "feature": "f_b", "threshold": 0.5,
+        "feature": "f_b",
+        "threshold": 0.5,
         "left": {"scorer": "b-aware", "probability": 0.9},
         "right": {
-            "feature": "mean_track_length", "threshold": 3.0,
+            "feature": "mean_track_length",
+            "threshold": 3.0,
             "left": {"scorer": "b-aware", "probability": 0.6},
             "right": {"scorer": "covis", "probability": 0.8},
         },
     },
-}  # fmt: skip
+}
 
 
 def gate_for(tmp_path: Path, policy: object) -> Gate:

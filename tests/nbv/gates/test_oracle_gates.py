@@ -36,9 +36,13 @@ def opposite_pool() -> CandidatePool:
     )
     keep = [east, west]
     return CandidatePool(
-        tuple(full.ids[i] for i in keep), full.positions_m[keep], full.headings_rad[keep],
-        full.azimuths_deg[keep], full.elevations_deg[keep], tuple(full.bands[i] for i in keep),
-    )  # fmt: skip
+        tuple(full.ids[i] for i in keep),
+        full.positions_m[keep],
+        full.headings_rad[keep],
+        full.azimuths_deg[keep],
+        full.elevations_deg[keep],
+        tuple(full.bands[i] for i in keep),
+    )
 
 
 def test_sees_the_cap_that_faces_it() -> None:

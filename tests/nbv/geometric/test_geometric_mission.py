@@ -195,10 +195,14 @@ def test_it_runs_in_a_campaign(tmp_path):
     from tuner.problem.search_space import load_search_space
 
     settings = CampaignSettings(
-        name="geometric", space=load_search_space("gate_and_weights"), rocks=(ROCK,), budget=3,
-        overrides={"stop.adaptive_budget": 2}, sampler="sobol",
+        name="geometric",
+        space=load_search_space("gate_and_weights"),
+        rocks=(ROCK,),
+        budget=3,
+        overrides={"stop.adaptive_budget": 2},
+        sampler="sobol",
         runner="geometric",
-    )  # fmt: skip
+    )
     summary = fly_campaign(begin_campaign(tmp_path / "campaign", settings), InProcessExecutor())
     assert summary.stopped == "budget"
     files = sorted((tmp_path / "campaign" / "missions").glob("*/mission.json"))

@@ -15,9 +15,12 @@ from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import Capture, PointCloud, SparseModel, UpdateReport, Viewpoint
 
 REPORT = UpdateReport(
-    SparseModel(np.zeros((1, 3)), np.zeros(1), np.zeros(2, int), np.zeros(0, int), np.zeros((1, 3)), ("a",), 0, 0),
-    True, "",
-)  # fmt: skip
+    SparseModel(
+        np.zeros((1, 3)), np.zeros(1), np.zeros(2, int), np.zeros(0, int), np.zeros((1, 3)), ("a",), 0, 0
+    ),
+    True,
+    "",
+)
 
 
 class NoMapping(SparseReconstructor):

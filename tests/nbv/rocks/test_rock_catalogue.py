@@ -85,8 +85,11 @@ def test_imported_rock_is_found_by_name(mesh_file):
     assert load_rock("my-rock").notes == rock.notes
     info = list_rocks()[-1]
     assert (info.name, info.split, info.source, info.difficulty) == (
-        "my-rock", "held-out", "imported", "round",
-    )  # fmt: skip
+        "my-rock",
+        "held-out",
+        "imported",
+        "round",
+    )
     remove_imported("my-rock")
     with pytest.raises(UserError, match="unknown rock"):
         load_rock("my-rock")

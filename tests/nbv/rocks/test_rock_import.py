@@ -75,10 +75,13 @@ def test_texture_lands_on_the_right_faces(tmp_path):
     assert facts.mean_edge_m < 0.006 * 1.2
     assert facts.volume_m3 == pytest.approx(1.6**3)
     for point, color in (
-        ((0.8, 0, 0.8), (1, 0, 0)), ((0, 0.8, 0.8), (0, 1, 0)),
-        ((-0.8, 0, 0.8), (0, 0, 1)), ((0, -0.8, 0.8), (1, 1, 1)),
-        ((0.8, 0.5, 0.2), (1, 0, 0)), ((-0.5, 0.8, 1.4), (0, 1, 0)),
-    ):  # fmt: skip
+        ((0.8, 0, 0.8), (1, 0, 0)),
+        ((0, 0.8, 0.8), (0, 1, 0)),
+        ((-0.8, 0, 0.8), (0, 0, 1)),
+        ((0, -0.8, 0.8), (1, 1, 1)),
+        ((0.8, 0.5, 0.2), (1, 0, 0)),
+        ((-0.5, 0.8, 1.4), (0, 1, 0)),
+    ):
         np.testing.assert_allclose(color_at(rock, point), color, atol=1e-3)
     assert any("merged 16 duplicate vertices" in note for note in rock.notes)
 
@@ -267,9 +270,21 @@ def bad_files(folder: Path) -> dict[str, tuple[Path, str]]:
 
 @pytest.mark.parametrize(
     "case",
-    ["missing", "folder", "empty", "garbage", "unknown type", "no faces", "points", "nan", "plane", "line",
-     "point", "wide"],
-)  # fmt: skip
+    [
+        "missing",
+        "folder",
+        "empty",
+        "garbage",
+        "unknown type",
+        "no faces",
+        "points",
+        "nan",
+        "plane",
+        "line",
+        "point",
+        "wide",
+    ],
+)
 def test_bad_files_are_refused_in_one_line(tmp_path, case):
     path, reason = bad_files(tmp_path)[case]
     with pytest.raises(UserError, match=reason) as caught:

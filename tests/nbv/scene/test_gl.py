@@ -95,8 +95,10 @@ def test_missing_opengl_is_a_user_error_that_names_the_remedy(broken):
     )
     out = subprocess.run(
         [sys.executable, "-c", script, str(Path(__file__).parents[2] / "support")],
-        capture_output=True, text=True, env={**os.environ, **broken},
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        env={**os.environ, **broken},
+    )
     message = out.stdout.strip().splitlines()
     assert len(message) == 1, out.stdout + out.stderr
     assert "scene.backend=raycast" in message[0]

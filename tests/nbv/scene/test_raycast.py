@@ -117,8 +117,11 @@ def test_another_process_takes_the_same_photograph(raycast, ball):
     environment = {**os.environ, "GATETUNE_HOME": "/dev/null/no-cache", "OMP_NUM_THREADS": "2"}
     out = subprocess.run(
         [sys.executable, "-c", script, str(Path(__file__).parents[2] / "support"), pose.tobytes().hex()],
-        capture_output=True, text=True, check=True, env=environment,
-    )  # fmt: skip
+        capture_output=True,
+        text=True,
+        check=True,
+        env=environment,
+    )
     assert out.stdout.strip() == digest
 
 

@@ -31,19 +31,26 @@ def ring(angles_deg: list[float], radius: float = 3.5, z: float = 0.8) -> np.nda
 def pool_at(positions: np.ndarray) -> CandidatePool:
     n = len(positions)
     return CandidatePool(
-        tuple(f"cand_{i:03d}" for i in range(n)), positions, heading_to(positions, TARGET),
-        np.zeros(n), np.zeros(n), ("lateral",) * n,
-    )  # fmt: skip
+        tuple(f"cand_{i:03d}" for i in range(n)),
+        positions,
+        heading_to(positions, TARGET),
+        np.zeros(n),
+        np.zeros(n),
+        ("lateral",) * n,
+    )
 
 
 def state_of(points: np.ndarray, tracks: list[list[int]], cameras: np.ndarray) -> PlanningState:
     model = SparseModel(
-        points_m=points, reprojection_error_px=np.ones(len(points)),
+        points_m=points,
+        reprojection_error_px=np.ones(len(points)),
         track_offsets=np.concatenate([[0], np.cumsum([len(t) for t in tracks])]).astype(np.int64),
         track_cameras=np.array([c for t in tracks for c in t], dtype=np.int64),
-        camera_centers_m=cameras, camera_names=tuple(map(str, range(len(cameras)))),
-        alignment_rms_m=0.0, alignment_max_m=0.0,
-    )  # fmt: skip
+        camera_centers_m=cameras,
+        camera_names=tuple(map(str, range(len(cameras)))),
+        alignment_rms_m=0.0,
+        alignment_max_m=0.0,
+    )
     return PlanningState(model, cameras, len(cameras), np.array([3.5, 0.0, 0.8]), np.pi, 0, 40, 0.1, 0)
 
 

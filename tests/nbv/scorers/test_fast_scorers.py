@@ -29,10 +29,13 @@ from nbv.scorers.weakness import percentiles, weakness
 def test_rankings_are_those_of_double_precision(
     seed: int, n_points: int, low_deg: float, width_deg: float, occlusion: bool
 ) -> None:
-    config = MissionConfig().with_values({
-        "b_aware.theta_low_deg": low_deg, "b_aware.theta_saturation_deg": low_deg + width_deg,
-        "visibility.mode": "occlusion" if occlusion else "frustum",
-    })  # fmt: skip
+    config = MissionConfig().with_values(
+        {
+            "b_aware.theta_low_deg": low_deg,
+            "b_aware.theta_saturation_deg": low_deg + width_deg,
+            "visibility.mode": "occlusion" if occlusion else "frustum",
+        }
+    )
     state, pool = synthetic_state(n_points, config, seed)
     rankings = rank_candidates(state, pool, config)
     allowed = precision(low_deg, low_deg + width_deg)
@@ -58,8 +61,15 @@ def test_single_precision_is_as_good_as_it_says(
     box = terms.ordered
     weak = weakness(box.points_m, box.track_lengths, box.reprojection_error_px, config.b_aware)
     cameras = (box.track_cameras, box.camera_centers_m, low_deg, low_deg + width_deg)
-    single = repair_single(terms.visible, weak, pool.positions_m, box.points_m, box.track_offsets[:-1],
-                           box.track_lengths, *cameras)  # fmt: skip
+    single = repair_single(
+        terms.visible,
+        weak,
+        pool.positions_m,
+        box.points_m,
+        box.track_offsets[:-1],
+        box.track_lengths,
+        *cameras,
+    )
     double = repair(terms.visible, weak, pool.positions_m, box.points_m, box.track_offsets, *cameras)
     assert np.abs(single - double).max() < precision(low_deg, low_deg + width_deg)
 

@@ -48,11 +48,16 @@ def state_and_pool(z: dict[str, np.ndarray]) -> tuple[PlanningState, CandidatePo
         alignment_max_m=0.0,
     )
     state = PlanningState(
-        model=model, visited_m=centers, n_seeds=24,
+        model=model,
+        visited_m=centers,
+        n_seeds=24,
         vehicle_position_m=z["vehicle_position_m"],
         vehicle_heading_rad=float(z["vehicle_heading_rad"]),
-        captures_used=len(centers) - 24, adaptive_budget=40, d95_m=0.1, iteration=0,
-    )  # fmt: skip
+        captures_used=len(centers) - 24,
+        adaptive_budget=40,
+        d95_m=0.1,
+        iteration=0,
+    )
     positions = z["candidates_m"]
     pool = CandidatePool(
         ids=tuple(str(i) for i in z["candidate_ids"]),
@@ -72,10 +77,13 @@ def config_for(weights: np.ndarray, alphas: tuple[float, float, float]) -> Missi
         config,
         covis=replace(config.covis, weights=w),
         b_aware=replace(
-            config.b_aware, weights=w,
-            alpha_track=alphas[0], alpha_density=alphas[1], alpha_reprojection=alphas[2],
+            config.b_aware,
+            weights=w,
+            alpha_track=alphas[0],
+            alpha_density=alphas[1],
+            alpha_reprojection=alphas[2],
         ),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)

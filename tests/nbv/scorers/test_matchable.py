@@ -86,8 +86,14 @@ def test_equal_to_the_oracle_on_the_same_surface(seed: int, visited: int, need: 
     """The oracle casts rays and loops over views; on a convex surface both must count the same."""
     rng = np.random.default_rng(seed)
     points = sphere_points(200) + rng.normal(0.0, 0.02, (200, 3))
-    mission = config(**{"matchable.views": need, "gate.oracle_matchable_views": need,
-                        "gate.oracle_coverage": "matchable", "gate.oracle_samples": SAMPLES})  # fmt: skip
+    mission = config(
+        **{
+            "matchable.views": need,
+            "gate.oracle_matchable_views": need,
+            "gate.oracle_coverage": "matchable",
+            "gate.oracle_samples": SAMPLES,
+        }
+    )
     proxy = proxy_surface(points, mission)
     hull = trimesh.convex.convex_hull(points)
     oracle = GroundTruthOracle(hull.vertices, hull.faces, mission)
@@ -123,8 +129,9 @@ def test_the_ranking_is_eq_1_with_a_main_term_and_weights_of_its_own(synthetic) 
     )
     np.testing.assert_allclose(ranking.terms["main"], expected)
     w, t = mission.matchable.weights, ranking.terms
-    np.testing.assert_allclose(ranking.scores, w.main * t["main"] + 0.3 * t["nov"] - w.move * t["move"]
-                               - w.ang * t["ang"])  # fmt: skip
+    np.testing.assert_allclose(
+        ranking.scores, w.main * t["main"] + 0.3 * t["nov"] - w.move * t["move"] - w.ang * t["ang"]
+    )
     assert ranking.scores[ranking.top] == ranking.scores.max() and expected.max() > 0
 
 

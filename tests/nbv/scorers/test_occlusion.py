@@ -71,9 +71,13 @@ def test_a_handful_of_points_falls_back_to_the_observing_direction() -> None:
     points = np.array([[0.0, 0, 1], [0.1, 0, 1]])
     cameras = np.array([[4.0, 0, 1], [4.0, 1, 1]])
     ours = unoccluded(
-        np.ones((2, 2), dtype=bool), points, np.array([0, 2, 4]), np.array([0, 1, 0, 1]), cameras,
+        np.ones((2, 2), dtype=bool),
+        points,
+        np.array([0, 2, 4]),
+        np.array([0, 1, 0, 1]),
+        cameras,
         np.array([[3.5, 0.0, 1.0], [-3.5, 0.0, 1.0]]),
-    )  # fmt: skip
+    )
     assert ours.tolist() == [[True, False], [True, False]]
 
 

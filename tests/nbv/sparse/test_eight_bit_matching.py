@@ -47,8 +47,12 @@ def overlapping(seed, count_a, count_b, noise, spikes):
 @needs_8_bits
 @settings(max_examples=60)
 @given(
-    st.integers(0, 10_000), st.integers(1, 90), st.integers(1, 90), st.floats(0.0, 0.05), st.sampled_from([0, 0.1, 1])
-)  # fmt: skip
+    st.integers(0, 10_000),
+    st.integers(1, 90),
+    st.integers(1, 90),
+    st.floats(0.0, 0.05),
+    st.sampled_from([0, 0.1, 1]),
+)
 def test_equals_single_precision(seed, count_a, count_b, noise, spikes):
     a, b = overlapping(seed, count_a, count_b, noise, spikes)
     for ratio, limit in ((0.8, 0.7), (0.95, 1.0), (1.0, 1.5)):

@@ -192,9 +192,14 @@ def test_less_adjustment_between_captures_ends_in_the_same_place():
     world = LabelledPoints(SEEDS + LATER, noise_px=1.0)
     plain = dataclasses.replace(CONFIG, max_pairs=6)
     lazy = dataclasses.replace(
-        plain, global_ba_interval=100, local_ba_images=3, local_ba_rounds=1, local_ba_iterations=2,
-        global_ba_iterations=1, update_pairs="near",
-    )  # fmt: skip
+        plain,
+        global_ba_interval=100,
+        local_ba_images=3,
+        local_ba_rounds=1,
+        local_ba_iterations=2,
+        global_ba_iterations=1,
+        update_pairs="near",
+    )
     ends = []
     for config in (plain, lazy):
         sparse = reconstructor(world, config)

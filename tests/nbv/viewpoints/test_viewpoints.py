@@ -60,9 +60,13 @@ def test_azimuth_and_elevation_describe_the_position() -> None:
 def test_pool_counts(name: str, altitude: int, spacing: int) -> None:
     pool = candidate_pool(preset(name), VEHICLE, NOWHERE)
     assert pool.counts == {
-        "raw": 170, "altitude_travel": altitude, "spacing": spacing, "revisit": spacing,
-        "azimuth_balance": spacing, "diversity": spacing,
-    }  # fmt: skip
+        "raw": 170,
+        "altitude_travel": altitude,
+        "spacing": spacing,
+        "revisit": spacing,
+        "azimuth_balance": spacing,
+        "diversity": spacing,
+    }
     assert len(pool) == spacing
     dropped = {c.id for c in raw_candidates(preset("paper"))[120:]} - set(pool.ids)
     assert dropped == {f"cand_{i}" for i in (120, 121, 125, 126, 131, 132, 136)}

@@ -97,8 +97,12 @@ def test_interrupted_campaign_goes_on_as_if_it_had_not_been(tmp_path: Path) -> N
 
 def test_in_step_a_campaign_is_the_same_with_any_number_of_workers(tmp_path: Path) -> None:
     changes: dict[str, object] = {
-        "sampler": "gp", "budget": 10, "initial": 4, "rocks": ("slow", "b"), "in_step": 3
-    }  # fmt: skip
+        "sampler": "gp",
+        "budget": 10,
+        "initial": 4,
+        "rocks": ("slow", "b"),
+        "in_step": 3,
+    }
     alone = run(tmp_path / "alone", **changes)
     side_by_side = begin_campaign(tmp_path / "four", settings(**changes))
     flying: set[int] = set()
@@ -396,9 +400,14 @@ def test_any_optuna_storage(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "storage",
-    ["nonsense", "nosuchdb://host/db", "sqlite:////no/such/dir/x.db", "journal:/no/such/dir/x.journal",
-     "redis://127.0.0.1:1/0"],
-)  # fmt: skip
+    [
+        "nonsense",
+        "nosuchdb://host/db",
+        "sqlite:////no/such/dir/x.db",
+        "journal:/no/such/dir/x.journal",
+        "redis://127.0.0.1:1/0",
+    ],
+)
 def test_storage_that_cannot_be_used(tmp_path: Path, storage: str) -> None:
     with pytest.raises(UserError, match=r"storage|ledger"):
         begin_campaign(tmp_path / "run", settings(storage=storage))
@@ -429,8 +438,12 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
     assert Campaign.open(tmp_path / "run").recommended_config() == campaign.settings.config(other)
     never_flown = {**other, "gate.d95_m": 1e9}
     for stale in (
-        {**saved, "values": other, "observations": 5}, {**saved, "values": {}}, {**saved, "values": never_flown}, [], None,
-    ):  # fmt: skip
+        {**saved, "values": other, "observations": 5},
+        {**saved, "values": {}},
+        {**saved, "values": never_flown},
+        [],
+        None,
+    ):
         path.write_text(json.dumps(stale) if stale is not None else "{")
         found = Campaign.open(tmp_path / "run").recommended_config()
         assert found == campaign.settings.config(saved["values"])

@@ -33,12 +33,31 @@ def finished(folder):
 
 
 def test_interrupt_resume_evaluate(tmp_path):
-    start = ["campaign", "run", "--name", "tiny", "--space", "gate", "--rock", "boulder", "--budget", "4",
-             "--replicates", "2", "--workers", "1", *SMALL]  # fmt: skip
+    start = [
+        "campaign",
+        "run",
+        "--name",
+        "tiny",
+        "--space",
+        "gate",
+        "--rock",
+        "boulder",
+        "--budget",
+        "4",
+        "--replicates",
+        "2",
+        "--workers",
+        "1",
+        *SMALL,
+    ]
     process = subprocess.Popen(
-        [*GATETUNE, *start], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        [*GATETUNE, *start],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
         start_new_session=True,
-    )  # fmt: skip
+    )
     deadline = time.monotonic() + 400
     while not finished(tmp_path) and time.monotonic() < deadline and process.poll() is None:
         time.sleep(0.5)
@@ -69,8 +88,19 @@ def test_interrupt_resume_evaluate(tmp_path):
     refused = gatetune(tmp_path, "evaluate", "runs/tiny", "--rock", "boulder")
     assert refused.returncode == 2
     assert "tuned on" in refused.stderr
-    run = gatetune(tmp_path, "evaluate", "runs/tiny", "--rock", "mushroom", "--replicates", "1",
-                   "--against", "covis", "--reference", "covis")  # fmt: skip
+    run = gatetune(
+        tmp_path,
+        "evaluate",
+        "runs/tiny",
+        "--rock",
+        "mushroom",
+        "--replicates",
+        "1",
+        "--against",
+        "covis",
+        "--reference",
+        "covis",
+    )
     assert run.returncode == 0, run.stdout + run.stderr
     assert "Completeness" in run.stdout
     assert (tmp_path / "runs/tiny/evaluation/report.html").is_file()

@@ -54,9 +54,11 @@ def test_learning_from_them_needs_their_space_and_metric(tmp_path: Path) -> None
     narrower = dataclasses.replace(FULL, parameters=(narrow, *FULL.parameters[1:]))
     for space, objective in (
         (narrower, Objective()),
-        (load_search_space("gate"), Objective()), (other, Objective()), (FULL, Objective("observable.f_score_16mm")),
+        (load_search_space("gate"), Objective()),
+        (other, Objective()),
+        (FULL, Objective("observable.f_score_16mm")),
         (FULL, Objective(direction="minimise")),
-    ):  # fmt: skip
+    ):
         assert sources_by_default(space, objective, "gp", None) == ()
         with pytest.raises(
             UserError, match=f"for search space '{space.name}'.* leave `--learn-from shipped` out"
@@ -86,6 +88,16 @@ def test_a_campaign_in_their_space_learns_from_them_unless_told_otherwise(
 
 
 def test_nothing_and_something_at_once_is_refused(gatetune: Gatetune) -> None:
-    code, _, err = gatetune("campaign", "run", "--space", "full", "--rock", "waist", "--learn-from", "nothing",
-                            "--learn-from", "runs/x")  # fmt: skip
+    code, _, err = gatetune(
+        "campaign",
+        "run",
+        "--space",
+        "full",
+        "--rock",
+        "waist",
+        "--learn-from",
+        "nothing",
+        "--learn-from",
+        "runs/x",
+    )
     assert code == 2 and "--learn-from nothing stands beside another" in err

@@ -104,9 +104,11 @@ def test_two_campaigns_on_one_rock_have_offsets_of_their_own(earlier: Campaign, 
 def test_misleading_campaigns_do_not_keep_the_search_from_the_optimum(earlier: Campaign) -> None:
     """What the earlier missions praise is bad here: the search finds the optimum all the same."""
     upside_down = learn_from(
-        [str(earlier.directory)], synthetic.SPACE, earlier.settings.base_config(),
+        [str(earlier.directory)],
+        synthetic.SPACE,
+        earlier.settings.base_config(),
         Objective(earlier.settings.objective.metric, "minimise"),
-    )  # fmt: skip
+    )
     sampler = GPSampler(
         SamplerSettings(
             synthetic.SPACE, synthetic.DEFAULT, synthetic.ROCKS, 0, 6, earlier=upside_down, budget=30

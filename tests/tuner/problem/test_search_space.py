@@ -42,10 +42,15 @@ def test_shipped_spaces_start_at_the_papers_values() -> None:
     both = load_search_space("gate_and_weights")
     assert both.dimension == 8
     assert both.default(preset("campaign")) == {
-        "gate.budget_fraction": 0.4, "gate.d95_m": 0.14,
-        "covis.weights.nov": 1.2, "covis.weights.move": 0.1, "covis.weights.ang": 0.4,
-        "b_aware.weights.nov": 1.2, "b_aware.weights.move": 0.1, "b_aware.weights.ang": 0.4,
-    }  # fmt: skip
+        "gate.budget_fraction": 0.4,
+        "gate.d95_m": 0.14,
+        "covis.weights.nov": 1.2,
+        "covis.weights.move": 0.1,
+        "covis.weights.ang": 0.4,
+        "b_aware.weights.nov": 1.2,
+        "b_aware.weights.move": 0.1,
+        "b_aware.weights.ang": 0.4,
+    }
     ten, full = load_search_space("paper_ten"), load_search_space("full")
     assert ten.dimension == 10 and {"covis.weights.main", "b_aware.weights.main"} <= set(ten.paths)
     assert set(both.paths) < set(ten.paths) and set(both.paths) < set(full.paths)
@@ -126,7 +131,10 @@ GOOD = "parameters:\n  gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: lo
         ("parameters:\n  gate.d95_m: {low: 1.0, high: 0.1}\n", "low 1 is not below high 0.1"),
         ("parameters:\n  gate.d95_m: {low: 0.1, high: 0.1}\n", "not below"),
         ("parameters:\n  gate.d95_m: {low: 0.0, high: 1.0, scale: log}\n", "scale log needs low above 0"),
-        ("parameters:\n  gate.d95: {low: 0.1, high: 1.0}\n", r"unknown mission parameter 'gate.d95'; did you mean"),
+        (
+            "parameters:\n  gate.d95: {low: 0.1, high: 1.0}\n",
+            r"unknown mission parameter 'gate.d95'; did you mean",
+        ),
         ("parameters:\n  gate: {low: 0.1, high: 1.0}\n", "unknown mission parameter 'gate'"),
         ("parameters:\n  gate.d95_m: {lo: 0.1, high: 1.0}\n", "unknown key 'lo'; allowed: kind, low"),
         ("parametres:\n  gate.d95_m: {low: 0.1, high: 1.0}\n", "unknown key 'parametres'"),
@@ -151,14 +159,26 @@ GOOD = "parameters:\n  gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: lo
         ("parameters:\n  dense.neighbours: {kind: int, low: 1.5, high: 4}\n", "whole number"),
         ("parameters:\n  dense.neighbours: {kind: float, low: 1.5, high: 4}\n", "must be of type int"),
         ("parameters:\n  visibility.mode: {kind: categorical, choices: [frustum]}\n", "at least two"),
-        ("parameters:\n  visibility.mode: {kind: categorical, choices: [frustum, xray]}\n", "allowed: frustum"),
+        (
+            "parameters:\n  visibility.mode: {kind: categorical, choices: [frustum, xray]}\n",
+            "allowed: frustum",
+        ),
         (GOOD + "base:\n  gate.d95_m: 0.2\n", "both fixed in 'base' and tuned"),
-        ("parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, also: gate.d95}\n", "'also' must list parameter paths"),
-        ("parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, also: [gate.d96_m]}\n", "unknown mission parameter 'gate.d96_m'"),
-        ("parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, also: [gate.d95_m]}\n", "gate.d95_m is tuned twice"),
+        (
+            "parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, also: gate.d95}\n",
+            "'also' must list parameter paths",
+        ),
+        (
+            "parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, also: [gate.d96_m]}\n",
+            "unknown mission parameter 'gate.d96_m'",
+        ),
+        (
+            "parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, also: [gate.d95_m]}\n",
+            "gate.d95_m is tuned twice",
+        ),
         (GOOD + "base:\n  gate.kind: psychic\n", "base: gate.kind is 'psychic'"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_are_named(text: str, message: str) -> None:
     with pytest.raises(UserError, match=message) as caught:
         parse_search_space(text, "my.yaml")

@@ -95,17 +95,24 @@ class _Made(Exception):
         {"runner": "geometric"},
         {"space": load_search_space("full"), "sampler": "gp"},
         {"space": load_search_space("full"), "sampler": "gp", "learn_from": (SHIPPED,)},
-        {"sampler": "gp", "second": Objective("costs.flight_time_s", "minimise"),
-         "overrides": {"gate.kind": "hyb-o", "b_aware.target_track_length": 5}},
+        {
+            "sampler": "gp",
+            "second": Objective("costs.flight_time_s", "minimise"),
+            "overrides": {"gate.kind": "hyb-o", "b_aware.target_track_length": 5},
+        },
     ],
-)  # fmt: skip
+)
 def test_the_command_runs_the_same_campaign(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, changes: dict[str, object]
 ) -> None:
     fields: dict[str, object] = {
-        "name": "tiny", "space": load_search_space("gate"), "rocks": ("waist", "slab"), "budget": 6, "seed": 1,
+        "name": "tiny",
+        "space": load_search_space("gate"),
+        "rocks": ("waist", "slab"),
+        "budget": 6,
+        "seed": 1,
         "sampler": "sobol",
-    }  # fmt: skip
+    }
     made = begin_campaign(tmp_path / "run", CampaignSettings(**{**fields, **changes}))  # type: ignore[arg-type]
 
     def begin(directory: Path, settings: CampaignSettings) -> Campaign:
@@ -147,9 +154,12 @@ def test_headline_follows_the_interval(tmp_path: Path) -> None:
 
     def sentence(low: float, high: float) -> str:
         made: Recommendation = dataclasses.replace(
-            best, values=other, improvement=(low + high) / 2, improvement_sd=(high - low) / 3.92,
+            best,
+            values=other,
+            improvement=(low + high) / 2,
+            improvement_sd=(high - low) / 3.92,
             improvement_interval_95=(low, high),
-        )  # fmt: skip
+        )
         return campaign_headline(made, "F-score @ 48 mm", "points")
 
     assert "is better than the paper’s default" in sentence(0.4, 5.2)

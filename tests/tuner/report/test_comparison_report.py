@@ -25,9 +25,15 @@ from tuner.report.comparison.tables import (
 )
 
 PAPER_ROWS = [
-    "Hausdorff ↓ (mm)", "Mean C2C ↓ (mm)", "Median C2C ↓ (mm)", "P95 C2C ↓ (mm)",
-    "Completeness ↑ (%)", "F-score ↑ (%)", "Completeness ↑ (%)", "F-score ↑ (%)",
-]  # fmt: skip
+    "Hausdorff ↓ (mm)",
+    "Mean C2C ↓ (mm)",
+    "Median C2C ↓ (mm)",
+    "P95 C2C ↓ (mm)",
+    "Completeness ↑ (%)",
+    "F-score ↑ (%)",
+    "Completeness ↑ (%)",
+    "F-score ↑ (%)",
+]
 LEVELS = {"covis": 60.0, "b-aware": 55.0, "hyb-h": 58.0, "hyb-o": 66.0}
 
 

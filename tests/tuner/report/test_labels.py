@@ -23,12 +23,22 @@ from tuner.report.labels import (
         ("observable.f_score_48mm", "F-score @ 48 mm, observable surface", "%", True),
         ("whole.completeness_80mm", "Completeness @ 80 mm, whole surface", "%", True),
         ("whole.hausdorff_gt_to_cloud_mm", "Hausdorff distance, whole surface", "mm", False),
-        ("whole.hausdorff_gt_to_cloud_floor_mm", "Hausdorff distance, the rock's own floor, whole surface", "mm", False),
+        (
+            "whole.hausdorff_gt_to_cloud_floor_mm",
+            "Hausdorff distance, the rock's own floor, whole surface",
+            "mm",
+            False,
+        ),
         ("whole.c2c_p95_mm", "P95 C2C distance, whole surface", "mm", False),
-        ("gated.whole.c2c_mean_mm", "Mean C2C distance, whole surface, after the ground-truth gate", "mm", False),
+        (
+            "gated.whole.c2c_mean_mm",
+            "Mean C2C distance, whole surface, after the ground-truth gate",
+            "mm",
+            False,
+        ),
         ("costs.flight_time_s", "Flight time, costs", "s", False),
     ],
-)  # fmt: skip
+)
 def test_metric_labels(path: str, full: str, unit: str, larger: bool) -> None:
     label = metric_label(path)
     assert (label.full, label.unit, label.larger_is_better) == (full, unit, larger)

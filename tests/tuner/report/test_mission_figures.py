@@ -41,24 +41,39 @@ def made_mission(root: Path, gate: str = "hyb-h", offset_m: float = 0.01) -> Pat
     seeds = np.stack([4 * np.cos(angles), 4 * np.sin(angles), np.full(24, 2.0)], 1)
     pool_m = np.stack([3.5 * np.cos(angles), 3.5 * np.sin(angles), np.full(24, 1.5)], 1)
     model = SparseModel(
-        seeds, np.zeros(24), 2 * np.arange(25), np.zeros(48, dtype=np.int64), seeds,
-        tuple(f"seed_{i:02d}.png" for i in range(24)), 0.001, 0.002,
-    )  # fmt: skip
+        seeds,
+        np.zeros(24),
+        2 * np.arange(25),
+        np.zeros(48, dtype=np.int64),
+        seeds,
+        tuple(f"seed_{i:02d}.png" for i in range(24)),
+        0.001,
+        0.002,
+    )
     pool = CandidatePool(
-        tuple(f"cand_{i:03d}" for i in range(24)), pool_m, angles, np.rad2deg(angles), np.full(24, 10.0),
+        tuple(f"cand_{i:03d}" for i in range(24)),
+        pool_m,
+        angles,
+        np.rad2deg(angles),
+        np.full(24, 10.0),
         ("lateral",) * 24,
-    )  # fmt: skip
+    )
     for k in range(CAPTURES):
         visited = np.concatenate([seeds, pool_m[:k]])
         save_state(run.state_path(k), PlanningState(model, visited, 24, seeds[0], 0.0, k, 8, 0.2, k), pool)
         same = {"candidate": f"cand_{k:03d}"}
         run.append_trace(
             {
-                "iteration": k, "chosen": f"cand_{k:03d}", "scorer": "b-aware" if k < 2 else "covis", "d95_m": 0.2 - 0.04 * k,
-                "n_points": 100 + k, "n_registered": 24 + k, "registered": k != 1,
+                "iteration": k,
+                "chosen": f"cand_{k:03d}",
+                "scorer": "b-aware" if k < 2 else "covis",
+                "d95_m": 0.2 - 0.04 * k,
+                "n_points": 100 + k,
+                "n_registered": 24 + k,
+                "registered": k != 1,
                 "top": {"covis": same, "b-aware": same if k else {"candidate": "cand_009"}},
             }
-        )  # fmt: skip
+        )
     path = np.concatenate([[[0, -8, 0], [0, -8, 3]], seeds, pool_m[:CAPTURES]])
     # One sample a second: take-off, 24 seeds, the selected views, and back.
     path = np.concatenate([path, [[0, -8, 3]]])
@@ -90,9 +105,13 @@ def rock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.8)
     vertices = np.asarray(ball.vertices) + np.array([0, 0, 0.8])
     subject = make_rock(
-        "ball", vertices, np.asarray(ball.faces), np.full((len(vertices), 3), 0.3, np.float32), split="extra",
+        "ball",
+        vertices,
+        np.asarray(ball.faces),
+        np.full((len(vertices), 3), 0.3, np.float32),
+        split="extra",
         difficulty="none",
-    )  # fmt: skip
+    )
     monkeypatch.setattr(mission_figures, "load_rock", lambda name, store: {"ball": subject}[name])
     return "ball"
 

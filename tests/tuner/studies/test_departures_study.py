@@ -114,8 +114,11 @@ def test_what_the_base_does_already_is_named_not_flown():
     assert names == {"stop-on-budget", "d95-box", "single-image"}
     assert {"d95-all-points", "stop-both", "doubled-image"} < {d.name for d in s.flown}
     assert {d.name for d in settings().as_base} == {
-        "d95-all-points", "exhaustive-matching", "stop-both", "doubled-image",
-    }  # fmt: skip
+        "d95-all-points",
+        "exhaustive-matching",
+        "stop-both",
+        "doubled-image",
+    }
 
 
 def test_the_report_holds_what_was_found(flown, findings):

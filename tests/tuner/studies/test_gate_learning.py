@@ -157,9 +157,27 @@ def test_regret_counts_ties_as_nothing_lost():
 def record(iteration, covis, b_aware, tops=("cand_001", "cand_002"), **changes):
     features = {name: 0.1 * i + iteration for i, name in enumerate(FEATURE_NAMES)}
     return IterationRecord(
-        iteration, 100, {}, 0.1, 1000, 24, 0.003, "covis", "", {}, {"covis": covis, "b-aware": b_aware},
-        {**features, **changes}, {name: {"candidate": top} for name, top in zip(SCORERS, tops)}, "cand_001", True, "", 1.0, 1.0, 0.1, 0.1,
-    )  # fmt: skip
+        iteration,
+        100,
+        {},
+        0.1,
+        1000,
+        24,
+        0.003,
+        "covis",
+        "",
+        {},
+        {"covis": covis, "b-aware": b_aware},
+        {**features, **changes},
+        {name: {"candidate": top} for name, top in zip(SCORERS, tops)},
+        "cand_001",
+        True,
+        "",
+        1.0,
+        1.0,
+        0.1,
+        0.1,
+    )
 
 
 def write_mission(directory: Path, rock: str, trace, replicate=0, **values):

@@ -34,8 +34,11 @@ def findings(flown):
 def test_every_coverage_is_flown(findings):
     assert findings.missions == findings.expected == (3 + 4 + 3) * 3 * 2
     assert {s.coverage for s in findings.strategies if s.strategy.startswith("hyb-o")} == {
-        "reconstruction", "seen", "matchable", "paper-code",
-    }  # fmt: skip
+        "reconstruction",
+        "seen",
+        "matchable",
+        "paper-code",
+    }
 
 
 def test_preferences_are_counted(findings):
@@ -79,8 +82,13 @@ def test_the_report_holds_what_was_found(flown, findings):
     assert text == oracles_markdown(findings)
     row = next(line for line in text.splitlines() if line.startswith("| Hyb-O, paper-code | paper-code"))
     assert [cell.strip() for cell in row.split("|")[3:9]] == [
-        "0", "0", "100", "0, 24, 0", "0 of 6", "6 of 6 (1)",
-    ]  # fmt: skip
+        "0",
+        "0",
+        "100",
+        "0, 24, 0",
+        "0 of 6",
+        "6 of 6 (1)",
+    ]
     assert "Paired differences against Hyb-H" in text
     tree = json.loads((flown / "oracles.json").read_text())
     names = {s["strategy"]: s["switches"] for s in tree["strategies"]}

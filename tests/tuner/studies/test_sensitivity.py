@@ -182,9 +182,14 @@ def test_small_distances_are_better(tmp_path):
 
 def test_a_campaigns_ledger_is_enough(tmp_path):
     settings = CampaignSettings(
-        "c", GATE, ("r0", "r1"), 8, sampler="sobol", objective=Objective(METRIC),
+        "c",
+        GATE,
+        ("r0", "r1"),
+        8,
+        sampler="sobol",
+        objective=Objective(METRIC),
         runner="fake_study:fake_study_mission",
-    )  # fmt: skip
+    )
     fly_campaign(begin_campaign(tmp_path / "c", settings), InProcessExecutor())
     tuned = campaign_data(tmp_path / "c")
     assert len(tuned.observations) == 8 and tuned.rocks == ("r0", "r1") and tuned.left_out == {}

@@ -41,9 +41,15 @@ def test_mistakes_are_one_line_and_write_nothing(gatetune, tmp_path, arguments, 
 
 def test_a_flown_study_is_reported_and_taken_apart(gatetune, tmp_path):
     settings = NoiseSettings(
-        load_search_space("gate"), ("r0", "r1"), (8, 16), configurations=8, replicates=2, repeats=1,
-        metrics=("observable.f_score_48mm",), runner="fake_study:fake_study_mission",
-    )  # fmt: skip
+        load_search_space("gate"),
+        ("r0", "r1"),
+        (8, 16),
+        configurations=8,
+        replicates=2,
+        repeats=1,
+        metrics=("observable.f_score_48mm",),
+        runner="fake_study:fake_study_mission",
+    )
     fly(settings, tmp_path / "study", InProcessExecutor())
     code, out, _ = gatetune("study", "noise", "--report-only", "--out", "study")
     assert code == 0 and "100 of 100 missions" in out and "F-score @ 48 mm" in out

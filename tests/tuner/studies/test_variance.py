@@ -50,8 +50,16 @@ def test_shared_draws_are_not_taken_for_residuals():
 def test_components_are_unbiased():
     rng = np.random.default_rng(1)
     runs = [variance_components(effects_design(rng)) for _ in range(600)]
-    truth = {"configuration": 4.0, "configuration_rock": 1.0, "rock": 16.0, "replicate": 0.64,
-             "residual": 2.25, "within": 2.89, "between": 4.0 + 1.0 / 5, "noise": 2.89 / 5}  # fmt: skip
+    truth = {
+        "configuration": 4.0,
+        "configuration_rock": 1.0,
+        "rock": 16.0,
+        "replicate": 0.64,
+        "residual": 2.25,
+        "within": 2.89,
+        "between": 4.0 + 1.0 / 5,
+        "noise": 2.89 / 5,
+    }
     for name, expected in truth.items():
         draws = np.array([getattr(run, name) for run in runs])
         error = draws.std() / np.sqrt(len(draws))

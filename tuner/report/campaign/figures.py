@@ -50,21 +50,41 @@ def history_figure(facts: CampaignFacts) -> Figure:
         for i, rock in enumerate(facts.settings.rocks):
             own = [(t.number + 1, t.raw) for t in done if t.rock == rock and t.raw is not None]
             ax.plot(
-                *(zip(*own) if own else ([], [])), marker(i), color=colour(i), ms=5.5, mec="white",
-                mew=0.4, ls="none", label=facts.rock_names[rock],
-            )  # fmt: skip
+                *(zip(*own) if own else ([], [])),
+                marker(i),
+                color=colour(i),
+                ms=5.5,
+                mec="white",
+                mew=0.4,
+                ls="none",
+                label=facts.rock_names[rock],
+            )
         if best is not None:
             own = [(t.number + 1, t.raw) for t in done if t.raw is not None and t.values == best.values]
             ax.plot(
-                *(zip(*own) if own else ([], [])), "o", ms=11, mfc="none", mec=BLACK, mew=1.2,
-                ls="none", label="recommended configuration",
-            )  # fmt: skip
+                *(zip(*own) if own else ([], [])),
+                "o",
+                ms=11,
+                mfc="none",
+                mec=BLACK,
+                mew=1.2,
+                ls="none",
+                label="recommended configuration",
+            )
         failed = [t.number + 1 for t in done if t.raw is None]
         if failed:
             ax.plot(
-                failed, np.full(len(failed), 0.035), "x", color=FAILED, ms=6.5, mew=1.8, ls="none",
-                transform=ax.get_xaxis_transform(), label=f"failed ({len(failed)})", clip_on=False,
-            )  # fmt: skip
+                failed,
+                np.full(len(failed), 0.035),
+                "x",
+                color=FAILED,
+                ms=6.5,
+                mew=1.8,
+                ls="none",
+                transform=ax.get_xaxis_transform(),
+                label=f"failed ({len(failed)})",
+                clip_on=False,
+            )
             ax.margins(y=0.12)
         if len(failed) == len(done):
             ax.set_yticks([])
@@ -86,18 +106,35 @@ def running_recommendation_figure(facts: CampaignFacts) -> Figure:
         x = np.array([c.missions for c in points])
         mean, sd = np.array([c.mean for c in points]), np.array([c.sd for c in points])
         ax.errorbar(
-            x, mean, NORMAL_95 * sd, fmt="o", color=BLUE, ms=5, capsize=3, lw=1.2,
+            x,
+            mean,
+            NORMAL_95 * sd,
+            fmt="o",
+            color=BLUE,
+            ms=5,
+            capsize=3,
+            lw=1.2,
             label="as believed at the time, 95 %",
-        )  # fmt: skip
+        )
         ax.plot(
-            x, [c.final_mean for c in points], "-s", color=VERMILION, ms=5, mec="white", mew=0.5, lw=1.4,
+            x,
+            [c.final_mean for c in points],
+            "-s",
+            color=VERMILION,
+            ms=5,
+            mec="white",
+            mew=0.5,
+            lw=1.4,
             label="the same configuration in the light of all missions",
-        )  # fmt: skip
+        )
         assert facts.recommendation is not None
         ax.axhline(
-            facts.recommendation.default_mean, color=DEFAULT, ls="--", lw=1.2,
+            facts.recommendation.default_mean,
+            color=DEFAULT,
+            ls="--",
+            lw=1.2,
             label="paper's default in the light of all missions",
-        )  # fmt: skip
+        )
         ax.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
         ax.set_xlabel("finished missions")
         ax.set_ylabel(_wrap(f"{facts.label.axis}, mean over rocks", 26))
@@ -153,9 +190,13 @@ def _slice_panel(ax: Axes, facts: CampaignFacts, part: Slice) -> None:
         ax.errorbar(x, part.mean, NORMAL_95 * part.sd, fmt="D", color=BLUE, ms=5, capsize=5, lw=1.8)
         for value, style in ((facts.default[path], "--"), (facts.recommendation.values[path], "-")):
             ax.axvline(
-                p.choices.index(value), color=DEFAULT if style == "--" else RECOMMENDED, ls=style, lw=1.2, zorder=1,
+                p.choices.index(value),
+                color=DEFAULT if style == "--" else RECOMMENDED,
+                ls=style,
+                lw=1.2,
+                zorder=1,
                 alpha=0.6,
-            )  # fmt: skip
+            )
         ax.set_xticks(x, [str(choice) for choice in p.choices])
         ax.set_xlim(-0.5, len(x) - 0.5)
     else:
@@ -209,13 +250,29 @@ def map_figure(facts: CampaignFacts) -> Figure | None:
                         **style,
                     )
             ax.plot(
-                facts.default[x], facts.default[y], "D", ms=9, mfc=ORANGE, mec=BLACK, mew=1.1, ls="none",
-                label="paper's default", zorder=4,
-            )  # fmt: skip
+                facts.default[x],
+                facts.default[y],
+                "D",
+                ms=9,
+                mfc=ORANGE,
+                mec=BLACK,
+                mew=1.1,
+                ls="none",
+                label="paper's default",
+                zorder=4,
+            )
             ax.plot(
-                facts.recommendation.values[x], facts.recommendation.values[y], "*", ms=17, mfc=VERMILION, mec="white",
-                mew=1.1, ls="none", label="recommended", zorder=5,
-            )  # fmt: skip
+                facts.recommendation.values[x],
+                facts.recommendation.values[y],
+                "*",
+                ms=17,
+                mfc=VERMILION,
+                mec="white",
+                mew=1.1,
+                ls="none",
+                label="recommended",
+                zorder=5,
+            )
             _scale_axis(ax, surface.x, "x")
             _scale_axis(ax, surface.y, "y")
             ax.set_xlabel(parameter_label(x).axis)
@@ -240,14 +297,29 @@ def calibration_figure(facts: CampaignFacts) -> Figure:
             own = np.array([name == rock for name in rocks])
             if own.any():
                 ax.errorbar(
-                    observed[own], predicted[own], NORMAL_95 * sd[own], fmt=marker(i), color=colour(i), ms=5,
-                    mec="white", mew=0.4, elinewidth=0.8, label=facts.rock_names[rock],
-                )  # fmt: skip
+                    observed[own],
+                    predicted[own],
+                    NORMAL_95 * sd[own],
+                    fmt=marker(i),
+                    color=colour(i),
+                    ms=5,
+                    mec="white",
+                    mew=0.4,
+                    elinewidth=0.8,
+                    label=facts.rock_names[rock],
+                )
         if (~inside).any():
             ax.plot(
-                observed[~inside], predicted[~inside], "o", ms=12, mfc="none", mec=BLACK, mew=1.1, ls="none",
+                observed[~inside],
+                predicted[~inside],
+                "o",
+                ms=12,
+                mfc="none",
+                mec=BLACK,
+                mew=1.1,
+                ls="none",
                 label="outside its interval",
-            )  # fmt: skip
+            )
         ax.set_xlabel(f"measured: {facts.label.axis}")
         ax.set_ylabel(_wrap(f"predicted without it, 95 % ({facts.label.unit or 'metric'})", 40))
         ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5))
@@ -300,9 +372,13 @@ def time_figure(facts: CampaignFacts) -> Figure | None:
         whole = sum(totals.values())
         for row, (_, value) in enumerate(ordered):
             ax.annotate(
-                f"{100 * value / whole:.0f} %", (value / size, row), (5, 0), textcoords="offset points", va="center",
+                f"{100 * value / whole:.0f} %",
+                (value / size, row),
+                (5, 0),
+                textcoords="offset points",
+                va="center",
                 fontsize=8.5,
-            )  # fmt: skip
+            )
         ax.grid(False, axis="y")
         ax.set_xlim(0, 1.12 * longest / size)
         ax.set_xlabel(f"wall-clock time over all missions ({unit})")

@@ -54,21 +54,46 @@ def front_figure(facts: CampaignFacts, points: list[FrontPoint], front: list[Fro
     with look():
         figure = new_figure(7.4, 4.2)
         ax = figure.subplots()
-        ax.plot([p.second for p in points], [p.first for p in points], "o", color=GREY, ms=4, mec="white", mew=0.3,
-                label="configurations flown")  # fmt: skip
+        ax.plot(
+            [p.second for p in points],
+            [p.first for p in points],
+            "o",
+            color=GREY,
+            ms=4,
+            mec="white",
+            mew=0.3,
+            label="configurations flown",
+        )
         ax.errorbar(
-            [p.second for p in front], [p.first for p in front],
-            xerr=[NORMAL_95 * p.second_sd for p in front], yerr=[NORMAL_95 * p.first_sd for p in front],
-            fmt="-o", color=BLUE, ms=5, lw=1.3, elinewidth=0.7, capsize=2, label="Pareto front, 95 %",
-        )  # fmt: skip
+            [p.second for p in front],
+            [p.first for p in front],
+            xerr=[NORMAL_95 * p.second_sd for p in front],
+            yerr=[NORMAL_95 * p.first_sd for p in front],
+            fmt="-o",
+            color=BLUE,
+            ms=5,
+            lw=1.3,
+            elinewidth=0.7,
+            capsize=2,
+            label="Pareto front, 95 %",
+        )
         marked = {"paper's default": (facts.default, "D", BLACK)}
         if facts.recommendation is not None:
             marked["recommended by the first objective"] = (facts.recommendation.values, "s", VERMILION)
         for label, (values, shape, colour) in marked.items():
             at = s.space.to_unit(values)
             own = [p for p in points if np.allclose(s.space.to_unit(p.values), at)]
-            ax.plot([p.second for p in own], [p.first for p in own], shape, ms=10, mfc="none", mec=colour, mew=1.6,
-                    ls="none", label=label)  # fmt: skip
+            ax.plot(
+                [p.second for p in own],
+                [p.first for p in own],
+                shape,
+                ms=10,
+                mfc="none",
+                mec=colour,
+                mew=1.6,
+                ls="none",
+                label=label,
+            )
         ax.set_xlabel(metric_label(s.second.metric).axis)
         ax.set_ylabel(facts.label.axis)
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)

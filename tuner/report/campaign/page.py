@@ -127,8 +127,8 @@ def _context(facts: CampaignFacts, figures: Path) -> dict[str, Any]:
         "title": f"{s.name} · gatetune campaign",
         "name": f"Campaign {s.name}",
         "subtitle": f"{s.space.dimension} parameters of the search space “{s.space.name}” tuned for "
-                    f"{label.full} ({s.objective.direction}d) on {len(s.rocks)} "
-                    f"{'rock' if len(s.rocks) == 1 else 'rocks'}: {rocks}",
+        f"{label.full} ({s.objective.direction}d) on {len(s.rocks)} "
+        f"{'rock' if len(s.rocks) == 1 else 'rocks'}: {rocks}",
         "headline": _headline(facts),
         "warnings": _warnings(facts),
         "kpis": key_figures(facts),
@@ -149,12 +149,17 @@ def _context(facts: CampaignFacts, figures: Path) -> dict[str, Any]:
         "settings_yaml": yaml.safe_dump(s.to_dict(), sort_keys=False, allow_unicode=True),
         "version": versions().get("gatetune", ""),
         "revision": revision,
-        "yaml": "", "mission_command": "", "per_rock": [], "top": [], "model_text": "",
+        "yaml": "",
+        "mission_command": "",
+        "per_rock": [],
+        "top": [],
+        "model_text": "",
         "front": front_context(facts, figures),
         "mission_figures": [history(facts, figures)],
-        "model_figures": [], "rock_checks": [],
+        "model_figures": [],
+        "rock_checks": [],
         "cost_figures": compute_time(facts, figures),
-    }  # fmt: skip
+    }
     if best is not None:
         context |= _recommended_context(facts, best, figures)
         context["mission_figures"].append(running_recommendation(facts, figures))
@@ -231,12 +236,15 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Pa
         "model_figures": model_illustrations(facts, best, figures),
         "rock_checks": [
             [
-                facts.rock_names[c.rock], str(c.missions), f"{100 * c.inside_95:.0f} %", format_number(c.z_sd, 2),
+                facts.rock_names[c.rock],
+                str(c.missions),
+                f"{100 * c.inside_95:.0f} %",
+                format_number(c.z_sd, 2),
                 format_number(c.spearman, 2, signed=True),
             ]
             for c in facts.leave_one_rock_out
         ],
-    }  # fmt: skip
+    }
 
 
 def _headline(facts: CampaignFacts) -> dict[str, Any]:
@@ -259,7 +267,7 @@ def _headline(facts: CampaignFacts) -> dict[str, Any]:
         f"{_percent(best.probability_better_than_default)}.",
         "These figures are the surrogate’s, on the rocks that were tuned on, for the configuration picked as the best "
         "of those flown; they lean towards optimism. `gatetune evaluate` measures the recommendation on held-out rocks.",
-    ]  # fmt: skip
+    ]
     if is_geometric(s.runner):
         sentences.append(
             f"{GEOMETRIC_NOTE} They rank configurations and do not measure them: `gatetune evaluate` flies the "

@@ -21,14 +21,21 @@ def provenance_rows(facts: CampaignFacts) -> tuple[list[tuple[str, str]], str]:
     software = trees[-1].get("versions", {}) if trees else versions()
     machines = sorted({str(tree["machine"]) for tree in trees if "machine" in tree})
     backends = sorted({str(tree["backend"]) for tree in trees if "backend" in tree})
-    hashes = {
-        facts.rock_names.get(t.rock, t.rock): str(tree["rock_sha256"])[:12]
-        for t, tree in zip([t for t in facts.trials if t.state != "running"], trees)
-        if "rock_sha256" in tree
-    } if len(trees) == facts.status.finished else {}  # fmt: skip
+    hashes = (
+        {
+            facts.rock_names.get(t.rock, t.rock): str(tree["rock_sha256"])[:12]
+            for t, tree in zip([t for t in facts.trials if t.state != "running"], trees)
+            if "rock_sha256" in tree
+        }
+        if len(trees) == facts.status.finished
+        else {}
+    )
     times = [t.started for t in facts.trials if t.started], [t.finished for t in facts.trials if t.finished]
     rows = [
-        ("flown between", f"{min(times[0]):%Y-%m-%d %H:%M} and {max(times[1]):%Y-%m-%d %H:%M}" if all(times) else "–"),
+        (
+            "flown between",
+            f"{min(times[0]):%Y-%m-%d %H:%M} and {max(times[1]):%Y-%m-%d %H:%M}" if all(times) else "–",
+        ),
         ("revision of the missions", ", ".join(revisions) or "not recorded"),
         ("revision of this page", git_revision()),
         ("versions", ", ".join(f"{name} {number}" for name, number in software.items())),
@@ -37,7 +44,7 @@ def provenance_rows(facts: CampaignFacts) -> tuple[list[tuple[str, str]], str]:
         ("mission preset", facts.settings.preset),
         ("base configuration", facts.settings.base_config().digest()),
         ("sampler and seed", f"{facts.settings.sampler}, {facts.settings.seed}"),
-    ]  # fmt: skip
+    ]
     if hashes:
         rows.append(
             ("rocks (SHA-256)", ", ".join(f"{name} {digest}…" for name, digest in sorted(hashes.items())))

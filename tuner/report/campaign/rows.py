@@ -56,11 +56,16 @@ def rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
         default = [t.raw for t in own if t.values == best.default_values and t.raw is not None]
         rows.append(
             [
-                facts.rock_names[row.rock], str(len(own)), str(sum(t.raw is None for t in own)), str(row.missions),
-                format_number(row.predicted, facts.digits), format_number(row.observed, facts.digits), str(len(default)),
+                facts.rock_names[row.rock],
+                str(len(own)),
+                str(sum(t.raw is None for t in own)),
+                str(row.missions),
+                format_number(row.predicted, facts.digits),
+                format_number(row.observed, facts.digits),
+                str(len(default)),
                 format_number(sum(default) / len(default) if default else None, facts.digits),
             ]
-        )  # fmt: skip
+        )
     return rows
 
 
@@ -84,19 +89,28 @@ def failure_rows(facts: CampaignFacts) -> list[list[str]]:
         if t.state == "failed":
             groups[t.reason or "unknown"].append(t)
     return [
-        [reason, str(len(group)), ", ".join(sorted({facts.rock_names.get(t.rock, t.rock) for t in group})), group[-1].message]
+        [
+            reason,
+            str(len(group)),
+            ", ".join(sorted({facts.rock_names.get(t.rock, t.rock) for t in group})),
+            group[-1].message,
+        ]
         for reason, group in sorted(groups.items(), key=lambda item: -len(item[1]))
-    ]  # fmt: skip
+    ]
 
 
 def trial_row(facts: CampaignFacts, t: TrialRecord) -> list[str]:
     """One mission: where it flew, what it measured, its configuration."""
     outcome = {"running": "in flight", "complete": t.status or "ok", "failed": f"failed: {t.reason}"}[t.state]
     return [
-        str(t.number + 1), str(t.why.get("phase", "")), facts.rock_names.get(t.rock, t.rock), str(t.replicate),
-        format_number(t.raw, facts.digits), outcome,
+        str(t.number + 1),
+        str(t.why.get("phase", "")),
+        facts.rock_names.get(t.rock, t.rock),
+        str(t.replicate),
+        format_number(t.raw, facts.digits),
+        outcome,
         *(parameter_value(t.values[path]) for path in facts.settings.space.paths),
-    ]  # fmt: skip
+    ]
 
 
 def inline_values(values: dict[str, Any]) -> str:

@@ -106,12 +106,24 @@ def rocks_figure(
                 failed = sum(record.value(metric.key) is None for record in own)
                 if failed:
                     ax.plot(
-                        x, 0.03, "x", color=PURPLE, ms=6, mew=1.8, transform=ax.get_xaxis_transform(), clip_on=False
-                    )  # fmt: skip
+                        x,
+                        0.03,
+                        "x",
+                        color=PURPLE,
+                        ms=6,
+                        mew=1.8,
+                        transform=ax.get_xaxis_transform(),
+                        clip_on=False,
+                    )
                     ax.annotate(
-                        str(failed), (x, 0.03), (4, 2), xycoords=ax.get_xaxis_transform(), textcoords="offset points",
-                        fontsize=7.5, color=PURPLE,
-                    )  # fmt: skip
+                        str(failed),
+                        (x, 0.03),
+                        (4, 2),
+                        xycoords=ax.get_xaxis_transform(),
+                        textcoords="offset points",
+                        fontsize=7.5,
+                        color=PURPLE,
+                    )
         for r in range(1, len(rocks)):
             ax.axvline(r - 0.5, color="#cfcfcf", lw=0.8)
         names = short_names(list(rocks))

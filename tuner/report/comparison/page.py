@@ -86,8 +86,13 @@ def write_comparison_report(
     """
     try:
         facts = comparison_context(
-            run, directory / FIGURES_DIRECTORY, reference=reference, metric=metric, surfaces=surfaces, paper=paper
-        )  # fmt: skip
+            run,
+            directory / FIGURES_DIRECTORY,
+            reference=reference,
+            metric=metric,
+            surfaces=surfaces,
+            paper=paper,
+        )
         markdown = "\n".join(
             f"### {part['title']}\n\n{comparison_markdown(part['table'], paper=paper and part['surface'] == 'whole')}"
             for part in facts["tables"]
@@ -154,8 +159,8 @@ def comparison_context(
 _SURFACE_NOTES = {
     "whole": "Against the complete reference surface, underside included, as in the paper.",
     "observable": "Against the part of the reference surface that at least two reachable cameras can see: nobody can win "
-                  "or lose on the rest.",
-}  # fmt: skip
+    "or lose on the rest.",
+}
 
 
 def metric_row(metric: str) -> MetricRow:
@@ -241,7 +246,8 @@ def _strategy(run: EvaluationRun, name: str) -> dict[str, str]:
         what += f" (the same configuration as {strategy_label(same)}, flown once)"
     return {
         "label": strategy_label(name),
-        "description": what + ("; uses the ground truth, not deployable" if known and known.uses_ground_truth else ""),
+        "description": what
+        + ("; uses the ground truth, not deployable" if known and known.uses_ground_truth else ""),
         "missions": str(len(done)),
         "failed": str(len(own) - len(done)),
         "images": format_number(mean("images"), 1),
@@ -249,7 +255,7 @@ def _strategy(run: EvaluationRun, name: str) -> dict[str, str]:
         "flight": MISSING if flight is None else duration(flight),
         "wall": MISSING if wall is None else duration(wall),
         "digest": run.plan.strategies[name].digest(),
-    }  # fmt: skip
+    }
 
 
 def _table_rows(table: ComparisonTable, strategies: Sequence[str], paper: bool) -> list[dict[str, Any]]:
@@ -293,34 +299,40 @@ def _figures(
         assert table.reference is not None
         out.append(
             embed(
-                forest, "differences",
+                forest,
+                "differences",
                 f"Forest plots: paired improvement of every strategy over {strategy_label(table.reference)}, one panel per metric.",
                 f"Paired improvement over {strategy_label(table.reference)} on common (rock, replicate) pairs with 95 % intervals, "
                 f"{surface} surface; right of zero is better in every panel, whatever the metric’s direction.",
-                figures, title=f"Differences from {strategy_label(table.reference)}",
+                figures,
+                title=f"Differences from {strategy_label(table.reference)}",
             )
-        )  # fmt: skip
+        )
     if any(r.value(headline.key) is not None for r in run.records):
         out.append(
             embed(
-                rocks_figure(run.records, strategies, rocks, headline), "rocks",
+                rocks_figure(run.records, strategies, rocks, headline),
+                "rocks",
                 f"{headline.label} of every mission, grouped by rock, one colour and marker per strategy.",
                 f"{metric_label(headline.key).full} rock by rock: every mission (dots) and each strategy’s mean (bars). "
                 "Crosses with a count at the bottom: failed missions.",
-                figures, title="Rock by rock",
+                figures,
+                title="Rock by rock",
             )
-        )  # fmt: skip
+        )
     sectors, centers = _sectors(run.records, strategies, surface)
     if sectors:
         out.append(
             embed(
-                sector_figure(sectors, centers), "sectors",
+                sector_figure(sectors, centers),
+                "sectors",
                 "Polar plot of completeness per azimuth sector, one line per strategy.",
                 f"Completeness at 48 mm by azimuth sector of the rock ({surface} surface), mean over missions; 0° is east, "
                 "90° north, labels at sector centres (the paper’s Fig. 3).",
-                figures, title="Sector by sector",
+                figures,
+                title="Sector by sector",
             )
-        )  # fmt: skip
+        )
     return out
 
 
@@ -360,8 +372,11 @@ def _provenance(run: EvaluationRun) -> list[tuple[str, str]]:
         ("revision of the missions", ", ".join(revisions) or "not recorded"),
         ("revision of this page", git_revision()),
         ("versions", ", ".join(f"{name} {number}" for name, number in software.items())),
-        ("renderer", ", ".join(sorted({str(t["backend"]) for t in trees if "backend" in t})) or "not recorded"),
-    ]  # fmt: skip
+        (
+            "renderer",
+            ", ".join(sorted({str(t["backend"]) for t in trees if "backend" in t})) or "not recorded",
+        ),
+    ]
 
 
 __all__ = ["PAPER_TABLE_I", "comparison_context", "comparison_markdown", "write_comparison_report"]

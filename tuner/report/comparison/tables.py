@@ -123,9 +123,14 @@ def difference_cell(row: ComparisonRow, strategy: str) -> DifferenceCell | None:
             f"{format_number(i.low, decimals, signed=True)} to {format_number(i.high, decimals, signed=True)}"
         )
     return DifferenceCell(
-        format_number(i.mean, decimals, signed=True), bounds, difference_verdict(d, row.metric), str(d.pairs),
-        f"{d.wins}–{d.ties}–{d.losses}", p_text(d.sign_p), p_text(d.wilcoxon_p),
-    )  # fmt: skip
+        format_number(i.mean, decimals, signed=True),
+        bounds,
+        difference_verdict(d, row.metric),
+        str(d.pairs),
+        f"{d.wins}–{d.ties}–{d.losses}",
+        p_text(d.sign_p),
+        p_text(d.wilcoxon_p),
+    )
 
 
 def p_text(p: float | None) -> str:
@@ -179,16 +184,22 @@ def comparison_markdown(table: ComparisonTable, *, paper: bool = False, differen
             for _, name, from_paper in columns:
                 value = cell(row, name)
                 texts.append(
-                    (value.paper or MISSING) if from_paper else f"**{value.text}**" if value.best else value.text
-                )  # fmt: skip
+                    (value.paper or MISSING)
+                    if from_paper
+                    else f"**{value.text}**"
+                    if value.best
+                    else value.text
+                )
             lines.append(f"| {row_name(row.metric)} | " + " | ".join(texts) + " |")
             if row.floor is not None:
                 own = [MISSING if from_paper else floor_text(row) for _, _, from_paper in columns]
                 lines.append(f"| {floor_name(row)} | " + " | ".join(own) + " |")
     counts = [
-        "" if from_paper else f"{table.missions[name]}" + (f" + {table.failures[name]} failed" if table.failures[name] else "")
+        ""
+        if from_paper
+        else f"{table.missions[name]}" + (f" + {table.failures[name]} failed" if table.failures[name] else "")
         for _, name, from_paper in columns
-    ]  # fmt: skip
+    ]
     lines.append("| missions | " + " | ".join(counts) + " |")
     lines += ["", f"Mean over rocks ± 95 % interval; best mean in bold. {methods_sentence([table])}"]
     if any(row.floor is not None for row in table.rows):

@@ -58,17 +58,22 @@ def explain_state(
 
 
 def _ranking_table(title: str, ranking: Ranking, pool: CandidatePool, weights: Weights, top: int) -> Table:
-    table = Table(title=f"{title}: S = {weights.main:g} main + {weights.nov:g} nov - {weights.move:g} move - "
-                        f"{weights.ang:g} ang")  # fmt: skip
+    table = Table(
+        title=f"{title}: S = {weights.main:g} main + {weights.nov:g} nov - {weights.move:g} move - "
+        f"{weights.ang:g} ang"
+    )
     # In full on a terminal of 80 columns: names of candidates are what one looks up.
     for column in ("#", "candidate", "elev.", "azim.", "main", "nov", "move", "ang", "score"):
         table.add_column(column, justify="right", no_wrap=True)
     for rank, index in enumerate(ranking.order[:top]):
         table.add_row(
-            str(rank + 1), pool.ids[index], f"{pool.elevations_deg[index]:.0f}°", f"{pool.azimuths_deg[index]:.0f}°",
+            str(rank + 1),
+            pool.ids[index],
+            f"{pool.elevations_deg[index]:.0f}°",
+            f"{pool.azimuths_deg[index]:.0f}°",
             *(f"{ranking.terms[term][index]:.4f}" for term in ("main", "nov", "move", "ang")),
             f"{ranking.scores[index]:.4f}",
-        )  # fmt: skip
+        )
     return table
 
 

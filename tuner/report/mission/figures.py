@@ -118,14 +118,24 @@ def trajectory_figure(run: Path) -> Figure:
             ax.plot(*orbit.T[:axes], color=GREY, lw=0.9, ls=(0, (4, 2)))
             ax.plot(*adaptive.T[:axes], color=VERMILION, lw=0.9, alpha=0.75)
             ax.scatter(
-                *seeds.T[:axes], s=30 if axes == 3 else 46, c=BLUE, marker="o", edgecolors="white", linewidths=0.5,
+                *seeds.T[:axes],
+                s=30 if axes == 3 else 46,
+                c=BLUE,
+                marker="o",
+                edgecolors="white",
+                linewidths=0.5,
                 **depth,
-            )  # fmt: skip
+            )
             if len(chosen):
                 ax.scatter(
-                    *chosen.T[:axes], s=46 if axes == 3 else 105, c=ORANGE, marker="^" if axes == 3 else "o",
-                    edgecolors="black", linewidths=0.6, **(depth | ({"zorder": 4} if axes == 2 else {})),
-                )  # fmt: skip
+                    *chosen.T[:axes],
+                    s=46 if axes == 3 else 105,
+                    c=ORANGE,
+                    marker="^" if axes == 3 else "o",
+                    edgecolors="black",
+                    linewidths=0.6,
+                    **(depth | ({"zorder": 4} if axes == 2 else {})),
+                )
         for k, position in enumerate(chosen, 1):
             plan.text(*position[:2], str(k), fontsize=6.5, ha="center", va="center_baseline", zorder=5)
         top = max(float(np.nanmax(orbit[:, 2])), float(pool.positions_m[:, 2].max())) + 0.3
@@ -145,8 +155,9 @@ def trajectory_figure(run: Path) -> Figure:
         space.view_init(elev=27, azim=-58)
         figure.legend(
             *zip(*_trajectory_legend(len(seeds), len(chosen), len(pool), len(rock) > 0)),
-            loc="outside lower center", ncols=3,
-        )  # fmt: skip
+            loc="outside lower center",
+            ncols=3,
+        )
         return figure
 
 
@@ -278,9 +289,16 @@ def overlay_figure(run: Path, rock: str) -> Figure:
                 order = keep[np.argsort(points[keep] @ towards, kind="stable")]  # far points first
                 centred = points[order] - np.array(config.target_m)
                 mappable = ax.scatter(
-                    centred @ right, centred @ up, c=error_mm[order], cmap=shades, vmin=0, vmax=span_mm,
-                    s=1.8 if row == 0 else 5.0, linewidths=0, rasterized=True,
-                )  # fmt: skip
+                    centred @ right,
+                    centred @ up,
+                    c=error_mm[order],
+                    cmap=shades,
+                    vmin=0,
+                    vmax=span_mm,
+                    s=1.8 if row == 0 else 5.0,
+                    linewidths=0,
+                    rasterized=True,
+                )
                 ax.set_aspect("equal")
                 ax.grid(False)
                 ax.set_xlim(-reach * 1.1, reach * 1.1)
@@ -302,7 +320,7 @@ def overlay_figure(run: Path, rock: str) -> Figure:
             f"{run.name}: {len(cloud):,} points; {100 * np.mean(missing_mm < 48):.0f} % of the whole true surface within "
             f"48 mm of the cloud, median error of the cloud {format_number(float(np.median(wrong_mm)), 1)} mm",
             fontsize=10,
-        )  # fmt: skip
+        )
         return figure
 
 
@@ -377,18 +395,27 @@ def pipeline_figure(run: Path) -> Figure:
         if config.gate.kind == "hyb-h":
             axes[1].axhline(1000 * config.gate.d95_m, color=VERMILION, ls="--", lw=1.2)
             axes[1].annotate(
-                f"gate threshold {1000 * config.gate.d95_m:.0f} mm", (1, 1000 * config.gate.d95_m),
-                xycoords=axes[1].get_yaxis_transform(), xytext=(0, 3), textcoords="offset points", ha="right",
-                color=VERMILION, fontsize=8.5,
-            )  # fmt: skip
+                f"gate threshold {1000 * config.gate.d95_m:.0f} mm",
+                (1, 1000 * config.gate.d95_m),
+                xycoords=axes[1].get_yaxis_transform(),
+                xytext=(0, 3),
+                textcoords="offset points",
+                ha="right",
+                color=VERMILION,
+                fontsize=8.5,
+            )
             last = int(np.ceil(config.gate.budget_fraction * config.stop.adaptive_budget))
             if 0 < last < k[-1]:
                 for ax in axes[:2]:
                     ax.axvline(last + 0.5, color="black", ls=":", lw=1.3)
                 axes[1].annotate(
-                    f"$f_b$ reaches {config.gate.budget_fraction:g}", (last + 0.5, 1), xycoords=axes[1].get_xaxis_transform(),
-                    xytext=(4, -10), textcoords="offset points", fontsize=8.5,
-                )  # fmt: skip
+                    f"$f_b$ reaches {config.gate.budget_fraction:g}",
+                    (last + 0.5, 1),
+                    xycoords=axes[1].get_xaxis_transform(),
+                    xytext=(4, -10),
+                    textcoords="offset points",
+                    fontsize=8.5,
+                )
         axes[1].set_ylabel("d95 (mm)")
         axes[2].plot(k, [record["n_points"] for record in trace], "-o", color=GREEN, ms=4)
         axes[2].set_ylabel("sparse points")
@@ -402,9 +429,15 @@ def pipeline_figure(run: Path) -> Figure:
         lost = [x for x, record in zip(k, trace) if not record["registered"]]
         if lost:
             axes[3].plot(
-                lost, np.full(len(lost), 0.06), "x", color=VERMILION, ms=7, mew=1.8,
-                transform=axes[3].get_xaxis_transform(), label="new image did not register",
-            )  # fmt: skip
+                lost,
+                np.full(len(lost), 0.06),
+                "x",
+                color=VERMILION,
+                ms=7,
+                mew=1.8,
+                transform=axes[3].get_xaxis_transform(),
+                label="new image did not register",
+            )
         axes[3].set_ylabel("images")
         axes[3].legend(loc="upper left", ncols=3)
         axes[3].set_xlabel("adaptive iteration; every value is the state before its capture")

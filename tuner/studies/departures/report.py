@@ -66,13 +66,19 @@ def departures_markdown(findings: DepartureFindings) -> str:
         "where the interval excludes zero. *0 exactly*: no mission differs from the base's by a single bit. *Other "
         "views*: Jaccard distance between the viewpoints that both chose (0 the same, 100 none in common). *Same "
         "flight*: pairs with the same viewpoints in the same order. "
-        + interval_sentence([d.interval for a in findings.arms for d in a.differences.values() if d is not None]),
+        + interval_sentence(
+            [d.interval for a in findings.arms for d in a.differences.values() if d is not None]
+        ),
         "",
-    ]  # fmt: skip
+    ]
     header = [
-        "departure", "by", *(heading(row, difference=True) for row in METRICS), "B-aware flown (points)",
-        "other views (%)", "same flight",
-    ]  # fmt: skip
+        "departure",
+        "by",
+        *(heading(row, difference=True) for row in METRICS),
+        "B-aware flown (points)",
+        "other views (%)",
+        "same flight",
+    ]
     lines += markdown_table(header, [_arm_row(a, s) for a in findings.arms], left=2)
     if s.as_base:
         lines += ["", "Not flown, because the base is that way already:", ""]
@@ -94,9 +100,13 @@ def _arm_row(arm: ArmResult, settings: DepartureSettings) -> list[str]:
     cells = [difference_text(arm.differences[row.key], row.decimals) for row in METRICS]
     flight = f"{arm.same_flights} of {arm.pairs}" + (f", {arm.failed} failed" if arm.failed else "")
     return [
-        f"{d.what}{gate}", d.origin, *cells, difference_text(arm.b_aware, 0),
-        _views_text(arm.other_views), flight,
-    ]  # fmt: skip
+        f"{d.what}{gate}",
+        d.origin,
+        *cells,
+        difference_text(arm.b_aware, 0),
+        _views_text(arm.other_views),
+        flight,
+    ]
 
 
 def _views_text(views: Interval | None) -> str:

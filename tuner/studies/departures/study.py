@@ -92,40 +92,106 @@ PAPER_CODE: dict[str, Any] = {**PRESETS["paper-code"].values, **_ALL_POINTS, **_
 DEPARTURES: dict[str, Departure] = {
     d.name: d
     for d in (
-        Departure("alphas", "weakness weights 0.5 / 0.3 / 0.2 (with reprojection error)", "public code", _ALPHAS),
-        Departure("low-ring-rejected", "10° ring rejected by the altitude limit: 105 candidates, not 163",
-                  "public code", _NO_LOW_RING),
-        Departure("d95-all-points", "d95 of the gate over all sparse points, not those in the box",
-                  "public code", _ALL_POINTS),
-        Departure("frustum-oracle", "Hyb-O whose samples are covered by the frustum of any visited view",
-                  "public code", _FRUSTUM_ORACLE, gate="hyb-o"),
-        Departure("exhaustive-matching", "every photograph matched with every other", "public code", _EXHAUSTIVE),
+        Departure(
+            "alphas", "weakness weights 0.5 / 0.3 / 0.2 (with reprojection error)", "public code", _ALPHAS
+        ),
+        Departure(
+            "low-ring-rejected",
+            "10° ring rejected by the altitude limit: 105 candidates, not 163",
+            "public code",
+            _NO_LOW_RING,
+        ),
+        Departure(
+            "d95-all-points",
+            "d95 of the gate over all sparse points, not those in the box",
+            "public code",
+            _ALL_POINTS,
+        ),
+        Departure(
+            "frustum-oracle",
+            "Hyb-O whose samples are covered by the frustum of any visited view",
+            "public code",
+            _FRUSTUM_ORACLE,
+            gate="hyb-o",
+        ),
+        Departure(
+            "exhaustive-matching", "every photograph matched with every other", "public code", _EXHAUSTIVE
+        ),
         Departure("features-16384", "up to 16,384 features a photograph", "public code", _MORE_FEATURES),
-        Departure("stop-on-budget", "stop when the budget is used, never on the KNN distance", "public code",
-                  _BUDGET_ONLY),
-        Departure("straight-legs", "straight legs, through the rock if need be", "public code",
-                  {"flight.keep_out_height_m": 0.0}),
-        Departure("gt-gate", "points farther than 50 mm from the ground truth deleted before the metrics (no flight)",
-                  "public code", variant="gated"),
-        Departure("whole-surface", "measured on the whole surface, underside included (no flight)", "public code",
-                  surface="whole"),
-        Departure("stop-both", "stop on the KNN distance or the budget, whichever comes first", "paper's text",
-                  {"stop.criterion": "both"}),
-        Departure("occlusion", "a point behind the rock or facing away is not visible", "ours",
-                  {"visibility.mode": "occlusion"}),
-        Departure("d95-box", "d95 of the gate over the points in the box only", "ours", {"stop.knn_region": "box"}),
-        Departure("doubled-image", "features of the doubled image too (COLMAP's default, presets `paper` and "
-                  "`paper-code`)", "public code", {"sparse.first_octave": -1}),
-        Departure("single-image", "no features of the doubled image (preset `campaign`)", "ours",
-                  {"sparse.first_octave": 0}),
-        Departure("paper-code", "all that preset `paper-code` changes, together, 50 mm gate included", "public code",
-                  PAPER_CODE),
-        Departure("paper-code-ungated", "the same flight, measured without the 50 mm gate", "public code",
-                  PAPER_CODE, variant="ungated"),
-        Departure("paper-code-oracle", "the same together under Hyb-O, measured without the 50 mm gate", "public code",
-                  PAPER_CODE, gate="hyb-o", variant="ungated"),
+        Departure(
+            "stop-on-budget",
+            "stop when the budget is used, never on the KNN distance",
+            "public code",
+            _BUDGET_ONLY,
+        ),
+        Departure(
+            "straight-legs",
+            "straight legs, through the rock if need be",
+            "public code",
+            {"flight.keep_out_height_m": 0.0},
+        ),
+        Departure(
+            "gt-gate",
+            "points farther than 50 mm from the ground truth deleted before the metrics (no flight)",
+            "public code",
+            variant="gated",
+        ),
+        Departure(
+            "whole-surface",
+            "measured on the whole surface, underside included (no flight)",
+            "public code",
+            surface="whole",
+        ),
+        Departure(
+            "stop-both",
+            "stop on the KNN distance or the budget, whichever comes first",
+            "paper's text",
+            {"stop.criterion": "both"},
+        ),
+        Departure(
+            "occlusion",
+            "a point behind the rock or facing away is not visible",
+            "ours",
+            {"visibility.mode": "occlusion"},
+        ),
+        Departure(
+            "d95-box", "d95 of the gate over the points in the box only", "ours", {"stop.knn_region": "box"}
+        ),
+        Departure(
+            "doubled-image",
+            "features of the doubled image too (COLMAP's default, presets `paper` and `paper-code`)",
+            "public code",
+            {"sparse.first_octave": -1},
+        ),
+        Departure(
+            "single-image",
+            "no features of the doubled image (preset `campaign`)",
+            "ours",
+            {"sparse.first_octave": 0},
+        ),
+        Departure(
+            "paper-code",
+            "all that preset `paper-code` changes, together, 50 mm gate included",
+            "public code",
+            PAPER_CODE,
+        ),
+        Departure(
+            "paper-code-ungated",
+            "the same flight, measured without the 50 mm gate",
+            "public code",
+            PAPER_CODE,
+            variant="ungated",
+        ),
+        Departure(
+            "paper-code-oracle",
+            "the same together under Hyb-O, measured without the 50 mm gate",
+            "public code",
+            PAPER_CODE,
+            gate="hyb-o",
+            variant="ungated",
+        ),
     )
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
@@ -331,12 +397,16 @@ def analyse(directory: Path) -> DepartureFindings:
         known = {block: share for block, share in views.items() if share is not None}
         arms.append(
             ArmResult(
-                d, reference, differences, paired_difference(shares[0], shares[1], True),
-                mean_interval(by_rock(known)), len(common),
+                d,
+                reference,
+                differences,
+                paired_difference(shares[0], shares[1], True),
+                mean_interval(by_rock(known)),
+                len(common),
                 sum(same_flight(ours[block], theirs[block]) for block in common),
                 sum(r.strategy == strategy and r.outcome.status == "failed" for r in records),
             )
-        )  # fmt: skip
+        )
     wall_s = sum(r.outcome.wall_s for r in flown)
     return DepartureFindings(settings, bases, arms, len(flown), plan.missions, failures, wall_s)
 

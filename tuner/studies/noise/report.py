@@ -151,7 +151,7 @@ def noise_markdown(findings: NoiseFindings) -> str:
         "between configurations that do not depend on the rock. The interval is for the first figure, from the F "
         f"distribution. Wanted: at least {TARGET_SIGNAL_TO_NOISE:g} (bold). *Missing* counts the design's missions "
         "without the metric; configurations with a hole are left out.",
-    ]  # fmt: skip
+    ]
     if findings.failures:
         counts = ", ".join(f"{reason} {n}" for reason, n in sorted(findings.failures.items()))
         lines += ["", f"Failed missions by reason: {counts}."]
@@ -171,7 +171,10 @@ def noise_markdown(findings: NoiseFindings) -> str:
         lines += ["", f"![configurations](figures/configurations_{metric}.png)"]
         lines += ["", f"![variance](figures/variance_{metric}.png)"]
     lines += ["", "## Replicates of the default configuration", ""]
-    lines += ["| metric | budget | agreeing views | sd within a rock | 95 % | degrees of freedom |", "|---|---:|---:|---:|---:|---:|"]  # fmt: skip
+    lines += [
+        "| metric | budget | agreeing views | sd within a rock | 95 % | degrees of freedom |",
+        "|---|---:|---:|---:|---:|---:|",
+    ]
     for cell in findings.cells:
         if cell.default_within is not None:
             variance, low, high, degrees = cell.default_within
@@ -220,7 +223,14 @@ def _map_panel(ax: Axes, findings: NoiseFindings, metric: str) -> AxesImage:
     image = ax.imshow(np.minimum(grid, top), cmap=SEQUENTIAL, vmin=0, vmax=top, origin="lower", aspect="auto")
     for (i, j), value in np.ndenumerate(grid):
         text = MISSING if math.isnan(value) else f"{value:.1f}"
-        ax.text(j, i, text, ha="center", va="center", color="black" if value > 0.6 * top else "white" if value == value else GREY)  # fmt: skip
+        ax.text(
+            j,
+            i,
+            text,
+            ha="center",
+            va="center",
+            color="black" if value > 0.6 * top else "white" if value == value else GREY,
+        )
         if value >= TARGET_SIGNAL_TO_NOISE:
             ax.add_patch(Rectangle((j - 0.46, i - 0.46), 0.92, 0.92, fill=False, ec=VERMILION, lw=1.8))
     ax.set_xticks(range(len(budgets)), [str(b) for b in budgets])
@@ -253,10 +263,16 @@ def configurations_figure(findings: NoiseFindings, metric: str) -> Figure:
             Line2D([], [], color=GREY, marker="_", ls="none", ms=7, label="one replicate of all rocks"),
         ]
         handles += [
-            Line2D([], [], color=shade, ls=dash, label="paper's default" if name == DEFAULT else strategy_label(name))
+            Line2D(
+                [],
+                [],
+                color=shade,
+                ls=dash,
+                label="paper's default" if name == DEFAULT else strategy_label(name),
+            )
             for name, (shade, dash) in _REFERENCES.items()
             if any(name in cell.means for cell in cells)
-        ]  # fmt: skip
+        ]
         figure.legend(handles=handles, loc="outside lower center", ncols=3)
         return figure
 
@@ -293,9 +309,15 @@ def variance_figure(findings: NoiseFindings, metric: str) -> Figure:
         for name, (shade, hatch) in _SHARE_LOOK.items():
             width = np.array([100 * c.components.shares()[name] for c in cells if c.components is not None])
             ax.barh(
-                range(len(cells)), width, left=left, color=shade, hatch=hatch, edgecolor="white",
-                linewidth=0.6, height=0.8,
-            )  # fmt: skip
+                range(len(cells)),
+                width,
+                left=left,
+                color=shade,
+                hatch=hatch,
+                edgecolor="white",
+                linewidth=0.6,
+                height=0.8,
+            )
             left += width
         ax.set_yticks(range(len(cells)), [f"{c.budget} captures, {c.agreement} views" for c in cells])
         ax.set_ylim(len(cells) - 0.4, -0.6)

@@ -263,10 +263,14 @@ class NoiseFindings:
         s = self.settings
         names = [*s.points, *s.controls]
         return {
-            name: np.array([[table.get((strategy_name(budget, name), rock, k), math.nan)
-                             for k in range(s.replicates)] for rock in s.rocks])
+            name: np.array(
+                [
+                    [table.get((strategy_name(budget, name), rock, k), math.nan) for k in range(s.replicates)]
+                    for rock in s.rocks
+                ]
+            )
             for name in names
-        }  # fmt: skip
+        }
 
     def ranked(self, metric: str) -> list[NoiseCell]:
         """Cells of one metric, best signal to noise first."""

@@ -150,9 +150,17 @@ def variance_components(values: Floats) -> VarianceComponents:
         interaction = (ms_cross - ms_residual) / r
         rock = (ms_rock - ms_cross - ms_block + ms_residual) / (c * r)
     return VarianceComponents(
-        configuration, interaction, rock, (ms_block - ms_residual) / c, ms_residual, within, c, k, r,
+        configuration,
+        interaction,
+        rock,
+        (ms_block - ms_residual) / c,
+        ms_residual,
+        within,
+        c,
+        k,
+        r,
         ms_configuration,
-    )  # fmt: skip
+    )
 
 
 def largest_complete(values: Floats) -> tuple[Floats, list[int], int]:

@@ -104,12 +104,15 @@ def oracles_markdown(findings: OracleFindings) -> str:
         *markdown_table(
             ["strategy", *(heading(row) for row, _ in rows), "missions"],
             [
-                [name_of(x.strategy), *(mean_text(x.cells[key], row.decimals) for row, key in rows),
-                 f"{x.missions}" + (f" + {x.failed} failed" if x.failed else "")]
+                [
+                    name_of(x.strategy),
+                    *(mean_text(x.cells[key], row.decimals) for row, key in rows),
+                    f"{x.missions}" + (f" + {x.failed} failed" if x.failed else ""),
+                ]
                 for x in findings.strategies
             ],
         ),
-    ]  # fmt: skip
+    ]
     for reference in s.references:
         others = [x for x in findings.strategies if reference in x.differences]
         lines += ["", f"## Paired differences against {strategy_label(reference)}", ""]
@@ -123,19 +126,29 @@ def oracles_markdown(findings: OracleFindings) -> str:
         lines += markdown_table(
             ["strategy", *(heading(row, difference=True) for row, _ in rows), "other views (%)"],
             [
-                [name_of(x.strategy), *(difference_text(x.differences[reference][key], row.decimals) for row, key in rows),
-                 mean_text(x.other_views[reference], 0)]
+                [
+                    name_of(x.strategy),
+                    *(difference_text(x.differences[reference][key], row.decimals) for row, key in rows),
+                    mean_text(x.other_views[reference], 0),
+                ]
                 for x in others
             ],
-        )  # fmt: skip
+        )
     return "\n".join(lines) + "\n"
 
 
 _STATES = (
-    "coverage", "missions", "decisions", "prefers B-aware (%)", "prefers Covis (%)", "ties (%)",
-    "ties: same candidate, saturated, other", "missions that prefer B-aware at least once",
-    "missions with nothing to gain at some capture (median first)", "samples covered before first and last capture (%)",
-)  # fmt: skip
+    "coverage",
+    "missions",
+    "decisions",
+    "prefers B-aware (%)",
+    "prefers Covis (%)",
+    "ties (%)",
+    "ties: same candidate, saturated, other",
+    "missions that prefer B-aware at least once",
+    "missions with nothing to gain at some capture (median first)",
+    "samples covered before first and last capture (%)",
+)
 
 
 def states_markdown(judged: Sequence[JudgedMission]) -> str:
@@ -159,12 +172,15 @@ def _states_row(s: CoverageSummary) -> list[str]:
     if p.saturates_at is not None:
         saturates += f" ({p.saturates_at + 1})"
     return [
-        s.coverage, str(s.missions), str(p.decisions),
+        s.coverage,
+        str(s.missions),
+        str(p.decisions),
         *(format_number(PERCENT * n / p.decisions, 0) for n in (p.b_aware, p.covis, p.ties)),
         f"{p.same_candidate}, {p.saturated}, {p.other_ties}",
-        f"{s.missions_preferring_b_aware} of {s.missions}", saturates,
+        f"{s.missions_preferring_b_aware} of {s.missions}",
+        saturates,
         f"{format_number(s.covered_first)}, {format_number(s.covered_last)}",
-    ]  # fmt: skip
+    ]
 
 
 def states_table(judged: Sequence[JudgedMission]) -> Table:
@@ -179,5 +195,9 @@ def states_table(judged: Sequence[JudgedMission]) -> Table:
 
 def _all_differences(findings: OracleFindings) -> list[PairedDifference]:
     return [
-        d for s in findings.strategies for by_metric in s.differences.values() for d in by_metric.values() if d
-    ]  # fmt: skip
+        d
+        for s in findings.strategies
+        for by_metric in s.differences.values()
+        for d in by_metric.values()
+        if d
+    ]

@@ -110,10 +110,15 @@ def _judge_mission(mission: FlownMission, rock: Rock, coverages: Sequence[str]) 
         assert counts is not None  # there is a state
         found.append(
             JudgedMission(
-                mission.directory, rock.name, mission.config.gate.kind, coverage, counts,
-                covered[coverage][0], covered[coverage][-1],
+                mission.directory,
+                rock.name,
+                mission.config.gate.kind,
+                coverage,
+                counts,
+                covered[coverage][0],
+                covered[coverage][-1],
             )
-        )  # fmt: skip
+        )
     return found
 
 

@@ -133,7 +133,15 @@ def importance_figure(result: Sensitivity) -> Figure:
             for value, (low, high), shift, shade, hatch in bars:
                 if not math.isfinite(value):
                     continue
-                ax.barh(y + shift, max(0.0, value), height=0.36, color=shade, hatch=hatch, edgecolor="white", linewidth=0.5)  # fmt: skip
+                ax.barh(
+                    y + shift,
+                    max(0.0, value),
+                    height=0.36,
+                    color=shade,
+                    hatch=hatch,
+                    edgecolor="white",
+                    linewidth=0.5,
+                )
                 ax.plot([max(0.0, low), max(0.0, high)], [y + shift] * 2, color=BLACK, lw=1.2)
                 top = max(top, high)
             for share, mark, shade in ((item.fanova, "D", VERMILION), (item.ped_anova, "o", ORANGE)):
@@ -148,9 +156,13 @@ def importance_figure(result: Sensitivity) -> Figure:
             Patch(facecolor=SKY, edgecolor="white", label="Sobol, total"),
             Patch(facecolor=BLUE, hatch="//", edgecolor="white", label="Sobol, alone"),
             Line2D([], [], color=BLACK, lw=1.2, label="95 %"),
-            Line2D([], [], color=VERMILION, marker="D", ls="none", ms=6, mec="black", mew=0.6, label="fANOVA"),
-            Line2D([], [], color=ORANGE, marker="o", ls="none", ms=6, mec="black", mew=0.6, label="PED-ANOVA"),
-        ]  # fmt: skip
+            Line2D(
+                [], [], color=VERMILION, marker="D", ls="none", ms=6, mec="black", mew=0.6, label="fANOVA"
+            ),
+            Line2D(
+                [], [], color=ORANGE, marker="o", ls="none", ms=6, mec="black", mew=0.6, label="PED-ANOVA"
+            ),
+        ]
         figure.legend(handles=handles, loc="outside upper center", ncols=5)
         if result.caution:
             ax.set_title(result.caution, fontsize=8.5, color=VERMILION, wrap=True)
@@ -167,17 +179,26 @@ def interaction_figure(result: Sensitivity) -> Figure:
         figure = new_figure(5.8, 4.3)
         ax = figure.subplots()
         image = ax.imshow(
-            pair.mean.T, origin="lower", extent=(0, 1, 0, 1), aspect="auto", cmap=SEQUENTIAL,
+            pair.mean.T,
+            origin="lower",
+            extent=(0, 1, 0, 1),
+            aspect="auto",
+            cmap=SEQUENTIAL,
             interpolation="bilinear",
-        )  # fmt: skip
+        )
         lines = ax.contour(
             pair.mean.T, levels=6, colors="white", linewidths=0.7, extent=(0, 1, 0, 1), origin="lower"
         )
         lines.set(path_effects=[withStroke(linewidth=1.8, foreground="#00000088")])
         for text in ax.clabel(lines, fontsize=7.5):
             text.set_path_effects([withStroke(linewidth=1.8, foreground="#00000088")])
-        seen = np.unique([[first.to_unit(o.values[first.path]), second.to_unit(o.values[second.path])]
-                          for o in result.data.observations], axis=0)  # fmt: skip
+        seen = np.unique(
+            [
+                [first.to_unit(o.values[first.path]), second.to_unit(o.values[second.path])]
+                for o in result.data.observations
+            ],
+            axis=0,
+        )
         ax.plot(seen[:, 0], seen[:, 1], "o", ms=4, mfc="white", mec=BLACK, mew=0.7, ls="none", clip_on=False)
         ticks = np.linspace(0, 1, 5)
         ax.set_xticks(ticks, [parameter_value(first.from_unit(u)) for u in ticks])

@@ -206,22 +206,31 @@ def sensitivity(data: MissionData, seed: int = 0) -> Sensitivity:
     fanova, ped_anova = optuna_importances(data, seed)
     importances = [
         Importance(
-            path, float(point.first[i]), float(point.total[i]),
-            _at(sampling, "first", i), _at(sampling, "total", i), _at(belief, "first", i), _at(belief, "total", i),
-            fanova.get(path), ped_anova.get(path),
+            path,
+            float(point.first[i]),
+            float(point.total[i]),
+            _at(sampling, "first", i),
+            _at(sampling, "total", i),
+            _at(belief, "first", i),
+            _at(belief, "total", i),
+            fanova.get(path),
+            ped_anova.get(path),
         )
         for i, path in enumerate(space.paths)
-    ]  # fmt: skip
+    ]
     interaction = None
     if pair is not None:
         grid = main_effect_map(surrogate.mean, d, pair, MAP_GRID, MAP_SAMPLES, seed)
         centres = (np.arange(MAP_GRID) + 0.5) / MAP_GRID
         first, second = (space.parameters[i] for i in pair)
         interaction = Interaction(
-            (first.path, second.path), float(point.second[0]), _at(sampling, "second", 0),
+            (first.path, second.path),
+            float(point.second[0]),
+            _at(sampling, "second", 0),
             _at(belief, "second", 0),
-            ([first.from_unit(u) for u in centres], [second.from_unit(u) for u in centres]), grid,
-        )  # fmt: skip
+            ([first.from_unit(u) for u in centres], [second.from_unit(u) for u in centres]),
+            grid,
+        )
     spread = float(np.var(loo.observed))
     return Sensitivity(
         data,
