@@ -1,1 +1,30 @@
-"""Which configuration to use, and how sure that is."""
+"""Which configuration to use, and which may be recommended at all.
+
+Names are loaded when they are asked for: what only names a setting need not wait for torch.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tuner.recommendation.eligible import may_be_recommended
+    from tuner.recommendation.recommendation import Recommendation, recommend
+
+__all__ = [
+    "Recommendation",
+    "may_be_recommended",
+    "recommend",
+]
+_FILES = {
+    "Recommendation": "recommendation",
+    "may_be_recommended": "eligible",
+    "recommend": "recommendation",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _FILES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f"{__name__}.{_FILES[name]}"), name)
