@@ -48,7 +48,7 @@ def test_an_added_field_changes_no_digest_until_it_is_used() -> None:
     assert len(changed | {config.digest(), MissionConfig().digest()}) == 6
 
 
-def test_the_campaign_preset_is_the_mission_that_all_campaigns_flew() -> None:
+def test_the_campaign_preset_is_what_all_campaigns_flew() -> None:
     assert preset("campaign").digest() == "ebb0509a42ffd52d"
 
 
@@ -57,7 +57,7 @@ def test_a_record_of_version_1_is_the_mission_that_was_flown() -> None:
         assert config_from_dict(version_1(preset(name))) == preset(name)
 
 
-def test_parts_of_a_configuration_are_keyed_without_unused_added_fields() -> None:
+def test_parts_are_keyed_without_unused_added_fields() -> None:
     assert canonical(preset("campaign").dense) == version_1(preset("campaign"))["dense"]
     assert canonical(preset("paper-reduced").dense)["search"] == "sparse"
 

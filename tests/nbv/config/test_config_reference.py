@@ -47,7 +47,7 @@ def test_what_the_paper_prints_is_marked_as_its_text() -> None:
         assert (parameters()[path].source, parameters()[path].default) == ("text", value), path
 
 
-def test_the_paper_s_preset_is_the_defaults_and_changes_no_value_of_its_text() -> None:
+def test_the_paper_s_preset_is_the_defaults_and_changes_nothing() -> None:
     assert preset("paper") == MissionConfig()
     assert PRESETS["paper"].values == {}
     reduced = {path.split(".")[0] for path in PRESETS["paper-reduced"].values}

@@ -95,7 +95,7 @@ def test_more_agreement_keeps_fewer_and_better_points(scene, maps):
     assert error == sorted(error, reverse=True)
 
 
-def test_true_depths_confirm_each_other_and_a_wrong_one_is_dropped(scene):
+def test_true_depths_confirm_each_other_a_wrong_one_is_dropped(scene):
     truth = {n: DepthMap(np.where(d < 6, d, np.nan).astype(np.float32)) for n, d in scene.depths.items()}
     config = dataclasses.replace(CONFIG, agreeing_views=5)
     checked = check_consistency(truth, scene.poses, scene.camera, TARGET, config)

@@ -39,7 +39,7 @@ def test_neighbours_lie_within_the_angles_best_first():
     assert choose_neighbours("v180", poses, TARGET, DenseConfig()) == []
 
 
-def test_a_view_in_front_of_or_behind_another_is_no_partner_if_so_configured():
+def test_a_view_in_front_or_behind_is_no_partner_if_configured():
     """Six degrees and a metre: the baseline is 22 degrees off the line to the target."""
     poses = {
         "here": orbit_pose(0, 0.0),
@@ -94,7 +94,7 @@ def test_depth_has_no_systematic_offset(scene):
         assert abs(np.nanmedian(error)) < 0.003, name
 
 
-def test_backend_is_deterministic_and_ignores_views_that_are_not_neighbours(scene):
+def test_backend_is_deterministic_and_ignores_distant_views(scene):
     backend = SgbmBackend()
     first = backend.depth_maps(scene.images, scene.poses, scene.camera, TARGET, CONFIG)
     far = {"zfar.png": orbit_pose(180.0)}
@@ -130,7 +130,7 @@ def near_the_sphere(points_m):
     return points_m[np.abs(np.linalg.norm(points_m - np.array(TARGET), axis=1) - 0.6) < 0.01][::40]
 
 
-def test_only_what_is_near_the_sparse_points_is_searched_and_found_as_before(scene):
+def test_searching_near_the_sparse_points_only_finds_the_same(scene):
     name = "view_009.png"
     pose, true = scene.poses[name], scene.depths[name]
     pairs = [(scene.images[other], scene.poses[other]) for other in ("view_000.png", "view_018.png")]

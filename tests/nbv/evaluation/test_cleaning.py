@@ -71,7 +71,7 @@ def test_points_below_the_ground_go_with_it():
     assert cleaned.points_m[:, 2].min() > 0
 
 
-def test_same_seed_same_result_and_order_of_other_draws_is_irrelevant():
+def test_same_seed_same_result_whatever_else_is_drawn():
     points, _ = scene(5)
     first, _ = clean_cloud(PointCloud(points), CONFIG, TARGET, 7)
     np.random.default_rng(0).random(1000)

@@ -57,7 +57,7 @@ def test_the_middle_of_an_invisible_bottom_is_the_floor(standing_box):
     assert floors["whole"]["hausdorff_cloud_to_gt_floor_mm"] < 1000 * VOXEL_M
 
 
-def test_a_sphere_seen_from_one_side_has_the_chord_to_its_far_pole():
+def test_a_sphere_seen_from_one_side_has_its_far_pole_s_chord():
     """A known crop: from far away a camera sees the cap up to 80 degrees of incidence, and nothing else."""
     mesh = o3d.geometry.TriangleMesh.create_sphere(0.5, resolution=60).translate((0, 0, 5.0))
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)

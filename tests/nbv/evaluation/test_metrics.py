@@ -35,7 +35,7 @@ def distance_scores(to_cloud_m, to_truth_m, thresholds_mm):
     return measure_all(Distances(1000.0 * to_cloud_m, 1000.0 * to_truth_m, sectors, config))
 
 
-def test_every_number_of_a_result_is_a_metric_that_says_what_it_is():
+def test_every_number_of_a_result_is_a_described_metric():
     scores = distance_scores(np.array([0.01, 0.03]), np.array([0.02]), (16.0, 48.0))
     labels = {key: find_metric(key)[1] for key in scores}
     assert labels["f_score_16mm"] == "F-score @ 16 mm" and labels["c2c_p95_mm"] == "P95 C2C distance"
@@ -187,7 +187,7 @@ def test_voxel_scores_are_tanks_and_temples_definition_by_loops():
     assert 60 < precision < 95 and 60 < recall < 95  # neither is trivial here
 
 
-def test_voxel_scores_agree_with_the_steps_of_the_published_toolbox():
+def test_voxel_scores_agree_with_the_published_toolbox():
     """Open3D's own functions, in the order of the Tanks and Temples toolbox; its voxel grid has another origin."""
     import open3d as o3d
 
@@ -228,7 +228,7 @@ def test_voxel_means_average_each_cell():
     assert voxel_means(points, 1.0).tolist() == [[-0.5, 0.5, 0.5], [0.2, 0.1, 0.1], [1.5, 0.5, 0.5]]
 
 
-def test_observable_part_is_scored_against_the_whole_surface_backwards():
+def test_observable_part_is_scored_backwards_on_all_surface():
     truth = sphere(20_000, 6)
     observable = truth[:, 2] > TARGET[2]
     scores = compute_metrics(PointCloud(truth), truth_of(truth, observable), CONFIG)

@@ -89,7 +89,7 @@ def test_both_rankings_are_finite_at_every_iteration(flown):
         assert record.n_points > 300
 
 
-def test_a_mission_is_a_function_of_configuration_rock_and_replicate(flown, config, tmp_path, monkeypatch):
+def test_configuration_rock_and_replicate_determine_a_mission(flown, config, tmp_path, monkeypatch):
     run_geometric_mission(config, ROCK, 1)
     run_geometric_mission(config.with_values({"gate.kind": "random"}), ROCK)
     assert same(run_geometric_mission(config, ROCK), flown)  # from the memories in this process
@@ -124,7 +124,7 @@ def test_detections_do_not_depend_on_the_order_of_visits(world, config, rock):
     assert models[0][1] == pytest.approx(models[1][1], abs=1e-5)
 
 
-def test_more_views_raise_the_prediction_and_hidden_samples_stay_at_zero(world, config, rock):
+def test_more_views_raise_the_prediction_except_where_hidden(world, config, rock):
     reconstructor = GeometricReconstructor(world, config, rock.sha256, 0)
     reconstructor.bootstrap([capture(v, config, rock) for v in seed_viewpoints(config)])
     before, rows = reconstructor.predicted(), [world.index(v.id) for v in seed_viewpoints(config)]

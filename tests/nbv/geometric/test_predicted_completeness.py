@@ -66,7 +66,7 @@ def test_grazing_views_and_faint_texture_reconstruct_less():
     assert all(a > b for a, b in pairwise(by_contrast)) and by_contrast[-1] == 0.0
 
 
-def test_a_pair_that_sees_the_surface_at_unlike_slants_matches_less():
+def test_a_pair_at_unlike_slants_matches_less():
     like = probability([0, 20], incidence_deg=[[40.0], [40.0]])[0]
     unlike = probability([0, 20], incidence_deg=[[20.0], [56.0]])[0]
     assert unlike < like

@@ -107,7 +107,7 @@ def test_the_budget_counts_adaptive_captures():
     assert mission.notes == []
 
 
-def test_an_unregistered_image_is_recorded_counts_and_does_not_end_the_mission():
+def test_an_unregistered_image_counts_and_the_mission_goes_on():
     mission = fly(CountingReconstructor(refuse={2}))
     assert [record.registered for record in mission.trace] == [True, False, True, True]
     assert mission.trace[1].message == "too few matches"
@@ -116,7 +116,7 @@ def test_an_unregistered_image_is_recorded_counts_and_does_not_end_the_mission()
 
 
 @pytest.mark.parametrize("criterion, captures", [("both", 0), ("knn", 0), ("budget", 4)])
-def test_knn_convergence_stops_before_the_first_capture_if_it_may(criterion, captures):
+def test_knn_convergence_may_stop_before_the_first_capture(criterion, captures):
     mission = fly(**{"stop.criterion": criterion, "stop.knn_threshold_m": 10.0})
     assert len(mission.trace) == captures
 
@@ -153,7 +153,7 @@ def test_hyb_h_follows_eq_9():
     assert [record.scorer for record in high.trace] == ["b-aware"] * 4
 
 
-def test_the_camera_is_where_the_vehicle_is_within_the_arrival_tolerance():
+def test_the_camera_is_where_the_vehicle_arrived():
     for capture in fly().captures:
         error = np.abs(capture.camera_center_m - np.array(capture.viewpoint.position_m))
         assert error.max() <= 0.35

@@ -181,7 +181,7 @@ def test_a_known_cloud_is_made_only_if_somebody_looks_at_it(store):
     assert made == [None, None]
 
 
-def test_a_stricter_fusion_is_another_cloud_and_the_same_as_one_configured_so(store):
+def test_a_stricter_fusion_is_the_cloud_of_one_configured_so(store):
     made = []
     clouds(store, made)(None)
     clouds(store, made)(5)

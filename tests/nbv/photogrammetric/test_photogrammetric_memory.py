@@ -101,9 +101,7 @@ def fly(dense, store, *, keep_sparse):
 
 
 @pytest.mark.parametrize("cached", [False, True])
-def test_a_summary_mission_has_let_features_matches_and_model_go_before_the_dense_stage(
-    dense, tmp_path, cached
-):
+def test_a_summary_mission_frees_its_sparse_data_before_dense(dense, tmp_path, cached):
     reconstructor = fly(dense, Store(tmp_path / "store") if cached else None, keep_sparse=False)
     assert len(dense.watched) == 4  # two photographs' features, their matches, the model
     assert dense.alive == [[False] * 4] * 2
@@ -112,7 +110,7 @@ def test_a_summary_mission_has_let_features_matches_and_model_go_before_the_dens
 
 
 @pytest.mark.parametrize("cached", [False, True])
-def test_a_mission_that_keeps_everything_can_still_export_the_model(dense, tmp_path, cached):
+def test_a_mission_that_keeps_everything_can_export_the_model(dense, tmp_path, cached):
     reconstructor = fly(dense, Store(tmp_path / "store") if cached else None, keep_sparse=True)
     assert dense.alive == [[True] * 4] * 2
     reconstructor.export_sparse(tmp_path)

@@ -35,7 +35,7 @@ def mesh_file(tmp_path, monkeypatch):
     return path
 
 
-def test_a_procedural_rock_is_generated_once_and_read_back_identically(home, monkeypatch):
+def test_a_procedural_rock_is_generated_once_and_read_back(home, monkeypatch):
     first = load_rock("waist", Store())
     assert load_rock("waist", Store()) is first  # in memory
     forget_loaded()

@@ -74,7 +74,7 @@ def test_single_precision_is_as_good_as_it_says(
     assert np.abs(single - double).max() < precision(low_deg, low_deg + width_deg)
 
 
-def test_a_candidate_on_a_point_and_points_without_observations_are_no_trouble_in_single_precision() -> None:
+def test_degenerate_geometry_is_no_trouble_in_single_precision() -> None:
     config = MissionConfig()
     state, pool = synthetic_state(1_200, config)
     box = shared_terms(state, pool, config).ordered
@@ -137,7 +137,7 @@ def test_near_ties_are_settled_in_double_precision(monkeypatch: pytest.MonkeyPat
     assert asked and asked[0] > 10  # there were ties to settle
 
 
-def test_points_on_the_border_of_the_image_are_decided_in_double_precision() -> None:
+def test_points_on_the_image_border_get_double_precision() -> None:
     config = MissionConfig()
     pool = synthetic_state(300, config)[1]
     target = np.array(config.target_m)

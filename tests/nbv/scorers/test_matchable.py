@@ -55,13 +55,13 @@ def test_the_surface_is_the_hull_of_the_rock_alone() -> None:
     assert np.abs(offset.mean(axis=0)).max() < 0.03  # even
 
 
-def test_nothing_visited_every_sample_seen_is_one_view_of_those_needed() -> None:
+def test_before_any_view_a_seen_sample_is_one_of_those_needed() -> None:
     proxy, candidates = surface(), np.stack([view(0.0), view(90.0, 55.0)])
     gain = matchable_repair(proxy, candidates, np.zeros((0, 3)), config())
     np.testing.assert_allclose(gain, sees(proxy, candidates, config()).mean(axis=0) / 6)
 
 
-def test_too_near_or_too_far_to_match_gains_nothing_where_a_view_was() -> None:
+def test_too_near_or_too_far_to_match_gains_nothing() -> None:
     proxy, visited = surface(), np.stack([view(0.0)])
     near, matched = view(0.5), view(12.0)
     gain = matchable_repair(proxy, np.stack([near, matched]), visited, config())
@@ -119,7 +119,7 @@ def test_points_without_volume_end_the_mission_with_a_reason(synthetic) -> None:
     assert list(rankings) == ["covis", "b-aware"]
 
 
-def test_the_ranking_is_eq_1_with_a_main_term_and_weights_of_its_own(synthetic) -> None:
+def test_the_ranking_is_eq_1_with_its_own_main_term_and_weights(synthetic) -> None:
     state, pool = synthetic(flat=False)
     mission = config(**{"matchable.weights.nov": 0.3})
     ranking = rank_candidates(state, pool, mission)["matchable"]

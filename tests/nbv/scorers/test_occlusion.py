@@ -67,7 +67,7 @@ def test_normals_are_the_surfaces_on_the_observed_side() -> None:
     assert (radius > 0).all() and radius.max() <= 0.12
 
 
-def test_a_handful_of_points_falls_back_to_the_observing_direction() -> None:
+def test_few_points_fall_back_to_the_observing_direction() -> None:
     points = np.array([[0.0, 0, 1], [0.1, 0, 1]])
     cameras = np.array([[4.0, 0, 1], [4.0, 1, 1]])
     ours = unoccluded(

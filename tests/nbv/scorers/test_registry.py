@@ -19,7 +19,7 @@ def test_every_name_stands_for_a_scorer_of_that_name() -> None:
     assert {name: find_scorer(name).name for name in SCORERS} == {name: name for name in SCORERS}
 
 
-def test_the_papers_two_are_always_ranked_and_others_when_asked_for() -> None:
+def test_the_papers_two_are_always_ranked_others_when_asked_for() -> None:
     state, pool = synthetic_state(400, MissionConfig())
     rankings = rank_candidates(state, pool, MissionConfig())
     assert tuple(rankings) == PAPER_SCORERS == ("covis", "b-aware")

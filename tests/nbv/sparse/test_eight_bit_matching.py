@@ -88,7 +88,7 @@ def test_the_two_nearest_are_the_same_as_in_single_precision(seed, count_a, coun
 
 
 @needs_8_bits
-def test_descriptors_that_cannot_be_written_to_are_matched_and_left_alone():
+def test_read_only_descriptors_are_matched_and_left_alone():
     a, b = overlapping(4, 60, 50, 0.02, 0.1)
     before = a.copy(), b.copy()
     expected = match_pair(a, b)
@@ -113,7 +113,7 @@ def test_no_descriptors_no_matches():
         assert match_pair_fast(a, b).shape == (0, 2)
 
 
-def test_a_processor_without_8_bit_products_gets_the_same_matches(monkeypatch):
+def test_without_8_bit_products_the_matches_are_the_same(monkeypatch):
     a, b = overlapping(7, 200, 150, 0.02, 0.05)
     monkeypatch.setattr(eight_bit_matching, "eight_bit_products_are_exact", lambda: False)
     monkeypatch.setattr(eight_bit_matching, "nearest_in_8_bits", None)  # must not be called

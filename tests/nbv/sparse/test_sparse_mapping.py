@@ -213,7 +213,7 @@ def test_less_adjustment_between_captures_ends_in_the_same_place():
     assert 0 < apart_m.max() < 0.002
 
 
-def test_an_update_with_near_pairs_leaves_out_only_what_is_far_and_no_photograph():
+def test_near_pairs_leave_out_only_what_is_far_and_no_photograph():
     class Recording(IncrementalModel):
         def _database_cache(self, pairs):
             seen.append((set(pairs), set(self.pairs)))
@@ -269,7 +269,7 @@ def test_a_blind_photograph_is_reported_and_the_mission_goes_on():
     assert after.registered and len(after.model.camera_names) == 13
 
 
-def test_a_black_photograph_through_real_sift_has_nothing_to_match():
+def test_a_black_photograph_has_nothing_to_match_in_real_sift():
     world = LabelledPoints(SEEDS)
     sparse = reconstructor(world)
     sparse.bootstrap(SEEDS)
@@ -373,7 +373,7 @@ def test_only_pairs_within_the_angle_are_matched():
     assert world.asked == 12 * 2
 
 
-def test_only_the_nearest_views_are_matched_when_pairs_are_limited():
+def test_limited_pairs_match_only_the_nearest_views():
     class Recording(LabelledPoints):
         def __init__(self, captures):
             super().__init__(captures)

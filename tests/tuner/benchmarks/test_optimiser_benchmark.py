@@ -32,7 +32,7 @@ def test_optimum_is_where_and_what_it_should_be(name: str) -> None:
     assert max(truths) < problem.best and np.std(truths) == pytest.approx(1, abs=0.25)
 
 
-def test_noise_is_a_function_of_the_mission_and_of_the_right_size() -> None:
+def test_noise_is_the_mission_s_own_and_of_the_right_size() -> None:
     problem = problems.make_problem("levy10:0.5", 0, Path("unused"))
     flights = [problem.fly(problem.default, "one", k).value for k in range(300)]
     assert flights[5] == problem.fly(problem.default, "one", 5).value
@@ -58,7 +58,7 @@ def test_a_run_is_written_skipped_and_summarised(tmp_path: Path, capsys: pytest.
     assert summary.read(path) is None and not optimiser_comparison.complete(path)
 
 
-def test_our_predictions_come_before_their_missions_and_peers_are_scored_anew(tmp_path: Path) -> None:
+def test_our_predictions_precede_missions_peers_are_scored_anew(tmp_path: Path) -> None:
     """Of 9 missions 3 are the initial design; a peer's recommendations follow the present rule, its missions stay."""
     for strategy in ("gp", "random"):
         optimiser_comparison.run_one(("levy10:0.1", strategy, 0, tmp_path, problems.ROCKS, 9))

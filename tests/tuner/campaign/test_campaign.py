@@ -95,7 +95,7 @@ def test_interrupted_campaign_goes_on_as_if_it_had_not_been(tmp_path: Path) -> N
         np.testing.assert_allclose(list(a.values.values()), list(b.values.values()), rtol=1e-6)
 
 
-def test_in_step_a_campaign_is_the_same_with_any_number_of_workers(tmp_path: Path) -> None:
+def test_in_step_a_campaign_is_the_same_with_any_workers(tmp_path: Path) -> None:
     changes: dict[str, object] = {
         "sampler": "gp",
         "budget": 10,
@@ -244,7 +244,7 @@ def test_finished_but_untold_mission_is_entered_not_flown_again(tmp_path: Path) 
     assert (directory / first.directory / "flown.txt").read_text() == "flown\n"
 
 
-def test_crashes_and_failures_are_recorded_and_the_campaign_goes_on(tmp_path: Path) -> None:
+def test_the_campaign_records_crashes_and_failures_and_goes_on(tmp_path: Path) -> None:
     rocks = ("a", "abort", "raise", "fail", "full")
     campaign = begin_campaign(tmp_path / "run", settings(rocks=rocks, budget=10))
     with workers() as executor:
@@ -278,7 +278,7 @@ def test_nothing_but_failures_stops_the_campaign(tmp_path: Path) -> None:
     assert summary.status.failed == 8
 
 
-def test_user_error_in_a_mission_reaches_the_user_and_costs_no_budget(tmp_path: Path) -> None:
+def test_a_mission_s_user_error_is_shown_and_costs_no_budget(tmp_path: Path) -> None:
     campaign = begin_campaign(tmp_path / "run", settings(rocks=("user",)))
     with pytest.raises(UserError, match="unknown rock 'user'"):
         fly_campaign(campaign, InProcessExecutor())

@@ -24,7 +24,7 @@ Gatetune = Callable[..., tuple[int, str, str]]
 
 
 @pytest.mark.parametrize("name", sorted(path.stem for path in DIRECTORY.glob("*.json")))
-def test_they_fit_their_space_and_are_of_procedural_training_rocks(name: str) -> None:
+def test_they_fit_their_space_and_use_procedural_training_rocks(name: str) -> None:
     earlier = shipped_missions(load_search_space(name), Objective())
     assert earlier.usable and len(earlier.observations) >= 90
     assert {RECIPES[rock].split for rock in earlier.rocks} == {"train"}
@@ -76,7 +76,7 @@ def test_learning_from_them_needs_their_space_and_metric(tmp_path: Path) -> None
         (("--second-metric", "costs.flight_time_s"), []),
     ],
 )
-def test_a_campaign_in_their_space_learns_from_them_unless_told_otherwise(
+def test_a_campaign_in_their_space_learns_from_them_unless_told(
     gatetune: Gatetune, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], expected: list[str]
 ) -> None:
     monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_: None)

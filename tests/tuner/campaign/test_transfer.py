@@ -101,7 +101,7 @@ def test_two_campaigns_on_one_rock_have_offsets_of_their_own(earlier: Campaign, 
     assert synthetic.true_value(both.best(1)[0]) > 0.9
 
 
-def test_misleading_campaigns_do_not_keep_the_search_from_the_optimum(earlier: Campaign) -> None:
+def test_misleading_campaigns_do_not_hide_the_optimum(earlier: Campaign) -> None:
     """What the earlier missions praise is bad here: the search finds the optimum all the same."""
     upside_down = learn_from(
         [str(earlier.directory)],

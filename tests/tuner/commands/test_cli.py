@@ -124,9 +124,7 @@ def test_a_bad_settings_file_is_named(gatetune, tmp_path, text, says):
     assert not any((tmp_path / "runs").rglob("*.json"))
 
 
-def test_options_go_before_the_settings_file_and_the_file_before_the_defaults(
-    gatetune, monkeypatch, tmp_path
-):
+def test_options_beat_the_settings_file_which_beats_the_defaults(gatetune, monkeypatch, tmp_path):
     monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_: None)
     (tmp_path / "mine.yaml").write_text(
         "name: mine\nbudget: 20\nrocks: [slab]\nin_step: 2\noverrides: {gate.kind: hyb-o, stop.adaptive_budget: 9}\n"
@@ -148,7 +146,7 @@ def test_options_go_before_the_settings_file_and_the_file_before_the_defaults(
     assert again == {**found, "name": "again", "seed": 7}
 
 
-def test_the_first_line_waits_for_nothing_that_takes_seconds_to_load():
+def test_the_first_line_waits_for_nothing_slow_to_load():
     heavy = {"torch", "botorch", "optuna", "matplotlib", "sklearn", "open3d", "pycolmap"}
     program = "import sys, tuner.cli, tuner.commands.campaign_settings; print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

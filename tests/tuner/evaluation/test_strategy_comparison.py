@@ -42,7 +42,7 @@ def plan(**changes: object) -> EvaluationPlan:
     return EvaluationPlan(**{**fields, **changes})  # type: ignore[arg-type]
 
 
-def test_same_rocks_and_replicates_for_all_and_a_paired_difference(tmp_path: Path) -> None:
+def test_all_share_rocks_and_replicates_for_paired_differences(tmp_path: Path) -> None:
     result = run_evaluation(plan(), tmp_path / "out", InProcessExecutor())
     assert result.complete and result.failures == {}
     assert {(r.strategy, r.rock, r.replicate) for r in result.records} == {
@@ -85,7 +85,7 @@ def test_failures_are_counted_and_pairs_are_common_ones(tmp_path: Path) -> None:
     assert again.failures == result.failures and again.elapsed_s < 1.0  # nothing was flown again
 
 
-def test_an_evaluation_of_an_earlier_version_is_refused_in_one_line(tmp_path: Path) -> None:
+def test_an_earlier_version_s_evaluation_is_refused_in_one_line(tmp_path: Path) -> None:
     run_evaluation(plan(replicates=1), tmp_path / "out", InProcessExecutor())
     file = tmp_path / "out" / PLAN_FILE
     file.write_text(file.read_text().replace(f"format: {FORMAT_VERSION}", "format: 1"))
@@ -163,7 +163,7 @@ def test_chance_is_given_the_tuned_pool_too() -> None:
     assert "pool" in description("random-tuned-pool") and description("mine") == ""
 
 
-def test_the_greedy_oracle_is_paid_for_surface_that_stereo_can_match() -> None:
+def test_the_greedy_oracle_is_paid_for_matchable_surface() -> None:
     config = BASELINES["greedy-oracle"].config(BASE)
     assert (config.gate.kind, config.gate.oracle_coverage) == ("greedy-oracle", "matchable")
     assert BASELINES["hyb-o"].config(BASE).gate.oracle_coverage == "reconstruction"  # the paper's text

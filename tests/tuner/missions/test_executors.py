@@ -72,7 +72,7 @@ def test_runner_that_cannot_be_imported_fails_the_mission(tmp_path: Path) -> Non
     assert outcome.reason == "user_error" and "no_such_module" in outcome.message
 
 
-def test_one_thread_per_mission_and_a_fresh_interpreter_where_forking_is_unsafe(tmp_path: Path) -> None:
+def test_one_thread_per_mission_and_no_unsafe_forking(tmp_path: Path) -> None:
     """The path for systems without a safe fork: one interpreter per job."""
     each = job(tmp_path)
     each.directory.mkdir()

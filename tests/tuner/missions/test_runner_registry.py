@@ -41,6 +41,6 @@ def test_the_command_line_offers_registered_runners_only() -> None:
         registered("fake_missions:fake_mission")
 
 
-def test_studies_of_decisions_fly_the_runner_that_asks_the_oracle() -> None:
+def test_decision_studies_fly_the_runner_that_asks_the_oracle() -> None:
     assert with_oracle("geometric") == "geometric-with-oracle"
     assert with_oracle("photogrammetric") == "photogrammetric"

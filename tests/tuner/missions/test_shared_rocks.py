@@ -48,7 +48,7 @@ def test_the_rock_of_a_flown_mission_is_held_once(tmp_path: Path) -> None:
     assert held() == 1 and rocks.held_bytes == bytes_of_one > 0
 
 
-def test_what_cannot_be_read_or_is_not_ours_is_left_to_the_missions(tmp_path: Path) -> None:
+def test_what_is_unreadable_or_not_ours_is_left_to_the_missions(tmp_path: Path) -> None:
     rocks, ball = SharedRocks(), write_ball(tmp_path / "ball.ply")
     rocks.keep(order(ball, "fake_missions:fake_mission"))
     (tmp_path / "broken.ply").write_text("not a mesh")
@@ -68,7 +68,7 @@ def test_memory_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert held() == 1
 
 
-def test_later_missions_fly_around_the_rock_that_the_first_one_read(tmp_path: Path) -> None:
+def test_later_missions_share_the_rock_that_the_first_read(tmp_path: Path) -> None:
     """The same file name and time with another content shows where a mission has its rock from."""
     ball = write_ball(tmp_path / "ball.ply")
     stamp = ball.stat().st_mtime_ns

@@ -61,7 +61,7 @@ def test_rock_effect_is_not_mistaken_for_a_configuration_effect() -> None:
     assert abs(z[-1]) < max(abs(z[:-1]))
 
 
-def test_centres_shrink_to_the_grand_mean_when_rocks_do_not_differ() -> None:
+def test_centres_of_equal_rocks_shrink_to_the_grand_mean() -> None:
     rng = np.random.default_rng(1)
     rocks = [f"r{i % 8}" for i in range(16)]
     y = rng.normal(size=16)

@@ -54,7 +54,7 @@ def text_of(page: Path) -> str:
     return re.sub(r"\s+", " ", html.unescape(source))
 
 
-def test_page_says_what_is_recommended_and_needs_nothing_from_outside(tmp_path: Path) -> None:
+def test_page_says_what_is_recommended_and_is_self_contained(tmp_path: Path) -> None:
     campaign = flown(tmp_path / "run", rocks=("a", "b", "fail"), budget=9)
     page = write_campaign_report(campaign)
     assert page == tmp_path / "run" / "report.html"
@@ -127,7 +127,7 @@ def test_the_command_runs_the_same_campaign(
     assert again.to_dict() == made.settings.to_dict()
 
 
-def test_the_page_names_the_trend_of_a_model_with_many_parameters(tmp_path: Path) -> None:
+def test_the_page_names_the_trend_of_many_parameters(tmp_path: Path) -> None:
     assert "beside a linear trend" not in text_of(
         write_campaign_report(flown(tmp_path / "few", sampler="gp"))
     )
@@ -217,7 +217,7 @@ def test_running_recommendation_ends_in_the_recommendation(tmp_path: Path) -> No
     assert [p.missions for p in points] == sorted({p.missions for p in points})
 
 
-def test_slices_pass_through_the_recommendation_in_the_metric_s_own_direction(tmp_path: Path) -> None:
+def test_slices_pass_the_recommendation_in_the_metric_s_sense(tmp_path: Path) -> None:
     facts = CampaignFacts(flown(tmp_path / "run", budget=8, objective=Objective(direction="minimise")))
     best = facts.recommendation
     assert best is not None

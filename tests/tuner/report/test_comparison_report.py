@@ -90,7 +90,7 @@ def test_the_rocks_own_floor_stands_below_hausdorff(tmp_path: Path) -> None:
     assert "own floor" not in html.unescape(text)
 
 
-def test_differences_keep_the_metrics_sign_and_verdicts_its_direction() -> None:
+def test_differences_keep_the_sign_and_verdicts_the_direction() -> None:
     run = made_run({"tuned": 66.0, "hyb-h": 60.0, "covis": 54.0, "random": 60.02}, noise=0.5)
     table = comparison_table(run.records, tuple(run.plan.strategies), "hyb-h")
     mean_c2c, f_score = table.rows[1], table.rows[5]
@@ -126,7 +126,7 @@ def test_terminal_tables() -> None:
     assert difference_terminal_table(comparison_table(run.records, ("covis",))) is None
 
 
-def test_terminal_tables_of_many_strategies_keep_their_numbers_on_80_columns() -> None:
+def test_tables_of_many_strategies_keep_numbers_on_80_columns() -> None:
     names = (
         "tuned",
         "novelty-only",

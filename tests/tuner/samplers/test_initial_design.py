@@ -44,7 +44,7 @@ def test_size(dimension: int, budget: int, trusted: bool, size: int) -> None:
 
 
 @given(seed=st.integers(0, 10_000), index=st.integers(0, 40))
-def test_points_are_configurations_and_functions_of_seed_and_index(seed: int, index: int) -> None:
+def test_points_are_configurations_fixed_by_seed_and_index(seed: int, index: int) -> None:
     for point in (
         near_default(MIXED, MIXED_DEFAULT, seed, index),
         sobol_point(MIXED, seed, index),

@@ -88,7 +88,7 @@ def test_sparse_model_switches_parameters_off() -> None:
 @pytest.mark.parametrize(
     ("space", "sparse"), [("gate_and_weights", False), ("beyond_paper", False), ("full", True)]
 )
-def test_many_parameters_are_expected_to_be_mostly_without_effect(space: str, sparse: bool) -> None:
+def test_most_of_many_parameters_are_expected_to_have_no_effect(space: str, sparse: bool) -> None:
     shipped = load_search_space(space)
     assert surrogate_settings(shipped).sparse is sparse
     assert surrogate_settings(shipped).trend is sparse

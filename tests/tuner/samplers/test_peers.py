@@ -59,7 +59,7 @@ def told(values: dict[str, Any]) -> int:
     return round(100 * values[FIRST])
 
 
-def test_the_peer_is_told_every_mission_once_and_chooses_the_rock() -> None:
+def test_the_peer_chooses_the_rock_and_hears_each_mission_once() -> None:
     sampler = fake(synthetic.sampler_settings(0, 4))
     history = synthetic.play(sampler, 4, 0.05, 0)
     assert history[0].values == synthetic.DEFAULT and not peers._processes  # the common design needs no peer
@@ -204,7 +204,7 @@ def mixed_history(missions: int) -> list[Observation]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", PEER_NAMES)
-def test_real_peer_is_told_failures_and_missions_in_flight_on_a_mixed_space(name: str) -> None:
+def test_real_peer_is_told_failures_and_missions_in_flight(name: str) -> None:
     default = MIXED.default(MissionConfig())
     settings = SamplerSettings(MIXED, default, ("r0", "r1"), 3, 5, 2)
     assert real(name, settings).ask([], []).values == default

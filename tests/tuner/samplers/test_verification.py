@@ -78,7 +78,7 @@ def campaign(
 
 
 @pytest.mark.parametrize("verify", [True, False])
-def test_sampler_verifies_near_the_end_of_its_budget_on_a_plateau(verify: bool) -> None:
+def test_sampler_verifies_at_its_budget_s_end_on_a_plateau(verify: bool) -> None:
     settings = dataclasses.replace(synthetic.sampler_settings(0, 4), budget=12, replicates=2)
     # A cliff; nothing to gain elsewhere.
     _, phases = campaign(

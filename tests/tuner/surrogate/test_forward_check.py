@@ -21,13 +21,13 @@ def test_widening_follows_the_surprises_and_looks_only_back() -> None:
 
 
 @pytest.mark.parametrize("scale", [0.7, 1.0, 2.5])
-def test_intervals_hold_95_percent_whatever_the_models_standard_deviations_are_worth(scale: float) -> None:
+def test_intervals_hold_95_percent_however_wrong_the_model_s_are(scale: float) -> None:
     z = scale * np.random.default_rng(0).standard_normal((2000, 40))
     inside = np.array([np.abs(row) <= half_widths_95(row)[:-1] for row in z])
     assert inside[:, 20:].mean() == pytest.approx(0.95, abs=0.02)
 
 
-def test_intervals_are_the_posterior_predictive_of_an_unknown_variance() -> None:
+def test_intervals_are_posterior_predictive_of_unknown_variance() -> None:
     """Drawn from the prior itself, exactly 95 % of every residual are inside, early or late."""
     rng = np.random.default_rng(1)
     sd = np.sqrt(5 / rng.chisquare(5, 8000))

@@ -96,7 +96,7 @@ def test_block_offsets_are_told_from_noise_and_cancel() -> None:
     assert rms[True] < 0.7 * rms[False]
 
 
-def test_predictions_know_a_flown_block_and_are_humble_about_others() -> None:
+def test_predictions_know_a_flown_block_and_are_humble_elsewhere() -> None:
     history = synthetic.random_design(40, 0.1, 1, replicates=2, block_sd=0.6)
     model = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
     rng = np.random.default_rng(7)
