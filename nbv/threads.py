@@ -16,8 +16,8 @@ def single_thread_environment() -> None:
 def limit_threads() -> None:
     """Hold libraries that are already loaded to one thread."""
     # cv2 before pycolmap: the other order lets libpng abort the process.
-    import cv2
-    from threadpoolctl import threadpool_limits
+    import cv2  # noqa: PLC0415  after the environment is set
+    from threadpoolctl import threadpool_limits  # noqa: PLC0415
 
     cv2.setNumThreads(1)
     threadpool_limits(1)

@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from PIL import Image
 
 from nbv.errors import UserError
 from nbv.mission.result import json_ready
@@ -66,8 +67,6 @@ class RunDirectory:
 
     def write_image(self, name: str, rgb: np.ndarray) -> None:
         """Save an (H, W, 3) uint8 photograph as PNG (Pillow: cv2's PNG writer clashes with pycolmap)."""
-        from PIL import Image
-
         Image.fromarray(rgb).save(self.image(name), compress_level=1)
 
     def write_config(self, tree: dict[str, Any]) -> None:
@@ -126,7 +125,7 @@ def write_ply(path: Path, cloud: Cloud) -> None:
 
 def read_ply(path: Path) -> PointCloud:
     """Read a point cloud that ``write_ply`` wrote (or any PLY that Open3D reads)."""
-    import open3d as o3d
+    import open3d as o3d  # noqa: PLC0415  seconds to load
 
     if not path.is_file():
         raise UserError(f"{path} does not exist")

@@ -176,7 +176,7 @@ def _measured_difficulty(vertices: Floats, faces: Ints) -> str:
 
 
 def _read(path: Path, notes: list[str]) -> _Soup:
-    import trimesh
+    import trimesh  # noqa: PLC0415  half a second to load
 
     if not path.is_file():
         raise UserError(f"there is no mesh file {str(path)!r}; check the path")
@@ -324,7 +324,7 @@ def _refuse_flat(soup: _Soup, path: Path) -> None:
 
 def _outward(vertices: Floats, faces: Ints, notes: list[str]) -> Ints:
     """The faces, all turned if the surface is inside out; says what is not closed or consistent."""
-    import trimesh
+    import trimesh  # noqa: PLC0415  half a second to load
 
     counts = meshes.edge_face_counts(faces)
     if (counts == 1).any():

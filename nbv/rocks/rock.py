@@ -9,6 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.rocks.mesh import edge_face_counts, face_areas, face_normals, signed_volume
 from nbv.types import Floats, Ints
 
 Split = Literal["train", "held-out", "extra"]
@@ -107,8 +108,6 @@ def make_rock(
 
 def describe(rock: Rock) -> RockFacts:
     """Facts about the rock's shape and albedo."""
-    from nbv.rocks.mesh import edge_face_counts, face_areas, face_normals, signed_volume
-
     areas = face_areas(rock.vertices_m, rock.faces)
     normals = face_normals(rock.vertices_m, rock.faces)
     corners = rock.vertices_m[rock.faces]

@@ -128,7 +128,7 @@ def eight_bit_products_are_exact() -> bool:
 def _torch() -> Any:
     """PyTorch; on one thread if nobody else had loaded it."""
     alone = "torch" not in sys.modules
-    import torch
+    import torch  # noqa: PLC0415  where it pays
 
     if alone:
         torch.set_num_threads(1)

@@ -40,8 +40,8 @@ class SharedRocks:
             path = Path(rock).expanduser()
             if path.is_file() and path.stat().st_size > MAX_FILE_BYTES:
                 return
-            from nbv.cache import Store
-            from nbv.rocks import load_rock
+            from nbv.cache import Store  # noqa: PLC0415  the server stays light
+            from nbv.rocks import load_rock  # noqa: PLC0415
 
             mesh = load_rock(rock, Store())
         except Exception as error:  # the next mission on it meets the same error and records it

@@ -50,7 +50,7 @@ def places_for_earlier(initial: int) -> range:
 
 def sobol_point(space: SearchSpace, seed: int, index: int) -> Values:
     """Point ``index`` of the seed's scrambled Sobol sequence over the space."""
-    from scipy.stats import qmc
+    from scipy.stats import qmc  # noqa: PLC0415  a second to load
 
     engine = qmc.Sobol(space.dimension, scramble=True, rng=seed)
     with warnings.catch_warnings():
