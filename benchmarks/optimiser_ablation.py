@@ -120,8 +120,10 @@ def main() -> None:
     arguments = parser.parse_args()
     variants = {"without block offsets": {"blocks": False}, "with block offsets": {"blocks": True}}
     began = time.process_time()
-    print("| block sd | variant | value | worst | paired difference (95 %) | improvement interval holds truth "
-          "| its width | LOO coverage % |")  # fmt: skip
+    print(
+        "| block sd | variant | value | worst | paired difference (95 %) | improvement interval holds truth "
+        "| its width | LOO coverage % |"
+    )
     print("|---|---|---|---|---|---|---|---|")
     for block_sd in arguments.block_sd:
         reference: list[Outcome] | None = None

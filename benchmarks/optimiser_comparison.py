@@ -98,9 +98,17 @@ def play(problem: Problem, name: str, seed: int, log: TextIO) -> None:
     def write(kind: str, **fields: Any) -> None:
         print(json.dumps({"kind": kind, **fields}), file=log, flush=True)
 
-    write("run", problem=problem.name, strategy=name, seed=seed, budget=problem.budget,
-          dimension=problem.space.dimension, rocks=list(problem.rocks), best=problem.best,
-          default_truth=problem.truth(problem.default))  # fmt: skip
+    write(
+        "run",
+        problem=problem.name,
+        strategy=name,
+        seed=seed,
+        budget=problem.budget,
+        dimension=problem.space.dimension,
+        rocks=list(problem.rocks),
+        best=problem.best,
+        default_truth=problem.truth(problem.default),
+    )
     strategy = STRATEGIES[name](problem, seed)
     history: list[Observation] = []
     spent = total_ask_s = 0.0
@@ -122,8 +130,16 @@ def play(problem: Problem, name: str, seed: int, log: TextIO) -> None:
         )
         history.append(observation)
         strategy.tell(observation)
-        write("mission", cost=round(spent, 6), values=dict(request.values), rock=rock, replicate=replicate,
-              value=flight.value, ask_s=round(ask_s, 4), **expected)  # fmt: skip
+        write(
+            "mission",
+            cost=round(spent, 6),
+            values=dict(request.values),
+            rock=rock,
+            replicate=replicate,
+            value=flight.value,
+            ask_s=round(ask_s, 4),
+            **expected,
+        )
         if (
             marks
             and spent >= marks[0] - 1e-6

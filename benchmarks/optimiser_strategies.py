@@ -158,10 +158,16 @@ def earlier_campaign(problem: Any, seed: int) -> EarlierMissions:
     # Other Sobol points than those of the campaign that learns from it.
     sampler = GPSampler(
         SamplerSettings(
-            problem.space, problem.default, rocks, derived_seed(seed, size), initial, replicates, budget=size,
+            problem.space,
+            problem.default,
+            rocks,
+            derived_seed(seed, size),
+            initial,
+            replicates,
+            budget=size,
             trusted_default=problem.trusted_default,
         )
-    )  # fmt: skip
+    )
     history: list[Observation] = []
     while len(history) < size:
         proposal = sampler.ask(history, [])

@@ -58,12 +58,17 @@ def read(path: Path) -> Run | None:
     missions = [r for r in rows if r["kind"] == "mission"]
     z = [(m["value"] - m["mean"]) / m["sd"] for m in missions if "mean" in m and m["value"] is not None]
     return Run(
-        head["problem"], head["strategy"], head["seed"], head["budget"], head["best"],
+        head["problem"],
+        head["strategy"],
+        head["seed"],
+        head["budget"],
+        head["best"],
         np.array([p["cost"] for p in points]),
         np.array([p["truth"] for p in points]).round(TRUTH_DIGITS),
-        np.array([m["ask_s"] for m in missions if m["ask_s"] > 1e-3]), np.array(z),
+        np.array([m["ask_s"] for m in missions if m["ask_s"] > 1e-3]),
+        np.array(z),
         points[-1].get("loo"),
-    )  # fmt: skip
+    )
 
 
 def paired_interval(differences: Floats) -> tuple[float, float, float]:

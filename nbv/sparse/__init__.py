@@ -4,3 +4,7 @@ import cv2  # noqa: F401  imported before pycolmap: the other order aborts the p
 import pycolmap
 
 pycolmap.logging.minloglevel = 1  # warnings and worse; COLMAP otherwise reports every step on stderr
+
+from nbv.sparse.reconstructor import SparseReconstructor  # noqa: E402  after the log level is set
+
+__all__ = ["SparseReconstructor"]

@@ -90,11 +90,14 @@ def flown_in_both(
     signs = objectives[0].sign, objectives[1].sign
     return [
         FrontPoint(
-            configurations[i], signs[0] * float(one.mean[i]), float(one.sd[i]),
-            signs[1] * float(two.mean[i]), float(two.sd[i]),
+            configurations[i],
+            signs[0] * float(one.mean[i]),
+            float(one.sd[i]),
+            signs[1] * float(two.mean[i]),
+            float(two.sd[i]),
         )
         for i in np.argsort(-one.mean, kind="stable")
-    ]  # fmt: skip
+    ]
 
 
 def pareto_front(points: Sequence[FrontPoint], objectives: tuple[Objective, Objective]) -> list[FrontPoint]:

@@ -111,9 +111,14 @@ def maximise(model: RockMeanGP, acquisition: AcquisitionFunction, seed: int) -> 
     bounds[:, d:] = starts[0, 0, d:]
     for fixed, chosen in _climbs(points, order.tolist(), discrete):
         position, score = optimize_acqf(
-            acquisition, bounds, 1, len(chosen), batch_initial_conditions=starts[chosen],
-            options={"maxiter": MAX_ITERATIONS}, fixed_features={**fixed, **nowhere},
-        )  # fmt: skip
+            acquisition,
+            bounds,
+            1,
+            len(chosen),
+            batch_initial_conditions=starts[chosen],
+            options={"maxiter": MAX_ITERATIONS},
+            fixed_features={**fixed, **nowhere},
+        )
         if float(score) > best_score:
             best, best_score = position[0, :d].numpy(), float(score)
     return best, best_score

@@ -139,10 +139,14 @@ def recommend(
         failed = sum(not o.feasible for o in group)
         candidates.append(
             Candidate(
-                configurations[index], sign * float(belief.mean[index]), float(belief.sd[index]),
-                len(group), failed, float(share),
+                configurations[index],
+                sign * float(belief.mean[index]),
+                float(belief.sd[index]),
+                len(group),
+                failed,
+                float(share),
             )
-        )  # fmt: skip
+        )
     mean, sd = candidates[0].mean, candidates[0].sd
     gain, gain_sd = belief.difference(best, reference)
     own = evaluated[configuration_key(space, configurations[best])]

@@ -60,9 +60,12 @@ class OptunaSampler:
 
         def replay(values: Mapping[str, Any], state: TrialState, value: float | None, memory: Any) -> Any:
             return create_trial(
-                state=state, value=value, params=dict(values), distributions=known,
+                state=state,
+                value=value,
+                params=dict(values),
+                distributions=known,
                 system_attrs=dict(memory),
-            )  # fmt: skip
+            )
 
         trials: list[tuple[int, optuna.trial.FrozenTrial]] = []
         for o in history:
@@ -75,13 +78,15 @@ class OptunaSampler:
 
 
 def _tpe(settings: SamplerSettings, seed: int) -> optuna.samplers.BaseSampler:
-    return optuna.samplers.TPESampler(seed=seed, n_startup_trials=settings.initial, multivariate=True,
-                                      constant_liar=True)  # fmt: skip
+    return optuna.samplers.TPESampler(
+        seed=seed, n_startup_trials=settings.initial, multivariate=True, constant_liar=True
+    )
 
 
 def _cmaes(settings: SamplerSettings, seed: int) -> optuna.samplers.BaseSampler:
-    return optuna.samplers.CmaEsSampler(x0=dict(settings.default), seed=seed, n_startup_trials=1,
-                                        warn_independent_sampling=False)  # fmt: skip
+    return optuna.samplers.CmaEsSampler(
+        x0=dict(settings.default), seed=seed, n_startup_trials=1, warn_independent_sampling=False
+    )
 
 
 def _optuna_gp(settings: SamplerSettings, seed: int) -> optuna.samplers.BaseSampler:

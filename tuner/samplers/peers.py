@@ -88,9 +88,14 @@ class PeerProcess:
         environment.pop("PYTHONPATH", None)
         try:
             self._process = subprocess.Popen(
-                list(command), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log, text=True,
-                env=environment, start_new_session=True,
-            )  # fmt: skip
+                list(command),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self._log,
+                text=True,
+                env=environment,
+                start_new_session=True,
+            )
         except OSError as error:
             raise UserError(f"cannot start the peer {name}: {error}; set it up again") from error
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()
@@ -220,9 +225,14 @@ class PeerSampler:
         for o in history:
             if o.number not in self._told:
                 shared.process.request(
-                    "tell", number=o.number, values=dict(o.values), rock=o.rock, replicate=o.replicate,
-                    outcome=o.outcome, noise_sd=None,
-                )  # fmt: skip
+                    "tell",
+                    number=o.number,
+                    values=dict(o.values),
+                    rock=o.rock,
+                    replicate=o.replicate,
+                    outcome=o.outcome,
+                    noise_sd=None,
+                )
                 self._told[o.number] = wanted[o.number]
         return shared.process
 

@@ -45,9 +45,11 @@ def _fitted(kernel: Kernel, x: torch.Tensor, y: torch.Tensor) -> tuple[SingleTas
         try:
             # One search from the priors' modes; where it ends is where the model stays, warnings or not.
             fit_gpytorch_mll(
-                mll, max_attempts=1, warning_handler=lambda warning: True,
+                mll,
+                max_attempts=1,
+                warning_handler=lambda warning: True,
                 optimizer_kwargs={"options": {"maxiter": MAX_ITERATIONS}},
-            )  # fmt: skip
+            )
         except ModelFittingError:  # a campaign goes on by its priors
             model.load_state_dict(begin)
     mll.train()

@@ -132,18 +132,23 @@ def _landscape(ordered: Sequence[int], categorical: Sequence[int], tau: float | 
             prior, mode = SparseLengthPrior(tau), tau**-0.5
         factors.append(
             MaternKernel(
-                nu=2.5, ard_num_dims=len(ordered), active_dims=list(ordered), lengthscale_prior=prior,
+                nu=2.5,
+                ard_num_dims=len(ordered),
+                active_dims=list(ordered),
+                lengthscale_prior=prior,
                 lengthscale_constraint=_between(MIN_LENGTHSCALE, mode),
             )
-        )  # fmt: skip
+        )
     if categorical:
         prior, mode = log_normal(1.0, 1.0)
         factors.append(
             CategoricalKernel(
-                ard_num_dims=len(categorical), active_dims=list(categorical), lengthscale_prior=prior,
+                ard_num_dims=len(categorical),
+                active_dims=list(categorical),
+                lengthscale_prior=prior,
                 lengthscale_constraint=_between(1 / _LARGEST, mode),
             )
-        )  # fmt: skip
+        )
     return factors[0] if len(factors) == 1 else factors[0] * factors[1]
 
 

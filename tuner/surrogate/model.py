@@ -114,11 +114,15 @@ class RockMeanGP:
         def fit(feature: Feature | None) -> tuple[SingleTaskGP, float]:
             kernels = [
                 mission_kernel(
-                    self._ordered, self.space.categorical_dimensions, self.space.dimension, settings,
-                    tau=tau, feature=feature,
+                    self._ordered,
+                    self.space.categorical_dimensions,
+                    self.space.dimension,
+                    settings,
+                    tau=tau,
+                    feature=feature,
                 )
                 for tau in taus
-            ]  # fmt: skip
+            ]
             return fitted(kernels, tensor(x), tensor(self.targets[:, None]))
 
         plain, evidence = fit(None)

@@ -57,6 +57,13 @@ def leave_one_rock_out(
         z = residual / np.sqrt(variance * (1.0 - 1.0 / len(own)))  # the level took one degree of freedom
         varied = np.ptp(measured) > 0 and np.ptp(belief.mean) > 0
         rank = float(stats.spearmanr(measured, belief.mean).statistic) if varied else math.nan
-        checks.append(RockCheck(rock, len(own), float((np.abs(z) <= NORMAL_95).mean()),
-                                float(np.sqrt((z**2).mean())), rank if math.isfinite(rank) else None))  # fmt: skip
+        checks.append(
+            RockCheck(
+                rock,
+                len(own),
+                float((np.abs(z) <= NORMAL_95).mean()),
+                float(np.sqrt((z**2).mean())),
+                rank if math.isfinite(rank) else None,
+            )
+        )
     return checks

@@ -36,9 +36,20 @@ MIXED_DEFAULT = {"weight": 1.2, "views": 5, "mode": "b"}
 
 @pytest.mark.parametrize(
     ("dimension", "budget", "trusted", "size"),
-    [(2, 100, False, 6), (8, 100, False, 18), (8, 24, False, 8), (8, 1, False, 1),
-     (2, 100, True, 4), (8, 64, True, 10), (8, 24, True, 6), (12, 64, True, 14), (18, 64, True, 12), (18, 64, False, 21), (8, 1, True, 1)],
-)  # fmt: skip
+    [
+        (2, 100, False, 6),
+        (8, 100, False, 18),
+        (8, 24, False, 8),
+        (8, 1, False, 1),
+        (2, 100, True, 4),
+        (8, 64, True, 10),
+        (8, 24, True, 6),
+        (12, 64, True, 14),
+        (18, 64, True, 12),
+        (18, 64, False, 21),
+        (8, 1, True, 1),
+    ],
+)
 def test_size(dimension: int, budget: int, trusted: bool, size: int) -> None:
     assert initial_design_size(dimension, budget, trusted_default=trusted) == size
 
@@ -98,9 +109,15 @@ def test_other_samplers_keep_their_own_design() -> None:
 
 
 def test_the_design_after_earlier_missions_is_short() -> None:
-    assert [initial_design_size(18, budget, trusted_default=True, earlier=True) for budget in (1, 2, 8, 12, 64)] == [
-        1, 1, 2, 4, 6,
-    ]  # fmt: skip
+    assert [
+        initial_design_size(18, budget, trusted_default=True, earlier=True) for budget in (1, 2, 8, 12, 64)
+    ] == [
+        1,
+        1,
+        2,
+        4,
+        6,
+    ]
     assert initial_design_size(18, 64, trusted_default=True) == 12
     assert list(places_for_earlier(6)) == [1, 2, 3, 4]
     assert list(places_for_earlier(8)) == [2, 4, 6]

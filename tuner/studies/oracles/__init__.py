@@ -1,1 +1,5 @@
 """Study: what an oracle that sees the true surface gains, by its notion of coverage."""
+
+from tuner.studies.oracles.study import OracleFindings, OracleSettings, analyse, fly
+
+__all__ = ["OracleFindings", "OracleSettings", "analyse", "fly"]
