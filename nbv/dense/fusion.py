@@ -15,7 +15,7 @@ from nbv.dense.stereo import backproject, depth_normals
 from nbv.errors import MissionFailure
 from nbv.types import Floats, Ints, PointCloud
 
-_SLAB_POINTS = 400_000  # averaged at once, at about 150 bytes each
+SLAB_POINTS = 400_000  # averaged at once, at about 150 bytes each
 
 
 def fuse(
@@ -130,7 +130,7 @@ def _average_in_slabs(views: list[_ViewPoints]) -> PointCloud:
     per_sheet = sum(
         np.bincount(view.cells[:, 0].astype(np.int64) - low[0], minlength=extent[0]) for view in views
     )
-    slab_of_sheet = np.cumsum(per_sheet) // _SLAB_POINTS
+    slab_of_sheet = np.cumsum(per_sheet) // SLAB_POINTS
     bounds = low[0] + np.append(np.flatnonzero(np.diff(slab_of_sheet, prepend=-1)), extent[0])
     slabs = []
     for start, stop in itertools.pairwise(bounds):

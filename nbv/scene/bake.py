@@ -147,7 +147,7 @@ def _rock_arrays(
 ) -> dict[str, np.ndarray]:
     caster = RayCaster(vertices, faces)
     arrays: dict[str, np.ndarray] = {
-        "radiance": _vertex_radiance(rock.albedo, vertices, faces, config, to_sun, caster)
+        "radiance": vertex_radiance(rock.albedo, vertices, faces, config, to_sun, caster)
     }
     box = _shadow_box(vertices, to_sun)
     for level in range(spec.levels):
@@ -171,7 +171,7 @@ def vertex_normals(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -
     return np.where(norm > 1e-20, normals / np.maximum(norm, 1e-20), (0.0, 0.0, 1.0))
 
 
-def _vertex_radiance(
+def vertex_radiance(
     albedo: NDArray[np.floating],
     vertices: NDArray[np.float32],
     faces: NDArray[np.uint32],

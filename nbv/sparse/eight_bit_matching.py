@@ -23,7 +23,7 @@ from nbv.sparse.matching import (
     nearest_in_single_precision,
 )
 
-_BLOCK_BYTES = 4 << 20  # of products, which are int32: still in the cache when their rows are searched
+BLOCK_BYTES = 4 << 20  # of products, which are int32: still in the cache when their rows are searched
 _LARGEST_INT8 = 127
 _HIGH_BITS = np.uint64(0x8080808080808080)  # of eight bytes at once
 # Loading PyTorch costs about 1 s and 0.2 GB. A process pays that only after it has formed so many products in
@@ -63,7 +63,7 @@ def nearest_in_8_bits(a: Descriptors, b: Descriptors) -> NearestTwo:
     nearest = np.empty(len(a), np.int64)
     best = np.empty(len(a), np.int32)
     second = np.empty(len(a), np.int32)
-    step = min(len(a), max(32, _BLOCK_BYTES // (4 * len(b)) // 32 * 32))
+    step = min(len(a), max(32, BLOCK_BYTES // (4 * len(b)) // 32 * 32))
     # One for all: fresh memory for each would cost a tenth of the product.
     block = torch.empty((step, len(b)), dtype=torch.int32)
     for start in range(0, len(a), step):

@@ -57,6 +57,26 @@ def mapping_options(config: SparseConfig) -> pycolmap.IncrementalPipelineOptions
     return options
 
 
+def pairs_near(
+    pairs: Mapping[tuple[int, int], VerifiedPair], image_ids: Sequence[int]
+) -> dict[tuple[int, int], VerifiedPair]:
+    """Of ``pairs``, those of these images and of the images that they were matched with.
+
+    Registration and triangulation need those of the images themselves; the others let tracks that the new
+    observations join grow and merge. What lies farther is left to the next global adjustment, which sees all
+    pairs. Every image keeps one pair at least, since COLMAP's graph drops images that have none.
+    """
+    own = set(image_ids)
+    near = own | {i for ids in pairs if not own.isdisjoint(ids) for i in ids}
+    chosen = {ids: pair for ids, pair in pairs.items() if not near.isdisjoint(ids)}
+    held = {i for ids in chosen for i in ids}
+    for ids, pair in pairs.items():
+        if not held.issuperset(ids):
+            chosen[ids] = pair
+            held.update(ids)
+    return chosen
+
+
 class IncrementalModel:
     """A growing COLMAP model of one mission.
 
@@ -213,7 +233,9 @@ class IncrementalModel:
         registered = set(self.registered_ids)
         waiting = [new_id] + [i for i in range(1, len(self.names) + 1) if i not in registered | {new_id}]
         is_global = self.captures_since_global + 1 >= self.config.global_ba_interval
-        pairs = self.pairs if is_global or self.config.update_pairs == "all" else self._pairs_near(waiting)
+        pairs = (
+            self.pairs if is_global or self.config.update_pairs == "all" else pairs_near(self.pairs, waiting)
+        )
         with self.timer("mapping"):
             mapper = pycolmap.IncrementalMapper(self._database_cache(pairs))
             mapper.begin_reconstruction(self.reconstruction)
@@ -297,23 +319,6 @@ class IncrementalModel:
                 self._triangulation,
                 True,
             )
-
-    def _pairs_near(self, image_ids: Sequence[int]) -> dict[tuple[int, int], VerifiedPair]:
-        """The pairs of these images, and of the images that they were matched with.
-
-        Registration and triangulation need those of the images themselves; the others let tracks that the new
-        observations join grow and merge. What lies farther is left to the next global adjustment, which sees all
-        pairs. Every image keeps one pair at least, since COLMAP's graph drops images that have none.
-        """
-        own = set(image_ids)
-        near = own | {i for pair in self.pairs if not own.isdisjoint(pair) for i in pair}
-        chosen = {ids: pair for ids, pair in self.pairs.items() if not near.isdisjoint(ids)}
-        held = {i for ids in chosen for i in ids}
-        for ids, pair in self.pairs.items():
-            if not held.issuperset(ids):
-                chosen[ids] = pair
-                held.update(ids)
-        return chosen
 
     def _database_cache(self, pairs: Mapping[tuple[int, int], VerifiedPair]) -> pycolmap.DatabaseCache:
         """All images and some pairs as COLMAP's in-memory cache (one rig and frame per image, as COLMAP wants)."""

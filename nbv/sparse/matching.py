@@ -16,7 +16,7 @@ from nbv.types import Floats
 
 MAX_DISTANCE_RAD = 0.7  # COLMAP's default largest angle between matching descriptors
 _NORM_SQUARED = np.float32(512.0**2)  # COLMAP stores unit descriptors times 512 as uint8
-_BLOCK_BYTES = 4 << 20  # a block of similarities that stays in the cache
+BLOCK_BYTES = 4 << 20  # a block of similarities that stays in the cache
 _RANSAC_SEED = 0
 Descriptors = NDArray[np.uint8]
 # Per row: the index of the nearest candidate, its product with the row, and the second-largest product, float32.
@@ -47,7 +47,7 @@ def nearest_in_single_precision(a: Descriptors, b: Descriptors) -> NearestTwo:
     nearest = np.empty(len(a), np.int64)
     best = np.empty(len(a), np.float32)
     second = np.zeros(len(a), np.float32)  # with a single candidate the second best is at a right angle
-    step = max(1, _BLOCK_BYTES // (4 * len(b)))
+    step = max(1, BLOCK_BYTES // (4 * len(b)))
     for start in range(0, len(a), step):
         block = left[start : start + step] @ right
         rows = np.arange(len(block))

@@ -29,14 +29,14 @@ def truth(config: MissionConfig) -> float:
     return math.exp(-4 * (x - BEST[0]) ** 2 - 4 * (y - BEST[1]) ** 2)
 
 
-def _draw(*key: object) -> np.random.Generator:
+def draw(*key: object) -> np.random.Generator:
     digest = hashlib.sha256(repr(key).encode()).digest()
     return np.random.default_rng(int.from_bytes(digest[:8], "little"))
 
 
 def rock_shift(rock: str) -> tuple[float, float]:
     """(offset, scale) of a rock."""
-    rng = _draw("rock", rock)
+    rng = draw("rock", rock)
     return float(rng.uniform(-0.5, 0.5)), float(rng.uniform(0.7, 1.4))
 
 
@@ -61,7 +61,7 @@ def fake_mission(
     if rock.startswith("flaky") and int(config.digest(), 16) % 3 == 0:
         raise MissionFailure("registration_collapsed", "model collapsed")
     offset, scale = rock_shift(rock)
-    noise = NOISE_SD * float(_draw("noise", rock, replicate, config.digest()).normal())
+    noise = NOISE_SD * float(draw("noise", rock, replicate, config.digest()).normal())
     score = offset + scale * (truth(config) + noise)
     if directory is not None:
         with (directory / "flown.txt").open("a") as file:  # one line per flight: shows repeats

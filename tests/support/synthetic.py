@@ -40,7 +40,7 @@ def true_rock_mean(values: Mapping[str, Any], rocks: Sequence[str] = ROCKS) -> f
 
 def block_offset(rock: str, replicate: int, seed: int) -> float:
     """Standard normal offset of one (rock, replicate) block, the same for all configurations."""
-    return float(fake_missions._draw("slot", rock, replicate, seed).normal())
+    return float(fake_missions.draw("slot", rock, replicate, seed).normal())
 
 
 def observe(

@@ -13,7 +13,7 @@ def gatetune(monkeypatch, capfd, tmp_path):
     monkeypatch.setenv("COLUMNS", "200")
     # A console reads COLUMNS once, when it is made: whichever test imports it first would decide.
     for shared in (console.output, console.errors):
-        monkeypatch.setattr(shared, "_width", 200)
+        monkeypatch.setattr(shared, "width", 200)
 
     def run(*arguments):
         monkeypatch.setattr("sys.argv", ["gatetune", *map(str, arguments)])

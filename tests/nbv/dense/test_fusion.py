@@ -77,7 +77,7 @@ def test_the_cloud_is_the_mean_of_each_voxels_members(views):
 @pytest.mark.parametrize("slab_points", [1, 50, 333, 2000])
 def test_slabs_do_not_change_a_bit(views, monkeypatch, slab_points):
     whole = fuse(*views, CAMERA, TARGET, CONFIG)
-    monkeypatch.setattr(fusion, "_SLAB_POINTS", slab_points)
+    monkeypatch.setattr(fusion, "SLAB_POINTS", slab_points)
     slabs = fuse(*views, CAMERA, TARGET, CONFIG)
     for a, b in (
         (whole.points_m, slabs.points_m),
@@ -103,7 +103,7 @@ def test_slabs_take_less_memory_than_all_at_once(views, monkeypatch):
     many = [{f"{name}-{copy}": value for name, value in part.items() for copy in range(40)} for part in views]
     peaks = []
     for slab_points in (10**9, 10_000):
-        monkeypatch.setattr(fusion, "_SLAB_POINTS", slab_points)
+        monkeypatch.setattr(fusion, "SLAB_POINTS", slab_points)
         tracemalloc.start()
         fuse(*many, CAMERA, TARGET, CONFIG)
         peaks.append(tracemalloc.get_traced_memory()[1])

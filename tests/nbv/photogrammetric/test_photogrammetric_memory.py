@@ -76,8 +76,13 @@ def dense(monkeypatch):
         dense.watched.append(weakref.ref(pair.matches))
         return pair
 
+    def mapping(*arguments):
+        model = NoMapping(*arguments)
+        dense.watched.append(weakref.ref(model))
+        return model
+
     monkeypatch.setattr(photogrammetric, "check_depths", dense.check_depths)
-    monkeypatch.setattr(photogrammetric, "SparseReconstructor", NoMapping)
+    monkeypatch.setattr(photogrammetric, "SparseReconstructor", mapping)
     monkeypatch.setattr("nbv.sparse.correspondences.extract_features", features)
     monkeypatch.setattr("nbv.sparse.correspondences.verify_pair", verify)
     return dense
@@ -92,10 +97,6 @@ def fly(dense, store, *, keep_sparse):
         Capture(name, place, np.eye(4), np.full(size, i, np.uint8)) for i, name in enumerate(("a", "b"))
     ]
     reconstructor.bootstrap(captures)
-    # The reconstructor holds the only reference to the sparse model, as in a mission.
-    sparse = reconstructor._sparse
-    dense.watched.append(weakref.ref(sparse if store is None else sparse._sparse))
-    del sparse
     reconstructor.finish()
     return reconstructor
 

@@ -59,7 +59,7 @@ def test_the_second_build_reads_the_cache(ball, ball_scene, store, monkeypatch):
         raise AssertionError("baked although the entry is there")
 
     monkeypatch.setattr("nbv.scene.bake.synthesise_ground", no_baking)
-    monkeypatch.setattr("nbv.scene.bake._vertex_radiance", no_baking)
+    monkeypatch.setattr("nbv.scene.bake.vertex_radiance", no_baking)
     assert same(build(ball, store), ball_scene)
 
 

@@ -103,7 +103,7 @@ def test_blocks_do_not_change_the_result(monkeypatch):
     a, b = overlapping(6, 500, 300, 0.02, 0.05)
     whole = match_pair_in_8_bits(a, b)
     assert len(whole) > 100
-    monkeypatch.setattr(eight_bit_matching, "_BLOCK_BYTES", 1)  # the smallest block there is
+    monkeypatch.setattr(eight_bit_matching, "BLOCK_BYTES", 1)  # the smallest block there is
     np.testing.assert_array_equal(match_pair_in_8_bits(a, b), whole)
 
 

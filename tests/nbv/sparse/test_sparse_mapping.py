@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures
 
 from nbv.errors import MissionFailure, UserError
 from nbv.sparse.correspondences import ComputedCorrespondences
-from nbv.sparse.mapper import IncrementalModel
+from nbv.sparse.mapper import pairs_near
 from nbv.sparse.reconstructor import SparseReconstructor
 
 SEEDS = ring_captures(12)
@@ -213,30 +215,32 @@ def test_less_adjustment_between_captures_ends_in_the_same_place():
     assert 0 < apart_m.max() < 0.002
 
 
-def test_near_pairs_leave_out_only_what_is_far_and_no_photograph():
-    class Recording(IncrementalModel):
-        def _database_cache(self, pairs):
-            seen.append((set(pairs), set(self.pairs)))
-            return super()._database_cache(pairs)
+@given(
+    st.sets(st.tuples(st.integers(1, 9), st.integers(1, 9)).filter(lambda ids: ids[0] < ids[1])),
+    st.integers(1, 9),
+)
+def test_near_pairs_leave_out_only_what_is_far_and_no_photograph(known, new_id):
+    near = pairs_near(dict.fromkeys(known), [new_id])
+    matched = {i for ids in known if new_id in ids for i in ids}
+    assert {ids for ids in known if not matched.isdisjoint(ids)} <= set(near) <= known
+    assert {i for ids in near for i in ids} == {i for ids in known for i in ids}
 
-    def fly(**changes):
-        config = dataclasses.replace(CONFIG, max_pairs=3, global_ba_interval=3, **changes)
+
+def test_near_pairs_are_fewer_than_all_along_a_strip():
+    strip = {(a, b): None for a in range(1, 13) for b in range(a + 1, min(a + 4, 13))}
+    near = pairs_near(strip, [12])
+    assert {(9, 12), (6, 9)} <= set(near) and len(near) < 0.8 * len(strip)
+
+
+def test_an_update_with_a_global_adjustment_needs_all_pairs():
+    ends = []
+    for update_pairs in ("near", "all"):
+        config = dataclasses.replace(CONFIG, max_pairs=3, global_ba_interval=1, update_pairs=update_pairs)
         sparse = reconstructor(LabelledPoints(SEEDS + LATER), config)
-        sparse._model = Recording(CAMERA, config)
         reports = [sparse.bootstrap(SEEDS)] + [sparse.add(capture) for capture in LATER[:3]]
         assert all(report.registered for report in reports)
-
-    seen: list[tuple[set, set]] = []
-    fly(update_pairs="near")
-    (_, *updates), new_ids = seen, (13, 14, 15)
-    for (used, known), new_id in zip(updates, new_ids, strict=True):
-        assert {pair for pair in known if new_id in pair} <= used <= known
-        assert {i for pair in used for i in pair} == {i for pair in known for i in pair}
-    assert len(updates[0][0]) < len(updates[0][1])
-    assert updates[2][0] == updates[2][1]  # the third update ends with a global adjustment, which needs all
-    seen.clear()
-    fly()
-    assert all(used == known for used, known in seen)
+        ends.append(fingerprint(reports[-1].model))
+    assert ends[0] == ends[1]
 
 
 def test_refining_before_the_dense_stage_helps(flown):
@@ -278,7 +282,7 @@ def test_a_black_photograph_has_nothing_to_match_in_real_sift():
     features = real.features(black)
     assert len(features) == 0
     assert len(real.pair(features, world.features(SEEDS[0].image))) == 0
-    sparse._source = real
+    world.features, world.pair = real.features, real.pair
     report = sparse.add(dataclasses.replace(LATER[0], image=black))
     assert not report.registered and "sees 0 points" in report.message
 

@@ -57,7 +57,7 @@ def test_blocks_do_not_change_the_result(monkeypatch):
     a = descriptors(rng, 150)
     b = np.concatenate([descriptors(rng, 100, like=a[50:].astype(float), noise=0.03), descriptors(rng, 30)])
     whole = match_pair(a, b)
-    monkeypatch.setattr("nbv.sparse.matching._BLOCK_BYTES", 4 * 131 * 7)
+    monkeypatch.setattr("nbv.sparse.matching.BLOCK_BYTES", 4 * 131 * 7)
     assert len(whole) > 50
     np.testing.assert_array_equal(match_pair(a, b), whole)
 

@@ -244,19 +244,25 @@ def test_held_out_evaluation_appears_in_the_page(tmp_path: Path) -> None:
     assert (tmp_path / "run" / "figures" / "differences.png").is_file()
 
 
-def test_recommendation_at_the_edge_of_the_range_is_pointed_out(tmp_path: Path) -> None:
-    from tuner.report.campaign.page import _warnings
-
-    facts = CampaignFacts(flown(tmp_path / "run", budget=2))
-    assert facts.recommendation is not None
+def test_recommendation_at_the_edge_of_the_range_is_pointed_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    campaign = flown(tmp_path / "run", budget=2)
+    best = campaign.recommendation(save=False)
+    assert best is not None
+    inside = {**best.values, "gate.d95_m": 0.1, "gate.budget_fraction": 0.5}
 
     def edges(**values: float) -> list[str]:
-        made = {**facts.default, **{f"gate.{name}": value for name, value in values.items()}}
-        facts.__dict__["recommendation"] = dataclasses.replace(facts.recommendation, values=made)  # type: ignore[type-var]
-        return [text for text in _warnings(facts) if "edge of the searched range" in text]
+        made = {**inside, **{f"gate.{name}": value for name, value in values.items()}}
+        monkeypatch.setattr(CampaignFacts, "recommendation", dataclasses.replace(best, values=made))
+        return re.findall(
+            r"Recommended at the edge of the searched range: ([^.]*)\.",
+            text_of(write_campaign_report(campaign)),
+        )
 
     assert edges() == []
-    assert "d95" in edges(d95_m=1.0)[0] and "budget" not in edges(d95_m=1.0)[0]
+    (named,) = edges(d95_m=1.0)
+    assert "d95" in named and "budget" not in named
 
 
 def test_two_objectives_have_their_front(tmp_path: Path) -> None:
