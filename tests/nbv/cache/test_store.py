@@ -99,6 +99,7 @@ def _fill(root, repeats):
         assert (found["i"] == 7).all()
 
 
+@pytest.mark.slow
 def test_two_processes_may_fill_the_same_entry(tmp_path):
     context = multiprocessing.get_context("spawn")
     workers = [context.Process(target=_fill, args=(tmp_path, 40)) for _ in range(2)]

@@ -20,6 +20,7 @@ def bumpy_rock(count: int, seed: int, upper: bool = False) -> np.ndarray:
     return points[d[:, 2] > -0.5] if upper else points
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("offset_m", "turn_deg", "scale"),
     [((0.3, -0.2, 0.1), 3.0, 1.02), ((0.0, 0.0, -0.4), 0.0, 1.0), ((0.05, 0.02, 0.0), 6.0, 0.97)],
@@ -33,6 +34,7 @@ def test_a_known_offset_is_found(offset_m: tuple[float, ...], turn_deg: float, s
     assert np.sqrt((error_m**2).mean()) < 0.004
 
 
+@pytest.mark.slow
 def test_what_lies_right_stays() -> None:
     cloud = bumpy_rock(15_000, seed=1, upper=True)
     error_m = np.linalg.norm(register_cloud(cloud, bumpy_rock(20_000, seed=2)).apply(cloud) - cloud, axis=1)

@@ -89,6 +89,7 @@ def test_both_rankings_are_finite_at_every_iteration(flown):
         assert record.n_points > 300
 
 
+@pytest.mark.slow
 def test_configuration_rock_and_replicate_determine_a_mission(flown, config, tmp_path, monkeypatch):
     run_geometric_mission(config, ROCK, 1)
     run_geometric_mission(config.with_values({"gate.kind": "random"}), ROCK)

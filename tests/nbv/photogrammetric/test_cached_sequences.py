@@ -113,6 +113,7 @@ def test_damaged_models_are_noticed_and_rebuilt(store, plain, damage):
     assert store.verify()[1] == 0  # sound again
 
 
+@pytest.mark.slow
 def test_the_model_can_be_exported_after_a_known_sequence(store, tmp_path):
     filled(store)
     plain = reconstructor()
@@ -124,6 +125,7 @@ def test_the_model_can_be_exported_after_a_known_sequence(store, tmp_path):
     assert all(np.array_equal(poses[name], pose) for name, pose in expected.items())
 
 
+@pytest.mark.slow
 def test_other_options_or_photographs_are_another_sequence(store):
     filled(store)
     other = Counting(SEEDS + LATER)
@@ -140,6 +142,7 @@ def _fill(root, answers):
     answers.put(bits(fly(CachedSparse(reconstructor(), Store(root)), LATER)[1:]))
 
 
+@pytest.mark.slow
 def test_two_processes_may_fill_the_same_sequence(tmp_path, plain):
     context = multiprocessing.get_context("spawn")
     answers = context.Queue()
@@ -202,6 +205,7 @@ def test_that_there_is_no_cloud_is_remembered(store):
     assert made == [None]
 
 
+@pytest.mark.slow
 def test_the_metrics_of_a_known_sequence_need_no_cloud(store):
     rock = load_rock("boulder", Store())
     config = config_from_dict({"evaluation": {"gt_samples": 2000}, "dense": {"fusion_voxel_m": 0.05}})
@@ -221,6 +225,7 @@ def test_the_metrics_of_a_known_sequence_need_no_cloud(store):
     assert made == [None, None]
 
 
+@pytest.mark.slow
 def test_metrics_come_back_as_they_were(store, monkeypatch):
     rock = load_rock("boulder", Store())
     config = config_from_dict({"evaluation": {"gt_samples": 2000}, "dense": {"fusion_voxel_m": 0.05}})

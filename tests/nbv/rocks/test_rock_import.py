@@ -66,6 +66,7 @@ def noisy_colors(count: int) -> np.ndarray:
     return np.column_stack([rgb, np.full(count, 255)]).astype(np.uint8)
 
 
+@pytest.mark.slow
 def test_texture_lands_on_the_right_faces(tmp_path):
     rock = import_mesh(write_box_obj(tmp_path))
     assert rock.name == "box"
@@ -104,6 +105,7 @@ def test_texture_is_not_mirrored_and_is_linear(tmp_path):
         np.testing.assert_allclose(color_at(rock, point), expected, atol=0.01)
 
 
+@pytest.mark.slow
 def test_fine_texture_is_averaged_not_aliased(tmp_path):
     """A black and white pattern far below the vertex spacing comes out as its mean reflectance."""
     path = write_box_obj(tmp_path, texture=False)

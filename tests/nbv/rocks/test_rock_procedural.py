@@ -19,6 +19,7 @@ def rocks():
     return {name: generate_rock(name, grid_m=COARSE_M) for name in RECIPES}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(RECIPES))
 def test_stands_on_the_ground_and_is_closed(rocks, name):
     rock = rocks[name]
@@ -49,11 +50,13 @@ def test_split_is_disjoint_and_large_enough():
     assert len(set(seeds)) == len(seeds)
 
 
+@pytest.mark.slow
 def test_same_seed_same_rock_other_seed_other_rock(rocks):
     assert generate_rock("waist", grid_m=COARSE_M).sha256 == rocks["waist"].sha256
     assert len({rock.sha256 for rock in rocks.values()}) == len(rocks)
 
 
+@pytest.mark.slow
 def test_claimed_overhangs_exist(rocks):
     def cover(rock, low, high):
         """Horizontal area of the rock's shadow that lies under a downward-looking face between two heights."""
@@ -78,6 +81,7 @@ def hits(rock, rays):
     return RayCaster(rock.vertices_m, rock.faces).cast(np.array(rays, dtype=np.float32)).t
 
 
+@pytest.mark.slow
 def test_arch_has_a_window_and_boulder_has_not(rocks):
     # Level rays through the middle of the rock's lower half, across it.
     rays = [[x, -3.0, 0.4, 0.0, 1.0, 0.0] for x in np.linspace(-0.2, 0.2, 9)]
@@ -85,6 +89,7 @@ def test_arch_has_a_window_and_boulder_has_not(rocks):
     assert not np.isinf(hits(rocks["boulder"], rays)).any()
 
 
+@pytest.mark.slow
 def test_claimed_hollows_are_open_where_they_should_be(rocks):
     def height(name, x, y):
         return 4.0 - hits(rocks[name], [[x, y, 4.0, 0.0, 0.0, -1.0]])[0]
@@ -109,6 +114,7 @@ def test_blocks_that_are_skipped_hold_no_surface(name):
     assert agree.all()
 
 
+@pytest.mark.slow
 def test_full_resolution_is_finer_than_a_pixel():
     facts = describe(generate_rock("arch"))
     assert facts.mean_edge_m < 0.0075  # ground sampling distance at 3.5 m

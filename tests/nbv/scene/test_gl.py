@@ -71,6 +71,7 @@ def test_a_camera_below_the_ground_is_refused(gl):
         gl.render(np.eye(4))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "broken",
     [{"PYOPENGL_PLATFORM": "nothing"}, {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nowhere.json"}],

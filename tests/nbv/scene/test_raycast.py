@@ -97,6 +97,7 @@ def test_rendering_is_bit_for_bit_repeatable(raycast, ball_scene):
         assert np.array_equal(first.rock_mask, again.rock_mask)
 
 
+@pytest.mark.slow
 def test_another_process_takes_the_same_photograph(raycast, ball):
     """Also the baking: the other process starts from an empty cache."""
     pose = look_at(orbit(200, 25), CENTRE)

@@ -133,6 +133,7 @@ def test_correspondences_are_the_same_pairs():
     np.testing.assert_array_equal(ours.matches, plain.matches)
 
 
+@pytest.mark.slow
 def test_pytorch_is_loaded_only_where_it_pays():
     script = """
 import sys

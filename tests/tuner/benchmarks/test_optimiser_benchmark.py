@@ -58,6 +58,7 @@ def test_a_run_is_written_skipped_and_summarised(tmp_path: Path, capsys: pytest.
     assert summary.read(path) is None and not optimiser_comparison.complete(path)
 
 
+@pytest.mark.slow
 def test_our_predictions_precede_missions_peers_are_scored_anew(tmp_path: Path) -> None:
     """Of 9 missions 3 are the initial design; a peer's recommendations follow the present rule, its missions stay."""
     for strategy in ("gp", "random"):

@@ -62,6 +62,7 @@ def test_campaign_flies_its_budget_over_rocks_in_turn(tmp_path: Path) -> None:
         assert result["metrics"]["observable"]["f_score_48mm"] == t.raw
 
 
+@pytest.mark.slow
 def test_gp_campaign_is_deterministic_with_one_worker(tmp_path: Path) -> None:
     changes: dict[str, object] = {"sampler": "gp", "budget": 7, "initial": 4}
     one, two = run(tmp_path / "one", **changes), run(tmp_path / "two", **changes)
@@ -75,6 +76,7 @@ def test_gp_campaign_is_deterministic_with_one_worker(tmp_path: Path) -> None:
     assert other.trials()[3].values != one.trials()[3].values
 
 
+@pytest.mark.slow
 def test_interrupted_campaign_goes_on_as_if_it_had_not_been(tmp_path: Path) -> None:
     changes: dict[str, object] = {"sampler": "gp", "budget": 7, "initial": 4}
     whole = run(tmp_path / "whole", **changes)
@@ -95,6 +97,7 @@ def test_interrupted_campaign_goes_on_as_if_it_had_not_been(tmp_path: Path) -> N
         np.testing.assert_allclose(list(a.values.values()), list(b.values.values()), rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_in_step_a_campaign_is_the_same_with_any_workers(tmp_path: Path) -> None:
     changes: dict[str, object] = {
         "sampler": "gp",
@@ -182,6 +185,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
     directory = tmp_path / "run"
     campaign = begin_campaign(directory, settings(rocks=("slow-a", "slow-b"), budget=12))
@@ -310,6 +314,7 @@ def test_every_sampler_runs_and_resumes(tmp_path: Path, sampler: str) -> None:
         assert max(t.memory.get("cma:generation", 0) for t in resumed.trials()) >= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampler", ["gp", "sobol", "random", "tpe", "optuna-gp"])
 def test_every_sampler_runs_on_the_mixed_space(tmp_path: Path, sampler: str) -> None:
     space = load_search_space("full")
@@ -388,6 +393,7 @@ def test_one_campaign_runs_once_at_a_time(tmp_path: Path) -> None:
     assert fly_campaign(campaign, InProcessExecutor(), intrude).stopped == "budget"
 
 
+@pytest.mark.slow
 def test_any_optuna_storage(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'shared.db'}"
     run(tmp_path / "run", storage=url, budget=2)

@@ -15,6 +15,7 @@ from tuner.campaign.session import fly_campaign
 from tuner.missions.executors import InProcessExecutor
 
 
+@pytest.mark.slow
 def test_a_finished_campaign_is_extended(tmp_path: Path) -> None:
     first = run(tmp_path / "run", budget=6, sampler="gp")
     before = [(t.number, t.rock, t.replicate, t.values, t.raw) for t in first.trials()]

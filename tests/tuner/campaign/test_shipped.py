@@ -32,6 +32,7 @@ def test_they_fit_their_space_and_use_procedural_training_rocks(name: str) -> No
     assert "--fidelity geometric" in tree["flown_by"] and "--learn-from nothing" in tree["flown_by"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(path.stem for path in DIRECTORY.glob("*.json")))
 def test_a_mission_of_today_gives_what_is_recorded(name: str) -> None:
     """Fails when missions have changed: then fly the campaign again (benchmarks/ship_missions.py)."""

@@ -42,6 +42,7 @@ def learned(campaign: Campaign, space: SearchSpace) -> list[Observation]:
     return list(learn_from([str(campaign.directory)], space, s.base_config(), s.objective).observations)
 
 
+@pytest.mark.slow
 def test_the_best_of_an_earlier_campaign_fly_first_on_new_rocks(earlier: Campaign, tmp_path: Path) -> None:
     known = shutil.copytree(earlier.directory, tmp_path / "known")
     campaign = run(tmp_path / "run", rocks=("c", "d"), budget=8, learn_from=(str(known),))
@@ -60,6 +61,7 @@ def test_the_best_of_an_earlier_campaign_fly_first_on_new_rocks(earlier: Campaig
         Campaign.open(campaign.directory)
 
 
+@pytest.mark.slow
 def test_missions_are_moved_between_search_spaces(earlier: Campaign, tmp_path: Path) -> None:
     flown = earlier.history()
     assert [(o.values, o.outcome) for o in learned(earlier, synthetic.SPACE)] == [
@@ -82,6 +84,7 @@ def test_missions_are_moved_between_search_spaces(earlier: Campaign, tmp_path: P
         learned(earlier, narrow)
 
 
+@pytest.mark.slow
 def test_another_metric_is_read_from_the_missions(earlier: Campaign) -> None:
     base = earlier.settings.base_config()
     objective = Objective("observable.f_score_48mm", "minimise")
@@ -91,6 +94,7 @@ def test_another_metric_is_read_from_the_missions(earlier: Campaign) -> None:
         learn_from([str(earlier.directory)], synthetic.SPACE, base, Objective("nothing.there"))
 
 
+@pytest.mark.slow
 def test_two_campaigns_on_one_rock_have_offsets_of_their_own(earlier: Campaign, tmp_path: Path) -> None:
     other = run(tmp_path / "other", rocks=("b", "e"), seed=2)
     base = earlier.settings.base_config()
@@ -101,6 +105,7 @@ def test_two_campaigns_on_one_rock_have_offsets_of_their_own(earlier: Campaign, 
     assert synthetic.true_value(both.best(1)[0]) > 0.9
 
 
+@pytest.mark.slow
 def test_misleading_campaigns_do_not_hide_the_optimum(earlier: Campaign) -> None:
     """What the earlier missions praise is bad here: the search finds the optimum all the same."""
     upside_down = learn_from(
@@ -123,6 +128,7 @@ def test_misleading_campaigns_do_not_hide_the_optimum(earlier: Campaign) -> None
     assert np.median([synthetic.true_value(o.values) for o in history[20:]]) > 0.9
 
 
+@pytest.mark.slow
 def test_what_cannot_be_learned_from_is_named(earlier: Campaign, tmp_path: Path) -> None:
     with pytest.raises(UserError, match="nowhere"):
         run(tmp_path / "run", learn_from=(str(tmp_path / "nowhere"),))
@@ -144,6 +150,7 @@ def test_what_cannot_be_learned_from_is_named(earlier: Campaign, tmp_path: Path)
         )
 
 
+@pytest.mark.slow
 def test_evaluation_refuses_rocks_that_were_learned_from(tmp_path: Path) -> None:
     first = run(tmp_path / "first", rocks=("waist",))
     second = run(tmp_path / "second", rocks=("slab",), budget=6, learn_from=(str(first.directory),))

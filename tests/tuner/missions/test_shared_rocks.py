@@ -68,6 +68,7 @@ def test_memory_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert held() == 1
 
 
+@pytest.mark.slow
 def test_later_missions_share_the_rock_that_the_first_read(tmp_path: Path) -> None:
     """The same file name and time with another content shows where a mission has its rock from."""
     ball = write_ball(tmp_path / "ball.ply")

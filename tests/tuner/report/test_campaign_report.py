@@ -54,6 +54,7 @@ def text_of(page: Path) -> str:
     return re.sub(r"\s+", " ", html.unescape(source))
 
 
+@pytest.mark.slow
 def test_page_says_what_is_recommended_and_is_self_contained(tmp_path: Path) -> None:
     campaign = flown(tmp_path / "run", rocks=("a", "b", "fail"), budget=9)
     page = write_campaign_report(campaign)
@@ -87,6 +88,7 @@ class _Made(Exception):
     """Carries the settings of a campaign that a command line would begin."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [
@@ -127,6 +129,7 @@ def test_the_command_runs_the_same_campaign(
     assert again.to_dict() == made.settings.to_dict()
 
 
+@pytest.mark.slow
 def test_the_page_names_the_trend_of_many_parameters(tmp_path: Path) -> None:
     assert "beside a linear trend" not in text_of(
         write_campaign_report(flown(tmp_path / "few", sampler="gp"))
@@ -137,6 +140,7 @@ def test_the_page_names_the_trend_of_many_parameters(tmp_path: Path) -> None:
     assert "long means no more than the linear trend" in text
 
 
+@pytest.mark.slow
 def test_the_page_of_a_geometric_campaign_says_so(tmp_path: Path) -> None:
     flies = {"space": load_search_space("gate"), "rocks": ("waist",), "budget": 3, "sampler": "sobol"}
     settings = CampaignSettings("geo", runner="geometric", **flies)  # type: ignore[arg-type]
@@ -180,6 +184,7 @@ def test_campaign_of_failures_alone_has_a_page(tmp_path: Path) -> None:
     assert 'id="recommendation"' not in page.read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [
@@ -199,6 +204,7 @@ def test_every_kind_of_campaign_has_a_page(tmp_path: Path, changes: dict[str, ob
     assert "nan" not in text.lower().split()
 
 
+@pytest.mark.slow
 def test_interrupted_campaign_says_so(tmp_path: Path) -> None:
     campaign = flown(tmp_path / "run", budget=4)
     larger = Campaign(campaign.directory, dataclasses.replace(campaign.settings, budget=10), campaign.ledger)
@@ -236,6 +242,7 @@ def test_campaign_without_missions_is_refused(tmp_path: Path) -> None:
         write_campaign_report(empty)
 
 
+@pytest.mark.slow
 def test_held_out_evaluation_appears_in_the_page(tmp_path: Path) -> None:
     campaign = flown(tmp_path / "run", budget=4)
     page = write_campaign_report(campaign, made_run({"tuned": 70.0, "hyb-h": 60.0}))
@@ -244,6 +251,7 @@ def test_held_out_evaluation_appears_in_the_page(tmp_path: Path) -> None:
     assert (tmp_path / "run" / "figures" / "differences.png").is_file()
 
 
+@pytest.mark.slow
 def test_recommendation_at_the_edge_of_the_range_is_pointed_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -265,6 +273,7 @@ def test_recommendation_at_the_edge_of_the_range_is_pointed_out(
     assert "d95" in named and "budget" not in named
 
 
+@pytest.mark.slow
 def test_two_objectives_have_their_front(tmp_path: Path) -> None:
     second = Objective("whole.completeness_48mm", "minimise")  # the same number: one is bought with the other
     campaign = flown(tmp_path / "run", budget=10, sampler="gp", second=second)
@@ -278,6 +287,7 @@ def test_two_objectives_have_their_front(tmp_path: Path) -> None:
     assert "Completeness @ 48 mm" in text and (tmp_path / "run" / "figures" / "front.png").is_file()
 
 
+@pytest.mark.slow
 def test_one_objective_has_no_front(tmp_path: Path) -> None:
     page = write_campaign_report(flown(tmp_path / "run"))
     assert 'id="front"' not in page.read_text()

@@ -70,6 +70,7 @@ def test_markdown_with_the_papers_numbers_beside() -> None:
     assert PAPER_NOT_COMPARABLE in lines
 
 
+@pytest.mark.slow
 def test_the_rocks_own_floor_stands_below_hausdorff(tmp_path: Path) -> None:
     rocks = ("cobble", "slab")
     failed = tuple(("covis", "cobble", k) for k in range(3))  # a floor is the rock's: others know it

@@ -116,6 +116,7 @@ def rock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     return "ball"
 
 
+@pytest.mark.slow
 def test_all_figures_are_written(tmp_path: Path, rock: str) -> None:
     runs = labels_of([made_mission(tmp_path / "one"), made_mission(tmp_path / "two", "hyb-o")])
     assert list(runs) == ["Hyb-H", "Hyb-O"]

@@ -56,6 +56,7 @@ def test_risk_measures_have_their_own_optimum(risk: str, best: float) -> None:
     assert np.isfinite(list(figures.values())).all()
 
 
+@pytest.mark.slow
 def test_risk_is_asked_for_and_kept(tmp_path: Path) -> None:
     campaign = run(tmp_path / "run", risk="worst")
     again = Campaign.open(tmp_path / "run")
@@ -117,6 +118,7 @@ def flown_before(fly: Callable[[Values, str], float | None], missions: int = 96)
     return EarlierMissions(synthetic.SPACE, rocks, tuple(history))
 
 
+@pytest.mark.slow
 def test_agreeing_landscape_is_used_and_a_misleading_one_is_not() -> None:
     history = synthetic.random_design(12, 0.05, 0)
     good = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, feature=flown_before(cheap).feature)
@@ -148,6 +150,7 @@ def test_the_best_before_are_apart_and_failures_do_no_harm() -> None:
 # -- two objectives ------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_front_is_sought_and_found() -> None:
     """First: u; second: 1 - u^2, minus what the other parameter wastes. The front is all u, at v = 0."""
     rng = np.random.default_rng(0)
@@ -176,6 +179,7 @@ def test_front_is_sought_and_found() -> None:
     assert firsts == sorted(firsts, reverse=True) and seconds == sorted(seconds)
 
 
+@pytest.mark.slow
 def test_campaign_with_two_objectives(tmp_path: Path) -> None:
     campaign = run(tmp_path / "run", second=Objective("costs.images", "minimise"))
     assert campaign.trials()[-1].why["phase"] == "front"
@@ -207,6 +211,7 @@ def test_default_sampler_is_untouched_by_options() -> None:
     assert plain.why["phase"] == "model"
 
 
+@pytest.mark.slow
 def test_status_lists_the_front_with_numbers_in_full(gatetune, tmp_path: Path) -> None:
     campaign = run(tmp_path / "run", second=Objective("whole.completeness_48mm", "minimise"))
     code, out, _ = gatetune("campaign", "status", "run")

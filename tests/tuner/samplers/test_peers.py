@@ -120,7 +120,7 @@ def test_a_peer_that_was_killed_is_started_again() -> None:
         ),
         ("raise", "ax cannot ask: ValueError: a matrix is singular; resume"),
         ("outside", f"proposed {FIRST} = 'nowhere', which is outside the search space"),
-        ("hang", "gave no answer to 'ask'"),
+        pytest.param("hang", "gave no answer to 'ask'", marks=pytest.mark.slow),
     ],
 )
 def test_accidents_are_told_in_one_line(accident: str, message: str, monkeypatch: pytest.MonkeyPatch) -> None:

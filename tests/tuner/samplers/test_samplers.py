@@ -57,6 +57,7 @@ def test_failed_missions_do_not_poison_the_model() -> None:
     )
 
 
+@pytest.mark.slow
 def test_gp_beats_random_on_four_rocks() -> None:
     """2-D, 16 missions, noise 0.05; the value is the noiseless one of the recommended configuration."""
     score: dict[str, list[float]] = {"gp": [], "random": []}

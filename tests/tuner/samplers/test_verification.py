@@ -88,6 +88,7 @@ def test_sampler_verifies_at_its_budget_s_end_on_a_plateau(verify: bool) -> None
     assert ("verification" in phases[8:]) == verify
 
 
+@pytest.mark.slow
 def test_last_missions_are_the_favourites() -> None:
     """Wherever exploring promises something to the end, as many missions as there are blocks check the favourite."""
     settings = dataclasses.replace(synthetic.sampler_settings(0, 4), budget=20, replicates=2)

@@ -39,6 +39,7 @@ def flown(tmp_path_factory):
     return directory
 
 
+@pytest.mark.slow
 def test_every_mission_is_flown_once(flown):
     runs = list(flown.glob("*/missions/*/*/flown.txt"))
     assert len(runs) == settings().missions == 2 * 4 * (3 * (24 + 4) + 2)
@@ -47,6 +48,7 @@ def test_every_mission_is_flown_once(flown):
     assert all(path.read_text() == "flown\n" for path in runs)
 
 
+@pytest.mark.slow
 def test_the_known_components_are_found(flown):
     """One design of 24 x 4 x 3: within what its degrees of freedom allow."""
     c = analyse(flown).cell(8, 5, METRIC).components
@@ -59,6 +61,7 @@ def test_the_known_components_are_found(flown):
     assert low < c.signal_to_noise < high
 
 
+@pytest.mark.slow
 def test_a_stronger_signal_is_ranked_first(flown):
     findings = analyse(flown)
     ranked = [(c.budget, c.agreement) for c in findings.ranked(METRIC)]
@@ -69,6 +72,7 @@ def test_a_stronger_signal_is_ranked_first(flown):
     assert mirrored.signal_to_noise == pytest.approx(better.signal_to_noise)
 
 
+@pytest.mark.slow
 def test_repeats_measure_one_configuration(flown):
     cell = analyse(flown).cell(8, 5, METRIC)
     variance, low, high, degrees = cell.default_within
@@ -78,6 +82,7 @@ def test_repeats_measure_one_configuration(flown):
     assert {"default", "learned", "random", "greedy-oracle"} < set(cell.means)
 
 
+@pytest.mark.slow
 def test_the_report_holds_what_was_found(flown):
     findings = analyse(flown)
     figures = write_noise_report(findings, flown)
@@ -126,6 +131,7 @@ def test_failed_controls_are_counted_not_averaged(tmp_path):
     assert findings.cell(8, 5, METRIC).components is not None
 
 
+@pytest.mark.slow
 def test_another_study_in_the_directory_is_refused(flown, tmp_path):
     with pytest.raises(UserError, match="another noise study"):
         fly(settings(seed=1), flown, InProcessExecutor())

@@ -34,12 +34,14 @@ def judged(flown):
     return {j.coverage: j for j in judge([flown[1]])}
 
 
+@pytest.mark.slow
 def test_the_own_oracle_says_what_the_mission_logged(flown, judged):
     result, _ = flown
     assert judged["matchable"].preferences == preferences(judgements(result.trace))
     assert judged["matchable"].gate == "covis" and judged["matchable"].rock == "boulder"
 
 
+@pytest.mark.slow
 def test_coverages_differ_as_they_are_defined(judged):
     assert set(judged) == set(COVERAGES)
     code = judged["paper-code"]
@@ -52,6 +54,7 @@ def test_coverages_differ_as_they_are_defined(judged):
         assert j.covered_last >= j.covered_first and j.preferences.decisions == BUDGET
 
 
+@pytest.mark.slow
 def test_the_summary_adds_up(judged):
     for summary in summarise([*judged.values(), *judged.values()]):
         one = judged[summary.coverage]
@@ -61,6 +64,7 @@ def test_the_summary_adds_up(judged):
         assert summary.preferences.saturates_at == one.preferences.saturates_at
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_table(gatetune, flown, tmp_path):
     code, out, _ = gatetune("study", "oracle-states", flown[1], "--out", "table.md")
     assert code == 0 and "paper-code" in out
@@ -70,6 +74,7 @@ def test_the_command_writes_the_table(gatetune, flown, tmp_path):
     assert [cell.strip() for cell in row.split("|")[2:7]] == ["1", "3", "0", "0", "100"]
 
 
+@pytest.mark.slow
 def test_mistakes(flown, tmp_path):
     with pytest.raises(UserError, match="holds no finished mission"):
         judge([tmp_path])
@@ -87,6 +92,7 @@ def test_mistakes(flown, tmp_path):
         judge([tmp_path / "other"])
 
 
+@pytest.mark.slow
 def test_geometric_studies_fly_in_seconds_and_say_what_they_are(gatetune, tmp_path):
     options = ["--set", "stop.adaptive_budget=2", "--set", "gate.oracle_samples=1000", "--replicates", "1"]
     options += ["--fidelity", "geometric", "--rock", "boulder", "--workers", "1"]

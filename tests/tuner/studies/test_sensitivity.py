@@ -48,6 +48,7 @@ def additive():
     return sensitivity(data(lambda u: 3 * u[3] + 1 * u[0]))
 
 
+@pytest.mark.slow
 def test_an_additive_function_is_attributed_to_its_inputs(additive):
     by_path = {item.path: item for item in additive.importances}
     strong, weak = by_path[SPACE.paths[3]], by_path[SPACE.paths[0]]
@@ -61,6 +62,7 @@ def test_an_additive_function_is_attributed_to_its_inputs(additive):
     assert additive.noise_sd == pytest.approx(0.1, rel=1.0)
 
 
+@pytest.mark.slow
 def test_optunas_importances_agree_on_the_leader(additive):
     """Rock offsets of 30 would drown everything if outcomes were not standardised per rock."""
     for name in ("fanova", "ped_anova"):
@@ -69,6 +71,7 @@ def test_optunas_importances_agree_on_the_leader(additive):
         assert sum(shares.values()) == pytest.approx(1.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_the_gate_thresholds_are_the_pair(additive):
     assert additive.interaction.paths == ("gate.budget_fraction", "gate.d95_m")
     assert abs(additive.interaction.second) < 0.03
@@ -121,6 +124,7 @@ def test_too_few_missions_are_refused():
         sensitivity(data(lambda u: u[0], count=12))
 
 
+@pytest.mark.slow
 def test_the_report(additive, tmp_path):
     figures = write_sensitivity_report(additive, tmp_path)
     assert [path.name for path in figures] == ["importance.png", "interaction.png"]

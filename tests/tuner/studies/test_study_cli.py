@@ -39,6 +39,7 @@ def test_mistakes_are_one_line_and_write_nothing(gatetune, tmp_path, arguments, 
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_flown_study_is_reported_and_taken_apart(gatetune, tmp_path):
     settings = NoiseSettings(
         load_search_space("gate"),
