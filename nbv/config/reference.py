@@ -79,30 +79,33 @@ def _leaves(section: Any, prefix: str) -> list[Parameter]:
 
 def shown(value: Any) -> str:
     """A value as a user writes it."""
-    return f"[{', '.join(map(shown, value))}]" if isinstance(value, (list, tuple)) else str(value)
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(shown, value))}]"
+    return f"{value:g}" if isinstance(value, float) and float(f"{value:g}") == value else str(value)
 
 
 def reference_markdown() -> str:
-    """Page of all parameters, one table per section."""
+    """Page of all parameters, section by section."""
     lines = [
         "# Parameters",
         "",
         "A parameter's path is its section and name: `gate.d95_m`. Defaults are preset `paper`. *Source*: **text**, the "
         "paper as printed, with the place; **code**, the authors' public code or simulator, where the text is silent; "
-        "**ours**. `gatetune config show` prints any preset with more on the source; `--set PATH=VALUE` changes a parameter. "
+        "**ours**. `gatetune config show` prints any preset, and where in the code or why ours; `--set PATH=VALUE` changes a parameter. "
         "`python docs/make_pages.py` makes this page.",
         "",
         *_presets_table(),
     ]
-    section = None
+    lines += ["", "## Parameters by section", "", "|name|default|meaning|source|", "|-|-|-|-|"]
+    section = ""
     for p in parameters().values():
         if p.section != section:
             section = p.section
-            lines += ["", f"## {section or 'Mission'}", "", "|name|default|meaning|source|", "|-|-|-|-|"]
+            lines.append(f"|**{section}**||||")
         choices = f" ({', '.join(f'`{c}`' for c in p.choices)})" if p.choices else ""
         value = f"{shown(p.default)} {p.unit}".strip() or "empty"
         name = p.path.removeprefix(f"{section}.")
-        source = p.source if p.source == "code" else p.origin  # `gatetune config show` says where in the code
+        source = p.origin if p.source == "text" else p.source  # `gatetune config show` says where, or why
         lines.append(f"|`{name}`|{value}|{p.meaning}{choices}|{source}|")
     return "\n".join(lines) + "\n"
 

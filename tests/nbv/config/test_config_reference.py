@@ -13,7 +13,7 @@ def test_a_parameter_has_a_meaning_and_a_source(path: str) -> None:
     assert about.meaning
     assert about.source in ("text", "code", "ours")
     assert about.where or about.source == "ours"  # the place in the paper or the public code
-    section = f"## {about.section or 'Mission'}\n"
+    section = f"|**{about.section}**|" if about.section else "## Parameters by section"
     assert f"|`{path.removeprefix(f'{about.section}.')}`|" in reference_markdown().partition(section)[2]
 
 
