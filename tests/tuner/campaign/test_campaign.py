@@ -294,6 +294,7 @@ def test_missing_metric_is_a_failure_not_a_zero(tmp_path: Path) -> None:
     assert {t.reason for t in campaign.trials()} == {"metric_missing: observable.no_such"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sampler", ["random", "tpe", "cmaes", "optuna-gp"])
 def test_every_sampler_runs_and_resumes(tmp_path: Path, sampler: str) -> None:
     changes: dict[str, object] = {"sampler": sampler, "budget": 10, "initial": 4}

@@ -213,6 +213,7 @@ def test_interrupted_campaign_says_so(tmp_path: Path) -> None:
     assert "Only 4 successful missions" in text
 
 
+@pytest.mark.slow
 def test_running_recommendation_ends_in_the_recommendation(tmp_path: Path) -> None:
     facts = CampaignFacts(flown(tmp_path / "run", budget=8))
     assert facts.recommendation is not None

@@ -77,6 +77,7 @@ def campaign(
     return history, phases
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verify", [True, False])
 def test_sampler_verifies_at_its_budget_s_end_on_a_plateau(verify: bool) -> None:
     settings = dataclasses.replace(synthetic.sampler_settings(0, 4), budget=12, replicates=2)

@@ -81,6 +81,7 @@ def test_the_gate_thresholds_are_the_pair(additive):
     assert grid.mean() == pytest.approx(20 / 3 + 2.0, abs=0.3)  # in the metric's unit, mean over the rocks
 
 
+@pytest.mark.slow
 def test_a_pure_interaction_is_found():
     result = sensitivity(data(lambda u: 8 * (u[0] - 0.5) * (u[1] - 0.5), GATE, 48, 0.02))
     assert result.interaction.second > 0.8
@@ -88,6 +89,7 @@ def test_a_pure_interaction_is_found():
     assert all(item.first < 0.15 and item.total > 0.8 for item in result.importances)
 
 
+@pytest.mark.slow
 def test_noise_alone_is_not_believed():
     result = sensitivity(data(lambda u: 0.0, GATE, 30, 1.0))
     assert "guess" in result.caution or "flat" in result.caution
@@ -184,6 +186,7 @@ def test_small_distances_are_better(tmp_path):
     assert found.observations[0].outcome == -found.observations[0].raw
 
 
+@pytest.mark.slow
 def test_a_campaigns_ledger_is_enough(tmp_path):
     settings = CampaignSettings(
         "c",
