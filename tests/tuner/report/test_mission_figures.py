@@ -18,15 +18,11 @@ from nbv.mission.planning_state import save_state
 from nbv.mission.run_directory import RunDirectory
 from nbv.rocks.rock import make_rock
 from nbv.types import CandidatePool, PlanningState, PointCloud, SparseModel
-from tuner.report.mission import figures as mission_figures
-from tuner.report.mission.figures import (
-    labels_of,
-    overlay_figure,
-    pipeline_figure,
-    sectors_figure,
-    trajectory_figure,
-    write_mission_figures,
-)
+from tuner.report.mission import overlay
+from tuner.report.mission.figures import labels_of, sectors_figure, write_mission_figures
+from tuner.report.mission.overlay import overlay_figure
+from tuner.report.mission.pipeline import pipeline_figure
+from tuner.report.mission.trajectory import trajectory_figure
 from tuner.report.sectors import mean_sectors
 
 CAPTURES = 3
@@ -112,7 +108,7 @@ def rock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         split="extra",
         difficulty="none",
     )
-    monkeypatch.setattr(mission_figures, "load_rock", lambda name, store: {"ball": subject}[name])
+    monkeypatch.setattr(overlay, "load_rock", lambda name, store: {"ball": subject}[name])
     return "ball"
 
 
