@@ -1,6 +1,6 @@
 """What one mission is made of: frozen, typed, validated settings with units in their names.
 
-``sections`` holds the fields, where their defaults come from (``sources``) and their ranges, ``mission_config`` the
+The files ``sections_`` hold the fields, where their defaults come from (``sources``) and their ranges, ``mission_config`` the
 whole and its digest, ``parsing`` how dictionaries and parameter paths become one, ``presets`` the named configurations
 that a user starts from, ``registry`` what a configuration may name, ``reference`` all of it for people.
 """
@@ -9,24 +9,20 @@ from nbv.config.mission_config import MissionConfig, canonical, config_from_dict
 from nbv.config.presets import PRESETS, REDUCED_SFM, preset
 from nbv.config.reference import Parameter, parameter, parameters, reference_markdown
 from nbv.config.registry import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, Registry, gate_kinds
-from nbv.config.sections import (
+from nbv.config.sections_planning import (
     BAwareConfig,
-    CameraConfig,
     CovisConfig,
-    DenseConfig,
-    EvaluationConfig,
-    FlightConfig,
     GateConfig,
     MatchableConfig,
     PoolConfig,
-    SceneConfig,
     SeedConfig,
     SharedTermsConfig,
-    SparseConfig,
     StopConfig,
     VisibilityConfig,
     Weights,
 )
+from nbv.config.sections_reconstruction import DenseConfig, EvaluationConfig, SparseConfig
+from nbv.config.sections_world import CameraConfig, FlightConfig, SceneConfig
 from nbv.config.telemetry import TELEMETRY_LEVELS, TelemetryConfig
 
 __all__ = [

@@ -13,23 +13,19 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from nbv.config.parsing import build, leaf_paths, merge, set_values
-from nbv.config.sections import (
+from nbv.config.sections_planning import (
     BAwareConfig,
-    CameraConfig,
     CovisConfig,
-    DenseConfig,
-    EvaluationConfig,
-    FlightConfig,
     GateConfig,
     MatchableConfig,
     PoolConfig,
-    SceneConfig,
     SeedConfig,
     SharedTermsConfig,
-    SparseConfig,
     StopConfig,
     VisibilityConfig,
 )
+from nbv.config.sections_reconstruction import DenseConfig, EvaluationConfig, SparseConfig
+from nbv.config.sections_world import CameraConfig, FlightConfig, SceneConfig
 from nbv.config.sources import ADDED_SINCE_VERSION_1, code, ours
 from nbv.config.telemetry import TelemetryConfig, telemetry_level
 

@@ -13,7 +13,7 @@ import types
 import typing
 from typing import Any, Literal
 
-from nbv.config.sections import OutOfRange
+from nbv.config.section import OutOfRange
 from nbv.errors import UserError
 
 _type_hints = functools.cache(typing.get_type_hints)  # takes longer than everything else of a copy

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from nbv.config.sections import Section
+from nbv.config.section import Section
 from nbv.config.sources import ours
 from nbv.errors import UserError
 

@@ -1,0 +1,47 @@
+"""What the sections of a mission's configuration share: each checks its own values."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+from nbv.errors import UserError
+
+
+class OutOfRange(UserError):
+    """A value that its section does not allow; ``problem`` begins with the field's name."""
+
+    def __init__(self, section: str, problem: str) -> None:
+        super().__init__(section, problem)
+        self.problem = problem
+
+    def __str__(self) -> str:
+        return ".".join(self.args)
+
+
+class Section:
+    """What the sections share: checks that name the field, its value and the rule."""
+
+    def _need(self, ok: bool, name: str, rule: str) -> None:
+        if not ok:
+            raise OutOfRange(type(self).__name__, f"{name} is {getattr(self, name)!r}; it must be {rule}")
+
+    def _need_positive(self, *names: str) -> None:
+        for name in names:
+            self._need(getattr(self, name) > 0, name, "positive")
+
+    def _need_at_least(self, low: float, *names: str) -> None:
+        rule = "0 or more" if low == 0 else f"at least {low:g}"
+        for name in names:
+            self._need(getattr(self, name) >= low, name, rule)
+
+    def _need_known_names(self) -> None:
+        """Fields that name a part of the program name one that there is."""
+        for f in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, f.name)
+            if "names" in f.metadata and value not in (allowed := f.metadata["names"]()):
+                raise OutOfRange(type(self).__name__, f"{f.name} is {value!r}; allowed: {', '.join(allowed)}")
+
+    def _need_elevations(self, *names: str) -> None:
+        for name in names:
+            inside = all(-90.0 < elevation < 90.0 for elevation in getattr(self, name))
+            self._need(inside, name, "elevations between -90 and 90 degrees")

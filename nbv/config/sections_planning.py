@@ -1,0 +1,236 @@
+"""The sections for where photographs are taken: seeds, candidates, scorers, gate and stop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from nbv.config.registry import SCORERS, gate_kinds
+from nbv.config.section import Section
+from nbv.config.sources import code, ours, text
+
+
+@dataclass(frozen=True)
+class SeedConfig(Section):
+    """Phase 1: stratified ring orbit."""
+
+    radius_m: float = text(4.0, "III, Phase 1", "distance of the seed orbit to the target")
+    ring_elevations_deg: tuple[float, ...] = text(
+        (15.0, 22.0, 29.0, 36.0), "III, Phase 1", "elevations of the seed rings"
+    )
+    ring_azimuth_counts: tuple[int, ...] = text((8, 6, 6, 4), "III, Phase 1", "views in each seed ring")
+
+    def __post_init__(self) -> None:
+        self._need_positive("radius_m")
+        self._need_elevations("ring_elevations_deg")
+        self._need(
+            len(self.ring_elevations_deg) == len(self.ring_azimuth_counts) > 0,
+            "ring_azimuth_counts",
+            "as long as ring_elevations_deg",
+        )
+        self._need(
+            all(n >= 1 for n in self.ring_azimuth_counts), "ring_azimuth_counts", "at least 1 per ring"
+        )
+        self._need(sum(self.ring_azimuth_counts) >= 3, "ring_azimuth_counts", "at least 3 views in all")
+
+
+@dataclass(frozen=True)
+class PoolConfig(Section):
+    """Phase 2: two-band candidate pool and its feasibility filters."""
+
+    radius_m: float = text(3.5, "III, Phase 2", "distance of the candidates to the target")
+    lateral_elevations_deg: tuple[float, ...] = text(
+        (10.0, 15.0, 25.0, 35.0), "III, Phase 2", "elevations of the dense lower band"
+    )
+    lateral_count: int = code(120, "mission file", "candidates in it, by inverse rank over its rings")
+    upper_elevations_deg: tuple[float, ...] = text(
+        (35.0, 45.0, 55.0), "III, Phase 2", "elevations of the sparse upper band"
+    )
+    upper_count: int = code(50, "mission file", "candidates in it, evenly over its rings")
+    min_altitude_m: float = ours(
+        1.3, "lowest candidate", why="the code's 1.5 drops the 10° ring, which the text has"
+    )
+    max_altitude_m: float = code(20.0, "mission file", "highest candidate", label="altitude limit")
+    max_travel_m: float = code(40.0, "mission file", "farthest candidate from the vehicle")
+    min_spacing_m: float = code(0.3, "candidate filter", "least distance between candidates")
+    revisit_exclusion_m: float = code(0.6, "mission file", "least distance to an adaptive capture")
+    azimuth_sectors: int = code(8, "mission file", "sectors by whose captures candidates are ordered")
+    max_candidates: int = code(200, "mission file", "candidates that are scored, at most")
+
+    def __post_init__(self) -> None:
+        self._need_positive("radius_m")
+        self._need_elevations("lateral_elevations_deg", "upper_elevations_deg")
+        self._need_at_least(0, "lateral_count", "upper_count")
+        self._need(self.min_altitude_m < self.max_altitude_m, "min_altitude_m", "below max_altitude_m")
+        self._need_at_least(1, "azimuth_sectors", "max_candidates")
+
+
+@dataclass(frozen=True)
+class StopConfig(Section):
+    """Phase 2 ends when the budget is used or the sparse cloud has converged."""
+
+    adaptive_budget: int = code(40, "mission file", "captures after the seeds, registered or not")
+    criterion: Literal["both", "budget", "knn"] = text(
+        "both", "III, Phase 2", "what ends Phase 2; both: whichever comes first"
+    )
+    knn_threshold_m: float = code(0.003, "mission file", "d95 below which the sparse cloud has converged")
+    knn_neighbours: int = code(5, "COLMAP settings", "d95 is of the distance to this neighbour")
+    knn_region: Literal["all", "box"] = text(
+        "all", "III-B, the sparse cloud", "points that d95 is of: all, or those in the box"
+    )
+
+    def __post_init__(self) -> None:
+        self._need_at_least(1, "adaptive_budget", "knn_neighbours")
+
+
+@dataclass(frozen=True)
+class Weights(Section):
+    """Weights of Eq. 1; only their ratios matter to the ranking."""
+
+    main: float = text(1.0, "Eq. 1", "weight of the main term", label="weight W_main", symbol="W_main")
+    nov: float = text(1.2, "Eq. 1", "weight of novelty", label="weight W_nov", symbol="W_nov")
+    move: float = text(0.1, "Eq. 1", "weight of the movement cost", label="weight W_move", symbol="W_move")
+    ang: float = text(0.4, "Eq. 1", "weight of the angular penalty", label="weight W_ang", symbol="W_ang")
+
+    def __post_init__(self) -> None:
+        self._need_at_least(0, "main", "nov", "move", "ang")
+
+
+@dataclass(frozen=True)
+class SharedTermsConfig(Section):
+    """Scales of Eq. 2 to 4 and the point set of Eq. 5 and 8."""
+
+    d_scale_m: float = text(
+        2.0, "Eq. 2", "distance at which novelty saturates", label="novelty scale d_scale", symbol="d_scale"
+    )
+    d_travel_m: float = text(
+        10.0, "Eq. 3", "scale of the movement cost", label="travel scale d_travel", symbol="d_travel"
+    )
+    theta_min_deg: float = text(
+        20.0,
+        "Eq. 4",
+        "angle to a visited direction below which it is penalised",
+        label="angular penalty θ_min",
+        symbol="θ_min",
+    )
+    box_half_extent_m: float = text(
+        2.0, "III-A", "half the side of the box around the target whose points count"
+    )
+    min_track_length: int = code(2, "scorers", "photographs that must see a point for it to count")
+
+    def __post_init__(self) -> None:
+        self._need_positive("d_scale_m", "d_travel_m", "theta_min_deg", "box_half_extent_m")
+        self._need_at_least(2, "min_track_length")
+
+
+@dataclass(frozen=True)
+class VisibilityConfig(Section):
+    """Which points count as visible: all in the image, or also facing the candidate and not hidden."""
+
+    mode: Literal["frustum", "occlusion"] = text(
+        "frustum",
+        "III-A",
+        "which points a candidate sees: all in its image, or only those not hidden",
+        label="model",
+        symbol="visibility",
+    )
+
+
+@dataclass(frozen=True)
+class CovisConfig(Section):
+    weights: Weights = field(default_factory=Weights)
+
+
+@dataclass(frozen=True)
+class BAwareConfig(Section):
+    """Eq. 6 and 7."""
+
+    weights: Weights = field(default_factory=Weights)
+    alpha_track: float = text(
+        0.6, "Eq. 6", "weight of short tracks", label="α_τ (track support)", symbol="α_τ"
+    )
+    alpha_density: float = text(0.4, "Eq. 6", "weight of low density", label="α_ρ (density)", symbol="α_ρ")
+    alpha_reprojection: float = text(
+        0.0,
+        "Eq. 6 has no such term",
+        "weight of the reprojection error",
+        label="α_e (reprojection)",
+        symbol="α_e",
+    )
+    target_track_length: int = text(
+        6, "Eq. 6", "track length at which a point is strong", label="target track length T*", symbol="T*"
+    )
+    density_neighbours: int = text(5, "Eq. 6", "neighbours whose mean distance is the density")
+    theta_low_deg: float = text(
+        5.0,
+        "Eq. 7",
+        "angle to a ray below which another is redundant",
+        label="redundancy floor θ_l",
+        symbol="θ_l",
+    )
+    theta_saturation_deg: float = text(
+        25.0,
+        "Eq. 7",
+        "angle to all rays beyond which nothing is gained",
+        label="saturation angle θ*",
+        symbol="θ*",
+    )
+
+    def __post_init__(self) -> None:
+        self._need_at_least(0, "alpha_track", "alpha_density", "alpha_reprojection", "theta_low_deg")
+        self._need_at_least(1, "target_track_length", "density_neighbours")
+        self._need(
+            self.theta_low_deg < self.theta_saturation_deg, "theta_low_deg", "below theta_saturation_deg"
+        )
+
+
+@dataclass(frozen=True)
+class MatchableConfig(Section):
+    """Ours: which surface still lacks views that dense stereo could match (`nbv.scorers.matchable`)."""
+
+    weights: Weights = field(default_factory=Weights)
+    views: int = ours(6, "views that must match one another on a piece of surface")
+
+    def __post_init__(self) -> None:
+        self._need_at_least(2, "views")
+
+
+@dataclass(frozen=True)
+class GateConfig(Section):
+    """Which ranking is flown (Eq. 9 for ``hyb-h``)."""
+
+    kind: str = text(
+        "hyb-h", "III-B", "which ranking is flown; a scorer's name: that scorer alone", names=gate_kinds
+    )
+    geometry_scorer: str = text(
+        "b-aware", "III-B", "scorer that Hyb-H and Hyb-O switch to from Covis", names=SCORERS.keys, added=True
+    )
+    budget_fraction: float = text(
+        0.4,
+        "Eq. 9",
+        "budget fraction below which Hyb-H flies the geometry scorer",
+        label="budget fraction f_b",
+        symbol="f_b",
+    )
+    d95_m: float = text(
+        0.14,
+        "Eq. 9",
+        "d95 above which Hyb-H flies the geometry scorer",
+        label="KNN distance d95",
+        symbol="d95",
+    )
+    oracle_coverage: Literal["reconstruction", "seen", "matchable", "paper-code"] = ours(
+        "reconstruction", "when Hyb-O counts a sample as covered", why="how we read III-B"
+    )
+    oracle_samples: int = text(30_000, "III-B", "samples of the true surface that Hyb-O counts")
+    oracle_threshold_m: float = text(0.02, "III-B", "distance at which a sample is covered")
+    oracle_matchable_views: int = ours(3, "views that must see a sample where coverage is matchable")
+    learned_policy: str = ours("", "path of a policy for the learned gate; empty: the one that ships")
+
+    def __post_init__(self) -> None:
+        self._need_known_names()
+        self._need(0 <= self.budget_fraction <= 1, "budget_fraction", "between 0 and 1")
+        self._need_at_least(0, "d95_m")
+        self._need_at_least(100, "oracle_samples")
+        self._need_positive("oracle_threshold_m")
+        self._need_at_least(2, "oracle_matchable_views")
