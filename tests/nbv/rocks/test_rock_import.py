@@ -296,7 +296,7 @@ def test_bad_files_are_refused_in_one_line(tmp_path, case):
 
 
 def test_enormous_mesh_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("nbv.rocks.importer.MAX_FACES", 10)
+    monkeypatch.setattr("nbv.rocks.mesh_file.MAX_FACES", 10)
     trimesh.creation.box().export(tmp_path / "big.stl")
     with pytest.raises(UserError, match="decimate"):
         import_mesh(tmp_path / "big.stl")

@@ -1,0 +1,126 @@
+"""The albedo of an imported rock: the mesh's own, an image's or a procedural one."""
+
+from __future__ import annotations
+
+import zlib
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.rocks import mesh as meshes
+from nbv.rocks.albedo import procedural_albedo
+from nbv.rocks.mesh_file import Soup
+from nbv.rocks.texture import (
+    Linear,
+    fill_gutters,
+    open_texture,
+    sample,
+    shrink,
+    triplanar,
+)
+from nbv.types import Floats, Ints
+
+TILE_M = 1.6  # one tile of a triplanar albedo image
+
+
+def imported_albedo(
+    soup: Soup,
+    vertices: Floats,
+    faces: Ints,
+    fine_vertices: Floats,
+    fine_faces: Ints,
+    parent: Ints,
+    barycentric: Floats,
+    normals: Floats,
+    choice: str | Path | None,
+    max_edge: float,
+    notes: list[str],
+) -> NDArray[np.float32]:
+    """(V, 3) linear albedo of the fine mesh's vertices; ``notes`` gets where it comes from.
+
+    ``parent`` (F,) and ``barycentric`` (F, 3, 3) place every fine face in a face of the coarse mesh; ``max_edge`` is the
+    fine mesh's longest edge in metres. ``choice`` is the ``albedo`` of ``import_mesh``.
+
+    Raises
+    ------
+    UserError
+        ``choice`` names an image that is missing or unreadable.
+    """
+    spacing = 0.6 * max_edge
+    if choice is not None and str(choice) != "procedural":
+        image = open_texture(Path(choice).expanduser())
+        image = shrink(image, spacing / (TILE_M / max(image.shape[:2])))
+        notes.append(f"albedo: {Path(choice).name} projected along the three axes")
+        return triplanar(image, fine_vertices, normals, TILE_M)
+    if choice is None:
+        colors = _own_colors(soup, vertices, faces, fine_vertices, fine_faces, parent, barycentric, spacing)
+        if colors is not None and colors.std(0).max() > 0.004:
+            kinds = {soup.skins[i].kind for i in np.unique(soup.skin)}
+            word = "texture" if "texture" in kinds else "vertex or face colours"
+            notes.append(f"albedo: the mesh's own {word}, converted from sRGB to linear")
+            return colors
+        why = "the mesh has no texture or colours" if colors is None else "the mesh has one colour only"
+        notes.append(f"albedo: procedural, since {why}")
+    else:
+        notes.append("albedo: procedural, as asked")
+    seed = zlib.crc32(np.round(vertices * 1e4).astype("<i8").tobytes()) & 0xFFFF
+    return procedural_albedo(fine_vertices, normals, seed)
+
+
+def _own_colors(
+    soup: Soup,
+    vertices: Floats,
+    faces: Ints,
+    fine_vertices: Floats,
+    fine_faces: Ints,
+    parent: Ints,
+    barycentric: Floats,
+    spacing: float,
+) -> NDArray[np.float32] | None:
+    """(V, 3) the mean over the faces at each vertex of the colour there; None if nothing has a colour.
+
+    Each face is asked at points drawn a sixth of the way from its corners to its middle: the mean then
+    averages the texture around the vertex, and no lookup falls on the far side of a seam.
+    """
+    total = np.zeros((len(fine_vertices), 3))
+    count = np.zeros(len(fine_vertices))
+    areas = meshes.face_areas(vertices, faces)
+    inset = barycentric + (barycentric.mean(1, keepdims=True) - barycentric) / 6
+    for index, skin in enumerate(soup.skins):
+        if skin.kind == "none":
+            continue
+        of_skin = soup.skin == index
+        if not of_skin.any():
+            continue
+        fine = np.flatnonzero(of_skin[parent])
+        values = np.einsum("fij,fjk->fik", inset[fine], soup.corner[parent[fine]]).reshape(-1, 3)
+        if skin.image is not None:
+            corner_uv = soup.corner[of_skin][..., :2]
+            image = fill_gutters(skin.image, corner_uv)
+            image = shrink(image, spacing / _texel_m(image, corner_uv, areas[of_skin]))
+            values = sample(image, values[:, :2]).astype(float)
+        ids = fine_faces[fine].reshape(-1)
+        for channel in range(3):
+            total[:, channel] += np.bincount(ids, weights=values[:, channel], minlength=len(total))
+        count += np.bincount(ids, minlength=len(total))
+    if not count.any():
+        return None
+    known = count > 0
+    colors = total / np.maximum(count, 1)[:, None]
+    colors[~known] = colors[known].mean(0)
+    return colors.astype(np.float32)
+
+
+def _texel_m(image: Linear, corner_uv: Floats, areas: Floats) -> float:
+    """Median side of a texel on the surface, in metres, weighted by area."""
+    a, b, c = (corner_uv[:, i] for i in range(3))
+    ab, ac = b - a, c - a
+    texels = 0.5 * np.abs(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]) * image.shape[0] * image.shape[1]
+    usable = (texels > 1e-9) & (areas > 0)
+    if not usable.any():
+        return np.inf
+    sides = np.sqrt(areas[usable] / texels[usable])
+    order = np.argsort(sides)
+    weight = np.cumsum(areas[usable][order])
+    return float(sides[order][np.searchsorted(weight, weight[-1] / 2)])
