@@ -183,7 +183,8 @@ def departures(
     from tuner.commands.rock_choice import QUICK_ROCKS
     from tuner.missions.registry import with_oracle
     from tuner.studies.departures.report import departures_table, write_departures_report
-    from tuner.studies.departures.study import DEPARTURES, DepartureSettings, analyse, fly
+    from tuner.studies.departures.study import DepartureSettings, analyse, fly
+    from tuner.studies.departures.table import DEPARTURES
 
     complete = True
     if not report_only:

@@ -11,7 +11,8 @@ from nbv.config import preset
 from nbv.errors import UserError
 from tuner.missions.executors import InProcessExecutor
 from tuner.studies.departures.report import departures_markdown, write_departures_report
-from tuner.studies.departures.study import DEPARTURES, PAPER_CODE, DepartureSettings, analyse, fly
+from tuner.studies.departures.study import DepartureSettings, analyse, fly
+from tuner.studies.departures.table import DEPARTURES, PAPER_CODE
 
 ROCKS = ("r0", "r1", "r2")
 F48 = "f_score_48mm"
