@@ -6,14 +6,12 @@ from pathlib import Path
 
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.campaign.facts import CampaignFacts
-from tuner.report.campaign.figures import (
+from tuner.report.campaign.figures import history_figure, running_recommendation_figure, time_figure
+from tuner.report.campaign.model_figures import (
     calibration_figure,
-    history_figure,
     map_figure,
     relevance_figure,
-    running_recommendation_figure,
     slices_figure,
-    time_figure,
 )
 from tuner.report.labels import parameter_label
 from tuner.report.style import Illustration, embed
