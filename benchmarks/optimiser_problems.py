@@ -281,7 +281,7 @@ class GeometricProblem:
 
     def __post_init__(self) -> None:
         from nbv.config import preset
-        from tuner.problem.search_space import load_search_space
+        from tuner.problem.space_files import load_search_space
 
         self.space = load_search_space(self.space_name)
         self._base = self.space.base_config(preset("campaign"))

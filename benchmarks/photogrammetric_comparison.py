@@ -36,7 +36,7 @@ from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.registry import DEFAULT_RUNNER, registered
 from tuner.problem.objective import Objective
-from tuner.problem.search_space import load_search_space
+from tuner.problem.space_files import load_search_space
 
 REPLICATES = 2  # of a campaign; the judges begin after them
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from nbv.config import MissionConfig
 from tuner.problem.observations import Observation
-from tuner.problem.search_space import space_from_dict
+from tuner.problem.space_files import space_from_dict
 from tuner.samplers.base import Sampler, SamplerSettings
 
 # The range on which ``fake_missions.truth`` has its maximum inside; not the shipped space "gate".

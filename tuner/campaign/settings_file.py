@@ -15,7 +15,7 @@ import yaml
 from nbv.errors import UserError
 from tuner.campaign.settings import CampaignSettings
 from tuner.problem.objective import Objective, direction_of
-from tuner.problem.search_space import load_search_space, space_from_dict
+from tuner.problem.space_files import load_search_space, space_from_dict
 
 SETTINGS_FILE = "campaign.yaml"
 FORMAT_VERSION = 2  # 1: could ask for what is gone, and was proposed for by another model

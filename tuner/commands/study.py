@@ -113,7 +113,7 @@ def _fly_noise_study(
     out: Path,
 ) -> bool:
     from tuner.commands.rock_choice import training_rocks
-    from tuner.problem.search_space import load_search_space
+    from tuner.problem.space_files import load_search_space
     from tuner.studies.noise.study import NoiseSettings, fly
 
     count = _worker_count(workers)
@@ -380,7 +380,7 @@ def sensitivity(
 ) -> None:
     """Which parameters matter: Sobol indices on the surrogate, beside fANOVA and PED-ANOVA."""
     from tuner.problem.objective import DEFAULT_METRIC
-    from tuner.problem.search_space import load_search_space
+    from tuner.problem.space_files import load_search_space
     from tuner.studies.missions_as_data import campaign_data, is_campaign, mission_data
     from tuner.studies.sensitivity.report import sensitivity_table, summary_lines, write_sensitivity_report
     from tuner.studies.sensitivity.study import sensitivity as analyse_sensitivity

@@ -2,6 +2,7 @@
 
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Pending, Proposal
-from tuner.problem.search_space import Parameter, SearchSpace, load_search_space
+from tuner.problem.search_space import Parameter, SearchSpace
+from tuner.problem.space_files import load_search_space
 
 __all__ = ["Objective", "Observation", "Parameter", "Pending", "Proposal", "SearchSpace", "load_search_space"]

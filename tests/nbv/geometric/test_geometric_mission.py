@@ -193,7 +193,7 @@ def test_it_runs_in_a_campaign(tmp_path):
     from tuner.campaign.session import fly_campaign
     from tuner.campaign.settings import CampaignSettings
     from tuner.missions.executors import InProcessExecutor
-    from tuner.problem.search_space import load_search_space
+    from tuner.problem.space_files import load_search_space
 
     settings = CampaignSettings(
         name="geometric",

@@ -26,7 +26,7 @@ from tuner.campaign.events import CampaignEvent
 from tuner.campaign.session import fly_campaign
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
 from tuner.problem.objective import Objective
-from tuner.problem.search_space import load_search_space
+from tuner.problem.space_files import load_search_space
 
 settings = functools.partial(
     fake_campaigns.settings, space=load_search_space("gate"), budget=6, sampler="sobol"

@@ -17,7 +17,7 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.shipped import DIRECTORY, SHIPPED, shipped_missions, sources_by_default
 from tuner.problem.objective import Objective
-from tuner.problem.search_space import load_search_space
+from tuner.problem.space_files import load_search_space
 
 FULL = load_search_space("full")
 Gatetune = Callable[..., tuple[int, str, str]]

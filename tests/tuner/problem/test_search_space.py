@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.viewpoints import candidate_pool
-from tuner.problem.search_space import (
+from tuner.problem.space_files import (
     available_search_spaces,
     load_search_space,
     parse_search_space,

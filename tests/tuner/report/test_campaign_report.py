@@ -24,7 +24,7 @@ from tuner.campaign.shipped import SHIPPED
 from tuner.cli import app
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.objective import Objective
-from tuner.problem.search_space import load_search_space, space_from_dict
+from tuner.problem.space_files import load_search_space, space_from_dict
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report import write_campaign_report
 from tuner.report.campaign.facts import CampaignFacts

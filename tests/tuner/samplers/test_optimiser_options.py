@@ -19,7 +19,8 @@ from tuner.acquisition.propose import propose
 from tuner.campaign.campaign import Campaign
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
-from tuner.problem.search_space import Values, load_search_space
+from tuner.problem.search_space import Values
+from tuner.problem.space_files import load_search_space
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.gp import GPSampler
 from tuner.surrogate.model import RockMeanGP

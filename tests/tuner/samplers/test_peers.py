@@ -23,7 +23,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.observations import Observation, Pending
-from tuner.problem.search_space import load_search_space, space_from_dict
+from tuner.problem.space_files import load_search_space, space_from_dict
 from tuner.samplers.base import SamplerSettings
 from tuner.samplers.peers import PEER_NAMES, PeerSampler, available_peers, make_peer_sampler
 

@@ -9,7 +9,7 @@ from fake_study import SD
 
 from nbv.errors import UserError
 from tuner.missions.executors import InProcessExecutor
-from tuner.problem.search_space import load_search_space
+from tuner.problem.space_files import load_search_space
 from tuner.studies.noise.report import noise_markdown, write_noise_report
 from tuner.studies.noise.study import NoiseSettings, analyse, fly
 from tuner.studies.runner import AGREEMENT_LEVELS

@@ -17,7 +17,7 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
-from tuner.problem.search_space import load_search_space, space_from_dict
+from tuner.problem.space_files import load_search_space, space_from_dict
 from tuner.studies.missions_as_data import MissionData, campaign_data, find_missions, mission_data
 from tuner.studies.sensitivity.report import write_sensitivity_report
 from tuner.studies.sensitivity.study import Surrogate, sensitivity, settle

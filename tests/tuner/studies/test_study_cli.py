@@ -10,7 +10,7 @@ from fake_study import fake_study_mission
 
 from nbv.config import MissionConfig
 from tuner.missions.executors import InProcessExecutor
-from tuner.problem.search_space import load_search_space
+from tuner.problem.space_files import load_search_space
 from tuner.studies.noise.study import NoiseSettings, fly
 
 NOISE = ["study", "noise", "--rock", "boulder", "--space", "gate"]

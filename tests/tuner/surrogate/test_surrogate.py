@@ -9,7 +9,8 @@ import torch
 from gpytorch.kernels import Kernel, ScaleKernel
 
 from tuner.problem.observations import Observation
-from tuner.problem.search_space import Parameter, SearchSpace, space_from_dict
+from tuner.problem.search_space import Parameter, SearchSpace
+from tuner.problem.space_files import space_from_dict
 from tuner.surrogate.kernel import NO_OFFSET, lengthscales, mission_kernel, shared_variance
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import NORMAL_95

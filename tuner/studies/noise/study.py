@@ -30,7 +30,8 @@ from tuner.evaluation.baselines import baseline
 from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluation
 from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.missions.executors import Executor
-from tuner.problem.search_space import SearchSpace, space_from_dict
+from tuner.problem.search_space import SearchSpace
+from tuner.problem.space_files import space_from_dict
 from tuner.studies.noise.variance import (
     MIN_CONFIGURATIONS,
     VarianceComponents,

@@ -1,0 +1,209 @@
+"""Search spaces from YAML files, named or by path.
+
+A search space file reads::
+
+    name: gate
+    base:                       # optional: fixed values laid over the preset
+      gate.kind: hyb-h
+    parameters:
+      gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: log}       # default: the preset's value
+      b_aware.target_track_length: {kind: int, low: 3, high: 12}
+      visibility.mode: {kind: categorical, choices: [frustum, occlusion]}
+      b_aware.weights.nov: {kind: float, low: 0.1, high: 2.0, also: [matchable.weights.nov]}  # one value for both
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from nbv.config import MissionConfig, parameter_paths
+from nbv.errors import UserError
+from tuner.problem.search_space import Parameter, SearchSpace
+
+_PARAMETER_KEYS = ("kind", "low", "high", "scale", "choices", "default", "also")
+_SPACE_KEYS = ("name", "description", "base", "parameters")
+
+
+def search_space_directories() -> tuple[Path, ...]:
+    """Where named spaces are looked for: beside the package (a clone), then the installed data files."""
+    beside = Path(__file__).resolve().parents[2] / "search_spaces"
+    installed = Path(sys.prefix) / "share" / "gatetune" / "search_spaces"
+    return (beside, installed)
+
+
+def available_search_spaces() -> dict[str, Path]:
+    """Named spaces and their files."""
+    found: dict[str, Path] = {}
+    for directory in search_space_directories():
+        for file in sorted(directory.glob("*.yaml")):
+            found.setdefault(file.stem, file)
+    return found
+
+
+def load_search_space(name_or_path: str | Path) -> SearchSpace:
+    """Read a space by name (``gate``, ``gate_and_weights``) or from a YAML file.
+
+    Raises
+    ------
+    UserError
+        No such space, or a mistake in the file.
+    """
+    text = str(name_or_path)
+    named = available_search_spaces()
+    path = named[text] if text in named else Path(text)
+    if text not in named and not (path.suffix in (".yaml", ".yml") or path.exists()):
+        raise UserError(
+            f"unknown search space {text!r}; there are {', '.join(named) or 'none'}, or give a YAML file"
+        )
+    try:
+        content = path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"cannot read search space {path}: {error}; give a readable YAML file") from error
+    return parse_search_space(content, str(path))
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """SafeLoader that refuses a key given twice, where YAML would keep the last one silently."""
+
+
+def _unique_mapping(loader: _UniqueKeyLoader, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+    seen: set[Any] = set()
+    for key_node, _ in node.value:
+        key = loader.construct_object(key_node, deep=True)
+        if isinstance(key, (list, dict)):
+            continue
+        if key in seen:
+            raise yaml.constructor.ConstructorError(None, None, f"duplicate key {key!r}", key_node.start_mark)
+        seen.add(key)
+    return loader.construct_mapping(node, deep=True)
+
+
+_UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _unique_mapping)
+
+
+def parse_search_space(text: str, source: str) -> SearchSpace:
+    """Parse YAML text; ``source`` names it in messages."""
+    try:
+        tree = yaml.load(text, Loader=_UniqueKeyLoader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = f" line {mark.line + 1}" if mark is not None else ""
+        raise UserError(f"{source}{line}: {error.problem or error.context}; mend the YAML") from error
+    except yaml.YAMLError as error:
+        raise UserError(f"{source}: not YAML ({str(error).splitlines()[0]}); mend it") from error
+    space = space_from_dict(tree, source)
+    space.check_pairs(MissionConfig())  # here: a campaign that flew without the check can still be read
+    return space
+
+
+def space_from_dict(tree: Any, source: str) -> SearchSpace:
+    """Build and check a space from its YAML tree.
+
+    Raises
+    ------
+    UserError
+        Unknown key or parameter path, bad bounds or default, no parameters.
+    """
+    if not isinstance(tree, dict):
+        raise UserError(f"{source}: a search space is a mapping with the key 'parameters'")
+    _known_keys(tree, _SPACE_KEYS, source)
+    raw = tree.get("parameters")
+    if not isinstance(raw, dict) or not raw:
+        raise UserError(f"{source}: 'parameters' must name at least one parameter")
+    base = tree.get("base") or {}
+    if not isinstance(base, dict):
+        raise UserError(f"{source}: 'base' must map parameter paths to values")
+    for path in (*raw, *base):
+        _known_path(str(path), source)
+    parameters = tuple(_parameter(path, spec, f"{source}: {path}") for path, spec in raw.items())
+    tuned = [path for p in parameters for path in (p.path, *p.also)]
+    for path in tuned:
+        _known_path(path, source)
+        if path in base:
+            raise UserError(f"{source}: {path} is both fixed in 'base' and tuned; remove one of the two")
+        if tuned.count(path) > 1:
+            raise UserError(
+                f"{source}: {path} is tuned twice, as a parameter and in 'also'; remove one of the two"
+            )
+    space = SearchSpace(
+        str(tree.get("name") or Path(source).stem), parameters, dict(base), str(tree.get("description") or "")
+    )
+    try:
+        space.base_config(MissionConfig())
+    except UserError as error:
+        raise UserError(f"{source}: base: {error}") from error
+    space.default(MissionConfig())  # checks defaults and both ends of every range
+    return space
+
+
+def _known_keys(tree: dict[Any, Any], allowed: Sequence[str], where: str) -> None:
+    for key in tree:
+        if key not in allowed:
+            raise UserError(f"{where}: unknown key {key!r}; allowed: {', '.join(allowed)}")
+
+
+def _known_path(path: str, source: str) -> None:
+    if path not in parameter_paths():
+        try:
+            MissionConfig().with_values({path: None})
+        except UserError as error:
+            raise UserError(f"{source}: {error}") from error
+
+
+def _parameter(path: str, spec: Any, where: str) -> Parameter:
+    if not isinstance(spec, dict):
+        raise UserError(f"{where}: give a mapping such as {{kind: float, low: 0.1, high: 1.0}}")
+    _known_keys(spec, _PARAMETER_KEYS, where)
+    also = spec.get("also", [])
+    if not isinstance(also, list) or any(not isinstance(other, str) for other in also):
+        raise UserError(f"{where}: 'also' must list parameter paths, not {also!r}")
+    return dataclasses.replace(_range(path, spec, where), also=tuple(also))
+
+
+def _range(path: str, spec: dict[str, Any], where: str) -> Parameter:
+    kind = spec.get("kind", "float")
+    if kind not in ("float", "int", "categorical"):
+        raise UserError(f"{where}: unknown kind {kind!r}; allowed: float, int, categorical")
+    default = spec.get("default")
+    if kind == "categorical":
+        return _categorical(path, spec, default, where)
+    if "choices" in spec:
+        raise UserError(f"{where}: 'choices' belongs to kind categorical; give low and high")
+    for key in ("low", "high"):
+        value = spec.get(key)
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            raise UserError(f"{where}: '{key}' must be a finite number, not {value!r}")
+        if kind == "int" and not float(value).is_integer():
+            raise UserError(f"{where}: '{key}' must be a whole number for kind int, not {value!r}")
+    low, high = float(spec["low"]), float(spec["high"])
+    if low >= high:
+        raise UserError(f"{where}: low {low:g} is not below high {high:g}; swap or widen the bounds")
+    scale = spec.get("scale", "linear")
+    if scale not in ("linear", "log"):
+        raise UserError(f"{where}: unknown scale {scale!r}; allowed: linear, log")
+    if scale == "log" and low <= 0:
+        raise UserError(f"{where}: scale log needs low above 0, not {low:g}; raise low or use scale linear")
+    if kind == "int":
+        return Parameter(path, "int", int(low), int(high), scale, (), default)
+    return Parameter(path, "float", low, high, scale, (), default)
+
+
+def _categorical(path: str, spec: dict[str, Any], default: Any, where: str) -> Parameter:
+    for key in ("low", "high", "scale"):
+        if key in spec:
+            raise UserError(f"{where}: '{key}' does not belong to kind categorical; give 'choices'")
+    choices = spec.get("choices")
+    if not isinstance(choices, list) or len(choices) < 2:
+        raise UserError(f"{where}: 'choices' must list at least two values")
+    if any(not isinstance(choice, (str, int, float, bool)) for choice in choices):
+        raise UserError(f"{where}: each choice must be a string, a number or a boolean")
+    if len({repr(choice) for choice in choices}) != len(choices):
+        raise UserError(f"{where}: a choice is given twice; list each once")
+    return Parameter(path, "categorical", choices=tuple(choices), default=default)
