@@ -182,9 +182,8 @@ def departures(
     """What does each departure of the authors' public code do to the outcome? One at a time, paired."""
     from tuner.commands.rock_choice import QUICK_ROCKS
     from tuner.missions.registry import with_oracle
+    from tuner.studies.departures import DEPARTURES, DepartureSettings, analyse, fly
     from tuner.studies.departures.report import departures_table, write_departures_report
-    from tuner.studies.departures.study import DepartureSettings, analyse, fly
-    from tuner.studies.departures.table import DEPARTURES
 
     complete = True
     if not report_only:
