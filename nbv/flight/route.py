@@ -103,11 +103,11 @@ def _corners(
                 b[2] + (height - b[2]) * (length - middle) / (length - leave),
             )
             corners.append((np.array([*(target[:2] + off), top]), end_heading))
-        # From above the cylinder to beside it: out over the rim first, and the reverse.
-        elif enter <= 0 and leave < length:
-            rim = start_xy + leave * unit
+        # From above the cylinder to beside it, be that within the margin: out over the rim first, and the reverse.
+        elif enter <= 0 and (leave < length or end_d >= radius - MARGIN_M):
+            rim = start_xy + min(leave, length) * unit
             corners.append((np.array([*(target[:2] + rim), height]), end_heading))
-        elif enter > 0 and leave >= length:
-            rim = start_xy + enter * unit
+        elif leave >= length and (enter > 0 or start_d >= radius - MARGIN_M):
+            rim = start_xy + max(enter, 0.0) * unit
             corners.append((np.array([*(target[:2] + rim), height]), end_heading))
     return corners

@@ -165,6 +165,7 @@ def noisy_and_cropped():
     return np.concatenate([cloud, crowd + rng.normal(scale=0.005, size=crowd.shape), floaters]), truth
 
 
+@pytest.mark.slow
 def test_voxel_scores_are_tanks_and_temples_definition_by_loops():
     """Both clouds averaged in voxels of half the threshold, then strictly nearer than the threshold."""
     cloud, truth = noisy_and_cropped()

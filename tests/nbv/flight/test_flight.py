@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from nbv.config import FlightConfig, MissionConfig
@@ -75,6 +75,8 @@ def segment_distance(leg_samples: np.ndarray, height: float) -> float:
     return float(np.hypot(low[:, 1], low[:, 2]).min()) if len(low) else np.inf
 
 
+@example(start=Pose((0.0, 0.0, 3.0), 0.0), end=Pose((0.0, 1.3125, 1.0), 0.0))
+@example(start=Pose((0.0, 1.3125, 1.0), 0.0), end=Pose((0.2, 0.0, 3.0), 0.0))
 @settings(max_examples=300)
 @given(start=poses, end=poses)
 def test_no_leg_passes_through_the_keep_out(start: Pose, end: Pose) -> None:

@@ -107,6 +107,7 @@ def test_cached_and_uncached_missions_are_bit_identical(flown, config, tmp_path,
     assert again.metrics == without.metrics == result.metrics
 
 
+@pytest.mark.slow
 def test_a_finished_mission_is_not_overwritten(tmp_path, config):
     (tmp_path / "mission.json").write_text("{}")
     with pytest.raises(UserError, match="already holds a finished mission"):

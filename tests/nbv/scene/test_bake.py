@@ -34,6 +34,7 @@ def build(ball, store):
     return build_scene(ball, SceneConfig(), SMALL_CAMERA, SMALL_GROUND, store)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", ["truncate", "flip", "empty", "text"])
 def test_a_damaged_entry_is_baked_again(ball, ball_scene, store, damage):
     build(ball, store)

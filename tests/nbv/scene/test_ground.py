@@ -32,6 +32,7 @@ def strongest_repeat(texture: np.ndarray, shortest_lag: int) -> float:
     return float(correlation[far & enough].max())
 
 
+@pytest.mark.slow
 def test_the_ground_has_no_period(ground):
     for level in range(SPEC.levels):
         for texture in (ground.albedo[level], ground.sun_cosine[level]):

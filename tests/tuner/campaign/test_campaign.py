@@ -139,6 +139,7 @@ def test_in_step_a_campaign_is_the_same_with_any_workers(tmp_path: Path) -> None
         settings(in_step=0)
 
 
+@pytest.mark.slow
 def test_ctrl_c_kills_missions_in_flight_and_keeps_them_open(tmp_path: Path) -> None:
     campaign = begin_campaign(tmp_path / "run", settings(rocks=("a", "hang"), budget=4))
     started = threading.Event()
@@ -267,6 +268,7 @@ def test_the_campaign_records_crashes_and_failures_and_goes_on(tmp_path: Path) -
     assert summary.recommendation is not None and summary.recommendation.failures == 8
 
 
+@pytest.mark.slow
 def test_mission_that_takes_too_long_is_killed(tmp_path: Path) -> None:
     campaign = begin_campaign(tmp_path / "run", settings(rocks=("hang",), budget=1))
     with workers(timeout_s=0.5) as executor:

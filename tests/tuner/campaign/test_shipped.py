@@ -67,6 +67,7 @@ def test_learning_from_them_needs_their_space_and_metric(tmp_path: Path) -> None
             shipped_missions(space, objective)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [

@@ -34,6 +34,7 @@ def mesh(kind, path):
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments, says",
     [

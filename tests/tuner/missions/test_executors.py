@@ -56,6 +56,7 @@ def test_outcomes_come_back_from_processes_of_their_own(tmp_path: Path) -> None:
         assert here.wait_any(0)[0].metrics == outcomes["0000"].metrics
 
 
+@pytest.mark.slow
 def test_server_that_dies_costs_its_missions_and_is_replaced(tmp_path: Path) -> None:
     with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
         executor.submit(job(tmp_path, "hang", 0))

@@ -52,6 +52,7 @@ def test_beats_the_luckiest_on_average_in_noise() -> None:
     assert np.mean(by_model) > np.mean(by_luck) + 0.02
 
 
+@pytest.mark.slow
 def test_interval_of_the_improvement_is_honest() -> None:
     inside = 0
     for seed in range(16):

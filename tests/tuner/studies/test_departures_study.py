@@ -198,6 +198,7 @@ def test_a_settings_file_with_an_unknown_field_is_named(flown, tmp_path):
         DepartureSettings.load(tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments, says",
     [
