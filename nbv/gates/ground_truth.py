@@ -8,22 +8,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.config import MissionConfig
-from nbv.geometry.frames import intrinsic_matrix, look_at
+from nbv.geometry.frustum import in_frustum
 from nbv.geometry.incidence import MATCHABLE_MAX_INCIDENCE_DEG
 from nbv.geometry.matchability import matchable_views, matchable_views_with, usable_cosines
-from nbv.geometry.raycasting import RayCaster, rays_of
+from nbv.geometry.raycasting import RayCaster
+from nbv.geometry.sampling import sample_surface
+from nbv.geometry.visibility import lifted, seen_from
 from nbv.rocks.rock import Rock
 from nbv.types import CandidatePool, Floats, PlanningState, Ranking
 
 Mask = NDArray[np.bool_]
 
 SAMPLE_SEED = 42
-RAY_TOLERANCE_M = 1e-3  # how far in front of a sample a ray may be stopped by the sample's own surface
 GROUND_Z_M = 0.0  # samples below are buried
 
 
@@ -67,11 +67,11 @@ class GroundTruthOracle:
 
     def __init__(self, vertices_m: Floats, faces: NDArray[np.integer], config: MissionConfig) -> None:
         self.config = config
-        mesh = trimesh.Trimesh(np.asarray(vertices_m, dtype=float), np.asarray(faces), process=False)
-        samples, face = trimesh.sample.sample_surface(mesh, config.gate.oracle_samples, seed=SAMPLE_SEED)
-        self.samples_m: Floats = np.asarray(samples, dtype=float)
-        self.normals: Floats = np.asarray(mesh.face_normals, dtype=float)[face]
-        self._caster = RayCaster(mesh.vertices, mesh.faces)
+        self.samples_m, self.normals = sample_surface(
+            vertices_m, np.asarray(faces, dtype=np.int64), config.gate.oracle_samples, SAMPLE_SEED
+        )
+        self._starts_m = lifted(self.samples_m, self.normals)
+        self._caster = RayCaster(vertices_m, faces)
         self._seen: dict[tuple[float, ...], Mask] = {}
         self._partners: tuple[Floats, NDArray[np.int16]] | None = None
 
@@ -85,26 +85,16 @@ class GroundTruthOracle:
         return self._seen[key]
 
     def _look(self, position: Floats) -> Mask:
-        pose = look_at(position, np.array(self.config.target_m))
-        camera = self.config.camera
-        in_camera = self.samples_m @ pose[:3, :3].T + pose[:3, 3]
-        image = in_camera @ intrinsic_matrix(camera).T
-        depth = image[:, 2]
-        inside = depth > 0
-        inside &= (image[:, 0] >= 0) & (image[:, 0] < camera.width_px * depth)
-        inside &= (image[:, 1] >= 0) & (image[:, 1] < camera.height_px * depth)
+        target_m = np.array(self.config.target_m)
+        inside: Mask = in_frustum(self.samples_m, position[None], target_m, self.config.camera)[:, 0]
         if self.config.gate.oracle_coverage == "paper-code":
             return inside
-        to_camera = position - self.samples_m
-        distance = np.linalg.norm(to_camera, axis=1)
-        facing = np.einsum("ij,ij->i", to_camera, self.normals)
-        inside &= facing > distance * np.cos(np.deg2rad(MATCHABLE_MAX_INCIDENCE_DEG))
-        inside &= self.samples_m[:, 2] > GROUND_Z_M
-        ask = np.flatnonzero(inside)
-        # Not normalised: the sample is at t = 1.
-        hit = self._caster.cast(rays_of(position, -to_camera[ask])).t
-        inside[ask] = hit > 1.0 - RAY_TOLERANCE_M / distance[ask]
-        return inside
+        ask = np.flatnonzero(inside & (self.samples_m[:, 2] > GROUND_Z_M))
+        seen = np.zeros(len(self.samples_m), dtype=bool)
+        seen[ask] = seen_from(
+            position, self._starts_m[ask], self.normals[ask], self._caster, MATCHABLE_MAX_INCIDENCE_DEG
+        )
+        return seen
 
     # -- what is covered
 

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
@@ -21,6 +20,7 @@ from nbv.errors import MissionFailure
 from nbv.geometry.frustum import in_frustum
 from nbv.geometry.incidence import MATCHABLE_MAX_INCIDENCE_DEG
 from nbv.geometry.matchability import matchable_views, matchable_views_with, partners, usable_cosines
+from nbv.geometry.sampling import sample_surface
 from nbv.scorers.scorer import Scorer
 from nbv.scorers.shared import SharedTerms
 from nbv.types import CandidatePool, Floats
@@ -61,9 +61,13 @@ def proxy_surface(points_m: Floats, config: MissionConfig) -> ProxySurface | Non
         hull = ConvexHull(points)
     except QhullError:  # all in one plane
         return None
-    mesh = trimesh.Trimesh(points, hull.simplices, process=False)
-    samples, face = trimesh.sample.sample_surface(mesh, SAMPLES, seed=SAMPLE_SEED)
-    return ProxySurface(np.asarray(samples, dtype=float), hull.equations[face, :3])
+    corners, faces = points[hull.simplices], hull.simplices.copy()
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = (normals * hull.equations[:, :3]).sum(
+        axis=1
+    ) < 0  # Qhull's equations point out, its triangles need not
+    faces[inward] = faces[inward, ::-1]
+    return ProxySurface(*sample_surface(points, faces, SAMPLES, SAMPLE_SEED))
 
 
 def sees(surface: ProxySurface, positions_m: Floats, config: MissionConfig) -> NDArray[np.bool_]:
