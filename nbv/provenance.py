@@ -39,24 +39,9 @@ def versions() -> dict[str, str]:
 @functools.cache
 def git_revision() -> str:
     """The checkout's revision with ``+changes`` if the tree is dirty; ``unknown`` outside a checkout."""
-    root = Path(__file__).resolve().parent.parent
     try:
-        revision = subprocess.run(
-            ["git", "rev-parse", "--short=12", "HEAD"],
-            cwd=root,
-            capture_output=True,
-            text=True,
-            timeout=10,
-            check=True,
-        ).stdout.strip()
-        dirty = subprocess.run(
-            ["git", "status", "--porcelain", "--untracked-files=no"],
-            cwd=root,
-            capture_output=True,
-            text=True,
-            timeout=10,
-            check=True,
-        ).stdout.strip()
+        revision = _git("rev-parse", "--short=12", "HEAD")
+        dirty = _git("status", "--porcelain", "--untracked-files=no")
     except (OSError, subprocess.SubprocessError):
         return "unknown"
     return f"{revision}+changes" if dirty else revision
@@ -69,3 +54,12 @@ def provenance() -> dict[str, Any]:
         "revision": git_revision(),
         "machine": f"{platform.system()} {platform.machine()}",
     }
+
+
+def _git(*arguments: str) -> str:
+    """What git says of this checkout."""
+    root = Path(__file__).resolve().parent.parent
+    command = ["git", *arguments]
+    return subprocess.run(
+        command, cwd=root, capture_output=True, text=True, timeout=10, check=True
+    ).stdout.strip()
