@@ -1,80 +1,153 @@
-"""The settings file of a study's directory: written once, and the same when the study goes on."""
+"""A study that flies missions: its settings file, written once, and the evaluations that go on beside it."""
 
 from __future__ import annotations
 
 import dataclasses
+from abc import ABC, abstractmethod
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar, cast
 
 import yaml
 
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
+from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluation
+from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
+from tuner.missions.executors import Executor
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 FORMAT_VERSION = 2  # 1 named its mission runner by module and function
-Settings = TypeVar("Settings")
 
 
-def settings_tree(settings: DataclassInstance) -> dict[str, Any]:
-    """YAML form of a flat dataclass of plain values, tuples and mappings."""
-    tree = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
-    plain = {name: list(value) if isinstance(value, tuple) else value for name, value in tree.items()}
-    return {"format": FORMAT_VERSION, **plain}
+class StudySettings(ABC):
+    """What a study flies: a flat frozen dataclass of plain values, tuples and mappings."""
 
+    FILE: ClassVar[str]  # of the settings, in the study's directory
+    STUDY: ClassVar[str]  # what messages call it
 
-class StudySettings(Protocol):
-    """What a study keeps in its settings file."""
+    @abstractmethod
+    def plans(self) -> dict[str, EvaluationPlan]:
+        """What is flown, in order, by directory within the study's."""
+
+    @property
+    def missions(self) -> int:
+        """Missions in all."""
+        return sum(plan.missions for plan in self.plans().values())
 
     def to_dict(self) -> dict[str, Any]:
-        """YAML form."""
+        """YAML form, without the version of its format."""
+        fields = dataclasses.fields(cast("DataclassInstance", self))
+        tree = {f.name: getattr(self, f.name) for f in fields}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in tree.items()}
 
-    @staticmethod
-    def load(directory: Path) -> StudySettings:
-        """The settings of a study's directory; ``UserError`` if there are none."""
+    @classmethod
+    def from_dict(cls, tree: dict[str, Any], source: str) -> Self:
+        """The inverse of ``to_dict``; ``source`` names the file in messages."""
+        return cls(
+            **{name: tuple(value) if isinstance(value, list) else value for name, value in tree.items()}
+        )
+
+    @classmethod
+    def load(cls, directory: Path) -> Self:
+        """The settings of a study's directory.
+
+        Raises
+        ------
+        UserError
+            The file is missing, damaged, has an unknown field, or is of another version.
+        """
+        path = directory / cls.FILE
+        if not path.is_file():
+            raise UserError(
+                f"{directory} holds no {cls.STUDY} ({cls.FILE} is missing); name a study's directory"
+            )
+        try:
+            tree = yaml.safe_load(path.read_text())
+            if tree.pop("format") != FORMAT_VERSION:
+                raise UserError(f"{path} was written by another version; start a new study elsewhere")
+            return cls.from_dict(tree, str(path))
+        except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+            raise UserError(f"{path} is not a study's settings ({error!r}); restore the file") from error
+
+    def claim(self, directory: Path) -> None:
+        """Write the settings into a new directory, or find the same ones there.
+
+        Raises
+        ------
+        UserError
+            The directory holds something else or cannot be written.
+        """
+        path = directory / self.FILE
+        if path.exists():
+            if self.load(directory).to_dict() != self.to_dict():
+                raise UserError(f"{directory} holds another {self.STUDY}; choose another --out")
+            return
+        if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+            raise UserError(f"{directory} exists and is not an empty directory; choose another --out")
+        try:
+            directory.mkdir(parents=True, exist_ok=True)
+            tree = {"format": FORMAT_VERSION, **self.to_dict()}
+            write_atomic(path, yaml.safe_dump(tree, sort_keys=False))
+        except OSError as error:
+            raise UserError(f"cannot write to {directory}: {error.strerror}; choose another --out") from error
 
 
-def load_settings(directory: Path, file_name: str, study: str, build: Callable[..., Settings]) -> Settings:
-    """``build`` called with the fields that ``settings_tree`` wrote, lists as tuples.
+def fly(
+    settings: StudySettings,
+    directory: Path,
+    executor: Executor,
+    on_event: Callable[[EvaluationEvent], None] | None = None,
+) -> bool:
+    """Fly what is not flown yet; whether the study is complete.
 
     Raises
     ------
     UserError
-        The file is missing, damaged, has a field that ``build`` does not know, or is of another version.
+        The directory holds something else or cannot be written; a mission met a user's mistake.
     """
-    path = directory / file_name
-    if not path.is_file():
-        raise UserError(f"{directory} holds no {study} ({file_name} is missing); name a study's directory")
-    try:
-        tree = yaml.safe_load(path.read_text())
-        if tree.pop("format") != FORMAT_VERSION:
-            raise UserError(f"{path} was written by another version; start a new study elsewhere")
-        fields = {name: tuple(value) if isinstance(value, list) else value for name, value in tree.items()}
-        return build(**fields)
-    except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
-        raise UserError(f"{path} is not a study's settings ({error!r}); restore the file") from error
+    settings.claim(directory)
+    return all(
+        run_evaluation(plan, directory / name, executor, on_event).complete
+        for name, plan in settings.plans().items()
+    )
 
 
-def claim(settings: StudySettings, directory: Path, file_name: str, study: str) -> None:
-    """Write a study's settings into a new directory, or find the same ones there.
+def flown(settings: StudySettings, directory: Path) -> dict[str, list[EvaluationRecord]]:
+    """What is known of every plan's missions so far, by plan."""
+    return {name: plan.records(directory / name) for name, plan in settings.plans().items()}
 
-    Raises
-    ------
-    UserError
-        The directory holds something else or cannot be written.
-    """
-    path = directory / file_name
-    if path.exists():
-        if settings.load(directory).to_dict() != settings.to_dict():
-            raise UserError(f"{directory} holds another {study}; choose another --out")
-        return
-    if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
-        raise UserError(f"{directory} exists and is not an empty directory; choose another --out")
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, yaml.safe_dump(settings.to_dict(), sort_keys=False))
-    except OSError as error:
-        raise UserError(f"cannot write to {directory}: {error.strerror}; choose another --out") from error
+
+S = TypeVar("S", bound=StudySettings)
+
+
+@dataclass(frozen=True)
+class StudyFindings(Generic[S]):
+    """What every study's findings begin with."""
+
+    settings: S
+    missions: int  # with an outcome
+    expected: int
+    failures: dict[str, int]  # failed missions by reason
+    wall_s: float  # of all missions together
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON form."""
+        return {
+            "settings": self.settings.to_dict(),
+            "missions": self.missions,
+            "missions_expected": self.expected,
+            "failures": self.failures,
+            "wall_s": self.wall_s,
+        }
+
+
+def counts(
+    settings: StudySettings, records: list[EvaluationRecord]
+) -> tuple[int, int, dict[str, int], float]:
+    """Fields of `StudyFindings` after its settings. Strategies may share missions, which count once."""
+    once = {r.outcome.directory: r for r in records}.values()
+    return len(once), settings.missions, failure_counts(once), sum(r.outcome.wall_s for r in once)

@@ -11,8 +11,9 @@ from nbv.config import preset
 from nbv.errors import UserError
 from tuner.missions.executors import InProcessExecutor
 from tuner.studies.departures.report import departures_markdown, write_departures_report
-from tuner.studies.departures.study import DepartureSettings, analyse, fly
+from tuner.studies.departures.study import DepartureSettings, analyse
 from tuner.studies.departures.table import DEPARTURES, PAPER_CODE
+from tuner.studies.study_directory import fly
 
 ROCKS = ("r0", "r1", "r2")
 F48 = "f_score_48mm"

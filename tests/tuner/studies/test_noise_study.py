@@ -11,8 +11,9 @@ from nbv.errors import UserError
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.space_files import load_search_space
 from tuner.studies.noise.report import noise_markdown, write_noise_report
-from tuner.studies.noise.study import NoiseSettings, analyse, fly
+from tuner.studies.noise.study import NoiseSettings, analyse
 from tuner.studies.runner import AGREEMENT_LEVELS
+from tuner.studies.study_directory import fly
 
 METRIC = "observable.f_score_48mm"
 ROCKS = ("r0", "r1", "r2", "r3")

@@ -9,7 +9,8 @@ import pytest
 from nbv.errors import UserError
 from tuner.missions.executors import InProcessExecutor
 from tuner.studies.oracles.report import oracles_markdown, write_oracles_report
-from tuner.studies.oracles.study import OracleSettings, analyse, fly
+from tuner.studies.oracles.study import OracleSettings, analyse
+from tuner.studies.study_directory import fly
 
 ROCKS = ("r0", "r1", "r2")
 

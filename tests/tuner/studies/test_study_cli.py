@@ -11,7 +11,8 @@ from fake_study import fake_study_mission
 from nbv.config import MissionConfig
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.space_files import load_search_space
-from tuner.studies.noise.study import NoiseSettings, fly
+from tuner.studies.noise.study import NoiseSettings
+from tuner.studies.study_directory import fly
 
 NOISE = ["study", "noise", "--rock", "boulder", "--space", "gate"]
 

@@ -13,20 +13,17 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from tuner.evaluation.baselines import baseline
 from tuner.evaluation.comparison import values_of
-from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluation
 from tuner.evaluation.paper_table import MetricRow
 from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval, paired_difference
-from tuner.missions.executors import Executor
 from tuner.missions.registry import DEFAULT_RUNNER
 from tuner.studies.decisions import (
     Block,
@@ -38,10 +35,8 @@ from tuner.studies.decisions import (
     same_flight,
 )
 from tuner.studies.departures.table import DEPARTURES, Departure
-from tuner.studies.study_directory import claim, load_settings, settings_tree
+from tuner.studies.study_directory import StudyFindings, StudySettings, counts, flown
 
-SETTINGS_FILE = "departures.yaml"
-STUDY = "study of departures"
 FLIGHTS = "evaluation"
 
 # Keys without their surface; "costs." ones have none.
@@ -56,7 +51,7 @@ METRICS = (
 
 
 @dataclass(frozen=True)
-class DepartureSettings:
+class DepartureSettings(StudySettings):
     """What the study flies.
 
     Raises
@@ -65,6 +60,8 @@ class DepartureSettings:
         An unknown arm, preset, gate or path, no rock, or a departure that is set for the base as well.
     """
 
+    FILE: ClassVar[str] = "departures.yaml"
+    STUDY: ClassVar[str] = "study of departures"
     rocks: tuple[str, ...]
     replicates: int = 2
     preset: str = "campaign"
@@ -120,31 +117,9 @@ class DepartureSettings:
                 strategies[d.name] = self.base(d.gate).with_values(d.values)
         return EvaluationPlan(strategies, self.rocks, self.replicates, runner=self.runner)
 
-    def to_dict(self) -> dict[str, Any]:
-        """YAML form."""
-        return settings_tree(self)
-
-    @staticmethod
-    def load(directory: Path) -> DepartureSettings:
-        """The settings of a study's directory; ``UserError`` if there are none."""
-        return load_settings(directory, SETTINGS_FILE, STUDY, DepartureSettings)
-
-
-def fly(
-    settings: DepartureSettings,
-    directory: Path,
-    executor: Executor,
-    on_event: Callable[[EvaluationEvent], None] | None = None,
-) -> bool:
-    """Fly what is not flown yet; whether the study is complete.
-
-    Raises
-    ------
-    UserError
-        The directory holds something else or cannot be written; a mission met a user's mistake.
-    """
-    claim(settings, directory, SETTINGS_FILE, STUDY)
-    return run_evaluation(settings.plan(), directory / FLIGHTS, executor, on_event).complete
+    def plans(self) -> dict[str, EvaluationPlan]:
+        """The one of `plan`."""
+        return {FLIGHTS: self.plan()}
 
 
 # -- what the missions say -----------------------------------------------------------------------------------
@@ -181,16 +156,11 @@ class ArmResult:
 
 
 @dataclass(frozen=True)
-class DepartureFindings:
+class DepartureFindings(StudyFindings[DepartureSettings]):
     """All arms of a study."""
 
-    settings: DepartureSettings
     bases: list[BaseResult]
     arms: list[ArmResult]
-    missions: int  # with an outcome
-    expected: int
-    failures: dict[str, int]  # failed missions by reason
-    wall_s: float  # of all missions together
 
     def arm(self, name: str) -> ArmResult:
         """The arm of that name."""
@@ -199,11 +169,7 @@ class DepartureFindings:
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
         return {
-            "settings": self.settings.to_dict(),
-            "missions": self.missions,
-            "missions_expected": self.expected,
-            "failures": self.failures,
-            "wall_s": self.wall_s,
+            **super().to_dict(),
             "as_the_base": [d.name for d in self.settings.as_base],
             "bases": [dataclasses.asdict(b) for b in self.bases],
             "arms": [{**dataclasses.asdict(a), "changes_nothing": a.changes_nothing} for a in self.arms],
@@ -227,10 +193,8 @@ def analyse(directory: Path) -> DepartureFindings:
     """
     settings = DepartureSettings.load(directory)
     plan = settings.plan()
-    records = plan.records(directory / FLIGHTS)
+    records = flown(settings, directory)[FLIGHTS]
     traces = load_traces(records)
-    flown = {r.outcome.directory: r for r in records}.values()  # strategies may share missions
-    failures = failure_counts(flown)
     values = functools.partial(_values, settings, records)
 
     bases = []
@@ -268,8 +232,7 @@ def analyse(directory: Path) -> DepartureFindings:
                 sum(r.strategy == strategy and r.outcome.status == "failed" for r in records),
             )
         )
-    wall_s = sum(r.outcome.wall_s for r in flown)
-    return DepartureFindings(settings, bases, arms, len(flown), plan.missions, failures, wall_s)
+    return DepartureFindings(settings, *counts(settings, records), bases, arms)
 
 
 def _values(

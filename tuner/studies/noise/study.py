@@ -15,10 +15,10 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from scipy.stats import qmc
@@ -27,9 +27,8 @@ from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.types import Floats
 from tuner.evaluation.baselines import baseline
-from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluation
+from tuner.evaluation.flying import failure_counts
 from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
-from tuner.missions.executors import Executor
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.space_files import space_from_dict
 from tuner.studies.noise.variance import (
@@ -40,10 +39,8 @@ from tuner.studies.noise.variance import (
     variance_components,
 )
 from tuner.studies.runner import AGREEMENT_LEVELS
-from tuner.studies.study_directory import claim, load_settings, settings_tree
+from tuner.studies.study_directory import StudySettings, flown
 
-SETTINGS_FILE = "noise_study.yaml"
-STUDY = "noise study"
 DEFAULT = "default"
 DEFAULT_METRICS = (
     "observable.f_score_48mm",
@@ -59,7 +56,7 @@ TARGET_SIGNAL_TO_NOISE = 5.0  # asked of the campaign preset
 
 
 @dataclass(frozen=True)
-class NoiseSettings:
+class NoiseSettings(StudySettings):
     """What a noise study flies.
 
     Raises
@@ -68,6 +65,8 @@ class NoiseSettings:
         Too few configurations or replicates for a variance, an unknown control, no rock.
     """
 
+    FILE: ClassVar[str] = "noise_study.yaml"
+    STUDY: ClassVar[str] = "noise study"
     space: SearchSpace
     rocks: tuple[str, ...]
     budgets: tuple[int, ...] = (8, 12, 16, 40)  # adaptive captures
@@ -146,51 +145,26 @@ class NoiseSettings:
             strategies, self.rocks, self.repeats, first_replicate=self.replicates, runner=self.runner
         )
 
-    @property
-    def missions(self) -> int:
-        """Missions in all."""
+    def plans(self) -> dict[str, EvaluationPlan]:
+        """Everything against everything, then the repeats."""
         repeats = self.repeats_plan()
-        return self.crossed_plan().missions + (repeats.missions if repeats else 0)
+        return {"crossed": self.crossed_plan(), **({"repeats": repeats} if repeats else {})}
 
     def to_dict(self) -> dict[str, Any]:
         """YAML form."""
-        tree = settings_tree(self)
-        del tree["space"]
-        return {"search_space": self.space.to_dict(), **tree}
+        tree = super().to_dict()
+        return {"search_space": tree.pop("space").to_dict(), **tree}
 
-    @staticmethod
-    def load(directory: Path) -> NoiseSettings:
-        """The settings of a study's directory; ``UserError`` if there are none."""
-
-        def build(search_space: Any, **fields: Any) -> NoiseSettings:
-            return NoiseSettings(space_from_dict(search_space, str(directory / SETTINGS_FILE)), **fields)
-
-        return load_settings(directory, SETTINGS_FILE, STUDY, build)
+    @classmethod
+    def from_dict(cls, tree: dict[str, Any], source: str) -> Self:
+        """The inverse of ``to_dict``."""
+        space = space_from_dict(tree.pop("search_space"), source)
+        return super().from_dict({**tree, "space": space}, source)
 
 
 def strategy_name(budget: int, name: str) -> str:
     """The strategy under which one configuration flies at one budget."""
     return f"b{budget:02d}-{name}"
-
-
-def fly(
-    settings: NoiseSettings,
-    directory: Path,
-    executor: Executor,
-    on_event: Callable[[EvaluationEvent], None] | None = None,
-) -> bool:
-    """Fly what is not flown yet; whether the study is complete.
-
-    Raises
-    ------
-    UserError
-        The directory holds something else or cannot be written; a mission met a user's mistake.
-    """
-    claim(settings, directory, SETTINGS_FILE, STUDY)
-    for name, plan in (("crossed", settings.crossed_plan()), ("repeats", settings.repeats_plan())):
-        if plan is not None and not run_evaluation(plan, directory / name, executor, on_event).complete:
-            return False
-    return True
 
 
 # -- what the missions say -----------------------------------------------------------------------------------
@@ -312,15 +286,10 @@ def analyse(directory: Path) -> NoiseFindings:
         No noise study there, or no mission has one of the metrics.
     """
     settings = NoiseSettings.load(directory)
-    records: list[EvaluationRecord] = []
-    expected = 0
-    for name, plan in (("crossed", settings.crossed_plan()), ("repeats", settings.repeats_plan())):
-        if plan is not None:
-            records += plan.records(directory / name)
-            expected += plan.missions
-    flown = [r for r in records if r.outcome.status != "failed"]
+    records = [r for found in flown(settings, directory).values() for r in found]
+    ended_well = [r for r in records if r.outcome.status != "failed"]
     for metric in settings.metrics:
-        if flown and not any(_table(flown, level, metric) for level in settings.levels):
+        if ended_well and not any(_table(ended_well, level, metric) for level in settings.levels):
             raise UserError(
                 f"no mission of {directory} has the metric {metric!r}; mission.json lists them by name"
             )
@@ -330,7 +299,7 @@ def analyse(directory: Path) -> NoiseFindings:
         for level in settings.levels
         for budget in settings.budgets
     ]
-    return NoiseFindings(settings, records, cells, failure_counts(records), expected)
+    return NoiseFindings(settings, records, cells, failure_counts(records), settings.missions)
 
 
 def _cell(

@@ -13,7 +13,7 @@ import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, get_args, get_type_hints
+from typing import Any, ClassVar, get_args, get_type_hints
 
 from nbv.config import GateConfig, MissionConfig, preset
 from nbv.errors import UserError
@@ -21,11 +21,9 @@ from nbv.mission.result import IterationRecord
 from nbv.scorers import B_AWARE, COVIS, PAPER_SCORERS
 from tuner.evaluation.baselines import baseline
 from tuner.evaluation.comparison import strategy_difference, strategy_interval
-from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluation
 from tuner.evaluation.paper_table import MetricRow
 from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval
-from tuner.missions.executors import Executor
 from tuner.missions.registry import DEFAULT_RUNNER
 from tuner.studies.decisions import (
     PERCENT,
@@ -37,16 +35,14 @@ from tuner.studies.decisions import (
     per_block,
 )
 from tuner.studies.departures.study import FLIGHTS, METRICS, metric_key
-from tuner.studies.study_directory import claim, load_settings, settings_tree
+from tuner.studies.study_directory import StudyFindings, StudySettings, counts, flown
 
-SETTINGS_FILE = "oracles.yaml"
-STUDY = "study of oracles"
 COVERAGES: tuple[str, ...] = get_args(get_type_hints(GateConfig)["oracle_coverage"])
 REFERENCES = ("covis", "b-aware", "hyb-h")
 
 
 @dataclass(frozen=True)
-class OracleSettings:
+class OracleSettings(StudySettings):
     """What the study flies.
 
     Raises
@@ -55,6 +51,8 @@ class OracleSettings:
         An unknown coverage, preset or path, or no rock.
     """
 
+    FILE: ClassVar[str] = "oracles.yaml"
+    STUDY: ClassVar[str] = "study of oracles"
     rocks: tuple[str, ...]
     replicates: int = 2
     preset: str = "campaign"
@@ -103,31 +101,9 @@ class OracleSettings:
             strategies[name] = self.base.with_values(values)
         return EvaluationPlan(strategies, self.rocks, self.replicates, runner=self.runner)
 
-    def to_dict(self) -> dict[str, Any]:
-        """YAML form."""
-        return settings_tree(self)
-
-    @staticmethod
-    def load(directory: Path) -> OracleSettings:
-        """The settings of a study's directory; ``UserError`` if there are none."""
-        return load_settings(directory, SETTINGS_FILE, STUDY, OracleSettings)
-
-
-def fly(
-    settings: OracleSettings,
-    directory: Path,
-    executor: Executor,
-    on_event: Callable[[EvaluationEvent], None] | None = None,
-) -> bool:
-    """Fly what is not flown yet; whether the study is complete.
-
-    Raises
-    ------
-    UserError
-        The directory holds something else or cannot be written; a mission met a user's mistake.
-    """
-    claim(settings, directory, SETTINGS_FILE, STUDY)
-    return run_evaluation(settings.plan(), directory / FLIGHTS, executor, on_event).complete
+    def plans(self) -> dict[str, EvaluationPlan]:
+        """The one of `plan`."""
+        return {FLIGHTS: self.plan()}
 
 
 # -- one mission ---------------------------------------------------------------------------------------------
@@ -234,15 +210,10 @@ class StrategyResult:
 
 
 @dataclass(frozen=True)
-class OracleFindings:
+class OracleFindings(StudyFindings[OracleSettings]):
     """All strategies of a study."""
 
-    settings: OracleSettings
     strategies: list[StrategyResult]
-    missions: int
-    expected: int
-    failures: dict[str, int]
-    wall_s: float
 
     def strategy(self, name: str) -> StrategyResult:
         """The strategy of that name."""
@@ -251,11 +222,7 @@ class OracleFindings:
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
         return {
-            "settings": self.settings.to_dict(),
-            "missions": self.missions,
-            "missions_expected": self.expected,
-            "failures": self.failures,
-            "wall_s": self.wall_s,
+            **super().to_dict(),
             "strategies": [{**dataclasses.asdict(s), "switches": s.switches} for s in self.strategies],
         }
 
@@ -270,17 +237,14 @@ def analyse(directory: Path) -> OracleFindings:
     """
     settings = OracleSettings.load(directory)
     plan = settings.plan()
-    records = plan.records(directory / FLIGHTS)
+    records = flown(settings, directory)[FLIGHTS]
     traces = load_traces(records)
     rows = [dataclasses.replace(row, key=metric_key(row, settings.surface)) for row in METRICS]
-    flown = {r.outcome.directory: r for r in records}.values()
-    failures = failure_counts(flown)
     results = [
         _strategy_result(settings, records, traces, rows, name, config.gate.oracle_coverage)
         for name, config in plan.strategies.items()
     ]
-    wall_s = sum(r.outcome.wall_s for r in flown)
-    return OracleFindings(settings, results, len(flown), plan.missions, failures, wall_s)
+    return OracleFindings(settings, *counts(settings, records), results)
 
 
 def _strategy_result(

@@ -1,0 +1,79 @@
+"""What commands of studies that fly missions have in common: options, the flight, the last lines."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from nbv.errors import UserError
+from tuner.commands.comparison import ComparisonProgress
+from tuner.commands.console import output, rock_arguments
+from tuner.commands.mission import progress_bar
+from tuner.commands.rock_choice import refuse_held_out
+
+if TYPE_CHECKING:
+    from tuner.studies.study_directory import StudySettings
+
+QuickRocks = Annotated[
+    list[str] | None,
+    typer.Option("--rock", help="Training rock or mesh file, repeatable (default: slab, vesicular, cavern)."),
+]
+SetForAll = Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE for every mission.")]
+Surface = Annotated[str, typer.Option(help="observable or whole.")]
+Fidelity = Annotated[
+    str, typer.Option(help="photogrammetric, or geometric: seconds instead of hours, no photographs.")
+]
+Workers = Annotated[int | None, typer.Option(help="Missions side by side (default: one per core).")]
+Timeout = Annotated[float, typer.Option(help="A mission that takes longer is killed.")]
+Out = Annotated[Path, typer.Option(help="Directory; the same command goes on where it stopped.")]
+ReportOnly = Annotated[bool, typer.Option("--report-only", help="Fly nothing; report on what --out holds.")]
+
+
+def study_rocks(rocks: list[str] | None, otherwise: list[str]) -> tuple[str, ...]:
+    """Training rocks, looked up; ``UserError`` for one that is unknown or held out."""
+    chosen = rock_arguments(rocks or otherwise)
+    refuse_held_out(chosen)
+    return tuple(chosen)
+
+
+def fly_study(
+    settings: StudySettings, directory: Path, workers: int | None, timeout_s: float, metric: str
+) -> bool:
+    """Fly what is missing, with one line per mission; whether the study is complete.
+
+    Raises
+    ------
+    UserError
+        Fewer than one worker; as `tuner.studies.study_directory.fly`.
+    """
+    from tuner.missions.executors import LocalProcessExecutor
+    from tuner.studies.study_directory import fly
+
+    if workers is not None and workers < 1:
+        raise UserError(f"--workers is {workers}; give at least 1")
+    count = workers or len(os.sched_getaffinity(0))
+    plans = settings.plans()
+    runners = tuple(dict.fromkeys(plan.runner for plan in plans.values()))
+    sizes = ", ".join(
+        f"{len(plan.strategies)} configurations x {len(plan.rocks)} rocks x {plan.replicates} replicates"
+        for plan in plans.values()
+    )
+    output.print(f"{sizes}: {settings.missions} missions, {count} workers")
+    with (
+        LocalProcessExecutor(count, timeout_s=timeout_s, preload=runners) as executor,
+        progress_bar() as bar,
+    ):
+        return fly(settings, directory, executor, ComparisonProgress(bar, metric))
+
+
+def end_study(failures: dict[str, int], missions: int, expected: int, report: Path, complete: bool) -> None:
+    """What failed, how much is flown, where the report is; exit code 130 if interrupted."""
+    for reason, times in failures.items():
+        output.print(f"[red]failed {times} times: {reason}[/]")
+    output.print(f"{missions} of {expected} missions; report: {report}")
+    if not complete:
+        output.print("interrupted; the same command goes on where it stopped")
+        raise typer.Exit(130)
