@@ -35,6 +35,7 @@ from tuner.campaign.settings_file import (
     settings_from_dict,
 )
 from tuner.missions.long_runs import exclusive
+from tuner.missions.registry import refuse_code_of_file
 from tuner.problem.observations import Observation, Proposal
 from tuner.recommendation.recommendation import Recommendation, recommend
 from tuner.samplers.base import Sampler, SamplerSettings
@@ -89,7 +90,11 @@ class Campaign:
 
     @staticmethod
     def open(
-        directory: Path, expected: CampaignSettings | None = None, *, read_only: bool = False
+        directory: Path,
+        expected: CampaignSettings | None = None,
+        *,
+        read_only: bool = False,
+        runner: str | None = None,
     ) -> Campaign:
         """The campaign in ``directory``.
 
@@ -99,11 +104,14 @@ class Campaign:
             Settings the caller believes in; a difference is refused.
         read_only
             For status and reports of a campaign that may be running.
+        runner
+            The ``"module:function"`` that the caller allows ``campaign.yaml`` to name.
 
         Raises
         ------
         UserError
-            No campaign there, other settings, a ledger that is missing or belongs elsewhere.
+            No campaign there, other settings, a ledger that is missing or belongs elsewhere, a runner that is neither
+            registered nor allowed.
         """
         stored, identity, digest = read_settings(directory)
         settings = settings_from_dict(stored, str(directory / SETTINGS_FILE))
@@ -114,6 +122,8 @@ class Campaign:
                     f"{directory} holds a campaign with other settings: {difference}; "
                     "resume it as it is or choose another directory"
                 )
+        elif not read_only:
+            refuse_code_of_file(settings.runner, runner, str(directory / SETTINGS_FILE))
         if settings.base_config().digest() != digest:
             raise UserError(
                 f"preset {settings.preset!r} has changed since the campaign in {directory} began; resume it with "

@@ -15,7 +15,7 @@ from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.missions.long_runs import exclusive
 
 
-def extend_campaign(directory: Path, budget: int) -> Campaign:
+def extend_campaign(directory: Path, budget: int, runner: str | None = None) -> Campaign:
     """The campaign in ``directory`` with a budget of ``budget`` missions instead of fewer.
 
     The initial design and every proposal so far are those of the smaller budget; the sampler goes on from there.
@@ -26,7 +26,7 @@ def extend_campaign(directory: Path, budget: int) -> Campaign:
     UserError
         As ``Campaign.open``; the budget is not larger.
     """
-    campaign = Campaign.open(directory)
+    campaign = Campaign.open(directory, runner=runner)
     old = campaign.settings
     if budget <= old.budget:
         raise UserError(
@@ -45,4 +45,4 @@ def extend_campaign(directory: Path, budget: int) -> Campaign:
             write_atomic(path, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}; make room, then resume") from error
-    return Campaign.open(directory)
+    return Campaign.open(directory, runner=runner)

@@ -139,6 +139,7 @@ def run(
     """
     from tuner.campaign.settings_file import SETTINGS_FILE
     from tuner.commands.campaign_settings import asked_fields, asked_settings
+    from tuner.missions.registry import refuse_code_of_file
 
     given: dict[str, Any] = {
         "name": name,
@@ -161,7 +162,8 @@ def run(
     output.print(f"campaign {fields['name']} in {directory}")  # before anything that takes seconds to load
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
         output.print("it is there already: going on with it")
-        return resume(directory, workers, None, timeout_s)
+        return resume(directory, workers, None, timeout_s, fidelity)
+    refuse_code_of_file(str(fields.get("runner") or ""), fidelity, str(settings))
     asked = asked_settings(fields, str(settings or "command line"))
     from tuner.campaign.begin import begin_campaign
 
@@ -176,13 +178,19 @@ def resume(
         int | None, typer.Option(help="A larger budget than the campaign began with, to search further.")
     ] = None,
     timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
+    fidelity: Annotated[
+        str | None, typer.Option(help="Only where the campaign has a module:function of yours: that one.")
+    ] = None,
 ) -> None:
     """Go on with an interrupted campaign; only the missions that were in flight are flown again."""
     output.print(f"campaign in {directory}")  # before what takes seconds to load
     from tuner.campaign.campaign import Campaign
     from tuner.campaign.extension import extend_campaign
 
-    campaign = Campaign.open(directory) if missions is None else extend_campaign(directory, missions)
+    if missions is None:
+        campaign = Campaign.open(directory, runner=fidelity)
+    else:
+        campaign = extend_campaign(directory, missions, fidelity)
     fly(campaign, workers, timeout_s)
 
 

@@ -16,7 +16,6 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Protocol
 
 from nbv.errors import UserError
@@ -190,12 +189,13 @@ class LocalProcessExecutor:
 
     def _start_server(self) -> subprocess.Popen[bytes]:
         environment = dict(os.environ)
-        environment["PYTHONPATH"] = os.pathsep.join(p or str(Path.cwd()) for p in sys.path)
+        # Without the current directory: a numpy.py that lies there is not ours.
+        environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
         single_thread_environment()  # children inherit; set before any library is imported
         environment.update({k: v for k, v in os.environ.items() if k.endswith("_NUM_THREADS")})
         self._buffer = b""
         return subprocess.Popen(
-            [sys.executable, "-m", "tuner.missions.server", *self._preload],
+            [sys.executable, "-P", "-m", "tuner.missions.server", *self._preload],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

@@ -1,7 +1,7 @@
 """Mission runners by name. A new one is one file, with a function like `nbv.mission.MissionRunner`, and one line here.
 
-The name goes into a campaign's settings, to the workers, and to ``--fidelity``. From Python, and in tests, a runner
-may also be ``"module:function"``.
+The name goes into a campaign's settings, to the workers, and to ``--fidelity``. From Python and on the command line a
+runner may also be ``"module:function"``. A file may not choose code: where one says so, the caller must have named it too.
 """
 
 from __future__ import annotations
@@ -52,6 +52,14 @@ def check_runner(runner: str) -> None:
     """`UserError` for a name that no runner has; ``"module:function"`` is not looked for here."""
     if ":" not in runner:
         registered(runner)
+
+
+def refuse_code_of_file(runner: str, named: str | None, source: str) -> None:
+    """`UserError` where the file ``source`` names a ``"module:function"`` that the caller has not ``named`` too."""
+    if ":" in runner and runner != named:
+        raise UserError(
+            f"{source} asks to run code of its own, {runner!r}; if you trust it, name it: --fidelity {runner}"
+        )
 
 
 def runner_module(runner: str) -> str:

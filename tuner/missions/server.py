@@ -1,6 +1,6 @@
 """Runs every mission in a process and process group of its own.
 
-``python -m tuner.missions.server MODULE...`` imports the mission's modules once, then forks one child per job
+``python -P -m tuner.missions.server MODULE...`` imports the mission's modules once, then forks one child per job
 it reads from standard input (a mission starts in milliseconds instead of the seconds its imports take, and finds
 the rocks that were flown before in memory).
 Where forking is not safe (a library started threads on import, or the system is not Linux) each job gets a
@@ -108,7 +108,7 @@ class MissionServer:
                 if pid:
                     return pid
                 self._become_mission(job, log.fileno())  # never returns
-            command = [sys.executable, "-m", "tuner.missions.server", "--job"]
+            command = [sys.executable, "-P", "-m", "tuner.missions.server", "--job"]
             process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=log, stderr=log, start_new_session=True
             )

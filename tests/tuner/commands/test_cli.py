@@ -154,6 +154,21 @@ def test_the_first_line_waits_for_nothing_slow_to_load():
     assert not heavy & set(found.stdout.split())
 
 
+def test_a_file_chooses_no_code(gatetune, monkeypatch, tmp_path):
+    (tmp_path / "foreign.py").write_text("raise SystemExit('run')")
+    (tmp_path / "mine.yaml").write_text("runner: foreign:fly\nrocks: [boulder]\n")
+    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_: None)
+    code, _, err = gatetune("campaign", "run", "mine.yaml")
+    assert code == 2 and "--fidelity foreign:fly" in err
+    code, _, err = gatetune("campaign", "run", "mine.yaml", "--fidelity", "foreign:fly")
+    assert code == 0, err
+    for arguments in (["resume", "runs/campaign"], ["resume", "runs/campaign", "--missions", "99"]):
+        code, _, err = gatetune("campaign", *arguments)
+        assert code == 2 and "--fidelity foreign:fly" in err
+        assert gatetune("campaign", *arguments, "--fidelity", "foreign:fly")[0] == 0
+    assert gatetune("campaign", "status", "runs/campaign")[0] == 0  # looking runs nothing
+
+
 def test_every_setting_is_a_field_of_the_file(gatetune, monkeypatch, tmp_path):
     monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_: None)
     assert gatetune(*RUN)[0] == 0

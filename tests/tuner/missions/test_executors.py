@@ -92,6 +92,18 @@ def test_one_thread_per_mission_and_no_unsafe_forking(tmp_path: Path) -> None:
     assert outcome is not None and outcome.status == "ok"
 
 
+def test_nothing_in_the_current_directory_is_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    here = tmp_path / "here"
+    (here / "nbv").mkdir(parents=True)
+    for module in ("numpy.py", "json.py", "fake_missions.py", "nbv/__init__.py"):
+        (here / module).write_text(f"open({str(tmp_path / 'foreign')!r}, 'w')\nraise SystemExit(3)\n")
+    monkeypatch.chdir(here)
+    monkeypatch.syspath_prepend("")  # as where Python was started with -c
+    with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
+        assert fly(executor, [job(tmp_path)])["0000"].status == "ok"
+    assert not (tmp_path / "foreign").exists()
+
+
 def test_results_of_another_configuration_are_not_taken_over(tmp_path: Path) -> None:
     executor = InProcessExecutor()
     executor.submit(job(tmp_path))

@@ -14,6 +14,7 @@ import numpy as np
 import psutil
 import pytest
 import synthetic
+from fake_campaigns import RUNNER
 
 import tuner.samplers.peers as peers
 from nbv.config import MissionConfig
@@ -178,7 +179,7 @@ def test_a_campaign_with_a_peer_is_interrupted_resumed_and_read(
 
     with pytest.raises(Interrupted):
         fly_campaign(campaign, InProcessExecutor(), stop_after_six)
-    resumed = Campaign.open(tmp_path / "run")  # a sampler of its own, which knows nothing yet
+    resumed = Campaign.open(tmp_path / "run", runner=RUNNER)  # a sampler of its own, which knows nothing yet
     fly_campaign(resumed, InProcessExecutor())
     trials = resumed.trials()
     assert [t.state for t in trials] == ["complete"] * 9
