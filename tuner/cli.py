@@ -16,6 +16,7 @@ from tuner.commands import (  # noqa: E402
     campaign,
     config,
     evaluate,
+    export,
     learn_gate,
     mission,
     reproduce,
@@ -38,6 +39,7 @@ app.command(name="evaluate", help="Job 2: the tuned configuration against the ba
 app.command(name="reproduce", help="Job 3: the paper's default configuration in the layout of its Table I.")(
     reproduce.reproduce
 )
+app.command(name="export", help="The recommendation as files for the vehicle.")(export.export)
 app.add_typer(studies.app, name="study", help="How noisy the objective is; what it depends on.")
 app.command(name="learn-gate", help="Train the learned gate from missions' logs.")(learn_gate.learn_gate)
 app.add_typer(mission.app, name="mission", help="Fly one mission; explain its decisions; draw its figures.")

@@ -1,0 +1,138 @@
+"""The route of a flown mission as a QGroundControl ``.plan``: take-off, photographs, return.
+
+File format version 1 of QGroundControl's developer guide; commands are numbered as in MAVLink's common message set.
+The route is fixed: on the vehicle nothing is planned any more.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nbv.config import MissionConfig
+from nbv.errors import UserError
+from nbv.flight import Pose, route
+from nbv.geometry.frames import heading_to
+from nbv.types import Viewpoint
+from nbv.viewpoints import raw_candidates, seed_viewpoints
+
+WAYPOINT, RETURN_TO_LAUNCH, TAKEOFF, GIMBAL_PITCHYAW, TAKE_PHOTOGRAPH = 16, 20, 22, 1000, 2000
+GLOBAL_RELATIVE_ALTITUDE, NO_POSITION = 3, 2  # frames
+PX4, MULTIROTOR = 12, 2
+_EQUATOR_M, _FLATTENING = 6378137.0, 1 / 298.257223563  # WGS 84
+
+
+@dataclass(frozen=True)
+class Home:
+    """Where the mission's take-off point lies."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float = 0.0  # above mean sea level
+
+    def __post_init__(self) -> None:
+        if not (abs(self.latitude_deg) <= 89 and abs(self.longitude_deg) <= 180):
+            raise UserError(
+                f"home {self.latitude_deg:g}, {self.longitude_deg:g} is no place; give latitude (-89 to 89) and "
+                "longitude (-180 to 180) in degrees"
+            )
+
+    def place(self, east_m: float, north_m: float) -> tuple[float, float]:
+        """(latitude, longitude) in degrees of a point near home, on the tangent plane of the ellipsoid."""
+        sine = math.sin(math.radians(self.latitude_deg))
+        e2 = _FLATTENING * (2 - _FLATTENING)
+        across_m = _EQUATOR_M / math.sqrt(1 - e2 * sine**2)
+        along_m = across_m * (1 - e2) / (1 - e2 * sine**2)
+        parallel_m = across_m * math.cos(math.radians(self.latitude_deg))
+        return (
+            self.latitude_deg + math.degrees(north_m / along_m),
+            self.longitude_deg + math.degrees(east_m / parallel_m),
+        )
+
+
+def qgc_plan(config: MissionConfig, view_ids: Sequence[str], home: Home) -> dict[str, Any]:
+    """The plan as a JSON tree.
+
+    Parameters
+    ----------
+    view_ids
+        Photographs in the order flown, such as ``seed_00`` and ``cand_017``.
+
+    Raises
+    ------
+    UserError
+        A view that the configuration does not have.
+    """
+    known = {view.id: view for view in (*seed_viewpoints(config), *raw_candidates(config))}
+    unknown = [name for name in view_ids if name not in known]
+    if unknown:
+        raise UserError(
+            f"view {unknown[0]!r} is not one of this configuration's; export the mission that flew it"
+        )
+    items = [
+        {**item, "doJumpId": i, "autoContinue": True, "type": "SimpleItem"}
+        for i, item in enumerate(_items(config, [known[name] for name in view_ids], home), start=1)
+    ]
+    return {
+        "fileType": "Plan",
+        "version": 1,
+        "groundStation": "gatetune",
+        "mission": {
+            "version": 2,
+            "firmwareType": PX4,
+            "vehicleType": MULTIROTOR,
+            "cruiseSpeed": config.flight.max_speed_m_s,
+            "hoverSpeed": config.flight.max_speed_m_s,
+            "plannedHomePosition": [home.latitude_deg, home.longitude_deg, home.altitude_m],
+            "items": items,
+        },
+        "geoFence": {"version": 2, "circles": [], "polygons": []},
+        "rallyPoints": {"version": 2, "points": []},
+    }
+
+
+def _items(config: MissionConfig, views: Sequence[Viewpoint], home: Home) -> Iterator[dict[str, Any]]:
+    x, y, z = config.flight.home_m
+    target = np.array(config.target_m)
+    pose = _pose((x, y, z + config.flight.takeoff_altitude_m), target)
+    yield _at(TAKEOFF, (0.0, 0.0, 0.0), pose, config, home)
+    for view in views:
+        end = _pose(view.position_m, target)
+        legs = route(pose, end, config.target_m, config.flight)
+        for leg in legs[:-1]:  # the corners of a detour around the target
+            yield _at(WAYPOINT, (0.0, config.flight.arrival_tolerance_m, 0.0), leg.end, config, home)
+        yield _at(
+            WAYPOINT, (config.flight.settle_s, config.flight.arrival_tolerance_m, 0.0), end, config, home
+        )
+        yield {
+            "command": GIMBAL_PITCHYAW,
+            "frame": NO_POSITION,
+            "params": [-view.elevation_deg, 0, 0, 0, 0, 0, 0],
+        }
+        yield {"command": TAKE_PHOTOGRAPH, "frame": NO_POSITION, "params": [0, 0, 1, 0, 0, 0, 0]}
+        pose = end
+    yield {"command": RETURN_TO_LAUNCH, "frame": NO_POSITION, "params": [0] * 7}
+
+
+def _pose(position_m: tuple[float, float, float], target_m: Any) -> Pose:
+    return Pose(position_m, float(heading_to(np.array(position_m), target_m)))
+
+
+def _at(
+    command: int, first: tuple[float, float, float], pose: Pose, config: MissionConfig, home: Home
+) -> dict[str, Any]:
+    """An item with a place; yaw is clockwise from north in MAVLink, counter-clockwise from east here."""
+    x, y, z = (p - h for p, h in zip(pose.position_m, config.flight.home_m))
+    yaw_deg = (90.0 - math.degrees(pose.heading_rad)) % 360.0
+    latitude_deg, longitude_deg = home.place(x, y)
+    return {
+        "command": command,
+        "frame": GLOBAL_RELATIVE_ALTITUDE,
+        "Altitude": z,
+        "AltitudeMode": 1,
+        "params": [*first, yaw_deg, latitude_deg, longitude_deg, z],
+    }

@@ -1,0 +1,23 @@
+"""The authors' configuration files (``scoring.yaml``, ``unified_mission.yaml``) read into ours and written back.
+
+Facts about their keys come from the public repository ``photogrammetry_nbv`` at commit b8e106c; nothing of its code is here.
+"""
+
+from adapters.photogrammetry_nbv.files import read_file, write_text
+from adapters.photogrammetry_nbv.keys import FILES, MISSION, SCORING
+from adapters.photogrammetry_nbv.reading import read_mission, read_scoring
+from adapters.photogrammetry_nbv.remarks import Remark
+from adapters.photogrammetry_nbv.writing import write_mission, write_scoring
+
+__all__ = [
+    "FILES",
+    "MISSION",
+    "SCORING",
+    "Remark",
+    "read_file",
+    "read_mission",
+    "read_scoring",
+    "write_mission",
+    "write_scoring",
+    "write_text",
+]

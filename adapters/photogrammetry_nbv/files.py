@@ -1,0 +1,73 @@
+"""The YAML around the keys: flat dictionaries in and out."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from adapters.photogrammetry_nbv.keys import FILES
+from nbv.errors import UserError
+
+_LARGEST_FILE_BYTES = 1_000_000
+
+
+def read_file(path: Path, kind: str) -> dict[str, Any]:
+    """The values of one of their files, by dotted path; ``kind`` is a key of `FILES`.
+
+    Raises
+    ------
+    UserError
+        Not a readable file of that kind, or a key that nobody knows.
+    """
+    if not path.is_file():
+        raise UserError(f"{path} is not a file; name a {kind} of photogrammetry_nbv")
+    if path.stat().st_size > _LARGEST_FILE_BYTES:
+        raise UserError(f"{path} has more than {_LARGEST_FILE_BYTES} bytes; that is no {kind}")
+    try:
+        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
+        raise UserError(f"{path} is not YAML ({str(error).splitlines()[0]}); mend it") from error
+    prefix, keys = FILES[kind]
+    for part in prefix:
+        tree = tree.get(part) if isinstance(tree, dict) else None
+    if not isinstance(tree, dict):
+        raise UserError(f"{path} has no mapping {'/'.join(prefix)}; is it a {kind}?")
+    values = _flat(tree, "", {key.path for key in keys})
+    known = [key.path for key in keys]
+    for name in values:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, 1)
+            hint = f"; did you mean {near[0]}?" if near else ""
+            raise UserError(f"{path}: unknown key {name!r}{hint}")
+    return values
+
+
+def write_text(values: Mapping[str, Any], kind: str, header: str = "") -> str:
+    """YAML text of one of their files from values by dotted path; ``header`` becomes comment lines."""
+    prefix, _ = FILES[kind]
+    tree: dict[str, Any] = {}
+    for path, value in values.items():
+        node = tree
+        *parents, leaf = path.split(".")
+        for parent in parents:
+            node = node.setdefault(parent, {})
+        node[leaf] = value
+    for part in reversed(prefix):
+        tree = {part: tree}
+    comment = "".join(f"# {line}".rstrip() + "\n" for line in header.splitlines())
+    return comment + yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=100)
+
+
+def _flat(tree: Mapping[Any, Any], prefix: str, known: set[str]) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    for name, value in tree.items():
+        path = f"{prefix}{name}"
+        if isinstance(value, dict) and path not in known:
+            values |= _flat(value, f"{path}.", known)
+        else:
+            values[path] = value
+    return values

@@ -1,0 +1,139 @@
+"""From our configuration to their values, and what cannot be said there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from adapters.photogrammetry_nbv.keys import (
+    BASELINE_AWARE,
+    CRITERION_OF_OURS,
+    HYBRID,
+    LEAST_SCALE_M,
+    MISSION,
+    MODE_OF_GATE,
+    REPAIR,
+    SCALES,
+    SCORER_OF_GATE,
+    SCORING,
+    Key,
+)
+from adapters.photogrammetry_nbv.reading import UNITS_OF_KNN
+from adapters.photogrammetry_nbv.remarks import Remark
+from nbv.config import MissionConfig
+from nbv.errors import UserError
+
+Values = dict[str, Any]
+_SHARED = ("nov", "move", "ang")
+
+
+def write_scoring(
+    config: MissionConfig, theirs: Mapping[str, Any] | None = None
+) -> tuple[Values, list[Remark]]:
+    """A ``scoring.yaml`` (flat) that does what ``config`` does; keys that we do not have are as in ``theirs``.
+
+    Raises
+    ------
+    UserError
+        The gate, or a scorer, does not exist there.
+    """
+    values, remarks = _direct(config, SCORING, theirs)
+    values["name"], mode = _scorer(config)
+    if mode is not None:
+        values["hybrid.gate_mode"] = mode
+    values["weights.geometry_aware_repair"], more = _geometry_weight(config)
+    remarks += more
+    values.pop("weights.repair", None)
+    for name in ("target_track_length", "density_k"):
+        values[f"{BASELINE_AWARE}.{name}"] = values[f"{REPAIR}.{name}"]
+    for name in ("track_support", "local_density", "reprojection"):
+        values[f"{BASELINE_AWARE}.weakness_weights.{name}"] = values[f"{REPAIR}.weakness_weights.{name}"]
+    for path in SCALES:
+        if _get(config, path) < LEAST_SCALE_M:
+            remarks.append(
+                Remark(
+                    path,
+                    f"{_get(config, path):g} m counts as {LEAST_SCALE_M:g} m there, whatever the file says",
+                )
+            )
+    if config.gate.kind == "hyb-h":
+        remarks.append(Remark("gate.d95_m", UNITS_OF_KNN))
+        if config.stop.knn_region != "all":
+            remarks.append(Remark("stop.knn_region", "theirs is of all points; the box cannot be asked for"))
+        if config.gate.geometry_scorer != "b-aware":
+            remarks.append(
+                Remark(
+                    "gate.geometry_scorer",
+                    f"{config.gate.geometry_scorer} does not exist there: B-aware flies",
+                )
+            )
+    if config.gate.kind == "learned":
+        remarks.append(Remark("gate.learned_policy", "their policies have other features and another schema"))
+    if config.visibility.mode != "frustum":
+        remarks.append(Remark("visibility.mode", "theirs knows the frustum only"))
+    return {key.path: values[key.path] for key in SCORING if values.get(key.path) is not None}, remarks
+
+
+def _scorer(config: MissionConfig) -> tuple[str, str | None]:
+    kind = config.gate.kind
+    if kind in SCORER_OF_GATE:
+        return SCORER_OF_GATE[kind], None
+    if kind in MODE_OF_GATE:
+        return HYBRID, MODE_OF_GATE[kind]
+    known = ", ".join((*SCORER_OF_GATE, *MODE_OF_GATE))
+    raise UserError(f"gate {kind!r} does not exist in photogrammetry_nbv; what can be written is {known}")
+
+
+def _geometry_weight(config: MissionConfig) -> tuple[float, list[Remark]]:
+    """B-aware's main weight beside Covis's other three, which are shared there.
+
+    Only ratios matter to a ranking, so weights that are Covis's times a factor can be written exactly.
+    """
+    covis, b_aware = config.covis.weights, config.b_aware.weights
+    pairs = [(getattr(covis, name), getattr(b_aware, name)) for name in _SHARED]
+    scale = next((ours / theirs for ours, theirs in pairs if theirs > 0 and ours > 0), 1.0)
+    if all(math.isclose(ours, scale * theirs, rel_tol=1e-9) for ours, theirs in pairs):
+        return b_aware.main * scale, []
+    lost = ", ".join(f"{name} {getattr(b_aware, name):g}" for name in _SHARED)
+    text = f"{lost} cannot be written: both scorers share Covis's there (only the main weight is its own)"
+    return b_aware.main, [Remark("b_aware.weights", text)]
+
+
+def write_mission(
+    config: MissionConfig, theirs: Mapping[str, Any] | None = None
+) -> tuple[Values, list[Remark]]:
+    """A ``unified_mission.yaml`` (flat) that does what ``config`` does; keys that we do not have are as in ``theirs``."""
+    values, remarks = _direct(config, MISSION, theirs)
+    values["ring_image_count"] = sum(config.seed.ring_azimuth_counts)
+    values["seed_planner_mode"], values["phase2_planner_mode"] = "stratified", "hybrid"
+    east_m, north_m = (t - h for t, h in zip(config.target_m[:2], config.flight.home_m[:2]))
+    values["rock_center_x"], values["rock_center_y"] = north_m, east_m
+    values["rock_center_z"] = -config.target_m[2]
+    # Down is positive there: the upper limit of height is the lower one of z, and the other way round.
+    values["min_altitude_ned"] = -config.pool.max_altitude_m
+    values["max_altitude_ned"] = -config.pool.min_altitude_m
+    values["stopping_criterion"] = CRITERION_OF_OURS[config.stop.criterion]
+    values["position_tolerance_z"] = values["position_tolerance_xy"]
+    values["max_image_budget"] = max(values["max_image_budget"], config.stop.adaptive_budget)
+    if config.stop.criterion != "budget":
+        remarks.append(Remark("stop.knn_threshold_m", UNITS_OF_KNN))
+    return {key.path: values[key.path] for key in MISSION}, remarks
+
+
+def _direct(
+    config: MissionConfig, keys: Sequence[Key], theirs: Mapping[str, Any] | None
+) -> tuple[Values, list[Remark]]:
+    values: Values = {key.path: key.default for key in keys} | dict(theirs or {})
+    for key in keys:
+        if key.ours is not None:
+            value = _get(config, key.ours)
+            values[key.path] = list(value) if isinstance(value, tuple) else value
+    return values, []
+
+
+def _get(config: MissionConfig, path: str) -> Any:
+    node: Any = config
+    for part in path.split("."):
+        node = getattr(node, part)
+    return node

@@ -1,0 +1,125 @@
+"""``gatetune export``: the recommendation as files for the vehicle."""
+
+from __future__ import annotations
+
+import datetime
+import json
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from nbv.config import MissionConfig, config_from_dict
+from nbv.errors import UserError
+from nbv.mission.run_directory import write_atomic
+from tuner.commands.console import output
+
+
+class Format(StrEnum):
+    """What can be written."""
+
+    scoring = "scoring.yaml"
+    mission = "unified_mission.yaml"
+    ours = "gatetune.yaml"
+    plan = "plan"
+
+
+def export(
+    run: Annotated[Path, typer.Argument(help="A campaign's run directory; for plan a mission's.")],
+    to: Annotated[
+        Format,
+        typer.Option(
+            help="scoring.yaml and unified_mission.yaml are the authors' files; plan is QGroundControl's."
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="File to write (default: in RUN, under its usual name).")
+    ] = None,
+    onto: Annotated[
+        Path | None,
+        typer.Option(help="A file of the authors' kind whose other keys are kept (default: as published)."),
+    ] = None,
+    home: Annotated[
+        str | None, typer.Option(help="For plan: LATITUDE,LONGITUDE[,ALTITUDE] of take-off.")
+    ] = None,
+) -> None:
+    """Write the recommendation as a file with a header that says where it is from and what does not transfer."""
+    if (to is Format.plan) != (home is not None):
+        raise UserError("--home LATITUDE,LONGITUDE belongs to --to plan, and plan needs it")
+    path = out or run / ("route.plan" if to is Format.plan else to.value)
+    text, remarks = _plan(run, str(home)) if to is Format.plan else _yaml(run, to, onto)
+    if not path.parent.is_dir():
+        raise UserError(f"{path.parent} is no folder; make it first")
+    write_atomic(path, text)
+    output.print(f"wrote {path}", markup=False)
+    for remark in remarks:
+        output.print(f"does not transfer: {remark}", markup=False, highlight=False)
+
+
+def _yaml(run: Path, to: Format, onto: Path | None) -> tuple[str, list[str]]:
+    from adapters.photogrammetry_nbv import read_file, write_mission, write_scoring, write_text
+    from tuner.campaign.campaign import Campaign
+
+    campaign = Campaign.open(run, read_only=True)
+    config = campaign.recommended_config()
+    header = _header(campaign)
+    if to is Format.ours:
+        from tuner.commands.config import commented_yaml
+
+        return "".join(f"# {line}\n" for line in header) + "\n".join(commented_yaml(config)) + "\n", []
+    theirs = read_file(onto, to.value) if onto is not None else None
+    write = write_scoring if to is Format.scoring else write_mission
+    values, remarks = write(config, theirs)
+    lost = [str(remark) for remark in remarks]
+    head = [*header, *(f"does not transfer: {text}" for text in lost)]
+    return write_text(values, to.value, "\n".join(head)), lost
+
+
+def _header(campaign: Any) -> list[str]:
+    from nbv.provenance import git_revision, versions
+
+    s = campaign.settings
+    lines = [
+        f"gatetune {versions().get('gatetune', 'unknown')}, revision {git_revision()}, "
+        f"{datetime.date.today().isoformat()}",
+        f"campaign {s.name}: space {s.space.name}, {len(s.rocks)} rocks, {s.budget} missions, "
+        f"fidelity {s.runner}, metric {s.objective.metric}",
+    ]
+    result = campaign.recommendation(save=False)
+    if result is not None:
+        low, high = result.improvement_interval_95
+        lines.append(
+            f"posterior mean against the default on the training rocks: {result.improvement:+.2f} "
+            f"[{low:+.2f}, {high:+.2f}] (95 %)"
+        )
+    return lines
+
+
+def _plan(run: Path, home: str) -> tuple[str, list[str]]:
+    from adapters.mavlink import Home, qgc_plan
+
+    try:
+        numbers = [float(part) for part in home.split(",")]
+        place = Home(*numbers)
+    except (TypeError, ValueError) as error:
+        raise UserError(
+            f"--home {home!r} is not LATITUDE,LONGITUDE[,ALTITUDE] in degrees and metres"
+        ) from error
+    config, views = _flown(run)
+    note = "a fixed route: it repeats this mission's views and plans nothing in the air"
+    return json.dumps(qgc_plan(config, views, place), indent=1) + "\n", [note]
+
+
+def _flown(run: Path) -> tuple[MissionConfig, list[str]]:
+    import yaml
+
+    try:
+        flight = json.loads((run / "flight.json").read_text())
+        config = config_from_dict(yaml.safe_load((run / "config.yaml").read_text()))
+        names = [event["name"] for event in flight["events"]]
+    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError) as error:
+        raise UserError(
+            f"{run} is no mission with its flight; name one that was kept whole (gatetune mission run, or --keep all)"
+        ) from error
+    return config, [name for name in names if name.startswith(("seed_", "cand_"))]
