@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import os
 
-_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"
+)
 
 
 def single_thread_environment() -> None:
     """Ask for one thread in every numerical library; call before they are imported."""
-    for name in _VARIABLES:
-        os.environ.setdefault(name, "1")
+    for name, one in ONE_THREAD.items():
+        os.environ.setdefault(name, one)
 
 
 def limit_threads() -> None:

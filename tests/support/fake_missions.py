@@ -1,7 +1,8 @@
 """A mission runner that takes no time: a smooth known function, rock shifts, noise, accidents.
 
-The first letters of a rock's name choose its behaviour: ``abort``, ``raise``, ``fail``, ``hang``, ``slow``,
-``user``, ``flaky`` (every third configuration fails); any other rock is plain.
+The first letters of a rock's name choose its behaviour: ``abort``, ``kill``, ``stop``, ``raise``, ``fail``, ``hang``,
+``slow``, ``user``, ``flaky`` (every third configuration fails), ``once-...`` (so at the first flight only); any other rock
+is plain.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
+import signal
 import time
 from pathlib import Path
 
@@ -44,6 +46,13 @@ def fake_mission(
     config: MissionConfig, rock: str, replicate: int, directory: Path | None, *, keep: str = "summary"
 ) -> MissionResult:
     """A mission that takes no time."""
+    if rock.startswith("once") and directory is not None and not (directory / "once.txt").exists():
+        (directory / "once.txt").write_text("")  # the first flight of a rock such as once-kill is a bad one
+        rock = rock.removeprefix("once-")
+    if rock.startswith("kill"):
+        os.kill(os.getpid(), signal.SIGKILL)
+    if rock.startswith("stop"):
+        os.kill(os.getpid(), signal.SIGSTOP)
     if rock.startswith("abort"):
         os.abort()
     if rock.startswith("raise"):

@@ -13,6 +13,7 @@ EventKind = Literal[
     "launched",
     "finished",
     "failed",
+    "lost",  # the machine ended the mission; its trial stays open
     "recommendation",
     "interrupted",
     "stopped",

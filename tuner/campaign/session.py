@@ -34,7 +34,7 @@ def fly_campaign(
 
     Missions that were in flight when an earlier session ended are flown again under their old trial numbers (or
     entered, if they had finished). The executor is left open; missions still in flight at an interruption are killed.
-    A second Ctrl-C interrupts at once.
+    A second Ctrl-C interrupts at once. A mission that the machine ended (`MissionOutcome.lost`) stays open too.
 
     Parameters
     ----------
@@ -80,6 +80,8 @@ class _Session:
         self._ask_s = 0.0
         self._finished = 0
         self._failures_in_row = 0
+        self._last_failure = ""
+        self._lost = 0  # missions that the machine ended, which stay open
         self._in_flight: dict[str, TrialRecord] = {}
 
     def fly(self, stop: threading.Event) -> CampaignSummary:
@@ -92,10 +94,8 @@ class _Session:
                 return self._summary("interrupted", message)
             if self._failures_in_row >= MAX_CONSECUTIVE_FAILURES:
                 self._executor.cancel_all()
-                last = next(t for t in reversed(self._ledger.trials()) if t.state == "failed")
-                why = f" ({last.message})" if last.message else ""
                 message = (
-                    f"{self._failures_in_row} missions failed in a row, the last with {last.reason!r}{why}; "
+                    f"{self._failures_in_row} missions failed in a row, the last with {self._last_failure}; "
                     "mend the cause, then resume"
                 )
                 self._emit("stopped", message=message)
@@ -106,6 +106,13 @@ class _Session:
                     break
                 self._launch(trial)
             if not self._in_flight and not stop.is_set():
+                if self._lost:
+                    message = (
+                        f"{self._lost} missions were ended by the machine, the last with {self._last_failure}; they are not "
+                        "counted, and flown again by a resume"
+                    )
+                    self._emit("stopped", message=message)
+                    return self._summary("failing", message)
                 summary = self._summary("budget", "the budget is used")
                 if self._settings.second is not None:
                     self._campaign.front()
@@ -122,7 +129,7 @@ class _Session:
         for trial in trials:
             if trial.state == "running":
                 outcome = collect_outcome(self._job(trial))
-                if outcome is not None and outcome.reason != "user_error":
+                if outcome is not None and outcome.reason != "user_error" and not outcome.lost:
                     self._enter(trial, outcome)
                 else:
                     again.append(trial)
@@ -169,12 +176,24 @@ class _Session:
         if outcome.reason == "user_error":
             # Every other mission would meet it too: stop, and leave the trial open for the resume.
             raise UserError(outcome.message)
+        if outcome.lost:  # the trial stays open: neither counted nor learned from
+            self._lost += 1
+            self._note_failure(outcome.reason, outcome.message)
+            self._emit("lost", trial, message=f"{outcome.reason}: {outcome.message}")
+            return
         self._enter(trial, outcome)
+
+    def _note_failure(self, reason: str, message: str) -> None:
+        self._failures_in_row += 1
+        self._last_failure = f"{reason!r} ({message})" if message else repr(reason)
 
     def _enter(self, trial: TrialRecord, outcome: MissionOutcome) -> None:
         record = self._ledger.finish(trial.number, outcome)
         self._finished += 1
-        self._failures_in_row = self._failures_in_row + 1 if record.state == "failed" else 0
+        if record.state == "failed":
+            self._note_failure(record.reason, record.message)
+        else:
+            self._failures_in_row = 0
         self._emit("failed" if record.state == "failed" else "finished", record, message=record.message)
         if self._recommend_every and self._finished % self._recommend_every == 0:
             recommendation = self._campaign.recommendation()

@@ -256,5 +256,5 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
     if summary.stopped == "interrupted":
         output.print(f"go on with: gatetune campaign resume {campaign.directory}")
         raise typer.Exit(130)
-    if summary.stopped == "failing":
+    if summary.stopped == "failing" or not summary.status.complete:
         raise typer.Exit(1)

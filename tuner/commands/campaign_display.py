@@ -31,6 +31,11 @@ class CampaignProgress:
         elif event.kind in ("finished", "failed") and event.trial is not None:
             self._in_flight = max(0, self._in_flight - 1)
             self._progress.console.print(self._line(event))
+        elif event.kind == "lost" and event.trial is not None:
+            self._in_flight = max(0, self._in_flight - 1)
+            self._progress.console.print(
+                f"#{event.trial.number:03d} {event.trial.rock} [red]lost[/]: {event.message}"
+            )
         elif event.kind in ("interrupted", "stopped"):
             self._progress.console.print(f"[yellow]{event.kind}[/]: {event.message}")
         self._progress.update(

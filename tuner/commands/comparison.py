@@ -100,5 +100,5 @@ def compare(
     for reason, times in run.failures.items():
         output.print(f"[red]failed {times} times: {reason}[/]")
     if not run.complete:
-        output.print("interrupted; the same command goes on where it stopped")
+        output.print("not complete; the same command goes on where it stopped")
         raise typer.Exit(130)

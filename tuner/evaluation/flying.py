@@ -52,6 +52,8 @@ def run_evaluation(
 ) -> EvaluationRun:
     """Fly what is not flown yet, until done, Ctrl-C or SIGTERM.
 
+    Missions that the machine ended (`MissionOutcome.lost`) leave no record, and the evaluation incomplete.
+
     Raises
     ------
     UserError
@@ -63,6 +65,7 @@ def run_evaluation(
     jobs = plan.jobs(directory)
     waiting = collections.deque(job for job in jobs if _unfinished(job))
     flying: dict[str, MissionJob] = {}
+    lost = 0
 
     def tell(kind: Any, job: MissionJob | None = None, outcome: MissionOutcome | None = None) -> None:
         finished = len(jobs) - len(waiting) - len(flying)
@@ -81,8 +84,9 @@ def run_evaluation(
                         job = flying.pop(outcome.job_id)
                         if outcome.reason == "user_error":
                             raise UserError(outcome.message)
+                        lost += outcome.lost
                         tell("failed" if outcome.status == "failed" else "finished", job, outcome)
-                complete = not waiting and not flying
+                complete = not waiting and not flying and not lost
                 tell("done" if complete else "interrupted")
             finally:
                 executor.cancel_all()
@@ -101,7 +105,7 @@ def failure_counts(records: Iterable[EvaluationRecord]) -> dict[str, int]:
 
 def _unfinished(job: MissionJob) -> bool:
     outcome = collect_outcome(job)
-    return outcome is None or outcome.reason == "user_error"
+    return outcome is None or outcome.reason == "user_error" or outcome.lost
 
 
 def _claim(plan: EvaluationPlan, directory: Path) -> None:

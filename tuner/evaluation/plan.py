@@ -136,7 +136,7 @@ class EvaluationPlan:
             for rock in self.rocks:
                 for k in range(self.first_replicate, self.first_replicate + self.replicates):
                     outcome = collect_outcome(self._job(directory, name, rock, k))
-                    if outcome is not None:
+                    if outcome is not None and not outcome.lost:
                         records.append(EvaluationRecord(name, rock, k, outcome))
         return records
 

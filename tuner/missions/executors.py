@@ -1,7 +1,9 @@
 """Where missions run: processes of this machine, or this very process for debugging.
 
 Each mission has a process group of its own, so that an abort inside a native library, the out-of-memory
-killer or a time-out ends one mission and not the campaign.
+killer or a time-out ends one mission and not the campaign. What the machine ends (somebody kills or stops a process, no
+process can be started, the disk is full) says nothing about the mission: it is flown again, at most `MAX_FLIGHTS` times in
+all, and comes back as ``lost`` only after that.
 """
 
 from __future__ import annotations
@@ -16,10 +18,11 @@ import subprocess
 import sys
 import time
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 from nbv.errors import UserError
-from nbv.threads import single_thread_environment
+from nbv.threads import ONE_THREAD
 from tuner.missions.job import (
     LOG_FILE,
     MissionJob,
@@ -97,16 +100,24 @@ class InProcessExecutor:
         return tuple(job.id for job in self._queue)
 
 
+MAX_FLIGHTS = 3  # of one mission that the machine keeps ending
 # A mission that has not been started (the server is still importing) gets this much longer.
 _START_GRACE_S = 120.0
+# A server that is listened to and says nothing for so long stands still; it beats every `server.BEAT_S`.
+_SILENCE_LIMIT_S = 60.0
+_SILENCE_LIMIT_AFTER_KILL_S = 10.0
+# Sent by a person, a batch system or the out-of-memory killer, never by a mission's own mistake.
+_FROM_OUTSIDE = {signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT, signal.SIGQUIT}
 
 
 @dataclass
 class _Flight:
     job: MissionJob
     since: float  # of submission, then of the start
-    started: bool = False
+    number: int = 1  # among the flights of this job
+    pid: int | None = None  # once started
     timed_out: bool = False
+    stopped: bool = False  # when it was killed for taking too long, somebody had stopped it
 
     @property
     def elapsed_s(self) -> float:
@@ -140,22 +151,31 @@ class LocalProcessExecutor:
         self._timeout_s = timeout_s
         self._preload = [runner_module(runner) for runner in preload]
         self._flights: dict[str, _Flight] = {}
+        self._again: list[_Flight] = []
         self._ready: list[MissionOutcome] = []
         self._server: subprocess.Popen[bytes] | None = None
+        self._server_is_up = False
+        self._silent_s = 0.0  # of listening to the server
         self._buffer = b""
 
     def submit(self, job: MissionJob) -> None:
         """Start ``job``."""
-        if job.id in self._flights:
+        if job.id in self.in_flight:
             raise ValueError(f"job {job.id} is already in flight")
-        clear_traces(job)
-        self._flights[job.id] = _Flight(job, time.monotonic())
-        self._order({"op": "run", "job": job.to_dict()})
+        self._start(_Flight(job, time.monotonic()))
+
+    def _start(self, flight: _Flight) -> None:
+        clear_traces(flight.job)
+        self._flights[flight.job.id] = flight
+        self._order({"op": "run", "job": flight.job.to_dict()})
 
     def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
         """Outcomes that arrived within ``timeout_s``."""
         deadline = time.monotonic() + timeout_s
-        while not self._ready and self._flights:
+        while not self._ready and (self._flights or self._again):
+            again, self._again = self._again, []
+            for flight in again:
+                self._start(flight)
             left = deadline - time.monotonic()
             self._listen(max(0.0, min(left, 0.5)))
             self._kill_overdue()
@@ -168,6 +188,7 @@ class LocalProcessExecutor:
         """Kill all missions in flight."""
         self._stop_server()
         self._flights.clear()
+        self._again.clear()
         self._ready.clear()
 
     def close(self) -> None:
@@ -177,7 +198,7 @@ class LocalProcessExecutor:
     @property
     def in_flight(self) -> tuple[str, ...]:
         """Jobs that have not come back."""
-        return tuple(self._flights)
+        return (*self._flights, *(flight.job.id for flight in self._again))
 
     def __enter__(self) -> LocalProcessExecutor:
         return self
@@ -188,12 +209,11 @@ class LocalProcessExecutor:
     # -- the server ------------------------------------------------------------------------------------------
 
     def _start_server(self) -> subprocess.Popen[bytes]:
-        environment = dict(os.environ)
+        # Where a library may start threads, the server cannot fork.
+        environment = {**os.environ, **ONE_THREAD}
         # Without the current directory: a numpy.py that lies there is not ours.
         environment["PYTHONPATH"] = os.pathsep.join(p for p in sys.path if p)
-        single_thread_environment()  # children inherit; set before any library is imported
-        environment.update({k: v for k, v in os.environ.items() if k.endswith("_NUM_THREADS")})
-        self._buffer = b""
+        self._buffer, self._server_is_up, self._silent_s = b"", False, 0.0
         return subprocess.Popen(
             [sys.executable, "-P", "-m", "tuner.missions.server", *self._preload],
             stdin=subprocess.PIPE,
@@ -211,7 +231,7 @@ class LocalProcessExecutor:
             self._server.stdin.write(json.dumps(message).encode() + b"\n")
             self._server.stdin.flush()
         except BrokenPipeError:
-            self._server_died()
+            self._server_died("the mission server died")
 
     def _listen(self, timeout_s: float) -> None:
         if self._server is None:
@@ -220,59 +240,78 @@ class LocalProcessExecutor:
         with selectors.DefaultSelector() as selector:
             selector.register(self._server.stdout, selectors.EVENT_READ)
             if not selector.select(timeout_s):
+                self._silent_s += timeout_s  # not by the clock: this process may have been stopped meanwhile
                 return
+        self._silent_s = 0.0
         chunk = os.read(self._server.stdout.fileno(), 65536)
         if not chunk:
-            self._server_died()
+            self._server_died("the mission server died")
             return
         *lines, self._buffer = (self._buffer + chunk).split(b"\n")
         for line in lines:
             message = json.loads(line)
+            self._server_is_up = True
             if message["event"] == "started" and message["id"] in self._flights:
                 # The server may have been importing until now; that is not the mission's time.
                 flight = self._flights[message["id"]]
-                flight.since, flight.started = time.monotonic(), True
+                flight.since, flight.pid = time.monotonic(), message["pid"]
             if message["event"] == "exited" and message["id"] in self._flights:
                 self._land(self._flights.pop(message["id"]), message["status"], message.get("error", ""))
 
     def _land(self, flight: _Flight, status: int | None, error: str) -> None:
         job, wall_s = flight.job, flight.elapsed_s
         outcome = collect_outcome(job, wall_s)
-        log = job.directory / LOG_FILE
         if outcome is None:
-            if flight.timed_out:
-                reason, message = "timeout", f"killed after {self._timeout_s:g} s; see {log}"
-            elif status is None:
-                reason, message = "not_started", error
-            elif status < 0:
-                name = signal.Signals(-status).name if -status in set(signal.Signals) else "unknown"
-                reason, message = f"worker_died: signal {-status}", f"killed by {name}; see {log}"
-            elif status == EXIT_NOT_WRITABLE:
-                reason, message = (
-                    "output_not_writable",
-                    f"could not write to {job.directory}; is the disk full?",
-                )
-            else:
-                reason, message = f"worker_died: exit {status}", f"ended without a result; see {log}"
+            reason, message = self._verdict(flight, status, error)
             outcome = failed_outcome(job, reason, message, wall_s)
             with contextlib.suppress(OSError):  # so that the directory tells its own story
                 record_failure(job, reason, message)
-        self._ready.append(outcome)
+        if outcome.lost and flight.number < MAX_FLIGHTS:
+            self._again.append(_Flight(job, time.monotonic(), flight.number + 1))
+        else:
+            self._ready.append(outcome)
+
+    def _verdict(self, flight: _Flight, status: int | None, error: str) -> tuple[str, str]:
+        """Why a mission left nothing, as reason and message; ``status`` is None where it has none."""
+        log = flight.job.directory / LOG_FILE
+        flights = f" in flight {flight.number} of {MAX_FLIGHTS}"
+        if status is None:
+            return ("server_lost" if flight.pid else "not_started"), error + flights
+        if flight.timed_out and flight.stopped:
+            return "worker_stopped", f"somebody stopped its process (SIGSTOP){flights}; see {log}"
+        if flight.timed_out:
+            return "timeout", f"killed after {self._timeout_s:g} s; see {log}"
+        if status == EXIT_NOT_WRITABLE:
+            return "output_not_writable", f"could not write to {flight.job.directory}; is the disk full?"
+        if status >= 0:
+            return f"worker_died: exit {status}", f"ended without a result; see {log}"
+        name = signal.Signals(-status).name if -status in set(signal.Signals) else "unknown"
+        if -status in _FROM_OUTSIDE:
+            return (
+                f"worker_killed: signal {-status}",
+                f"somebody sent {name}, or memory ran out{flights}; see {log}",
+            )
+        return f"worker_died: signal {-status}", f"killed by {name}; see {log}"
 
     def _kill_overdue(self) -> None:
-        for job_id, flight in self._flights.items():
-            limit_s = self._timeout_s + (0.0 if flight.started else _START_GRACE_S)
-            if not flight.timed_out and flight.elapsed_s > limit_s:
-                flight.timed_out = True
+        for job_id, flight in list(self._flights.items()):
+            limit_s = self._timeout_s + (_START_GRACE_S if flight.pid is None else 0.0)
+            if job_id in self._flights and not flight.timed_out and flight.elapsed_s > limit_s:
+                flight.timed_out, flight.stopped = True, _is_stopped(flight.pid)
                 self._order({"op": "kill", "id": job_id})
+        overdue = any(flight.timed_out for flight in self._flights.values())
+        limit_s = _SILENCE_LIMIT_AFTER_KILL_S if overdue else _SILENCE_LIMIT_S
+        if self._silent_s > (limit_s if self._server_is_up else _START_GRACE_S):
+            self._server_died(f"the mission server stood still for {self._silent_s:.0f} s")
 
-    def _server_died(self) -> None:
-        self._stop_server()
+    def _server_died(self, error: str) -> None:
+        self._stop_server(patience_s=1.0)
         flights, self._flights = self._flights, {}
         for flight in flights.values():
-            self._land(flight, 1, "")
+            _wait_for_end(flight.pid)
+            self._land(flight, None, error)
 
-    def _stop_server(self) -> None:
+    def _stop_server(self, patience_s: float = 10.0) -> None:
         server, self._server = self._server, None
         if server is None:
             return
@@ -280,8 +319,22 @@ class LocalProcessExecutor:
         with contextlib.suppress(BrokenPipeError):
             server.stdin.close()  # the server kills its missions and ends
         try:
-            server.wait(timeout=10)
+            server.wait(timeout=patience_s)
         except subprocess.TimeoutExpired:
             server.kill()
             server.wait()
         server.stdout.close()
+
+
+def _is_stopped(pid: int | None) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] == "T"
+    except OSError:
+        return False
+
+
+def _wait_for_end(pid: int | None) -> None:
+    """Until a mission whose server has ended has ended too (the system kills it), so that it is not flown twice at once."""
+    deadline = time.monotonic() + 5.0
+    while pid is not None and Path(f"/proc/{pid}").exists() and time.monotonic() < deadline:
+        time.sleep(0.01)

@@ -16,6 +16,15 @@ from tuner.missions.registry import DEFAULT_RUNNER
 RESULT_FILE = "mission.json"
 ERROR_FILE = "worker_error.json"
 LOG_FILE = "worker.log"
+_LOST = {
+    "disk_full",
+    "machine_error",
+    "not_started",
+    "output_not_writable",
+    "server_lost",
+    "worker_killed",
+    "worker_stopped",
+}
 
 
 @dataclass(frozen=True)
@@ -62,6 +71,11 @@ class MissionOutcome:
     timings_s: dict[str, Any] = field(default_factory=dict)
     wall_s: float = 0.0
     directory: str = ""
+
+    @property
+    def lost(self) -> bool:
+        """Whether the machine ended it: this says nothing about the configuration, and the mission may be flown again."""
+        return self.status == "failed" and self.reason.partition(":")[0] in _LOST
 
 
 def collect_outcome(job: MissionJob, wall_s: float | None = None) -> MissionOutcome | None:

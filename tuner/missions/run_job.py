@@ -11,6 +11,16 @@ from nbv.mission.run_directory import write_atomic
 from tuner.missions.job import RESULT_FILE, MissionJob, record_failure
 from tuner.missions.registry import resolve_runner
 
+_FULL = {errno.ENOSPC, errno.EDQUOT}
+_MACHINE_ERRORS = {
+    errno.EIO,
+    errno.EMFILE,
+    errno.ENFILE,
+    errno.ENOMEM,
+    errno.EAGAIN,
+    errno.EROFS,
+    errno.ESTALE,
+}
 EXIT_FAILED = 1
 EXIT_NOT_WRITABLE = 74  # EX_IOERR: not even the error could be written
 
@@ -36,7 +46,8 @@ def run_job(tree: dict[str, Any]) -> int:
         reason, message = "out_of_memory", "the mission ran out of memory"
     except OSError as error:
         code = errno.errorcode.get(error.errno or 0, "unknown")
-        reason, message = "disk_full" if code == "ENOSPC" else f"os_error: {code}", str(error)
+        kind = "machine_error" if error.errno in _MACHINE_ERRORS else "os_error"
+        reason, message = "disk_full" if error.errno in _FULL else f"{kind}: {code}", str(error)
     except BaseException as error:
         reason, message = "mission_error", f"{type(error).__name__}: {error}"
     traceback.print_exc()

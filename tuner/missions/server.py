@@ -5,7 +5,7 @@ it reads from standard input (a mission starts in milliseconds instead of the se
 the rocks that were flown before in memory).
 Where forking is not safe (a library started threads on import, or the system is not Linux) each job gets a
 fresh interpreter. Lines of JSON: in ``{"op": "run", "job": {...}}`` and ``{"op": "kill", "id": ...}``; out
-``{"event": "ready" | "started" | "exited", ...}``. When standard input closes, i.e. the campaign ended or was
+``{"event": "ready" | "started" | "exited" | "beat", ...}``. When standard input closes, i.e. the campaign ended or was
 killed, all missions are killed: none outlives its campaign.
 
 What it buys over a library, with a process of its own for every mission, one worker and a warm store
@@ -35,6 +35,8 @@ from nbv.threads import single_thread_environment
 from tuner.missions.job import LOG_FILE
 from tuner.missions.run_job import EXIT_FAILED, run_job
 from tuner.missions.shared_rocks import SharedRocks
+
+BEAT_S = 1.0  # a server that has nothing to say says so as often, so that one that stands still is noticed
 
 
 class MissionServer:
@@ -69,7 +71,10 @@ class MissionServer:
         buffer = b""
         try:
             while True:
-                for key, _ in selector.select():
+                ready = selector.select(BEAT_S)
+                if not ready:
+                    self._say({"event": "beat"})
+                for key, _ in ready:
                     if key.fileobj == self._wake_read:
                         with contextlib.suppress(BlockingIOError):
                             os.read(self._wake_read, 4096)
@@ -180,6 +185,7 @@ def main(arguments: list[str]) -> int:
     """Entry of ``python -m tuner.missions.server``."""
     single_thread_environment()
     if arguments == ["--job"]:
+        _die_with_parent()
         return run_job(json.loads(sys.stdin.read()))
     MissionServer(arguments).serve()
     return 0

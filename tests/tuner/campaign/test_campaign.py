@@ -251,22 +251,32 @@ def test_finished_but_untold_mission_is_entered_not_flown_again(tmp_path: Path) 
 
 
 def test_the_campaign_records_crashes_and_failures_and_goes_on(tmp_path: Path) -> None:
-    rocks = ("a", "abort", "raise", "fail", "full")
-    campaign = begin_campaign(tmp_path / "run", settings(rocks=rocks, budget=10))
+    rocks = ("a", "abort", "raise", "fail")
+    campaign = begin_campaign(tmp_path / "run", settings(rocks=rocks, budget=8))
     with workers() as executor:
         summary = fly_campaign(campaign, executor)
     assert summary.stopped == "budget"
-    assert summary.status.complete == 2 and summary.status.failed == 8
+    assert summary.status.complete == 2 and summary.status.failed == 6
     reasons = {t.rock: t.reason for t in campaign.trials()}
     assert reasons["a"] == ""
     assert reasons["abort"] == f"worker_died: signal {int(signal.SIGABRT)}"
     assert reasons["raise"] == "mission_error"
     assert reasons["fail"] == "seed_model_failed"
-    assert reasons["full"] == "disk_full"
     assert all(t.raw is None for t in campaign.trials() if t.state == "failed")
     messages = {t.rock: t.message for t in campaign.trials()}
     assert "an exception nobody expected" in messages["raise"]
-    assert summary.recommendation is not None and summary.recommendation.failures == 8
+    assert summary.recommendation is not None and summary.recommendation.failures == 6
+
+
+def test_what_the_machine_ended_is_neither_counted_nor_learned(tmp_path: Path) -> None:
+    campaign = begin_campaign(tmp_path / "run", settings(rocks=("a", "once-full"), budget=4))
+    summary = fly_campaign(campaign, InProcessExecutor())
+    assert summary.stopped == "failing" and "2 missions were ended by the machine" in summary.message
+    assert "disk_full" in summary.message
+    assert [(t.rock, t.state) for t in campaign.trials()] == [("a", "complete"), ("once-full", "running")] * 2
+    assert {o.rock for o in campaign.history()} == {"a"}
+    summary = fly_campaign(Campaign.open(tmp_path / "run", runner=RUNNER), InProcessExecutor())
+    assert summary.stopped == "budget" and summary.status.complete == 4  # the machine has been mended
 
 
 @pytest.mark.slow
