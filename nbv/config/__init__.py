@@ -2,10 +2,21 @@
 
 The files ``sections_`` hold the fields, where their defaults come from (``sources``) and their ranges, ``mission_config`` the
 whole and its digest, ``parsing`` how dictionaries and parameter paths become one, ``presets`` the named configurations
-that a user starts from, ``registry`` what a configuration may name, ``reference`` all of it for people.
+that a user starts from, ``conditions`` the named worlds that missions fly in, ``registry`` what a configuration may name, ``reference`` all of it for people.
 """
 
-from nbv.config.mission_config import MissionConfig, canonical, config_from_dict, parameter_paths
+from nbv.config.conditions import (
+    IDEAL_CONDITION,
+    WORLD_SECTIONS,
+    Condition,
+    available_conditions,
+    condition_from_dict,
+    load_condition,
+    load_conditions,
+    require_distinct,
+    under,
+)
+from nbv.config.mission_config import IDEAL, MissionConfig, canonical, config_from_dict, parameter_paths
 from nbv.config.presets import PRESETS, REDUCED_SFM, preset
 from nbv.config.reference import Parameter, parameter, parameters, reference_markdown
 from nbv.config.registry import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, Registry, gate_kinds
@@ -28,13 +39,17 @@ from nbv.config.telemetry import TELEMETRY_LEVELS, TelemetryConfig
 __all__ = [
     "DENSE_BACKENDS",
     "GATES",
+    "IDEAL",
+    "IDEAL_CONDITION",
     "PRESETS",
     "REDUCED_SFM",
     "RENDERERS",
     "SCORERS",
     "TELEMETRY_LEVELS",
+    "WORLD_SECTIONS",
     "BAwareConfig",
     "CameraConfig",
+    "Condition",
     "CovisConfig",
     "DenseConfig",
     "EvaluationConfig",
@@ -53,12 +68,18 @@ __all__ = [
     "TelemetryConfig",
     "VisibilityConfig",
     "Weights",
+    "available_conditions",
     "canonical",
+    "condition_from_dict",
     "config_from_dict",
     "gate_kinds",
+    "load_condition",
+    "load_conditions",
     "parameter",
     "parameter_paths",
     "parameters",
     "preset",
     "reference_markdown",
+    "require_distinct",
+    "under",
 ]

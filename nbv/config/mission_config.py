@@ -29,6 +29,8 @@ from nbv.config.sections_world import CameraConfig, FlightConfig, SceneConfig
 from nbv.config.sources import ADDED_SINCE_VERSION_1, code, ours
 from nbv.config.telemetry import TelemetryConfig, telemetry_level
 
+IDEAL = "ideal"  # the condition of a configuration that no condition was laid over
+
 
 @dataclass(frozen=True)
 class MissionConfig:
@@ -41,6 +43,7 @@ class MissionConfig:
     }
 
     preset: str = ours("paper", "name of the preset that it began as")
+    condition: str = ours(IDEAL, "name of the condition that it is under", added=True)
     target_m: tuple[float, float, float] = code((0.0, 0.0, 0.8), "mission file", "target, above the ground")
     camera: CameraConfig = field(default_factory=CameraConfig)
     scene: SceneConfig = field(default_factory=SceneConfig)

@@ -112,8 +112,10 @@ def fly_mission(
             **provenance(),
             "rock_sha256": subject.sha256,
             "fidelity": fidelity.name,
+            "condition": config.condition,
             **fidelity.facts,
         },
+        condition=config.condition,
     )
     if full_run is not None:
         full_run.write_json("provenance.json", result.provenance)

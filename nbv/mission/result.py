@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from nbv.config import IDEAL
 from nbv.errors import UserError
 
 SCHEMA_VERSION = 1
@@ -62,6 +63,7 @@ class MissionResult:
     timings_s: dict[str, float]
     costs: dict[str, float]  # images, registered_images, flight_time_s, path_length_m, wall_s
     provenance: dict[str, Any] = field(default_factory=dict)
+    condition: str = IDEAL
     schema_version: int = SCHEMA_VERSION
 
     def metric(self, path: str) -> float:

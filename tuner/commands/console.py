@@ -8,12 +8,13 @@ from typing import Any
 import yaml
 from rich.console import Console
 
-from nbv.config import PRESETS, MissionConfig, preset
+from nbv.config import IDEAL, PRESETS, MissionConfig, load_condition, preset, under
 from nbv.errors import UserError
 
 output = Console()
 errors = Console(stderr=True)
 PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
+CONDITION_HELP = "World to fly in: a name of conditions/, or a YAML file."
 
 
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:
@@ -38,12 +39,14 @@ def parse_overrides(assignments: list[str]) -> dict[str, Any]:
     return values
 
 
-def mission_config(preset_name: str, assignments: list[str], gate: str | None = None) -> MissionConfig:
-    """The preset with ``--gate`` and ``--set`` applied."""
+def mission_config(
+    preset_name: str, assignments: list[str], gate: str | None = None, condition: str = IDEAL
+) -> MissionConfig:
+    """The preset under the condition, with ``--gate`` and ``--set`` applied."""
     values = parse_overrides(assignments)
     if gate is not None:
         values["gate.kind"] = gate
-    return preset(preset_name).with_values(values)
+    return under(preset(preset_name), load_condition(condition)).with_values(values)
 
 
 def rock_arguments(rocks: list[str]) -> list[str]:

@@ -9,7 +9,15 @@ import typer
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from tuner.commands.console import PRESET_NAMES, mission_config, output, parse_overrides, seconds
+from nbv.config import IDEAL
+from tuner.commands.console import (
+    CONDITION_HELP,
+    PRESET_NAMES,
+    mission_config,
+    output,
+    parse_overrides,
+    seconds,
+)
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -63,18 +71,20 @@ def run(
     rock: Annotated[str, typer.Option(help="Catalogue name (see `gatetune rocks list`) or path of a mesh.")],
     preset: Annotated[str, typer.Option(help=PRESET_NAMES)] = "campaign",
     gate: Annotated[str | None, typer.Option(help="covis, b-aware, hyb-h, hyb-o, random, ...")] = None,
+    condition: Annotated[str, typer.Option(help=CONDITION_HELP)] = IDEAL,
     set_: Annotated[
         list[str] | None, typer.Option("--set", help="PATH=VALUE, e.g. stop.adaptive_budget=4.")
     ] = None,
     replicate: Annotated[int, typer.Option(help="Draw of arrival errors and sensor noise.")] = 0,
     out: Annotated[
-        Path | None, typer.Option(help="Run directory (default: runs/mission-ROCK-GATE-REPLICATE).")
+        Path | None, typer.Option(help="Run directory (default: runs/mission-ROCK-CONDITION-GATE-REPLICATE).")
     ] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace a finished mission in that directory.")] = False,
 ) -> None:
     """Fly one complete mission and print its metrics."""
-    config = mission_config(preset, set_ or [], gate)
-    directory = out or Path("runs") / f"mission-{Path(rock).stem}-{config.gate.kind}-{replicate}"
+    config = mission_config(preset, set_ or [], gate, condition)
+    world = Path(rock).stem if config.condition == IDEAL else f"{Path(rock).stem}-{config.condition}"
+    directory = out or Path("runs") / f"mission-{world}-{config.gate.kind}-{replicate}"
     from nbv.cache import Store
     from nbv.photogrammetric import run_photogrammetric_mission
     from nbv.rocks import load_rock

@@ -27,7 +27,7 @@ ADDED_SINCE_VERSION_1 = {
 def version_1(config: MissionConfig) -> dict:
     """The configuration as a mission wrote it down before the later fields existed."""
     tree = config.to_dict()
-    del tree["matchable"], tree["telemetry"]
+    del tree["matchable"], tree["telemetry"], tree["condition"]
     for section, names in ADDED_SINCE_VERSION_1.items():
         for name in names:
             del tree[section][name]

@@ -10,7 +10,7 @@ import numpy as np
 import yaml
 from rich.table import Table
 
-from nbv.config import SCORERS, MissionConfig, Weights, config_from_dict, preset
+from nbv.config import IDEAL, SCORERS, MissionConfig, Weights, config_from_dict, preset
 from nbv.errors import UserError
 from nbv.mission.planning_state import load_state
 from nbv.scorers import find_scorer, rank_candidates
@@ -49,6 +49,7 @@ def explain_state(
     yield (
         f"iteration {state.iteration}: {len(pool)} candidates, {len(state.model.points_m)} sparse points, "
         f"{state.captures_used} of {state.adaptive_budget} captures used, d95 {1000 * state.d95_m:.0f} mm"
+        + (f"; condition {config.condition}" if config.condition != IDEAL else "")
     )
     flown = [name for name in (config.gate.kind, config.gate.geometry_scorer) if name in SCORERS]
     for name in dict.fromkeys([*rankings, *flown]):

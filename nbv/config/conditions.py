@@ -1,0 +1,159 @@
+"""Conditions: named worlds to fly in, each a YAML file laid over the sections of a configuration that describe the world.
+
+``conditions/NAME.yaml`` holds sections and their fields, and may say ``description: ...``::
+
+    description: bright day, no wind
+    scene: {ambient: 0.2}
+    telemetry: gnss        # a level, or fields
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from nbv.config.mission_config import IDEAL, MissionConfig, config_from_dict
+from nbv.config.telemetry import telemetry_level
+from nbv.errors import UserError
+
+_NAMES = {f.name for f in dataclasses.fields(MissionConfig)}
+WORLD_SECTIONS = tuple(
+    name for name in ("scene", "sensor", "ground", "wind", "telemetry", "target") if name in _NAMES
+)
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A world to fly in."""
+
+    name: str
+    values: dict[str, dict[str, Any]] = field(default_factory=dict)  # fields by section
+    description: str = ""
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Parameter paths that it sets."""
+        return tuple(f"{section}.{name}" for section, fields in self.values.items() for name in fields)
+
+
+IDEAL_CONDITION = Condition(IDEAL)
+
+
+def under(config: MissionConfig, condition: Condition) -> MissionConfig:
+    """``config`` with the condition's world; the very same under ``ideal``.
+
+    Raises
+    ------
+    UserError
+        ``config`` is under another condition already.
+    """
+    if config.condition not in (IDEAL, condition.name):
+        raise UserError(
+            f"the configuration is under condition {config.condition!r} already, not under {condition.name!r}; "
+            "begin with one that is under none"
+        )
+    if condition.name == IDEAL:
+        return config
+    return config_from_dict({"condition": condition.name, **condition.values}, config)
+
+
+def condition_directories() -> tuple[Path, ...]:
+    """Where named conditions are looked for: beside the package (a clone), then the installed data files."""
+    beside = Path(__file__).resolve().parents[2] / "conditions"
+    return (beside, Path(sys.prefix) / "share" / "gatetune" / "conditions")
+
+
+def available_conditions() -> dict[str, Path]:
+    """Named conditions and their files, ``ideal`` first."""
+    found: dict[str, Path] = {}
+    for directory in condition_directories():
+        for file in sorted(directory.glob("*.yaml"), key=lambda path: (path.stem != IDEAL, path.stem)):
+            found.setdefault(file.stem, file)
+    return found
+
+
+def load_conditions(names_or_paths: Sequence[str]) -> tuple[Condition, ...]:
+    """As `load_condition`, in order; ``UserError`` where two have one name."""
+    found = tuple(load_condition(name) for name in names_or_paths)
+    require_distinct(found)
+    return found
+
+
+def require_distinct(conditions: Sequence[Condition]) -> None:
+    """``UserError`` where there is none, or two have one name."""
+    names = [condition.name for condition in conditions]
+    if not names:
+        raise UserError(f"there is no condition to fly in; name at least one, such as {IDEAL}")
+    for name in names:
+        if names.count(name) > 1:
+            raise UserError(f"condition {name!r} is named twice; name each condition once")
+
+
+def load_condition(name_or_path: str) -> Condition:
+    """The condition of that name, or in that YAML file.
+
+    Raises
+    ------
+    UserError
+        No such condition, or a mistake in the file.
+    """
+    named = available_conditions()
+    path = named.get(name_or_path, Path(name_or_path))
+    if name_or_path not in named and path.suffix not in (".yaml", ".yml"):
+        raise UserError(
+            f"unknown condition {name_or_path!r}; there are {', '.join(named)}, or give a YAML file"
+        )
+    try:
+        tree = yaml.safe_load(path.read_text())
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"cannot read condition {path}: {error}; give a readable YAML file") from error
+    except yaml.YAMLError as error:
+        raise UserError(f"{path}: not YAML ({str(error).splitlines()[0]}); mend it") from error
+    return condition_from_dict(path.stem, tree, str(path))
+
+
+def condition_from_dict(name: str, tree: Any, source: str) -> Condition:
+    """Build and check a condition from its YAML tree; ``source`` names it in messages.
+
+    Raises
+    ------
+    UserError
+        A section that is not of the world, an unknown field, a value of the wrong type or out of range.
+    """
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]*", name):
+        raise UserError(f"{source}: {name!r} cannot name a condition; use letters, digits and dashes")
+    if not isinstance(tree := {} if tree is None else tree, dict):
+        raise UserError(f"{source}: a condition maps sections to fields, such as `scene: {{ambient: 0.1}}`")
+    description = tree.get("description", "")
+    if not isinstance(description, str):
+        raise UserError(f"{source}: description is {description!r}; it must be a text")
+    values = {section: fields for section, fields in tree.items() if section != "description"}
+    if name == IDEAL and values:
+        raise UserError(f"{source}: {IDEAL} is the world of the defaults; give the file another name")
+    try:
+        for section in values:
+            if section not in WORLD_SECTIONS:
+                raise UserError(_not_of_the_world(str(section)))
+        if isinstance(level := values.get("telemetry"), str):
+            values["telemetry"] = dataclasses.asdict(telemetry_level(level))
+        condition = Condition(name, values, description)
+        under(MissionConfig(), condition)
+    except UserError as error:
+        raise UserError(f"{source}: {error}") from error
+    return condition
+
+
+def _not_of_the_world(section: str) -> str:
+    if section in _NAMES:
+        return f"{section} is not of the world; a condition sets {', '.join(WORLD_SECTIONS)}"
+    near = difflib.get_close_matches(section, WORLD_SECTIONS, 1)
+    hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(WORLD_SECTIONS)}"
+    return f"a condition has no section {section!r}; {hint}"
