@@ -9,7 +9,7 @@ import typer
 
 from nbv.errors import UserError
 from tuner.commands.comparison import compare
-from tuner.commands.console import output, rock_arguments
+from tuner.commands.console import output
 
 
 def evaluate(
@@ -36,18 +36,12 @@ def evaluate(
     """Fly the recommended configuration and the baselines on held-out rocks; print Table I with intervals."""
     output.print(f"evaluating the recommendation of {campaign}")  # before what takes seconds to load
     from tuner.campaign.campaign import Campaign
-    from tuner.commands.rock_choice import held_out_rocks
+    from tuner.commands.rock_choice import unseen_rocks
     from tuner.evaluation.baselines import EVALUATION_BASELINES, baseline_configs, tuned_configs
     from tuner.evaluation.plan import EvaluationPlan
 
     source = Campaign.open(campaign, read_only=True)
-    chosen = tuple(rock_arguments(rocks or held_out_rocks()))
-    for rock in chosen:
-        if rock in source.settings.rocks or (source.learned is not None and rock in source.learned.rocks):
-            raise UserError(
-                f"rock {rock!r} was tuned on in {campaign}, or in a campaign that it learned from; evaluate on rocks "
-                "that neither has seen"
-            )
+    chosen = unseen_rocks(source, rocks)
     base = source.settings.base_config()
     configs = baseline_configs(list(strategies or EVALUATION_BASELINES), base)
     if reference not in configs:

@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from nbv.errors import UserError
+from tuner.commands.console import rock_arguments
+
+if TYPE_CHECKING:
+    from tuner.campaign.campaign import Campaign
 
 QUICK_ROCKS = ["slab", "vesicular", "cavern"]  # training rocks on which configurations differ most
 
@@ -39,3 +44,23 @@ def refuse_held_out(rocks: Sequence[str]) -> None:
             raise UserError(
                 f"rock {rock!r} is held out: it may not be tuned on; `gatetune rocks list` names others"
             )
+
+
+def unseen_rocks(campaign: Campaign, rocks: Sequence[str] | None) -> tuple[str, ...]:
+    """``rocks``, or the held-out procedural ones, looked up.
+
+    Raises
+    ------
+    UserError
+        A rock that the campaign, or one that it learned from, was tuned on; as `rock_arguments`.
+    """
+    chosen = tuple(rock_arguments(list(rocks or held_out_rocks())))
+    for rock in chosen:
+        if rock in campaign.settings.rocks or (
+            campaign.learned is not None and rock in campaign.learned.rocks
+        ):
+            raise UserError(
+                f"rock {rock!r} was tuned on in {campaign.directory}, or in a campaign that it learned from; evaluate "
+                "on rocks that neither has seen"
+            )
+    return chosen

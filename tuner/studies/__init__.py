@@ -1,1 +1,1 @@
-"""Studies that come before and after tuning: how noisy the objective is, and what it depends on."""
+"""Studies that come before and after tuning: how noisy the objective is, what it depends on, where its result holds."""
