@@ -26,20 +26,21 @@ from nbv.evaluation import evaluate_cloud
 from nbv.geometry.frames import look_at
 from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock, import_mesh, load_rock
-from nbv.scene import build_scene, make_renderer, photograph
+from nbv.scene import Sensor, build_scene, make_renderer
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
 
 def measure(rock: Rock, extras: list[int], config: MissionConfig) -> None:
     """Print the table rows of one rock."""
+    sensor = Sensor(config)
     renderer = make_renderer(
-        build_scene(rock, config.scene, config.camera, store=Store()), config.scene.backend
+        build_scene(rock, config.scene, sensor.drawn, store=Store()), config.scene.backend
     )
     seeds, pool = list(seed_viewpoints(config)), list(raw_candidates(config))
     shuffled = [pool[i] for i in keyed_rng("dense agreement", rock.sha256).permutation(len(pool))]
     views = [*seeds, *shuffled[: max(extras)]]
     poses = {v.id: look_at(np.array(v.position_m), np.array(config.target_m)) for v in views}
-    images = {v.id: photograph(renderer, poses[v.id], rock, 0, v.id, config.scene) for v in views}
+    images = {v.id: sensor.photograph(renderer, poses[v.id], rock, 0, v.id) for v in views}
     for extra in extras:
         names = [v.id for v in views[: len(seeds) + extra]]
         chosen_images = {name: images[name] for name in names}

@@ -51,8 +51,8 @@ def observe(mission: Path, rock_name: str) -> dict[str, np.ndarray]:
     centers = np.array([arrival_position(v, config.flight, rock.sha256, result.replicate) for v in visited])
     store = Store()
     studio = Studio(
-        lambda: make_renderer(
-            build_scene(rock, config.scene, config.camera, store=Store()), config.scene.backend
+        lambda camera: make_renderer(
+            build_scene(rock, config.scene, camera, store=Store()), config.scene.backend
         ),
         rock,
         result.replicate,

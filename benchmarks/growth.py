@@ -93,7 +93,7 @@ def image_sizes(rock_name: str) -> list[Curve]:
         renderer = make_renderer(
             build_scene(rock, config.scene, config.camera, store=Store()), config.scene.backend
         )
-        studio = Studio(lambda r=renderer: r, rock, 0, config)  # type: ignore[misc]
+        studio = Studio(lambda _, r=renderer: r, rock, 0, config)  # type: ignore[misc]
         views = seed_viewpoints(config)[:1]
         shots = [studio.take_photograph(views[0], np.array(views[0].position_m), 0.0)]
         # Neighbours as in a mission: 6 to 10 degrees beside.

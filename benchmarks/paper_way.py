@@ -61,10 +61,8 @@ METRICS = ("f_score_48mm", "completeness_48mm", "accuracy_48mm", "f_score_16mm",
 def photographs(config: MissionConfig, rock: Rock, replicate: int, chosen: list[str]) -> list[Capture]:
     """The captures of a flown mission, from the store: seeds, then the candidates ``chosen``."""
 
-    def no_renderer():  # type: ignore[no-untyped-def]
-        return make_renderer(
-            build_scene(rock, config.scene, config.camera, store=Store()), config.scene.backend
-        )
+    def no_renderer(camera):  # type: ignore[no-untyped-def]
+        return make_renderer(build_scene(rock, config.scene, camera, store=Store()), config.scene.backend)
 
     studio = CachedStudio(Studio(no_renderer, rock, replicate, config), Store(), rock, replicate, config)
     flight = Flight(config, rock_sha256=rock.sha256, replicate=replicate)

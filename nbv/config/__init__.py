@@ -33,7 +33,7 @@ from nbv.config.sections_planning import (
     Weights,
 )
 from nbv.config.sections_reconstruction import DenseConfig, EvaluationConfig, SparseConfig
-from nbv.config.sections_world import CameraConfig, FlightConfig, SceneConfig
+from nbv.config.sections_world import CameraConfig, FlightConfig, SceneConfig, SensorConfig
 from nbv.config.telemetry import TELEMETRY_LEVELS, TelemetryConfig
 
 __all__ = [
@@ -62,6 +62,7 @@ __all__ = [
     "Registry",
     "SceneConfig",
     "SeedConfig",
+    "SensorConfig",
     "SharedTermsConfig",
     "SparseConfig",
     "StopConfig",

@@ -25,7 +25,7 @@ from nbv.config.sections_planning import (
     VisibilityConfig,
 )
 from nbv.config.sections_reconstruction import DenseConfig, EvaluationConfig, SparseConfig
-from nbv.config.sections_world import CameraConfig, FlightConfig, SceneConfig
+from nbv.config.sections_world import CameraConfig, FlightConfig, SceneConfig, SensorConfig
 from nbv.config.sources import ADDED_SINCE_VERSION_1, code, ours
 from nbv.config.telemetry import TelemetryConfig, telemetry_level
 
@@ -47,6 +47,7 @@ class MissionConfig:
     target_m: tuple[float, float, float] = code((0.0, 0.0, 0.8), "mission file", "target, above the ground")
     camera: CameraConfig = field(default_factory=CameraConfig)
     scene: SceneConfig = field(default_factory=SceneConfig)
+    sensor: SensorConfig = field(default_factory=SensorConfig, metadata=ADDED_SINCE_VERSION_1)
     flight: FlightConfig = field(default_factory=FlightConfig)
     seed: SeedConfig = field(default_factory=SeedConfig)
     pool: PoolConfig = field(default_factory=PoolConfig)

@@ -112,6 +112,8 @@ def _coerce(kind: Any, raw: Any, path: str) -> Any:
         if len(raw) != len(args):
             raise UserError(f"{path} needs {len(args)} values, not {len(raw)}")
         return tuple(_coerce(a, item, path) for a, item in zip(args, raw))
+    if origin is types.UnionType:  # of a type and None
+        return None if raw is None else _coerce(typing.get_args(kind)[0], raw, path)
     if kind is float and isinstance(raw, (int, float)) and not isinstance(raw, bool):
         if raw != raw or raw in (float("inf"), float("-inf")):
             raise UserError(f"{path} must be finite, not {raw!r}")
@@ -127,5 +129,4 @@ def _coerce(kind: Any, raw: Any, path: str) -> Any:
         return raw
     if kind is str and isinstance(raw, str):
         return raw
-    name = getattr(kind, "__name__", str(kind)) if not isinstance(kind, types.UnionType) else str(kind)
-    raise UserError(f"{path} must be of type {name}, not {raw!r}")
+    raise UserError(f"{path} must be of type {kind.__name__}, not {raw!r}")

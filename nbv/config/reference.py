@@ -79,6 +79,8 @@ def _leaves(section: Any, prefix: str) -> list[Parameter]:
 
 def shown(value: Any) -> str:
     """A value as a user writes it."""
+    if value is None:
+        return "unset"
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(shown, value))}]"
     return f"{value:g}" if isinstance(value, float) and float(f"{value:g}") == value else str(value)
@@ -103,7 +105,7 @@ def reference_markdown() -> str:
             section = p.section
             lines.append(f"|**{section}**||||")
         choices = f" ({', '.join(f'`{c}`' for c in p.choices)})" if p.choices else ""
-        value = f"{shown(p.default)} {p.unit}".strip() or "empty"
+        value = f"{shown(p.default)} {'' if p.default is None else p.unit}".strip() or "empty"
         name = p.path.removeprefix(f"{section}.")
         source = p.origin if p.source == "text" else p.source  # `gatetune config show` says where, or why
         lines.append(f"|`{name}`|{value}|{p.meaning}{choices}|{source}|")

@@ -108,7 +108,7 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
         config.camera,
         list(config.target_m),
         config.shared.box_half_extent_m,
-        [list(scene.sun_direction), scene.sun_irradiance, scene.ambient],
+        [list(scene.sun_travel), scene.sun_irradiance, scene.ambient],
         [[v.id, *v.position_m] for v in all_viewpoints(config)],
     ]
     arrays = remember(
@@ -222,7 +222,7 @@ class _Shading:
     """Light on the surface and the contrast that a detector finds in it."""
 
     def __init__(self, rock: Rock, config: MissionConfig, caster: RayCaster) -> None:
-        sun = np.array(config.scene.sun_direction)
+        sun = np.array(config.scene.sun_travel)
         self._to_sun = -sun / np.linalg.norm(sun)
         self._ambient, self._irradiance = config.scene.ambient, config.scene.sun_irradiance
         self._caster = caster

@@ -27,13 +27,13 @@ _SPARSE = "nbv.sparse"
 
 
 class CachedStudio:
-    """Photographs by (rock, replicate, viewpoint, pose, camera, scene)."""
+    """Photographs by rock, replicate, viewpoint, pose and all of the configuration that they depend on."""
 
     def __init__(
         self, studio: Studio, store: Store, rock: Rock, replicate: int, config: MissionConfig
     ) -> None:
         self._studio, self._store = studio, store
-        self._identity = (rock.sha256, replicate, config.camera, config.scene)
+        self._identity = (rock.sha256, replicate, config.camera, config.scene, config.sensor, config.target_m)
 
     def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
         """See `nbv.types.Camera`."""

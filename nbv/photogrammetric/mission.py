@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Unpack
 
-from nbv.config import MissionConfig
+from nbv.config import CameraConfig, MissionConfig
 from nbv.evaluation import Evaluation, evaluate_cloud
 from nbv.gates import make_oracle
 from nbv.mission.fidelity import MissionContext
@@ -58,10 +58,10 @@ class PhotogrammetricFidelity:
         if self.reconstructor.has_model:
             self.reconstructor.export_sparse(run.sparse_model)
 
-    def _renderer(self) -> Renderer:
+    def _renderer(self, camera: CameraConfig) -> Renderer:
         config = self.context.config
         with self.context.stopwatch.timed("scene"):
-            scene = build_scene(self.context.rock, config.scene, config.camera, store=self.context.store)
+            scene = build_scene(self.context.rock, config.scene, camera, store=self.context.store)
             return make_renderer(scene, config.scene.backend)
 
 

@@ -1,4 +1,4 @@
-"""Where photographs are taken: the true pose, the gimbal aimed at the target, the sensor's noise.
+"""Where photographs are taken: the true pose, the gimbal aimed at the target, the true camera.
 
 The only part of a mission that knows a true pose. What leaves it is a photograph with the pose that telemetry reports.
 """
@@ -10,24 +10,29 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config import MissionConfig
+from nbv.config import CameraConfig, MissionConfig
 from nbv.flight.telemetry import TelemetryErrors
 from nbv.geometry.frames import look_at
 from nbv.memory import give_back_freed_memory
 from nbv.rocks import Rock
-from nbv.scene import Renderer, photograph
+from nbv.scene import Renderer, Sensor
 from nbv.types import Capture, Floats, Viewpoint
 
 
 class Studio:
-    """Implements ``nbv.types.Camera`` for one rock in one replicate. The renderer is made when the first photograph needs it."""
+    """Implements ``nbv.types.Camera`` for one rock in one replicate. The renderer is made, for the camera that it has to draw, when the first photograph needs it."""
 
     def __init__(
-        self, make_renderer: Callable[[], Renderer], rock: Rock, replicate: int, config: MissionConfig
+        self,
+        make_renderer: Callable[[CameraConfig], Renderer],
+        rock: Rock,
+        replicate: int,
+        config: MissionConfig,
     ) -> None:
         self._make_renderer = make_renderer
         self._renderer: Renderer | None = None
         self._rock, self._replicate, self._config = rock, replicate, config
+        self._sensor = Sensor(config)
         self._errors = TelemetryErrors(
             config.telemetry, rock.sha256, replicate, config.flight.min_camera_altitude_m
         )
@@ -57,7 +62,5 @@ class Studio:
     def photograph(self, viewpoint: Viewpoint, true_pose: Floats) -> NDArray[np.uint8]:
         """(H, W, 3) what the sensor sees from ``true_pose`` (4, 4)."""
         if self._renderer is None:
-            self._renderer = self._make_renderer()
-        return photograph(
-            self._renderer, true_pose, self._rock, self._replicate, viewpoint.id, self._config.scene
-        )
+            self._renderer = self._make_renderer(self._sensor.drawn)
+        return self._sensor.photograph(self._renderer, true_pose, self._rock, self._replicate, viewpoint.id)

@@ -3,17 +3,15 @@
 from nbv.scene.bake import Scene, build_scene
 from nbv.scene.factory import make_renderer
 from nbv.scene.preview import preview
-from nbv.scene.sensor import add_sensor_noise, noise_rng, photograph
+from nbv.scene.sensor import Sensor
 from nbv.scene.view import RenderedView, Renderer
 
 __all__ = [
     "RenderedView",
     "Renderer",
     "Scene",
-    "add_sensor_noise",
+    "Sensor",
     "build_scene",
     "make_renderer",
-    "noise_rng",
-    "photograph",
     "preview",
 ]

@@ -17,14 +17,12 @@ from numpy.typing import NDArray
 
 from nbv.cache import Arrays, Store, remember
 from nbv.config import CameraConfig, SceneConfig
-from nbv.errors import UserError
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.scene.ground import GroundSpec, synthesise_ground
 from nbv.scene.view import linear_from_srgb
 from nbv.types import Floats
 
 GROUND_TINT = np.array([1.0, 0.985, 0.955], dtype=np.float32)  # regolith is very slightly warm
-LOWEST_SUN_DEG = 3.0
 _FULL_SCALE = 65535.0  # radiance 1.0 in the stored 16-bit textures
 
 
@@ -60,15 +58,9 @@ class Scene:
 
 
 def direction_to_sun(config: SceneConfig) -> Floats:
-    """(3,) unit vector; ``UserError`` if the sun is not at least 3 degrees above the horizon."""
-    travel = np.asarray(config.sun_direction, dtype=float)
-    norm = np.linalg.norm(travel)
-    if norm < 1e-9 or -travel[2] / norm < math.sin(math.radians(LOWEST_SUN_DEG)):
-        raise UserError(
-            f"scene.sun_direction is {config.sun_direction!r}: the direction the light travels must point "
-            f"down, at least {LOWEST_SUN_DEG:g} degrees below the horizontal (negative third component)"
-        )
-    return -travel / norm
+    """(3,) unit vector."""
+    travel = np.asarray(config.sun_travel, dtype=float)
+    return -travel / np.linalg.norm(travel)
 
 
 def build_scene(
@@ -78,18 +70,12 @@ def build_scene(
     ground: GroundSpec | None = None,
     store: Store | None = None,
 ) -> Scene:
-    """Bake the light on a rock and its ground, or read it from ``store``.
-
-    Raises
-    ------
-    UserError
-        The sun is not above the horizon.
-    """
+    """Bake the light on a rock and its ground, or read it from ``store``."""
     spec = ground or GroundSpec()
     to_sun = direction_to_sun(config)
     vertices = np.ascontiguousarray(rock.vertices_m, dtype=np.float32)
     faces = np.ascontiguousarray(rock.faces, dtype=np.uint32)
-    geometry = {"spec": dataclasses.asdict(spec), "sun": config.sun_direction}
+    geometry = {"spec": dataclasses.asdict(spec), "sun": config.sun_travel}
     light = {"irradiance": config.sun_irradiance, "ambient": config.ambient}
 
     def stored(kind: str, bake: Callable[[], Arrays], **inputs: Any) -> Arrays:

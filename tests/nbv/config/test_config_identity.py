@@ -12,6 +12,7 @@ from nbv.errors import UserError
 
 ADDED_SINCE_VERSION_1 = {
     "gate": ("geometry_scorer",),
+    "scene": ("sun_elevation_deg", "sun_azimuth_deg"),
     "sparse": (
         "min_ransac_trials",
         "local_ba_images",
@@ -27,7 +28,8 @@ ADDED_SINCE_VERSION_1 = {
 def version_1(config: MissionConfig) -> dict:
     """The configuration as a mission wrote it down before the later fields existed."""
     tree = config.to_dict()
-    del tree["matchable"], tree["telemetry"], tree["condition"]
+    for name in ("condition", "matchable", "sensor", "telemetry"):
+        del tree[name]
     for section, names in ADDED_SINCE_VERSION_1.items():
         for name in names:
             del tree[section][name]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 
 import numpy as np
@@ -11,7 +12,8 @@ from scene_helpers import SMALL_CAMERA, SMALL_GROUND
 from nbv.cache import Store
 from nbv.config import SceneConfig
 from nbv.errors import UserError
-from nbv.scene import build_scene
+from nbv.geometry.frames import look_at
+from nbv.scene import build_scene, make_renderer
 from nbv.scene.bake import vertex_normals
 
 
@@ -66,7 +68,14 @@ def test_the_second_build_reads_the_cache(ball, ball_scene, store, monkeypatch):
 
 @pytest.mark.parametrize(
     "change",
-    [{"ambient": 0.2}, {"sun_irradiance": 0.5}, {"ground_seed": 1}, {"sun_direction": (1.0, 0.0, -1.0)}],
+    [
+        {"ambient": 0.2},
+        {"sun_irradiance": 0.5},
+        {"ground_seed": 1},
+        {"sun_direction": (1.0, 0.0, -1.0)},
+        {"sun_elevation_deg": 30.0},
+        {"sun_azimuth_deg": 10.0},
+    ],
 )
 def test_every_light_setting_is_part_of_the_key(ball, ball_scene, change):
     other = build_scene(ball, dataclasses.replace(SceneConfig(), **change), SMALL_CAMERA, SMALL_GROUND)
@@ -86,10 +95,9 @@ def test_a_cache_that_cannot_be_written_does_no_harm(ball, ball_scene, tmp_path)
 
 
 @pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 0.0, -0.01)])
-def test_a_sun_below_the_horizon_is_a_user_error(ball, direction):
+def test_a_sun_below_the_horizon_is_a_user_error(direction):
     with pytest.raises(UserError, match="sun_direction"):
-        config = dataclasses.replace(SceneConfig(), sun_direction=direction)
-        build_scene(ball, config, SMALL_CAMERA, SMALL_GROUND)
+        dataclasses.replace(SceneConfig(), sun_direction=direction)
 
 
 def test_light_on_a_ball_is_lambert_s(ball, ball_scene):
@@ -102,6 +110,37 @@ def test_light_on_a_ball_is_lambert_s(ball, ball_scene):
     )
     clear = np.abs(normal @ to_sun) > 0.05  # at the terminator the facets shade each other
     assert np.allclose(ball_scene.vertex_radiance[clear, 0], (ball.albedo[:, 0] * light)[clear], rtol=0.01)
+
+
+def test_without_sky_the_rock_s_shadow_is_black(ball):
+    """On itself, and on the ground where the ball's shadow falls: the sun stands 30 degrees high in the south."""
+    config = SceneConfig(ambient=0.0, sun_elevation_deg=30.0, sun_azimuth_deg=-90.0)
+    scene = build_scene(ball, config, SMALL_CAMERA, SMALL_GROUND)
+    to_sun = np.array([0.0, -np.cos(np.pi / 6), np.sin(np.pi / 6)])
+    facing = ((ball.vertices_m - (0, 0, 0.8)) / 0.8) @ to_sun
+    assert (scene.vertex_radiance[facing < -0.02] == 0).all()
+    assert (scene.vertex_radiance[facing > 0.1] > 0).all()
+    spec = scene.ground_spec
+    middle = np.array(
+        [0.0, 0.8 / np.tan(np.pi / 6)]
+    )  # where the ray through the ball's centre meets the ground
+    column, row = np.round((middle + spec.half_extent_m(0)) / spec.texel_m - 0.5).astype(int)
+    assert (scene.ground_levels[0][row - 20 : row + 20, column - 20 : column + 20] == 0).all()
+    assert scene.ground_levels[0][row, :100].mean() > 1000  # beside it the ground is lit
+
+    camera = look_at(
+        np.array([0.5, 5.0, 1.8]), np.array([0.0, 0.8, 0.3])
+    )  # sees the dark side and the shadow
+    renderers = [make_renderer(scene, "raycast")]
+    with contextlib.suppress(UserError):  # where there is no OpenGL
+        renderers.append(make_renderer(scene, "gl"))
+    for renderer in renderers:
+        for point in ((0.0, 0.75, 0.5), (middle[0], middle[1], 0.0)):
+            x, y, depth = camera[:3] @ np.array([*point, 1.0])
+            u, v = (int(SMALL_CAMERA.focal_px * c / depth) for c in (x, y))
+            pixel = renderer.rgb(camera)[SMALL_CAMERA.height_px // 2 + v, SMALL_CAMERA.width_px // 2 + u]
+            assert (pixel == 0).all(), (renderer.name, point)
+        renderer.close()
 
 
 def test_vertex_normals_of_a_ball_point_outwards(ball):

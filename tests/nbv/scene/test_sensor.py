@@ -1,17 +1,40 @@
-"""Noise: as strong as configured, and a function of what is photographed."""
+"""The camera between scene and photograph: each effect as its formula says, and a function of what is photographed."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 
+import cv2
 import numpy as np
 import pytest
+from scene_helpers import SMALL_CAMERA
 
-from nbv.config import SceneConfig
+from nbv.config import MissionConfig, SceneConfig
 from nbv.geometry.frames import look_at
-from nbv.scene import add_sensor_noise, noise_rng, photograph
+from nbv.scene import Sensor
+from nbv.scene.sensor import add_sensor_noise, compressed, noise_rng, streak_kernel
+from nbv.scene.view import srgb_from_linear
 
-POSE = look_at(np.array([3.0, -2.0, 2.0]), np.array([0.0, 0.0, 0.8]))
+TARGET = np.array([0.0, 0.0, 0.8])
+POSE = look_at(np.array([3.0, -2.0, 2.0]), TARGET)
+DISTANCE_M = float(np.linalg.norm(np.array([3.0, -2.0, 2.0]) - TARGET))
+GREY = np.full((SMALL_CAMERA.height_px, SMALL_CAMERA.width_px, 3), 100, np.uint8)
+QUIET = {"scene.read_noise_dn": 0.0, "scene.shot_noise_dn": 0.0}
+
+
+def config(**sensor: object) -> MissionConfig:
+    small = dataclasses.replace(MissionConfig(), camera=SMALL_CAMERA)
+    return small.with_values({f"sensor.{name}": value for name, value in sensor.items()})
+
+
+def exposed(image: np.ndarray, seed: int = 0, **sensor: object) -> np.ndarray:
+    return Sensor(config(**sensor)).exposed(image, POSE, np.random.default_rng(seed))
+
+
+def linear(image: np.ndarray) -> np.ndarray:
+    value = image / 255.0
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
 
 
 @pytest.mark.parametrize("value", [20, 128, 230])
@@ -39,22 +62,119 @@ def test_bright_and_dark_do_not_wrap_around():
         assert np.abs(noisy.astype(int) - value).max() < 128
 
 
-def test_a_photograph_depends_on_its_key_alone(raycast, ball):
-    config = SceneConfig()
+@pytest.mark.parametrize(
+    "effects",
+    [{}, {"exposure_jitter_ev": 0.3, "exposure_time_s": 0.01, "residual_speed_m_s": 0.5, "jpeg_quality": 90}],
+    ids=["ideal", "everything drawn"],
+)
+def test_a_photograph_depends_on_its_key_alone(raycast, ball, effects):
+    sensor = Sensor(config(**effects))
     views = ["seed_00", "cand_017", "seed_03"]
-    forwards = {v: photograph(raycast, POSE, ball, 2, v, config) for v in views}
+    forwards = {v: sensor.photograph(raycast, POSE, ball, 2, v) for v in views}
     np.random.seed(1)  # noqa: NPY002  (a global generator must not matter)
-    backwards = {v: photograph(raycast, POSE, ball, 2, v, config) for v in reversed(views)}
+    backwards = {v: Sensor(config(**effects)).photograph(raycast, POSE, ball, 2, v) for v in reversed(views)}
     for v in views:
         assert np.array_equal(forwards[v], backwards[v])
     assert not np.array_equal(forwards["seed_00"], forwards["seed_03"])
-    assert not np.array_equal(forwards["seed_00"], photograph(raycast, POSE, ball, 3, "seed_00", config))
+    assert not np.array_equal(forwards["seed_00"], sensor.photograph(raycast, POSE, ball, 3, "seed_00"))
     other = dataclasses.replace(ball, sha256="f" * 64)
-    assert not np.array_equal(forwards["seed_00"], photograph(raycast, POSE, other, 2, "seed_00", config))
+    assert not np.array_equal(forwards["seed_00"], sensor.photograph(raycast, POSE, other, 2, "seed_00"))
 
 
-def test_the_input_is_left_alone(raycast):
-    clean = raycast.render(POSE).rgb
+def test_by_default_a_photograph_is_the_picture_and_noise(raycast, ball):
+    sensor = Sensor(config())
+    assert sensor.drawn == SMALL_CAMERA
+    clean = raycast.rgb(POSE)
     copy = clean.copy()
-    add_sensor_noise(clean, SceneConfig(), noise_rng("a", 0, "x"))
-    assert np.array_equal(clean, copy)
+    photograph = sensor.photograph(raycast, POSE, ball, 2, "seed_00")
+    noise = noise_rng(ball.sha256, 2, "seed_00")
+    assert np.array_equal(photograph, add_sensor_noise(clean, SceneConfig(), noise))
+    assert np.array_equal(clean, copy)  # the input is left alone
+
+
+@pytest.mark.parametrize("stops", [-2.0, -1.0, 1.0])
+def test_a_stop_doubles_the_light(stops):
+    brighter = exposed(GREY, exposure_ev=stops)
+    expected = np.rint(255 * srgb_from_linear(linear(GREY) * 2.0**stops))
+    assert np.array_equal(brighter, expected)
+
+
+def test_exposure_jitters_by_its_deviation():
+    light = [linear(exposed(GREY, s, exposure_jitter_ev=0.3)[0, 0, 0]) for s in range(300)]
+    stops = np.log2(light / linear(GREY[0, 0, 0]))
+    assert stops.std() == pytest.approx(0.3, rel=0.15)
+    assert abs(stops.mean()) < 0.06
+
+
+@pytest.mark.parametrize("strength", [0.5, 1.0])
+def test_light_falls_off_with_the_cosine(strength):
+    white = np.full_like(GREY, 255)
+    seen = linear(exposed(white, vignetting=strength))
+    x, y = (SMALL_CAMERA.width_px - 1) / 2, (SMALL_CAMERA.height_px - 1) / 2  # the corner pixel's centre
+    cosine = math.cos(math.atan(math.hypot(x, y) / SMALL_CAMERA.focal_px))
+    assert seen[0, 0, 0] == pytest.approx(cosine ** (4 * strength), abs=0.005)
+    assert seen[SMALL_CAMERA.height_px // 2, SMALL_CAMERA.width_px // 2].min() > 0.995
+
+
+def streak_length_px(image: np.ndarray) -> float:
+    """Of the picture of a point: a streak of length L has variance L^2 / 12 along it."""
+    light = linear(image[..., 0])
+    light = light / light.sum()
+    rows, columns = np.indices(light.shape)
+    centred = np.stack([columns - (light * columns).sum(), rows - (light * rows).sum()]).reshape(2, -1)
+    covariance = (centred * light.ravel()) @ centred.T
+    return float(np.sqrt(12 * np.linalg.eigvalsh(covariance)[-1]))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_streak_is_speed_times_time_times_focal_over_depth(seed):
+    point = np.zeros_like(GREY)
+    point[120, 160] = 255
+    speed = {"exposure_time_s": 0.02, "residual_speed_m_s": 8.0}  # long enough to measure on 8 bits
+    expected = SMALL_CAMERA.focal_px * 0.02 * 8.0 / DISTANCE_M
+    assert expected > 9
+    assert streak_length_px(exposed(point, seed, **speed)) == pytest.approx(expected, rel=0.07)
+    rate = {"exposure_time_s": 0.02, "residual_rate_deg_s": 120.0}
+    expected = SMALL_CAMERA.focal_px * 0.02 * math.radians(120.0)
+    assert streak_length_px(exposed(point, seed, **rate)) == pytest.approx(expected, rel=0.07)
+
+
+def test_a_level_streak_of_six_pixels_is_a_box():
+    kernel = streak_kernel(np.array([6.0, 0.0]))
+    assert np.allclose(kernel[3], [1 / 12, *[1 / 6] * 5, 1 / 12], atol=1e-4)
+    assert kernel.sum() == pytest.approx(1.0, abs=1e-6)
+    assert np.delete(kernel, 3, axis=0).max() == 0
+
+
+def test_standing_still_or_an_instant_does_not_blur():
+    edges = np.random.default_rng(0).integers(0, 256, GREY.shape, dtype=np.uint8)
+    assert exposed(edges, exposure_time_s=0.01) is edges
+    assert exposed(edges, residual_speed_m_s=1.0, residual_rate_deg_s=5.0) is edges
+
+
+def test_jpeg_loses_more_at_lower_quality_and_repeats(raycast):
+    clean = raycast.rgb(POSE)
+    error = {}
+    for quality in (20, 90):
+        once = compressed(clean, quality)
+        assert np.array_equal(once, compressed(clean, quality))
+        error[quality] = np.abs(once.astype(float) - clean).mean(axis=(0, 1))
+    assert (error[20] > error[90]).all()
+    assert 0 < error[90].max() < 6
+    red = np.zeros((16, 16, 3), np.uint8)
+    red[..., 0] = 200
+    assert np.abs(compressed(red, 95).astype(int) - red).max() < 8  # channels keep their places
+
+
+def test_noise_is_not_blurred_and_jpeg_comes_last(raycast, ball):
+    moving = config(exposure_time_s=0.02, residual_speed_m_s=1.0, jpeg_quality=80)
+    loud = Sensor(moving.with_values({"scene.read_noise_dn": 8.0}))
+    raw = Sensor(moving.with_values({"scene.read_noise_dn": 8.0, "sensor.jpeg_quality": 0}))
+    quiet = Sensor(moving.with_values({**QUIET, "sensor.jpeg_quality": 0}))
+    views = [s.photograph(raycast, POSE, ball, 0, "seed_00") for s in (loud, raw, quiet)]
+    assert np.array_equal(views[0], compressed(views[1], 80))
+    noise = views[1].astype(float) - views[2]
+    neighbours = np.corrcoef(noise[:, :-1].ravel(), noise[:, 1:].ravel())[0, 1]
+    assert noise.std() == pytest.approx(8.1, rel=0.05)
+    assert abs(neighbours) < 0.02
+    assert cv2.Laplacian(views[2], cv2.CV_64F).std() < cv2.Laplacian(raycast.rgb(POSE), cv2.CV_64F).std()
