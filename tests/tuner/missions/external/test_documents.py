@@ -1,0 +1,181 @@
+"""Mission files, requests and results: what fits the schemas, and one line for what does not."""
+
+import json
+
+import jsonschema
+import pytest
+import yaml
+
+from nbv.errors import MissionFailure, UserError
+from tuner.missions.external import MissionFile, Request, load_mission_file, read_result, take_slot
+from tuner.missions.external.checking import KINDS, schema
+
+FILE = {
+    "schema": "gatetune.mission/1",
+    "name": "mine",
+    "command": ["python", "fly.py"],
+    "parameters": {
+        "gain": {"kind": "float", "low": 0.1, "high": 10, "scale": "log", "default": 1.0},
+        "views": {"kind": "int", "low": 4, "high": 40, "default": 12},
+        "mode": {"kind": "categorical", "choices": ["fast", "good"], "default": "good"},
+    },
+    "instances": ["a", {"name": "b", "mesh": "b.obj", "wind_m_s": 3}],
+    "held_out": ["c"],
+    "metric": "f.score",
+    "direction": "maximise",
+    "baselines": {"hand": {"gain": 2.0}},
+    "at_once": 3,
+    "resources": {"PX4": {"kind": "port", "first": 14540, "step": 10}, "WORK": {"kind": "folder"}},
+}
+
+
+def load(tmp_path, **changes) -> MissionFile:
+    path = tmp_path / "mission.yaml"
+    path.write_text(yaml.safe_dump({k: v for k, v in {**FILE, **changes}.items() if v is not None}))
+    return load_mission_file(path)
+
+
+def test_the_published_schemas_are_schemas():
+    for kind in KINDS:
+        jsonschema.Draft202012Validator.check_schema(schema(kind))
+
+
+def test_a_mission_file_says_what_a_mission_takes(tmp_path):
+    mission = load(tmp_path)
+    assert mission.defaults() == {"gain": 1.0, "views": 12, "mode": "good"}
+    assert mission.baselines == {"hand": {"gain": 2.0, "views": 12, "mode": "good"}}
+    assert mission.instance("b").to_dict() == {"name": "b", "mesh": "b.obj", "wind_m_s": 3}
+    assert mission.objective.measure({"f": {"score": 0.5}}) == 0.5
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"command": None}, "needs either command or function"),
+        ({"command": "python fly.py"}, "command: .* is not of type 'array'"),
+        (
+            {"schema": "gatetune.mission/2"},
+            "schema gatetune.mission/2; this version reads gatetune.mission/1",
+        ),
+        ({"direction": "up"}, "direction"),
+        ({"parameters": {}}, "parameters"),
+        ({"parameters": {"x": {"kind": "float", "low": 1, "high": 0, "default": 1}}}, "low must be less"),
+        (
+            {"parameters": {"x": {"kind": "float", "low": 0, "high": 1, "default": 2}}},
+            "default 2 is not among",
+        ),
+        (
+            {"parameters": {"x": {"kind": "float", "low": 0, "high": 1, "scale": "log", "default": 1}}},
+            "above 0",
+        ),
+        ({"parameters": {"x": {"kind": "int", "default": 2}}}, "has low and high"),
+        ({"held_out": ["a"]}, "instance 'a' is named twice"),
+        ({"baselines": {"hand": {"gian": 1}}}, "unknown parameter 'gian'"),
+        ({"baselines": {"hand": {"gain": 99}}}, "gain = 99"),
+        ({"resources": {"P": {"kind": "port", "first": 65534}}}, "would get port 65536"),
+        (
+            {"resources": {"P": {"kind": "port", "first": 5000}, "Q": {"kind": "port", "first": 5002}}},
+            "port 5002 would belong to P of slot 2 and to Q of slot 0",
+        ),
+        ({"score": {}}, "instance 'a' has none"),
+        ({"surprise": 1}, "surprise"),
+    ],
+)
+def test_a_mistake_in_a_mission_file_is_one_line(tmp_path, changes, says):
+    with pytest.raises(UserError, match=says) as error:
+        load(tmp_path, **changes)
+    assert "\n" not in str(error.value) and "mission.yaml" in str(error.value)
+
+
+def test_a_request_fits_its_schema_and_names_what_the_slot_owns(tmp_path):
+    mission = load(tmp_path)
+    with (
+        take_slot(mission, tmp_path / "slots", 1.0) as first,
+        take_slot(mission, tmp_path / "slots", 1.0) as slot,
+    ):
+        request = Request(mission, "0007", mission.defaults(), "b", 2, tmp_path / "out", slot)
+        tree = json.loads(request.write().read_text())
+    jsonschema.validate(tree, schema("request"))
+    assert first.resources["PX4"] == 14540 and tree["resources"]["PX4"] == 14550
+    assert tree["instance"]["wind_m_s"] == 3 and tree["replicate"] == 2
+
+
+def test_the_seed_is_the_instances_and_the_replicates(tmp_path):
+    mission = load(tmp_path)
+    with take_slot(mission, tmp_path / "slots", 1.0) as slot:
+
+        def seed(values, instance, replicate):
+            return Request(mission, "1", values, instance, replicate, tmp_path, slot).to_dict()["seed"]
+
+        assert seed({"gain": 1}, "a", 0) == seed({"gain": 2}, "a", 0)
+        assert len({seed({}, "a", 0), seed({}, "a", 1), seed({}, "b", 0)}) == 3
+
+
+def test_a_slot_is_free_again_when_its_owner_ends(tmp_path):
+    mission = load(tmp_path, at_once=1)
+    with (
+        take_slot(mission, tmp_path, 1.0),
+        pytest.raises(MissionFailure, match="at_once"),
+        take_slot(mission, tmp_path, 0.1),
+    ):
+        pass
+    with take_slot(mission, tmp_path, 0.1) as slot:
+        assert slot.number == 0
+
+
+OK = {"schema": "gatetune.result/1", "status": "ok", "metrics": {"f": {"score": 0.5}}}
+
+
+def left(tmp_path, content):
+    path = tmp_path / "result.json"
+    path.write_text(content if isinstance(content, str) else json.dumps(content))
+    return path
+
+
+def test_a_result_is_read(tmp_path):
+    result = read_result(left(tmp_path, {**OK, "cost": {"flight_s": 12}, "artefacts": {"cloud": "c.ply"}}))
+    assert (
+        result.metrics == {"f": {"score": 0.5}}
+        and result.cost == {"flight_s": 12.0}
+        and result.failure is None
+    )
+
+
+def test_a_failure_says_whose_it_is(tmp_path):
+    tree = {
+        "schema": "gatetune.result/1",
+        "status": "failed",
+        "failure": {"of": "configuration", "reason": "crash"},
+    }
+    failure = read_result(left(tmp_path, tree)).failure
+    assert failure is not None and (failure.of, failure.reason) == ("configuration", "crash")
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        ("", "is empty"),
+        ('{"schema": "gatetune.result/1", "sta', "is not JSON"),
+        ('{"schema": "gatetune.result/1", "status": "ok", "metrics": {"f": NaN}}', "holds NaN"),
+        (
+            '{"schema": "gatetune.result/1", "status": "ok", "metrics": {"f": 1e999}}',
+            "metrics.f is not a finite",
+        ),
+        ("[" * 100_000, "is not JSON"),
+        ("[]", "is not of type 'object'"),
+        ({**OK, "schema": "gatetune.result/2"}, "schema gatetune.result/2; this version reads"),
+        ({**OK, "metrics": {"f": "good"}}, "metrics"),
+        ({"schema": "gatetune.result/1", "status": "ok"}, "needs metrics or cloud"),
+        ({"schema": "gatetune.result/1", "status": "failed"}, "failure"),
+        ({**OK, "artefacts": {"x": "../../etc/passwd"}}, "outside the mission's own folder"),
+    ],
+)
+def test_a_mistake_in_a_result_is_one_line(tmp_path, content, says):
+    with pytest.raises(UserError, match=says) as error:
+        read_result(left(tmp_path, content))
+    assert "\n" not in str(error.value)
+
+
+def test_no_result_is_one_line(tmp_path):
+    with pytest.raises(UserError, match="ended without writing"):
+        read_result(tmp_path / "result.json")

@@ -1,0 +1,156 @@
+"""The two documents that pass between gatetune and a mission that is not ours: request in, result out."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from nbv.errors import UserError
+from nbv.mission.run_directory import write_atomic
+from tuner.missions.external.checking import check, schema
+from tuner.missions.external.mission_file import MissionFile
+from tuner.missions.external.slots import Slot
+
+REQUEST_FILE, RESULT_FILE = "request.json", "result.json"
+_LARGEST_RESULT_BYTES = 10_000_000
+
+
+@dataclass(frozen=True)
+class Request:
+    """One mission to fly."""
+
+    mission: MissionFile
+    id: str
+    configuration: Mapping[str, Any]
+    instance: str
+    replicate: int
+    output: Path  # absolute
+    slot: Slot
+
+    @property
+    def result_path(self) -> Path:
+        """Where the mission leaves its result."""
+        return self.output / RESULT_FILE
+
+    def to_dict(self) -> dict[str, Any]:
+        """As ``request.json`` has it; fits the published schema."""
+        return {
+            "schema": schema("request")["properties"]["schema"]["const"],
+            "mission": self.mission.name,
+            "id": self.id,
+            "configuration": dict(self.configuration),
+            "instance": self.mission.instance(self.instance).to_dict(),
+            "replicate": self.replicate,
+            "seed": seed_of(self.instance, self.replicate),
+            "output": str(self.output),
+            "result": str(self.result_path),
+            "time_limit_s": self.mission.time_limit_s,
+            "slot": self.slot.number,
+            "resources": dict(self.slot.resources),
+        }
+
+    def write(self) -> Path:
+        """Leave ``request.json`` in the output folder, and no result of an earlier attempt."""
+        self.output.mkdir(parents=True, exist_ok=True)
+        self.result_path.unlink(missing_ok=True)
+        path = self.output / REQUEST_FILE
+        write_atomic(path, json.dumps(self.to_dict(), indent=1))
+        return path
+
+
+def seed_of(instance: str, replicate: int) -> int:
+    """31 bits that depend on instance and replicate alone: two configurations meet the same noise."""
+    digest = hashlib.sha256(json.dumps([instance, replicate]).encode()).digest()
+    return int.from_bytes(digest[:4], "big") >> 1
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Why a mission has no metrics, and whose fault that is."""
+
+    of: Literal["configuration", "machine"]  # infeasible, or to be flown again
+    reason: str
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Result:
+    """A checked ``result.json``."""
+
+    metrics: dict[str, Any] = field(default_factory=dict)
+    cost: dict[str, float] = field(default_factory=dict)
+    artefacts: dict[str, str] = field(default_factory=dict)
+    cloud: dict[str, Any] | None = None
+    failure: Failure | None = None
+
+
+def read_result(path: Path) -> Result:
+    """Read and check what a mission left.
+
+    Raises
+    ------
+    UserError
+        Missing, half written, against the schema, of a newer version, a number that is not finite, a file outside the
+        mission's own folder: one line.
+    """
+    try:
+        if path.stat().st_size > _LARGEST_RESULT_BYTES:
+            raise UserError(
+                f"{path} has more than {_LARGEST_RESULT_BYTES} bytes; leave big things in files of their own"
+            )
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise UserError(f"no result: the mission ended without writing {path}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise UserError(f"{path} cannot be read: {error}") from error
+    if not text.strip():
+        raise UserError(f"{path} is empty; write it under another name, then rename it")
+    try:
+        tree = json.loads(text, parse_constant=_no_constant)
+    except _NotFiniteError as error:
+        raise UserError(
+            f"{path} holds {error}; every number must be finite, a missing one is left out"
+        ) from error
+    except (ValueError, RecursionError) as error:
+        raise UserError(
+            f"{path} is not JSON ({error}); write it under another name, then rename it"
+        ) from error
+    check(tree, "result", str(path))
+    for name, value in _numbers(tree.get("metrics", {}), "metrics"):
+        if not math.isfinite(value):  # 1e999
+            raise UserError(f"{path}: {name} is not a finite number")
+    inside = [*tree.get("artefacts", {}).items()]
+    if "cloud" in tree:
+        inside.append(("cloud.path", tree["cloud"]["path"]))
+    for name, relative in inside:
+        if not (path.parent / relative).resolve().is_relative_to(path.parent.resolve()):
+            raise UserError(f"{path}: {name} is {relative!r}, outside the mission's own folder")
+    failure = tree.get("failure")
+    return Result(
+        tree.get("metrics", {}),
+        {name: float(value) for name, value in tree.get("cost", {}).items()},
+        tree.get("artefacts", {}),
+        tree.get("cloud"),
+        Failure(failure["of"], failure["reason"], failure.get("message", "")) if failure else None,
+    )
+
+
+class _NotFiniteError(ValueError):
+    """NaN or Infinity, which JSON does not have."""
+
+
+def _no_constant(name: str) -> float:
+    raise _NotFiniteError(name)
+
+
+def _numbers(tree: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, float]]:
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _numbers(value, f"{prefix}.{key}")
+        elif isinstance(value, (int, float)) and not isinstance(value, bool):
+            yield f"{prefix}.{key}", float(value)

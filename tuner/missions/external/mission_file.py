@@ -1,0 +1,210 @@
+"""What a mission that is not ours takes and gives: its file, checked."""
+
+from __future__ import annotations
+
+import collections
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+
+from nbv.errors import UserError
+from tuner.missions.external.checking import check
+from tuner.problem.objective import Direction, Objective
+from tuner.problem.search_space import Parameter, SearchSpace, Values
+
+_LARGEST_FILE_BYTES = 1_000_000
+_LAST_PORT = 65535
+
+
+@dataclass(frozen=True)
+class Instance:
+    """One rock, scene or vehicle: whatever the mission flies on."""
+
+    name: str
+    facts: dict[str, Any] = field(default_factory=dict)  # further keys of the file, handed to the mission
+
+    def to_dict(self) -> dict[str, Any]:
+        """As a request has it."""
+        return {"name": self.name, **self.facts}
+
+
+@dataclass(frozen=True)
+class Resource:
+    """What each slot owns one of: numbered from ``first`` in steps, or a folder."""
+
+    kind: Literal["port", "number", "folder"]
+    first: int = 0
+    step: int = 1
+
+    def of(self, slot: int) -> int:
+        """The number of a slot."""
+        return self.first + slot * self.step
+
+
+@dataclass(frozen=True)
+class MissionFile:
+    """A checked mission file; `load_mission_file` reads one."""
+
+    path: Path  # absolute; commands run in its folder, meshes are relative to it
+    name: str
+    command: tuple[str, ...]  # empty where ``function`` is given
+    function: str  # module:function, or empty
+    space: SearchSpace
+    instances: tuple[Instance, ...]
+    held_out: tuple[Instance, ...]
+    objective: Objective
+    replicates: int = 1
+    baselines: dict[str, Values] = field(default_factory=dict)
+    time_limit_s: float = 3600.0
+    stop_grace_s: float = 5.0
+    retries: int = 1
+    at_once: int = 1
+    resources: dict[str, Resource] = field(default_factory=dict)
+    score: dict[str, Any] | None = None
+    description: str = ""
+
+    @property
+    def folder(self) -> Path:
+        """Where commands run."""
+        return self.path.parent
+
+    def instance(self, name: str) -> Instance:
+        """The instance called ``name``, of those to tune on or of those held out; ``UserError`` if there is none."""
+        for instance in (*self.instances, *self.held_out):
+            if instance.name == name:
+                return instance
+        known = ", ".join(i.name for i in (*self.instances, *self.held_out))
+        raise UserError(f"{self.path} has no instance {name!r}; there are {known}")
+
+    def defaults(self) -> Values:
+        """The default of every parameter."""
+        return {parameter.path: parameter.default for parameter in self.space.parameters}
+
+
+def load_mission_file(path: Path) -> MissionFile:
+    """Read and check a mission file.
+
+    Raises
+    ------
+    UserError
+        Not readable, not YAML, against the schema, or at odds with itself: one line that names the place.
+    """
+    path = path.resolve()
+    source = str(path)
+    if not path.is_file():
+        raise UserError(f"{source} is not a file; gatetune mission init writes a skeleton")
+    if path.stat().st_size > _LARGEST_FILE_BYTES:
+        raise UserError(f"{source} has more than {_LARGEST_FILE_BYTES} bytes; that is no mission file")
+    try:
+        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
+        raise UserError(f"{source} is not YAML ({' '.join(str(error).split())[:200]}); mend it") from error
+    check(tree, "mission", source)
+    parameters = tuple(_parameter(name, entry, source) for name, entry in tree["parameters"].items())
+    space = SearchSpace(tree["name"], parameters, description=tree.get("description", ""))
+    mission = MissionFile(
+        path,
+        tree["name"],
+        tuple(tree.get("command", ())),
+        tree.get("function", ""),
+        space,
+        tuple(_instance(entry) for entry in tree["instances"]),
+        tuple(_instance(entry) for entry in tree.get("held_out", ())),
+        Objective(tree["metric"], _direction(tree["direction"])),
+        replicates=tree.get("replicates", 1),
+        baselines={
+            name: _complete(name, values, space, source) for name, values in tree.get("baselines", {}).items()
+        },
+        time_limit_s=float(tree.get("time_limit_s", 3600.0)),
+        stop_grace_s=float(tree.get("stop_grace_s", 5.0)),
+        retries=tree.get("retries", 1),
+        at_once=tree.get("at_once", 1),
+        resources={name: Resource(**entry) for name, entry in tree.get("resources", {}).items()},
+        score=tree.get("score"),
+        description=tree.get("description", ""),
+    )
+    _check_names(mission, source)
+    _check_ports(mission, source)
+    return mission
+
+
+def _direction(text: str) -> Direction:
+    return "maximise" if text == "maximise" else "minimise"
+
+
+def _instance(entry: str | Mapping[str, Any]) -> Instance:
+    if isinstance(entry, str):
+        return Instance(entry)
+    return Instance(entry["name"], {key: value for key, value in entry.items() if key != "name"})
+
+
+def _parameter(name: str, entry: Mapping[str, Any], source: str) -> Parameter:
+    where = f"{source}: parameters.{name}"
+    kind = entry["kind"]
+    if kind == "categorical":
+        if "choices" not in entry or "low" in entry or "high" in entry:
+            raise UserError(f"{where}: a categorical parameter has choices, and no low or high")
+        parameter = Parameter(name, "categorical", choices=tuple(entry["choices"]), default=entry["default"])
+    else:
+        if "low" not in entry or "high" not in entry or "choices" in entry:
+            raise UserError(f"{where}: a {kind} has low and high, and no choices")
+        low, high, scale = entry["low"], entry["high"], entry.get("scale", "linear")
+        if not low < high:
+            raise UserError(f"{where}: low is {low:g} and high {high:g}; low must be less")
+        if scale == "log" and low <= 0:
+            raise UserError(f"{where}: scale log needs a low above 0, not {low:g}")
+        parameter = Parameter(name, kind, float(low), float(high), scale, default=entry["default"])
+        if kind == "int":
+            parameter = Parameter(name, kind, int(low), int(high), scale, default=entry["default"])
+    if not parameter.contains(entry["default"]):
+        raise UserError(f"{where}: the default {entry['default']!r} is not among its values")
+    return parameter
+
+
+def _complete(name: str, values: Mapping[str, Any], space: SearchSpace, source: str) -> Values:
+    parameters = {parameter.path: parameter for parameter in space.parameters}
+    for key, value in values.items():
+        if key not in parameters:
+            raise UserError(
+                f"{source}: baselines.{name}: unknown parameter {key!r}; there are {', '.join(parameters)}"
+            )
+        if not parameters[key].contains(value):
+            raise UserError(f"{source}: baselines.{name}: {key} = {value!r} is not among its values")
+    return {path: values.get(path, parameter.default) for path, parameter in parameters.items()}
+
+
+def _check_names(mission: MissionFile, source: str) -> None:
+    names = [instance.name for instance in (*mission.instances, *mission.held_out)]
+    twice = [name for name, count in collections.Counter(names).items() if count > 1]
+    if twice:
+        raise UserError(
+            f"{source}: instance {twice[0]!r} is named twice; what is held out must not be tuned on"
+        )
+    if mission.score is not None:
+        for instance in (*mission.instances, *mission.held_out):
+            if "mesh" not in instance.facts:
+                raise UserError(
+                    f"{source}: 'score' measures clouds against a mesh; instance {instance.name!r} has none"
+                )
+
+
+def _check_ports(mission: MissionFile, source: str) -> None:
+    """No two slots, and no two resources, may own the same port."""
+    owned: dict[int, str] = {}
+    for (name, resource), slot in itertools.product(mission.resources.items(), range(mission.at_once)):
+        if resource.kind != "port":
+            continue
+        port, owner = resource.of(slot), f"{name} of slot {slot}"
+        if not 1 <= port <= _LAST_PORT:
+            raise UserError(
+                f"{source}: resources.{name}: slot {slot} would get port {port}; ports go from 1 to 65535"
+            )
+        if port in owned:
+            raise UserError(
+                f"{source}: port {port} would belong to {owned[port]} and to {owner}; choose other numbers"
+            )
+        owned[port] = owner
