@@ -142,7 +142,7 @@ class PlanningState:
     model: SparseModel
     visited_m: Floats  # (V, 3) commanded positions of all captures so far, seeds first
     n_seeds: int
-    vehicle_position_m: Floats  # (3,) where the vehicle really is
+    vehicle_position_m: Floats  # (3,) where the vehicle believes to be
     vehicle_heading_rad: float
     captures_used: int  # adaptive captures so far
     adaptive_budget: int
@@ -184,6 +184,10 @@ class Camera(Protocol):
         """
         ...
 
+    def aim_at(self, target_m: tuple[float, float, float]) -> None:
+        """From now on: the target has been found there."""
+        ...
+
     def close(self) -> None:
         """After the last photograph: give memory back."""
         ...
@@ -198,6 +202,10 @@ class Reconstructor(Protocol):
 
     def add(self, capture: Capture) -> UpdateReport:
         """Update the model with one more capture; an unregistered image is reported, not raised."""
+        ...
+
+    def retarget(self, target_m: tuple[float, float, float], half_width_m: float) -> None:
+        """From now on: the target has been found there, in a cube of twice ``half_width_m``."""
         ...
 
     def finish(self) -> Cloud:

@@ -34,7 +34,7 @@ from nbv.config.sections_planning import (
 )
 from nbv.config.sections_reconstruction import DenseConfig, EvaluationConfig, SparseConfig
 from nbv.config.sections_world import CameraConfig, FlightConfig, SceneConfig, SensorConfig
-from nbv.config.telemetry import TELEMETRY_LEVELS, TelemetryConfig
+from nbv.config.telemetry import TELEMETRY_LEVELS, TargetConfig, TelemetryConfig
 
 __all__ = [
     "DENSE_BACKENDS",
@@ -66,6 +66,7 @@ __all__ = [
     "SharedTermsConfig",
     "SparseConfig",
     "StopConfig",
+    "TargetConfig",
     "TelemetryConfig",
     "VisibilityConfig",
     "Weights",

@@ -27,7 +27,7 @@ from nbv.config.sections_planning import (
 from nbv.config.sections_reconstruction import DenseConfig, EvaluationConfig, SparseConfig
 from nbv.config.sections_world import CameraConfig, FlightConfig, SceneConfig, SensorConfig
 from nbv.config.sources import ADDED_SINCE_VERSION_1, code, ours
-from nbv.config.telemetry import TelemetryConfig, telemetry_level
+from nbv.config.telemetry import TargetConfig, TelemetryConfig, telemetry_level
 
 IDEAL = "ideal"  # the condition of a configuration that no condition was laid over
 
@@ -59,6 +59,7 @@ class MissionConfig:
     matchable: MatchableConfig = field(default_factory=MatchableConfig, metadata=ADDED_SINCE_VERSION_1)
     gate: GateConfig = field(default_factory=GateConfig)
     telemetry: TelemetryConfig = field(default_factory=TelemetryConfig, metadata=ADDED_SINCE_VERSION_1)
+    target: TargetConfig = field(default_factory=TargetConfig, metadata=ADDED_SINCE_VERSION_1)
     sparse: SparseConfig = field(default_factory=SparseConfig)
     dense: DenseConfig = field(default_factory=DenseConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
@@ -123,9 +124,11 @@ def config_from_dict(tree: dict[str, Any], base: MissionConfig | None = None) ->
     Raises
     ------
     UserError
-        Unknown key, wrong type, or a value out of range.
+        Unknown key or telemetry level, wrong type, or a value out of range.
     """
     merged = (base or MissionConfig()).to_dict()
+    if isinstance(level := tree.get("telemetry"), str):
+        tree = {**tree, "telemetry": dataclasses.asdict(telemetry_level(level))}
     merge(merged, tree, MissionConfig)
     return typing.cast(MissionConfig, build(MissionConfig, merged))
 

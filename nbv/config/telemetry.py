@@ -1,4 +1,4 @@
-"""How well the vehicle knows where its camera is."""
+"""How well the vehicle knows where its camera and its target are."""
 
 from __future__ import annotations
 
@@ -28,6 +28,10 @@ class TelemetryConfig(Section):
     def __post_init__(self) -> None:
         self._need_at_least(0, "horizontal_noise_m", "vertical_noise_m", "drift_m", "attitude_noise_deg")
         self._need_positive("drift_time_s")
+        if not self.is_exact:
+            rule = "positive, or drift_m: telemetry that errs needs a covariance along every axis"
+            for name in ("horizontal_noise_m", "vertical_noise_m"):
+                self._need(getattr(self, name) > 0 or self.drift_m > 0, name, rule)
 
     @property
     def is_exact(self) -> bool:
@@ -35,10 +39,39 @@ class TelemetryConfig(Section):
         return self.position_sd_m == 0 and self.attitude_noise_deg == 0
 
     @property
+    def covariance_m2(self) -> tuple[float, float, float]:
+        """Variance of the reported position along east, north and up: noise and drift.
+
+        The lever arm is no part of it: nobody knows of one that nobody corrects.
+        """
+        horizontal, vertical = self.horizontal_noise_m**2, self.vertical_noise_m**2
+        return (horizontal + self.drift_m**2, horizontal + self.drift_m**2, vertical + self.drift_m**2)
+
+    @property
     def position_sd_m(self) -> float:
         """Root mean square distance between the reported and the true camera position."""
         noise = 2 * self.horizontal_noise_m**2 + self.vertical_noise_m**2 + 3 * self.drift_m**2
         return math.sqrt(noise + sum(axis**2 for axis in self.lever_arm_m))
+
+
+@dataclass(frozen=True)
+class TargetConfig(Section):
+    """Error of the place where the target is believed before it is seen; zero by default: it is known."""
+
+    horizontal_sd_m: float = ours(
+        0.0,
+        "standard deviation of each horizontal axis of the target's believed centre",
+        why="0.5: a pixel of the best lunar orbital images (LROC NAC)",
+    )
+    vertical_sd_m: float = ours(0.0, "the same of the vertical axis", why="as horizontal_sd_m")
+
+    def __post_init__(self) -> None:
+        self._need_at_least(0, "horizontal_sd_m", "vertical_sd_m")
+
+    @property
+    def is_known(self) -> bool:
+        """Whether what is believed is the truth."""
+        return self.horizontal_sd_m == 0 and self.vertical_sd_m == 0
 
 
 # Fixed RTK is specified to 1 cm plus 1 ppm horizontally and about 1.5 times that vertically (u-blox ZED-F9P data sheet);

@@ -48,9 +48,13 @@ class Flight:
         self.path_length_m = 0.0
         self.events: list[FlightEvent] = []
 
+    def face(self, target_m: tuple[float, float, float]) -> None:
+        """From now on head for, and go round, a target there."""
+        self._target_m = target_m
+
     @property
     def position_m(self) -> Floats:
-        """(3,) where the vehicle really is."""
+        """(3,) where the vehicle believes to be."""
         return np.array(self._pose.position_m)
 
     @property

@@ -43,6 +43,10 @@ class Gate(ABC):
         """The gate that a configuration asks for; here, for gates with nothing to set."""
         return cls()
 
+    def retargeted(self, config: MissionConfig) -> Gate:
+        """This gate, or one like it, once the target has been found where ``config`` says."""
+        return self
+
     @abstractmethod
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """The decision for one iteration.

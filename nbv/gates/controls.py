@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nbv.config import MissionConfig
 from nbv.gates.base import Gate, GateInputs
 from nbv.random_streams import keyed_rng
 from nbv.scorers import COVIS
@@ -71,6 +72,10 @@ class UniformCoverageGate(Gate):
     def make(cls, given: GateInputs) -> UniformCoverageGate:
         """Around the mission's target."""
         return cls(given.config.target_m)
+
+    def retargeted(self, config: MissionConfig) -> UniformCoverageGate:
+        """Around the target that was found."""
+        return replace(self, target_m=config.target_m)
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """Falling angle to the nearest visited direction."""

@@ -1,7 +1,8 @@
 """What a learned gate may look at: statistics of the sparse model and the budget.
 
 None depends on the scorers' weights (scores, margins and agreement do), so that a policy learned at one
-weight vector still means something at another.
+weight vector still means something at another. None depends on the residual to telemetry either: it says how good the
+receiver is, not the model.
 """
 
 from __future__ import annotations
@@ -29,7 +30,6 @@ FEATURE_NAMES = (
     "fraction_two_view",  # tracks of length 2
     "mean_reprojection_px",
     "p95_reprojection_px",
-    "alignment_rms_m",
 )
 
 
@@ -62,6 +62,5 @@ def gate_features(state: PlanningState, config: MissionConfig) -> dict[str, floa
         np.mean(lengths == 2),
         box.reprojection_error_px.mean(),
         np.percentile(box.reprojection_error_px, 95.0),
-        state.model.alignment_rms_m,
     )
     return {name: float(value) for name, value in zip(FEATURE_NAMES, values)}

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -99,6 +99,10 @@ class LearnedGate(Gate):
         except ValueError as error:
             raise UserError(f"{path} is not valid JSON: {error}") from error
         return cls(check_policy(policy, path), config)
+
+    def retargeted(self, config: MissionConfig) -> LearnedGate:
+        """Features of the points about the target that was found."""
+        return replace(self, config=config)
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
         """The leaf's scorer; the path walked is the reason."""

@@ -6,8 +6,7 @@ from nbv.config import GATES, SCORERS, MissionConfig
 from nbv.errors import UserError
 from nbv.gates.base import Gate, GateInputs
 from nbv.gates.fixed import FixedGate
-from nbv.gates.ground_truth import GroundTruthOracle, make_oracle
-from nbv.rocks.rock import Rock
+from nbv.gates.ground_truth import GroundTruthOracle
 
 
 def gate_class(kind: str) -> type[Gate]:
@@ -18,7 +17,7 @@ def gate_class(kind: str) -> type[Gate]:
 
 def make_gate(
     config: MissionConfig,
-    rock: Rock | None = None,
+    rock_sha256: str = "",
     replicate: int = 0,
     oracle: GroundTruthOracle | None = None,
 ) -> Gate:
@@ -26,10 +25,10 @@ def make_gate(
 
     Parameters
     ----------
-    rock, replicate
-        Key of the random control's stream; the rock also is the ground truth. Only gates that see it get it.
+    rock_sha256, replicate
+        Key of the random control's stream.
     oracle
-        An oracle that exists already (the same as ``make_oracle(config, rock)``), to share its work.
+        The ground truth (`make_oracle`). Only gates that see it get it.
 
     Raises
     ------
@@ -41,10 +40,5 @@ def make_gate(
     if not gate.sees_ground_truth:
         oracle = None
     elif oracle is None:
-        if rock is None:
-            raise UserError(
-                f"gate.kind {kind} needs the ground truth; give it a rock, or choose another gate"
-            )
-        oracle = make_oracle(config, rock)
-    sha256 = rock.sha256 if rock is not None else ""
-    return gate.make(GateInputs(config, sha256, replicate, oracle))
+        raise UserError(f"gate.kind {kind} needs the ground truth; give it an oracle, or choose another gate")
+    return gate.make(GateInputs(config, rock_sha256, replicate, oracle))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Unpack
@@ -9,7 +10,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from nbv.cache import code_digest
-from nbv.config import MissionConfig
+from nbv.config import MissionConfig, TargetConfig, TelemetryConfig
 from nbv.gates import GroundTruthOracle, make_oracle
 from nbv.geometric.held_worlds import world_of
 from nbv.geometric.metrics import predicted_metrics
@@ -26,7 +27,7 @@ from nbv.types import Capture, Cloud, Floats, Viewpoint
 class PoseCamera:
     """Implements ``nbv.types.Camera`` without images: a photograph is where it was taken from.
 
-    Telemetry is exact here, whatever is configured.
+    Telemetry is exact and the target known here, whatever is configured.
     """
 
     def __init__(self, target_m: tuple[float, float, float]) -> None:
@@ -37,6 +38,10 @@ class PoseCamera:
         return Capture(
             f"{viewpoint.id}.png", viewpoint, _aim(tuple(position_m.tolist()), self._target_m), None
         )
+
+    def aim_at(self, target_m: tuple[float, float, float]) -> None:
+        """See `nbv.types.Camera`."""
+        self._target_m = target_m
 
     def close(self) -> None:
         """Nothing to give back."""
@@ -50,6 +55,7 @@ class GeometricFidelity:
     def __init__(self, context: MissionContext) -> None:
         config, rock = context.config, context.rock
         self.context = context
+        self.believed = replace(config, telemetry=TelemetryConfig(), target=TargetConfig())
         self._world = world_of(rock, config, context.store)
         self.camera = PoseCamera(config.target_m)
         self.reconstructor = GeometricReconstructor(self._world, config, rock.sha256, context.replicate)

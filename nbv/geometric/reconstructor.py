@@ -189,6 +189,9 @@ class GeometricReconstructor:
         self._predicted = (len(self._rows), chance)
         return chance
 
+    def retarget(self, target_m: tuple[float, float, float], half_width_m: float) -> None:
+        """Nothing: what each viewpoint sees is tabulated about the true target, which is known here."""
+
     def finish(self) -> PointCloud:
         """The surface samples that are more likely reconstructed than not."""
         likely = self.predicted() >= 0.5

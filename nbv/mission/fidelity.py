@@ -22,6 +22,7 @@ class MissionContext:
     config: MissionConfig
     rock: Rock
     replicate: int
+    believed: MissionConfig  # what the vehicle takes for ``config``: its target may lie elsewhere
     store: Store | None  # None: nothing is kept between missions
     keeps_everything: bool  # whether `Fidelity.export` will be called
     stopwatch: Stopwatch  # for stages of the fidelity's own
@@ -33,6 +34,11 @@ class Fidelity(Protocol):
     @property
     def name(self) -> str:
         """As results state it."""
+        ...
+
+    @property
+    def believed(self) -> MissionConfig:
+        """What the vehicle plans, flies and reconstructs by."""
         ...
 
     @property

@@ -12,7 +12,8 @@ from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.flight import Flight
-from nbv.gates import make_gate
+from nbv.gates import gate_class, make_gate, make_oracle
+from nbv.mission.belief import believed
 from nbv.mission.fidelity import Fidelity, MissionContext
 from nbv.mission.loop import AdaptiveMission
 from nbv.mission.recorder import Recorder
@@ -72,12 +73,24 @@ def fly_mission(
 
     stopwatch = Stopwatch()
     fidelity = make_fidelity(
-        MissionContext(config, subject, replicate, store, full_run is not None, stopwatch)
+        MissionContext(
+            config,
+            subject,
+            replicate,
+            believed(config, subject.sha256, replicate),
+            store,
+            full_run is not None,
+            stopwatch,
+        )
     )
-    gate = make_gate(config, rock=subject, replicate=replicate, oracle=fidelity.oracle)
-    flight = Flight(config, rock_sha256=subject.sha256, replicate=replicate)
-    recorder = Recorder(config, flight, stopwatch, run=full_run, oracle=fidelity.oracle, log=log)
-    mission = AdaptiveMission(config, flight, fidelity.camera, fidelity.reconstructor, gate, recorder)
+    oracle = fidelity.oracle
+    if oracle is None and gate_class(config.gate.kind).sees_ground_truth:
+        oracle = make_oracle(config, subject)
+    flown = fidelity.believed  # nothing that flies or plans gets the other one, nor the rock
+    gate = make_gate(flown, subject.sha256, replicate, oracle)
+    flight = Flight(flown, rock_sha256=subject.sha256, replicate=replicate)
+    recorder = Recorder(flown, flight, stopwatch, run=full_run, oracle=fidelity.oracle, log=log)
+    mission = AdaptiveMission(flown, flight, fidelity.camera, fidelity.reconstructor, gate, recorder)
 
     def measure(cloud: Cloud) -> dict[str, Any]:
         log("metrics", {"points": len(cloud)})

@@ -5,6 +5,7 @@ from __future__ import annotations
 from nbv.config import MissionConfig
 from nbv.flight import Flight
 from nbv.gates import Gate
+from nbv.mission.belief import located, must_look
 from nbv.mission.observer import Observer
 from nbv.mission.planning_state import planning_state
 from nbv.scorers import rank_candidates
@@ -41,6 +42,8 @@ class AdaptiveMission:
     def fly(self) -> Cloud:
         """The whole mission: its dense cloud, or the `MissionFailure` that ended it."""
         model = self.fly_seed_phase()
+        if must_look(self.config):
+            self.look_for_target(model)
         self.fly_adaptive_phase(model)
         return self.finish()
 
@@ -53,6 +56,17 @@ class AdaptiveMission:
             report = self.reconstructor.bootstrap(self.captures)
         self.observer.seed_model(report)
         return report.model
+
+    def look_for_target(self, model: SparseModel) -> None:
+        """From now on the target is where, and as large as, the model shows it; as believed if it shows none."""
+        config = located(self.config, model)
+        if config is not None:
+            self.config = config
+            self.flight.face(config.target_m)
+            self.camera.aim_at(config.target_m)
+            self.reconstructor.retarget(config.target_m, config.dense.crop_half_width_m)
+            self.gate = self.gate.retargeted(config)
+        self.observer.located(config)
 
     def fly_adaptive_phase(self, model: SparseModel) -> None:
         """Phase 2: plan, fly, photograph, update, until the budget is used or the cloud has converged."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from contextlib import AbstractContextManager
 
+from nbv.config import MissionConfig
 from nbv.types import CandidatePool, Capture, GateDecision, PlanningState, Ranking, UpdateReport
 
 
@@ -20,6 +21,9 @@ class Observer:
 
     def seed_model(self, report: UpdateReport) -> None:
         """The seed photographs have become a sparse model."""
+
+    def located(self, config: MissionConfig | None) -> None:
+        """The target was looked for in the seed model: the configuration with its place and size, or None."""
 
     def planned(
         self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking], decision: GateDecision

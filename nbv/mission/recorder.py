@@ -11,7 +11,7 @@ from nbv.gates import GroundTruthOracle, gate_features, oracle_rewards
 from nbv.mission.observer import Observer
 from nbv.mission.planning_state import save_state
 from nbv.mission.result import IterationRecord
-from nbv.mission.run_directory import RunDirectory
+from nbv.mission.run_directory import LOCATED, RunDirectory
 from nbv.mission.runner import Log, no_log
 from nbv.mission.stopwatch import Stopwatch
 from nbv.types import CandidatePool, Capture, GateDecision, PlanningState, Ranking, UpdateReport
@@ -86,6 +86,15 @@ class Recorder(Observer):
             "alignment_rms_m": report.model.alignment_rms_m,
         }
         self._log("seed-model", facts)
+
+    def located(self, config: MissionConfig | None) -> None:
+        """Plan by it from now on, and keep it; note where the target was not found."""
+        if config is None:
+            self.notes.append("target_not_found")
+            return
+        self._config = config
+        if self._run is not None:
+            self._run.write_config(config.to_dict(), LOCATED)
 
     def planned(
         self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking], decision: GateDecision

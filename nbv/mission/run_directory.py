@@ -3,6 +3,7 @@
 ::
 
     config.yaml            the complete configuration
+    located.yaml           the same with the target as it was found, where it had to be looked for
     provenance.json        rock hash, seeds, versions, backends
     images/NAME.png        every photograph
     trace.jsonl            one line per adaptive capture, written as it happens
@@ -28,6 +29,8 @@ from PIL import Image
 from nbv.errors import UserError
 from nbv.mission.result import json_ready
 from nbv.types import Cloud, PointCloud
+
+CONFIG, LOCATED = "config.yaml", "located.yaml"
 
 
 def write_atomic(path: Path, text: str) -> None:
@@ -60,6 +63,7 @@ class RunDirectory:
             raise UserError(f"cannot write to {root}: {error.strerror}; choose another directory") from error
         (root / "mission.json").unlink(missing_ok=True)
         (root / "trace.jsonl").unlink(missing_ok=True)
+        (root / LOCATED).unlink(missing_ok=True)
 
     def image(self, name: str) -> Path:
         """Where the photograph called ``name`` lies."""
@@ -69,9 +73,9 @@ class RunDirectory:
         """Save an (H, W, 3) uint8 photograph as PNG (Pillow: cv2's PNG writer clashes with pycolmap)."""
         Image.fromarray(rgb).save(self.image(name), compress_level=1)
 
-    def write_config(self, tree: dict[str, Any]) -> None:
-        """Save the configuration as YAML."""
-        write_atomic(self.root / "config.yaml", yaml.safe_dump(tree, sort_keys=False))
+    def write_config(self, tree: dict[str, Any], name: str = CONFIG) -> None:
+        """Save a configuration as YAML."""
+        write_atomic(self.root / name, yaml.safe_dump(tree, sort_keys=False))
 
     def write_json(self, name: str, value: Any) -> None:
         """Save ``value`` as NAME in the directory's root."""

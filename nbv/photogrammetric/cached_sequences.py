@@ -173,6 +173,10 @@ class CachedClouds:
     ) -> None:
         self._make, self._sparse, self._config, self._store = make, sparse, config, store
 
+    def retarget(self, config: MissionConfig) -> None:
+        """From now on clouds are cut about the target of ``config``."""
+        self._config = config
+
     def __call__(self, agreeing_views: int | None = None) -> LazyCloud:
         """The cloud, or the `MissionFailure` that there is none."""
         config = self._config

@@ -48,6 +48,10 @@ class CachedStudio:
         )
         return Capture(f"{viewpoint.id}.png", viewpoint, reported, entry["image"])
 
+    def aim_at(self, target_m: tuple[float, float, float]) -> None:
+        """See `nbv.types.Camera`."""
+        self._studio.aim_at(target_m)
+
     def close(self) -> None:
         """See `nbv.photogrammetric.studio.Studio.close`."""
         self._studio.close()

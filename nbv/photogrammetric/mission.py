@@ -32,14 +32,16 @@ class PhotogrammetricFidelity:
     def __init__(self, context: MissionContext) -> None:
         limit_threads()
         config, rock, store = context.config, context.rock, context.store
-        self.context = context
-        studio = Studio(self._renderer, rock, context.replicate, config)
+        self.context, self.believed = context, context.believed
+        studio = Studio(self._renderer, rock, context.replicate, self.believed)
         self.camera: Camera = studio
         self.evaluate: Callable[[Cloud, Rock, MissionConfig], Evaluation] = evaluate_cloud
         if store is not None:
             self.camera = CachedStudio(studio, store, rock, context.replicate, config)
             self.evaluate = CachedEvaluation(store)
-        self.reconstructor = PhotogrammetricReconstructor(config, store, keep_sparse=context.keeps_everything)
+        self.reconstructor = PhotogrammetricReconstructor(
+            self.believed, store, keep_sparse=context.keeps_everything
+        )
         self.oracle = make_oracle(config, rock)
         self.facts = {"backend": config.scene.backend, "dense_backend": config.dense.backend}
         self._evaluation: Evaluation | None = None

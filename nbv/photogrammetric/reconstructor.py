@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -65,6 +66,13 @@ class PhotogrammetricReconstructor:
         """Register, triangulate and adjust one more photograph."""
         self._images[capture.name] = capture.image
         return self._mapped().add(capture)
+
+    def retarget(self, target_m: tuple[float, float, float], half_width_m: float) -> None:
+        """Where depths are sought, and the cloud is cut. Pairs are still chosen by where the target was believed."""
+        dense = replace(self._config.dense, crop_half_width_m=half_width_m)
+        self._config = replace(self._config, target_m=target_m, dense=dense)
+        if isinstance(self._clouds, CachedClouds):
+            self._clouds.retarget(self._config)
 
     def finish(self) -> Cloud:
         """Dense cloud from the registered photographs at the poses that SfM found."""

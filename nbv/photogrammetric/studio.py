@@ -33,6 +33,7 @@ class Studio:
         self._renderer: Renderer | None = None
         self._rock, self._replicate, self._config = rock, replicate, config
         self._sensor = Sensor(config)
+        self._target_m = config.target_m
         self._errors = TelemetryErrors(
             config.telemetry, rock.sha256, replicate, config.flight.min_camera_altitude_m
         )
@@ -53,7 +54,11 @@ class Studio:
 
     def aim(self, position_m: Floats) -> Floats:
         """(4, 4) reported ``camera_from_world`` of the gimbal camera at ``position_m`` (3,)."""
-        return look_at(position_m, np.asarray(self._config.target_m))
+        return look_at(position_m, np.asarray(self._target_m))
+
+    def aim_at(self, target_m: tuple[float, float, float]) -> None:
+        """See `nbv.types.Camera`."""
+        self._target_m = target_m
 
     def true_pose(self, reported: Floats, viewpoint: Viewpoint, time_s: float) -> Floats:
         """(4, 4) ``camera_from_world`` where the camera really is; see `nbv.flight.telemetry`."""

@@ -53,6 +53,9 @@ class CountingReconstructor:
             self._take(capture)
         return UpdateReport(self._model(), registered, "" if registered else "too few matches")
 
+    def retarget(self, target_m, half_width_m):
+        self.retargeted = (target_m, half_width_m)
+
     def finish(self):
         return PointCloud(np.zeros((1, 3)))
 

@@ -13,6 +13,7 @@ from rich.table import Table
 from nbv.config import IDEAL, SCORERS, MissionConfig, Weights, config_from_dict, preset
 from nbv.errors import UserError
 from nbv.mission.planning_state import load_state
+from nbv.mission.run_directory import CONFIG, LOCATED
 from nbv.scorers import find_scorer, rank_candidates
 from nbv.types import CandidatePool, Ranking
 
@@ -35,7 +36,8 @@ def locate_state(path: Path, iteration: int, preset_name: str) -> tuple[Path, Mi
     state = path / "states" / f"iter_{iteration:02d}.npz"
     if state not in states:
         raise UserError(f"{path} has no iteration {iteration}; it has 0 to {len(states) - 1}")
-    return state, config_from_dict(yaml.safe_load((path / "config.yaml").read_text()))
+    planned_by = path / (LOCATED if (path / LOCATED).is_file() else CONFIG)
+    return state, config_from_dict(yaml.safe_load(planned_by.read_text()))
 
 
 def explain_state(

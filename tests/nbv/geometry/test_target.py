@@ -1,0 +1,56 @@
+"""A thing on the ground is found near the aim, with its size; where there is none, none is found."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from nbv.geometry.target import find_target
+
+
+def scene(
+    center_m: tuple[float, float] = (0.0, 0.0), height_m: float = 1.6, points: int = 3000
+) -> np.ndarray:
+    """(N, 3) the upper part of an egg that stands on a noisy ground."""
+    rng = np.random.default_rng(3)
+    d = rng.standard_normal((points, 3))
+    d /= np.linalg.norm(d, axis=1, keepdims=True)
+    egg = d[d[:, 2] > -0.6] * [0.45 * height_m, 0.4 * height_m, height_m / 2] + [*center_m, height_m / 2]
+    ground = np.c_[rng.uniform(-5, 5, (points, 2)), np.zeros(points)] + rng.normal(0, 0.01, (points, 3))
+    return np.concatenate([egg, ground])
+
+
+@pytest.mark.parametrize("height_m", [0.8, 1.6, 2.4])
+def test_place_and_size_are_found_from_a_metre_off(height_m: float) -> None:
+    found = find_target(scene((0.7, -0.6), height_m), (0.0, 0.0, 0.8))
+    assert found is not None
+    np.testing.assert_allclose(found.center_m, [0.7, -0.6, height_m / 2], atol=0.05)
+    assert found.half_extent_m == pytest.approx(height_m / 2, abs=0.05)
+
+
+def test_a_tilted_and_shifted_frame_does_not_hide_it() -> None:
+    tilt = Rotation.from_euler("xy", [6.0, -5.0], degrees=True).as_matrix()
+    found = find_target(scene() @ tilt.T + [0.5, 0.5, 0.9], (0.0, 0.0, 0.8))
+    assert found is not None
+    np.testing.assert_allclose(found.center_m, tilt @ [0, 0, 0.8] + [0.5, 0.5, 0.9], atol=0.15)
+
+
+def test_of_two_things_the_nearer_is_meant() -> None:
+    both = np.concatenate([scene((0.4, 0.0)), scene((2.8, 0.0), height_m=2.2)])
+    found = find_target(both, (0.0, 0.3, 0.8))
+    assert found is not None
+    np.testing.assert_allclose(found.center_m, [0.4, 0.0, 0.8], atol=0.08)
+
+
+def test_floaters_do_not_stretch_it() -> None:
+    floaters = np.random.default_rng(5).uniform([-2, -2, 0.3], [2, 2, 3], (60, 3))
+    found = find_target(np.concatenate([scene(), floaters]), (0.0, 0.0, 0.8))
+    assert found is not None
+    np.testing.assert_allclose(found.center_m, [0.0, 0.0, 0.8], atol=0.1)
+
+
+def test_bare_ground_and_few_points_hold_no_target() -> None:
+    ground = scene()[scene()[:, 2] < 0.05]
+    assert find_target(ground, (0.0, 0.0, 0.8)) is None
+    assert find_target(scene()[:20], (0.0, 0.0, 0.8)) is None

@@ -1,0 +1,77 @@
+"""A target that is known only roughly: where it is believed, and that the loop goes on with what the model shows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_mission_loop import CountingReconstructor, made
+
+from nbv.config import MissionConfig, preset
+from nbv.errors import UserError
+from nbv.flight import Flight
+from nbv.mission.belief import believed, located
+from nbv.mission.recorder import Recorder
+from nbv.mission.stopwatch import Stopwatch
+from nbv.types import SparseModel
+
+ROUGH = {"target.horizontal_sd_m": 0.5, "target.vertical_sd_m": 0.25, "stop.adaptive_budget": 2}
+
+
+class OnTheGround(CountingReconstructor):
+    """The ball of `CountingReconstructor`, 0.7 m in radius, half a metre east, on a ground with points."""
+
+    def _model(self) -> SparseModel:
+        model = super()._model()
+        n = len(model.points_m) // 2
+        points = model.points_m + np.array([0.5, 0.0, 0.0])
+        ground = np.random.default_rng(1).uniform([-4, -4, 0], [4, 4, 0.02], (n, 3))
+        points[:n] = ground
+        return SparseModel(points, *(getattr(model, name) for name in list(vars(model))[1:]))
+
+
+def test_belief_is_off_by_what_is_configured() -> None:
+    config = MissionConfig().with_values(ROUGH)
+    off_m = np.array([believed(config, "rock", k).target_m for k in range(3000)]) - config.target_m
+    np.testing.assert_allclose(off_m.std(axis=0), [0.5, 0.5, 0.25], rtol=0.06)
+    np.testing.assert_allclose(off_m.mean(axis=0), 0.0, atol=0.04)
+    assert believed(config, "rock", 1) == believed(config, "rock", 1) != believed(config, "rock", 2)
+
+
+def test_a_known_target_is_the_very_same_configuration() -> None:
+    config = preset("campaign")
+    assert believed(config, "rock", 0) is config
+
+
+def test_the_mission_goes_on_with_what_the_model_shows() -> None:
+    config = believed(preset("campaign").with_values(ROUGH), "rock", 3)
+    flight = Flight(config, "rock", 3)
+    recorder = Recorder(config, flight, Stopwatch())
+    reconstructor = OnTheGround(points=6000)
+    mission = made(config, reconstructor, flight, recorder)
+    mission.fly()
+    np.testing.assert_allclose(mission.config.target_m, [0.5, 0.0, 0.75], atol=0.1)
+    assert mission.config.dense.crop_half_width_m == pytest.approx(0.75 + 0.5, abs=0.08)
+    assert reconstructor.retargeted == (mission.config.target_m, mission.config.dense.crop_half_width_m)
+    for capture in mission.captures[24:]:  # 3.5 m from where the target was found, and aimed at it
+        delta_m = np.array(mission.config.target_m) - capture.viewpoint.position_m
+        assert np.linalg.norm(delta_m) == pytest.approx(3.5)
+        aim = np.array(mission.config.target_m) - capture.camera_center_m
+        assert capture.camera_from_world[2, :3] @ aim == pytest.approx(np.linalg.norm(aim))
+    assert recorder.notes == []
+
+
+def test_without_a_target_in_the_model_belief_stays() -> None:
+    config = believed(preset("campaign").with_values(ROUGH), "rock", 3)
+    flight = Flight(config, "rock", 3)
+    recorder = Recorder(config, flight, Stopwatch())
+    mission = made(config, CountingReconstructor(points=20), flight, recorder)
+    model = mission.fly_seed_phase()
+    assert located(config, model) is None
+    mission.look_for_target(model)
+    assert mission.config is config
+    assert recorder.notes == ["target_not_found"]
+
+
+def test_a_negative_spread_is_named() -> None:
+    with pytest.raises(UserError, match=r"^target\.vertical_sd_m is -1.0; it must be 0 or more"):
+        MissionConfig().with_values({"target.vertical_sd_m": -1.0})
