@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 
+from nbv.config import available_conditions, load_conditions
 from tuner.commands.console import output
 from tuner.commands.rock_choice import unseen_rocks
 from tuner.commands.studies.flying import ReportOnly, Timeout, Workers, end_study, fly_study
@@ -16,6 +17,10 @@ from tuner.commands.studies.flying import ReportOnly, Timeout, Workers, end_stud
 
 def transfer(
     campaign: Annotated[Path, typer.Argument(help="The campaign's run directory.")],
+    conditions: Annotated[
+        list[str] | None,
+        typer.Option("--condition", help="Name or YAML file, repeatable (default: all that ship)."),
+    ] = None,
     renderers: Annotated[
         list[str] | None, typer.Option("--renderer", help="Repeatable (default: raycast).")
     ] = None,
@@ -44,7 +49,11 @@ def transfer(
         from tuner.campaign.campaign import Campaign
         from tuner.studies.transfer.study import carried_over
 
-        asked = worlds(renderers or ["raycast"], fidelities or ["photogrammetric"])
+        asked = worlds(
+            load_conditions(conditions or list(available_conditions())),
+            renderers or ["raycast"],
+            fidelities or ["photogrammetric"],
+        )
         source = Campaign.open(campaign, read_only=True)
         settings = TransferSettings(
             source.settings.name,

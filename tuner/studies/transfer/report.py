@@ -15,6 +15,7 @@ from nbv.mission.result import json_ready
 from nbv.mission.run_directory import write_atomic
 from nbv.provenance import git_revision, versions
 from tuner.evaluation.baselines import TUNED, label
+from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 from tuner.report.labels import MISSING, format_number, metric_label
 from tuner.report.pages import write_page
 from tuner.report.style import embed, short_names
@@ -57,7 +58,6 @@ def write_transfer_report(findings: TransferFindings, directory: Path, command: 
         heading=f"{s.campaign}: does what was tuned hold in other worlds?",
         metric=metric_label(s.metric),
         configurations=len(s.configurations),
-        sentences=_sentences(findings),
         warnings=_warnings(findings),
         worlds=[_world(findings, w) for w in findings.worlds],
         pairs=_pairs(findings),
@@ -110,7 +110,7 @@ def transfer_table(findings: TransferFindings) -> Table:
     for column in ("world", "missions", "failed", "tuned", "tuned - Hyb-H", "tuned - random", "best"):
         table.add_column(column, justify="left" if column in ("world", "best") else "right")
     for w in findings.worlds:
-        row = _world(findings, w, bold=True)
+        row = _world(findings, w)
         tuned = mean_text(w.configuration(TUNED).mean, DECIMALS)
         table.add_row(
             w.name, row["missions"], row["failed"], tuned, row["reference"], row["random"], row["best"]
@@ -132,18 +132,10 @@ def pairs_table(findings: TransferFindings) -> Table | None:
     return table
 
 
-def _sentences(findings: TransferFindings) -> list[str]:
-    """What happens to the tuned configuration in every world."""
-    unit = metric_label(findings.settings.metric).difference_unit
-    return [
-        f"{w.name}: tuned minus Hyb-H {difference_text(d, DECIMALS, bold=False)} {unit}."
-        for w in findings.worlds
-        if (d := w.configuration(TUNED).difference) is not None
-    ]
-
-
 def _warnings(findings: TransferFindings) -> list[str]:
     out = []
+    if any(is_geometric(world.runner) for world in findings.settings.worlds.values()):
+        out.append(GEOMETRIC_NOTE)
     if findings.missions < findings.expected:
         out.append(
             f"Not complete: {findings.missions} of {findings.expected} missions are in; the same command goes on."
@@ -163,12 +155,12 @@ def _warnings(findings: TransferFindings) -> list[str]:
     return out
 
 
-def _world(findings: TransferFindings, w: WorldResult, *, bold: bool = False) -> dict[str, Any]:
+def _world(findings: TransferFindings, w: WorldResult) -> dict[str, Any]:
     s = findings.settings
     world = s.worlds[w.name]
     return {
         "name": w.name,
-        "what": ", ".join([world.runner, *(f"{path} = {value}" for path, value in world.values.items())]),
+        "what": ", ".join(filter(None, [world.condition.description, world.renderer, world.runner])),
         "missions": str(sum(c.missions for c in w.configurations)),
         "failed": str(sum(c.failed for c in w.configurations)),
         "reference": difference_text(w.configuration(TUNED).difference, DECIMALS, bold=False),

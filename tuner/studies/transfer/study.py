@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from nbv.config import MissionConfig, config_from_dict
+from nbv.config import Condition, MissionConfig, config_from_dict
 from nbv.errors import UserError
+from nbv.mission.result import json_ready
 from tuner.evaluation.baselines import (
     BASELINES,
     EVALUATION_BASELINES,
@@ -101,14 +102,17 @@ class TransferSettings(StudySettings):
         """YAML form."""
         return {
             **super().to_dict(),
-            "worlds": {name: dataclasses.asdict(world) for name, world in self.worlds.items()},
+            "worlds": {name: json_ready(dataclasses.asdict(world)) for name, world in self.worlds.items()},
             "configurations": {name: config.to_dict() for name, config in self.configurations.items()},
         }
 
     @classmethod
     def from_dict(cls, tree: dict[str, Any], source: str) -> Self:
         """The inverse of ``to_dict``."""
-        worlds = {name: World(**world) for name, world in tree["worlds"].items()}
+        worlds = {
+            name: World(**{**world, "condition": Condition(**world["condition"])})
+            for name, world in tree["worlds"].items()
+        }
         configurations = {name: config_from_dict(config) for name, config in tree["configurations"].items()}
         return super().from_dict({**tree, "worlds": worlds, "configurations": configurations}, source)
 

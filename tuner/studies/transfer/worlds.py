@@ -1,12 +1,11 @@
-"""Worlds to fly in: which renderer makes the photographs, or no photographs at all."""
+"""Worlds to fly in: a condition, and which renderer makes its photographs, or no photographs at all."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
-from nbv.config import RENDERERS, MissionConfig
+from nbv.config import IDEAL_CONDITION, RENDERERS, Condition, MissionConfig, under
 from nbv.errors import UserError
 from tuner.missions.registry import DEFAULT_RUNNER, is_geometric, registered
 
@@ -17,15 +16,18 @@ RENDERER = "scene.backend"
 class World:
     """What is laid over every configuration, and who flies it."""
 
-    values: dict[str, Any] = field(default_factory=dict)  # by parameter path
+    condition: Condition = IDEAL_CONDITION
+    renderer: str = ""  # empty: the configuration's
     runner: str = DEFAULT_RUNNER  # of tuner.missions.registry, or module:function
 
     def config(self, config: MissionConfig) -> MissionConfig:
-        """``config`` in this world; ``UserError`` for a value that no mission takes."""
-        return config.with_values(self.values)
+        """``config`` in this world; ``UserError`` for one that is under another condition already."""
+        return under(config, self.condition).with_values({RENDERER: self.renderer} if self.renderer else {})
 
 
-def worlds(renderers: Sequence[str], fidelities: Sequence[str]) -> dict[str, World]:
+def worlds(
+    conditions: Sequence[Condition], renderers: Sequence[str], fidelities: Sequence[str]
+) -> dict[str, World]:
     """Every combination, by name; geometric missions have no photographs, so they are one world for all renderers.
 
     Raises
@@ -37,10 +39,11 @@ def worlds(renderers: Sequence[str], fidelities: Sequence[str]) -> dict[str, Wor
         if renderer not in RENDERERS:
             raise UserError(f"unknown renderer {renderer!r}; there are {', '.join(RENDERERS)}")
     found: dict[str, World] = {}
-    for fidelity in fidelities:
-        for renderer in [""] if is_geometric(registered(fidelity)) else renderers:
-            name = renderer or fidelity
-            if name in found:
-                raise UserError(f"world {name!r} is asked for twice; name it once")
-            found[name] = World({RENDERER: renderer} if renderer else {}, fidelity)
+    for condition in conditions:
+        for fidelity in fidelities:
+            for renderer in [""] if is_geometric(registered(fidelity)) else renderers:
+                name = f"{condition.name}-{renderer or fidelity}"
+                if name in found:
+                    raise UserError(f"world {name!r} is asked for twice; name it once")
+                found[name] = World(condition, renderer, fidelity)
     return found
