@@ -67,6 +67,7 @@ RENDERERS = Registry(
     {
         "raycast": "nbv.scene.raycast:RaycastRenderer",
         "gl": "nbv.scene.gl:GLRenderer",
+        "mitsuba": "nbv.scene.mitsuba:MitsubaRenderer",
     },
 )
 

@@ -50,6 +50,12 @@ class Scene:
     ground_levels: tuple[NDArray[np.uint16], ...]  # per level (S, S) grey radiance, 65535 is 1.0
     sky_radiance: float  # linear grey
     camera: CameraConfig
+    # For a renderer that traces light: what reflects, and the lights.
+    albedo: NDArray[np.floating]  # (V, 3) linear
+    light: SceneConfig
+    ground_reflectance: Callable[
+        [], tuple[NDArray[np.float32], ...]
+    ]  # per level (S, S), painted relief in it
 
     @property
     def ground_mean_radiance(self) -> float:
@@ -81,12 +87,15 @@ def build_scene(
     def stored(kind: str, bake: Callable[[], Arrays], **inputs: Any) -> Arrays:
         return remember(store, kind, bake, code=__name__, inputs=[inputs])
 
-    surface = stored(
-        "scene-ground",
-        lambda: _ground_arrays(config.ground_seed, to_sun, spec),
-        seed=config.ground_seed,
-        **geometry,
-    )
+    def ground_surface() -> Arrays:
+        return stored(
+            "scene-ground",
+            lambda: _ground_arrays(config.ground_seed, to_sun, spec),
+            seed=config.ground_seed,
+            **geometry,
+        )
+
+    surface = ground_surface()
     rock_light = stored(
         "scene-rock",
         lambda: _rock_arrays(rock, vertices, faces, config, to_sun, spec),
@@ -111,6 +120,9 @@ def build_scene(
         tuple(levels),
         linear_from_srgb(config.sky_grey),
         camera,
+        rock.albedo,
+        config,
+        lambda: _reflectance(ground_surface(), config, to_sun, spec),
     )
 
 
@@ -121,6 +133,20 @@ def _ground_arrays(seed: int, to_sun: Floats, spec: GroundSpec) -> dict[str, np.
         arrays[f"albedo_{level}"] = np.rint(surface.albedo[level] * _FULL_SCALE).astype(np.uint16)
         arrays[f"sun_{level}"] = np.rint(surface.sun_cosine[level] * 255).astype(np.uint8)
     return arrays
+
+
+def _reflectance(
+    surface: Arrays, config: SceneConfig, to_sun: Floats, spec: GroundSpec
+) -> tuple[NDArray[np.float32], ...]:
+    """What a flat ground must reflect to look as the painted relief does under this light, without the rock."""
+    flat = config.ambient + config.sun_irradiance * to_sun[2]
+    levels = []
+    for level in range(spec.levels):
+        albedo = surface[f"albedo_{level}"].astype(np.float32) / np.float32(_FULL_SCALE)
+        sun = surface[f"sun_{level}"].astype(np.float32) * np.float32(config.sun_irradiance / 255)
+        reflectance = albedo * (np.float32(config.ambient) + sun) / np.float32(flat)
+        levels.append(np.clip(reflectance, 0, 1).astype(np.float32))
+    return tuple(levels)
 
 
 def _rock_arrays(

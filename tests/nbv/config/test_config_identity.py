@@ -12,7 +12,7 @@ from nbv.errors import UserError
 
 ADDED_SINCE_VERSION_1 = {
     "gate": ("geometry_scorer",),
-    "scene": ("sun_elevation_deg", "sun_azimuth_deg"),
+    "scene": ("sun_elevation_deg", "sun_azimuth_deg", "mitsuba_samples", "mitsuba_depth"),
     "sparse": (
         "min_ransac_trials",
         "local_ba_images",
