@@ -22,7 +22,17 @@ import networkx as nx
 DOCS = Path(__file__).resolve().parent
 sys.path[:0] = [str(DOCS.parent), str(DOCS.parent / "benchmarks")]  # this checkout, wherever it is run from
 
-COMMAND_ORDER = ("campaign", "evaluate", "reproduce", "export", "mission", "rocks", "config", "cache")
+COMMAND_ORDER = (
+    "campaign",
+    "evaluate",
+    "reproduce",
+    "export",
+    "mission",
+    "rocks",
+    "config",
+    "cache",
+    "doctor",
+)
 STUDIES = ("study", "learn-gate")  # how-to/studies.md says what they answer
 WIDTH, ROW, BOX_HEIGHT, GAP = 760, 74, 40, 14
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from importlib import metadata
+from typing import Annotated
 
 from nbv.threads import single_thread_environment
 
@@ -15,6 +17,7 @@ from tuner.commands import (  # noqa: E402
     cache,
     campaign,
     config,
+    doctor,
     evaluate,
     export,
     learn_gate,
@@ -23,15 +26,31 @@ from tuner.commands import (  # noqa: E402
     rocks,
     studies,
 )
-from tuner.commands.console import errors  # noqa: E402
+from tuner.commands.console import errors, output  # noqa: E402
 
 app = typer.Typer(
     name="gatetune",
-    help="Tune hybrid next-best-view planning with Bayesian optimisation on real photogrammetry missions.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    add_completion=False,
+    add_completion=True,
 )
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        output.print(f"gatetune {metadata.version('gatetune')}", highlight=False)
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version.")
+    ] = False,
+) -> None:
+    """Tune hybrid next-best-view planning with Bayesian optimisation on real photogrammetry missions."""
+
+
 app.add_typer(campaign.app, name="campaign", help="Job 1: run, resume and look at a GP tuning campaign.")
 app.command(name="evaluate", help="Job 2: the tuned configuration against the baselines on held-out rocks.")(
     evaluate.evaluate
@@ -45,6 +64,7 @@ app.command(name="learn-gate", help="Train the learned gate from missions' logs.
 app.add_typer(mission.app, name="mission", help="Fly one mission; explain its decisions; draw its figures.")
 app.add_typer(rocks.app, name="rocks", help="List, show and import rocks.")
 app.add_typer(cache.app, name="cache", help="The store of photographs, features, pairs and seed models.")
+app.command(name="doctor", help="Is this machine fit for missions, and what mends it?")(doctor.doctor)
 app.add_typer(config.app, name="config", help="Presets, parameter paths and search spaces.")
 
 

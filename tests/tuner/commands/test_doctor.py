@@ -1,0 +1,45 @@
+"""The machine's check, and the version."""
+
+from importlib import metadata
+
+import pytest
+
+from tuner.commands import doctor
+from tuner.commands.doctor import Finding
+
+
+def test_this_machine_can_fly(gatetune):
+    code, out, err = gatetune("doctor")
+    assert code == 0, out + err
+    assert out.splitlines()[-1] == "missions can be flown here"
+    assert "BAD" not in out and "Python 3" in out and "store holds" in out
+
+
+def test_what_is_bad_ends_with_a_remedy_and_exit_code_1(gatetune, monkeypatch):
+    def check():
+        yield Finding("bad", "a library [/] is missing", "apt-get install -y it")
+
+    monkeypatch.setattr(doctor, "CHECKS", (check,))
+    code, out, _ = gatetune("doctor")
+    assert code == 1 and "BAD  a library [/] is missing" in out and "apt-get install -y it" in out
+
+
+def test_a_library_that_does_not_load_is_bad(monkeypatch):
+    monkeypatch.setattr(doctor, "_LIBRARIES", ("no_such_library",))
+    first = next(doctor.libraries())
+    assert first.verdict == "bad" and "no_such_library" in first.what and first.remedy == "make setup"
+
+
+def test_other_versions_than_tested_are_named(monkeypatch, tmp_path):
+    pins = tmp_path / "constraints.txt"
+    pins.write_text("# tested\nnumpy==0.0.1\nnot-installed==1\n")
+    monkeypatch.setattr(doctor, "_LIBRARIES", ())
+    monkeypatch.setattr(doctor, "_CONSTRAINTS", pins)
+    (finding,) = doctor.libraries()
+    assert finding.verdict == "note" and f"numpy {metadata.version('numpy')} (tested: 0.0.1)" in finding.what
+
+
+@pytest.mark.parametrize("word", ["--version"])
+def test_the_version(gatetune, word):
+    code, out, _ = gatetune(word)
+    assert code == 0 and out.strip() == f"gatetune {metadata.version('gatetune')}"

@@ -1,0 +1,215 @@
+"""``gatetune doctor``: is this machine fit for missions, and if not, which command mends it?"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Literal
+
+import typer
+
+from tuner.commands.console import output
+
+GIB = 2**30
+WORKER_GIB = 1.5  # of memory, for a mission with photographs
+MIN_FREE_GIB = 5.0
+_LIBRARIES = ("numpy", "torch", "botorch", "gpytorch", "optuna", "pycolmap", "open3d", "trimesh", "cv2")
+_SYSTEM = {
+    "libusb-1.0.so.0": "libusb-1.0-0",
+    "libEGL.so.1": "libegl1",
+    "libGL.so.1": "libgl1",
+    "libX11.so.6": "libx11-6",
+    "libgomp.so.1": "libgomp1",
+}
+_CONSTRAINTS = Path(__file__).resolve().parents[2] / "constraints.txt"  # a clone has it, a wheel has not
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one check found."""
+
+    verdict: Literal["ok", "note", "bad"]  # bad: missions cannot be flown
+    what: str
+    remedy: str = ""  # what it means, or the command that mends it
+
+
+def doctor() -> None:
+    """Check interpreter, libraries, OpenGL, CUDA, cores, memory, disk and store; say what each finding means."""
+    marks = {"ok": "[green]ok  [/]", "note": "[yellow]note[/]", "bad": "[red]BAD [/]"}
+    findings = []
+    for check in CHECKS:
+        for finding in check():
+            findings.append(finding)
+            output.print(marks[finding.verdict], end=" ")
+            output.print(finding.what, markup=False, highlight=False, soft_wrap=True)
+            if finding.remedy:
+                output.print(f"       {finding.remedy}", markup=False, highlight=False, soft_wrap=True)
+    if any(finding.verdict == "bad" for finding in findings):
+        output.print("missions cannot be flown here yet")
+        raise typer.Exit(1)
+    output.print("missions can be flown here")
+
+
+def interpreter() -> Iterator[Finding]:
+    """Python's version, and whether this is an environment of its own."""
+    version = ".".join(map(str, sys.version_info[:3]))
+    if not (3, 11) <= sys.version_info[:2] <= (3, 13):
+        yield Finding(
+            "bad", f"Python {version}", "the pinned packages need 3.11 to 3.13: make PYTHON=python3.12 setup"
+        )
+    else:
+        yield Finding("ok", f"Python {version}")
+
+
+def system_libraries() -> Iterator[Finding]:
+    """What Open3D and OpenGL load and pip cannot bring."""
+    if sys.platform != "linux":
+        return
+    missing = []
+    for library, package in _SYSTEM.items():
+        try:
+            ctypes.CDLL(library)
+        except OSError:
+            missing.append(package)
+    if missing:
+        yield Finding(
+            "bad",
+            f"system libraries are missing: {', '.join(missing)}",
+            f"apt-get update && apt-get install -y {' '.join(missing)}   (as root)",
+        )
+    else:
+        yield Finding("ok", "system libraries")
+
+
+def libraries() -> Iterator[Finding]:
+    """Whether the libraries load, and are of the versions that were tested."""
+    for name in _LIBRARIES:
+        try:
+            importlib.import_module(name)
+        except Exception as error:  # a broken binary raises anything
+            first = " ".join(str(error).split())[:120]
+            yield Finding("bad", f"{name} does not load: {first}", "make setup")
+    try:
+        wanted = dict(_pins(_CONSTRAINTS.read_text()))
+    except OSError:
+        yield Finding(
+            "note",
+            "no constraints.txt beside the package",
+            "versions cannot be compared with the tested ones",
+        )
+        return
+    other = []
+    for name, version in wanted.items():
+        try:
+            found = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+        if found.partition("+")[0] != version:  # a CPU build of the same version is the same
+            other.append(f"{name} {found} (tested: {version})")
+    if other:
+        shown = ", ".join(other[:5]) + (f" and {len(other) - 5} more" if len(other) > 5 else "")
+        yield Finding("note", f"other versions than tested: {shown}", "make setup installs the tested ones")
+    else:
+        yield Finding("ok", f"libraries load and are of the {len(wanted)} tested versions")
+
+
+def _pins(text: str) -> Iterator[tuple[str, str]]:
+    for line in text.splitlines():
+        if found := re.match(r"^([A-Za-z0-9_.-]+)==(\S+)", line):
+            yield found[1], found[2]
+
+
+def opengl() -> Iterator[Finding]:
+    """Whether the renderer ``gl`` can run; ``raycast`` always can. In a process of its own: a driver may abort it."""
+    code = "import pyrender; pyrender.OffscreenRenderer(16, 16).delete()"
+    environment = {"PYOPENGL_PLATFORM": "egl", **os.environ}
+    try:
+        tried = subprocess.run(
+            [sys.executable, "-P", "-c", code], env=environment, capture_output=True, text=True, timeout=60
+        )
+        works, said = tried.returncode == 0, (tried.stderr.strip().splitlines() or ["no message"])[-1]
+    except subprocess.TimeoutExpired:
+        works, said = False, "no answer in 60 s"
+    if works:
+        yield Finding("ok", "OpenGL: scene.backend=gl can run")
+    else:
+        yield Finding(
+            "note",
+            f"no OpenGL: scene.backend=gl cannot run, raycast (the default) can ({said[:120]})",
+            "apt-get install -y libegl1 libgl1 libgl1-mesa-dri   (as root), or PYOPENGL_PLATFORM=osmesa",
+        )
+
+
+def cuda() -> Iterator[Finding]:
+    """Whether COLMAP's PatchMatch can run."""
+    import pycolmap
+
+    if pycolmap.has_cuda:
+        yield Finding("ok", "COLMAP with CUDA: dense.backend=patchmatch can run")
+    else:
+        yield Finding(
+            "note",
+            "COLMAP without CUDA: the dense stage is sgbm, on the CPU",
+            'with an NVIDIA GPU: pip install "gatetune[cuda]"',
+        )
+
+
+def machine() -> Iterator[Finding]:
+    """Cores and memory."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    memory_gib = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / GIB
+    fitting = max(1, int(memory_gib / WORKER_GIB))
+    if memory_gib < WORKER_GIB:
+        yield Finding("bad", f"{memory_gib:.1f} GiB of memory", f"a mission needs up to {WORKER_GIB} GiB")
+    elif fitting < cores:
+        yield Finding(
+            "note",
+            f"{cores} cores, {memory_gib:.1f} GiB",
+            f"memory for {fitting} missions: --workers {fitting}",
+        )
+    else:
+        yield Finding("ok", f"{cores} cores, {memory_gib:.1f} GiB of memory: {cores} missions side by side")
+
+
+def disk() -> Iterator[Finding]:
+    """Room for runs and for the store, and whether both can be written."""
+    from nbv.cache import Store
+
+    store = Store()
+    for what, folder in (("runs", Path.cwd()), ("store", store.root)):
+        existing = next(path for path in (folder, *folder.parents) if path.exists())
+        free_gib = shutil.disk_usage(existing).free / GIB
+        if not os.access(existing, os.W_OK):
+            yield Finding(
+                "bad", f"{what}: {existing} cannot be written", "choose another folder, or set GATETUNE_HOME"
+            )
+        elif free_gib < MIN_FREE_GIB:
+            yield Finding(
+                "note",
+                f"{what}: {free_gib:.1f} GiB free in {existing}",
+                "gatetune cache prune --max-gib 2 makes room",
+            )
+        else:
+            yield Finding("ok", f"{what}: {existing}, {free_gib:.0f} GiB free")
+    used_gib = sum(kind.size_bytes for kind in store.info()) / GIB
+    yield Finding("ok", f"store holds {used_gib:.1f} GiB and is pruned at {store.max_bytes / GIB:.0f} GiB")
+
+
+CHECKS: tuple[Callable[[], Iterator[Finding]], ...] = (
+    interpreter,
+    system_libraries,
+    libraries,
+    opengl,
+    cuda,
+    machine,
+    disk,
+)
