@@ -20,6 +20,7 @@ from nbv.config.mission_config import IDEAL, MissionConfig, canonical, config_fr
 from nbv.config.presets import PRESETS, REDUCED_SFM, preset
 from nbv.config.reference import Parameter, parameter, parameters, reference_markdown
 from nbv.config.registry import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, Registry, gate_kinds
+from nbv.config.sections_ground import GroundConfig, WindConfig
 from nbv.config.sections_planning import (
     BAwareConfig,
     CovisConfig,
@@ -55,6 +56,7 @@ __all__ = [
     "EvaluationConfig",
     "FlightConfig",
     "GateConfig",
+    "GroundConfig",
     "MatchableConfig",
     "MissionConfig",
     "Parameter",
@@ -70,6 +72,7 @@ __all__ = [
     "TelemetryConfig",
     "VisibilityConfig",
     "Weights",
+    "WindConfig",
     "available_conditions",
     "canonical",
     "condition_from_dict",

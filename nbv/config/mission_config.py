@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from nbv.config.parsing import build, leaf_paths, merge, set_values
+from nbv.config.sections_ground import GroundConfig, WindConfig
 from nbv.config.sections_planning import (
     BAwareConfig,
     CovisConfig,
@@ -28,6 +29,7 @@ from nbv.config.sections_reconstruction import DenseConfig, EvaluationConfig, Sp
 from nbv.config.sections_world import CameraConfig, FlightConfig, SceneConfig, SensorConfig
 from nbv.config.sources import ADDED_SINCE_VERSION_1, code, ours
 from nbv.config.telemetry import TargetConfig, TelemetryConfig, telemetry_level
+from nbv.errors import UserError
 
 IDEAL = "ideal"  # the condition of a configuration that no condition was laid over
 
@@ -48,6 +50,8 @@ class MissionConfig:
     camera: CameraConfig = field(default_factory=CameraConfig)
     scene: SceneConfig = field(default_factory=SceneConfig)
     sensor: SensorConfig = field(default_factory=SensorConfig, metadata=ADDED_SINCE_VERSION_1)
+    ground: GroundConfig = field(default_factory=GroundConfig, metadata=ADDED_SINCE_VERSION_1)
+    wind: WindConfig = field(default_factory=WindConfig, metadata=ADDED_SINCE_VERSION_1)
     flight: FlightConfig = field(default_factory=FlightConfig)
     seed: SeedConfig = field(default_factory=SeedConfig)
     pool: PoolConfig = field(default_factory=PoolConfig)
@@ -63,6 +67,13 @@ class MissionConfig:
     sparse: SparseConfig = field(default_factory=SparseConfig)
     dense: DenseConfig = field(default_factory=DenseConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
+
+    def __post_init__(self) -> None:
+        if self.wind.strongest_m_s >= self.flight.max_speed_m_s:
+            raise UserError(
+                f"wind.mean_speed_m_s {self.wind.mean_speed_m_s:g} with three gusts of {self.wind.gust_m_s:g} is more "
+                f"than the vehicle can hold (flight.max_speed_m_s {self.flight.max_speed_m_s:g})"
+            )
 
     def to_dict(self) -> dict[str, Any]:
         """Plain nested dictionary (tuples become lists), ready for JSON or YAML."""

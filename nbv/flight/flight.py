@@ -10,9 +10,13 @@ import numpy as np
 from nbv.config import MissionConfig
 from nbv.flight.arrival import arrival_position
 from nbv.flight.leg import Leg, Pose, fly_straight
-from nbv.flight.route import route
+from nbv.flight.route import MARGIN_M, route
+from nbv.flight.wind import mean_wind_m_s, sway_m
 from nbv.geometry.frames import heading_to
+from nbv.terrain import Cylinder, neighbour_cylinders
 from nbv.types import Floats, Viewpoint
+
+CLEARANCE_M = 0.3  # from a neighbour: half of an X500 with its propellers
 
 
 @dataclass(frozen=True)
@@ -42,6 +46,9 @@ class Flight:
         self._limits = config.flight
         self._target_m = config.target_m
         self._rock_sha256, self._replicate = rock_sha256, replicate
+        self._wind = config.wind
+        self._wind_m_s = mean_wind_m_s(config.wind, rock_sha256, replicate)
+        self._obstacles = _keep_outs(config, rock_sha256)
         home = np.array(config.flight.home_m, dtype=float)
         self._pose = _pose(home, float(heading_to(home, np.array(config.target_m))))
         self.flight_time_s = 0.0
@@ -66,13 +73,19 @@ class Flight:
         """Climb from home to the take-off altitude."""
         x, y, z = self._pose.position_m
         up = Pose((x, y, z + self._limits.takeoff_altitude_m), self._pose.heading_rad)
-        self._fly("take-off", [fly_straight(self._pose, up, self._limits)], 0.0)
+        self._fly("take-off", [fly_straight(self._pose, up, self._limits, self._wind_m_s)], 0.0)
 
     def fly_to(self, viewpoint: Viewpoint) -> Floats:
         """Fly to a viewpoint, around the rock if need be, and settle; returns the actual position (3,)."""
         arrived = arrival_position(viewpoint, self._limits, self._rock_sha256, self._replicate)
+        if self._wind.gust_m_s > 0:
+            arrived += sway_m(self._wind, self._rock_sha256, self._replicate, viewpoint.id)
+            arrived[2] = max(arrived[2], self._limits.min_camera_altitude_m)
+        for obstacle in self._obstacles:  # a viewpoint on a neighbour is taken from above it
+            if np.hypot(*(arrived[:2] - obstacle.center_m)) <= obstacle.radius_m + MARGIN_M:
+                arrived[2] = max(arrived[2], obstacle.top_m + MARGIN_M)
         end = _pose(arrived, float(heading_to(arrived, np.array(self._target_m))))
-        self._fly(viewpoint.id, route(self._pose, end, self._target_m, self._limits), self._limits.settle_s)
+        self._fly(viewpoint.id, self._route(end), self._limits.settle_s)
         return arrived
 
     def hover(self, seconds: float) -> None:
@@ -83,9 +96,9 @@ class Flight:
         """Fly back above home and descend."""
         home = self._limits.home_m
         above = Pose((home[0], home[1], home[2] + self._limits.takeoff_altitude_m), self._pose.heading_rad)
-        self._fly("return", route(self._pose, above, self._target_m, self._limits), 0.0)
+        self._fly("return", self._route(above), 0.0)
         down = Pose((home[0], home[1], home[2]), self._pose.heading_rad)
-        self._fly("landing", [fly_straight(self._pose, down, self._limits)], 0.0)
+        self._fly("landing", [fly_straight(self._pose, down, self._limits, self._wind_m_s)], 0.0)
 
     def samples(self) -> Floats:
         """(K, 5) t (s, mission time), x, y, z (m), heading (rad) of everything flown, at about 5 Hz."""
@@ -119,12 +132,23 @@ class Flight:
             ],
         }
 
+    def _route(self, end: Pose) -> list[Leg]:
+        return route(self._pose, end, self._target_m, self._limits, self._wind_m_s, self._obstacles)
+
     def _fly(self, name: str, legs: list[Leg], hover_s: float) -> None:
         self.events.append(FlightEvent(name, self.flight_time_s, tuple(legs), hover_s))
         self.flight_time_s += sum(leg.duration_s for leg in legs) + hover_s
         self.path_length_m += sum(leg.path_length_m for leg in legs)
         if legs:
             self._pose = legs[-1].end
+
+
+def _keep_outs(config: MissionConfig, rock_sha256: str) -> tuple[Cylinder, ...]:
+    """What the vehicle keeps out of besides the target: its neighbours, all around by `CLEARANCE_M`."""
+    return tuple(
+        Cylinder(c.center_m, c.radius_m + CLEARANCE_M, c.base_m, c.top_m + CLEARANCE_M)
+        for c in neighbour_cylinders(config.ground, config.scene.ground_seed, rock_sha256)
+    )
 
 
 def _pose(position_m: Floats, heading_rad: float) -> Pose:

@@ -10,6 +10,7 @@ import ruckig
 
 from nbv.config import FlightConfig
 from nbv.errors import MissionFailure
+from nbv.flight.wind import CALM, ground_speed_m_s
 from nbv.geometry.frames import wrap_angle
 from nbv.types import Floats
 
@@ -46,12 +47,12 @@ class Leg:
         return np.column_stack([times, line, heading])
 
 
-def fly_straight(start: Pose, end: Pose, limits: FlightConfig) -> Leg:
+def fly_straight(start: Pose, end: Pose, limits: FlightConfig, wind_m_s: tuple[float, float] = CALM) -> Leg:
     """Hover to hover along a straight line while turning the shorter way; time-optimal under the limits.
 
     Two synchronised axes: distance along the line and heading. Horizontal and vertical speed obey their
     own limits, acceleration and jerk theirs along the line; heading has its own rate, acceleration and
-    jerk. The slower axis sets the duration.
+    jerk. The slower axis sets the duration. Wind (east, north) slows what goes against it (`nbv.flight.wind`).
 
     Raises
     ------
@@ -61,7 +62,7 @@ def fly_straight(start: Pose, end: Pose, limits: FlightConfig) -> Leg:
     a, b = np.array(start.position_m), np.array(end.position_m)
     length = float(np.linalg.norm(b - a))
     turn = float(wrap_angle(end.heading_rad - start.heading_rad))
-    speed = _speed_along(b - a, length, limits)
+    speed = _speed_along(b - a, length, limits, wind_m_s)
 
     request = ruckig.InputParameter(2)
     request.current_position, request.target_position = [0.0, 0.0], [length, turn]
@@ -79,13 +80,16 @@ def fly_straight(start: Pose, end: Pose, limits: FlightConfig) -> Leg:
     return Leg(start, end, duration, length, trajectory)
 
 
-def _speed_along(delta: Floats, length: float, limits: FlightConfig) -> float:
+def _speed_along(delta: Floats, length: float, limits: FlightConfig, wind_m_s: tuple[float, float]) -> float:
     """Largest speed on the line whose horizontal and vertical parts obey their limits."""
     if length == 0:
         return limits.max_speed_m_s
     horizontal = float(np.hypot(delta[0], delta[1])) / length
     vertical = abs(float(delta[2])) / length
+    if horizontal > 0:
+        east, north = (float(d) / (length * horizontal) for d in delta[:2])
+        over_ground = ground_speed_m_s((east, north), limits, wind_m_s)
     return min(
-        limits.max_speed_m_s / horizontal if horizontal > 0 else np.inf,
+        over_ground / horizontal if horizontal > 0 else np.inf,
         limits.max_climb_m_s / vertical if vertical > 0 else np.inf,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from functools import lru_cache
 
@@ -9,7 +10,9 @@ import numpy as np
 
 from nbv.config import FlightConfig
 from nbv.flight.leg import Leg, Pose, fly_straight
+from nbv.flight.wind import CALM
 from nbv.geometry.frames import heading_to
+from nbv.terrain import Cylinder
 from nbv.types import Floats
 
 MARGIN_M = 0.05  # detours keep this much more than the keep-out asks for
@@ -33,34 +36,95 @@ def clear(a_m: Floats, b_m: Floats, target_m: Floats, radius_m: float, height_m:
     return bool(np.linalg.norm(p + nearest * d) >= radius_m)
 
 
-def route(start: Pose, end: Pose, target_m: tuple[float, float, float], limits: FlightConfig) -> list[Leg]:
+def route(
+    start: Pose,
+    end: Pose,
+    target_m: tuple[float, float, float],
+    limits: FlightConfig,
+    wind_m_s: tuple[float, float] = CALM,
+    obstacles: tuple[Cylinder, ...] = (),
+) -> list[Leg]:
     """The legs from ``start`` to ``end``: one if the straight line is clear, else two.
 
     The detour passes left of, right of or over the keep-out cylinder (or its rim), whichever takes least time, with a
     short hover at the corner. If an end itself lies inside the cylinder there is nothing to go around:
     the leg is flown straight.
+
+    With ``obstacles``, from which to stay out too, the detour is the fastest such one around any of them that is clear of
+    all; where there is none the vehicle climbs above them, crosses and descends.
     """
-    return list(_route(start, end, target_m, limits))
+    legs = _route(start, end, target_m, limits, wind_m_s)
+    return list(_among(legs, target_m, limits, wind_m_s, obstacles) if obstacles else legs)
 
 
 @lru_cache(maxsize=2048)  # the seed orbit is the same in every mission on a (rock, replicate)
 def _route(
-    start: Pose, end: Pose, target_m: tuple[float, float, float], limits: FlightConfig
+    start: Pose,
+    end: Pose,
+    target_m: tuple[float, float, float],
+    limits: FlightConfig,
+    wind_m_s: tuple[float, float],
 ) -> tuple[Leg, ...]:
     target = np.array(target_m)
     a, b = np.array(start.position_m), np.array(end.position_m)
     radius, height = limits.keep_out_radius_m, limits.keep_out_height_m
-    direct = (fly_straight(start, end, limits),)
+    direct = (fly_straight(start, end, limits, wind_m_s),)
     if clear(a, b, target, radius, height):
         return direct
 
     choices = []
     for corner, heading in _corners(a, b, target, radius + MARGIN_M, height + MARGIN_M, end.heading_rad):
         if clear(a, corner, target, radius, height) and clear(corner, b, target, radius, height):
-            x, y, z = (float(v) for v in corner)
-            middle = Pose((x, y, z), heading)
-            choices.append((fly_straight(start, middle, limits), fly_straight(middle, end, limits)))
-    return min(choices, key=lambda legs: sum(leg.duration_s for leg in legs), default=direct)
+            middle = _pose(corner, heading)
+            choices.append(_through(wind_m_s, limits, start, middle, end))
+    return min(choices, key=_duration_s, default=direct)
+
+
+def _among(
+    legs: tuple[Leg, ...],
+    target_m: tuple[float, float, float],
+    limits: FlightConfig,
+    wind_m_s: tuple[float, float],
+    obstacles: tuple[Cylinder, ...],
+) -> tuple[Leg, ...]:
+    """``legs`` where they are clear of the obstacles, else a detour."""
+    start, end = legs[0].start, legs[-1].end
+    a, b = np.array(start.position_m), np.array(end.position_m)
+    target = (np.array(target_m[:2]), limits.keep_out_radius_m, limits.keep_out_height_m)
+    around = [target, *((np.array(o.center_m), o.radius_m, o.top_m) for o in obstacles)]
+    # What an end lies inside of cannot be gone around: the target's keep-out, if one chose to.
+    around = [c for c in around if clear(a, a, *c) and clear(b, b, *c)]
+
+    def free(poses: list[Pose]) -> bool:
+        points = [np.array(pose.position_m) for pose in poses]
+        return all(clear(p, q, *c) for p, q in itertools.pairwise(points) for c in around)
+
+    if free([start, *(leg.end for leg in legs)]):
+        return legs
+    choices = []
+    for center, radius, height in around:
+        for corner, heading in _corners(a, b, center, radius + MARGIN_M, height + MARGIN_M, end.heading_rad):
+            middle = _pose(corner, heading)
+            if free([start, middle, end]):
+                choices.append(_through(wind_m_s, limits, start, middle, end))
+    if choices:
+        return min(choices, key=_duration_s)
+    top = max([a[2], b[2], *(height + MARGIN_M for _, _, height in around)])
+    up, over = (_pose(np.array([*p[:2], top]), end.heading_rad) for p in (a, b))
+    return _through(wind_m_s, limits, start, up, over, end)
+
+
+def _through(wind_m_s: tuple[float, float], limits: FlightConfig, *poses: Pose) -> tuple[Leg, ...]:
+    return tuple(fly_straight(p, q, limits, wind_m_s) for p, q in itertools.pairwise(poses))
+
+
+def _duration_s(legs: tuple[Leg, ...]) -> float:
+    return sum(leg.duration_s for leg in legs)
+
+
+def _pose(position_m: Floats, heading_rad: float) -> Pose:
+    x, y, z = (float(v) for v in position_m)
+    return Pose((x, y, z), heading_rad)
 
 
 def _corners(

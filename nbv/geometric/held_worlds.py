@@ -18,6 +18,7 @@ def world_of(rock: Rock, config: MissionConfig, store: Store | None) -> Geometri
         rock.sha256,
         config.camera,
         config.scene,
+        config.ground,
         config.seed,
         config.pool,
         config.target_m,

@@ -3,6 +3,7 @@
 Computed once per rock and set of viewpoints (seconds of ray casting) and kept in the store. Visibility is
 resolved at the viewpoints' nominal positions: an arrival error of some 12 cm at 3.5 m moves an outline by
 a centimetre or two. Angles and incidences use the actual positions (`nbv.geometric.reconstructor`).
+A buried rock is what is above ground; neighbours hide and shade, but have no landmarks; relief is flat here.
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ from nbv.geometry.visibility import lifted, seen_from
 from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
 from nbv.rocks.mesh import vertex_normals
+from nbv.terrain import Body, Surroundings, make_surroundings
 from nbv.types import Floats, Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
@@ -111,15 +113,21 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
         [list(scene.sun_travel), scene.sun_irradiance, scene.ambient],
         [[v.id, *v.position_m] for v in all_viewpoints(config)],
     ]
+    if (around := _neighbours(rock, config, store)) is not None:
+        inputs.append(list(around.key))
     arrays = remember(
-        store, "geometric-worlds", lambda: _to_arrays(build_world(rock, config)), code=__name__, inputs=inputs
+        store,
+        "geometric-worlds",
+        lambda: _to_arrays(build_world(rock, config, around)),
+        code=__name__,
+        inputs=inputs,
     )
     return _from_arrays(arrays)
 
 
-def build_world(rock: Rock, config: MissionConfig) -> GeometricWorld:
-    """Landmarks, samples and visibility of one rock, by ray casting on its mesh."""
-    caster = RayCaster(rock.vertices_m, rock.faces)
+def build_world(rock: Rock, config: MissionConfig, around: Surroundings | None = None) -> GeometricWorld:
+    """Landmarks, samples and visibility of one rock, by ray casting on its mesh and its neighbours'."""
+    caster = _caster(rock, around)
     viewpoints = all_viewpoints(config)
     shade = _Shading(rock, config, caster)
 
@@ -133,7 +141,9 @@ def build_world(rock: Rock, config: MissionConfig) -> GeometricWorld:
     near_m = config.shared.box_half_extent_m + GROUND_MARGIN_M
     near, far = _near_ground(near_m), _far_ground(near_m)
     ground = np.concatenate([near, far])
-    ground = ground[~_under_rock(caster, ground)]
+    ground = ground[
+        ~_under_rock(caster, ground, open_below=config.ground.burial_m > 0 or config.ground.relief_m > 0)
+    ]
     n_near = len(on_rock) + int((np.abs(ground[:, :2]).max(axis=1) <= near_m).sum())
     landmarks = np.concatenate([on_rock, ground])
     normals = np.concatenate([rock_normals, np.tile([0.0, 0.0, 1.0], (len(ground), 1))])
@@ -187,9 +197,26 @@ def _far_ground(inner_m: float) -> Floats:
     return np.column_stack([xy, np.zeros(len(xy))])
 
 
-def _under_rock(caster: RayCaster, points_m: Floats) -> Mask:
-    below = points_m - [0.0, 0.0, 1e-3]
-    return caster.cast(rays_of(below, np.array([0.0, 0.0, 1.0]))).t < 0.03  # the rock rests on it
+def _neighbours(rock: Rock, config: MissionConfig, store: Store | None) -> Surroundings | None:
+    if config.ground.neighbours == 0:
+        return None
+    return make_surroundings(config.ground, config.scene.ground_seed, rock.sha256, store)
+
+
+def _caster(rock: Rock, around: Surroundings | None) -> RayCaster:
+    parts: list[Rock | Body] = [rock, *(() if around is None else around.neighbours)]
+    first = np.cumsum([0, *(len(part.vertices_m) for part in parts)])
+    faces = [part.faces + n for part, n in zip(parts, first)]
+    return RayCaster(np.concatenate([part.vertices_m for part in parts]), np.concatenate(faces))
+
+
+def _under_rock(caster: RayCaster, points_m: Floats, *, open_below: bool) -> Mask:
+    up = np.array([0.0, 0.0, 1.0])
+    rays = rays_of(points_m - [0.0, 0.0, 1e-3], up)
+    rests: Mask = caster.cast(rays).t < 0.03  # the rock rests on it
+    if open_below:  # cut off at the ground, so a ray from below has gone in without a crossing
+        rests |= caster.crossings(rays) % 2 == 1
+    return rests
 
 
 def _seen(

@@ -23,6 +23,7 @@ from nbv.mission.runner import Keep, Log, no_log
 from nbv.mission.stopwatch import Stopwatch
 from nbv.provenance import provenance
 from nbv.rocks import Rock, load_rock
+from nbv.terrain import lying_rock
 from nbv.types import Cloud
 
 
@@ -64,7 +65,8 @@ def fly_mission(
     """
     started = time.perf_counter()
     store = Store() if cache else None
-    subject = load_rock(rock, store)
+    found = load_rock(rock, store)
+    subject = lying_rock(found, config)
     run = RunDirectory(directory, overwrite=overwrite) if directory is not None else None
     if run is not None:
         run.write_config(config.to_dict())
@@ -123,7 +125,7 @@ def fly_mission(
         },
         provenance={
             **provenance(),
-            "rock_sha256": subject.sha256,
+            "rock_sha256": found.sha256,
             "fidelity": fidelity.name,
             "condition": config.condition,
             **fidelity.facts,

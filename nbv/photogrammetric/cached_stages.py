@@ -33,7 +33,8 @@ class CachedStudio:
         self, studio: Studio, store: Store, rock: Rock, replicate: int, config: MissionConfig
     ) -> None:
         self._studio, self._store = studio, store
-        self._identity = (rock.sha256, replicate, config.camera, config.scene, config.sensor, config.target_m)
+        world = (config.camera, config.scene, config.sensor, config.ground, config.target_m)
+        self._identity = (rock.sha256, replicate, *world)
 
     def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
         """See `nbv.types.Camera`."""

@@ -20,6 +20,7 @@ from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photogrammetric.studio import Studio
 from nbv.rocks import Rock
 from nbv.scene import Renderer, build_scene, make_renderer
+from nbv.terrain import make_surroundings
 from nbv.threads import limit_threads
 from nbv.types import Camera, Cloud
 
@@ -63,7 +64,9 @@ class PhotogrammetricFidelity:
     def _renderer(self, camera: CameraConfig) -> Renderer:
         config = self.context.config
         with self.context.stopwatch.timed("scene"):
-            scene = build_scene(self.context.rock, config.scene, camera, store=self.context.store)
+            rock, store = self.context.rock, self.context.store
+            around = make_surroundings(config.ground, config.scene.ground_seed, rock.sha256, store)
+            scene = build_scene(rock, config.scene, camera, store=store, surroundings=around)
             return make_renderer(scene, config.scene.backend)
 
 

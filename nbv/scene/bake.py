@@ -12,17 +12,20 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.cache import Arrays, Store, remember
+from nbv.cache import Arrays, Store, digest, remember
 from nbv.config import CameraConfig, SceneConfig
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.scene.ground import GroundSpec, synthesise_ground
 from nbv.scene.view import linear_from_srgb
+from nbv.terrain import RELIEF_HALF_EXTENT_M, Body, Relief, Surroundings
 from nbv.types import Floats
 
 GROUND_TINT = np.array([1.0, 0.985, 0.955], dtype=np.float32)  # regolith is very slightly warm
+Floats32 = NDArray[np.float32]
 _FULL_SCALE = 65535.0  # radiance 1.0 in the stored 16-bit textures
 
 
@@ -41,7 +44,10 @@ class RockLike(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """A rock on the ground under the sun, baked; with the camera that looks at it."""
+    """A rock on the ground under the sun, baked; with the camera that looks at it.
+
+    The mesh is the rock's and, after it, that of its neighbours.
+    """
 
     vertices_m: NDArray[np.float32]  # (V, 3)
     faces: NDArray[np.uint32]  # (F, 3)
@@ -50,12 +56,19 @@ class Scene:
     ground_levels: tuple[NDArray[np.uint16], ...]  # per level (S, S) grey radiance, 65535 is 1.0
     sky_radiance: float  # linear grey
     camera: CameraConfig
+    part_ends: tuple[int, ...]  # where the vertices of the rock end, and those of each neighbour
+    relief: Relief | None
     # For a renderer that traces light: what reflects, and the lights.
     albedo: NDArray[np.floating]  # (V, 3) linear
     light: SceneConfig
     ground_reflectance: Callable[
         [], tuple[NDArray[np.float32], ...]
     ]  # per level (S, S), painted relief in it
+
+    @property
+    def rock_faces(self) -> int:
+        """How many faces the rock has; they come first."""
+        return int(np.count_nonzero(self.faces[:, 0] < self.part_ends[0]))
 
     @property
     def ground_mean_radiance(self) -> float:
@@ -75,31 +88,37 @@ def build_scene(
     camera: CameraConfig,
     ground: GroundSpec | None = None,
     store: Store | None = None,
+    surroundings: Surroundings | None = None,
 ) -> Scene:
-    """Bake the light on a rock and its ground, or read it from ``store``."""
+    """Bake the light on a rock, its ground and its surroundings, or read it from ``store``."""
     spec = ground or GroundSpec()
     to_sun = direction_to_sun(config)
-    vertices = np.ascontiguousarray(rock.vertices_m, dtype=np.float32)
-    faces = np.ascontiguousarray(rock.faces, dtype=np.uint32)
-    geometry = {"spec": dataclasses.asdict(spec), "sun": config.sun_travel}
+    solid = _Solid.of(rock, surroundings)
+    geometry: dict[str, Any] = {"spec": dataclasses.asdict(spec), "sun": config.sun_travel}
+    around = {} if surroundings is None else {"surroundings": surroundings.key}
+    relief = None if surroundings is None else surroundings.relief
+    if relief is not None and spec.half_extent_m(0) < RELIEF_HALF_EXTENT_M:
+        raise ValueError("relief does not fit the sharpest level of the ground")
     light = {"irradiance": config.sun_irradiance, "ambient": config.ambient}
 
     def stored(kind: str, bake: Callable[[], Arrays], **inputs: Any) -> Arrays:
         return remember(store, kind, bake, code=__name__, inputs=[inputs])
 
-    def ground_surface() -> Arrays:
+    def ground_surface(relief: Relief | None) -> Arrays:
         return stored(
             "scene-ground",
-            lambda: _ground_arrays(config.ground_seed, to_sun, spec),
+            lambda: _ground_arrays(config.ground_seed, to_sun, spec, relief),
             seed=config.ground_seed,
+            **({} if relief is None else {"relief": digest(relief.heights_m)}),
             **geometry,
         )
 
-    surface = ground_surface()
+    surface = ground_surface(relief)
     rock_light = stored(
         "scene-rock",
-        lambda: _rock_arrays(rock, vertices, faces, config, to_sun, spec),
+        lambda: _rock_arrays(solid, config, to_sun, spec, relief),
         rock=rock.sha256,
+        **around,
         **geometry,
         **light,
     )
@@ -113,21 +132,69 @@ def build_scene(
         radiance = albedo * (np.float32(config.ambient) + sun)
         levels.append(np.rint(np.clip(radiance, 0, 1) * np.float32(_FULL_SCALE)).astype(np.uint16))
     return Scene(
-        vertices,
-        faces,
+        solid.vertices,
+        solid.faces,
         rock_light["radiance"],
         spec,
         tuple(levels),
         linear_from_srgb(config.sky_grey),
         camera,
-        rock.albedo,
+        solid.part_ends,
+        relief,
+        solid.albedo,
         config,
-        lambda: _reflectance(ground_surface(), config, to_sun, spec),
+        lambda: _reflectance(ground_surface(None), config, to_sun, spec),
     )
 
 
-def _ground_arrays(seed: int, to_sun: Floats, spec: GroundSpec) -> dict[str, np.ndarray]:
-    surface = synthesise_ground(seed, to_sun, spec)
+@dataclass(frozen=True, eq=False)
+class _Solid:
+    """All that stands on the ground as one mesh, the rock first."""
+
+    vertices: NDArray[np.float32]  # (V, 3)
+    faces: NDArray[np.uint32]  # (F, 3)
+    albedo: NDArray[np.floating]  # (V, 3)
+    part_ends: tuple[int, ...]  # see `Scene`
+
+    @staticmethod
+    def of(rock: RockLike, surroundings: Surroundings | None) -> _Solid:
+        bodies = () if surroundings is None else surroundings.neighbours
+        parts: list[RockLike | Body] = [rock, *bodies]
+        ends = tuple(np.cumsum([len(part.vertices_m) for part in parts]).tolist())
+        if not bodies:
+            vertices = np.ascontiguousarray(rock.vertices_m, dtype=np.float32)
+            return _Solid(vertices, np.ascontiguousarray(rock.faces, dtype=np.uint32), rock.albedo, ends)
+        return _Solid(
+            np.concatenate([part.vertices_m for part in parts]).astype(np.float32),
+            np.concatenate([part.faces + first for part, first in zip(parts, (0, *ends))]).astype(np.uint32),
+            np.concatenate([part.albedo for part in parts]),
+            ends,
+        )
+
+
+def with_relief(vertices: NDArray[np.float32], faces: NDArray[np.uint32], relief: Relief | None) -> RayCaster:
+    """The mesh, followed by the relief."""
+    if relief is not None:
+        heights, cells = relief.mesh()
+        faces = np.concatenate([faces, (cells + len(vertices)).astype(np.uint32)])
+        vertices = np.concatenate([vertices, heights.astype(np.float32)])
+    return RayCaster(vertices, faces)
+
+
+def relief_within(relief: Relief, half_extent_m: float) -> tuple[Floats32, NDArray[np.uint32]]:
+    """The relief, and flat ground from there to the square of half side ``half_extent_m``."""
+    vertices, faces = relief.mesh()
+    sides = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    rim = np.concatenate([half_extent_m * sides, RELIEF_HALF_EXTENT_M * sides])
+    around = [face for i in range(4) for j in [(i + 1) % 4] for face in ((i, j, 4 + j), (i, 4 + j, 4 + i))]
+    all_faces = np.concatenate([faces, np.array(around) + len(vertices)])
+    return np.concatenate([vertices, rim]).astype(np.float32), all_faces.astype(np.uint32)
+
+
+def _ground_arrays(
+    seed: int, to_sun: Floats, spec: GroundSpec, relief: Relief | None
+) -> dict[str, np.ndarray]:
+    surface = synthesise_ground(seed, to_sun, spec, relief)
     arrays = {}
     for level in range(spec.levels):
         arrays[f"albedo_{level}"] = np.rint(surface.albedo[level] * _FULL_SCALE).astype(np.uint16)
@@ -150,20 +217,22 @@ def _reflectance(
 
 
 def _rock_arrays(
-    rock: RockLike,
-    vertices: NDArray[np.float32],
-    faces: NDArray[np.uint32],
-    config: SceneConfig,
-    to_sun: Floats,
-    spec: GroundSpec,
+    solid: _Solid, config: SceneConfig, to_sun: Floats, spec: GroundSpec, relief: Relief | None
 ) -> dict[str, np.ndarray]:
-    caster = RayCaster(vertices, faces)
+    caster = with_relief(solid.vertices, solid.faces, relief)
     arrays: dict[str, np.ndarray] = {
-        "radiance": vertex_radiance(rock.albedo, vertices, faces, config, to_sun, caster)
+        "radiance": vertex_radiance(solid.albedo, solid.vertices, solid.faces, config, to_sun, caster)
     }
-    box = _shadow_box(vertices, to_sun)
+    box = _shadow_box(solid.vertices, to_sun)
+    if relief is not None:  # which shades itself too
+        half = RELIEF_HALF_EXTENT_M
+        box = (min(box[0], -half), max(box[1], half), min(box[2], -half), max(box[3], half))
+    alone = relief is None and len(solid.part_ends) == 1
     for level in range(spec.levels):
-        bounds, sunlit = _ground_sunlit(box, level, spec, to_sun, caster)
+        # A box of 12 m has 4 million texels: there a ray each, and smoothed.
+        bounds, sunlit = _ground_sunlit(box, level, spec, to_sun, caster, relief, sub=0 if alone else 1)
+        if not alone and sunlit.size:
+            sunlit = cv2.blur(sunlit, (3, 3))
         arrays[f"shadow_box_{level}"], arrays[f"sunlit_{level}"] = bounds, sunlit
     return arrays
 
@@ -216,6 +285,8 @@ def _ground_sunlit(
     spec: GroundSpec,
     to_sun: Floats,
     caster: RayCaster,
+    relief: Relief | None = None,
+    sub: int = 0,
 ) -> tuple[NDArray[np.int64], NDArray[np.uint8]]:
     """Texel bounds (r0, r1, c0, c1) of the shadow's box and the sunlit part of each texel, 255 is all of it."""
     texel, half = spec.texel_m * 2**level, spec.half_extent_m(level)
@@ -225,13 +296,16 @@ def _ground_sunlit(
         return min(max(math.ceil(index) + 1 if up else math.floor(index) - 1, 0), spec.size_px)
 
     c0, c1, r0, r1 = clamp(box[0], False), clamp(box[1], True), clamp(box[2], False), clamp(box[3], True)
-    sub = 3 if level == 0 else 4  # sub-samples per axis: a partly shaded texel is grey, not jagged
+    # Sub-samples per axis: a partly shaded texel is grey, not jagged.
+    sub = sub or (3 if level == 0 else 4)
     xs = (np.arange(c0 * sub, c1 * sub) + 0.5) * texel / sub - half
     ys = (np.arange(r0 * sub, r1 * sub) + 0.5) * texel / sub - half
     sunlit = np.empty((r1 - r0, c1 - c0), dtype=np.uint8)
     for row in range(r1 - r0):  # row by row, so that memory stays small for a low sun's long shadow
         gx, gy = np.meshgrid(xs, ys[row * sub : (row + 1) * sub])
         origins = np.stack([gx.ravel(), gy.ravel(), np.full(gx.size, 1e-4)], axis=1)
+        if relief is not None:
+            origins[:, 2] += relief.height_m(origins)
         dark = caster.blocked(rays_of(origins, to_sun)).reshape(sub, c1 - c0, sub)
         sunlit[row] = np.rint(255 * (1 - dark.mean(axis=(0, 2))))
     return np.array([r0, r1, c0, c1]), sunlit

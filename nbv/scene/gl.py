@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.errors import UserError
-from nbv.scene.bake import GROUND_TINT, Scene
+from nbv.scene.bake import GROUND_TINT, Scene, relief_within
 from nbv.scene.raycast import FADE_START
 from nbv.scene.view import RenderedView, camera_position, grey_levels, srgb_from_linear
 from nbv.types import Floats
@@ -93,6 +93,7 @@ class GLRenderer:
 
     def _rock_mesh(self, scene: Scene) -> Any:
         colors = np.ones((len(scene.vertices_m), 4), dtype=np.float32)
+        colors[scene.part_ends[0] :, 3] = 0.0
         colors[:, :3] = srgb_from_linear(scene.vertex_radiance)
         primitive = self._pyrender.Primitive(
             positions=scene.vertices_m,
@@ -120,6 +121,8 @@ class GLRenderer:
         )
         inner = spec.half_extent_m(level - 1) if level else 0.0
         vertices, faces = _ring(inner, half)
+        if level == 0 and scene.relief is not None:
+            vertices, faces = relief_within(scene.relief, half)
         return self._flat_mesh(vertices, faces, texture, (vertices[:, :2] + half) / (2 * half))
 
     def _plain_mesh(self, scene: Scene) -> Any:

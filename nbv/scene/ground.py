@@ -7,7 +7,8 @@ the same landscape band-limited to its own texels, which is what a prefiltered m
 Nothing here repeats: a tiled ground photograph makes Structure-from-Motion build self-consistent but
 wrong models, because a patch matches its neighbour's copy.
 
-Relief is painted on, not modelled: the surface is exactly z = 0, so depth has a closed form.
+Its own small relief is painted on, not modelled: the surface is exactly z = 0, so depth has a closed form. What is
+modelled (`nbv.terrain.relief`) is shaded here too.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.random_streams import keyed_rng
+from nbv.terrain import Relief
 
 Floats32 = NDArray[np.float32]
 
@@ -42,6 +44,12 @@ class GroundSpec:
         """Half the side of a level's square."""
         return self.texel_m * 2**level * self.size_px / 2
 
+    def texel_centres_m(self, level: int) -> NDArray[np.float64]:
+        """(size_px,) coordinates of a level's columns, and of its rows."""
+        texel = self.texel_m * 2**level
+        centres: NDArray[np.float64] = (np.arange(self.size_px) + 0.5) * texel - self.half_extent_m(level)
+        return centres
+
     @property
     def reach_m(self) -> float:
         """Half extent of the coarsest level; beyond it the ground has its mean radiance."""
@@ -58,7 +66,9 @@ class GroundSurface:
     sun_cosine: tuple[Floats32, ...]  # per level (S, S), max(0, n . l) with the pebbles' own shadows
 
 
-def synthesise_ground(seed: int, to_sun: NDArray[np.float64], spec: GroundSpec) -> GroundSurface:
+def synthesise_ground(
+    seed: int, to_sun: NDArray[np.float64], spec: GroundSpec, relief: Relief | None = None
+) -> GroundSurface:
     """Paint the ground of one seed under a sun in direction ``to_sun`` (3,), a unit vector with z > 0."""
     shape = (spec.size_px, spec.size_px)
     heights = [np.zeros(shape, np.float32) for _ in range(spec.levels)]
@@ -81,6 +91,8 @@ def synthesise_ground(seed: int, to_sun: NDArray[np.float64], spec: GroundSpec) 
 
     cosines = []
     for level, height in enumerate(heights):
+        if relief is not None:
+            height += relief.raster_m(spec.texel_centres_m(level)).astype(np.float32)
         slope_y, slope_x = np.gradient(height, np.float32(spec.texel_m * 2**level))
         cosine = (to_sun[2] - slope_x * to_sun[0] - slope_y * to_sun[1]) / np.sqrt(
             1 + slope_x**2 + slope_y**2

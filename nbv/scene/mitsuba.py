@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.errors import UserError
-from nbv.scene.bake import GROUND_TINT, Scene, direction_to_sun, vertex_normals
+from nbv.scene.bake import GROUND_TINT, Scene, direction_to_sun, relief_within, vertex_normals
 from nbv.scene.view import RenderedView, camera_position, grey_levels
 from nbv.types import Floats
 
@@ -75,7 +75,9 @@ class MitsubaRenderer:
             table = str(Path(folder) / "lunar.bsdf")
             with contextlib.redirect_stdout(None):  # it says what it writes
                 mi.tensor_io.write(table, **_lunar_table())
-            world["rock"] = self._rock(table)
+            world["rock"] = self._solid("rock", table, slice(0, scene.rock_faces))
+            if len(scene.part_ends) > 1:
+                world["neighbours"] = self._solid("neighbours", table, slice(scene.rock_faces, None))
             for level, texture in enumerate(scene.ground_reflectance()):
                 world[f"ground_{level}"] = self._ground(level, texture, table)
             world["plain"] = self._plain(float(texture.mean()), table)
@@ -136,12 +138,12 @@ class MitsubaRenderer:
         )
         return np.array(image, dtype=np.float32)
 
-    def _rock(self, table: str) -> Any:
+    def _solid(self, name: str, table: str, part: slice) -> Any:
         scene = self._scene
         albedo = np.asarray(scene.albedo, dtype=np.float32).mean(axis=1)
         bsdf = _lunar({"type": "mesh_attribute", "name": "vertex_albedo"}, table)
         normals = vertex_normals(scene.vertices_m, scene.faces)
-        mesh = self._mesh("rock", scene.vertices_m, scene.faces, bsdf, normals=normals)
+        mesh = self._mesh(name, scene.vertices_m, scene.faces[part], bsdf, normals=normals)
         mesh.add_attribute("vertex_albedo", 1, np.ascontiguousarray(albedo))
         return mesh
 
@@ -149,6 +151,10 @@ class MitsubaRenderer:
         spec = self._scene.ground_spec
         inner = spec.half_extent_m(level - 1) if level else 0.0
         vertices, faces = _frame(inner, spec.half_extent_m(level))
+        normals = None
+        if level == 0 and (relief := self._scene.relief) is not None:
+            vertices, faces = relief_within(relief, spec.half_extent_m(0))
+            normals = vertex_normals(vertices, faces)
         bitmap = {
             "type": "bitmap",
             "data": self._mi.TensorXf(np.ascontiguousarray(texture[::-1, :, None])),  # v grows with y
@@ -156,7 +162,7 @@ class MitsubaRenderer:
             "wrap_mode": "clamp",
         }
         uv = vertices[:, :2] / (2 * spec.half_extent_m(level)) + 0.5
-        return self._mesh(f"ground_{level}", vertices, faces, _lunar(bitmap, table), uv=uv)
+        return self._mesh(f"ground_{level}", vertices, faces, _lunar(bitmap, table), normals=normals, uv=uv)
 
     def _plain(self, reflectance: float, table: str) -> Any:
         vertices, faces = _frame(self._scene.ground_spec.reach_m, HORIZON_M)

@@ -12,13 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.geometry.frames import intrinsic_matrix
-from nbv.geometry.raycasting import NO_FACE, RayCaster, RayHits
-from nbv.scene.bake import GROUND_TINT, Scene
+from nbv.geometry.raycasting import RayCaster, RayHits
+from nbv.scene.bake import GROUND_TINT, Scene, with_relief
 from nbv.scene.view import RenderedView, camera_position, grey_levels
+from nbv.terrain import RELIEF_HALF_EXTENT_M
 from nbv.types import Floats
 
 Floats32 = NDArray[np.float32]
 _Box = tuple[int, int, int, int]  # rows from, to, columns from, to
+_Height = Floats32 | np.float32
 
 GROUND_ROWS = 3  # sub-rows per pixel: towards the horizon a footprint is several times longer than wide
 ROCK_SUBSAMPLES = 2  # per axis
@@ -33,52 +35,73 @@ class RaycastRenderer:
 
     def __init__(self, scene: Scene) -> None:
         self._scene = scene
-        self._caster = RayCaster(scene.vertices_m, scene.faces)
+        self._caster = with_relief(scene.vertices_m, scene.faces, scene.relief)
+        self._relief = None if scene.relief is None else RayCaster(*scene.relief.mesh())
         self._k = intrinsic_matrix(scene.camera)
         self._mips = _with_far_mips(scene)
         self._face_radiance = scene.vertex_radiance[scene.faces]  # (F, 3, 3): one look-up a ray, not four
+        self._rock_faces = scene.rock_faces
         self._ground_mean = np.float32(scene.ground_mean_radiance * 65535.0)
-        low, high = scene.vertices_m.min(0), scene.vertices_m.max(0)
-        self._corners = np.array(
-            [[x, y, z, 1.0] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-        )
+        parts = np.split(scene.vertices_m, scene.part_ends[:-1])
+        self._corners = [_box_corners(part) for part in parts]
 
     def render(self, camera_from_world: Floats) -> RenderedView:
         """See ``Renderer.render``."""
-        rays, position, box = self._look(camera_from_world)
-        depth = self._ground_depth(rays, position)
+        rays, position, boxes = self._look(camera_from_world)
+        ground_m = self._ground_height(rays, position)
+        depth = self._ground_depth(rays, position, ground_m)
         mask = np.zeros(depth.shape, dtype=bool)
-        if box is not None:
+        for box in boxes:
             self._measure_rock(rays, position, box, depth, mask)
-        return RenderedView(self._picture(rays, position, box), depth, mask)
+        return RenderedView(self._picture(rays, position, boxes, ground_m), depth, mask)
 
     def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
         """See ``Renderer.rgb``."""
-        return self._picture(*self._look(camera_from_world))
+        rays, position, boxes = self._look(camera_from_world)
+        return self._picture(rays, position, boxes, self._ground_height(rays, position))
 
     def close(self) -> None:
         """Nothing to give back."""
 
-    def _look(self, camera_from_world: Floats) -> tuple[_PixelRays, Floats, _Box | None]:
-        """The pixels' rays, the camera's position, and the pixels that may show the rock."""
-        matrix = np.asarray(camera_from_world, dtype=float)
-        return _PixelRays(matrix[:3, :3], self._k), camera_position(camera_from_world), self._rock_box(matrix)
+    def _look(self, camera_from_world: Floats) -> tuple[_PixelRays, Floats, list[_Box]]:
+        """The pixels' rays, the camera's position, and the pixels that may show the rock and each neighbour."""
+        matrix, position = np.asarray(camera_from_world, dtype=float), camera_position(camera_from_world)
+        boxes = [box for corners in self._corners if (box := self._rock_box(matrix, corners)) is not None]
+        return _PixelRays(matrix[:3, :3], self._k), position, boxes
 
-    def _picture(self, rays: _PixelRays, position: Floats, box: _Box | None) -> NDArray[np.uint8]:
-        rgb = self._background(rays, position)
-        if box is not None:
-            self._draw_rock(rays, position, box, rgb)
+    def _picture(
+        self, rays: _PixelRays, position: Floats, boxes: list[_Box], ground_m: _Height
+    ) -> NDArray[np.uint8]:
+        background = self._background(rays, position, ground_m)
+        rgb = background if len(boxes) < 2 else background.copy()  # boxes may overlap
+        for box in boxes:
+            self._draw_rock(rays, position, box, background, rgb)
         return grey_levels(rgb)
 
     # ---------------------------------------------------------------- ground and sky
 
-    def _ground_depth(self, rays: _PixelRays, position: Floats) -> Floats32:
+    def _ground_height(self, rays: _PixelRays, position: Floats) -> _Height:
+        """(H, W) height of the ground that each pixel's centre would see, or the height of all of it."""
+        if self._relief is None:
+            return np.float32(0)
+        camera = self._scene.camera
+        columns, rows = np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5
+        t = self._cast(rays, position, columns, rows, self._relief).t
+        dz = np.minimum(rays.component(2, columns, rows), np.float32(-1e-6))
+        height = np.where(np.isfinite(t), np.float32(position[2]) + t * dz, np.float32(0))
+        # A ray that comes down outside of the relief's square does not reach what it would hit below ground.
+        flat = np.float32(-position[2]) / dz
+        x, y = (np.float32(position[i]) + flat * rays.component(i, columns, rows) for i in range(2))
+        height[(flat < t) & (np.maximum(np.abs(x), np.abs(y)) > RELIEF_HALF_EXTENT_M)] = 0
+        return height
+
+    def _ground_depth(self, rays: _PixelRays, position: Floats, ground_m: _Height) -> Floats32:
         camera = self._scene.camera
         dz = rays.component(2, np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5)
         with np.errstate(divide="ignore"):
-            return np.where(dz < 0, np.float32(-position[2]) / dz, np.float32(np.inf))
+            return np.where(dz < 0, (ground_m - np.float32(position[2])) / dz, np.float32(np.inf))
 
-    def _background(self, rays: _PixelRays, position: Floats) -> Floats32:
+    def _background(self, rays: _PixelRays, position: Floats, ground_m: _Height) -> Floats32:
         """(H, W, 3) radiance of ground and sky."""
         camera = self._scene.camera
         columns = np.arange(camera.width_px) + 0.5
@@ -97,7 +120,9 @@ class RaycastRenderer:
             sky[: band.start] += 1
             sky[band.stop :] += 1
             seen = below[band]
-            looked_up = self._look_up(rays, position, columns, rows[band], np.minimum(dz[band], -1e-6))
+            height = ground_m[band] if isinstance(ground_m, np.ndarray) else ground_m
+            down = np.minimum(dz[band], -1e-6)
+            looked_up = self._look_up(rays, position, columns, rows[band], down, height)
             if seen.all():
                 grey[band] += looked_up
             else:
@@ -118,11 +143,12 @@ class RaycastRenderer:
         columns: NDArray[np.floating],
         rows: NDArray[np.floating],
         dz: Floats32,
+        height: _Height,
     ) -> Floats32:
-        """Trilinear ground radiance (0..65535) at one sample per pixel."""
+        """Trilinear ground radiance (0..65535) at one sample per pixel, where the ray meets ``height``."""
         spec = self._scene.ground_spec
         dx, dy = rays.component(0, columns, rows), rays.component(1, columns, rows)
-        t = np.float32(-position[2]) / dz
+        t = (height - np.float32(position[2])) / dz
         reach = np.float32(spec.reach_m)
         x = np.clip(t * dx + np.float32(position[0]), -reach, reach)
         y = np.clip(t * dy + np.float32(position[1]), -reach, reach)
@@ -158,10 +184,10 @@ class RaycastRenderer:
 
     # ---------------------------------------------------------------- rock
 
-    def _rock_box(self, camera_from_world: Floats) -> _Box | None:
+    def _rock_box(self, camera_from_world: Floats, corners_m: Floats) -> _Box | None:
         """(r0, r1, c0, c1) around the rock's image; all of the image if the rock reaches behind the camera."""
         camera = self._scene.camera
-        corners = self._corners @ camera_from_world[:3].T
+        corners = corners_m @ camera_from_world[:3].T
         if (corners[:, 2] <= 0.01).all():
             return None
         if (corners[:, 2] <= 0.01).any():
@@ -184,18 +210,20 @@ class RaycastRenderer:
     ) -> None:
         """Depth and mask where the rock is nearer than the ground."""
         r0, r1, c0, c1 = box
-        t = self._cast(rays, position, np.arange(c0, c1) + 0.5, np.arange(r0, r1) + 0.5).t
-        nearer = t < depth[r0:r1, c0:c1]
-        depth[r0:r1, c0:c1][nearer] = t[nearer]
-        mask[r0:r1, c0:c1] = nearer
+        found = self._cast(rays, position, np.arange(c0, c1) + 0.5, np.arange(r0, r1) + 0.5, self._caster)
+        nearer = (found.t < depth[r0:r1, c0:c1]) & (found.face < len(self._face_radiance))
+        depth[r0:r1, c0:c1][nearer] = found.t[nearer]
+        mask[r0:r1, c0:c1] |= nearer & (found.face < self._rock_faces)
 
-    def _draw_rock(self, rays: _PixelRays, position: Floats, box: _Box, rgb: Floats32) -> None:
+    def _draw_rock(
+        self, rays: _PixelRays, position: Floats, box: _Box, background: Floats32, rgb: Floats32
+    ) -> None:
         r0, r1, c0, c1 = box
         n = ROCK_SUBSAMPLES
         fine_rows = r0 + (np.arange((r1 - r0) * n) + 0.5) / n
         fine_columns = c0 + (np.arange((c1 - c0) * n) + 0.5) / n
-        found = self._cast(rays, position, fine_columns, fine_rows)
-        hit = found.face != NO_FACE
+        found = self._cast(rays, position, fine_columns, fine_rows, self._caster)
+        hit = found.face < len(self._face_radiance)  # else it is relief, or nothing
         radiance = np.zeros((*hit.shape, 3), dtype=np.float32)
         radiance[hit] = self._surface_radiance(found.face[hit], found.uv[hit])
         # Sums over a pixel's rays as whole arrays: NumPy's own over two axes takes five times as long.
@@ -207,23 +235,36 @@ class RaycastRenderer:
                 total += radiance[row::n, column::n]
         share = np.float32(1 / n**2)
         patch = rgb[r0:r1, c0:c1]
-        patch *= (1 - share * covered)[..., None]
+        np.multiply(background[r0:r1, c0:c1], (1 - share * covered)[..., None], out=patch)
         patch += share * total
 
     def _cast(
-        self, rays: _PixelRays, position: Floats, columns: NDArray[np.floating], rows: NDArray[np.floating]
+        self,
+        rays: _PixelRays,
+        position: Floats,
+        columns: NDArray[np.floating],
+        rows: NDArray[np.floating],
+        caster: RayCaster,
     ) -> RayHits:
         """What a grid of rays (rows, columns) meets of the rock; ``t`` is the depth."""
         bundle = np.empty((len(rows), len(columns), 6), dtype=np.float32)
         bundle[..., :3] = position
         for axis in range(3):
             bundle[..., 3 + axis] = rays.component(axis, columns, rows)
-        return self._caster.cast(bundle)
+        return caster.cast(bundle)
 
     def _surface_radiance(self, face: NDArray[np.uint32], uv: Floats32) -> Floats32:
         a, b, c = self._face_radiance[face].transpose(1, 0, 2)
         u, v = uv[:, :1], uv[:, 1:]
         return (1 - u - v) * a + u * b + v * c
+
+
+def _box_corners(vertices_m: Floats32) -> Floats:
+    """(8, 4) homogeneous corners of the box around vertices (V, 3)."""
+    low, high = vertices_m.min(0), vertices_m.max(0)
+    return np.array(
+        [[x, y, z, 1.0] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
+    )
 
 
 def _with_far_mips(scene: Scene) -> list[NDArray[np.uint16]]:

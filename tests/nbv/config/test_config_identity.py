@@ -28,7 +28,7 @@ ADDED_SINCE_VERSION_1 = {
 def version_1(config: MissionConfig) -> dict:
     """The configuration as a mission wrote it down before the later fields existed."""
     tree = config.to_dict()
-    for name in ("condition", "matchable", "sensor", "target", "telemetry"):
+    for name in ("condition", "ground", "matchable", "sensor", "target", "telemetry", "wind"):
         del tree[name]
     for section, names in ADDED_SINCE_VERSION_1.items():
         for name in names:

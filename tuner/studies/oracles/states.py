@@ -17,6 +17,7 @@ from nbv.gates import make_oracle
 from nbv.mission.planning_state import load_state
 from nbv.rocks import Rock, load_rock
 from nbv.scorers import B_AWARE, COVIS, rank_candidates
+from nbv.terrain import lying_rock
 from tuner.studies.decisions import PERCENT
 from tuner.studies.missions_as_data import FlownMission, find_missions
 from tuner.studies.oracles.study import COVERAGES, Judgement, Preferences, preferences
@@ -88,6 +89,7 @@ def _rock_of(mission: FlownMission, known: Sequence[Rock]) -> Rock:
 
 
 def _judge_mission(mission: FlownMission, rock: Rock, coverages: Sequence[str]) -> list[JudgedMission]:
+    rock = lying_rock(rock, mission.config)
     files = sorted((mission.directory / "states").glob("iter_*.npz"))
     oracles = {
         coverage: make_oracle(mission.config.with_values({"gate.oracle_coverage": coverage}), rock)

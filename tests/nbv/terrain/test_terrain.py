@@ -1,0 +1,147 @@
+"""Relief, neighbours and burial: heights as asked, nothing in the crop, nothing of the rock below ground."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from nbv.config import GroundConfig, MissionConfig
+from nbv.errors import UserError
+from nbv.evaluation.ground_truth import build_ground_truth
+from nbv.geometry.raycasting import RayCaster, rays_of
+from nbv.rocks.mesh import edge_face_counts, face_areas
+from nbv.rocks.procedural import generate_rock
+from nbv.rocks.rock import Rock
+from nbv.terrain import lying_rock, make_relief, make_surroundings, neighbour_cylinders
+from nbv.terrain.neighbours import CROP_M
+from nbv.terrain.relief import FILLED_M, FOOTPRINT_M, FULL_M, RELIEF_HALF_EXTENT_M, STEP_M
+
+FEW = GroundConfig(neighbours=6)
+
+
+@pytest.fixture(scope="module")
+def rock() -> Rock:
+    return generate_rock("boulder", grid_m=0.06)
+
+
+def test_relief_has_the_rms_and_slope_that_is_asked() -> None:
+    rms, slopes = [], []
+    for seed in range(8):
+        relief = make_relief(0.08, 1.0, seed)
+        n = len(relief.heights_m)
+        nodes = np.linspace(-RELIEF_HALF_EXTENT_M, RELIEF_HALF_EXTENT_M, n)
+        x, y = np.meshgrid(nodes, nodes)
+        part = (np.maximum(abs(x), abs(y)) < FULL_M) & (np.hypot(x, y) > FILLED_M[1])
+        rms.append(relief.heights_m[part].std())
+        slopes.append(np.gradient(relief.heights_m, STEP_M, axis=1)[part].std())
+    assert np.mean(rms) == pytest.approx(0.08, rel=0.05)
+    # A Gaussian correlation of length l has rms slope sqrt(2) h / l.
+    assert np.mean(slopes) == pytest.approx(np.sqrt(2) * 0.08, rel=0.1)
+
+
+def test_relief_meets_the_plain_and_carries_the_rock() -> None:
+    heights = (relief := make_relief(0.1, 1.0, 3)).heights_m
+    assert not heights[[0, -1]].any() and not heights[:, [0, -1]].any()
+    angle = np.linspace(0, 2 * np.pi, 50)
+    for radius in (0.0, FOOTPRINT_M, FILLED_M[0] - STEP_M * 2):
+        ring = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        assert (relief.height_m(ring) >= -1e-12).all()
+    assert relief.height_m(np.array([[7.0, 0.0]])) == 0
+
+
+def test_the_height_of_relief_is_that_of_its_mesh() -> None:
+    relief = make_relief(0.1, 0.6, 1)
+    points = np.random.default_rng(0).uniform(-5.9, 5.9, (500, 2))
+    caster = RayCaster(*relief.mesh())
+    t = caster.cast(rays_of(np.column_stack([points, np.full(500, 5.0)]), np.array([0.0, 0.0, -1.0]))).t
+    np.testing.assert_allclose(5.0 - t, relief.height_m(points), atol=2e-6)
+
+
+@pytest.mark.parametrize("seed", range(0, 40, 4))
+def test_neighbours_stand_outside_the_crop_and_apart(seed: int) -> None:
+    cylinders = neighbour_cylinders(FEW, seed, "rock")
+    assert len(cylinders) == 6
+    assert cylinders == neighbour_cylinders(FEW, seed, "rock") != neighbour_cylinders(FEW, seed, "other")
+    for i, c in enumerate(cylinders):
+        # The circle is outside of the square where its centre is farther than the radius beyond a side.
+        assert np.abs(c.center_m).max() - c.radius_m >= CROP_M + FEW.neighbour_gap_m[0] - 1e-9
+        assert FEW.neighbour_height_m[0] <= c.top_m - c.base_m <= FEW.neighbour_height_m[1]
+        for other in cylinders[:i]:
+            assert np.hypot(*np.subtract(c.center_m, other.center_m)) > c.radius_m + other.radius_m
+
+
+def test_a_neighbour_fills_its_cylinder(rock: Rock) -> None:
+    ground = GroundConfig(neighbours=2, relief_m=0.1)
+    around = make_surroundings(ground, 0, rock.sha256)
+    assert around is not None
+    for body, place in zip(around.neighbours, neighbour_cylinders(ground, 0, rock.sha256)):
+        reach = np.linalg.norm(body.vertices_m[:, :2] - place.center_m, axis=1).max()
+        assert reach == pytest.approx(place.radius_m)
+        assert body.vertices_m[:, 2].max() == pytest.approx(place.top_m)
+        assert body.vertices_m[:, 2].min() == pytest.approx(place.base_m)
+        assert 0.02 <= body.albedo.min() < body.albedo.max() <= 0.95
+
+
+def test_flat_empty_ground_leaves_the_rock_as_it_is(rock: Rock) -> None:
+    config = MissionConfig()
+    assert lying_rock(rock, config) is rock
+    assert make_surroundings(config.ground, 0, rock.sha256) is None
+    assert lying_rock(rock, config.with_values({"ground.neighbours": 3})) is rock
+
+
+def test_a_buried_rock_is_what_is_above_ground(rock: Rock) -> None:
+    buried = lying_rock(rock, MissionConfig().with_values({"ground.burial_m": 0.3}))
+    assert buried.vertices_m[:, 2].max() == pytest.approx(1.3)
+    assert buried.vertices_m[:, 2].min() == pytest.approx(0.0, abs=1e-12)
+    truth = build_ground_truth(buried.vertices_m, buried.faces, np.array([[4.0, 0, 1]]), 4000)
+    assert truth.points_m[:, 2].min() >= -1e-12
+    # The cut is exact: no face is lost, none is doubled, and the rim is one closed line.
+    corners = rock.vertices_m[rock.faces] - [0, 0, 0.3]
+    above = face_areas(rock.vertices_m, rock.faces)[(corners[..., 2] > 0).all(axis=1)].sum()
+    cut = face_areas(buried.vertices_m, buried.faces).sum()
+    assert above < cut < face_areas(rock.vertices_m, rock.faces).sum()
+    counts = edge_face_counts(buried.faces)
+    rim = np.flatnonzero(np.abs(buried.vertices_m[:, 2]) < 1e-12)
+    assert set(counts.tolist()) == {1, 2} and (counts == 1).sum() == len(rim)
+
+
+def test_relief_cuts_the_rock_where_the_ground_is(rock: Rock) -> None:
+    config = MissionConfig().with_values({"ground.relief_m": 0.1, "ground.burial_m": 0.1})
+    lying = lying_rock(rock, config)
+    truth = build_ground_truth(lying.vertices_m, lying.faces, np.array([[4.0, 0, 1]]), 4000)
+    ground_m = make_relief(0.1, 1.0, 0).height_m(truth.points_m)
+    assert (truth.points_m[:, 2] - ground_m).min() > -5e-3  # a face is flat, the ground under it bends
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"ground.relief_m": -0.1}, r"ground\.relief_m is -0\.1; it must be between 0 and 0\.2"),
+        ({"ground.neighbours": -1}, r"ground\.neighbours is -1; it must be between 0 and 12"),
+        (
+            {"ground.neighbour_gap_m": [0.0, 1.0]},
+            r"ground\.neighbour_gap_m is \(0\.0, 1\.0\); it must be 0\.05",
+        ),
+        ({"ground.neighbour_height_m": [1.0, 0.5]}, r"neighbour_height_m is \(1\.0, 0\.5\); it must be 0\.1"),
+        ({"ground.burial_m": -0.2}, r"ground\.burial_m is -0\.2; it must be 0 or more"),
+        ({"wind.gust_m_s": -1}, r"wind\.gust_m_s is -1\.0; it must be 0 or more"),
+        (
+            {"wind.mean_speed_m_s": 5},
+            r"wind\.mean_speed_m_s 5 .* more than the vehicle can hold \(flight\.max_",
+        ),
+    ],
+)
+def test_ground_and_wind_that_cannot_be(values: dict, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        MissionConfig().with_values(values)
+
+
+def test_a_rock_that_is_buried_whole_is_refused(rock: Rock) -> None:
+    with pytest.raises(UserError, match=r"ground\.burial_m is 2: rock 'boulder' is only 1\.60 m high"):
+        lying_rock(rock, MissionConfig().with_values({"ground.burial_m": 2.0}))
+
+
+def test_too_many_neighbours_for_their_room_are_refused() -> None:
+    crowd = GroundConfig(neighbours=12, neighbour_gap_m=(0.05, 0.05), neighbour_height_m=(1.5, 1.5))
+    with pytest.raises(UserError, match=r"there is room for \d+ of ground.neighbours 12; ask for fewer"):
+        neighbour_cylinders(crowd, 0, "rock")
