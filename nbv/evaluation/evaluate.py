@@ -14,7 +14,13 @@ from nbv.evaluation.cleaning import clean_cloud
 from nbv.evaluation.floor import hausdorff_floors
 from nbv.evaluation.ground_truth import GroundTruthSamples, build_ground_truth
 from nbv.evaluation.metrics import compute_metrics
-from nbv.evaluation.registration import register_cloud
+from nbv.evaluation.registration import (
+    COARSE_REACHES_M,
+    REACHES_M,
+    combined,
+    place_on_target,
+    register_cloud,
+)
 from nbv.geometry.frames import Similarity
 from nbv.geometry.raycasting import RayCaster
 from nbv.rocks import Rock
@@ -106,33 +112,35 @@ def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig, store: Store
 
     metrics = measure(cleaned)
     if not config.telemetry.is_exact:
-        metrics["registered"] = _registered(cloud, cleaned, truth, config, measure)
+        metrics["registered"] = _registered(cloud, truth, config, measure)
     return Evaluation(metrics, report, lambda: cleaned)
 
 
 def _registered(
     cloud: Cloud,
-    cleaned: PointCloud,
     truth: GroundTruthSamples,
     config: MissionConfig,
     measure: Callable[[PointCloud], dict[str, Any]],
 ) -> dict[str, Any]:
     """Both surfaces' scores after registration, and the similarity that it found.
 
-    Registered twice: the crop and the ground's removal, which come first, are only right once the cloud lies right.
+    In three steps, since the crop and the ground's removal, which come first, are only right once the cloud lies right:
+    the target in the cloud is put where the target is, then registered coarsely, then to the end.
     """
-    truth_from_cloud = register_cloud(cleaned.points_m, truth.points_m)
-    again, _ = clean_for_evaluation(_moved(cloud, truth_from_cloud), config)
-    finer = register_cloud(again.points_m, truth.points_m)
-    measured = measure(_moved(again, finer))
-    turn = finer.rotation @ truth_from_cloud.rotation
+    truth_from_cloud = place_on_target(cloud.points_m, np.asarray(config.target_m))
+    for reaches_m in (COARSE_REACHES_M, REACHES_M):
+        placed, _ = clean_for_evaluation(_moved(cloud, truth_from_cloud), config)
+        step = register_cloud(placed.points_m, truth.points_m, reaches_m)
+        truth_from_cloud = combined(step, truth_from_cloud)
+    measured = measure(_moved(placed, step))
     centre_m = np.asarray(config.target_m)
+    turn = truth_from_cloud.rotation
     return {
         "whole": measured["whole"],
         "observable": measured["observable"],
-        "scale": finer.scale * truth_from_cloud.scale,
+        "scale": truth_from_cloud.scale,
         "turn_deg": float(np.rad2deg(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1.0, 1.0)))),
-        "shift_of_target_m": float(np.linalg.norm(finer.apply(truth_from_cloud.apply(centre_m)) - centre_m)),
+        "shift_of_target_m": float(np.linalg.norm(truth_from_cloud.apply(centre_m) - centre_m)),
     }
 
 

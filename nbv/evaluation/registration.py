@@ -3,41 +3,57 @@
 Where telemetry errs, a cloud can be right in shape and wrong in place. As georeferenced it is measured where the
 vehicle believes it to be; registered it is measured after the similarity that fits it best to the true surface, as
 Tanks and Temples does (Knapitsch et al. 2017, section 4.2): iterative closest point with scale (Besl and McKay 1992;
-Umeyama 1991), begun at the georeferenced pose, with correspondences up to a distance that shrinks in stages.
+Umeyama 1991), with correspondences up to a distance that shrinks in stages. It begins where the target that stands in
+the cloud lies on the true one (`place_on_target`).
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from nbv.geometry.frames import Similarity, align_umeyama
-from nbv.geometry.neighbours import nearest_neighbours
+from nbv.geometry.target import find_target
 from nbv.types import Floats
 
 REACHES_M = (1.0, 0.5, 0.2, 0.1, 0.05)  # of correspondences, coarse to fine
+COARSE_REACHES_M = REACHES_M[:3]  # enough to crop the cloud and to find its ground
 ROUNDS = 25  # per stage, at most
 MAX_POINTS = 6_000  # of the cloud, evenly picked: a similarity has seven parameters
+COARSE_POINTS = 2_000  # the same where correspondences reach 0.2 m and farther
+_FINE_REACH_M = 0.2
 _STILL_M = 1e-5  # a round that moves the cloud less than this ends its stage
 _MIN_PAIRS = 50
+_TARGET_POINTS = 20_000  # to look for the target among
 
 
-def register_cloud(points_m: Floats, truth_m: Floats) -> Similarity:
+def place_on_target(points_m: Floats, target_m: Floats) -> Similarity:
+    """The shift that brings the target that stands in the cloud (N, 3) to where it really is, ``target_m`` (3,).
+
+    Identity where none is found in the cloud.
+    """
+    found = find_target(_picked(np.asarray(points_m, dtype=float), _TARGET_POINTS), np.mean(points_m, axis=0))
+    shift_m = np.zeros(3) if found is None else np.asarray(target_m, dtype=float) - found.center_m
+    return Similarity(1.0, np.eye(3), shift_m)
+
+
+def register_cloud(points_m: Floats, truth_m: Floats, reaches_m: tuple[float, ...] = REACHES_M) -> Similarity:
     """``truth_from_cloud``: the similarity that fits the cloud (N, 3) to samples (S, 3) of the true surface.
 
     Correspondences run from the cloud to the nearest sample, and from each sample to the nearest point of the
     cloud: one direction alone would shrink the cloud into a corner of the surface. Identity where nothing is
     within reach.
     """
-    step = max(1, len(points_m) // MAX_POINTS)
-    cloud = np.asarray(points_m, dtype=float)[::step]
-    truth = np.asarray(truth_m, dtype=float)[:: max(1, len(truth_m) // MAX_POINTS)]
     found = Similarity(1.0, np.eye(3), np.zeros(3))
-    moved = cloud
-    for reach_m in REACHES_M:
+    for reach_m in reaches_m:
+        count = COARSE_POINTS if reach_m >= _FINE_REACH_M else MAX_POINTS
+        cloud, truth = (_picked(np.asarray(p, dtype=float), count) for p in (points_m, truth_m))
+        to_truth = cKDTree(truth)
+        moved = found.apply(cloud)
         for _ in range(ROUNDS):
-            forward_m, nearest = nearest_neighbours(truth, moved)
-            backward_m, owner = nearest_neighbours(moved, truth)
-            ahead, behind = forward_m < reach_m, backward_m < reach_m
+            forward_m, nearest = to_truth.query(moved, distance_upper_bound=reach_m)
+            backward_m, owner = cKDTree(moved).query(truth, distance_upper_bound=reach_m)
+            ahead, behind = np.isfinite(forward_m), np.isfinite(backward_m)
             source = np.concatenate([cloud[ahead], cloud[owner[behind]]])
             target = np.concatenate([truth[nearest[ahead]], truth[behind]])
             if len(source) < _MIN_PAIRS:
@@ -47,3 +63,16 @@ def register_cloud(points_m: Floats, truth_m: Floats) -> Similarity:
             if np.abs(moved - before).max() < _STILL_M:
                 break
     return found
+
+
+def combined(second: Similarity, first: Similarity) -> Similarity:
+    """The similarity that applies ``first``, then ``second``."""
+    return Similarity(
+        second.scale * first.scale,
+        second.rotation @ first.rotation,
+        second.apply(first.translation),
+    )
+
+
+def _picked(points: Floats, count: int) -> Floats:
+    return points[:: max(1, len(points) // count)]

@@ -67,7 +67,9 @@ class MissionResult:
     schema_version: int = SCHEMA_VERSION
 
     def metric(self, path: str) -> float:
-        """The metric at a dotted path such as ``observable.f_score_48mm``.
+        """The metric at a dotted path such as ``observable.f_score_48mm`` or ``registered.observable.f_score_48mm``.
+
+        Where telemetry is exact nothing is registered: the cloud is where it belongs, and ``registered.X`` is ``X``.
 
         Raises
         ------
@@ -75,7 +77,10 @@ class MissionResult:
             There is no such metric.
         """
         node: Any = self.metrics
-        for part in path.split("."):
+        parts = path.split(".")
+        if parts[0] == "registered" and "registered" not in node:
+            parts = parts[1:]
+        for part in parts:
             if not isinstance(node, dict) or part not in node:
                 raise UserError(f"unknown metric {path!r}; mission.json lists the metrics by name")
             node = node[part]

@@ -53,7 +53,12 @@ class Objective:
     def measure(self, metrics: Mapping[str, Any]) -> float | None:
         """The metric as measured; None where it is absent or not a finite number."""
         node: Any = metrics
-        for part in self.metric.split("."):
+        parts = self.metric.split(".")
+        if (
+            parts[0] == "registered" and "registered" not in metrics
+        ):  # telemetry is exact: nothing to register
+            parts = parts[1:]
+        for part in parts:
             if not isinstance(node, Mapping) or part not in node:
                 return None
             node = node[part]
