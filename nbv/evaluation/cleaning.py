@@ -1,4 +1,4 @@
-"""From the fused dense cloud to the cleaned cloud that is measured: crop, ground, outliers."""
+"""From the fused dense cloud to the cleaned cloud that is measured: crop, ground, outliers, floaters."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
+from nbv.evaluation.floaters import FAR_RADII, scattered_mask, stray_mask
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.random_streams import keyed_rng
 from nbv.types import Cloud, Floats, PointCloud
@@ -39,9 +40,10 @@ def clean_cloud(
     target_m: tuple[float, float, float] | Floats,
     seed: int,
 ) -> tuple[PointCloud, dict[str, float]]:
-    """Crop to a cube about the target, remove the ground plane, remove statistical outliers.
+    """Crop to a cube about the target, remove the ground plane, remove statistical outliers, remove floaters.
 
-    The paper's three steps in its order (section IV). Where this departs from the authors' code:
+    The paper's three steps in its order (section IV) and one of ours, which ``floater_radius_m`` 0 leaves out
+    (`nbv.evaluation.floaters`). Where this departs from the authors' code:
 
     * the ground plane must lie within ``ground_max_tilt_deg`` of horizontal and within
       ``ground_max_offset_m`` of z = 0 below the target (theirs may be any plane, a facet of the rock too);
@@ -63,7 +65,7 @@ def clean_cloud(
     -------
     cleaned, report
         The report counts points after each step (``input``, ``finite``, ``crop``, ``ground``,
-        ``outliers``) and describes the plane (``ground_found`` 0 or 1, ``ground_tilt_deg``,
+        ``outliers``, ``floaters``) and describes the plane (``ground_found`` 0 or 1, ``ground_tilt_deg``,
         ``ground_height_m``: NaN where none was found).
 
     Raises
@@ -90,8 +92,19 @@ def clean_cloud(
         cloud = select(cloud, above)
     report["ground"] = len(cloud.points_m)
 
-    cloud = select(cloud, inlier_mask(cloud.points_m, config.sor_neighbours, config.sor_std_ratio))
-    report["outliers"] = len(cloud.points_m)
+    points = cloud.points_m
+    keep = np.ones(len(points), dtype=bool)
+    if len(points) > config.sor_neighbours:  # the statistic is not defined on fewer
+        distance, nearest = nearest_neighbours(points, points, k=config.sor_neighbours + 1)
+        distance, nearest = distance[:, 1:], nearest[:, 1:]
+        keep = inlier_mask(distance, config.sor_std_ratio)
+        report["outliers"] = int(keep.sum())
+        if config.floater_radius_m > 0:
+            keep &= ~scattered_mask(points, distance, nearest, config.floater_radius_m)
+            keep[keep] = ~stray_mask(points[keep], FAR_RADII * config.floater_radius_m)
+    cloud = select(cloud, keep)
+    report.setdefault("outliers", len(points))
+    report["floaters"] = len(cloud.points_m)
     if len(cloud.points_m) == 0:
         raise MissionFailure(
             "empty_cloud",
@@ -154,18 +167,15 @@ def find_ground(points_m: Floats, config: EvaluationConfig, target_m: Floats, se
     return refined if refined is not None and _is_ground(refined, config, target_m) else plane
 
 
-def inlier_mask(points_m: Floats, neighbours: int, std_ratio: float) -> NDArray[np.bool_]:
+def inlier_mask(distances_m: Floats, std_ratio: float) -> NDArray[np.bool_]:
     """Statistical outlier removal (Rusu et al. 2008): one pass, population standard deviation.
 
-    True where the mean distance to the ``neighbours`` nearest other points is at most the mean of that
-    quantity over the cloud plus ``std_ratio`` standard deviations. A cloud of ``neighbours`` points or
-    fewer is returned whole: the statistic is not defined on it.
+    True where a point's mean distance to its k nearest others (N, k) is at most the mean of that quantity over the
+    cloud plus ``std_ratio`` standard deviations.
     """
-    if len(points_m) <= neighbours:
-        return np.ones(len(points_m), dtype=bool)
-    distance, _ = nearest_neighbours(points_m, points_m, k=neighbours + 1)
-    mean = distance[:, 1:].mean(1)
-    return mean <= mean.mean() + std_ratio * mean.std()
+    mean = distances_m.mean(1)
+    keep: NDArray[np.bool_] = mean <= mean.mean() + std_ratio * mean.std()
+    return keep
 
 
 def _fit(points_m: Floats) -> Plane | None:

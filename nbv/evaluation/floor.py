@@ -13,7 +13,7 @@ from nbv.evaluation.ground_truth import (
     observable_mask,
 )
 from nbv.evaluation.measures import hausdorff_mm
-from nbv.evaluation.metrics import voxel_means
+from nbv.evaluation.voxels import occupied_voxels
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
@@ -52,7 +52,7 @@ def perfect_cloud(
     samples, normals = samples[kept], normals[kept]
     if len(samples):
         samples = samples[observable_mask(vertices_m, faces, samples, normals, camera_centers_m)]
-    return voxel_means(samples, voxel_m) if len(samples) else samples
+    return occupied_voxels(samples, voxel_m).means_m if len(samples) else samples
 
 
 def hausdorff_floors(

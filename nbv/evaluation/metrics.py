@@ -15,7 +15,7 @@ al. 2017, Eq. 4 to 8). The authors' code uses "at most"; on measured distances t
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation.ground_truth import GroundTruthSamples
-from nbv.evaluation.measures import azimuth_sectors, f_score, sector_centers_deg
+from nbv.evaluation.measures import azimuth_sectors, sector_centers_deg
 from nbv.evaluation.registry import Distances, measure_all
+from nbv.evaluation.voxels import voxel_scores
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.types import Floats, PointCloud
 
@@ -40,7 +41,7 @@ class Metrics:
     ``whole`` and ``observable`` are what a mission reports: after the ground-truth gate if
     ``EvaluationConfig.gt_gate_m`` turns it on, else without. ``ungated`` and ``gated`` hold both variants
     by name; ``gated`` uses the configured gate, or 50 mm if that is off, and is None when the gate leaves
-    no point.
+    no point. Of these only the one that is reported has Tanks and Temples' scores, the other None.
 
     Each surface holds the metrics of `nbv.evaluation.registry`; ``n_gt_samples``; and, where floors were given, what a
     perfect reconstruction of this rock would get: ``hausdorff_{direction}_floor_mm``.
@@ -115,9 +116,10 @@ def compute_metrics(
             raise ValueError(f"to_surface_m has shape {to_gt.shape}, the cloud {len(points)} points")
     to_cloud, nearest = nearest_neighbours(points, truth.points_m)
     sectors = azimuth_sectors(truth.points_m, target_m, config.azimuth_sectors)
-    ungated = _variant(to_cloud, to_gt, truth, sectors, config, floors or {})
+    gates = config.gt_gate_m > 0
+    ungated = _variant(None if gates else points, to_cloud, to_gt, truth, sectors, config, floors or {})
 
-    gate_m = config.gt_gate_m if config.gt_gate_m > 0 else PAPER_CODE_GATE_M
+    gate_m = config.gt_gate_m if gates else PAPER_CODE_GATE_M
     kept = to_gt <= gate_m
     gated = None
     if kept.any():
@@ -126,13 +128,14 @@ def compute_metrics(
         orphans = ~kept[nearest]
         if orphans.any():
             gated_to_cloud[orphans], _ = nearest_neighbours(points[kept], truth.points_m[orphans])
-        variant = _variant(gated_to_cloud, to_gt[kept], truth, sectors, config, floors or {})
+        gated_points = points[kept] if gates else None
+        variant = _variant(gated_points, gated_to_cloud, to_gt[kept], truth, sectors, config, floors or {})
         gated = {"gt_gate_m": gate_m, **variant}
-    if config.gt_gate_m > 0 and gated is None:
+    if gates and gated is None:
         raise MissionFailure(
             "empty_cloud", f"no reconstructed point lies within the {1000 * gate_m:.0f} mm ground-truth gate"
         )
-    headline = gated if config.gt_gate_m > 0 and gated is not None else ungated
+    headline = gated if gates and gated is not None else ungated
     return Metrics(
         n_points=headline["n_points"],
         gt_gate_m=config.gt_gate_m,
@@ -145,6 +148,7 @@ def compute_metrics(
 
 
 def _variant(
+    points_m: Floats | None,
     to_cloud_m: Floats,
     to_gt_m: Floats,
     truth: GroundTruthSamples,
@@ -154,39 +158,10 @@ def _variant(
 ) -> dict[str, Any]:
     everything = np.ones(len(to_cloud_m), dtype=bool)
     out: dict[str, Any] = {"n_points": len(to_gt_m)}
+    # The most expensive scores, so only of the variant that the mission reports.
+    voxels = {} if points_m is None else {t: voxel_scores(points_m, truth, t) for t in config.thresholds_mm}
     for name, mask in (("whole", everything), ("observable", truth.observable)):
-        distances = Distances(1000.0 * to_cloud_m[mask], 1000.0 * to_gt_m, sectors[mask], config)
+        by_voxel = {t: scores[name] for t, scores in voxels.items()}
+        distances = Distances(1000.0 * to_cloud_m[mask], 1000.0 * to_gt_m, sectors[mask], config, by_voxel)
         out[name] = {**measure_all(distances), "n_gt_samples": int(mask.sum()), **floors.get(name, {})}
     return out
-
-
-def voxel_scores(points_m: Floats, gt_points_m: Floats, thresholds_mm: Sequence[float]) -> dict[str, float]:
-    """Tanks and Temples' density-independent variant: both clouds are first averaged in voxels of t / 2.
-
-    A cross-check of the plain scores, which weight a region by how densely it was reconstructed.
-
-    Returns
-    -------
-    ``voxel_completeness_{t}mm``, ``voxel_accuracy_{t}mm``, ``voxel_f_score_{t}mm`` in percent.
-    """
-    if len(points_m) == 0:
-        raise MissionFailure("empty_cloud", "the cloud holds no point, so there is nothing to score")
-    scores = {}
-    for t in sorted(thresholds_mm):
-        cloud, gt = (voxel_means(p, t / 2000.0) for p in (points_m, gt_points_m))
-        recall = 100.0 * float((nearest_neighbours(cloud, gt)[0] < t / 1000.0).mean())
-        precision = 100.0 * float((nearest_neighbours(gt, cloud)[0] < t / 1000.0).mean())
-        scores[f"voxel_completeness_{t:g}mm"] = recall
-        scores[f"voxel_accuracy_{t:g}mm"] = precision
-        scores[f"voxel_f_score_{t:g}mm"] = f_score(precision, recall)
-    return scores
-
-
-def voxel_means(points_m: Floats, voxel_m: float) -> Floats:
-    """(V, 3) mean of the points in each occupied voxel, in lexicographic voxel order."""
-    _, inverse, counts = np.unique(
-        np.floor(points_m / voxel_m).astype(np.int64), axis=0, return_inverse=True, return_counts=True
-    )
-    inverse = inverse.reshape(-1)
-    sums = np.stack([np.bincount(inverse, weights=points_m[:, k]) for k in range(3)], axis=1)
-    return sums / counts[:, None]

@@ -6,7 +6,7 @@ Reports read names, units and directions from here; missions hold every metric f
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,6 +28,9 @@ class Distances:
     to_truth_mm: Floats  # (N,) from each point to the whole reference surface: what is wrong
     sectors: NDArray[np.int64]  # (S,) azimuth sector of each sample
     config: EvaluationConfig
+    by_voxel: Mapping[
+        float, tuple[float, float]
+    ]  # Tanks and Temples' precision and recall by threshold in mm, if wanted
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,21 @@ def accuracy(distances: Distances, threshold_mm: float) -> float:
 def f_score_at(distances: Distances, threshold_mm: float) -> float:
     """Harmonic mean of the two."""
     return f_score(accuracy(distances, threshold_mm), completeness(distances, threshold_mm))
+
+
+def tt_precision(distances: Distances, threshold_mm: float) -> float | None:
+    """Percentage of the cloud's voxels that lie less than the threshold from the truth's (`nbv.evaluation.voxels`)."""
+    return scores[0] if (scores := distances.by_voxel.get(threshold_mm)) else None
+
+
+def tt_recall(distances: Distances, threshold_mm: float) -> float | None:
+    """Percentage of the truth's voxels that lie less than the threshold from the cloud's."""
+    return scores[1] if (scores := distances.by_voxel.get(threshold_mm)) else None
+
+
+def tt_f_score(distances: Distances, threshold_mm: float) -> float | None:
+    """Harmonic mean of the two."""
+    return f_score(*scores) if (scores := distances.by_voxel.get(threshold_mm)) else None
 
 
 def _auc(distances: Distances, _: float) -> float:
@@ -140,6 +158,9 @@ METRICS: dict[str, Metric] = {
         Metric("completeness_{t}mm", "Completeness @ {t} mm", "%", True, completeness),
         Metric("accuracy_{t}mm", "Accuracy @ {t} mm", "%", True, accuracy),
         Metric("f_score_{t}mm", "F-score @ {t} mm", "%", True, f_score_at),
+        Metric("tt_precision_{t}mm", "T&T precision @ {t} mm", "%", True, tt_precision),
+        Metric("tt_recall_{t}mm", "T&T recall @ {t} mm", "%", True, tt_recall),
+        Metric("tt_f_score_{t}mm", "T&T F-score @ {t} mm", "%", True, tt_f_score),
         Metric("f_score_auc", "F-score, mean over thresholds", "%", True, _auc),
         Metric(
             f"sector_completeness_{SECTOR_THRESHOLD_MM:g}mm",
@@ -150,6 +171,15 @@ METRICS: dict[str, Metric] = {
         ),
     )
 }
+
+
+def tanks_and_temples_twin(path: str) -> str | None:
+    """``observable.tt_f_score_48mm`` for ``observable.f_score_48mm``; None where there is none."""
+    surface, _, key = path.rpartition(".")
+    for ours, theirs in (("accuracy", "precision"), ("completeness", "recall"), ("f_score", "f_score")):
+        if re.fullmatch(rf"{ours}_\d+(\.\d+)?mm", key):
+            return f"{surface}.{key.replace(ours, f'tt_{theirs}')}"
+    return None
 
 
 def measure_all(distances: Distances) -> dict[str, Any]:

@@ -15,7 +15,9 @@ from scipy.spatial import cKDTree
 from nbv.types import Floats, Ints
 
 
-def nearest_neighbours(points_m: Floats, queries_m: Floats, k: int = 1) -> tuple[Floats, Ints]:
+def nearest_neighbours(
+    points_m: Floats, queries_m: Floats, k: int = 1, within_m: float = np.inf
+) -> tuple[Floats, Ints]:
     """Distances to, and indices of, the ``k`` nearest of ``points_m`` (N, 3), N >= k, for each query (Q, 3).
 
     Several times faster than a plain query on large clouds.
@@ -23,14 +25,17 @@ def nearest_neighbours(points_m: Floats, queries_m: Floats, k: int = 1) -> tuple
     Returns
     -------
     distances_m, indices
-        (Q, k) each, nearest first; (Q,) for ``k = 1``.
+        (Q, k) each, nearest first; (Q,) for ``k = 1``. Infinite and N where there is none nearer than ``within_m``,
+        which saves the search for it.
     """
     tree = cKDTree(points_m, leafsize=32)
     if queries_m is points_m:
         order = tree.indices
     else:
         order = cKDTree(queries_m, leafsize=32, balanced_tree=False, compact_nodes=False).indices
-    sorted_distances, sorted_indices = tree.query(queries_m[order], k=k, workers=1)
+    sorted_distances, sorted_indices = tree.query(
+        queries_m[order], k=k, distance_upper_bound=within_m, workers=1
+    )
     distances, indices = np.empty_like(sorted_distances), np.empty_like(sorted_indices)
     distances[order], indices[order] = sorted_distances, sorted_indices
     return distances, indices

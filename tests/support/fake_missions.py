@@ -82,7 +82,10 @@ def fake_mission(
         config_digest=config.digest(),
         rock=rock,
         replicate=replicate,
-        metrics={"observable": {"f_score_48mm": score}, "whole": {"completeness_48mm": score}},
+        metrics={
+            "observable": {"f_score_48mm": score, "tt_f_score_48mm": score - 0.5},
+            "whole": {"completeness_48mm": score},
+        },
         trace=[],
         timings_s={"flight": 0.0},
         costs={"images": 32.0, "flight_time_s": 100.0, "path_length_m": 50.0, "wall_s": 0.0},

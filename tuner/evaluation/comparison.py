@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from nbv.errors import UserError
-from tuner.evaluation.paper_table import TABLE_I_ROWS, MetricRow
+from tuner.evaluation.paper_table import TABLE_I_ROWS, TANKS_AND_TEMPLES_ROWS, MetricRow
 from tuner.evaluation.plan import EvaluationRecord
 from tuner.evaluation.statistics import Interval, Method, PairedDifference, mean_interval, paired_difference
 
@@ -85,7 +85,7 @@ def comparison_table(
     strategies: Sequence[str],
     reference: str | None = None,
     surface: Literal["whole", "observable"] = "whole",
-    rows: Sequence[MetricRow] = TABLE_I_ROWS,
+    rows: Sequence[MetricRow] = TABLE_I_ROWS + TANKS_AND_TEMPLES_ROWS,
     method: Method = "auto",
 ) -> ComparisonTable:
     """Means with intervals per strategy, and differences against ``reference`` (one of the strategies).
@@ -102,6 +102,8 @@ def comparison_table(
         metric = row if row.key.startswith("costs.") else row.on(surface)
         cells = {name: strategy_interval(records, name, metric.key, method) for name in strategies}
         means = {name: cell.mean for name, cell in cells.items() if cell is not None}
+        if row in TANKS_AND_TEMPLES_ROWS and not means:
+            continue  # missions of earlier versions, and geometric ones
         pick = max if metric.higher_is_better else min
         best = tuple(name for name, mean in means.items() if mean == pick(means.values())) if means else ()
         differences = {

@@ -22,7 +22,7 @@ def direction_of(metric: str) -> Direction:
         Neither an overlap (completeness, accuracy, F-score) nor a distance nor a cost: the user has to say it.
     """
     key = metric.rpartition(".")[2]
-    if key.startswith(("completeness", "accuracy", "f_score")):
+    if key.startswith(("completeness", "accuracy", "f_score", "tt_")):
         return "maximise"
     if key.startswith(("c2c", "hausdorff")) or metric.startswith("costs."):
         return "minimise"

@@ -22,6 +22,7 @@ ADDED_SINCE_VERSION_1 = {
         "update_pairs",
     ),
     "dense": ("min_baseline_angle_deg", "search"),
+    "evaluation": ("floater_radius_m",),
 }
 
 

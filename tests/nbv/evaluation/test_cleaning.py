@@ -8,6 +8,7 @@ import pytest
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation.cleaning import clean_cloud, find_ground, inlier_mask
+from nbv.geometry.neighbours import nearest_neighbours
 from nbv.types import PointCloud
 
 CONFIG = EvaluationConfig()
@@ -85,15 +86,50 @@ def test_same_seed_same_result_whatever_else_is_drawn():
 def test_statistical_outlier_removal_drops_isolated_points():
     rng = np.random.default_rng(6)
     dense, lone = rng.uniform(-0.5, 0.5, (4000, 3)), rng.uniform(2, 4, (5, 3))
-    keep = inlier_mask(np.concatenate([dense, lone]), 20, 2.0)
+    points = np.concatenate([dense, lone])
+    keep = inlier_mask(nearest_neighbours(points, points, k=21)[0][:, 1:], 2.0)
     assert not keep[-5:].any() and keep[:-5].mean() > 0.95
-    assert inlier_mask(dense[:20], 20, 2.0).all()  # not defined on so few points: nothing is dropped
+    _, report = clean_cloud(PointCloud(dense[dense[:, 2] > 0.45][:20]), CONFIG, TARGET, 0)
+    assert report["floaters"] == 20  # the statistic is not defined on so few points: nothing is dropped
 
 
 def test_outlier_statistic_by_brute_force():
     points = np.random.default_rng(7).normal(size=(200, 3))
-    table = np.sort(np.linalg.norm(points[:, None] - points[None], axis=2), axis=1)[:, 1:21].mean(1)
-    assert np.array_equal(inlier_mask(points, 20, 1.0), table <= table.mean() + table.std())
+    table = np.sort(np.linalg.norm(points[:, None] - points[None], axis=2), axis=1)[:, 1:21]
+    mean = table.mean(1)
+    assert np.array_equal(inlier_mask(table, 1.0), mean <= mean.mean() + mean.std())
+
+
+def rock_with(extra):
+    """A rock of 8 mm spacing above the ground with other points; cleaned with and without the fourth step."""
+    direction = np.random.default_rng(11).normal(size=(60_000, 3))
+    rock = 0.6 * direction / np.linalg.norm(direction, axis=1, keepdims=True) + [0, 0, 0.9]
+    cloud = PointCloud(
+        np.concatenate([rock, extra]), np.repeat([[9, 9, 9], [1, 1, 1]], [len(rock), len(extra)], 0)
+    )
+    off = dataclasses.replace(CONFIG, floater_radius_m=0.0, sor_std_ratio=50.0)
+    on = dataclasses.replace(off, floater_radius_m=0.024)
+    kept = [clean_cloud(cloud, config, TARGET, 0)[0].colors[:, 0] for config in (off, on)]
+    return [((c == 9).sum() / len(rock), (c == 1).sum() / len(extra)) for c in kept]
+
+
+def test_scattered_floaters_go_and_the_rock_stays():
+    floaters = np.random.default_rng(12).uniform([-1.3, -1.3, 0.3], [1.3, -0.8, 2.2], (2000, 3))
+    assert rock_with(floaters) == [(1.0, 1.0), (1.0, 0.0)]
+
+
+def test_a_small_clump_far_from_the_rock_goes():
+    clump = np.array([1.1, 0.0, 0.9]) + np.random.default_rng(13).normal(scale=0.006, size=(45, 3))
+    assert rock_with(clump) == [(1.0, 1.0), (1.0, 0.0)]
+    near = clump - [0.42, 0.0, 0.0]  # 8 cm from the rock: perhaps a part of it
+    assert rock_with(near)[1] == (1.0, 1.0)
+
+
+def test_a_loose_but_flat_part_of_the_rock_stays():
+    x, y = np.meshgrid(np.arange(-0.2, 0.2, 0.016), np.arange(-0.2, 0.2, 0.016))
+    patch = np.stack([x.ravel(), y.ravel(), np.full(x.size, 1.62)], 1)  # seen by few: a quarter of the points
+    patch[:, 2] += np.random.default_rng(14).normal(scale=0.001, size=len(patch))
+    assert rock_with(patch)[1] == (1.0, 1.0)
 
 
 def test_crop_is_a_closed_cube_about_the_target():

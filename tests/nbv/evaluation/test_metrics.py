@@ -19,8 +19,9 @@ from nbv.evaluation.measures import (
     sector_centers_deg,
     sector_completeness,
 )
-from nbv.evaluation.metrics import compute_metrics, voxel_means, voxel_scores
+from nbv.evaluation.metrics import compute_metrics
 from nbv.evaluation.registry import METRICS, Distances, Metric, find_metric, measure_all
+from nbv.evaluation.voxels import occupied_voxels, voxel_scores
 from nbv.geometry.sampling import sample_surface
 from nbv.types import PointCloud
 
@@ -32,7 +33,7 @@ def distance_scores(to_cloud_m, to_truth_m, thresholds_mm):
     """Every metric of two sets of distances."""
     config = dataclasses.replace(CONFIG, thresholds_mm=thresholds_mm)
     sectors = np.zeros(len(to_cloud_m), dtype=np.int64)
-    return measure_all(Distances(1000.0 * to_cloud_m, 1000.0 * to_truth_m, sectors, config))
+    return measure_all(Distances(1000.0 * to_cloud_m, 1000.0 * to_truth_m, sectors, config, {}))
 
 
 def test_every_number_of_a_result_is_a_described_metric():
@@ -181,10 +182,9 @@ def test_voxel_scores_are_tanks_and_temples_definition_by_loops():
     table = np.linalg.norm(reconstruction[:, None] - reference[None], axis=2)
     precision = 100 * np.mean([row.min() < d for row in table])
     recall = 100 * np.mean([column.min() < d for column in table.T])
-    scores = voxel_scores(cloud, truth, (120.0,))
-    assert scores["voxel_accuracy_120mm"] == pytest.approx(precision, abs=1e-9)
-    assert scores["voxel_completeness_120mm"] == pytest.approx(recall, abs=1e-9)
-    assert scores["voxel_f_score_120mm"] == pytest.approx(2 * precision * recall / (precision + recall))
+    assert voxel_scores(cloud, truth_of(truth), 120.0)["whole"] == pytest.approx(
+        (precision, recall), abs=1e-9
+    )
     assert 60 < precision < 95 and 60 < recall < 95  # neither is trivial here
 
 
@@ -193,7 +193,8 @@ def test_voxel_scores_agree_with_the_published_toolbox():
     import open3d as o3d
 
     cloud, truth = noisy_and_cropped()
-    scores = voxel_scores(cloud, truth, (48.0, 80.0))
+    config = dataclasses.replace(CONFIG, thresholds_mm=(48.0, 80.0))
+    scores = compute_metrics(PointCloud(cloud), truth_of(truth), config).whole
     for t in (48, 80):
         s, g = (
             o3d.geometry.PointCloud(o3d.utility.Vector3dVector(p)).voxel_down_sample(t / 2000)
@@ -201,8 +202,11 @@ def test_voxel_scores_agree_with_the_published_toolbox():
         )
         precision = 100 * np.mean(np.asarray(s.compute_point_cloud_distance(g)) < t / 1000)
         recall = 100 * np.mean(np.asarray(g.compute_point_cloud_distance(s)) < t / 1000)
-        assert scores[f"voxel_accuracy_{t}mm"] == pytest.approx(precision, abs=1.5)
-        assert scores[f"voxel_completeness_{t}mm"] == pytest.approx(recall, abs=1.5)
+        assert scores[f"tt_precision_{t}mm"] == pytest.approx(precision, abs=1.5)
+        assert scores[f"tt_recall_{t}mm"] == pytest.approx(recall, abs=1.5)
+        assert scores[f"tt_f_score_{t}mm"] == pytest.approx(
+            f_score(scores[f"tt_precision_{t}mm"], scores[f"tt_recall_{t}mm"])
+        )
 
 
 def test_voxel_variant_does_not_care_about_density():
@@ -212,21 +216,32 @@ def test_voxel_variant_does_not_care_about_density():
     rng = np.random.default_rng(0)
     dense = np.repeat(upper, 5, axis=0) + rng.uniform(-1e-4, 1e-4, (5 * len(upper), 3))
     even, skewed = np.concatenate([upper, wrong]), np.concatenate([dense, wrong])
-    plain = [
-        compute_metrics(PointCloud(c), truth_of(truth), CONFIG).whole["accuracy_48mm"] for c in (even, skewed)
-    ]
-    voxel = [voxel_scores(c, truth, (48.0,))["voxel_accuracy_48mm"] for c in (even, skewed)]
+    plain, voxel = (
+        [compute_metrics(PointCloud(c), truth_of(truth), CONFIG).whole[key] for c in (even, skewed)]
+        for key in ("accuracy_48mm", "tt_precision_48mm")
+    )
     assert plain[1] > plain[0] + 20
     assert voxel[1] == pytest.approx(voxel[0], abs=1.5)
     # On evenly sampled clouds both definitions agree.
-    assert voxel_scores(upper, truth, (48.0,))["voxel_f_score_48mm"] == pytest.approx(
-        compute_metrics(PointCloud(upper), truth_of(truth), CONFIG).whole["f_score_48mm"], abs=2.0
-    )
+    both = compute_metrics(PointCloud(upper), truth_of(truth), CONFIG).whole
+    assert both["tt_f_score_48mm"] == pytest.approx(both["f_score_48mm"], abs=2.0)
 
 
 def test_voxel_means_average_each_cell():
     points = np.array([[0.1, 0.1, 0.1], [0.3, 0.1, 0.1], [1.5, 0.5, 0.5], [-0.5, 0.5, 0.5]])
-    assert voxel_means(points, 1.0).tolist() == [[-0.5, 0.5, 0.5], [0.2, 0.1, 0.1], [1.5, 0.5, 0.5]]
+    voxels = occupied_voxels(points, 1.0)
+    assert voxels.means_m.tolist() == [[-0.5, 0.5, 0.5], [0.2, 0.1, 0.1], [1.5, 0.5, 0.5]]
+    assert voxels.cells.tolist() == [[-1, 0, 0], [0, 0, 0], [1, 0, 0]]
+    assert voxels.voxel_of.tolist() == [1, 1, 2, 0]
+
+
+def test_only_the_reported_variant_has_voxel_scores():
+    truth = sphere(3000, 9)
+    for gate_m, reported, other in ((0.0, "ungated", "gated"), (0.05, "gated", "ungated")):
+        config = dataclasses.replace(CONFIG, gt_gate_m=gate_m)
+        scores = compute_metrics(PointCloud(truth), truth_of(truth), config).to_dict()
+        assert scores[reported]["observable"]["tt_f_score_48mm"] == 100
+        assert scores[other]["observable"]["tt_f_score_48mm"] is None
 
 
 def test_observable_part_is_scored_backwards_on_all_surface():
@@ -264,8 +279,9 @@ def test_gate_removes_far_points_and_both_variants_are_reported():
     cloud = np.concatenate([truth[::2], truth[::4] + np.array([0, 0, 0.5])])
     off = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG)
     on = compute_metrics(PointCloud(cloud), truth_of(truth), dataclasses.replace(CONFIG, gt_gate_m=0.05))
-    assert off.whole == off.ungated["whole"] == on.ungated["whole"]
-    assert on.whole == on.gated["whole"] == off.gated["whole"]
+    assert off.whole == off.ungated["whole"] and on.whole == on.gated["whole"]
+    for there, here in ((on.ungated, off.whole), (off.gated, on.whole)):
+        assert all(value in (here[key], None) for key, value in there["whole"].items())
     assert off.whole["accuracy_48mm"] < 80 and on.whole["accuracy_64mm"] == 100
     assert on.whole["hausdorff_cloud_to_gt_mm"] <= 50
     assert on.n_points == on.gated["n_points"] < off.n_points == len(cloud)

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nbv.errors import UserError
-from tuner.problem.objective import Objective
+from tuner.problem.objective import Objective, direction_of
 from tuner.problem.standardise import RockStandardiser
 
 
@@ -25,6 +25,7 @@ def test_failed_and_missing_are_infeasible_degraded_counts() -> None:
     assert objective.outcome("ok", {"observable": {"f_score_48mm": None}})[0] is None
     assert Objective("observable.list").outcome("ok", metrics)[0] is None
     assert Objective(direction="minimise").sign == -1
+    assert direction_of("observable.tt_f_score_48mm") == "maximise"
     with pytest.raises(UserError, match="unknown direction"):
         Objective(direction="up")  # type: ignore[arg-type]
 

@@ -53,6 +53,11 @@ def test_markdown_has_the_layout_of_table_one() -> None:
     for row in metrics:
         assert row[4].startswith("**") and not any(c.startswith("**") for c in row[1:4])  # hyb-o leads in all
         assert all(" ± " in c for c in row[1:])
+    assert [row[0] for row in body if row[0].startswith("T&T")] == [
+        "T&T precision ↑ (%)",
+        "T&T recall ↑ (%)",
+        "T&T F-score ↑ (%)",  # made at 48 mm only: rows that no mission has are left out
+    ]
     cell = table.rows[5].cells["covis"]
     assert cell is not None and cell.high is not None
     assert metrics[5][1] == f"{cell.mean:.1f} ± {cell.high - cell.mean:.1f}"
@@ -76,7 +81,7 @@ def test_the_rocks_own_floor_stands_below_hausdorff(tmp_path: Path) -> None:
     failed = tuple(("covis", "cobble", k) for k in range(3))  # a floor is the rock's: others know it
     run = made_run({"covis": 60.0, "random": 61.0}, rocks, failed=failed, floors_mm=(100.0, 150.0))
     table = comparison_table(run.records, ("covis", "random"), "covis")
-    assert [row.floor for row in table.rows] == [125.0] + [None] * 7
+    assert [row.floor for row in table.rows] == [125.0] + [None] * 10
     lines = comparison_markdown(table, paper=True).splitlines()
     at = next(i for i, line in enumerate(lines) if line.startswith("| Hausdorff"))
     assert cells(lines[at + 1]) == ["– the rocks’ own floor (mm)", "125.0", "–", "125.0"]
@@ -147,6 +152,7 @@ def test_tables_of_many_strategies_keep_numbers_on_80_columns() -> None:
     console.print(comparison_terminal_table(table), differences)
     text = console.file.getvalue()  # type: ignore[attr-defined]
     assert "…" not in text and max(map(len, text.splitlines())) <= 80
+    assert "T&T precision @ 48 mm ↑ (%)" in text
     f_score = table.rows[5]
     for name in names:
         assert cell(f_score, name).text in text

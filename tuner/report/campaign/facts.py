@@ -9,12 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from nbv.evaluation.registry import tanks_and_temples_twin
 from nbv.types import Floats
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignStatus
 from tuner.campaign.ledger import TrialRecord
 from tuner.campaign.session import MAX_CONSECUTIVE_FAILURES
 from tuner.campaign.settings import CampaignSettings
+from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter
 from tuner.recommendation.recommendation import Recommendation
@@ -95,6 +97,13 @@ class CampaignFacts:
         if not feasible:
             return None
         return self.campaign.surrogate_from(feasible)
+
+    @cached_property
+    def twin(self) -> Objective | None:
+        """Tanks and Temples' form of the metric, if missions have it: shown beside the metric, tuned for by nobody."""
+        path = tanks_and_temples_twin(self.settings.objective.metric)
+        found = Objective(path) if path else None
+        return found if found and any(t.measured(found) is not None for t in self.trials) else None
 
     @property
     def digits(self) -> int:

@@ -40,6 +40,7 @@ from tuner.report.comparison.page import comparison_context
 from tuner.report.labels import (
     decimals_for,
     format_number,
+    metric_label,
     parameter_label,
     parameter_value,
     verdict,
@@ -141,6 +142,7 @@ def _context(facts: CampaignFacts, figures: Path) -> dict[str, Any]:
         "stop_reason": facts.stop_reason,
         "costs": cost_rows(facts),
         "failures": failure_rows(facts),
+        "twin_name": metric_label(facts.twin.metric).name if facts.twin else "",
         "trials": [trial_row(facts, t) for t in facts.trials],
         "command": reproduce_command(facts.campaign),
         "command_note": command_note(facts.campaign),

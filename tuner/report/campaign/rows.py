@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+from collections.abc import Sequence
 from typing import Any
 
 from tuner.campaign.ledger import TrialRecord
@@ -53,7 +54,8 @@ def rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
     done = [t for t in facts.trials if t.state != "running"]
     for row in best.per_rock:
         own = [t for t in done if t.rock == row.rock]
-        default = [t.raw for t in own if t.values == best.default_values and t.raw is not None]
+        with_default = [t for t in own if t.values == best.default_values and t.raw is not None]
+        with_best = [t for t in own if t.values == best.values and t.raw is not None]
         rows.append(
             [
                 facts.rock_names[row.rock],
@@ -62,8 +64,10 @@ def rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
                 str(row.missions),
                 format_number(row.predicted, facts.digits),
                 format_number(row.observed, facts.digits),
-                str(len(default)),
-                format_number(sum(default) / len(default) if default else None, facts.digits),
+                *_twin_mean(facts, with_best),
+                str(len(with_default)),
+                format_number(_mean([t.raw for t in with_default]), facts.digits),
+                *_twin_mean(facts, with_default),
             ]
         )
     return rows
@@ -108,6 +112,7 @@ def trial_row(facts: CampaignFacts, t: TrialRecord) -> list[str]:
         facts.rock_names.get(t.rock, t.rock),
         str(t.replicate),
         format_number(t.raw, facts.digits),
+        *_twin_mean(facts, [t]),
         outcome,
         *(parameter_value(t.values[path]) for path in facts.settings.space.paths),
     ]
@@ -120,6 +125,18 @@ def inline_values(values: dict[str, Any]) -> str:
         f"{labels[path].name} = {f'{parameter_value(value)} {labels[path].unit}'.strip()}"
         for path, value in values.items()
     )
+
+
+def _twin_mean(facts: CampaignFacts, trials: list[TrialRecord]) -> list[str]:
+    """The cell of the metric's twin; no cell where missions have none."""
+    if facts.twin is None:
+        return []
+    return [format_number(_mean([t.measured(facts.twin) for t in trials]), facts.digits)]
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return sum(known) / len(known) if known else None
 
 
 def _photographs(facts: CampaignFacts) -> str:
