@@ -74,7 +74,9 @@ def test_page_says_what_is_recommended_and_is_self_contained(tmp_path: Path) -> 
     failed = [t for t in campaign.trials() if t.state == "failed"]
     assert f"failed: {failed[0].reason}" in text and "no seed model" in text
     assert "The budget of 9 missions is used." in text
-    assert source.count("<th>T&amp;T F-score @ 48 mm</th>") == 3  # with recommended, with default, all missions
+    assert (
+        source.count("<th>T&amp;T F-score @ 48 mm</th>") == 3
+    )  # with recommended, with default, all missions
 
     assert not re.search(r"(src|href)=[\"'](?!data:|#)", source)  # self-contained
     assert "url(" not in source and "<script" not in source and "@import" not in source
