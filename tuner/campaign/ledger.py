@@ -8,6 +8,7 @@ never touched again. A failed mission is a trial in state FAIL, without a value.
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,7 +19,7 @@ import optuna
 from optuna.trial import TrialState, create_trial
 
 from nbv.errors import UserError
-from tuner.campaign.storage import JOURNAL_FILE, open_storage
+from tuner.campaign.storage import JOURNAL_FILE, journal_path, one_writer, open_storage
 from tuner.missions.job import MissionOutcome
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Pending, Proposal
@@ -98,6 +99,7 @@ class Ledger:
         self._space = space
         self._objective = objective
         self._distributions = distributions(space)
+        self._journal = journal_path(storage, directory)
         shown = storage or str(directory / JOURNAL_FILE)
         self._storage = open_storage(storage, directory, must_exist=not create, heal=not read_only)
         try:
@@ -127,6 +129,10 @@ class Ledger:
             )
 
     # -- writing ---------------------------------------------------------------------------------------------
+
+    def exclusive(self) -> contextlib.AbstractContextManager[None]:
+        """Hold the journal while this campaign flies; ``UserError`` where another one does. Databases are for several."""
+        return contextlib.nullcontext() if self._journal is None else one_writer(self._journal)
 
     def start(
         self, proposal: Proposal, rock: str, replicate: int, config_digest: str, seed: int

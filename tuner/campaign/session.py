@@ -49,7 +49,7 @@ def fly_campaign(
     """
     session = _Session(campaign, executor, on_event or (lambda event: None), recommend_every)
     try:
-        with exclusive(campaign.directory), stop_signals() as stop:
+        with exclusive(campaign.directory), campaign.ledger.exclusive(), stop_signals() as stop:
             try:
                 return session.fly(stop)
             finally:

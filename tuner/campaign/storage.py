@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
+from collections.abc import Iterator
 from pathlib import Path
 
 import optuna
@@ -24,10 +26,9 @@ def open_storage(
     UserError
         Unknown kind, missing driver, or it cannot be reached.
     """
-    if storage is None:
-        return _journal(directory / JOURNAL_FILE, must_exist, heal)
-    if storage.startswith("journal:"):
-        return _journal(Path(storage.removeprefix("journal:").removeprefix("//")), must_exist, heal)
+    if (path := journal_path(storage, directory)) is not None:
+        return _journal(path, must_exist, heal)
+    assert storage is not None
     if "://" not in storage:
         raise UserError(
             f"unknown storage {storage!r}; give an Optuna storage URL such as sqlite:///missions.db or journal:PATH"
@@ -44,19 +45,61 @@ def open_storage(
         ) from error
 
 
+def journal_path(storage: str | None, directory: Path) -> Path | None:
+    """The file that holds the study; None where it lies in a database."""
+    if storage is None:
+        return directory / JOURNAL_FILE
+    if storage.startswith("journal:"):
+        return Path(storage.removeprefix("journal:").removeprefix("//"))
+    return None
+
+
+@contextlib.contextmanager
+def one_writer(path: Path) -> Iterator[None]:
+    """Hold a journal for the one campaign that may write to it; the kernel frees it when the process dies.
+
+    Raises
+    ------
+    UserError
+        Another campaign has it: Optuna would notice only in the middle of a mission.
+    """
+    with path.open("rb") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise UserError(
+                f"the ledger {path} is in use by another campaign; wait for it, or give this one a file of its own"
+            ) from error
+        yield
+
+
 def _journal(path: Path, must_exist: bool, heal: bool) -> optuna.storages.BaseStorage:
     if must_exist and not path.is_file():
         raise UserError(f"the ledger {path} is missing; restore it, or start a new campaign elsewhere")
+    if path.exists() and not path.is_file():
+        raise UserError(f"the ledger {path} is not a file; name a file")
     try:
-        if heal and path.is_file():
-            _drop_torn_line(path)
-            # The caller holds the campaign's lock, so a lock file here was left by a killed process.
-            path.with_name(path.name + ".lock").unlink(missing_ok=True)
+        if path.exists():
+            _check_is_journal(path)
+        if heal and path.exists():
+            with one_writer(path):
+                _drop_torn_line(path)
+                # Nobody writes now: a lock file here was left by a killed process.
+                path.with_name(path.name + ".lock").unlink(missing_ok=True)
         return JournalStorage(JournalFileBackend(str(path)))
     except OSError as error:
         raise UserError(f"cannot open the ledger {path}: {error.strerror}; make it writable") from error
     except ValueError as error:
         raise UserError(f"the ledger {path} is damaged ({error}); restore it from a copy") from error
+
+
+def _check_is_journal(path: Path) -> None:
+    """`UserError` for somebody else's file, before anything is written to it."""
+    beginning = b'{"op_code":'
+    with path.open("rb") as file:
+        head = file.read(len(beginning))
+    if not beginning.startswith(head):
+        raise UserError(f"{path} is not a ledger of campaigns; name another file, or restore it from a copy")
 
 
 def _drop_torn_line(path: Path) -> None:
