@@ -18,11 +18,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from nbv.config.mission_config import IDEAL, MissionConfig, config_from_dict
 from nbv.config.telemetry import telemetry_level
 from nbv.errors import UserError
+from nbv.foreign import read_yaml
 
 _NAMES = {f.name for f in dataclasses.fields(MissionConfig)}
 WORLD_SECTIONS = tuple(
@@ -111,13 +110,7 @@ def load_condition(name_or_path: str) -> Condition:
         raise UserError(
             f"unknown condition {name_or_path!r}; there are {', '.join(named)}, or give a YAML file"
         )
-    try:
-        tree = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"cannot read condition {path}: {error}; give a readable YAML file") from error
-    except yaml.YAMLError as error:
-        raise UserError(f"{path}: not YAML ({str(error).splitlines()[0]}); mend it") from error
-    return condition_from_dict(path.stem, tree, str(path))
+    return condition_from_dict(path.stem, read_yaml(path), str(path))
 
 
 def condition_from_dict(name: str, tree: Any, source: str) -> Condition:

@@ -20,6 +20,7 @@ from typing import Any
 
 from nbv.config import SCORERS, MissionConfig
 from nbv.errors import UserError
+from nbv.foreign import read_json
 from nbv.gates.base import Gate, GateInputs
 from nbv.gates.features import FEATURE_NAMES, gate_features
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
@@ -92,13 +93,7 @@ class LearnedGate(Gate):
         """Read and check a policy file; empty: the shipped policy. ``UserError`` if missing or malformed."""
         if not path:
             return cls(check_policy(shipped_policy(), "the shipped policy"), config)
-        try:
-            policy = json.loads(Path(path).read_text(encoding="utf-8"))
-        except OSError as error:
-            raise UserError(f"cannot read the policy {path}: {error.strerror or error}") from error
-        except ValueError as error:
-            raise UserError(f"{path} is not valid JSON: {error}") from error
-        return cls(check_policy(policy, path), config)
+        return cls(check_policy(read_json(Path(path)), path), config)
 
     def retargeted(self, config: MissionConfig) -> LearnedGate:
         """Features of the points about the target that was found."""

@@ -10,6 +10,7 @@ from typing import Any, Literal
 
 from nbv.config import IDEAL
 from nbv.errors import UserError
+from nbv.foreign import RESULT_BYTES, RESULT_NODES, parse_json, read_text
 
 SCHEMA_VERSION = 1
 
@@ -102,7 +103,7 @@ class MissionResult:
             Not a mission result, or one of another schema version.
         """
         try:
-            tree = json.loads(text)
+            tree = parse_json(text, "the mission result", RESULT_NODES)
             if tree["schema_version"] != SCHEMA_VERSION:
                 raise UserError(
                     f"mission result has schema version {tree['schema_version']}, this version reads {SCHEMA_VERSION}"
@@ -118,7 +119,7 @@ class MissionResult:
         file = path / "mission.json" if path.is_dir() else path
         if not file.is_file():
             raise UserError(f"{path} holds no mission.json; name a mission directory")
-        return MissionResult.from_json(file.read_text())
+        return MissionResult.from_json(read_text(file, RESULT_BYTES))
 
 
 def json_ready(value: Any) -> Any:

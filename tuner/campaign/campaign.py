@@ -23,6 +23,7 @@ from typing import Any
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
+from nbv.foreign import RESULT_BYTES, read_json, read_text
 from nbv.mission.run_directory import write_atomic
 from tuner.acquisition.front import FrontPoint, flown_in_both, pareto_front, two_models
 from tuner.campaign.events import CampaignStatus
@@ -165,9 +166,9 @@ class Campaign:
     def _read_learned(self) -> EarlierMissions:
         path = self.directory / LEARNED_FILE
         try:
-            return EarlierMissions.from_json(path.read_text(), self.settings.space)
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise UserError(f"{path} cannot be read ({error!r}); restore it") from error
+            return EarlierMissions.from_json(read_text(path, RESULT_BYTES), self.settings.space)
+        except (UserError, ValueError, KeyError, TypeError) as error:
+            raise UserError(f"{path} cannot be read ({error}); restore it") from error
 
     def flown_in_both(self) -> list[FrontPoint]:
         """What is believed of every configuration in both objectives; empty without a second one or its values."""
@@ -282,10 +283,10 @@ class Campaign:
         history = self.history()
         failures = sum(not o.feasible for o in history)
         try:
-            saved = json.loads((self.directory / RECOMMENDATION_FILE).read_text())
+            saved = read_json(self.directory / RECOMMENDATION_FILE)
             counted = (saved["observations"], saved["failures"])
             values = dict(saved["values"])
-        except (OSError, ValueError, KeyError, TypeError):
+        except (UserError, ValueError, KeyError, TypeError):
             return None
         flown = any(values == dict(o.values) for o in history)
         return values if flown and counted == (len(history) - failures, failures) else None

@@ -9,6 +9,7 @@ from pathlib import Path
 import yaml
 
 from nbv.errors import UserError
+from nbv.foreign import read_yaml
 from nbv.mission.run_directory import write_atomic
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
@@ -38,7 +39,7 @@ def extend_campaign(directory: Path, budget: int, runner: str | None = None) -> 
     path = directory / SETTINGS_FILE
     try:
         with exclusive(directory):
-            tree = yaml.safe_load(path.read_text())
+            tree = read_yaml(path)
             tree["settings"] = settings.to_dict()
             when = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
             tree.setdefault("extensions", []).append({"when": when, "from": old.budget, "to": budget})

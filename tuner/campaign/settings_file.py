@@ -10,9 +10,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from nbv.errors import UserError
+from nbv.foreign import read_yaml
 from tuner.campaign.settings import CampaignSettings
 from tuner.problem.objective import Objective, direction_of
 from tuner.problem.space_files import load_search_space, space_from_dict
@@ -109,12 +108,7 @@ def read_settings_file(path: Path) -> dict[str, Any]:
     UserError
         The file cannot be read, is no YAML, or has a field that there is not.
     """
-    try:
-        tree = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"cannot read the settings {path}: {error}; give a readable YAML file") from error
-    except yaml.YAMLError as error:
-        raise UserError(f"{path}: not YAML ({str(error).splitlines()[0]}); mend it") from error
+    tree = read_yaml(path)
     if isinstance(tree, Mapping) and "format" in tree:
         _check_format(tree, path)
         tree = tree.get("settings")
@@ -136,10 +130,10 @@ def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
             f"{directory} holds no campaign ({SETTINGS_FILE} is missing); name a campaign's directory"
         )
     try:
-        tree = yaml.safe_load(path.read_text())
+        tree = read_yaml(path)
         _check_format(tree, path)
         return tree["settings"], tree["id"], tree["base_config_digest"]
-    except (OSError, yaml.YAMLError, KeyError, TypeError) as error:
+    except (KeyError, TypeError) as error:
         raise UserError(f"{path} is not a campaign's settings ({error!r}); restore the file") from error
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import yaml
 from rich.console import Console
 
 from nbv.config import IDEAL, PRESETS, MissionConfig, load_condition, preset, under
 from nbv.errors import UserError
+from nbv.foreign import parse_yaml
 
 output = Console()
 errors = Console(stderr=True)
@@ -32,10 +32,7 @@ def parse_overrides(assignments: list[str]) -> dict[str, Any]:
             raise UserError(
                 f"--set {assignment!r} must be PATH=VALUE, for example --set stop.adaptive_budget=4"
             )
-        try:
-            values[path.strip()] = yaml.safe_load(text)
-        except yaml.YAMLError as error:
-            raise UserError(f"--set {assignment!r}: the value is not readable YAML") from error
+        values[path.strip()] = parse_yaml(text, f"--set {assignment!r}")
     return values
 
 

@@ -12,6 +12,7 @@ import typer
 
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
+from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json, read_yaml
 from nbv.mission.run_directory import write_atomic
 from tuner.commands.console import output
 
@@ -112,13 +113,11 @@ def _plan(run: Path, home: str) -> tuple[str, list[str]]:
 
 
 def _flown(run: Path) -> tuple[MissionConfig, list[str]]:
-    import yaml
-
     try:
-        flight = json.loads((run / "flight.json").read_text())
-        config = config_from_dict(yaml.safe_load((run / "config.yaml").read_text()))
+        flight = read_json(run / "flight.json", RESULT_BYTES, RESULT_NODES)
+        config = config_from_dict(read_yaml(run / "config.yaml"))
         names = [event["name"] for event in flight["events"]]
-    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError) as error:
+    except (UserError, KeyError, TypeError) as error:
         raise UserError(
             f"{run} is no mission with its flight; name one that was kept whole (gatetune mission run, or --keep all)"
         ) from error

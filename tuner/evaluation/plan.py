@@ -12,10 +12,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
+from nbv.foreign import read_yaml
 from nbv.mission.runner import Keep
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
 from tuner.missions.registry import DEFAULT_RUNNER
@@ -80,7 +79,7 @@ class EvaluationPlan:
         if not path.is_file():
             raise UserError(f"{directory} holds no evaluation ({PLAN_FILE} is missing)")
         try:
-            tree = yaml.safe_load(path.read_text())
+            tree = read_yaml(path)
             if tree["format"] != FORMAT_VERSION:
                 raise UserError(
                     f"{path} has format {tree['format']}, this version reads {FORMAT_VERSION}; begin it again in another directory"
@@ -93,7 +92,7 @@ class EvaluationPlan:
                 tree["runner"],
                 tree["keep"],
             )
-        except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+        except (KeyError, TypeError, AttributeError) as error:
             raise UserError(f"{path} is not an evaluation's plan ({error!r}); restore the file") from error
 
     def jobs(self, directory: Path) -> list[MissionJob]:

@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from nbv.config import MissionConfig, config_from_dict
+from nbv.errors import UserError
+from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json
 from nbv.mission.run_directory import write_atomic
 from nbv.mission.runner import Keep
 from tuner.missions.registry import DEFAULT_RUNNER
@@ -123,7 +125,7 @@ def clear_traces(job: MissionJob) -> None:
 
 def _read_json(path: Path) -> dict[str, Any] | None:
     try:
-        tree = json.loads(path.read_text())
-    except (OSError, ValueError):
+        tree = read_json(path, RESULT_BYTES, RESULT_NODES)
+    except UserError:
         return None
     return tree if isinstance(tree, dict) else None

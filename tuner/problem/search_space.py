@@ -16,11 +16,13 @@ import numpy as np
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
+from nbv.foreign import require
 from nbv.types import Floats
 
 Value = float | int | str | bool
 Values = dict[str, Any]
 
+MAX_PAIRS = 20_000  # of ends and choices of two parameters: each is tried, in 0.3 ms
 CHOICE_JUMP = 0.2  # probability of another choice where a configuration is moved a little
 
 
@@ -158,6 +160,12 @@ class SearchSpace:
             there would end the campaign.
         """
         base, values = self.base_config(preset), self.default(preset)
+        pairs = itertools.combinations((len(p.ends) for p in self.parameters), 2)
+        require(
+            sum(a * b for a, b in pairs),
+            MAX_PAIRS,
+            f"search space {self.name!r}: the number of pairs of values",
+        )
         for pair in itertools.combinations(self.parameters, 2):
             self._require_missions(base, values, pair)
 

@@ -21,12 +21,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from nbv.config import MissionConfig, parameter_paths
 from nbv.errors import UserError
+from nbv.foreign import parse_yaml, read_text, require
 from tuner.problem.search_space import Parameter, SearchSpace
 
+MAX_PARAMETERS = 100
+MAX_CHOICES = 50
 _PARAMETER_KEYS = ("kind", "low", "high", "scale", "choices", "default", "also")
 _SPACE_KEYS = ("name", "description", "base", "parameters")
 
@@ -62,43 +63,12 @@ def load_search_space(name_or_path: str | Path) -> SearchSpace:
         raise UserError(
             f"unknown search space {text!r}; there are {', '.join(named) or 'none'}, or give a YAML file"
         )
-    try:
-        content = path.read_text()
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"cannot read search space {path}: {error}; give a readable YAML file") from error
-    return parse_search_space(content, str(path))
-
-
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """SafeLoader that refuses a key given twice, where YAML would keep the last one silently."""
-
-
-def _unique_mapping(loader: _UniqueKeyLoader, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-    seen: set[Any] = set()
-    for key_node, _ in node.value:
-        key = loader.construct_object(key_node, deep=True)
-        if isinstance(key, (list, dict)):
-            continue
-        if key in seen:
-            raise yaml.constructor.ConstructorError(None, None, f"duplicate key {key!r}", key_node.start_mark)
-        seen.add(key)
-    return loader.construct_mapping(node, deep=True)
-
-
-_UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _unique_mapping)
+    return parse_search_space(read_text(path), str(path))
 
 
 def parse_search_space(text: str, source: str) -> SearchSpace:
     """Parse YAML text; ``source`` names it in messages."""
-    try:
-        tree = yaml.load(text, Loader=_UniqueKeyLoader)
-    except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        line = f" line {mark.line + 1}" if mark is not None else ""
-        raise UserError(f"{source}{line}: {error.problem or error.context}; mend the YAML") from error
-    except yaml.YAMLError as error:
-        raise UserError(f"{source}: not YAML ({str(error).splitlines()[0]}); mend it") from error
-    space = space_from_dict(tree, source)
+    space = space_from_dict(parse_yaml(text, source), source)
     space.check_pairs(MissionConfig())  # here: a campaign that flew without the check can still be read
     return space
 
@@ -120,6 +90,7 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
     base = tree.get("base") or {}
     if not isinstance(base, dict):
         raise UserError(f"{source}: 'base' must map parameter paths to values")
+    require(len(raw), MAX_PARAMETERS, f"{source}: the number of parameters")
     for path in (*raw, *base):
         _known_path(str(path), source)
     parameters = tuple(_parameter(path, spec, f"{source}: {path}") for path, spec in raw.items())
@@ -202,6 +173,7 @@ def _categorical(path: str, spec: dict[str, Any], default: Any, where: str) -> P
     choices = spec.get("choices")
     if not isinstance(choices, list) or len(choices) < 2:
         raise UserError(f"{where}: 'choices' must list at least two values")
+    require(len(choices), MAX_CHOICES, f"{where}: the number of choices")
     if any(not isinstance(choice, (str, int, float, bool)) for choice in choices):
         raise UserError(f"{where}: each choice must be a string, a number or a boolean")
     if len({repr(choice) for choice in choices}) != len(choices):

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nbv.foreign import RESULT_NODES, parse_json
 from nbv.types import Floats
 from tuner.problem.configurations import distinct_configurations
 from tuner.problem.observations import Observation
@@ -72,7 +73,7 @@ class EarlierMissions:
 
     @staticmethod
     def from_json(text: str, space: SearchSpace) -> EarlierMissions:
-        """The inverse of ``to_json``; ``ValueError`` or ``KeyError`` where it is not."""
-        tree = json.loads(text)
+        """The inverse of ``to_json``; ``UserError``, ``ValueError``, ``TypeError`` or ``KeyError`` where it is not."""
+        tree = parse_json(text, "the missions learned from", RESULT_NODES)
         observations = [Observation(i, v, r, k, y, y) for i, (v, r, y, k) in enumerate(tree["missions"])]
         return EarlierMissions(space, tuple(tree["rocks"]), tuple(observations))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar, cast
 import yaml
 
 from nbv.errors import UserError
+from nbv.foreign import read_yaml
 from nbv.mission.run_directory import write_atomic
 from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluation
 from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
@@ -66,11 +67,11 @@ class StudySettings(ABC):
                 f"{directory} holds no {cls.STUDY} ({cls.FILE} is missing); name a study's directory"
             )
         try:
-            tree = yaml.safe_load(path.read_text())
+            tree = read_yaml(path)
             if tree.pop("format") != FORMAT_VERSION:
                 raise UserError(f"{path} was written by another version; start a new study elsewhere")
             return cls.from_dict(tree, str(path))
-        except (OSError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+        except (KeyError, TypeError, AttributeError) as error:
             raise UserError(f"{path} is not a study's settings ({error!r}); restore the file") from error
 
     def claim(self, directory: Path) -> None:

@@ -63,7 +63,7 @@ def test_under_one_condition_there_is_no_second() -> None:
         ("telemetri: gnss", "a condition has no section 'telemetri'; did you mean 'telemetry'"),
         ("telemetry: gps", "unknown telemetry level 'gps'; there are exact, rtk"),
         ("- scene", "a condition maps sections to fields"),
-        ("scene: {", "not YAML"),
+        ("scene: {", "mend the YAML"),
         ("description: 3", "description is 3; it must be a text"),
     ],
 )
@@ -78,7 +78,7 @@ def test_a_mistake_in_a_file_is_one_clear_line(tmp_path: Path, text: str, said: 
 def test_a_condition_that_there_is_not_is_told(tmp_path: Path) -> None:
     with pytest.raises(UserError, match=r"unknown condition 'feild'; there are ideal, .*or give a YAML file"):
         load_condition("feild")
-    with pytest.raises(UserError, match="cannot read condition"):
+    with pytest.raises(UserError, match="cannot read"):
         load_condition(str(tmp_path / "nowhere.yaml"))
     with pytest.raises(UserError, match="ideal is the world of the defaults"):
         load_condition(written(tmp_path, "telemetry: gnss", "ideal.yaml"))

@@ -112,7 +112,7 @@ def test_a_bad_search_space_is_named(gatetune, tmp_path, text, says):
         ("storage: nosuchdb://x\n", "nosuchdb"),
         ("- budget\n", "map fields to values"),
         ("objective: {metrik: x}\n", "an objective is a metric's path"),
-        ("budget: [4\n", "not YAML"),
+        ("budget: [4\n", "mend the YAML"),
         ("format: 1\nsettings: {}\n", "has format 1, this version reads"),
     ],
 )

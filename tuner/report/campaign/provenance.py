@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from nbv.errors import UserError
+from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json
 from nbv.provenance import git_revision, versions
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
@@ -63,8 +64,8 @@ def _provenance_of_missions(campaign: Campaign) -> list[dict[str, Any]]:
     for t in campaign.trials():
         path = campaign.directory / t.directory / RESULT_FILE
         try:
-            tree = json.loads(path.read_text()).get("provenance") or {}
-        except (OSError, ValueError, AttributeError):
+            tree = read_json(path, RESULT_BYTES, RESULT_NODES).get("provenance") or {}
+        except (UserError, AttributeError):
             continue
         if tree:
             trees.append(tree)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import collections
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 from nbv.errors import UserError
+from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json
 from nbv.mission.run_directory import write_atomic
 from nbv.provenance import git_revision, versions
 from tuner.evaluation.baselines import BASELINES, TUNED, description
@@ -357,8 +357,13 @@ def _provenance(run: EvaluationRun) -> list[tuple[str, str]]:
     trees = []
     for r in run.records:
         try:
-            tree = json.loads((Path(r.outcome.directory) / RESULT_FILE).read_text()).get("provenance") or {}
-        except (OSError, ValueError, AttributeError):
+            tree = (
+                read_json(Path(r.outcome.directory) / RESULT_FILE, RESULT_BYTES, RESULT_NODES).get(
+                    "provenance"
+                )
+                or {}
+            )
+        except (UserError, AttributeError):
             continue
         trees.append(tree)
     revisions = sorted({str(tree["revision"]) for tree in trees if "revision" in tree})

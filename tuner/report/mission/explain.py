@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from rich.table import Table
 
 from nbv.config import IDEAL, SCORERS, MissionConfig, Weights, config_from_dict, preset
 from nbv.errors import UserError
+from nbv.foreign import read_yaml
 from nbv.mission.planning_state import load_state
 from nbv.mission.run_directory import CONFIG, LOCATED
 from nbv.scorers import find_scorer, rank_candidates
@@ -37,7 +37,7 @@ def locate_state(path: Path, iteration: int, preset_name: str) -> tuple[Path, Mi
     if state not in states:
         raise UserError(f"{path} has no iteration {iteration}; it has 0 to {len(states) - 1}")
     planned_by = path / (LOCATED if (path / LOCATED).is_file() else CONFIG)
-    return state, config_from_dict(yaml.safe_load(planned_by.read_text()))
+    return state, config_from_dict(read_yaml(planned_by))
 
 
 def explain_state(

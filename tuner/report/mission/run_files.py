@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+import nbv.foreign as foreign
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 
@@ -17,7 +15,7 @@ def mission_config(run: Path) -> MissionConfig:
     file = run / "config.yaml"
     if not file.is_file():
         raise UserError(f"{run} holds no config.yaml; name a directory that `gatetune mission run` wrote")
-    return config_from_dict(yaml.safe_load(file.read_text()))
+    return config_from_dict(foreign.read_yaml(file))
 
 
 def read_json(run: Path, name: str) -> dict[str, Any]:
@@ -27,7 +25,9 @@ def read_json(run: Path, name: str) -> dict[str, Any]:
         raise UserError(
             f"{run} holds no {name}; fly the mission with everything kept (`gatetune mission run`, or --keep all)"
         )
-    tree: dict[str, Any] = json.loads(file.read_text())
+    tree = foreign.read_json(file, foreign.RESULT_BYTES, foreign.RESULT_NODES)
+    if not isinstance(tree, dict):
+        raise UserError(f"{file} is not an object; restore it")
     return tree
 
 
@@ -36,4 +36,5 @@ def read_trace(run: Path) -> list[dict[str, Any]]:
     file = run / "trace.jsonl"
     if not file.is_file():
         raise UserError(f"{run} holds no trace.jsonl; fly the mission with everything kept")
-    return [json.loads(line) for line in file.read_text().splitlines() if line.strip()]
+    lines = foreign.read_text(file, foreign.RESULT_BYTES).splitlines()
+    return [foreign.parse_json(line, str(file)) for line in lines if line.strip()]

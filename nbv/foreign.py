@@ -1,0 +1,256 @@
+"""The boundary that files from anybody cross: text, YAML, JSON and NPZ, each with limits, before anything else sees them.
+
+Only regular files are read (a pipe would hang), to a limit of bytes; trees have limits of depth and number of nodes, what
+YAML's aliases stand for counted each time, and hold plain values only; arrays have the kinds and dimensions that the
+caller names. What passes needs no further care but what it means.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import stat
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from nbv.errors import UserError
+
+MIB = 2**20
+LIMITS_VARIABLE = "GATETUNE_LIMITS"  # a factor on every limit below
+TEXT_BYTES = 1 * MIB
+RESULT_BYTES = 64 * MIB
+NPZ_BYTES = 256 * MIB  # unpacked
+TREE_NODES = 50_000
+RESULT_NODES = 5_000_000
+TREE_DEPTH = 40
+_INT_BOUND = 2**63
+_SafeLoader: type[Any] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class UniqueKeyLoader(_SafeLoader):  # type: ignore[misc]
+    """SafeLoader that refuses a key given twice, where YAML would keep the last one silently."""
+
+
+def _unique_mapping(loader: Any, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+    seen: set[Any] = set()
+    for key_node, _ in node.value:
+        if key_node.tag == "tag:yaml.org,2002:merge":
+            continue
+        key = loader.construct_object(key_node, deep=True)
+        if isinstance(key, (list, dict)):
+            continue
+        if key in seen:
+            raise yaml.constructor.ConstructorError(None, None, f"duplicate key {key!r}", key_node.start_mark)
+        seen.add(key)
+    mapping: dict[Any, Any] = loader.construct_mapping(node, deep=True)
+    return mapping
+
+
+UniqueKeyLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _unique_mapping)
+
+
+def require(count: float, limit: float, what: str) -> None:
+    """`UserError` where ``count`` is beyond ``limit``; ``what`` reads on as "... is 7".
+
+    ``GATETUNE_LIMITS=10`` in the environment raises all limits tenfold.
+    """
+    try:
+        factor = float(os.environ.get(LIMITS_VARIABLE) or 1.0)
+    except ValueError as error:
+        raise UserError(f"{LIMITS_VARIABLE} must be a number such as 10") from error
+    if not count <= limit * factor:
+        raise UserError(
+            f"{what} is {count:g}; the limit is {limit * factor:g} ({LIMITS_VARIABLE}=10 raises limits tenfold)"
+        )
+
+
+def read_bytes(path: Path, limit_bytes: int = TEXT_BYTES) -> bytes:
+    """The content of a regular file.
+
+    Raises
+    ------
+    UserError
+        It cannot be read, is no regular file, or is too large.
+    """
+    try:
+        # Without blocking: opening a pipe would wait for a writer.
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        with os.fdopen(descriptor, "rb") as file:
+            found = os.fstat(descriptor)
+            if not stat.S_ISREG(found.st_mode):
+                raise UserError(f"{path} is not a regular file; name a file")
+            require(found.st_size, limit_bytes, f"the size of {path} in bytes")
+            return file.read()
+    except FileNotFoundError as error:
+        raise UserError(f"cannot read {path}: it does not exist") from error
+    except (OSError, ValueError) as error:
+        raise UserError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
+
+
+def read_text(path: Path, limit_bytes: int = TEXT_BYTES) -> str:
+    """The content of a UTF-8 file; errors as `read_bytes`."""
+    try:
+        return read_bytes(path, limit_bytes).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise UserError(f"cannot read {path}: not UTF-8 ({error.reason} at byte {error.start})") from error
+
+
+def parse_yaml(text: str, source: str) -> Any:
+    """The tree in ``text``; keys given twice are refused.
+
+    Raises
+    ------
+    UserError
+        Not YAML, beyond a limit, or values that are not plain (dates among them); names ``source``.
+    """
+    require(len(text), TEXT_BYTES, f"the size of {source} in characters")
+    try:
+        _check_events(text, source)
+        tree = yaml.load(text, Loader=UniqueKeyLoader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        line = f" line {mark.line + 1}" if mark is not None else ""
+        raise UserError(f"{source}{line}: {error.problem or error.context}; mend the YAML") from error
+    except (yaml.YAMLError, ValueError, OverflowError, RecursionError, KeyError) as error:
+        raise UserError(f"{source}: not YAML ({_first_line(error)}); mend it") from error
+    _check_tree(tree, source, TREE_NODES)
+    return tree
+
+
+def read_yaml(path: Path) -> Any:
+    """The tree in a YAML file; errors as `read_bytes` and `parse_yaml`."""
+    return parse_yaml(read_text(path), str(path))
+
+
+def parse_json(text: str, source: str, nodes: int = TREE_NODES) -> Any:
+    """The tree in ``text``.
+
+    Raises
+    ------
+    UserError
+        Not JSON, or beyond a limit; names ``source``.
+    """
+    try:
+        tree = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise UserError(f"{source} is not valid JSON: {_first_line(error)}") from error
+    _check_tree(tree, source, nodes)
+    return tree
+
+
+def read_json(path: Path, limit_bytes: int = TEXT_BYTES, nodes: int = TREE_NODES) -> Any:
+    """The tree in a JSON file; errors as `read_bytes` and `parse_json`."""
+    return parse_json(read_text(path, limit_bytes), str(path), nodes)
+
+
+def read_npz(path: Path, arrays: Mapping[str, tuple[str, int]]) -> dict[str, np.ndarray]:
+    """The arrays of an ``.npz`` file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    arrays
+        The kinds of dtype and the number of dimensions of each array that must be there: ``{"points_m": ("f", 2)}``.
+
+    Raises
+    ------
+    UserError
+        As `read_bytes`; not an archive, an array that is missing or of another kind, or beyond a limit.
+    """
+    packed = read_bytes(path, NPZ_BYTES)
+    try:
+        with zipfile.ZipFile(io.BytesIO(packed)) as archive:
+            unpacked = sum(archive.getinfo(f"{name}.npy").file_size for name in arrays)
+            require(unpacked, NPZ_BYTES, f"the unpacked size of {path} in bytes")
+            return {name: _array(archive, name, *expected) for name, expected in arrays.items()}
+    except UserError:
+        raise
+    except MemoryError as error:
+        raise UserError(f"{path} needs more memory than there is") from error
+    except Exception as error:  # zipfile, zlib and NumPy each raise families of their own on damaged bytes
+        raise UserError(f"{path} is damaged or of another kind: {_first_line(error)}") from error
+
+
+def _array(archive: zipfile.ZipFile, name: str, kinds: str, dimensions: int) -> np.ndarray:
+    member = archive.getinfo(f"{name}.npy")
+    with archive.open(member) as file:
+        version = np.lib.format.read_magic(file)
+        read_header = {
+            (1, 0): np.lib.format.read_array_header_1_0,
+            (2, 0): np.lib.format.read_array_header_2_0,
+        }[version]
+        shape, _, dtype = read_header(file)
+    if dtype.hasobject or dtype.kind not in kinds or len(shape) != dimensions:
+        raise ValueError(f"{name} is {dtype} with shape {shape}")
+    count = 1
+    for length in shape:
+        count *= length
+    if count * dtype.itemsize > member.file_size:  # before memory for it is asked for
+        raise ValueError(f"{name} claims the shape {shape} and holds less")
+    with archive.open(member) as file:
+        found: np.ndarray = np.lib.format.read_array(file, allow_pickle=False)
+    return found
+
+
+def _check_events(text: str, source: str) -> None:
+    """Limits on depth and nodes with what aliases stand for, before anything is built."""
+    sizes: dict[str, int] = {}
+    levels: list[tuple[str | None, int]] = [(None, 0)]
+
+    def add(count: int) -> None:
+        anchor, size = levels[-1]
+        require(size + count, TREE_NODES, f"{source}: the number of nodes")
+        levels[-1] = (anchor, size + count)
+
+    for event in yaml.parse(text, Loader=_SafeLoader):
+        if isinstance(event, yaml.AliasEvent):
+            if event.anchor not in sizes:
+                raise UserError(f"{source}: alias *{event.anchor} stands for nothing, or for itself; mend it")
+            add(sizes[event.anchor])
+        elif isinstance(event, yaml.ScalarEvent):
+            add(1)
+            if event.anchor:
+                sizes[event.anchor] = 1
+        elif isinstance(event, yaml.CollectionStartEvent):
+            levels.append((event.anchor, 1))
+            require(len(levels) - 1, TREE_DEPTH, f"{source}: the depth")
+        elif isinstance(event, yaml.CollectionEndEvent):
+            anchor, size = levels.pop()
+            if anchor:
+                sizes[anchor] = size
+            add(size)
+
+
+def _check_tree(tree: Any, source: str, nodes: int) -> None:
+    stack, count = [(tree, 0)], 0
+    while stack:
+        node, depth = stack.pop()
+        count += 1
+        if isinstance(node, (dict, list)):
+            if depth >= TREE_DEPTH:
+                require(depth + 1, TREE_DEPTH, f"{source}: the depth")
+            children = [*node, *node.values()] if isinstance(node, dict) else node
+            stack += [(child, depth + 1) for child in children]
+        elif isinstance(node, str):
+            if not node.isascii() and any("\ud800" <= c <= "\udfff" for c in node):
+                raise UserError(f"{source}: half of a surrogate pair in {node[:40]!a}; take it out")
+        elif isinstance(node, int):
+            if not -_INT_BOUND <= node < _INT_BOUND:
+                raise UserError(f"{source}: a whole number beyond 64 bits; give a smaller one")
+        elif node is not None and not isinstance(node, float):
+            kind = type(node).__name__
+            raise UserError(
+                f"{source}: {str(node)[:40]!r} is a {kind}, not a plain value; quote it if it is a text"
+            )
+    require(count, nodes, f"{source}: the number of nodes")
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).strip().splitlines() or [type(error).__name__])[0]
