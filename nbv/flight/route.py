@@ -90,8 +90,8 @@ def _among(
     """``legs`` where they are clear of the obstacles, else a detour."""
     start, end = legs[0].start, legs[-1].end
     a, b = np.array(start.position_m), np.array(end.position_m)
-    target = (np.array(target_m[:2]), limits.keep_out_radius_m, limits.keep_out_height_m)
-    around = [target, *((np.array(o.center_m), o.radius_m, o.top_m) for o in obstacles)]
+    target = (np.array(target_m), limits.keep_out_radius_m, limits.keep_out_height_m)
+    around = [target, *((np.array([*o.center_m, 0.0]), o.radius_m, o.top_m) for o in obstacles)]
     # What an end lies inside of cannot be gone around: the target's keep-out, if one chose to.
     around = [c for c in around if clear(a, a, *c) and clear(b, b, *c)]
 
@@ -103,8 +103,8 @@ def _among(
         return legs
     choices = []
     for center, radius, height in around:
-        for corner, heading in _corners(a, b, center, radius + MARGIN_M, height + MARGIN_M, end.heading_rad):
-            middle = _pose(corner, heading)
+        for corner, _ in _corners(a, b, center, radius + MARGIN_M, height + MARGIN_M, end.heading_rad):
+            middle = _pose(corner, end.heading_rad)
             if free([start, middle, end]):
                 choices.append(_through(wind_m_s, limits, start, middle, end))
     if choices:

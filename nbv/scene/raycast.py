@@ -81,11 +81,13 @@ class RaycastRenderer:
     # ---------------------------------------------------------------- ground and sky
 
     def _ground_height(self, rays: _PixelRays, position: Floats) -> _Height:
-        """(H, W) height of the ground that each pixel's centre would see, or the height of all of it."""
+        """(H, W) height of the ground that each pixel's centre sees, to a few millimetres; or the height of all of it."""
         if self._relief is None:
             return np.float32(0)
         camera = self._scene.camera
-        columns, rows = np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5
+        # One ray for 2 x 2 pixels: nodes of the height field are farther apart.
+        half = -(-camera.width_px // 2), -(-camera.height_px // 2)
+        columns, rows = (2.0 * np.arange(n) + 1.0 for n in half)
         t = self._cast(rays, position, columns, rows, self._relief).t
         dz = np.minimum(rays.component(2, columns, rows), np.float32(-1e-6))
         height = np.where(np.isfinite(t), np.float32(position[2]) + t * dz, np.float32(0))
@@ -93,7 +95,8 @@ class RaycastRenderer:
         flat = np.float32(-position[2]) / dz
         x, y = (np.float32(position[i]) + flat * rays.component(i, columns, rows) for i in range(2))
         height[(flat < t) & (np.maximum(np.abs(x), np.abs(y)) > RELIEF_HALF_EXTENT_M)] = 0
-        return height
+        full = cv2.resize(height, (2 * half[0], 2 * half[1]), interpolation=cv2.INTER_LINEAR)
+        return full[: camera.height_px, : camera.width_px]
 
     def _ground_depth(self, rays: _PixelRays, position: Floats, ground_m: _Height) -> Floats32:
         camera = self._scene.camera

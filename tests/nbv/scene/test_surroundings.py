@@ -1,0 +1,87 @@
+"""Relief and neighbours in photographs: seen, in the way, casting shadows, alike in both renderers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scene_helpers import SMALL_CAMERA, SMALL_GROUND
+
+from nbv.config import GroundConfig, SceneConfig
+from nbv.errors import UserError
+from nbv.geometry.frames import look_at
+from nbv.geometry.raycasting import RayCaster, rays_of
+from nbv.scene import build_scene, make_renderer
+from nbv.terrain import make_surroundings, neighbour_cylinders
+
+GROUND = GroundConfig(relief_m=0.1, neighbours=3, neighbour_height_m=(0.8, 1.0), neighbour_gap_m=(0.1, 0.3))
+CENTRE = np.array([0.0, 0.0, 0.8])
+
+
+@pytest.fixture(scope="module")
+def around(ball):
+    return make_surroundings(GROUND, 0, ball.sha256)
+
+
+@pytest.fixture(scope="module")
+def scene(ball, around):
+    return build_scene(ball, SceneConfig(), SMALL_CAMERA, SMALL_GROUND, surroundings=around)
+
+
+@pytest.fixture(scope="module")
+def behind(ball):
+    """A low camera with a neighbour between it and the ball."""
+    place = neighbour_cylinders(GROUND, 0, ball.sha256)[0]
+    outward = np.array(place.center_m) / np.hypot(*place.center_m)
+    position = np.array([*(np.array(place.center_m) + (place.radius_m + 1.0) * outward), 0.9])
+    return look_at(position, CENTRE)
+
+
+def true_depths(ball, around, pose):
+    """Depth of what each pixel's centre meets first, and whether that is the ball, by plain ray casting."""
+    parts = [(ball.vertices_m, ball.faces), *((b.vertices_m, b.faces) for b in around.neighbours)]
+    columns, rows = np.meshgrid(np.arange(SMALL_CAMERA.width_px), np.arange(SMALL_CAMERA.height_px))
+    pixels = np.stack([columns + 0.5 - 160, rows + 0.5 - 120, np.full(rows.shape, SMALL_CAMERA.focal_px)], -1)
+    directions = (pixels / SMALL_CAMERA.focal_px).reshape(-1, 3) @ pose[:3, :3]
+    rays = rays_of(-pose[:3, :3].T @ pose[:3, 3], directions)
+    depths = [RayCaster(*mesh).cast(rays).t for mesh in (*parts, around.relief.mesh())]
+    return np.min(depths, axis=0).reshape(rows.shape), (np.argmin(depths, axis=0) == 0).reshape(rows.shape)
+
+
+def test_depth_and_mask_are_those_of_the_geometry(ball, around, scene, behind) -> None:
+    view = make_renderer(scene, "raycast").render(behind)
+    depth, is_ball = true_depths(ball, around, behind)
+    near = depth < 5
+    error = np.abs(view.depth_m[near] - depth[near])
+    assert np.percentile(error, 99) < 0.02 and np.median(error) < 1e-3
+    assert (view.rock_mask != (is_ball & np.isfinite(depth))).mean() < 0.002
+
+
+def test_a_neighbour_hides_part_of_the_rock(ball_scene, scene, behind) -> None:
+    alone = make_renderer(ball_scene, "raycast").render(behind).rock_mask
+    hidden = make_renderer(scene, "raycast").render(behind).rock_mask
+    assert 0.1 < hidden.sum() / alone.sum() < 0.9
+
+
+def test_both_renderers_show_the_same_surroundings(scene, behind) -> None:
+    try:
+        gl = make_renderer(scene, "gl")
+    except UserError as error:
+        pytest.skip(f"no OpenGL on this machine: {error}")
+    a, b = make_renderer(scene, "raycast").render(behind), gl.render(behind)
+    gl.close()
+    near = (a.depth_m < 6) & (b.depth_m < 20)
+    relative = np.abs(a.depth_m[near] - b.depth_m[near]) / a.depth_m[near]
+    assert np.median(relative) < 4e-3 and np.percentile(relative, 90) < 2e-2
+    assert (a.rock_mask != b.rock_mask).mean() < 0.01
+    assert np.abs(a.rgb.astype(float) - b.rgb).mean() < 6
+
+
+def test_neighbours_cast_shadows_on_ground_with_relief(scene, around) -> None:
+    x = SMALL_GROUND.texel_centres_m(0)
+    travel = np.array(SceneConfig().sun_direction)
+    level = scene.ground_levels[0]
+    for body in around.neighbours:
+        top = body.vertices_m[body.vertices_m[:, 2].argmax()]
+        foot = top[:2] - (top[2] - 0.3) * travel[:2] / travel[2]  # of its shadow's middle
+        column, row = np.searchsorted(x, foot)
+        assert level[row - 4 : row + 4, column - 4 : column + 4].mean() < 0.7 * level.mean()
