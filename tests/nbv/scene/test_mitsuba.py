@@ -16,6 +16,7 @@ from nbv.geometry.frames import look_at
 from nbv.scene import Scene, build_scene, make_renderer
 from nbv.scene.ground import GroundSpec
 from nbv.scene.mitsuba import lunar_reflectance
+from nbv.terrain import Body, Surroundings, make_relief
 
 CAMERA = CameraConfig(width_px=96, height_px=72, focal_px=70.0)
 GROUND = GroundSpec(texel_m=0.04, size_px=256, levels=2)
@@ -57,6 +58,21 @@ def test_depth_and_mask_are_those_of_the_ray_caster(scene, mitsuba, pose):
     assert (np.abs(a.depth_m[near] - b.depth_m[near]) < 0.01).mean() >= 0.99
     assert (np.isinf(a.depth_m) == np.isinf(b.depth_m)).mean() >= 0.99
     assert abs(a.rgb.mean() - b.rgb.mean()) < 25
+
+
+def test_relief_and_neighbours_stand_where_the_ray_caster_has_them(ball):
+    ground = GroundSpec(texel_m=0.05, size_px=256, levels=1)  # the relief lies in the sharpest level
+    neighbour = Body(ball.vertices_m * 0.7 + np.array([1.8, -0.5, 0.0]), ball.faces, ball.albedo)
+    around = Surroundings(make_relief(0.15, 1.0, 0), (neighbour,), ("test",))
+    config = dataclasses.replace(SceneConfig(), mitsuba_samples=4)
+    scene = build_scene(ball, config, CAMERA, ground, surroundings=around)
+    a, b = make_renderer(scene, "raycast").render(POSES[0]), renderer_of(scene).render(POSES[0])
+    near = a.depth_m < 6
+    assert (np.abs(a.depth_m[near] - b.depth_m[near]) < 0.01).mean() >= 0.98
+    assert (a.rock_mask == b.rock_mask).mean() >= 0.99
+    alone = make_renderer(made(ball), "raycast").render(POSES[0])
+    assert (np.abs(a.depth_m[near] - alone.depth_m[near]) > 0.05).mean() > 0.2  # there is something to see
+    assert a.rock_mask.sum() < 0.95 * alone.rock_mask.sum()  # the neighbour hides part of the rock
 
 
 def test_equal_input_gives_equal_bits(scene, mitsuba):
