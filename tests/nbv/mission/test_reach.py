@@ -1,0 +1,107 @@
+"""From what flies, plans and reconstructs no way leads to a true pose or to the true surface."""
+
+from __future__ import annotations
+
+import functools
+import gc
+import types
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from nbv.config import preset
+from nbv.flight.telemetry import TelemetryErrors
+from nbv.gates import GroundTruthOracle
+from nbv.mission import flying
+from nbv.mission.loop import AdaptiveMission
+from nbv.photogrammetric import run_photogrammetric_mission
+from nbv.photogrammetric.studio import Studio
+from nbv.rocks import Rock
+
+TRUTH = (Rock, TelemetryErrors, GroundTruthOracle, Studio)
+# Black photographs do not register: the mission ends with its seeds, after everything has been handed out.
+SMALL = {"camera.width_px": 64, "camera.height_px": 48, "camera.focal_px": 46.0, "stop.adaptive_budget": 1}
+
+
+def neighbours(thing: Any) -> Iterable[Any]:
+    """What can be had from ``thing``: not the modules, classes and globals that everything hangs on."""
+    if isinstance(thing, types.FunctionType):
+        return [c.cell_contents for c in thing.__closure__ or () if c != types.CellType()]
+    if isinstance(thing, types.MethodType):
+        return [thing.__self__, thing.__func__]
+    if isinstance(thing, functools.partial):
+        return [thing.func, *thing.args, *thing.keywords.values()]
+    if isinstance(thing, (type, types.ModuleType, types.BuiltinFunctionType, types.FrameType, str, bytes)):
+        return []
+    return gc.get_referents(thing)
+
+
+def reachable(*roots: Any) -> Iterator[Any]:
+    """Everything that can be reached from ``roots``, each once."""
+    seen: dict[int, Any] = {}
+    waiting = list(roots)
+    while waiting:
+        thing = waiting.pop()
+        if id(thing) in seen:
+            continue
+        seen[id(thing)] = thing
+        yield thing
+        waiting.extend(neighbours(thing))
+
+
+@pytest.fixture(scope="module")
+def flown() -> Iterator[tuple[AdaptiveMission, list[np.ndarray], np.ndarray]]:
+    """A mission that has taken its seeds, the true poses of these, and the rock's vertices."""
+    missions: list[AdaptiveMission] = []
+    true_poses: list[np.ndarray] = []
+    rocks: list[Rock] = []
+
+    class Kept(AdaptiveMission):
+        def __init__(self, *arguments: Any) -> None:
+            super().__init__(*arguments)
+            missions.append(self)
+
+    true_pose, made = Studio.true_pose, Studio.__init__
+
+    def noting(self: Studio, *arguments: Any, **named: Any) -> Any:
+        true_poses.append(true_pose(self, *arguments, **named))
+        return true_poses[-1]
+
+    def making(self: Studio, make_renderer: Any, rock: Rock, *rest: Any) -> None:
+        rocks.append(rock)
+        made(self, make_renderer, rock, *rest)
+
+    config = preset("campaign").with_values({**SMALL, "telemetry": "gnss", "target.horizontal_sd_m": 0.5})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(flying, "AdaptiveMission", Kept)
+        patch.setattr(Studio, "true_pose", noting)
+        patch.setattr(Studio, "__init__", making)
+        patch.setattr(Studio, "photograph", lambda *_: np.zeros((48, 64, 3), np.uint8))
+        result = run_photogrammetric_mission(config, "boulder", 0)
+    assert result.reason == "seed_model_failed"
+    yield missions[0], true_poses, rocks[0].vertices_m
+
+
+@pytest.mark.slow
+def test_no_true_pose_and_no_surface_can_be_reached(flown) -> None:  # type: ignore[no-untyped-def]
+    mission, true_poses, vertices_m = flown
+    assert len(mission.captures) == len(true_poses) == 24
+    vehicle = (mission.config, mission.flight, mission.gate, mission.reconstructor, mission.captures)
+    for thing in reachable(*vehicle):
+        assert not isinstance(thing, TRUTH), type(thing)
+        if isinstance(thing, np.ndarray) and thing.shape == (4, 4):
+            assert not any(np.array_equal(thing, pose) for pose in true_poses)
+        if isinstance(thing, np.ndarray) and thing.shape == vertices_m.shape:
+            assert not np.array_equal(thing, vertices_m)
+
+
+@pytest.mark.slow
+def test_the_walk_would_have_found_them(flown) -> None:  # type: ignore[no-untyped-def]
+    mission, _, vertices_m = flown
+    things = list(reachable(mission.camera))
+    for kind in (Rock, TelemetryErrors, Studio):
+        assert any(isinstance(thing, kind) for thing in things)
+    assert any(thing is vertices_m for thing in things)
+    assert any(isinstance(thing, Rock) for thing in reachable(lambda: mission.camera))
