@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 from nbv.config import MissionConfig
-from nbv.gates.ground_truth import GroundTruthOracle
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
+
+if TYPE_CHECKING:
+    from nbv.gates.ground_truth import GroundTruthOracle
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from nbv.config import GATES, SCORERS, MissionConfig
 from nbv.errors import UserError
 from nbv.gates.base import Gate, GateInputs
 from nbv.gates.fixed import FixedGate
-from nbv.gates.ground_truth import GroundTruthOracle
+
+if TYPE_CHECKING:
+    from nbv.gates.ground_truth import GroundTruthOracle
 
 
 def gate_class(kind: str) -> type[Gate]:

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 
 from nbv.types import Floats
@@ -17,7 +16,7 @@ from nbv.types import Floats
 Mask = NDArray[np.bool_]
 Floats32 = NDArray[np.float32]
 
-NO_FACE: int = o3d.t.geometry.RaycastingScene.INVALID_ID  # the face of a ray that hits nothing
+NO_FACE = 0xFFFFFFFF  # the face of a ray that hits nothing, as Open3D says it
 
 
 @dataclass(frozen=True)
@@ -47,6 +46,8 @@ class RayCaster:
     """
 
     def __init__(self, vertices_m: NDArray[np.floating], faces: NDArray[np.integer]) -> None:
+        import open3d as o3d  # noqa: PLC0415  a planner on a vehicle does without it
+
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         self._scene.add_triangles(_tensor(vertices_m, np.float32), _tensor(faces, np.uint32))
 
@@ -73,6 +74,8 @@ class RayCaster:
         return found["points"].numpy(), found["primitive_normals"].numpy().astype(float)
 
 
-def _tensor(values: NDArray[Any], dtype: type = np.float32) -> o3d.core.Tensor:
+def _tensor(values: NDArray[Any], dtype: type = np.float32) -> Any:
     # A copy where the array is read-only, as rocks are: Open3D would not take it.
+    import open3d as o3d  # noqa: PLC0415
+
     return o3d.core.Tensor.from_numpy(np.require(values, dtype, ["C", "W"]))

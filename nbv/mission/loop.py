@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from nbv.config import MissionConfig
 from nbv.flight import Flight
 from nbv.gates import Gate
 from nbv.mission.belief import located, must_look
 from nbv.mission.observer import Observer
-from nbv.mission.planning_state import planning_state
-from nbv.scorers import rank_candidates
-from nbv.types import Camera, Capture, Cloud, PlanningState, Reconstructor, SparseModel, Viewpoint
-from nbv.viewpoints import candidate_pool, seed_viewpoints
+from nbv.planner import Plan, Planner
+from nbv.types import Camera, Capture, Cloud, Reconstructor, SparseModel, Viewpoint
+from nbv.viewpoints import seed_viewpoints
 
 
 class AdaptiveMission:
@@ -35,7 +36,7 @@ class AdaptiveMission:
         self.flight = flight
         self.camera = camera
         self.reconstructor = reconstructor
-        self.gate = gate
+        self.planner = Planner(config, gate)
         self.observer = observer if observer is not None else Observer()
         self.captures: list[Capture] = []
 
@@ -65,25 +66,23 @@ class AdaptiveMission:
             self.flight.face(config.target_m)
             self.camera.aim_at(config.target_m)
             self.reconstructor.retarget(config.target_m, config.dense.crop_half_width_m)
-            self.gate = self.gate.retargeted(config)
+            self.planner = Planner(config, self.planner.gate.retargeted(config))
         self.observer.located(config)
 
     def fly_adaptive_phase(self, model: SparseModel) -> None:
         """Phase 2: plan, fly, photograph, update, until the budget is used or the cloud has converged."""
-        for iteration in range(self.config.stop.adaptive_budget):
+        for _ in range(self.config.stop.adaptive_budget):
             with self.observer.timed("planning"):
-                state = planning_state(self.config, model, self.captures, self.flight, iteration)
-                if self._converged(state):
-                    self.observer.converged(state)
-                    return
-                pool = candidate_pool(self.config, state.vehicle_position_m, state.visited_m[state.n_seeds :])
-                if len(pool) == 0:
-                    self.observer.pool_is_empty(state, pool)
-                    return
-                rankings = rank_candidates(state, pool, self.config)
-                decision = self.gate.decide(state, pool, rankings)
-            self.observer.planned(state, pool, rankings, decision)
-            capture = self._fly_and_photograph(pool.viewpoint(decision.ranking.top))
+                plan = self._plan(model)
+            view = plan.next_view
+            if view is None or plan.pool is None or plan.rankings is None or plan.decision is None:
+                if plan.pool is None:
+                    self.observer.converged(plan.state)
+                else:
+                    self.observer.pool_is_empty(plan.state, plan.pool)
+                return
+            self.observer.planned(plan.state, plan.pool, plan.rankings, plan.decision)
+            capture = self._fly_and_photograph(view)
             with self.observer.timed("update"):
                 report = self.reconstructor.add(capture)
             self.observer.updated(report)
@@ -106,6 +105,11 @@ class AdaptiveMission:
         self.observer.photographed(capture)
         return capture
 
-    def _converged(self, state: PlanningState) -> bool:
-        stop = self.config.stop
-        return stop.criterion in ("both", "knn") and state.d95_m <= stop.knn_threshold_m
+    def _plan(self, model: SparseModel) -> Plan:
+        return self.planner.plan(
+            model,
+            np.array([capture.viewpoint.position_m for capture in self.captures]),
+            sum(capture.viewpoint.band == "seed" for capture in self.captures),
+            self.flight.position_m,
+            self.flight.heading_rad,
+        )

@@ -1,18 +1,14 @@
-"""What a planner may use at one iteration: made from the mission so far; saved, so that it can be explained later."""
+"""What a planner used at one iteration, saved, so that it can be explained later."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from nbv.config import MissionConfig
 from nbv.errors import UserError
-from nbv.flight import Flight
 from nbv.foreign import read_npz
-from nbv.geometry.knn import knn_statistics
-from nbv.types import CandidatePool, Capture, PlanningState, SparseModel
+from nbv.types import CandidatePool, PlanningState, SparseModel
 
 _MODEL_ARRAYS = ("points_m", "reprojection_error_px", "track_offsets", "track_cameras", "camera_centers_m")
 _PLACES = ("points_m", "camera_centers_m", "visited_m", "vehicle_m", "pool_positions_m")
@@ -36,32 +32,6 @@ _ARRAYS = {  # kinds of dtype and dimensions
     "pool_elevations_deg": ("f", 1),
     "pool_bands": ("U", 1),
 }
-
-
-def planning_state(
-    config: MissionConfig, model: SparseModel, captures: Sequence[Capture], flight: Flight, iteration: int
-) -> PlanningState:
-    """The state before adaptive capture ``iteration`` (0 is the first); ``captures`` begin with the seeds."""
-    stop = config.stop
-    knn = knn_statistics(
-        model.points_m,
-        k=stop.knn_neighbours,
-        region=stop.knn_region,
-        target_m=config.target_m,
-        box_half_extent_m=config.shared.box_half_extent_m,
-    )
-    n_seeds = sum(capture.viewpoint.band == "seed" for capture in captures)
-    return PlanningState(
-        model=model,
-        visited_m=np.array([capture.viewpoint.position_m for capture in captures]),
-        n_seeds=n_seeds,
-        vehicle_position_m=flight.position_m,
-        vehicle_heading_rad=flight.heading_rad,
-        captures_used=len(captures) - n_seeds,
-        adaptive_budget=stop.adaptive_budget,
-        d95_m=knn.d95_m,
-        iteration=iteration,
-    )
 
 
 def save_state(path: Path, state: PlanningState, pool: CandidatePool) -> None:

@@ -1,0 +1,134 @@
+"""What a companion computer runs: candidates, scorers, gate and stop of Phase 2, and nothing that simulates.
+
+Loads neither Open3D, pyrender nor torch (with ``visibility.mode`` ``frustum``, the paper's; ``occlusion`` casts rays).
+The mission loop plans with it, too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+from nbv.config import MissionConfig, config_from_dict
+from nbv.errors import UserError
+from nbv.gates import Gate, make_gate
+from nbv.geometry.knn import knn_statistics
+from nbv.scorers import rank_candidates
+from nbv.scorers.registry import Rankings
+from nbv.types import CandidatePool, Floats, GateDecision, PlanningState, SparseModel, Viewpoint
+from nbv.viewpoints import candidate_pool
+
+
+@dataclass(frozen=True)
+class Plan:
+    """One decision, with what it was made from."""
+
+    state: PlanningState
+    converged: bool  # the stopping rule says that the cloud is dense enough: nothing was ranked
+    pool: CandidatePool | None = None  # None where converged
+    rankings: Rankings | None = None  # None where converged or where the pool is empty
+    decision: GateDecision | None = None  # likewise
+
+    @property
+    def views(self) -> list[Viewpoint]:
+        """Feasible viewpoints, best first; empty where the phase ends."""
+        if self.decision is None or self.pool is None:
+            return []
+        return [self.pool.viewpoint(int(i)) for i in self.decision.ranking.order]
+
+    @property
+    def next_view(self) -> Viewpoint | None:
+        """Where to photograph next; None where the phase ends: converged, or nothing feasible is left."""
+        if self.decision is None or self.pool is None:
+            return None
+        return self.pool.viewpoint(self.decision.ranking.top)
+
+
+class Planner:
+    """Plans the next view of Phase 2 from what the vehicle knows.
+
+    Parameters
+    ----------
+    config
+        The tuned configuration; `Planner.from_yaml` reads one that ``gatetune export --to gatetune.yaml`` wrote.
+    gate
+        None: the one that the configuration names.
+
+    Raises
+    ------
+    UserError
+        The configuration names a gate that needs the ground truth.
+    """
+
+    def __init__(self, config: MissionConfig, gate: Gate | None = None) -> None:
+        self.config = config
+        self.gate = gate if gate is not None else make_gate(config)
+
+    @classmethod
+    def from_yaml(cls, path: Path) -> Planner:
+        """The planner that a YAML file of a whole configuration describes; ``UserError`` if it cannot be read."""
+        try:
+            tree = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+            raise UserError(f"{path} is not a readable YAML file: {error}") from error
+        if not isinstance(tree, dict):
+            raise UserError(f"{path} holds no configuration; gatetune export --to gatetune.yaml writes one")
+        return cls(config_from_dict(tree))
+
+    def plan(
+        self,
+        model: SparseModel,
+        visited_m: Floats,
+        n_seeds: int,
+        vehicle_position_m: Floats,
+        vehicle_heading_rad: float,
+    ) -> Plan:
+        """Decide on the next view.
+
+        Parameters
+        ----------
+        model
+            Sparse points, tracks and registered cameras, in metres, world frame (ENU, the target above the origin).
+        visited_m
+            (V, 3) commanded positions of all photographs so far, seeds first.
+        n_seeds
+            How many of them are seeds; the others have used the budget.
+        vehicle_position_m, vehicle_heading_rad
+            (3,) and counter-clockwise from east: where the vehicle is.
+
+        Raises
+        ------
+        MissionFailure
+            ``no_points_in_box``: no tracked point near the target.
+        """
+        visited = np.asarray(visited_m, dtype=float).reshape(-1, 3)
+        stop = self.config.stop
+        knn = knn_statistics(
+            model.points_m,
+            k=stop.knn_neighbours,
+            region=stop.knn_region,
+            target_m=self.config.target_m,
+            box_half_extent_m=self.config.shared.box_half_extent_m,
+        )
+        used = len(visited) - n_seeds
+        state = PlanningState(
+            model=model,
+            visited_m=visited,
+            n_seeds=n_seeds,
+            vehicle_position_m=np.asarray(vehicle_position_m, dtype=float),
+            vehicle_heading_rad=vehicle_heading_rad,
+            captures_used=used,
+            adaptive_budget=stop.adaptive_budget,
+            d95_m=knn.d95_m,
+            iteration=used,
+        )
+        if stop.criterion in ("both", "knn") and state.d95_m <= stop.knn_threshold_m:
+            return Plan(state, True)
+        pool = candidate_pool(self.config, state.vehicle_position_m, visited[n_seeds:])
+        if len(pool) == 0:
+            return Plan(state, False, pool)
+        rankings = rank_candidates(state, pool, self.config)
+        return Plan(state, False, pool, rankings, self.gate.decide(state, pool, rankings))

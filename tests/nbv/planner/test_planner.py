@@ -1,0 +1,82 @@
+"""The planner by itself: it decides as the mission did, and needs nothing that a vehicle does not carry."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import yaml
+
+import nbv
+from nbv.config import preset
+from nbv.errors import UserError
+from nbv.geometric import run_geometric_mission
+from nbv.mission.planning_state import load_state
+
+CODE = """
+import sys, numpy as np, nbv
+from nbv.config import preset
+from nbv.types import SparseModel
+rng = np.random.default_rng(0)
+points = rng.normal([0.0, 0.0, 0.8], 0.4, (200, 3))
+cameras = np.array([[4.0, 0.0, 2.0], [0.0, 4.0, 2.0], [-4.0, 0.0, 2.0]])
+model = SparseModel(points, np.ones(200), np.arange(0, 601, 3), np.tile([0, 1, 2], 200), cameras, ("a", "b", "c"), 0.0, 0.0)
+plan = nbv.Planner(preset("paper")).plan(model, cameras, 3, cameras[-1], 0.0)
+assert len(plan.views) > 100 and plan.next_view == plan.views[0], plan
+print(*sorted({name.partition(".")[0] for name in sys.modules}))
+"""
+
+
+def test_it_loads_no_open3d_pyrender_or_torch():
+    ran = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr
+    heavy = {"open3d", "pyrender", "torch", "cv2", "pycolmap", "skimage", "sklearn", "trimesh"}
+    assert heavy & set(ran.stdout.split()) == set()
+
+
+@pytest.mark.parametrize("gate", ["hyb-h", "learned", "matchable", "uniform-coverage"])
+def test_alone_it_chooses_the_views_of_the_mission(gate, tmp_path):
+    config = preset("campaign").with_values({"stop.adaptive_budget": 4, "gate.kind": gate})
+    result = run_geometric_mission(config, "slab", 0, tmp_path)
+    (tmp_path / "tuned.yaml").write_text(yaml.safe_dump(config.to_dict()))
+    planner = nbv.Planner.from_yaml(tmp_path / "tuned.yaml")
+    assert len(result.trace) == 4
+    for record in result.trace:
+        state, _ = load_state(tmp_path / "states" / f"iter_{record.iteration:02d}.npz")
+        plan = planner.plan(
+            state.model, state.visited_m, state.n_seeds, state.vehicle_position_m, state.vehicle_heading_rad
+        )
+        assert plan.next_view is not None and plan.decision is not None
+        assert (plan.next_view.id, plan.decision.ranking.scorer) == (record.chosen, record.scorer)
+
+
+def test_it_ends_where_the_cloud_is_dense_or_nothing_is_left(tmp_path):
+    config = preset("campaign").with_values({"stop.adaptive_budget": 1})
+    run_geometric_mission(config, "slab", 0, tmp_path)
+    state, _ = load_state(tmp_path / "states" / "iter_00.npz")
+    given = (state.model, state.visited_m, state.n_seeds, state.vehicle_position_m, 0.0)
+    dense = config.with_values({"stop.criterion": "both", "stop.knn_threshold_m": 10.0})
+    plan = nbv.Planner(dense).plan(*given)
+    assert plan.converged and plan.next_view is None and plan.views == []
+    plan = nbv.Planner(config.with_values({"pool.max_travel_m": 0.001})).plan(*given)
+    assert not plan.converged and plan.next_view is None and plan.pool is not None and len(plan.pool) == 0
+
+
+def test_a_gate_that_sees_the_truth_is_refused():
+    with pytest.raises(UserError, match="ground truth"):
+        nbv.Planner(preset("paper").with_values({"gate.kind": "hyb-o"}))
+
+
+@pytest.mark.parametrize("text", ["- 1", "a: [", "gate: {kindd: x}"])
+def test_a_bad_file_is_one_line(text, tmp_path):
+    (tmp_path / "x.yaml").write_text(text)
+    with pytest.raises(UserError):
+        nbv.Planner.from_yaml(tmp_path / "x.yaml")
+
+
+def test_the_ray_caster_names_nothing_as_open3d_does():
+    import open3d as o3d
+
+    from nbv.geometry.raycasting import NO_FACE
+
+    assert int(np.uint32(NO_FACE)) == o3d.t.geometry.RaycastingScene.INVALID_ID
