@@ -47,7 +47,7 @@ def observe(
     number: int, proposal: Proposal, history: list[Observation], rng: np.random.Generator
 ) -> Observation:
     """Fly ``proposal``."""
-    rock, replicate = next_block(ROCKS, REPLICATES, history, proposal)
+    (rock, _), replicate = next_block(ROCKS, REPLICATES, history, proposal)
     u = SPACE.to_unit(proposal.values)
     i = ROCKS.index(rock)
     smooth = float(-3 * ((u - _CENTRE) ** 2).sum() + np.sin(3 * u @ _WEIGHTS))

@@ -56,7 +56,7 @@ def play(seed: int, budget: int, block_sd: float, blocks: bool) -> tuple[Observa
     history: list[Observation] = []
     for number in range(budget):
         proposal = sampler.ask(history, [])
-        rock, replicate = next_block(rocks, REPLICATES, history, proposal)
+        (rock, _), replicate = next_block(rocks, REPLICATES, history, proposal)
         history.append(
             synthetic.observe(number, proposal.values, rock, NOISE_SD, rng, replicate, block_sd, seed)
         )

@@ -120,7 +120,7 @@ def play(problem: Problem, name: str, seed: int, log: TextIO) -> None:
         ask_s = time.process_time() - began
         total_ask_s += ask_s
         proposal = Proposal(request.values, {}, request.rock, request.replicate)
-        rock, replicate = next_block(problem.rocks, problem.replicates, history, proposal)
+        (rock, _), replicate = next_block(problem.rocks, problem.replicates, history, proposal)
         flight = problem.fly(request.values, rock, replicate)
         mean, sd = request.memory.get(PREDICTED, (None, None))
         expected = {} if mean is None else {"mean": mean, "sd": sd}

@@ -171,7 +171,7 @@ def earlier_campaign(problem: Any, seed: int) -> EarlierMissions:
     history: list[Observation] = []
     while len(history) < size:
         proposal = sampler.ask(history, [])
-        rock, replicate = next_block(rocks, replicates, history, proposal)
+        (rock, _), replicate = next_block(rocks, replicates, history, proposal)
         y = elsewhere.fly(proposal.values, rock, replicate).value
         history.append(Observation(len(history), proposal.values, rock, replicate, y, y))
     return EarlierMissions(problem.space, rocks, tuple(history))

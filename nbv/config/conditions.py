@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import json
 import re
 import sys
 from collections.abc import Sequence
@@ -41,6 +42,10 @@ class Condition:
     def paths(self) -> tuple[str, ...]:
         """Parameter paths that it sets."""
         return tuple(f"{section}.{name}" for section, fields in self.values.items() for name in fields)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As its YAML file has it; ``condition_from_dict`` reads it back."""
+        return {**({"description": self.description} if self.description else {}), **self.values}
 
 
 IDEAL_CONDITION = Condition(IDEAL)
@@ -136,7 +141,7 @@ def condition_from_dict(name: str, tree: Any, source: str) -> Condition:
             if section not in WORLD_SECTIONS:
                 raise UserError(_not_of_the_world(str(section)))
         if isinstance(level := values.get("telemetry"), str):
-            values["telemetry"] = dataclasses.asdict(telemetry_level(level))
+            values["telemetry"] = json.loads(json.dumps(dataclasses.asdict(telemetry_level(level))))
         condition = Condition(name, values, description)
         under(MissionConfig(), condition)
     except UserError as error:

@@ -19,6 +19,7 @@ from tuner.acquisition.propose import maximise
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values
+from tuner.problem.worlds import Place
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import numerics
 from tuner.surrogate.settings import SurrogateSettings
@@ -47,14 +48,14 @@ class FrontPoint:
 def two_models(
     space: SearchSpace,
     observations: Sequence[Observation],
-    rocks: Sequence[str],
+    places: Sequence[Place],
     seed: int,
     settings: SurrogateSettings | None = None,
 ) -> tuple[RockMeanGP, RockMeanGP]:
     """One surrogate per objective, on the missions that have both. ``ValueError`` where there are none."""
     both = [o for o in observations if o.outcome is not None and o.second is not None]
-    first = RockMeanGP(space, both, rocks, seed, settings)
-    second = RockMeanGP(space, [replace(o, outcome=o.second) for o in both], rocks, seed, settings)
+    first = RockMeanGP(space, both, places, seed, settings)
+    second = RockMeanGP(space, [replace(o, outcome=o.second) for o in both], places, seed, settings)
     return first, second
 
 

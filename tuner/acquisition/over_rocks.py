@@ -1,4 +1,4 @@
-"""The surrogate as a model with one output per training rock, for acquisitions of a robust choice."""
+"""The surrogate as a model with one output per training world, for acquisitions of a robust choice."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from linear_operator.operators import DenseLinearOperator
 from tuner.surrogate.model import RockMeanGP
 
 
-class RockOutcomes(Model):
-    """One output per training rock, in the objective's unit.
+class WorldOutcomes(Model):
+    """One output per training world, in the objective's unit.
 
-    Inputs are the surrogate's; the rock and block columns are replaced.
+    Inputs are the surrogate's; the columns behind the unit cube's are replaced.
     """
 
     def __init__(self, gp: RockMeanGP) -> None:
         super().__init__()
         self._gp = gp
-        self._levels = [gp.rock_level(rock) for rock in gp.rocks]
-        self._scales = torch.tensor([gp.standardiser.scale(rock) for rock in gp.rocks])
-        self._centres = torch.tensor([gp.standardiser.centre(rock) for rock in gp.rocks])
+        self._levels = [torch.tensor(gp.levels(world)) for world in gp.worlds]
+        self._scales = torch.tensor([gp.standardiser.scale(world) for world in gp.worlds])
+        self._centres = torch.tensor([gp.standardiser.centre(world) for world in gp.worlds])
 
     @property
     def num_outputs(self) -> int:
-        """Number of training rocks."""
+        """Number of training worlds."""
         return len(self._levels)
 
     @property
@@ -37,12 +37,12 @@ class RockOutcomes(Model):
         return torch.Size()
 
     def posterior(self, X: torch.Tensor, posterior_transform: Any = None, **kwargs: Any) -> GPyTorchPosterior:
-        """Joint over q points and R rocks at ``(..., q, d + 2)`` inputs: ``(..., q, R)`` values."""
+        """Joint over q points and W worlds at ``(..., q, inputs)``: ``(..., q, W)`` values."""
         d, q, count = self._gp.space.dimension, X.shape[-2], len(self._levels)
         blocks = []
         for level in self._levels:
             block = X.clone()
-            block[..., d], block[..., d + 1] = level, self._gp.virtual_rock
+            block[..., d:] = level
             blocks.append(block)
         joint = self._gp.model.posterior(torch.cat(blocks, dim=-2)).distribution
         mean = joint.mean.unflatten(-1, (count, q)).transpose(-1, -2) * self._scales + self._centres

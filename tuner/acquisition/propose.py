@@ -17,7 +17,7 @@ from botorch.sampling import SobolQMCNormalSampler
 from botorch.utils.sampling import draw_sobol_samples
 
 from nbv.types import Floats
-from tuner.acquisition.over_rocks import RockOutcomes
+from tuner.acquisition.over_rocks import WorldOutcomes
 from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
 from tuner.surrogate.model import RockMeanGP, moments
@@ -53,8 +53,8 @@ def propose(
         position, score = maximise(model, acquisition, seed)
     values = model.space.from_unit(position)
     belief = model.posterior([values], risk)
-    # Over rocks outcomes are in the objective's unit already.
-    unit = 1.0 if _over_rocks(model, risk) else model.mean_scale
+    # Over worlds outcomes are in the objective's unit already.
+    unit = 1.0 if _over_worlds(model, risk) else model.mean_scale
     return values, {
         "log_nei": score,
         "expected_gain": math.exp(score) * unit,
@@ -66,24 +66,24 @@ def propose(
 def _acquisition(
     model: RockMeanGP, pending: Sequence[Mapping[str, Any]], seed: int, risk: Risk
 ) -> qLogNoisyExpectedImprovement:
-    over_rocks: dict[str, Any] = {}
+    over_worlds: dict[str, Any] = {}
     target: Model = model.model
-    if _over_rocks(model, risk):
-        target = RockOutcomes(model)
+    if _over_worlds(model, risk):
+        target = WorldOutcomes(model)
         measure = GenericMCObjective(lambda samples, X=None: risk_of(samples, risk))
-        over_rocks = {"objective": measure, "cache_root": False}
+        over_worlds = {"objective": measure, "cache_root": False}
     return qLogNoisyExpectedImprovement(
         target,
         X_baseline=model.inputs(np.unique(model.unit, axis=0)),
         sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
         X_pending=model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None,
         prune_baseline=True,
-        **over_rocks,
+        **over_worlds,
     )
 
 
-def _over_rocks(model: RockMeanGP, risk: Risk) -> bool:
-    """Whether rocks are looked at one by one: their own landscapes count by scales that the common one does not know."""
+def _over_worlds(model: RockMeanGP, risk: Risk) -> bool:
+    """Whether worlds are looked at one by one: their own landscapes count by scales that the common one does not know."""
     return risk != "mean" or model.settings.own_landscapes
 
 
@@ -104,7 +104,7 @@ def maximise(model: RockMeanGP, acquisition: AcquisitionFunction, seed: int) -> 
     best, best_score = points[int(order[0])], float(scores[order[0]])
     if len(discrete) == d:
         return best, best_score
-    # The last columns are rock and block: everything is compared without their offsets.
+    # The last columns are rock, block, and the like: everything is compared without their offsets.
     nowhere = dict(enumerate(starts[0, 0, d:].tolist(), start=d))
     bounds = torch.zeros(2, starts.shape[-1], dtype=torch.float64)
     bounds[1, :d] = 1.0

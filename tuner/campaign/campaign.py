@@ -1,11 +1,12 @@
 """A campaign as its run directory holds it: what was asked for, what has flown, what is recommended.
 
-A trial is one mission: one configuration on one rock with one replicate. Rocks are taken in turn, and missions
-share replicate numbers, so that configurations meet on common (rock, replicate) pairs. The run directory::
+A trial is one mission: one configuration on one rock under one condition with one replicate. Worlds, that is, rocks under
+conditions, are taken in turn, and missions share replicate numbers, so that configurations meet on common (world, replicate)
+pairs. The run directory::
 
     campaign.yaml          what was asked for; a resume must agree with it
     study.journal          the ledger (unless another storage was named)
-    missions/NNNN_ROCK_rK  one directory per mission
+    missions/NNNN_ROCK_rK  one directory per mission (NNNN_ROCK_CONDITION_rK where that is not ideal)
     recommendation.json    the current recommendation
     learned_from.json      the missions of earlier campaigns, where some were named
     front.json             the Pareto front, where a second objective was asked for
@@ -64,7 +65,7 @@ def sampler_of(settings: CampaignSettings, learned: EarlierMissions | None = Non
         SamplerSettings(
             settings.space,
             settings.default_values(),
-            settings.rocks,
+            settings.worlds,
             settings.seed,
             settings.initial_size(),
             settings.replicates,
@@ -176,7 +177,7 @@ class Campaign:
         history = [o for o in self.history() if o.outcome is not None and o.second is not None]
         if s.second is None or not history:
             return []
-        models = two_models(s.space, history, s.rocks, s.seed, surrogate_settings(s.space, s.risk))
+        models = two_models(s.space, history, s.worlds, s.seed, surrogate_settings(s.space, s.risk))
         return flown_in_both(models, (s.objective, s.second))
 
     def front(self, *, save: bool = True) -> list[FrontPoint]:
@@ -206,6 +207,9 @@ class Campaign:
             failed=sum(t.state == "failed" for t in trials),
             running=len(trials) - len(done),
             per_rock={rock: sum(t.rock == rock for t in trials) for rock in self.settings.rocks},
+            per_condition={
+                c.name: sum(t.condition == c.name for t in trials) for c in self.settings.conditions
+            },
             failures=dict(collections.Counter(t.reason for t in trials if t.state == "failed")),
             mission_wall_s=float(sum(t.wall_s for t in done)),
             flight_time_s=total("flight_time_s"),
@@ -215,7 +219,7 @@ class Campaign:
         )
 
     def recommendation(self, *, save: bool = True) -> Recommendation | None:
-        """The best of what may be recommended, by posterior mean over the training rocks."""
+        """The best of what may be recommended, by posterior mean over the training worlds."""
         result = self.recommend_from(self.history())
         if result is not None and save:
             write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
@@ -227,7 +231,7 @@ class Campaign:
         return recommend(
             s.space,
             history,
-            s.rocks,
+            s.worlds,
             s.default_values(),
             s.objective,
             s.seed,
@@ -249,8 +253,9 @@ class Campaign:
         ``ValueError`` without a successful mission.
         """
         s = self.settings
+        worlds = [world for world in s.worlds if rocks is None or world.rock in rocks]
         return RockMeanGP(
-            s.space, history, rocks or s.rocks, s.seed, surrogate_settings(s.space, s.risk), self._feature()
+            s.space, history, worlds, s.seed, surrogate_settings(s.space, s.risk), self._feature()
         )
 
     def propose(self, trials: Sequence[TrialRecord], known: int) -> Proposal:
@@ -258,7 +263,7 @@ class Campaign:
         return self._sampler.ask(self.history(trials[:known]), self.ledger.pending(trials, known))
 
     def recommended_config(self) -> MissionConfig:
-        """The recommendation as a complete mission configuration.
+        """The recommendation as a complete mission configuration, under no condition.
 
         What the campaign ended with stands, so that an evaluation goes on after an upgrade of this program whose
         surrogate would choose another one; it is made anew where missions have come since.

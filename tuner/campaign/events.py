@@ -45,6 +45,7 @@ class CampaignStatus:
     failed: int
     running: int  # in flight, or interrupted and waiting for a resume
     per_rock: dict[str, int]
+    per_condition: dict[str, int]
     failures: dict[str, int]  # by reason
     mission_wall_s: float
     flight_time_s: float

@@ -1,6 +1,6 @@
 """The campaign's one ledger: an Optuna study in which every trial is one mission.
 
-Parameters of a trial are the tuned ones only; rock, replicate, costs, metrics and the reason for the proposal
+Parameters of a trial are the tuned ones only; rock, condition, replicate, costs, metrics and the reason for the proposal
 are user attributes, so that Optuna's importances and dashboards see what was tuned and nothing else. A trial
 is created running in one write, gets its attributes while it runs, and is told once; finished trials are
 never touched again. A failed mission is a trial in state FAIL, without a value.
@@ -18,12 +18,14 @@ from typing import Any, Literal
 import optuna
 from optuna.trial import TrialState, create_trial
 
+from nbv.config import IDEAL
 from nbv.errors import UserError
 from tuner.campaign.storage import JOURNAL_FILE, journal_path, one_writer, open_storage
 from tuner.missions.job import MissionOutcome
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.search_space import SearchSpace
+from tuner.problem.worlds import World
 from tuner.samplers.distributions import distributions
 
 _CAMPAIGN_ID = "campaign_id"
@@ -52,6 +54,12 @@ class TrialRecord:
     config_digest: str = ""
     started: datetime.datetime | None = None
     finished: datetime.datetime | None = None
+    condition: str = IDEAL
+
+    @property
+    def world(self) -> World:
+        """Where it is flown."""
+        return World(self.rock, self.condition)
 
     def measured(self, objective: Objective) -> float | None:
         """An objective's metric, perhaps another than the campaign's; None while flying, where it failed or has none."""
@@ -135,16 +143,17 @@ class Ledger:
         return contextlib.nullcontext() if self._journal is None else one_writer(self._journal)
 
     def start(
-        self, proposal: Proposal, rock: str, replicate: int, config_digest: str, seed: int
+        self, proposal: Proposal, world: World, replicate: int, config_digest: str, seed: int
     ) -> TrialRecord:
         """Enter a mission that is about to fly, in one write."""
         number = len(self._study.get_trials(deepcopy=False))
         attributes = {
-            "rock": rock,
+            "rock": world.rock,
+            "condition": world.condition,
             "replicate": replicate,
             "seed": seed,
             "config_digest": config_digest,
-            "directory": mission_directory(number, rock, replicate),
+            "directory": mission_directory(number, world, replicate),
             "why": proposal.why,
         }
         if proposal.memory:
@@ -205,6 +214,7 @@ class Ledger:
                 t.reason,
                 t.wall_s,
                 t.memory,
+                condition=t.condition,
             )
             for t in (self.trials() if trials is None else trials)
             if t.state != "running"
@@ -213,16 +223,15 @@ class Ledger:
     def pending(self, trials: Sequence[TrialRecord], known: int) -> list[Pending]:
         """Missions in flight, and those after the first ``known``, which count as if they were."""
         return [
-            Pending(t.number, t.values, t.rock, t.replicate, t.memory)
+            Pending(t.number, t.values, t.rock, t.replicate, t.memory, t.condition)
             for i, t in enumerate(trials)
             if t.state == "running" or i >= known
         ]
 
 
-def mission_directory(number: int, rock: str, replicate: int) -> str:
-    """Directory of a mission, relative to the run directory: ``missions/0007_boulder-a_r1``."""
-    safe = "".join(c if c.isalnum() or c in "-_." else "-" for c in Path(rock).stem) or "rock"
-    return f"missions/{number:04d}_{safe}_r{replicate}"
+def mission_directory(number: int, world: World, replicate: int) -> str:
+    """Directory of a mission, relative to the run directory: ``missions/0007_boulder-a_r1``, ``..._boulder-a_field_r1``."""
+    return f"missions/{number:04d}_{world.file_name}_r{replicate}"
 
 
 def _record(trial: optuna.trial.FrozenTrial) -> TrialRecord:
@@ -257,4 +266,5 @@ def _record(trial: optuna.trial.FrozenTrial) -> TrialRecord:
         config_digest=a.get("config_digest", ""),
         started=trial.datetime_start,
         finished=trial.datetime_complete,
+        condition=a.get("condition", IDEAL),  # ledgers of before there were conditions
     )

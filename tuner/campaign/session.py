@@ -148,16 +148,16 @@ class _Session:
         proposal = self._campaign.propose(trials, len(known))
         ask_s = time.monotonic() - started
         self._ask_s += ask_s
-        rock, replicate = next_block(self._settings.rocks, self._settings.replicates, trials, proposal)
-        digest = self._settings.config(proposal.values).digest()
-        trial = self._ledger.start(proposal, rock, replicate, digest, self._settings.seed)
+        world, replicate = next_block(self._settings.worlds, self._settings.replicates, trials, proposal)
+        digest = self._settings.config(proposal.values, world.condition).digest()
+        trial = self._ledger.start(proposal, world, replicate, digest, self._settings.seed)
         self._emit("proposed", trial, ask_s=ask_s)
         return trial
 
     def _job(self, trial: TrialRecord) -> MissionJob:
         return MissionJob(
             id=f"{trial.number:04d}",
-            config=self._settings.config(trial.values),
+            config=self._settings.config(trial.values, trial.condition),
             rock=trial.rock,
             replicate=trial.replicate,
             directory=self._campaign.directory / trial.directory,

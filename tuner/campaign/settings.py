@@ -8,13 +8,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from nbv.config import MissionConfig, preset
+from nbv.config import IDEAL, IDEAL_CONDITION, Condition, MissionConfig, preset, require_distinct, under
 from nbv.errors import UserError
 from nbv.mission.runner import Keep
 from tuner.missions.registry import DEFAULT_RUNNER, check_runner
 from tuner.problem.objective import Objective
 from tuner.problem.options import RISKS, Risk
 from tuner.problem.search_space import SearchSpace, Values
+from tuner.problem.worlds import World, worlds_over
 from tuner.samplers.design import initial_design_size
 from tuner.samplers.registry import (
     ALL_SAMPLER_NAMES,
@@ -45,12 +46,13 @@ class CampaignSettings:
     runner: str = DEFAULT_RUNNER  # a name of tuner.missions.registry, or module:function
     keep: Keep = "summary"
     storage: str | None = None  # None: study.journal in the run directory
-    risk: Risk = "mean"  # over the training rocks: tune their mean, or the worst of them
+    risk: Risk = "mean"  # over the training worlds: tune their mean, or the worst of them
     second: Objective | None = None  # search the front between the objective and this one
     learn_from: tuple[str, ...] = ()  # run directories of earlier campaigns, see tuner.campaign.transfer
     # A proposal knows every earlier mission but the last in_step - 1, whichever of those have ended: the same campaign
     # with any number of workers (of which in_step have work). None: it knows what has ended, so that nobody waits.
     in_step: int | None = None
+    conditions: tuple[Condition, ...] = (IDEAL_CONDITION,)  # every rock is flown under each
 
     def __post_init__(self) -> None:
         if not self.name:
@@ -65,6 +67,7 @@ class CampaignSettings:
             raise UserError(f"the seed is {self.seed}; give 0 or more")
         if not self.rocks:
             raise UserError("the campaign has no rocks; name at least one")
+        require_distinct(self.conditions)
         twice = [rock for rock, count in collections.Counter(self.rocks).items() if count > 1]
         if twice:
             raise UserError(f"rock {twice[0]!r} is named twice; name each rock once")
@@ -77,6 +80,21 @@ class CampaignSettings:
         if self.sampler not in ALL_SAMPLER_NAMES:
             raise UserError(f"unknown sampler {self.sampler!r}; there are {', '.join(ALL_SAMPLER_NAMES)}")
         self.default_values()  # the space must fit the preset
+        self._check_conditions()
+
+    def _check_conditions(self) -> None:
+        own = {
+            "overrides": self.overrides,
+            "the search space": {**self.space.base, **dict.fromkeys(self.space.paths)},
+        }
+        for condition in self.conditions:
+            for what, values in own.items():
+                for path in values:
+                    if any(p == path or p.startswith(f"{path}.") for p in condition.paths):
+                        raise UserError(
+                            f"{path} is set by condition {condition.name!r} and by {what}; leave one of them out"
+                        )
+            self.config(self.default_values(), condition.name)
 
     def _check_options(self) -> None:
         asked = {
@@ -91,16 +109,25 @@ class CampaignSettings:
                 raise UserError(f"{what} cannot be combined with a second objective; leave one of them out")
         if self.risk not in RISKS:
             raise UserError(f"unknown risk measure {self.risk!r}; there are {', '.join(RISKS)}")
-        if self.risk != "mean" and len(self.rocks) < 2:
-            raise UserError(f"risk measure {self.risk} is over rocks; name at least two")
+        if self.risk != "mean" and len(self.worlds) < 2:
+            raise UserError(
+                f"risk measure {self.risk} is over rocks and conditions; name at least two of either"
+            )
+
+    @property
+    def worlds(self) -> tuple[World, ...]:
+        """Every rock under every condition, in the order of their turns."""
+        return worlds_over(self.rocks, [condition.name for condition in self.conditions])
 
     def base_config(self) -> MissionConfig:
-        """The mission configuration on which tuned values are laid."""
+        """The mission configuration on which conditions and tuned values are laid."""
         return self.space.base_config(preset(self.preset).with_values(self.overrides))
 
-    def config(self, values: Mapping[str, Any]) -> MissionConfig:
-        """The mission configuration at tuned ``values``."""
-        return self.base_config().with_values(self.space.complete(values))
+    def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> MissionConfig:
+        """The mission configuration at tuned ``values``, under one of the campaign's conditions or none."""
+        config = self.base_config().with_values(self.space.complete(values))
+        named = {c.name: c for c in self.conditions}
+        return config if condition == IDEAL else under(config, named[condition])
 
     def default_values(self) -> Values:
         """Where every sampler starts: the paper's values."""
@@ -140,4 +167,5 @@ class CampaignSettings:
             "second": None if self.second is None else dataclasses.asdict(self.second),
             "learn_from": list(self.learn_from),
             "in_step": self.in_step,
+            "conditions": {condition.name: condition.to_dict() for condition in self.conditions},
         }

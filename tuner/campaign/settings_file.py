@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from nbv.config import Condition, condition_from_dict, load_conditions
 from nbv.errors import UserError
 from nbv.foreign import read_yaml
 from tuner.campaign.settings import CampaignSettings
@@ -25,6 +26,7 @@ FIELDS = {
     "budget": "missions",
     "replicates": "draws of arrival errors and noise per rock",
     "seed": "of the design and the acquisition",
+    "conditions": "worlds to fly in, rock by rock: a list of names of conditions/ or YAML files, or {name: sections}",
     "preset": "mission preset",
     "overrides": "parameter paths and values laid over the preset",
     "objective": "a metric's path, or {metric, direction: maximise or minimise}",
@@ -60,6 +62,8 @@ def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
     fields |= {key: tuple(tree[key]) for key in _LISTS if key in tree}
     space = tree["search_space"]
     fields["space"] = load_search_space(space) if isinstance(space, str) else space_from_dict(space, source)
+    if tree.get("conditions") is not None:
+        fields["conditions"] = _conditions(tree["conditions"], source)
     if tree.get("overrides"):
         fields["overrides"] = dict(tree["overrides"])
     if tree.get("objective") is not None:
@@ -89,6 +93,14 @@ def _check(tree: Any, source: str) -> None:
         raise UserError(
             f"{source}: overrides is {tree['overrides']!r}; it must map parameter paths to values"
         )
+
+
+def _conditions(tree: Any, source: str) -> tuple[Condition, ...]:
+    if isinstance(tree, Mapping):
+        return tuple(condition_from_dict(str(name), content, source) for name, content in tree.items())
+    if not isinstance(tree, list) or any(not isinstance(name, str) for name in tree):
+        raise UserError(f"{source}: conditions is {tree!r}; it must be {FIELDS['conditions']}")
+    return load_conditions(tree)
 
 
 def _objective(tree: Any, source: str) -> Objective:

@@ -83,7 +83,17 @@ def _observations(
             continue
         raw = trial.measured(objective)
         outcome = None if raw is None else objective.sign * raw
-        found.append(Observation(trial.number, values, trial.rock, trial.replicate, outcome, raw))
+        found.append(
+            Observation(
+                trial.number,
+                values,
+                trial.rock,
+                trial.replicate,
+                outcome,
+                raw,
+                condition=trial.condition,
+            )
+        )
     return found
 
 

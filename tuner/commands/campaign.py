@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from nbv.config import IDEAL
 from nbv.errors import UserError
 from tuner.commands.campaign_display import CampaignProgress, show_front, show_recommendation
-from tuner.commands.console import output, parse_overrides, seconds
+from tuner.commands.console import output, parse_overrides, seconds, under_conditions
 from tuner.commands.mission import progress_bar
 
 if TYPE_CHECKING:
@@ -48,6 +49,14 @@ def run(
             "--rock", help="Training rock, repeatable (default: the procedural ones).", rich_help_panel=_WHAT
         ),
     ] = None,
+    conditions: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--condition",
+            help="World to fly the rocks in, a name of conditions/ or a YAML file; repeatable (default: ideal).",
+            rich_help_panel=_WHAT,
+        ),
+    ] = None,
     metric: Annotated[
         str | None,
         typer.Option(help="Metric to tune (default: observable.f_score_48mm).", rich_help_panel=_WHAT),
@@ -62,7 +71,8 @@ def run(
     risk: Annotated[
         str | None,
         typer.Option(
-            help="Over the rocks: mean (default), or worst, the worst rock's outcome.", rich_help_panel=_WHAT
+            help="Over rocks and conditions: mean (default), or worst, the worst one's outcome.",
+            rich_help_panel=_WHAT,
         ),
     ] = None,
     preset: Annotated[
@@ -145,6 +155,7 @@ def run(
         "name": name,
         "search_space": space,
         "rocks": rocks,
+        "conditions": conditions,
         "objective": metric,
         "second": second_metric,
         "risk": risk,
@@ -210,6 +221,11 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
     output.print(
         "missions per rock: " + ", ".join(f"{rock} {count}" for rock, count in facts.per_rock.items())
     )
+    if list(facts.per_condition) != [IDEAL]:
+        output.print(
+            "missions per condition: "
+            + ", ".join(f"{name} {count}" for name, count in facts.per_condition.items())
+        )
     for reason, count in facts.failures.items():
         output.print(f"  failed {count} times: {reason}")
     show_recommendation(campaign.recommendation(save=False))
@@ -221,6 +237,7 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
     from tuner.campaign.session import fly_campaign
     from tuner.campaign.shipped import SHIPPED
     from tuner.missions.executors import LocalProcessExecutor
+    from tuner.missions.registry import ignored_by
     from tuner.report import write_campaign_report
 
     if workers is not None and workers < 1:
@@ -228,10 +245,12 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
     count = workers or len(os.sched_getaffinity(0))
     settings = campaign.settings
     output.print(
-        f"[bold]{settings.name}[/]: {settings.budget} missions over {', '.join(settings.rocks)}; "
+        f"[bold]{settings.name}[/]: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}; "
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "
         f"{count} workers"
     )
+    if note := ignored_by(settings.runner, settings.conditions):
+        output.print(note)
     if campaign.learned is not None:
         output.print(
             f"learned from {len(campaign.learned.observations)} earlier missions on {', '.join(campaign.learned.rocks)}"

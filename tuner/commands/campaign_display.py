@@ -52,7 +52,7 @@ class CampaignProgress:
             outcome = f"[red]failed: {trial.reason}[/] {event.message}"
         else:
             outcome = f"{self._settings.objective.metric.split('.')[-1]} [bold]{trial.raw:6.2f}[/]"
-        return f"#{trial.number:03d} {trial.rock:<12} r{trial.replicate} {outcome}  {trial.wall_s:4.0f} s  [dim]{values}[/]"
+        return f"#{trial.number:03d} {trial.world.label:<12} r{trial.replicate} {outcome}  {trial.wall_s:4.0f} s  [dim]{values}[/]"
 
 
 def _short(value: Any) -> str:

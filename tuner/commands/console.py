@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from nbv.config import IDEAL, PRESETS, MissionConfig, load_condition, preset, under
+from nbv.config import IDEAL, PRESETS, Condition, MissionConfig, load_condition, preset, under
 from nbv.errors import UserError
 from nbv.foreign import parse_yaml
 
@@ -44,6 +45,12 @@ def mission_config(
     if gate is not None:
         values["gate.kind"] = gate
     return under(preset(preset_name), load_condition(condition)).with_values(values)
+
+
+def under_conditions(conditions: Sequence[Condition]) -> str:
+    """``" under field, harsh"``; nothing under ``ideal`` alone."""
+    names = [condition.name for condition in conditions]
+    return "" if names == [IDEAL] else f" under {', '.join(names)}"
 
 
 def rock_arguments(rocks: list[str]) -> list[str]:

@@ -7,8 +7,10 @@ runner may also be ``"module:function"``. A file may not choose code: where one 
 from __future__ import annotations
 
 import importlib
+from collections.abc import Sequence
 from typing import Any
 
+from nbv.config import Condition
 from nbv.errors import UserError
 from nbv.mission import MissionRunner
 
@@ -29,6 +31,25 @@ GEOMETRIC_NOTE = (
     "predicted, accuracy is taken as 100 %, distances are absent, and features, matching and the ground-truth gate have "
     "nothing to act on."
 )
+
+
+# Of a condition: light, the camera's errors and telemetry's have nothing to act on where there are no photographs.
+GEOMETRIC_IGNORES = ("scene", "sensor", "telemetry")
+
+
+def ignored_by(runner: str, conditions: Sequence[Condition]) -> str:
+    """What missions of this runner ignore of the conditions, as a sentence; empty where that is nothing."""
+    if not is_geometric(runner):
+        return ""
+    found = {
+        c.name: ", ".join(section for section in c.values if section in GEOMETRIC_IGNORES) for c in conditions
+    }
+    ignored = "; ".join(f"{sections} of {name}" for name, sections in found.items() if sections)
+    return (
+        f"Geometric missions ignore {ignored}: they have no photographs and know where they are."
+        if ignored
+        else ""
+    )
 
 
 def registered(name: str) -> str:

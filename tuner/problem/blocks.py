@@ -1,4 +1,4 @@
-"""On which (rock, replicate) block a configuration flies."""
+"""On which (world, replicate) block a configuration flies."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 from tuner.problem.observations import Proposal
+from tuner.problem.worlds import Place, World, worlds_of
 
 
 class Mission(Protocol):
@@ -18,8 +19,8 @@ class Mission(Protocol):
         ...
 
     @property
-    def rock(self) -> str:
-        """Name or mesh file."""
+    def world(self) -> World:
+        """Rock and condition."""
         ...
 
     @property
@@ -29,21 +30,21 @@ class Mission(Protocol):
 
 
 def next_block(
-    rocks: Sequence[str], replicates: int, missions: Sequence[Mission], proposal: Proposal
-) -> tuple[str, int]:
-    """Rock and replicate of the next mission, where the sampler left them open.
+    worlds: Sequence[Place], replicates: int, missions: Sequence[Mission], proposal: Proposal
+) -> tuple[World, int]:
+    """World and replicate of the next mission, where the sampler left them open.
 
-    The rock visited least (ties: list order), so rocks are taken in turn; on it the replicate used least among
+    The world visited least (ties: list order), so worlds are taken in turn; in it the replicate used least among
     those this configuration has not flown there. A configuration that has flown them all gets a fresh number.
     """
-    visits = collections.Counter(t.rock for t in missions)
-    rock = proposal.rock if proposal.rock is not None else min(rocks, key=lambda name: visits[name])
+    visits = collections.Counter(t.world for t in missions)
+    world = proposal.world or min(worlds_of(worlds), key=lambda place: visits[place])
     if proposal.replicate is not None:
-        return rock, proposal.replicate
-    here = [t for t in missions if t.rock == rock]
+        return world, proposal.replicate
+    here = [t for t in missions if t.world == world]
     used = collections.Counter(t.replicate for t in here)
     own = {t.replicate for t in here if t.values == proposal.values}
     fresh = [k for k in range(replicates) if k not in own]
     if fresh:
-        return rock, min(fresh, key=lambda k: (used[k], k))
-    return rock, next(k for k in range(replicates, replicates + len(own) + 1) if k not in own)
+        return world, min(fresh, key=lambda k: (used[k], k))
+    return world, next(k for k in range(replicates, replicates + len(own) + 1) if k not in own)

@@ -8,9 +8,10 @@ from typing import Any
 
 from tuner.problem.observations import Observation, Pending
 from tuner.problem.search_space import SearchSpace, Values
+from tuner.problem.worlds import World
 
 Key = tuple[float, ...]
-Block = tuple[str, int]  # rock, replicate
+Block = tuple[World, int]  # with the replicate
 
 
 def configuration_key(space: SearchSpace, values: Mapping[str, Any]) -> Key:
@@ -24,8 +25,8 @@ def distinct_configurations(space: SearchSpace, missions: Sequence[Observation])
 
 
 def blocks_flown(space: SearchSpace, missions: Sequence[Observation | Pending]) -> dict[Key, set[Block]]:
-    """The (rock, replicate) blocks that each configuration has flown, or is flying."""
+    """The (world, replicate) blocks that each configuration has flown, or is flying."""
     flown: dict[Key, set[Block]] = collections.defaultdict(set)
     for mission in missions:
-        flown[configuration_key(space, mission.values)].add((mission.rock, mission.replicate))
+        flown[configuration_key(space, mission.values)].add((mission.world, mission.replicate))
     return flown

@@ -6,6 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from nbv.config import IDEAL
+from tuner.problem.worlds import World
+
 
 @dataclass(frozen=True)
 class Observation:
@@ -23,11 +26,17 @@ class Observation:
     second: float | None = (
         None  # outcome of a second objective, oriented alike; None: none asked for, or missing
     )
+    condition: str = IDEAL  # its name
 
     @property
     def feasible(self) -> bool:
         """Whether the mission produced the objective's metric."""
         return self.outcome is not None
+
+    @property
+    def world(self) -> World:
+        """Where it was flown."""
+        return World(self.rock, self.condition)
 
 
 @dataclass(frozen=True)
@@ -39,14 +48,26 @@ class Pending:
     rock: str
     replicate: int
     memory: Mapping[str, Any] = field(default_factory=dict)
+    condition: str = IDEAL
+
+    @property
+    def world(self) -> World:
+        """Where it is flown."""
+        return World(self.rock, self.condition)
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """What to fly next. ``rock`` and ``replicate`` are left to the campaign's schedule where None."""
+    """What to fly next. ``rock``, with its ``condition``, and ``replicate`` are left to the campaign's schedule where None."""
 
     values: dict[str, Any]
     why: dict[str, Any]  # JSON: at least {"sampler": ..., "phase": ...}
     rock: str | None = None
     replicate: int | None = None
     memory: dict[str, Any] = field(default_factory=dict)  # JSON, returned with the observation
+    condition: str = IDEAL  # of ``rock``
+
+    @property
+    def world(self) -> World | None:
+        """Where to fly it."""
+        return None if self.rock is None else World(self.rock, self.condition)

@@ -1,14 +1,16 @@
-"""Outcomes made comparable over rocks."""
+"""Outcomes made comparable over rocks and conditions."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from nbv.types import Floats
+from tuner.problem.worlds import World, conditions_of, rocks_of
 
 # Pseudo-counts of the shrinkage below: a rock's own spread counts fully only beyond this many missions.
 _SCALE_PRIOR_COUNT = 5.0
@@ -16,7 +18,7 @@ _SCALE_PRIOR_COUNT = 5.0
 
 @dataclass(frozen=True)
 class RockStandardiser:
-    """Per-rock standardisation that stays sane with one or two missions on a rock.
+    """Standardisation by rock (or world) that stays sane with one or two missions on a rock.
 
     z = (y - centre[rock]) / scale[rock]. Centres are empirical-Bayes estimates of a random rock effect:
     y = mu + a_rock + e, with the variances of a and e estimated from the data, so that a rock's centre moves
@@ -25,14 +27,14 @@ class RockStandardiser:
     Rocks never flown get the grand mean and the pooled scale.
     """
 
-    centres: Mapping[str, float]
-    scales: Mapping[str, float]
+    centres: Mapping[Any, float]
+    scales: Mapping[Any, float]
     grand_mean: float
     pooled_scale: float
 
     @staticmethod
     def fit(
-        rocks: Sequence[str],
+        rocks: Sequence[Any],
         outcomes: Floats | Sequence[float],
         *,
         shrink_centres: bool = True,
@@ -73,19 +75,52 @@ class RockStandardiser:
             scales[name] = math.sqrt(variance)
         return RockStandardiser(centres, scales, grand, math.sqrt(within))
 
-    def standardise(self, rocks: Sequence[str], outcomes: Floats | Sequence[float]) -> Floats:
+    @staticmethod
+    def over_conditions(
+        worlds: Sequence[World], outcomes: Floats | Sequence[float], places: Sequence[World]
+    ) -> RockStandardiser:
+        """Estimate from ``(n,)`` worlds and outcomes, n at least 1, where there are several conditions.
+
+        There are too many worlds for centres of their own: a world's centre is mu + rock + condition, by least squares
+        in which every effect has one pseudo-observation of 0, so a world never flown has one too. Scales are the
+        deviations from it, shrunk as in ``fit``. ``places``: further worlds to know.
+        """
+        y = np.asarray(outcomes, dtype=float)
+        known = [*worlds, *places]
+        rocks, conditions = rocks_of(known), conditions_of(known)
+        design = np.array(
+            [[1.0, *(w.rock == r for r in rocks), *(w.condition == c for c in conditions)] for w in known]
+        )
+        flown = design[: len(y)]
+        penalty = np.eye(design.shape[1])
+        penalty[0, 0] = 0.0
+        solve = np.linalg.solve(flown.T @ flown + penalty, flown.T)
+        residual = y - flown @ (solve @ y)
+        freedom = 1.0 - np.einsum("ij,ji->i", flown, solve)
+        within = float((residual**2).sum()) / max(float(freedom.sum()), 1e-9)
+        within = max(within, 1e-12 * max(1.0, float(np.mean(y**2))))
+        centres = dict(zip(known, (design @ (solve @ y)).tolist()))
+        scales = {}
+        for world in centres:
+            own = np.array([w == world for w in worlds])
+            count = _SCALE_PRIOR_COUNT + float(freedom[own].sum())
+            squares = _SCALE_PRIOR_COUNT * within + float((residual[own] ** 2).sum())
+            scales[world] = math.sqrt(squares / count)
+        return RockStandardiser(centres, scales, float(y.mean()), math.sqrt(within))
+
+    def standardise(self, rocks: Sequence[Any], outcomes: Floats | Sequence[float]) -> Floats:
         """(n,) standardised outcomes."""
         return np.array([(y - self.centre(rock)) / self.scale(rock) for rock, y in zip(rocks, outcomes)])
 
-    def centre(self, rock: str) -> float:
+    def centre(self, rock: Any) -> float:
         """The rock's centre, in the outcome's unit."""
         return self.centres.get(rock, self.grand_mean)
 
-    def scale(self, rock: str) -> float:
+    def scale(self, rock: Any) -> float:
         """The rock's scale, in the outcome's unit."""
         return self.scales.get(rock, self.pooled_scale)
 
-    def mean_over(self, rocks: Sequence[str]) -> tuple[float, float]:
+    def mean_over(self, rocks: Sequence[Any]) -> tuple[float, float]:
         """``(offset, factor)``: the mean outcome over ``rocks`` is offset + factor * z."""
         return (
             float(np.mean([self.centre(rock) for rock in rocks])),

@@ -1,4 +1,4 @@
-"""Which configuration to use: the best posterior mean over the training rocks, with its uncertainty."""
+"""Which configuration to use: the best posterior mean over the training worlds, with its uncertainty."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from nbv.config import IDEAL
 from tuner.problem.configurations import configuration_key
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.options import Risk
 from tuner.problem.search_space import SearchSpace
+from tuner.problem.worlds import Place, World
 from tuner.recommendation.eligible import may_be_recommended
 from tuner.surrogate.forward_check import calibration
 from tuner.surrogate.kernel import Feature
@@ -26,7 +28,7 @@ class Candidate:
     """One evaluated configuration in the light of all missions."""
 
     values: dict[str, Any]
-    mean: float  # posterior mean of the objective over the training rocks, metric's unit
+    mean: float  # posterior mean of the objective over the training worlds, metric's unit
     sd: float
     missions: int
     failed: int
@@ -35,19 +37,25 @@ class Candidate:
 
 @dataclass(frozen=True)
 class RockRow:
-    """The recommended configuration on one training rock."""
+    """The recommended configuration on one training rock, under one of the conditions."""
 
     rock: str
-    missions: int  # of the recommended configuration on this rock
+    missions: int  # of the recommended configuration there
     observed: float | None  # mean over those missions
-    predicted: float  # posterior mean on this rock
+    predicted: float  # posterior mean there
+    condition: str = IDEAL
+
+    @property
+    def world(self) -> World:
+        """Where that is."""
+        return World(self.rock, self.condition)
 
 
 @dataclass(frozen=True)
 class Recommendation:
     """The evaluated configuration with the best posterior mean, not the luckiest observation.
 
-    ``mean``, ``sd`` and ``interval_95`` are about the mean over the training rocks, without the noise of single
+    ``mean``, ``sd`` and ``interval_95`` are about the mean over the training worlds, without the noise of single
     missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
     positive when the recommendation is better, whatever the direction. All intervals and probabilities are calibrated
     (``tuner.surrogate.forward_check``). ``top`` is the ranking that decided: what may be recommended
@@ -69,7 +77,7 @@ class Recommendation:
     improvement_interval_95: tuple[float, float]
     probability_better_than_default: float
     noise_sd: float  # of one mission, beside its block's offset
-    block_sd: float | None  # of the offsets that (rock, replicate) blocks share; None: not told from noise
+    block_sd: float | None  # of the offsets that (world, replicate) blocks share; None: not told from noise
     observations: int
     failures: int
     metric: str
@@ -86,7 +94,7 @@ class Recommendation:
 def recommend(
     space: SearchSpace,
     observations: Sequence[Observation],
-    rocks: Sequence[str],
+    places: Sequence[Place],
     default: Mapping[str, Any],
     objective: Objective,
     seed: int = 0,
@@ -102,19 +110,19 @@ def recommend(
     Parameters
     ----------
     replicates
-        The campaign's, per rock.
+        The campaign's, per world.
     only_verified
-        Whether a configuration has to have flown on two rocks and two replicates. Samplers that fly nothing again leave
+        Whether a configuration has to have flown often enough (`tuner.recommendation.eligible`). Samplers that fly nothing again leave
         no such configuration: theirs is the best posterior mean.
     settings, feature
         Of the surrogate.
     risk
-        The measure over rocks that is meant by the mean everywhere in the result.
+        The measure over worlds that is meant by the mean everywhere in the result.
     """
     feasible = [o for o in observations if o.feasible]
     if not feasible:
         return None
-    model = RockMeanGP(space, feasible, rocks, seed, settings, feature)
+    model = RockMeanGP(space, feasible, places, seed, settings, feature)
     groups: dict[tuple[Any, ...], list[Observation]] = {}
     for o in observations:
         groups.setdefault(configuration_key(space, o.values), []).append(o)
@@ -124,7 +132,7 @@ def recommend(
     reference = len(configurations)
     allowed = [True] * reference
     if only_verified:
-        allowed = may_be_recommended(space, observations, configurations, rocks, replicates, default)
+        allowed = may_be_recommended(space, observations, configurations, places, replicates, default)
     # Where even the default has failed there is nothing better than what has not.
     chosen = [i for i in range(reference) if allowed[i]] or range(reference)
     order = sorted(chosen, key=lambda i: -belief.mean[i])
@@ -157,7 +165,7 @@ def recommend(
         interval_95=calibrated.interval_95(mean, sd),
         probability_best=candidates[0].probability_best,
         top=candidates,
-        per_rock=[_rock_row(model, rock, own, configurations[best], sign) for rock in rocks],
+        per_rock=[_rock_row(model, world, own, configurations[best], sign) for world in model.worlds],
         default_values=dict(default),
         default_mean=sign * float(belief.mean[reference]),
         default_sd=float(belief.sd[reference]),
@@ -178,8 +186,9 @@ def recommend(
 
 
 def _rock_row(
-    model: RockMeanGP, rock: str, own: Sequence[Observation], values: Mapping[str, Any], sign: float
+    model: RockMeanGP, world: World, own: Sequence[Observation], values: Mapping[str, Any], sign: float
 ) -> RockRow:
-    outcomes = [o.outcome for o in own if o.rock == rock and o.outcome is not None]
+    outcomes = [o.outcome for o in own if o.world == world and o.outcome is not None]
     observed = sign * sum(outcomes) / len(outcomes) if outcomes else None
-    return RockRow(rock, len(outcomes), observed, sign * model.predict_on_rock(values, rock))
+    predicted = sign * model.predict_in_world(values, world)
+    return RockRow(world.rock, len(outcomes), observed, predicted, world.condition)

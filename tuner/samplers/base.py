@@ -18,6 +18,7 @@ import numpy as np
 from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.options import Risk
 from tuner.problem.search_space import SearchSpace, Values
+from tuner.problem.worlds import Place, World, worlds_of
 from tuner.samplers.design import sobol_point
 
 if TYPE_CHECKING:
@@ -43,15 +44,20 @@ class SamplerSettings:
 
     space: SearchSpace
     default: Values  # the configuration everything starts from: the paper's
-    rocks: tuple[str, ...]  # training rocks
+    places: tuple[Place, ...]  # training worlds
     seed: int
     initial: int  # size of the initial design, the default configuration included
-    replicates: int = 1  # per rock, for samplers that choose them
+    replicates: int = 1  # per world, for samplers that choose them
     risk: Risk = "mean"  # of sampler gp
     earlier: EarlierMissions | None = None  # missions flown before the campaign, for sampler gp
     two_objectives: bool = False  # sampler gp: search the front between the objective and the second one
     budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
     trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it
+
+    @property
+    def worlds(self) -> tuple[World, ...]:
+        """The training worlds, every one with its condition."""
+        return worlds_of(self.places)
 
 
 def derived_seed(seed: int, number: int) -> int:

@@ -17,11 +17,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nbv.config import IDEAL
 from nbv.foreign import RESULT_NODES, parse_json
 from nbv.types import Floats
 from tuner.problem.configurations import distinct_configurations
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values
+from tuner.problem.worlds import conditions_of, worlds_over
 from tuner.surrogate.landscape import Landscape
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import surrogate_settings
@@ -46,7 +48,8 @@ class EarlierMissions:
 
     @functools.cached_property
     def _model(self) -> RockMeanGP:
-        return RockMeanGP(self.space, self.observations, self.rocks, 0, surrogate_settings(self.space))
+        worlds = worlds_over(self.rocks, conditions_of(o.world for o in self.observations))
+        return RockMeanGP(self.space, self.observations, worlds, 0, surrogate_settings(self.space))
 
     @functools.cached_property
     def feature(self) -> Landscape | None:
@@ -68,12 +71,18 @@ class EarlierMissions:
 
     def to_json(self) -> str:
         """For a file beside the ledger."""
-        rows = [[dict(o.values), o.rock, o.outcome, o.replicate] for o in self.observations]
+        rows = [
+            [dict(o.values), o.rock, o.outcome, o.replicate, *([o.condition] if o.condition != IDEAL else [])]
+            for o in self.observations
+        ]
         return json.dumps({"rocks": list(self.rocks), "missions": rows})
 
     @staticmethod
     def from_json(text: str, space: SearchSpace) -> EarlierMissions:
         """The inverse of ``to_json``; ``UserError``, ``ValueError``, ``TypeError`` or ``KeyError`` where it is not."""
         tree = parse_json(text, "the missions learned from", RESULT_NODES)
-        observations = [Observation(i, v, r, k, y, y) for i, (v, r, y, k) in enumerate(tree["missions"])]
+        observations = [
+            Observation(i, v, r, k, y, y, condition=condition[0] if condition else IDEAL)
+            for i, (v, r, y, k, *condition) in enumerate(tree["missions"])
+        ]
         return EarlierMissions(space, tuple(tree["rocks"]), tuple(observations))

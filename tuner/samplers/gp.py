@@ -1,4 +1,4 @@
-"""Our sampler: a Gaussian process over configurations, rocks and blocks."""
+"""Our sampler: a Gaussian process over configurations, rocks, conditions and blocks."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from tuner.acquisition.front import propose_for_front, two_models
 from tuner.acquisition.propose import propose
 from tuner.problem.blocks import next_block
 from tuner.problem.observations import Observation, Pending, Proposal
+from tuner.problem.worlds import rocks_of
 from tuner.samplers.base import SamplerSettings, asks, derived_seed, initial_proposal
 from tuner.samplers.design import near_default, places_for_earlier, sobol_point, stays_near_default
 from tuner.samplers.verification import BEGINS, verification
@@ -45,22 +46,25 @@ class GPSampler:
         flying = [p.values for p in pending]
         if s.two_objectives and sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL:
             models = two_models(
-                s.space, feasible, s.rocks, seed, self.model or surrogate_settings(s.space, s.risk)
+                s.space, feasible, s.worlds, seed, self.model or surrogate_settings(s.space, s.risk)
             )
             values, figures = propose_for_front(models, flying, seed)
             return Proposal(values, {"sampler": self.name, "phase": "front", **figures})
         feature = None if s.earlier is None else s.earlier.feature
         own = self.model or surrogate_settings(s.space, s.risk)
-        model = RockMeanGP(s.space, feasible, s.rocks, seed, own, feature)
+        model = RockMeanGP(s.space, feasible, s.worlds, seed, own, feature)
         values, figures = propose(model, flying, seed, s.risk)
         if self.verify and s.budget is not None and number >= BEGINS * s.budget:
-            gain, last = figures["expected_gain"], number >= s.budget - len(s.rocks) * s.replicates
+            gain, last = figures["expected_gain"], number >= s.budget - len(rocks_of(s.worlds)) * s.replicates
             again = verification(model, history, pending, s.replicates, gain, s.risk, last=last)
             if again is not None:
                 return _predicted(model, dataclasses.replace(again, why={**figures, **again.why}))
         proposal = Proposal(values, {"sampler": self.name, "phase": "model", **figures})
-        rock, replicate = next_block(s.rocks, s.replicates, [*history, *pending], proposal)
-        return _predicted(model, dataclasses.replace(proposal, rock=rock, replicate=replicate))
+        world, replicate = next_block(s.worlds, s.replicates, [*history, *pending], proposal)
+        placed = dataclasses.replace(
+            proposal, rock=world.rock, condition=world.condition, replicate=replicate
+        )
+        return _predicted(model, placed)
 
     def _design(self, number: int) -> Proposal:
         s, rank = self.settings, number // 2 - 1
@@ -85,8 +89,8 @@ class GPSampler:
 
 def _predicted(model: RockMeanGP, proposal: Proposal) -> Proposal:
     """With what the model predicts of the mission, so that it can be told how well it did."""
-    assert proposal.rock is not None
-    mean, sd = model.predict_mission(proposal.values, proposal.rock, proposal.replicate)
+    assert proposal.world is not None
+    mean, sd = model.predict_mission(proposal.values, proposal.world, proposal.replicate)
     return dataclasses.replace(proposal, memory={PREDICTED: [mean, sd]})
 
 

@@ -21,7 +21,7 @@ from tuner.samplers.distributions import distributions
 
 @dataclass(frozen=True)
 class OptunaSampler:
-    """An Optuna sampler fed with the whole history, outcomes standardised per rock as for our own GP."""
+    """An Optuna sampler fed with the whole history, outcomes standardised per world."""
 
     settings: SamplerSettings
     name: str
@@ -52,9 +52,9 @@ class OptunaSampler:
         self, history: Sequence[Observation], pending: Sequence[Pending]
     ) -> list[optuna.trial.FrozenTrial]:
         feasible = [o for o in history if o.outcome is not None]
-        rocks = [o.rock for o in feasible]
+        worlds = [o.world for o in feasible]
         outcomes = np.array([o.outcome for o in feasible], dtype=float)
-        standard = RockStandardiser.fit(rocks, outcomes).standardise(rocks, outcomes)
+        standard = RockStandardiser.fit(worlds, outcomes).standardise(worlds, outcomes)
         value_of = {o.number: float(z) for o, z in zip(feasible, standard)}
         known = distributions(self.settings.space)
 

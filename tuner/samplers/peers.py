@@ -17,7 +17,7 @@ import tempfile
 import threading
 import weakref
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -175,7 +175,7 @@ _processes: dict[str, _Shared] = {}  # starting a peer takes seconds, so sampler
 
 @dataclass(eq=False)
 class PeerSampler:
-    """A peer behind the campaign's ask; outcomes are standardised per rock as for every other sampler."""
+    """A peer behind the campaign's ask; outcomes are standardised per world as for every other sampler."""
 
     settings: SamplerSettings
     name: str
@@ -200,20 +200,33 @@ class PeerSampler:
             return initial_proposal(self.settings, number, self.name)
         process = self._process(history, command)
         outcomes = np.array([o.outcome for o in feasible], dtype=float)
-        standard = RockStandardiser.fit([o.rock for o in feasible], outcomes)
-        flown = {*self.settings.rocks, *(o.rock for o in history)}
+        standard = RockStandardiser.fit([o.world for o in feasible], outcomes)
+        # To a peer a rock under another condition is another rock.
+        known = {world.label: world for world in (*self.settings.worlds, *(o.world for o in history))}
         reply = process.request(
             "ask",
             number=number,
             seed=derived_seed(self.settings.seed, number),
             pending=[
-                {"number": p.number, "values": dict(p.values), "rock": p.rock, "replicate": p.replicate}
+                {
+                    "number": p.number,
+                    "values": dict(p.values),
+                    "rock": p.world.label,
+                    "replicate": p.replicate,
+                }
                 for p in pending
             ],
-            scales={rock: [standard.centre(rock), standard.scale(rock)] for rock in sorted(flown)},
+            scales={
+                label: [standard.centre(known[label]), standard.scale(known[label])]
+                for label in sorted(known)
+            },
         )
         why = {"sampler": self.name, "phase": "model", "peer_cpu_s": reply["cpu_s"]}
-        return Proposal(self._values(reply["values"]), why, reply.get("rock"), reply.get("replicate"))
+        proposal = Proposal(self._values(reply["values"]), why, replicate=reply.get("replicate"))
+        if reply.get("rock") is None:
+            return proposal
+        world = known[reply["rock"]]
+        return replace(proposal, rock=world.rock, condition=world.condition)
 
     def _process(self, history: Sequence[Observation], command: Sequence[str]) -> PeerProcess:
         """The process, told the whole of ``history``."""
@@ -228,7 +241,7 @@ class PeerSampler:
                     "tell",
                     number=o.number,
                     values=dict(o.values),
-                    rock=o.rock,
+                    rock=o.world.label,
                     replicate=o.replicate,
                     outcome=o.outcome,
                     noise_sd=None,
@@ -250,7 +263,7 @@ class PeerSampler:
             parameters=[_parameter(p) for p in s.space.parameters],
             default=dict(s.default),
             design=[initial_proposal(s, i, self.name).values for i in range(s.initial)],
-            rocks=list(s.rocks),
+            rocks=[world.label for world in s.worlds],
             replicates=s.replicates,
             initial=s.initial,
             seed=s.seed,
@@ -280,7 +293,7 @@ def _within_rounding(value: float, p: Parameter) -> float:
 
 
 def _fingerprint(o: Observation) -> str:
-    return json.dumps([dict(o.values), o.rock, o.replicate, o.outcome], sort_keys=True)
+    return json.dumps([dict(o.values), o.world.label, o.replicate, o.outcome], sort_keys=True)
 
 
 def _parameter(p: Parameter) -> dict[str, Any]:

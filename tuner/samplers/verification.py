@@ -2,8 +2,8 @@
 
 The search flies a new configuration with every mission, and one that flew once may not be recommended
 (``tuner.recommendation.eligible``). Near the end of a budget, when exploring promises less than a mission's noise, the
-favourite is therefore flown on the (rock, replicate) blocks it has not seen; the last missions, as many as there are
-blocks, are the favourite's whatever exploring promises.
+favourite is therefore flown on the (world, replicate) blocks it has not seen; the last missions, as many as rocks
+have replicates, are the favourite's whatever exploring promises.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from tuner.problem.configurations import Block, blocks_flown, configuration_key,
 from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
+from tuner.problem.worlds import World
 from tuner.surrogate.model import RockMeanGP
 
 BEGINS = 2 / 3  # of the budget
@@ -37,7 +38,7 @@ def verification(
     model
         The surrogate of the successful missions in ``history``.
     replicates
-        Per rock, numbered from 0.
+        Per world, numbered from 0.
     expected_gain
         What the best mission of the search promises, objective's unit.
     last
@@ -46,7 +47,7 @@ def verification(
     Returns
     -------
     None where the favourite (best posterior mean) has flown every block, or where exploring promises more than the noise
-    of a mission. The rock is one of those it has flown least.
+    of a mission. The world is one of those it has flown least.
     """
     if expected_gain >= model.noise_sd and not last:
         return None
@@ -54,22 +55,25 @@ def verification(
     values = configurations[int(model.posterior(configurations, risk).mean.argmax())]
     missions: list[Observation | Pending] = [*history, *pending]
     own = blocks_flown(model.space, missions)[configuration_key(model.space, values)]
-    block = _unseen_block(model.rocks, replicates, own, missions, values)
+    block = _unseen_block(model.worlds, replicates, own, missions, values)
     why = {"sampler": "gp", "phase": "verification", "expected_gain": expected_gain}
-    return None if block is None else Proposal(values, why, *block)
+    if block is None:
+        return None
+    world, replicate = block
+    return Proposal(values, why, world.rock, replicate, condition=world.condition)
 
 
 def _unseen_block(
-    rocks: Sequence[str],
+    worlds: Sequence[World],
     replicates: int,
     own: Collection[Block],
     missions: Sequence[Observation | Pending],
     values: Values,
 ) -> Block | None:
-    """The next block of a configuration that has flown ``own``, on a rock it has flown least; None if there is none."""
-    counts = {rock: sum((rock, k) in own for k in range(replicates)) for rock in rocks}
+    """The next block of a configuration that has flown ``own``, in a world it has flown least; None if there is none."""
+    counts = {world: sum((world, k) in own for k in range(replicates)) for world in worlds}
     least = min(counts.values())
     if least >= replicates:
         return None
-    fewest = [rock for rock, count in counts.items() if count == least]
+    fewest = [world for world, count in counts.items() if count == least]
     return next_block(fewest, replicates, missions, Proposal(values, {}))

@@ -88,7 +88,9 @@ def campaign_data(directory: Path, metric: str | None = None) -> MissionData:
             left_out["still flying" if t.state == "running" else "failed or without the metric"] += 1
             continue
         observations.append(
-            Observation(t.number, t.values, t.rock, t.replicate, objective.sign * value, value)
+            Observation(
+                t.number, t.values, t.rock, t.replicate, objective.sign * value, value, condition=t.condition
+            )
         )
     return _checked(
         MissionData(campaign.settings.space, objective, tuple(observations), dict(left_out)), directory
@@ -144,7 +146,15 @@ def mission_data(
             f"the missions also differ in {path} ({shown}); choose one, for example --where {path}={shown.split(', ')[0]}"
         )
     observations = tuple(
-        Observation(i, values, m.result.rock, m.result.replicate, objective.sign * value, value)
+        Observation(
+            i,
+            values,
+            m.result.rock,
+            m.result.replicate,
+            objective.sign * value,
+            value,
+            condition=m.result.condition,
+        )
         for i, (m, values, value) in enumerate(kept)
     )
     return _checked(MissionData(space, objective, observations, dict(left_out)), directories[0])

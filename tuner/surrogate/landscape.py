@@ -24,7 +24,9 @@ class Landscape:
         self._centre, self._scale = float(level.mean()), max(1e-9, float(level.std()))
 
     def __call__(self, x: torch.Tensor) -> torch.Tensor:
-        """The rock and block columns are ignored."""
-        bare = torch.cat([x[..., : self._d], torch.full_like(x[..., self._d :], NO_OFFSET)], dim=-1)
+        """The columns behind the unit cube's are ignored."""
+        unit = x[..., : self._d]  # another model may have other columns behind them
+        nowhere = unit.new_full((*unit.shape[:-1], self._x.shape[-1] - self._d), NO_OFFSET)
+        bare = torch.cat([unit, nowhere], dim=-1)
         level = self._kernel(bare, self._x).to_dense() @ self._weights
         return (level - self._centre) / self._scale

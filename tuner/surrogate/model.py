@@ -1,6 +1,7 @@
 """Gaussian process over configurations: what the missions so far say about every configuration.
 
-Outcomes are standardised per rock (``tuner.problem.standardise.RockStandardiser``). The model is then
+Outcomes are standardised per rock, with several conditions by rock and condition
+(``tuner.problem.standardise.RockStandardiser``). The model is then
 
     z(x, rock, replicate) = f(x) + b(rock) + c(rock, replicate) + noise
 
@@ -11,6 +12,9 @@ the arrival errors of the seed orbit, which can move all of them together by mor
 the offset c, nested in the rock's, makes them blocks of an experiment, so that configurations are compared within
 them and the offset cancels. The mean over rocks has c = 0: it is the mean over replicates nobody has flown. What
 rocks do not share beyond offsets and a scale ends up in the noise, which is right for a mean over rocks.
+
+Where missions fly under several conditions, each condition has an offset and a departure of its own from f, and each
+world (a rock under a condition) an offset; blocks are then nested in worlds. With one condition the model is the one above.
 
 The length-scale prior grows with the square root of the dimension (Hvarfner et al., ICML 2024), but is
 narrower than theirs, there is an output scale, and the noise prior expects noise: missions are noisy, and on
@@ -23,7 +27,7 @@ from __future__ import annotations
 import collections
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import gpytorch
@@ -36,8 +40,16 @@ from tuner.problem.observations import Observation
 from tuner.problem.options import Risk
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.standardise import RockStandardiser
+from tuner.problem.worlds import Place, World, conditions_of, rocks_of, worlds_of
 from tuner.surrogate.fit import fitted
-from tuner.surrogate.kernel import NO_OFFSET, Feature, lengthscales, mission_kernel, shared_variance
+from tuner.surrogate.kernel import (
+    MEAN_LEVEL,
+    NO_OFFSET,
+    Feature,
+    lengthscales,
+    mission_kernel,
+    shared_variance,
+)
 from tuner.surrogate.leave_one_out import LooCheck, leave_one_out
 from tuner.surrogate.numerics import numerics, tensor
 from tuner.surrogate.posterior import Posterior
@@ -54,7 +66,7 @@ def moments(posterior: Any) -> tuple[Floats, Floats]:
 
 
 class RockMeanGP:
-    """The Gaussian process described above; predicts the mean over the training rocks.
+    """The Gaussian process described above; predicts the mean over the training worlds.
 
     Parameters
     ----------
@@ -62,8 +74,8 @@ class RockMeanGP:
         The search space.
     observations
         Finished missions; failed ones are left out. At least one must be feasible.
-    rocks
-        The training rocks over which the mean is taken.
+    places
+        The training worlds over which the mean is taken; a rock alone is that rock under ``ideal``.
     seed
         Seed of the fit.
     settings
@@ -77,7 +89,7 @@ class RockMeanGP:
         self,
         space: SearchSpace,
         observations: Sequence[Observation],
-        rocks: Sequence[str],
+        places: Sequence[Place],
         seed: int = 0,
         settings: SurrogateSettings | None = None,
         feature: Feature | None = None,
@@ -87,22 +99,28 @@ class RockMeanGP:
         if not feasible:
             raise ValueError("no feasible observation to learn from")
         self.space = space
-        self.rocks = tuple(rocks)
+        self.worlds = worlds_of(places)
         self.observations = tuple(feasible)
         outcomes = np.array([o.outcome for o in feasible], dtype=float)
-        observed_rocks = [o.rock for o in feasible]
-        flown = [(o.rock, o.replicate) for o in feasible]
+        observed = [o.world for o in feasible]
+        flown = [(o.world, o.replicate) for o in feasible]
         self._models_blocks = self.settings.blocks and blocks_identifiable(flown)
-        self.standardiser = RockStandardiser.fit(
-            observed_rocks, outcomes, shrink_centres=False, blocks=flown if self._models_blocks else None
-        )
+        known = [*self.worlds, *observed]
+        self._several = len(conditions_of(known)) > 1
+        if self._several:
+            self.standardiser = RockStandardiser.over_conditions(observed, outcomes, self.worlds)
+        else:
+            self.standardiser = RockStandardiser.fit(
+                observed, outcomes, shrink_centres=False, blocks=flown if self._models_blocks else None
+            )
         self.unit = np.array([space.to_unit(o.values) for o in feasible])  # (n, d)
-        self.targets = self.standardiser.standardise(observed_rocks, outcomes)  # (n,)
-        names = dict.fromkeys([*self.rocks, *observed_rocks])
-        self._index = {name: float(i) for i, name in enumerate(names)}
-        self._block_index = {block: float(i) for i, block in enumerate(dict.fromkeys(flown))}
+        self.targets = self.standardiser.standardise(observed, outcomes)  # (n,)
+        self._rock_index = _levels(rocks_of(known))
+        self._condition_index = _levels(conditions_of(known))
+        self._world_index = _levels(known)
+        self._block_index = _levels(flown)
         self._ordered = [i for i in range(space.dimension) if i not in space.categorical_dimensions]
-        columns = np.array([(self._index[rock], self._block_index[rock, k]) for rock, k in flown])
+        columns = np.array([self.levels(world, self._block_index[world, k]) for world, k in flown])
         with numerics(seed):
             self.model, self.uses_feature = self._fit(np.column_stack([self.unit, columns]), feature)
 
@@ -120,6 +138,7 @@ class RockMeanGP:
                     settings,
                     tau=tau,
                     feature=feature,
+                    conditions=len(conditions_of(self.worlds)) if self._several else 0,
                 )
                 for tau in taus
             ]
@@ -133,38 +152,43 @@ class RockMeanGP:
                 return informed, True
         return plain, False
 
-    @property
-    def virtual_rock(self) -> float:
-        """Rock column of no rock: its offset is 0, so configurations are compared by f alone."""
-        return NO_OFFSET
+    def levels(self, place: Place | None, block: float = NO_OFFSET) -> list[float]:
+        """The columns behind the unit cube's: of a known world, of None: no rock, the mean over the conditions.
 
-    def rock_level(self, rock: str) -> float:
-        """Rock column of a known rock."""
-        return self._index[rock]
+        At no rock the offsets are 0, so configurations are compared by their landscape alone.
+        """
+        if place is None:
+            return [NO_OFFSET, block, MEAN_LEVEL, NO_OFFSET] if self._several else [NO_OFFSET, block]
+        (world,) = worlds_of([place])
+        own = [self._rock_index[world.rock], block]
+        if self._several:
+            unknown = float(len(self._world_index))
+            own += [self._condition_index[world.condition], self._world_index.get(world, unknown)]
+        return own
 
-    def block_level(self, rock: str, replicate: int | None) -> float:
-        """Block column of a (rock, replicate); one that has not been flown has an offset nobody knows."""
+    def block_level(self, place: Place, replicate: int | None) -> float:
+        """Block column of a (world, replicate); one that has not been flown has an offset nobody knows."""
+        (world,) = worlds_of([place])
         unknown = float(len(self._block_index))
-        return unknown if replicate is None else self._block_index.get((rock, replicate), unknown)
+        return unknown if replicate is None else self._block_index.get((world, replicate), unknown)
 
-    def inputs(self, unit: Floats, rock: float | None = None, block: float | None = None) -> torch.Tensor:
-        """(m, d + 2) model inputs for (m, d) unit positions; without rock and block offsets unless told."""
-        tail = [self.virtual_rock if rock is None else rock, NO_OFFSET if block is None else block]
-        return tensor(np.column_stack([unit, np.tile(tail, (len(unit), 1))]))
+    def inputs(self, unit: Floats, place: Place | None = None, block: float = NO_OFFSET) -> torch.Tensor:
+        """(m, d + 2 or 4) model inputs for (m, d) unit positions; without offsets unless told."""
+        return tensor(np.column_stack([unit, np.tile(self.levels(place, block), (len(unit), 1))]))
 
     def posterior(self, values: Sequence[Mapping[str, Any]], risk: Risk = "mean") -> Posterior:
-        """Joint posterior of the mean (or of a risk measure) over the training rocks at the configurations.
+        """Joint posterior of the mean (or of a risk measure) over the training worlds at the configurations.
 
         A risk measure is not Gaussian: its mean and covariance are those of ``RISK_DRAWS`` joint draws.
         """
         unit = np.array([self.space.to_unit(v) for v in values])
-        m, count = len(unit), len(self.rocks)
-        x = torch.cat([self.inputs(unit, self._index[rock]) for rock in self.rocks])
+        m, count = len(unit), len(self.worlds)
+        x = torch.cat([self.inputs(unit, world) for world in self.worlds])
         with torch.no_grad(), gpytorch.settings.fast_pred_var(False):
             joint_mean, joint_covariance = moments(self.model.posterior(x))
         mean, covariance = joint_mean.reshape(count, m), joint_covariance.reshape(count, m, count, m)
-        scales = np.array([self.standardiser.scale(rock) for rock in self.rocks])
-        centres = np.array([self.standardiser.centre(rock) for rock in self.rocks])
+        scales = np.array([self.standardiser.scale(world) for world in self.worlds])
+        centres = np.array([self.standardiser.centre(world) for world in self.worlds])
         if risk == "mean":
             return Posterior(
                 centres.mean() + scales @ mean / count,
@@ -178,24 +202,24 @@ class RockMeanGP:
         return Posterior(measured.mean(axis=0), np.atleast_2d(np.cov(measured, rowvar=False)))
 
     def predict_mission(
-        self, values: Mapping[str, Any], rock: str, replicate: int | None = None
+        self, values: Mapping[str, Any], place: Place, replicate: int | None = None
     ) -> tuple[float, float]:
-        """``(mean, sd)`` of the outcome of one new mission on a known rock, its noise included.
+        """``(mean, sd)`` of the outcome of one new mission on a known rock under a known condition, its noise included.
 
         On the block of a ``replicate`` flown before, what that block taught is used; any other replicate, or
         None, is a block like the others whose offset is not known.
         """
-        block = self.block_level(rock, replicate)
+        (world,) = worlds_of([place])
         with torch.no_grad():
-            x = self.inputs(self.space.to_unit(values)[None], self._index[rock], block)
+            x = self.inputs(self.space.to_unit(values)[None], world, self.block_level(world, replicate))
             centre, covariance = moments(self.model.posterior(x, observation_noise=True))
             mean, sd = float(centre[0]), math.sqrt(float(covariance[0, 0]))
-        scale = self.standardiser.scale(rock)
-        return self.standardiser.centre(rock) + scale * mean, scale * sd
+        scale = self.standardiser.scale(world)
+        return self.standardiser.centre(world) + scale * mean, scale * sd
 
-    def predict_on_rock(self, values: Mapping[str, Any], rock: str) -> float:
-        """Posterior mean outcome of one configuration on one known rock, in the objective's unit."""
-        return self.predict_mission(values, rock)[0]
+    def predict_in_world(self, values: Mapping[str, Any], place: Place) -> float:
+        """Posterior mean outcome of one configuration in one known world, in the objective's unit."""
+        return self.predict_mission(values, place)[0]
 
     @property
     def noise_sd(self) -> float:
@@ -204,15 +228,15 @@ class RockMeanGP:
 
     @property
     def block_sd(self) -> float | None:
-        """Standard deviation of the (rock, replicate) offsets, objective's unit; None where not modelled."""
+        """Standard deviation of the (world, replicate) offsets, objective's unit; None where not modelled."""
         if not self._models_blocks:
             return None
         return math.sqrt(shared_variance(self.model.covar_module, self.space.dimension + 1)) * self.mean_scale
 
     @property
     def mean_scale(self) -> float:
-        """Objective's unit per unit of the common landscape, mean over the training rocks."""
-        return float(np.mean([self.standardiser.scale(rock) for rock in self.rocks]))
+        """Objective's unit per unit of the common landscape, mean over the training worlds."""
+        return float(np.mean([self.standardiser.scale(world) for world in self.worlds]))
 
     @property
     def lengthscales(self) -> dict[str, float]:
@@ -225,11 +249,16 @@ class RockMeanGP:
         return leave_one_out(self.model)
 
 
-def blocks_identifiable(blocks: Sequence[tuple[str, int]]) -> bool:
-    """Whether missions on these (rock, replicate) blocks can tell block offsets from rock offsets and noise.
+def _levels(names: Iterable[Any]) -> dict[Any, float]:
+    """Each name's level, numbered in order."""
+    return {name: float(i) for i, name in enumerate(dict.fromkeys(names))}
 
-    Some rock must have been flown with two replicates, and some block twice on a rock that has another one.
+
+def blocks_identifiable(blocks: Sequence[tuple[World, int]]) -> bool:
+    """Whether missions on these (world, replicate) blocks can tell block offsets from the world's offset and noise.
+
+    Some world must have been flown with two replicates, and some block twice in a world that has another one.
     """
     missions = collections.Counter(blocks)
-    per_rock = collections.Counter(rock for rock, _ in missions)
-    return any(count > 1 and per_rock[rock] > 1 for (rock, _), count in missions.items())
+    per_world = collections.Counter(world for world, _ in missions)
+    return any(count > 1 and per_world[world] > 1 for (world, _), count in missions.items())

@@ -1,6 +1,6 @@
-"""What is tuned over rocks: the mean outcome, or that of the worst rock.
+"""What is tuned over worlds: the mean outcome, or that of the worst world.
 
-Risk is over the training rocks' own landscapes, so it needs a surrogate with ``own_landscapes``: where rocks differ by
+Risk is over the training worlds' own landscapes, so it needs a surrogate with ``own_landscapes``: where rocks differ by
 an offset and a scale alone, every measure has its optimum at the same configuration. Outcomes enter in the
 objective's unit: a rock that is hard for every configuration counts as it would for a user.
 """
@@ -13,5 +13,5 @@ from tuner.problem.options import Risk
 
 
 def risk_of(outcomes: torch.Tensor, risk: Risk) -> torch.Tensor:
-    """(...,) measure of (..., rocks) outcomes, larger is better."""
+    """(...,) measure of (..., worlds) outcomes, larger is better."""
     return outcomes.mean(-1) if risk == "mean" else outcomes.amin(-1)

@@ -2,7 +2,7 @@
 
 The purpose of tuning is a configuration for rocks nobody has flown, so this is the check that matters: every rock in
 turn is predicted from the others. A rock's own level (easy or hard) is not predictable and not needed, so it is
-taken out: what is checked is which configurations do better on it, and by how much.
+taken out, under every condition: what is checked is which configurations do better on it, and by how much.
 """
 
 from __future__ import annotations
@@ -51,12 +51,21 @@ def leave_one_rock_out(
         model = build(others, [r for r in rocks if r != rock])
         belief = model.posterior([o.values for o in own])
         measured = np.array([o.outcome for o in own], dtype=float)
-        residual = measured - belief.mean
-        residual -= residual.mean()
+        conditions = np.array([o.condition for o in own])
+        residual, freedom, gain = measured - belief.mean, np.ones(len(own)), measured.copy()
+        for condition in set(conditions):
+            inside = conditions == condition
+            residual[inside] -= residual[inside].mean()
+            gain[inside] -= gain[inside].mean()
+            freedom[inside] -= 1.0 / inside.sum()  # the level took one degree of freedom
+        told = freedom > 0  # a mission alone under its condition says nothing
+        if told.sum() < MIN_MISSIONS:
+            continue
         variance = belief.sd**2 + model.noise_sd**2 + (model.block_sd or 0.0) ** 2
-        z = residual / np.sqrt(variance * (1.0 - 1.0 / len(own)))  # the level took one degree of freedom
-        varied = np.ptp(measured) > 0 and np.ptp(belief.mean) > 0
-        rank = float(stats.spearmanr(measured, belief.mean).statistic) if varied else math.nan
+        z = residual[told] / np.sqrt((variance * freedom)[told])
+        gain, predicted = gain[told], belief.mean[told]
+        varied = np.ptp(gain) > 0 and np.ptp(predicted) > 0
+        rank = float(stats.spearmanr(gain, predicted).statistic) if varied else math.nan
         checks.append(
             RockCheck(
                 rock,

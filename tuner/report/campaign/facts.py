@@ -19,6 +19,7 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter
+from tuner.problem.worlds import World
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.labels import MetricLabel, decimals_for, metric_label
 from tuner.report.style import short_names
@@ -84,6 +85,7 @@ class CampaignFacts:
         self.sign = self.settings.objective.sign
         self.default: dict[str, Any] = self.settings.default_values()
         self.rock_names: dict[str, str] = dict(zip(self.settings.rocks, short_names(self.settings.rocks)))
+        self.several_conditions = len(self.settings.conditions) > 1
 
     @cached_property
     def recommendation(self) -> Recommendation | None:
@@ -136,16 +138,16 @@ class CampaignFacts:
     # -- belief ----------------------------------------------------------------------------------------------
 
     def belief(self, configurations: Sequence[Mapping[str, Any]]) -> tuple[Floats, Floats]:
-        """Posterior mean and sd of the mean (or risk measure) over the training rocks, metric's unit."""
+        """Posterior mean and sd of the mean (or risk measure) over the training worlds, metric's unit."""
         assert self.model is not None
         posterior = self.model.posterior(configurations, self.settings.risk)
         return self.sign * posterior.mean, posterior.sd
 
     @cached_property
     def adjusted(self) -> Floats:
-        """(n,) feasible outcomes with the rocks' differences taken out, metric's unit (for plots)."""
+        """(n,) feasible outcomes with the worlds' differences taken out, metric's unit (for plots)."""
         assert self.model is not None
-        offset, factor = self.model.standardiser.mean_over(self.model.rocks)
+        offset, factor = self.model.standardiser.mean_over(self.model.worlds)
         return self.sign * (offset + factor * self.model.targets)
 
     def closeness(self, parameters: Sequence[str]) -> Floats:
@@ -226,16 +228,25 @@ class CampaignFacts:
             Checkpoint(size, r.values, r.mean, r.sd, float(mean)) for (size, r), mean in zip(found, final)
         ]
 
-    def leave_one_out(self) -> tuple[Floats, Floats, Floats, list[str]]:
-        """``(observed, predicted, predictive sd, rocks)`` per feasible mission, in the metric's unit."""
+    def world_name(self, world: World) -> str:
+        """``slab``, or ``slab, field`` where there is more than one condition."""
+        rock = self.rock_names.get(world.rock, world.rock)
+        return f"{rock}, {world.condition}" if self.several_conditions else rock
+
+    def condition_cells(self, world: World) -> list[str]:
+        """The condition as a table's cell, where there is more than one."""
+        return [world.condition] if self.several_conditions else []
+
+    def leave_one_out(self) -> tuple[Floats, Floats, Floats, list[World]]:
+        """``(observed, predicted, predictive sd, worlds)`` per feasible mission, in the metric's unit."""
         assert self.model is not None
         check, standard = self.model.leave_one_out(), self.model.standardiser
-        rocks = [o.rock for o in self.model.observations]
-        centre = np.array([standard.centre(rock) for rock in rocks])
-        scale = np.array([standard.scale(rock) for rock in rocks])
+        flown = [o.world for o in self.model.observations]
+        centre = np.array([standard.centre(world) for world in flown])
+        scale = np.array([standard.scale(world) for world in flown])
         observed = self.sign * (centre + scale * check.observed)
         predicted = self.sign * (centre + scale * check.mean)
-        return observed, predicted, scale * check.sd, rocks
+        return observed, predicted, scale * check.sd, flown
 
     @cached_property
     def leave_one_rock_out(self) -> list[RockCheck]:

@@ -37,8 +37,8 @@ def history_figure(facts: CampaignFacts) -> Figure:
         if initial:
             ax.axvspan(0.5, max(initial) + 1.5, color=LIGHT, zorder=0, label="initial design")
         best = facts.recommendation
-        for i, rock in enumerate(facts.settings.rocks):
-            own = [(t.number + 1, t.raw) for t in done if t.rock == rock and t.raw is not None]
+        for i, world in enumerate(facts.settings.worlds):
+            own = [(t.number + 1, t.raw) for t in done if t.world == world and t.raw is not None]
             ax.plot(
                 *(zip(*own) if own else ([], [])),
                 marker(i),
@@ -47,7 +47,7 @@ def history_figure(facts: CampaignFacts) -> Figure:
                 mec="white",
                 mew=0.4,
                 ls="none",
-                label=facts.rock_names[rock],
+                label=facts.world_name(world),
             )
         if best is not None:
             own = [(t.number + 1, t.raw) for t in done if t.raw is not None and t.values == best.values]
@@ -82,7 +82,7 @@ def history_figure(facts: CampaignFacts) -> Figure:
         ax.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
         ax.set_xlabel("mission (trial number)")
         ax.set_ylabel(wrap(facts.label.axis))
-        columns = 1 if len(facts.settings.rocks) < 12 else 2
+        columns = 1 if len(facts.settings.worlds) < 12 else 2
         ax.legend(loc="center left", bbox_to_anchor=(1.005, 0.5), ncols=columns, borderaxespad=0.2)
         return figure
 

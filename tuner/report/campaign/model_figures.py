@@ -173,7 +173,7 @@ def map_figure(facts: CampaignFacts) -> Figure | None:
 
 def calibration_figure(facts: CampaignFacts) -> Figure:
     """Leave-one-out prediction of every mission against what it measured."""
-    observed, predicted, sd, rocks = facts.leave_one_out()
+    observed, predicted, sd, flown = facts.leave_one_out()
     with look():
         figure = new_figure(6.6, 4.4)
         ax = figure.subplots()
@@ -182,8 +182,8 @@ def calibration_figure(facts: CampaignFacts) -> Figure:
         highs = np.concatenate([observed, predicted + NORMAL_95 * sd])
         ends = [float(lows.min()), float(highs.max())]
         ax.plot(ends, ends, color=GREY, lw=1, ls="--", zorder=1)
-        for i, rock in enumerate(facts.settings.rocks):
-            own = np.array([name == rock for name in rocks])
+        for i, world in enumerate(facts.settings.worlds):
+            own = np.array([other == world for other in flown])
             if own.any():
                 ax.errorbar(
                     observed[own],
@@ -195,7 +195,7 @@ def calibration_figure(facts: CampaignFacts) -> Figure:
                     mec="white",
                     mew=0.4,
                     elinewidth=0.8,
-                    label=facts.rock_names[rock],
+                    label=facts.world_name(world),
                 )
         if (~inside).any():
             ax.plot(

@@ -8,13 +8,14 @@ from typing import Any
 
 import yaml
 
+from nbv.config import IDEAL
 from nbv.errors import UserError
 from nbv.provenance import versions
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
 from tuner.evaluation.flying import EvaluationRun
-from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
+from tuner.missions.registry import GEOMETRIC_NOTE, ignored_by, is_geometric
 from tuner.problem.search_space import SearchSpace
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.campaign.facts import CampaignFacts
@@ -129,7 +130,7 @@ def _context(facts: CampaignFacts, figures: Path) -> dict[str, Any]:
         "name": f"Campaign {s.name}",
         "subtitle": f"{s.space.dimension} parameters of the search space “{s.space.name}” tuned for "
         f"{label.full} ({s.objective.direction}d) on {len(s.rocks)} "
-        f"{'rock' if len(s.rocks) == 1 else 'rocks'}: {rocks}",
+        f"{'rock' if len(s.rocks) == 1 else 'rocks'}: {rocks}{_under_conditions(facts)}",
         "headline": _headline(facts),
         "warnings": _warnings(facts),
         "kpis": key_figures(facts),
@@ -153,6 +154,7 @@ def _context(facts: CampaignFacts, figures: Path) -> dict[str, Any]:
         "revision": revision,
         "yaml": "",
         "mission_command": "",
+        "several_conditions": facts.several_conditions,
         "per_rock": [],
         "top": [],
         "model_text": "",
@@ -199,16 +201,23 @@ def _verification_text(facts: CampaignFacts) -> str:
     )
 
 
+def _under_conditions(facts: CampaignFacts) -> str:
+    names = [condition.name for condition in facts.settings.conditions]
+    return "" if names == [IDEAL] else f"; under {', '.join(names)}"
+
+
 def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Path) -> dict[str, Any]:
     label, s = facts.label, facts.settings
     assert facts.model is not None
     text = recommended_yaml(best, s.space)
     sets = " ".join(f"--set {shlex.quote(f'{k}={v}')}" for k, v in yaml.safe_load(text).items())
+    last = s.conditions[-1].name
+    condition = "" if last == IDEAL else f"--condition {shlex.quote(last)}"
     base = " ".join(f"--set {shlex.quote(f'{k}={v}')}" for k, v in {**s.overrides, **s.space.base}.items())
     return {
         "yaml": text,
         "mission_command": " ".join(
-            f"gatetune mission run --rock {shlex.quote(s.rocks[0])} --preset {s.preset} {base} {sets}".split()
+            f"gatetune mission run --rock {shlex.quote(s.rocks[0])} --preset {s.preset} {condition} {base} {sets}".split()
         ),
         "per_rock": rock_rows(facts, best),
         "top": [
@@ -223,7 +232,7 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Pa
         "model_text": (
             f"A Gaussian process (Matérn 5/2, one length scale per parameter{trend_text(facts)}) on "
             f"{best.observations} missions, outcomes "
-            "standardised per rock. One mission scatters about its configuration’s mean over rocks with a standard "
+            f"standardised per {'rock and condition' if facts.several_conditions else 'rock'}. One mission scatters about its configuration’s mean over rocks with a standard "
             f"deviation of {with_unit(best.noise_sd, label.difference_unit, facts.digits)}: that is the noise against which "
             "differences have to be seen."
             + (
@@ -275,6 +284,8 @@ def _headline(facts: CampaignFacts) -> dict[str, Any]:
             f"{GEOMETRIC_NOTE} They rank configurations and do not measure them: `gatetune evaluate` flies the "
             "recommendation with photographs."
         )
+    if ignored := ignored_by(s.runner, s.conditions):
+        sentences.append(ignored)
     return {
         "kind": kind.split()[0] if kind else "",
         "verdict": campaign_headline(best, label.full, label.difference_unit),

@@ -43,6 +43,7 @@ def provenance_rows(facts: CampaignFacts) -> tuple[list[tuple[str, str]], str]:
         ("machine", ", ".join(machines) or "not recorded"),
         ("renderer", ", ".join(backends) or "not recorded"),
         ("mission preset", facts.settings.preset),
+        ("conditions", ", ".join(condition.name for condition in facts.settings.conditions)),
         ("base configuration", facts.settings.base_config().digest()),
         ("sampler and seed", f"{facts.settings.sampler}, {facts.settings.seed}"),
     ]

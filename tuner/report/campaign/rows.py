@@ -49,16 +49,17 @@ def parameter_row(facts: CampaignFacts, p: Parameter) -> dict[str, str]:
 
 
 def rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
-    """Rock by rock: missions, failures, what the recommendation and the default had there."""
+    """Rock by rock, condition by condition: missions, failures, what the recommendation and the default had there."""
     rows = []
     done = [t for t in facts.trials if t.state != "running"]
     for row in best.per_rock:
-        own = [t for t in done if t.rock == row.rock]
+        own = [t for t in done if t.world == row.world]
         with_default = [t for t in own if t.values == best.default_values and t.raw is not None]
         with_best = [t for t in own if t.values == best.values and t.raw is not None]
         rows.append(
             [
                 facts.rock_names[row.rock],
+                *facts.condition_cells(row.world),
                 str(len(own)),
                 str(sum(t.raw is None for t in own)),
                 str(row.missions),
@@ -92,11 +93,12 @@ def failure_rows(facts: CampaignFacts) -> list[list[str]]:
     for t in facts.trials:
         if t.state == "failed":
             groups[t.reason or "unknown"].append(t)
+    separator = "; " if facts.several_conditions else ", "
     return [
         [
             reason,
             str(len(group)),
-            ", ".join(sorted({facts.rock_names.get(t.rock, t.rock) for t in group})),
+            separator.join(sorted({facts.world_name(t.world) for t in group})),
             group[-1].message,
         ]
         for reason, group in sorted(groups.items(), key=lambda item: -len(item[1]))
@@ -110,6 +112,7 @@ def trial_row(facts: CampaignFacts, t: TrialRecord) -> list[str]:
         str(t.number + 1),
         str(t.why.get("phase", "")),
         facts.rock_names.get(t.rock, t.rock),
+        *facts.condition_cells(t.world),
         str(t.replicate),
         format_number(t.raw, facts.digits),
         *_twin_mean(facts, [t]),

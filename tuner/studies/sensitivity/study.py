@@ -22,6 +22,7 @@ from nbv.errors import UserError
 from nbv.types import Floats
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.standardise import RockStandardiser
+from tuner.problem.worlds import World
 from tuner.samplers.distributions import distributions
 from tuner.studies.missions_as_data import MissionData
 from tuner.studies.sensitivity.sobol import (
@@ -58,13 +59,13 @@ class Surrogate:
     def mean(self, unit: Floats) -> Floats:
         """(m,) posterior mean at (m, d) positions."""
         gp = self.gp
-        scales = np.array([gp.standardiser.scale(rock) for rock in gp.rocks])
-        centres = np.array([gp.standardiser.centre(rock) for rock in gp.rocks])
+        scales = np.array([gp.standardiser.scale(world) for world in gp.worlds])
+        centres = np.array([gp.standardiser.centre(world) for world in gp.worlds])
         origin = np.full((1, gp.space.dimension), 0.5)
-        level = self._standardised(origin, gp.virtual_rock)[0]
-        # Rocks differ by an offset and a scale: one pass over f serves all of them.
-        offsets = np.array([self._standardised(origin, gp._index[rock])[0] - level for rock in gp.rocks])
-        z = self._standardised(settle(gp.space, unit), gp.virtual_rock)
+        level = self._standardised(origin, None)[0]
+        # Worlds differ by an offset and a scale: one pass over f serves all of them.
+        offsets = np.array([self._standardised(origin, world)[0] - level for world in gp.worlds])
+        z = self._standardised(settle(gp.space, unit), None)
         result: Floats = self.sign * (np.mean(centres + scales * offsets) + scales.mean() * z)
         return result
 
@@ -79,7 +80,7 @@ class Surrogate:
         result: Floats = self.sign * (mean + rng.standard_normal((count, len(mean))) @ root.T)
         return result
 
-    def _standardised(self, unit: Floats, rock: float) -> Floats:
+    def _standardised(self, unit: Floats, world: World | None) -> Floats:
         """Posterior mean without the covariance between test points: k(x, X) (K + noise)^-1 (y - m)."""
         model = self.gp.model
         with torch.no_grad(), gpytorch.settings.fast_pred_var(False):
@@ -90,7 +91,7 @@ class Surrogate:
             constant = model.mean_module(train[:1])
             weights = torch.linalg.solve(noisy, model.train_targets - constant)
             parts = [
-                constant + model.covar_module(self.gp.inputs(block, rock), train).to_dense() @ weights
+                constant + model.covar_module(self.gp.inputs(block, world), train).to_dense() @ weights
                 for block in np.array_split(unit, max(1, math.ceil(len(unit) / _CHUNK)))
             ]
             return torch.cat(parts).numpy()
@@ -191,7 +192,8 @@ def sensitivity(data: MissionData, seed: int = 0) -> Sensitivity:
         raise UserError(
             f"{len(data.observations)} missions for {d} parameters; fly at least {2 * (d + 1)} before asking what matters"
         )
-    gp = RockMeanGP(space, data.observations, data.rocks, seed)
+    worlds = tuple(dict.fromkeys(o.world for o in data.observations))
+    gp = RockMeanGP(space, data.observations, worlds, seed)
     surrogate = Surrogate(gp, data.objective.sign)
     with numerics(seed):
         pair = _pair(space, surrogate, seed)
@@ -262,12 +264,12 @@ def _at(bounds: tuple[SobolIndices, SobolIndices], name: str, index: int) -> tup
 def optuna_importances(data: MissionData, seed: int) -> tuple[dict[str, float], dict[str, float]]:
     """fANOVA (Hutter et al., ICML 2014) and PED-ANOVA (Watanabe et al., IJCAI 2023) of the missions themselves.
 
-    Outcomes are standardised per rock first, or hard rocks would look like bad configurations. Empty where
+    Outcomes are standardised per rock and condition first, or hard rocks would look like bad configurations. Empty where
     Optuna finds nothing to attribute (no spread, too few missions).
     """
-    rocks = [o.rock for o in data.observations]
+    worlds = [o.world for o in data.observations]
     outcomes = np.array([o.outcome for o in data.observations], dtype=float)
-    targets = RockStandardiser.fit(rocks, outcomes).standardise(rocks, outcomes)
+    targets = RockStandardiser.fit(worlds, outcomes).standardise(worlds, outcomes)
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study = optuna.create_study(direction="maximize")
     known = distributions(data.space)

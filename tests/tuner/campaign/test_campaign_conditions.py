@@ -1,0 +1,168 @@
+"""Campaigns over rocks and conditions."""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import json
+from pathlib import Path
+
+import fake_campaigns
+import pytest
+import synthetic
+import yaml
+
+from nbv.config import load_conditions
+from nbv.errors import UserError
+from tuner.campaign.begin import begin_campaign
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.events import CampaignEvent
+from tuner.campaign.session import fly_campaign
+from tuner.campaign.settings import CampaignSettings
+from tuner.campaign.settings_file import settings_from_dict
+from tuner.campaign.storage import JOURNAL_FILE
+from tuner.missions.executors import InProcessExecutor
+from tuner.problem.observations import Observation
+from tuner.problem.worlds import World, worlds_over
+from tuner.recommendation.eligible import may_be_recommended
+
+TWO = load_conditions(["ideal", "field"])
+
+
+def settings(**changes: object) -> CampaignSettings:
+    return fake_campaigns.settings(**{"conditions": TWO, **changes})
+
+
+def test_worlds_take_turns_in_rock_and_condition() -> None:
+    worlds = worlds_over(["a", "b", "c"], ["ideal", "field"])
+    assert [w.label for w in worlds] == ["a", "b, field", "c", "a, field", "b", "c, field"]
+    assert worlds_over(["a", "b"], ["ideal"]) == (World("a"), World("b"))
+
+
+def test_a_campaign_flies_every_rock_under_every_condition(tmp_path: Path) -> None:
+    campaign = begin_campaign(tmp_path / "run", settings(replicates=2, budget=10, sampler="sobol"))
+    fly_campaign(campaign, InProcessExecutor())
+    trials = campaign.trials()
+    flown = collections.Counter(t.world for t in trials[:8])
+    assert flown == dict.fromkeys(worlds_over(["a", "b"], ["ideal", "field"]), 2)
+    for trial in trials:
+        config = campaign.settings.config(trial.values, trial.condition)
+        assert (config.condition, config.digest()) == (trial.condition, trial.config_digest)
+        assert ("_field_r" in trial.directory) == (trial.condition == "field")
+    assert campaign.status().per_condition == {"ideal": 5, "field": 5}
+    best = campaign.recommendation()
+    assert best is not None and {row.world for row in best.per_rock} == set(flown)
+    assert campaign.recommended_config().condition == "ideal"
+
+
+def test_ideal_alone_is_the_campaign_without_conditions(tmp_path: Path) -> None:
+    changes = {"sampler": "sobol", "budget": 4}
+    plain = fake_campaigns.run(tmp_path / "plain", **changes)
+    ideal = begin_campaign(tmp_path / "ideal", settings(conditions=load_conditions(["ideal"]), **changes))
+    fly_campaign(ideal, InProcessExecutor())
+    for a, b in zip(plain.trials(), ideal.trials(), strict=True):
+        assert (a.values, a.raw, a.directory, a.memory) == (b.values, b.raw, b.directory, b.memory)
+
+
+def test_a_ledger_of_before_conditions_reads_as_ideal(tmp_path: Path) -> None:
+    campaign = fake_campaigns.run(tmp_path / "run", budget=3)
+    before = campaign.trials()
+    journal = tmp_path / "run" / JOURNAL_FILE
+    records = [json.loads(line) for line in journal.read_text().splitlines()]
+    for record in records:
+        record.get("user_attrs", record.get("user_attr", {})).pop("condition", None)
+    journal.write_text("".join(json.dumps(record) + "\n" for record in records))
+    path = tmp_path / "run" / "campaign.yaml"
+    tree = yaml.safe_load(path.read_text())
+    del tree["settings"]["conditions"]
+    path.write_text(yaml.safe_dump(tree))
+    assert '"condition"' not in journal.read_text()
+    assert Campaign.open(tmp_path / "run", read_only=True).trials() == before
+
+
+def test_a_geometric_campaign_over_worlds_goes_on(tmp_path: Path) -> None:
+    """Real missions on two rocks under two conditions, interrupted half-way, end as if they had not been."""
+    changes = {
+        "rocks": ("boulder", "slab"),
+        "runner": "geometric",
+        "sampler": "sobol",
+        "budget": 4,
+        "overrides": {"stop.adaptive_budget": 1, "evaluation.gt_samples": 3000},
+    }
+    campaign = begin_campaign(tmp_path / "run", settings(**changes))
+
+    def interrupt(event: CampaignEvent) -> None:
+        if event.kind == "finished" and event.finished == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fly_campaign(campaign, InProcessExecutor(), interrupt)
+    resumed = Campaign.open(tmp_path / "run", settings(**changes))
+    assert fly_campaign(resumed, InProcessExecutor()).stopped == "budget"
+    trials = resumed.trials()
+    assert [t.world.label for t in trials] == ["boulder", "slab, field", "boulder, field", "slab"]
+    assert all(t.state == "complete" for t in trials)
+    results = [json.loads((tmp_path / "run" / t.directory / "mission.json").read_text()) for t in trials]
+    assert [r["condition"] for r in results] == [t.condition for t in trials]
+    assert [r["provenance"]["condition"] for r in results] == [t.condition for t in trials]
+
+
+def test_settings_keep_what_their_conditions_were(tmp_path: Path) -> None:
+    """The file holds the worlds themselves: a condition that changes later changes no campaign that has begun."""
+    own = tmp_path / "own.yaml"
+    own.write_text("scene: {ambient: 0.1}\ntelemetry: rtk\n")
+    asked = settings(conditions=load_conditions(["ideal", str(own)]))
+    text = yaml.safe_dump(asked.to_dict())
+    own.write_text("scene: {ambient: 0.3}\n")
+    again = settings_from_dict(yaml.safe_load(text), "campaign.yaml")
+    assert again.to_dict() == asked.to_dict()
+    assert again.config(synthetic.DEFAULT, "own").scene.ambient == 0.1
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"conditions": ()}, "there is no condition to fly in"),
+        ({"conditions": (*TWO, TWO[1])}, "condition 'field' is named twice"),
+        (
+            {"overrides": {"telemetry.drift_m": 0.1}},
+            "telemetry.drift_m is set by condition 'field' and by overrides",
+        ),
+        ({"overrides": {"telemetry": "rtk"}}, "telemetry is set by condition 'field' and by overrides"),
+        ({"rocks": ("a",), "conditions": TWO[:1], "risk": "worst"}, "name at least two of either"),
+    ],
+)
+def test_settings_that_make_no_campaign_are_told(changes: dict, said: str) -> None:
+    with pytest.raises(UserError) as caught:
+        settings(**changes)
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_conditions_in_a_settings_file_are_checked() -> None:
+    tree = settings().to_dict()
+    for wrong, said in (
+        ("field", "conditions is 'field'; it must be"),
+        (["nowhere"], "unknown condition 'nowhere'; there are ideal"),
+        ({"own": {"scene": {"ambient": -1}}}, "file: scene.ambient is -1.0; it must be 0 or more"),
+    ):
+        with pytest.raises(UserError, match=said):
+            settings_from_dict({**tree, "conditions": wrong}, "file")
+
+
+def test_one_rock_under_two_conditions_is_one_rock() -> None:
+    worlds = worlds_over(["a", "b"], ["ideal", "field"])
+    good, fair = synthetic.SPACE.from_unit([0.7, 0.3]), synthetic.SPACE.from_unit([0.2, 0.8])
+    first = Observation(0, good, "a", 0, 1.0)
+
+    def may(**other: object) -> bool:
+        second = dataclasses.replace(first, **{"replicate": 1, **other})  # type: ignore[arg-type]
+        return may_be_recommended(synthetic.SPACE, [first, second], [good], worlds, 2, fair)[0]
+
+    assert not may(condition="field")  # one rock
+    assert not may(rock="b")  # one condition
+    assert not may(rock="b", condition="field", replicate=0)
+    assert may(rock="b", condition="field")
+
+
+def test_the_worst_world_may_be_one_rock_under_a_condition() -> None:
+    assert settings(rocks=("a",), risk="worst").worlds == (World("a"), World("a", "field"))
