@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from nbv.geometry.incidence import OBSERVABLE_MAX_INCIDENCE_DEG
 from nbv.geometry.raycasting import RayCaster
-from nbv.geometry.sampling import sample_surface
+from nbv.geometry.sampling import sample_surface_evenly
 from nbv.geometry.visibility import lifted, seen_from
 from nbv.types import Floats, Ints
 
@@ -83,8 +83,8 @@ def observable_mask(
 def build_ground_truth(
     vertices_m: Floats, faces: Ints, camera_centers_m: Floats, n: int, seed: int = 0
 ) -> GroundTruthSamples:
-    """Samples and observable mask of a mesh; arguments as `sample_surface` and `observable_mask` have them."""
-    points, normals = sample_surface(vertices_m, faces, n, seed)
+    """Samples and observable mask of a mesh; arguments as `sample_surface_evenly` and `observable_mask` have them."""
+    points, normals = sample_surface_evenly(vertices_m, faces, n, seed)
     mask = observable_mask(vertices_m, faces, points, normals, camera_centers_m)
     return GroundTruthSamples(points, normals, mask)
 

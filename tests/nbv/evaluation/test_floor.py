@@ -67,7 +67,8 @@ def test_a_sphere_seen_from_one_side_has_its_far_pole_s_chord():
     assert cloud[:, 0].min() == pytest.approx(0.5 * np.cos(np.deg2rad(80)), abs=0.02)
     floors = hausdorff_floors(vertices, faces, truth, cameras, VOXEL_M, CUT_M)
     chord_mm = 1000 * 2 * 0.5 * np.sin(np.deg2rad((180 - 80) / 2))
-    assert floors["whole"]["hausdorff_gt_to_cloud_floor_mm"] == pytest.approx(chord_mm, abs=12)
+    assert floors["whole"]["hausdorff_gt_to_cloud_floor_mm"] == pytest.approx(chord_mm, abs=17)
+    # Facets of 3 degrees: those that count reach up to 2.6 degrees farther, where the chord is 17 mm shorter.
     assert floors["observable"]["hausdorff_gt_to_cloud_floor_mm"] < 2000 * VOXEL_M
 
 
