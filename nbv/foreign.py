@@ -70,6 +70,22 @@ def require(count: float, limit: float, what: str) -> None:
         )
 
 
+def expanded(path: str | Path) -> Path:
+    """``path`` with ``~`` for the user's folder; `UserError` for ``~NAME`` of nobody."""
+    try:
+        return Path(path).expanduser()
+    except RuntimeError as error:
+        raise UserError(f"there is no home folder for {str(path)!r}; give a path without ~") from error
+
+
+def is_file(path: Path) -> bool:
+    """Whether a regular file lies there; False for what cannot be a path, such as too long a name."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
+
+
 def read_bytes(path: Path, limit_bytes: int = TEXT_BYTES) -> bytes:
     """The content of a regular file.
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import sys
+import traceback
 from importlib import metadata
+from pathlib import Path
 from typing import Annotated
 
 from nbv.threads import single_thread_environment
@@ -11,7 +14,9 @@ from nbv.threads import single_thread_environment
 single_thread_environment()  # before anything imports numpy: one mission, one thread
 
 import typer  # noqa: E402
+from rich.text import Text  # noqa: E402
 
+from nbv.cache import home  # noqa: E402
 from nbv.errors import UserError  # noqa: E402
 from tuner.commands import (  # noqa: E402
     cache,
@@ -27,6 +32,8 @@ from tuner.commands import (  # noqa: E402
     studies,
 )
 from tuner.commands.console import errors, output  # noqa: E402
+
+EXIT_UNEXPECTED = 70  # EX_SOFTWARE
 
 app = typer.Typer(
     name="gatetune",
@@ -69,15 +76,47 @@ app.add_typer(config.app, name="config", help="Presets, parameter paths and sear
 
 
 def main() -> None:
-    """Entry point: a user's mistake is one line and exit code 2, never a traceback."""
+    """Entry point: a mistake is one line, never a traceback; a user's has exit code 2, one of the program 70.
+
+    The traceback of what nobody foresaw is kept in ``last_error.log`` of the user's folder (``GATETUNE_HOME``).
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")  # a file's name may hold anything
     try:
+        for argument in sys.argv[1:]:
+            if any("\ud800" <= c <= "\udfff" for c in argument):
+                raise UserError(f"the argument {argument!a} is not UTF-8; rename what it names")
         app()
     except UserError as error:
-        errors.print(f"[bold red]error:[/] {error}", highlight=False, soft_wrap=True, markup=True)
+        _say(str(error))
         sys.exit(2)
     except KeyboardInterrupt:
         errors.print("interrupted")
         sys.exit(130)
+    except Exception as error:
+        if isinstance(error, OSError) and error.filename is not None:
+            _say(f"{error.strerror}: {error.filename}")
+            sys.exit(2)
+        log = _keep_traceback()
+        where = f"; the details are in {log}" if log else ""
+        _say(f"unexpected {type(error).__name__}: {error}{where}")
+        sys.exit(EXIT_UNEXPECTED)
+
+
+def _say(message: str) -> None:
+    line = " ".join(message.split("\n"))
+    errors.print(Text.assemble(("error:", "bold red"), " ", line), highlight=False, soft_wrap=True)
+
+
+def _keep_traceback() -> Path | None:
+    try:
+        path = home() / "last_error.log"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"{sys.argv}\n{traceback.format_exc()}", errors="backslashreplace")
+    except (OSError, RuntimeError, UserError):
+        return None
+    return path
 
 
 if __name__ == "__main__":

@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 
 from nbv.errors import UserError
+from nbv.foreign import expanded
 
 _MAGIC = b"gatetune-entry-2"
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
@@ -35,7 +36,7 @@ Arrays = dict[str, np.ndarray]
 def home() -> Path:
     """Where rocks and caches live: ``$GATETUNE_HOME``, or the platform's cache folder."""
     if root := os.environ.get("GATETUNE_HOME"):
-        return Path(root).expanduser()
+        return expanded(root)
     if sys.platform == "darwin":
         return Path.home() / "Library" / "Caches" / "gatetune"
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "gatetune"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from nbv.cache import Store
 from nbv.errors import UserError
+from nbv.foreign import expanded, is_file
 from nbv.rocks.imported import DamagedRockError, imported_path, list_imported, read_rock
 from nbv.rocks.importer import import_mesh
 from nbv.rocks.procedural import procedural_rock
@@ -41,10 +42,10 @@ def load_rock(name: str, store: Store | None = None) -> Rock:
     if name in RECIPES:
         return _once(name, lambda: procedural_rock(name, store))
     kept = imported_path(name)
-    if os.sep not in name and kept.is_file():
+    if os.sep not in name and is_file(kept):
         return _once((str(kept), kept.stat().st_mtime_ns), lambda: _read_imported(kept))
-    path = Path(name).expanduser()
-    if path.is_file():
+    path = expanded(name)
+    if is_file(path):
         file = str(path.resolve())
         return _once((file, path.stat().st_mtime_ns), lambda: import_mesh(file))
     if os.sep in name or path.suffix:

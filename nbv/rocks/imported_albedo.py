@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from nbv.foreign import expanded
 from nbv.rocks import mesh as meshes
 from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.mesh_file import Soup
@@ -49,7 +50,7 @@ def imported_albedo(
     """
     spacing = 0.6 * max_edge
     if choice is not None and str(choice) != "procedural":
-        image = open_texture(Path(choice).expanduser())
+        image = open_texture(expanded(choice))
         image = shrink(image, spacing / (TILE_M / max(image.shape[:2])))
         notes.append(f"albedo: {Path(choice).name} projected along the three axes")
         return triplanar(image, fine_vertices, normals, TILE_M)

@@ -9,6 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from nbv.errors import UserError
+from nbv.foreign import expanded
 from nbv.rocks import mesh as meshes
 from nbv.rocks.imported_albedo import imported_albedo
 from nbv.rocks.mesh_file import Soup, read_mesh_file
@@ -70,7 +71,7 @@ def import_mesh(
     UserError
         The file is missing, unreadable, empty, not a surface, not finite, flat or far too large.
     """
-    path = Path(path).expanduser()
+    path = expanded(path)
     if up != "auto" and up not in _UP:
         raise UserError(f"up is {up!r}; allowed: {', '.join(get_args(Up))}")
     if split not in SPLITS:

@@ -10,8 +10,10 @@ from typing import Any
 
 from nbv.config import IDEAL, IDEAL_CONDITION, Condition, MissionConfig, preset, require_distinct, under
 from nbv.errors import UserError
+from nbv.foreign import require
 from nbv.mission.runner import Keep
 from tuner.missions.registry import DEFAULT_RUNNER, check_runner
+from tuner.problem.blocks import MAX_MISSIONS, MAX_REPLICATES
 from tuner.problem.objective import Objective
 from tuner.problem.options import RISKS, Risk
 from tuner.problem.search_space import SearchSpace, Values
@@ -61,10 +63,12 @@ class CampaignSettings:
             raise UserError(f"the budget is {self.budget} missions; give at least 1")
         if self.replicates < 1:
             raise UserError(f"replicates is {self.replicates}; give at least 1")
+        require(self.budget, MAX_MISSIONS, "the budget in missions")
+        require(self.replicates, MAX_REPLICATES, "replicates")
         if self.in_step is not None and self.in_step < 1:
             raise UserError(f"in step is {self.in_step} missions; give at least 1")
-        if self.seed < 0:
-            raise UserError(f"the seed is {self.seed}; give 0 or more")
+        if not 0 <= self.seed < 2**63:
+            raise UserError(f"the seed is {self.seed}; give 0 or more, below 2**63")
         if not self.rocks:
             raise UserError("the campaign has no rocks; name at least one")
         require_distinct(self.conditions)

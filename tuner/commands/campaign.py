@@ -169,7 +169,12 @@ def run(
         "keep": keep,
     }
     fields = asked_fields(settings, given, parse_overrides(set_ or []), quick=quick)
-    directory = out or RUNS / str(fields["name"])
+    named = str(fields["name"])
+    if out is None and (named in (".", "..") or Path(named).name != named):
+        raise UserError(
+            f"--name {named!r} is no folder's name; leave / out, or say with --out where the campaign lives"
+        )
+    directory = out or RUNS / named
     output.print(f"campaign {fields['name']} in {directory}")  # before anything that takes seconds to load
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
         output.print("it is there already: going on with it")
@@ -214,7 +219,7 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
     campaign = Campaign.open(directory, read_only=True)
     facts = campaign.status()
     output.print(
-        f"[bold]{facts.name}[/]: {facts.finished} of {facts.budget} missions "
+        f"{facts.name}: {facts.finished} of {facts.budget} missions "
         f"({facts.failed} failed, {facts.running} open); "
         f"{seconds(facts.mission_wall_s)} of computing, {seconds(facts.flight_time_s)} of simulated flight"
     )
@@ -245,7 +250,7 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
     count = workers or len(os.sched_getaffinity(0))
     settings = campaign.settings
     output.print(
-        f"[bold]{settings.name}[/]: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}; "
+        f"{settings.name}: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}; "
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "
         f"{count} workers"
     )

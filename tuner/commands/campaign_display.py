@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from rich.markup import escape
 from rich.table import Table
 
 from tuner.commands.console import output
@@ -30,14 +31,14 @@ class CampaignProgress:
             self._in_flight += 1
         elif event.kind in ("finished", "failed") and event.trial is not None:
             self._in_flight = max(0, self._in_flight - 1)
-            self._progress.console.print(self._line(event))
+            self._progress.console.print(self._line(event), markup=True)
         elif event.kind == "lost" and event.trial is not None:
             self._in_flight = max(0, self._in_flight - 1)
             self._progress.console.print(
-                f"#{event.trial.number:03d} {event.trial.rock} [red]lost[/]: {event.message}"
+                f"#{event.trial.number:03d} {event.trial.rock} lost: {event.message}"
             )
         elif event.kind in ("interrupted", "stopped"):
-            self._progress.console.print(f"[yellow]{event.kind}[/]: {event.message}")
+            self._progress.console.print(f"{event.kind}: {event.message}", style="yellow")
         self._progress.update(
             self._task,
             completed=event.finished,
@@ -49,10 +50,10 @@ class CampaignProgress:
         assert trial is not None
         values = " ".join(f"{path.split('.')[-1]}={_short(value)}" for path, value in trial.values.items())
         if event.kind == "failed":
-            outcome = f"[red]failed: {trial.reason}[/] {event.message}"
+            outcome = f"[red]failed: {escape(trial.reason)}[/] {escape(event.message)}"
         else:
             outcome = f"{self._settings.objective.metric.split('.')[-1]} [bold]{trial.raw:6.2f}[/]"
-        return f"#{trial.number:03d} {trial.world.label:<12} r{trial.replicate} {outcome}  {trial.wall_s:4.0f} s  [dim]{values}[/]"
+        return f"#{trial.number:03d} {escape(trial.world.label):<12} r{trial.replicate} {outcome}  {trial.wall_s:4.0f} s  [dim]{escape(values)}[/]"
 
 
 def _short(value: Any) -> str:

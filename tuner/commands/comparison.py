@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
+from rich.markup import escape
 
 from nbv.errors import UserError
 from tuner.commands.console import output, seconds
@@ -38,7 +39,7 @@ class ComparisonProgress:
         if event.job is None or event.outcome is None:
             return
         if event.kind == "failed":
-            text = f"[red]failed: {event.outcome.reason}[/] {event.outcome.message}"
+            text = f"[red]failed: {escape(event.outcome.reason)}[/] {escape(event.outcome.message)}"
         else:
             value: Any = event.outcome.metrics
             for part in self._metric.split("."):
@@ -46,7 +47,9 @@ class ComparisonProgress:
             text = f"{self._metric.split('.')[-1]} [bold]{value:6.2f}[/]"
         strategy = event.job.id.split("/")[0]
         self._progress.console.print(
-            f"{strategy:<14} {Path(event.job.rock).stem:<16} r{event.job.replicate} {text}  {event.outcome.wall_s:4.0f} s"
+            f"{strategy:<14} {escape(Path(event.job.rock).stem):<16} r{event.job.replicate} {text}  "
+            f"{event.outcome.wall_s:4.0f} s",
+            markup=True,
         )
 
 
@@ -82,9 +85,9 @@ def compare(
     with LocalProcessExecutor(count, timeout_s, preload=(plan.runner,)) as executor, progress_bar() as bar:
         run = run_evaluation(plan, directory, executor, ComparisonProgress(bar, metric))
     table = comparison_table(run.records, tuple(plan.strategies), reference)
-    output.print(comparison_terminal_table(table, paper=paper))
+    output.print(comparison_terminal_table(table, paper=paper), markup=True)
     if (differences := difference_terminal_table(table)) is not None:
-        output.print(differences)
+        output.print(differences, markup=True)
     if paper:
         output.print(PAPER_NOT_COMPARABLE)
     report = write_comparison_report(
@@ -98,7 +101,7 @@ def compare(
     )
     output.print(f"{seconds(run.elapsed_s)}; report: {report}")
     for reason, times in run.failures.items():
-        output.print(f"[red]failed {times} times: {reason}[/]")
+        output.print(f"failed {times} times: {reason}", style="red")
     if not run.complete:
         output.print("not complete; the same command goes on where it stopped")
         raise typer.Exit(130)

@@ -12,8 +12,9 @@ from nbv.config import IDEAL, PRESETS, Condition, MissionConfig, load_condition,
 from nbv.errors import UserError
 from nbv.foreign import parse_yaml
 
-output = Console()
-errors = Console(stderr=True)
+# Names of rocks, campaigns and files may look like markup: it is read only where ``markup=True`` says so.
+output = Console(markup=False, emoji=False)
+errors = Console(stderr=True, markup=False, emoji=False)
 PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
 CONDITION_HELP = "World to fly in: a name of conditions/, or a YAML file."
 

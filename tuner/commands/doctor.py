@@ -49,7 +49,7 @@ def doctor() -> None:
     for check in CHECKS:
         for finding in check():
             findings.append(finding)
-            output.print(marks[finding.verdict], end=" ")
+            output.print(marks[finding.verdict], end=" ", markup=True)
             output.print(finding.what, markup=False, highlight=False, soft_wrap=True)
             if finding.remedy:
                 output.print(f"       {finding.remedy}", markup=False, highlight=False, soft_wrap=True)

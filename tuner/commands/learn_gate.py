@@ -64,6 +64,6 @@ def learn_gate(
     for line in describe_tree(policy.root):
         output.print(line, highlight=False)
     for note in policy.notes:
-        output.print(f"[yellow]note:[/] {note}")
+        output.print(f"note: {note}")
     policy.save(out)
     output.print(f"policy: {out}; fly it with --set gate.kind=learned --set gate.learned_policy={out}")

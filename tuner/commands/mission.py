@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
@@ -50,7 +51,8 @@ class MissionProgress:
             mark = "" if facts["registered"] else "  [yellow]not registered[/]"
             self._progress.console.print(
                 f"capture {facts['iteration'] + 1:2d}: {facts['scorer']:<8} chose {facts['chosen']}  "
-                f"d95 {1000 * facts['d95_m']:.0f} mm  {facts['points']} points{mark}"
+                f"d95 {1000 * facts['d95_m']:.0f} mm  {facts['points']} points{mark}",
+                markup=True,
             )
             update(self._task, advance=1)
         elif event == "dense":
@@ -95,7 +97,7 @@ def run(
             config, rock, replicate, directory, overwrite=overwrite, log=MissionProgress(bar)
         )
     colour = {"ok": "green", "degraded": "yellow", "failed": "red"}[result.status]
-    output.print(f"[{colour}]{result.status}[/]  {result.message}")
+    output.print(f"[{colour}]{result.status}[/]  {escape(result.message)}", markup=True)
     if result.status != "failed":
         output.print(metrics_table(result.metrics))
     output.print(

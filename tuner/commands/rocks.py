@@ -77,6 +77,6 @@ def import_(
     checked: dict[str, Any] = {"split": split, "up": up}  # import_mesh refuses other words
     subject = import_mesh(mesh, name=name, height_m=height_m, **checked)
     save_imported(subject, force=force)
-    output.print(f"imported [bold]{subject.name}[/] ({subject.split}): {len(subject.faces)} faces")
+    output.print(f"imported {subject.name} ({subject.split}): {len(subject.faces)} faces")
     for note in subject.notes:
         output.print(f"  - {note}")

@@ -14,10 +14,11 @@ from typing import Any
 
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
-from nbv.foreign import read_yaml
+from nbv.foreign import read_yaml, require
 from nbv.mission.runner import Keep
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
 from tuner.missions.registry import DEFAULT_RUNNER
+from tuner.problem.blocks import MAX_REPLICATES
 from tuner.problem.objective import Objective
 
 PLAN_FILE = "evaluation.yaml"
@@ -51,6 +52,7 @@ class EvaluationPlan:
             raise UserError(f"rock {twice!r} is named twice; name each rock once")
         if self.replicates < 1:
             raise UserError(f"replicates is {self.replicates}; give at least 1")
+        require(self.replicates, MAX_REPLICATES, "replicates")
         for name in self.strategies:
             if not name or "/" in name or name.startswith("."):
                 raise UserError(f"{name!r} cannot name a strategy; use letters, digits and dashes")

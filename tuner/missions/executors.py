@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Protocol
 
 from nbv.errors import UserError
+from nbv.foreign import require
 from nbv.threads import ONE_THREAD
 from tuner.missions.job import (
     LOG_FILE,
@@ -100,6 +101,7 @@ class InProcessExecutor:
         return tuple(job.id for job in self._queue)
 
 
+MAX_WORKERS = 1024
 MAX_FLIGHTS = 3  # of one mission that the machine keeps ending
 # A mission that has not been started (the server is still importing) gets this much longer.
 _START_GRACE_S = 120.0
@@ -145,7 +147,8 @@ class LocalProcessExecutor:
     ) -> None:
         if workers < 1:
             raise UserError(f"workers is {workers}; it must be at least 1")
-        if timeout_s <= 0:
+        require(workers, MAX_WORKERS, "workers")
+        if not timeout_s > 0:
             raise UserError(f"the mission time-out is {timeout_s} s; it must be positive")
         self.capacity = workers
         self._timeout_s = timeout_s

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import importlib
 import sys
-from pathlib import Path
 from typing import Any
 
+from nbv.foreign import expanded
 from tuner.missions.registry import RUNNERS, runner_module
 
 MAX_HELD_BYTES = 256 * 2**20  # eight to ten rocks of the catalogue
@@ -37,7 +37,7 @@ class SharedRocks:
         self._known.add(rock)
         try:
             importlib.import_module(runner_module(runner))
-            path = Path(rock).expanduser()
+            path = expanded(rock)
             if path.is_file() and path.stat().st_size > MAX_FILE_BYTES:
                 return
             from nbv.cache import Store  # noqa: PLC0415  the server stays light

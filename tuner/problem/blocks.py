@@ -9,6 +9,9 @@ from typing import Any, Protocol
 from tuner.problem.observations import Proposal
 from tuner.problem.worlds import Place, World, worlds_of
 
+MAX_MISSIONS = 100_000  # of a campaign
+MAX_REPLICATES = 10_000  # of a rock
+
 
 class Mission(Protocol):
     """What a block is chosen by: a ledger's trial, an observation or a pending mission."""

@@ -154,6 +154,50 @@ def test_the_first_line_waits_for_nothing_slow_to_load():
     assert not heavy & set(found.stdout.split())
 
 
+@pytest.mark.parametrize(
+    "arguments, says",
+    [
+        (["campaign", "status", "[/]"], "[/] holds no campaign"),
+        ([*RUN, "--name", "../../x"], "'../../x' is no folder's name"),
+        ([*RUN, "--seed", str(2**70)], "below 2**63"),
+        ([*RUN, "--replicates", "1000000000"], "the limit is 10000 (GATETUNE_LIMITS=10 raises"),
+        ([*RUN, "--budget", "1000000000"], "the limit is 100000 (GATETUNE_LIMITS=10 raises"),
+        ([*RUN, "--set", "stop.adaptive_budget=2001-99-99"], "--set"),
+        ([*RUN, "--set", "stop.adaptive_budget=" + "[" * 2000], "--set"),
+        (["rocks", "show", "~nobody-is-called-so/rock.ply"], "no home folder"),
+        (["rocks", "show", "x" * 5000], "unknown rock"),
+        (["campaign", "status", "x" * 5000], "File name too long"),
+        (["rocks", "show", "a\udcff.ply"], "not UTF-8"),
+        (["evaluate", "nowhere", "--replicates", "1000000000"], "nowhere"),
+    ],
+)
+def test_an_odd_argument_is_one_line(gatetune, tmp_path, arguments, says):
+    code, _, err = gatetune(*arguments)
+    assert code == 2 and says in err, err
+    assert len(err.strip().splitlines()) == 1
+    assert not (tmp_path / "runs").exists()
+
+
+def test_what_nobody_foresaw_is_one_line_and_a_log(gatetune, monkeypatch, gatetune_home):
+    def fail(*_):
+        raise RuntimeError("a [/] thing\nnobody expected")
+
+    monkeypatch.setattr("tuner.commands.rocks.list_rocks", fail, raising=False)
+    monkeypatch.setattr("nbv.rocks.list_rocks", fail)
+    code, _, err = gatetune("rocks", "list")
+    log = gatetune_home / "last_error.log"
+    assert code == 70 and len(err.strip().splitlines()) == 1
+    assert "RuntimeError: a [/] thing nobody expected" in err and str(log) in err
+    assert "Traceback" in log.read_text() and "in fail" in log.read_text()
+
+
+def test_a_name_that_looks_like_markup_is_shown_as_it_is(gatetune, monkeypatch):
+    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_: None)
+    assert gatetune(*RUN, "--name", "[bold]x[]")[0] == 0
+    code, out, err = gatetune("campaign", "status", "runs/[bold]x[]")
+    assert code == 0 and "[bold]x[]: 0 of 64 missions" in out, err
+
+
 def test_a_file_chooses_no_code(gatetune, monkeypatch, tmp_path):
     (tmp_path / "foreign.py").write_text("raise SystemExit('run')")
     (tmp_path / "mine.yaml").write_text("runner: foreign:fly\nrocks: [boulder]\n")

@@ -72,7 +72,7 @@ def fly_study(
 def end_study(failures: dict[str, int], missions: int, expected: int, report: Path, complete: bool) -> None:
     """What failed, how much is flown, where the report is; exit code 130 if interrupted."""
     for reason, times in failures.items():
-        output.print(f"[red]failed {times} times: {reason}[/]")
+        output.print(f"failed {times} times: {reason}", style="red")
     output.print(f"{missions} of {expected} missions; report: {report}")
     if not complete:
         output.print("interrupted; the same command goes on where it stopped")
