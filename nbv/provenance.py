@@ -17,6 +17,7 @@ MISSION_LIBRARIES = (
     "open3d-cpu",
     "open3d",
     "pyrender2",
+    "mitsuba",
     "trimesh",
     "scikit-image",
     "ruckig",

@@ -1,4 +1,4 @@
-"""A rock on lunar ground under the sun, photographed. Light is baked once; a frame is look-ups."""
+"""A rock on lunar ground under the sun, photographed. Light is baked once, a frame is look-ups; or it is traced."""
 
 from nbv.scene.bake import Scene, build_scene
 from nbv.scene.factory import make_renderer

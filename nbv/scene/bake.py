@@ -1,7 +1,7 @@
 """Light computed once: the sun does not move and the surfaces are Lambertian, so radiance has no view.
 
 Rock: a linear radiance per vertex. Ground: a clipmap of linear radiance with the rock's cast shadow.
-A photograph is then nothing but look-ups, and both backends look up the same numbers.
+A photograph is then nothing but look-ups of the same numbers, except where light is traced (`nbv.scene.mitsuba`).
 """
 
 from __future__ import annotations
@@ -58,12 +58,10 @@ class Scene:
     camera: CameraConfig
     part_ends: tuple[int, ...]  # where the vertices of the rock end, and those of each neighbour
     relief: Relief | None
-    # For a renderer that traces light: what reflects, and the lights.
+    # For a renderer that traces light: what reflects (the ground's painted relief in it), and the lights.
     albedo: NDArray[np.floating]  # (V, 3) linear
     light: SceneConfig
-    ground_reflectance: Callable[
-        [], tuple[NDArray[np.float32], ...]
-    ]  # per level (S, S), painted relief in it
+    ground_reflectance: Callable[[], tuple[NDArray[np.float32], ...]]  # per level (S, S)
 
     @property
     def rock_faces(self) -> int:

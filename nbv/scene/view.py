@@ -21,7 +21,7 @@ class RenderedView:
 
 
 class Renderer(Protocol):
-    """Both backends have this face and show the same baked scene."""
+    """All backends have this face and show the same scene."""
 
     name: str
 
