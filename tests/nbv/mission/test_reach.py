@@ -88,7 +88,7 @@ def flown() -> Iterator[tuple[AdaptiveMission, list[np.ndarray], np.ndarray]]:
 def test_no_true_pose_and_no_surface_can_be_reached(flown) -> None:  # type: ignore[no-untyped-def]
     mission, true_poses, vertices_m = flown
     assert len(mission.captures) == len(true_poses) == 24
-    vehicle = (mission.config, mission.flight, mission.gate, mission.reconstructor, mission.captures)
+    vehicle = (mission.config, mission.flight, mission.planner.gate, mission.reconstructor, mission.captures)
     for thing in reachable(*vehicle):
         assert not isinstance(thing, TRUTH), type(thing)
         if isinstance(thing, np.ndarray) and thing.shape == (4, 4):
