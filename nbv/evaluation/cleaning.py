@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
-from nbv.evaluation.floaters import FAR_RADII, scattered_mask, stray_mask
+from nbv.evaluation.floaters import COARSE, FAR_RADII, scattered_mask, stray_mask
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.random_streams import keyed_rng
 from nbv.types import Cloud, Floats, PointCloud
@@ -100,8 +100,10 @@ def clean_cloud(
         keep = inlier_mask(distance, config.sor_std_ratio)
         report["outliers"] = int(keep.sum())
         if config.floater_radius_m > 0:
-            keep &= ~scattered_mask(points, distance, nearest, config.floater_radius_m)
-            keep[keep] = ~stray_mask(points[keep], FAR_RADII * config.floater_radius_m)
+            # A cloud that is coarse everywhere is no cloud of floaters.
+            radius_m = max(config.floater_radius_m, COARSE * float(np.median(distance[:, -1])))
+            keep &= ~scattered_mask(points, distance, nearest, radius_m)
+            keep[keep] = ~stray_mask(points[keep], FAR_RADII * radius_m)
     cloud = select(cloud, keep)
     report.setdefault("outliers", len(points))
     report["floaters"] = len(cloud.points_m)

@@ -12,6 +12,7 @@ from nbv.evaluation.voxels import occupied_voxels
 from nbv.types import Floats, Ints
 
 FLATNESS = 8.0  # a loose neighbourhood is a surface where it is thinner than the radius over this
+COARSE = 1.5  # of the median distance to the farthest neighbour: the radius is that at least
 FAR_RADII = 4.0  # small clusters go where they are farther than so many radii from all others
 CLUSTER_POINTS = 50  # voxels of 8 mm: 0.05 % of the surface of a rock of 1.6 m
 
