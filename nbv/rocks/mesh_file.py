@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -9,6 +10,7 @@ from typing import Any, Literal
 import numpy as np
 
 from nbv.errors import UserError
+from nbv.foreign import read_bytes, require
 from nbv.rocks.texture import (
     Linear,
     linear_from_srgb,
@@ -18,6 +20,10 @@ from nbv.types import Floats, Ints
 
 MAX_FACES = 5_000_000
 MAX_FILE_BYTES = 2 * 1024**3
+MAX_SIDE_FILE_BYTES = 1024**3  # materials, textures and buffers, each
+MAX_UNPACKED_BYTES = 1024**3
+MAX_MEMBERS = 100_000
+_BLIND_ARCHIVES = (".gz", ".bz2", ".xz", ".tar", ".tgz", ".7z")
 
 
 @dataclass
@@ -56,8 +62,9 @@ def read_mesh_file(path: Path, notes: list[str]) -> Soup:
         raise UserError(f"mesh file {str(path)!r} is empty")
     if size > MAX_FILE_BYTES:
         raise UserError(f"mesh file {str(path)!r} has {size / 1e9:.1f} GB; decimate it first")
+    _check_archive(path)
     try:
-        scene = trimesh.load_scene(path, process=False)
+        scene = trimesh.load_scene(path, process=False, resolver=_side_files(path))
     except Exception as error:  # loaders raise whatever their parsers do
         reason = " ".join(str(error).split())[:160] or type(error).__name__
         raise UserError(f"mesh file {str(path)!r} cannot be read: {reason}") from error
@@ -107,6 +114,36 @@ def read_mesh_file(path: Path, notes: list[str]) -> Soup:
             "repair or re-export it"
         )
     return soup
+
+
+def _check_archive(path: Path) -> None:
+    """`UserError` for an archive that unpacks to more than a mesh, and for one whose size nobody knows before."""
+    if path.suffix.lower() in _BLIND_ARCHIVES:
+        raise UserError(f"mesh file {str(path)!r} is packed; unpack it first")
+    if zipfile.is_zipfile(path):
+        try:
+            with zipfile.ZipFile(path) as archive:
+                members = archive.infolist()
+        except (zipfile.BadZipFile, OSError, ValueError) as error:
+            raise UserError(f"mesh file {str(path)!r} cannot be read: {error}") from error
+        require(len(members), MAX_MEMBERS, f"the number of files in {path}")
+        require(
+            sum(m.file_size for m in members), MAX_UNPACKED_BYTES, f"the unpacked size of {path} in bytes"
+        )
+
+
+def _side_files(path: Path) -> Any:
+    """Where the loader finds what the mesh names: regular files of a size, in the mesh's folder or below."""
+    import trimesh  # noqa: PLC0415  half a second to load
+
+    class SideFiles(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
+        def get(self, name: str) -> bytes:
+            return read_bytes(self.absolute(name), MAX_SIDE_FILE_BYTES)
+
+        def namespaced(self, namespace: str) -> SideFiles:
+            return SideFiles(str(Path(self.parent) / namespace))
+
+    return SideFiles(str(path))
 
 
 def _skin(part: Any, linear_colors: bool, notes: list[str]) -> tuple[Skin, Floats]:

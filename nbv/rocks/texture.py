@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,12 @@ from PIL import Image, ImageDraw, UnidentifiedImageError
 from scipy.ndimage import distance_transform_edt
 
 from nbv.errors import UserError
+from nbv.foreign import read_bytes, require
 from nbv.types import Floats, Ints
 
 Linear = NDArray[np.float32]
+MAX_BYTES = 2**30  # of an image file
+MAX_PIXELS = 100_000_000  # 1.2 GB of linear values
 _MAX_RASTERISED_FACES = 400_000
 _CHUNK = 1_000_000
 
@@ -25,7 +29,14 @@ def linear_from_srgb(values: NDArray[np.floating]) -> Linear:
 
 
 def linear_image(image: Image.Image) -> Linear:
-    """(H, W, 3) linear values of an sRGB image of any mode; transparency is ignored."""
+    """(H, W, 3) linear values of an sRGB image of any mode; transparency is ignored.
+
+    Raises
+    ------
+    UserError
+        More pixels than `MAX_PIXELS`, before they are unpacked.
+    """
+    require(image.width * image.height, MAX_PIXELS, "the texture's number of pixels")
     if image.mode.startswith("I;16"):
         grey = np.asarray(image, dtype=np.float32) / np.float32(65535)
         return linear_from_srgb(np.repeat(grey[:, :, None], 3, axis=2))
@@ -122,10 +133,10 @@ def triplanar(image: Linear, points: Floats, normals: Floats, tile_m: float) -> 
 def open_texture(path: Path) -> Linear:
     """The image at ``path`` as linear values; ``UserError`` if it cannot be read."""
     try:
-        with Image.open(path) as image:
+        if not path.exists():
+            raise UserError(f"there is no albedo image {str(path)!r}; check the path")
+        with Image.open(io.BytesIO(read_bytes(path, MAX_BYTES))) as image:
             return linear_image(image)
-    except FileNotFoundError as error:
-        raise UserError(f"there is no albedo image {str(path)!r}; check the path") from error
     except (OSError, UnidentifiedImageError, ValueError, Image.DecompressionBombError) as error:
         raise UserError(f"albedo image {str(path)!r} cannot be read: {_one_line(error)}") from error
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -332,3 +334,43 @@ def test_real_rocks(file, extents, contrast):
     assert facts.albedo_contrast > contrast
     if "65035" in file:
         assert any("largest of 29 bodies" in note for note in rock.notes)
+
+
+def test_side_files_are_regular_and_in_the_mesh_s_folder(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    path = tmp_path / "in" / "box.gltf"
+    for name, data in trimesh.exchange.gltf.export_gltf(trimesh.creation.box().scene()).items():
+        (path if name == "model.gltf" else path.with_name(name)).write_bytes(data)
+    buffer, *_ = sorted(path.parent.glob("*.bin"))
+    assert len(small(path).faces) >= 12
+    whole = path.read_text()
+    buffer.rename(tmp_path / "outside.bin")
+    os.mkfifo(buffer)
+    for name, says in ((buffer.name, "not a regular file"), ("../outside.bin", "cannot be read")):
+        path.write_text(whole.replace(buffer.name, name))
+        with pytest.raises(UserError, match=says):
+            import_mesh(path)
+
+
+def test_a_mesh_that_unpacks_to_very_much_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GATETUNE_LIMITS", "0.001")
+    path = tmp_path / "bomb.zip"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        for i in "abcdefghijklmnopq":
+            archive.writestr(f"{i}.ply", bytes(64 * 2**10))
+    assert path.stat().st_size < 20_000
+    with pytest.raises(
+        UserError, match=r"the unpacked size of .*bomb.zip in bytes is 1.11411e\+06; the limit"
+    ):
+        import_mesh(path)
+    (tmp_path / "rock.ply.gz").write_bytes(b"\x1f\x8b")
+    with pytest.raises(UserError, match="packed; unpack it first"):
+        import_mesh(tmp_path / "rock.ply.gz")
+
+
+def test_a_texture_of_very_many_pixels_is_not_unpacked(tmp_path: Path) -> None:
+    path = write_box_obj(tmp_path, texture=False)
+    Image.new("1", (13_000, 13_000)).save(tmp_path / "box.png")
+    for options in ({}, {"albedo": tmp_path / "box.png"}):
+        with pytest.raises(UserError, match=r"pixels is 1.69e\+08; the limit is 1e\+08"):
+            import_mesh(path, **options)
