@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,7 @@ def clean_cloud(
     config: EvaluationConfig,
     target_m: tuple[float, float, float] | Floats,
     seed: int,
+    ground_height_m: Callable[[Floats], Floats] | None = None,
 ) -> tuple[PointCloud, dict[str, float]]:
     """Crop to a cube about the target, remove the ground plane, remove statistical outliers, remove floaters.
 
@@ -60,6 +62,9 @@ def clean_cloud(
         (N, 3) points in the world frame, colours and normals optional.
     seed
         Any integer; decides the plane hypotheses and nothing else.
+    ground_height_m
+        Where the ground has relief: its true height (P,) under points (P, 3). The plane is then sought, and the slab
+        removed, after the relief has been taken off. GROUND TRUTH, like the surface that the cloud is measured against.
 
     Returns
     -------
@@ -82,13 +87,16 @@ def clean_cloud(
     cloud = select(cloud, offset <= config.crop_half_extent_m)
     report["crop"] = len(cloud.points_m)
 
-    plane = find_ground(cloud.points_m, config, target, seed)
+    flat = cloud.points_m
+    if ground_height_m is not None:
+        flat = flat - np.outer(ground_height_m(flat), [0.0, 0.0, 1.0])
+    plane = find_ground(flat, config, target, seed)
     report["ground_found"] = int(plane is not None)
     report["ground_tilt_deg"] = report["ground_height_m"] = float("nan")
     if plane is not None:
         report["ground_tilt_deg"] = float(np.rad2deg(np.arccos(np.clip(plane.normal[2], -1.0, 1.0))))
         report["ground_height_m"] = plane.height_at_m(target[0], target[1])
-        above = plane.signed_distance_m(cloud.points_m) > config.ground_ransac_threshold_m
+        above = plane.signed_distance_m(flat) > config.ground_ransac_threshold_m
         cloud = select(cloud, above)
     report["ground"] = len(cloud.points_m)
 

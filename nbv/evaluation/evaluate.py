@@ -24,6 +24,7 @@ from nbv.evaluation.registration import (
 from nbv.geometry.frames import Similarity
 from nbv.geometry.raycasting import RayCaster
 from nbv.rocks import Rock
+from nbv.terrain.relief import relief_of
 from nbv.types import Cloud, Floats, PointCloud
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
@@ -85,7 +86,9 @@ def rock_floors(
 
 def clean_for_evaluation(cloud: Cloud, config: MissionConfig) -> tuple[PointCloud, dict[str, float]]:
     """`clean_cloud` as it comes before the metrics."""
-    return clean_cloud(cloud, config.evaluation, config.target_m, _CLEANING_SEED)
+    relief = relief_of(config.ground, config.scene.ground_seed)
+    height_m = None if relief is None else relief.height_m
+    return clean_cloud(cloud, config.evaluation, config.target_m, _CLEANING_SEED, height_m)
 
 
 def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig, store: Store | None = None) -> Evaluation:

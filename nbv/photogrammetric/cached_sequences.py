@@ -219,6 +219,8 @@ class CachedEvaluation:
             list(config.target_m),
             config.dense.fusion_voxel_m,
             config.telemetry.is_exact,
+            config.ground,
+            config.scene.ground_seed,
             camera_shell(config),
         ]
         found = remember_json(self._store, "evaluations", evaluate, code="nbv.evaluation", inputs=inputs)
