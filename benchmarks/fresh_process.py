@@ -17,7 +17,7 @@ from nbv.mission.result import MissionResult
 from nbv.threads import single_thread_environment
 
 # What nbv.photogrammetric.cached_stages keeps of whole missions; the rest of the store is parts that missions share.
-SEQUENCE_KINDS = ("sequence_models", "clouds", "evaluations")
+SEQUENCE_KINDS = ("sequence-models", "clouds", "evaluations")
 
 
 @dataclass(frozen=True)
