@@ -17,6 +17,10 @@ from nbv.sparse.correspondences import ComputedCorrespondences, Correspondences
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import Capture, Cloud, PointCloud, UpdateReport
 
+LEAST_BASELINE_ANGLE_DEG = (
+    30.0  # of stereo pairs, between the baseline and the line to a target that had to be found
+)
+
 
 class PhotogrammetricReconstructor:
     """Sparse model after every capture, dense cloud at the end.
@@ -68,8 +72,13 @@ class PhotogrammetricReconstructor:
         return self._mapped().add(capture)
 
     def retarget(self, target_m: tuple[float, float, float], half_width_m: float) -> None:
-        """Where depths are sought, and the cloud is cut. Pairs are still chosen by where the target was believed."""
-        dense = replace(self._config.dense, crop_half_width_m=half_width_m)
+        """Where depths are sought, and the cloud is cut. Pairs are still chosen by where the target was believed.
+
+        Poses that are free of the exact rings bring views one behind the other: two such pairs of 84 took 4/5 of what
+        was searched (slab under GNSS), so pairs keep `LEAST_BASELINE_ANGLE_DEG`.
+        """
+        least_deg = max(self._config.dense.min_baseline_angle_deg, LEAST_BASELINE_ANGLE_DEG)
+        dense = replace(self._config.dense, crop_half_width_m=half_width_m, min_baseline_angle_deg=least_deg)
         self._config = replace(self._config, target_m=target_m, dense=dense)
         if isinstance(self._clouds, CachedClouds):
             self._clouds.retarget(self._config)
