@@ -60,7 +60,7 @@ def test_depth_and_mask_are_those_of_the_ray_caster(scene, mitsuba, pose):
     assert abs(a.rgb.mean() - b.rgb.mean()) < 25
 
 
-def test_relief_and_neighbours_stand_where_the_ray_caster_has_them(ball):
+def test_relief_and_neighbours_stand_as_the_ray_caster_has_them(ball):
     ground = GroundSpec(texel_m=0.05, size_px=256, levels=1)  # the relief lies in the sharpest level
     neighbour = Body(ball.vertices_m * 0.7 + np.array([1.8, -0.5, 0.0]), ball.faces, ball.albedo)
     around = Surroundings(make_relief(0.15, 1.0, 0), (neighbour,), ("test",))
