@@ -25,9 +25,7 @@ from nbv.errors import UserError
 from nbv.foreign import read_yaml
 
 _NAMES = {f.name for f in dataclasses.fields(MissionConfig)}
-WORLD_SECTIONS = tuple(
-    name for name in ("scene", "sensor", "ground", "wind", "telemetry", "target") if name in _NAMES
-)
+WORLD_SECTIONS = ("scene", "sensor", "ground", "wind", "telemetry", "target")
 
 
 @dataclass(frozen=True)

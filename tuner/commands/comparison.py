@@ -12,8 +12,9 @@ import typer
 from rich.markup import escape
 
 from nbv.errors import UserError
-from tuner.commands.console import output, seconds
+from tuner.commands.console import output, seconds, under_conditions
 from tuner.commands.mission import progress_bar
+from tuner.problem.worlds import World
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -46,8 +47,9 @@ class ComparisonProgress:
                 value = value[part]
             text = f"{self._metric.split('.')[-1]} [bold]{value:6.2f}[/]"
         strategy = event.job.id.split("/")[0]
+        world = World(Path(event.job.rock).stem, event.job.config.condition)
         self._progress.console.print(
-            f"{strategy:<14} {escape(Path(event.job.rock).stem):<16} r{event.job.replicate} {text}  "
+            f"{strategy:<14} {escape(world.label):<16} r{event.job.replicate} {text}  "
             f"{event.outcome.wall_s:4.0f} s",
             markup=True,
         )
@@ -79,11 +81,21 @@ def compare(
         raise UserError(f"--workers is {workers}; give at least 1")
     count = workers or len(os.sched_getaffinity(0))
     output.print(
-        f"{len(plan.strategies)} strategies on {len(plan.rocks)} rocks x {plan.replicates} replicates: "
+        f"{len(plan.strategies)} strategies on {len(plan.rocks)} rocks x {plan.replicates} replicates{under_conditions(plan.conditions)}: "
         f"{plan.missions} missions, {count} workers"
     )
     with LocalProcessExecutor(count, timeout_s, preload=(plan.runner,)) as executor, progress_bar() as bar:
         run = run_evaluation(plan, directory, executor, ComparisonProgress(bar, metric))
+    several = len(plan.conditions) > 1
+    for condition in plan.conditions if several else ():
+        own = [r for r in run.records if r.condition == condition.name]
+        output.print(f"under {condition.name}:")
+        output.print(
+            comparison_terminal_table(comparison_table(own, tuple(plan.strategies), reference), paper=paper),
+            markup=True,
+        )
+    if several:
+        output.print("over all conditions:")
     table = comparison_table(run.records, tuple(plan.strategies), reference)
     output.print(comparison_terminal_table(table, paper=paper), markup=True)
     if (differences := difference_terminal_table(table)) is not None:

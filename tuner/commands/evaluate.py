@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from nbv.config import IDEAL, Condition, load_conditions
 from nbv.errors import UserError
 from tuner.commands.comparison import compare
 from tuner.commands.console import output
+
+if TYPE_CHECKING:
+    from tuner.campaign.campaign import Campaign
 
 
 def evaluate(
@@ -17,6 +23,13 @@ def evaluate(
     rocks: Annotated[
         list[str] | None,
         typer.Option("--rock", help="Held-out rock, repeatable (default: the procedural ones)."),
+    ] = None,
+    conditions: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--condition",
+            help="World to fly the rocks in, a name of conditions/ or a YAML file; repeatable (default: the campaign's).",
+        ),
     ] = None,
     replicates: Annotated[int, typer.Option(help="Per rock, the same for all strategies.")] = 3,
     strategies: Annotated[
@@ -41,12 +54,20 @@ def evaluate(
     from tuner.evaluation.plan import EvaluationPlan
 
     source = Campaign.open(campaign, read_only=True)
+    worlds = load_conditions(conditions) if conditions else source.settings.conditions
+    dataclasses.replace(source.settings, conditions=worlds)  # says where the two contradict each other
+    _say_what_is_unseen(source, worlds)
     chosen = unseen_rocks(source, rocks)
     base = source.settings.base_config()
     configs = baseline_configs(list(strategies or EVALUATION_BASELINES), base)
     if reference not in configs:
         raise UserError(f"--reference {reference!r} is not evaluated; choose from {', '.join(configs)}")
-    plan = EvaluationPlan({**tuned_configs(source.recommended_config(), base), **configs}, chosen, replicates)
+    plan = EvaluationPlan(
+        {**tuned_configs(source.recommended_config(), base), **configs},
+        chosen,
+        replicates,
+        conditions=worlds,
+    )
     compare(
         plan,
         out or campaign / "evaluation",
@@ -57,3 +78,16 @@ def evaluate(
         title=f"{source.settings.name}: tuned against baselines on held-out rocks",
         paper=False,
     )
+
+
+def _say_what_is_unseen(campaign: Campaign, conditions: Sequence[Condition]) -> None:
+    """Which conditions the campaign, and those that it learned from, have flown under."""
+    flown = {condition.name for condition in campaign.settings.conditions}
+    if campaign.learned is not None:
+        flown |= {o.condition for o in campaign.learned.observations}
+    names = [condition.name for condition in conditions]
+    unseen = [name for name in names if name not in flown]
+    if unseen:
+        output.print(f"conditions that the campaign has not seen: {', '.join(unseen)}")
+    if (seen := [name for name in names if name in flown]) and names != [IDEAL]:
+        output.print(f"tuned under, so no test of transfer: {', '.join(seen)}", style="yellow")

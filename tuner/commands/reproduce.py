@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from nbv.config import PRESETS
+from nbv.config import IDEAL, PRESETS, load_conditions
 from tuner.commands.comparison import compare
-from tuner.commands.console import mission_config, output, rock_arguments
+from tuner.commands.console import CONDITION_HELP, mission_config, output, rock_arguments
 
 
 def reproduce(
@@ -22,6 +22,9 @@ def reproduce(
             help="paper (the text), paper-reduced (the text with reduced SfM, for speed) or paper-code (what the public code does)."
         ),
     ] = "paper",
+    conditions: Annotated[
+        list[str] | None, typer.Option("--condition", help=CONDITION_HELP + " Repeatable (default: ideal).")
+    ] = None,
     replicates: Annotated[int, typer.Option(help="Per rock; the paper flew one.")] = 1,
     strategies: Annotated[
         list[str] | None,
@@ -43,7 +46,13 @@ def reproduce(
     base = mission_config(preset, set_ or [])
     chosen = tuple(rock_arguments(rocks or ["vesicular"]))
     configs = baseline_configs(list(strategies or REPRODUCTION_STRATEGIES), base)
-    plan = EvaluationPlan(configs, chosen, replicates, keep="all" if keep else "summary")
+    plan = EvaluationPlan(
+        configs,
+        chosen,
+        replicates,
+        keep="all" if keep else "summary",
+        conditions=load_conditions(conditions or [IDEAL]),
+    )
     compare(
         plan,
         out,

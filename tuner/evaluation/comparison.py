@@ -14,12 +14,17 @@ from tuner.evaluation.statistics import Interval, Method, PairedDifference, mean
 
 
 def values_of(records: Sequence[EvaluationRecord], strategy: str, key: str) -> dict[tuple[str, int], float]:
-    """A metric by (rock, replicate), failed missions left out."""
+    """A metric by (rock, replicate), failed missions left out.
+
+    Where there are several conditions the replicates of the second are numbered on from those of the first.
+    """
     found = {}
+    conditions = sorted({r.condition for r in records})
+    span = 1 + max((r.replicate for r in records), default=0)
     for r in records:
         value = r.value(key) if r.strategy == strategy else None
         if value is not None:
-            found[r.rock, r.replicate] = value
+            found[r.rock, span * conditions.index(r.condition) + r.replicate] = value
     return found
 
 

@@ -1,6 +1,6 @@
-"""What an evaluation flies: named configurations on the same rocks with the same replicates, and its directory.
+"""What an evaluation flies: named configurations in the same worlds with the same replicates, and its directory.
 
-The directory holds ``evaluation.yaml`` and ``missions/STRATEGY/ROCK_rK``.
+The directory holds ``evaluation.yaml`` and ``missions/STRATEGY/NN_ROCK_rK`` (``NN_ROCK_CONDITION_rK`` where that is not ideal).
 """
 
 from __future__ import annotations
@@ -12,7 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nbv.config import MissionConfig, config_from_dict
+from nbv.config import (
+    IDEAL,
+    IDEAL_CONDITION,
+    Condition,
+    MissionConfig,
+    condition_from_dict,
+    config_from_dict,
+    require_distinct,
+    under,
+)
 from nbv.errors import UserError
 from nbv.foreign import read_yaml, require
 from nbv.mission.runner import Keep
@@ -20,6 +29,7 @@ from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
 from tuner.missions.registry import DEFAULT_RUNNER
 from tuner.problem.blocks import MAX_REPLICATES
 from tuner.problem.objective import Objective
+from tuner.problem.worlds import World
 
 PLAN_FILE = "evaluation.yaml"
 FORMAT_VERSION = 2  # 1 named its runner by module and function
@@ -27,7 +37,7 @@ FORMAT_VERSION = 2  # 1 named its runner by module and function
 
 @dataclass(frozen=True)
 class EvaluationPlan:
-    """Named configurations, rocks and replicates; every combination is one mission.
+    """Named configurations, rocks, conditions and replicates; every combination is one mission.
 
     Raises
     ------
@@ -41,6 +51,7 @@ class EvaluationPlan:
     first_replicate: int = 0
     runner: str = DEFAULT_RUNNER
     keep: Keep = "summary"
+    conditions: tuple[Condition, ...] = (IDEAL_CONDITION,)
 
     def __post_init__(self) -> None:
         if not self.strategies:
@@ -50,6 +61,7 @@ class EvaluationPlan:
         if len(set(self.rocks)) != len(self.rocks):
             twice = next(rock for rock, n in collections.Counter(self.rocks).items() if n > 1)
             raise UserError(f"rock {twice!r} is named twice; name each rock once")
+        require_distinct(self.conditions)
         if self.replicates < 1:
             raise UserError(f"replicates is {self.replicates}; give at least 1")
         require(self.replicates, MAX_REPLICATES, "replicates")
@@ -60,7 +72,12 @@ class EvaluationPlan:
     @property
     def missions(self) -> int:
         """Missions in all, strategies that are the same configuration counted once."""
-        return len(set(self._owners.values())) * len(self.rocks) * self.replicates
+        return len(set(self._owners.values())) * len(self.worlds) * self.replicates
+
+    @property
+    def worlds(self) -> tuple[World, ...]:
+        """Every rock under every condition, condition by condition."""
+        return tuple(World(rock, condition.name) for condition in self.conditions for rock in self.rocks)
 
     def to_dict(self) -> dict[str, Any]:
         """YAML form."""
@@ -71,6 +88,7 @@ class EvaluationPlan:
             "first_replicate": self.first_replicate,
             "runner": self.runner,
             "keep": self.keep,
+            "conditions": {condition.name: condition.to_dict() for condition in self.conditions},
             "strategies": {name: config.to_dict() for name, config in self.strategies.items()},
         }
 
@@ -93,6 +111,10 @@ class EvaluationPlan:
                 tree["first_replicate"],
                 tree["runner"],
                 tree["keep"],
+                tuple(
+                    condition_from_dict(name, content, str(path))
+                    for name, content in tree.get("conditions", {IDEAL: {}}).items()
+                ),
             )
         except (KeyError, TypeError, AttributeError) as error:
             raise UserError(f"{path} is not an evaluation's plan ({error!r}); restore the file") from error
@@ -101,9 +123,9 @@ class EvaluationPlan:
         """One job per distinct mission: replicates outermost, so that partial results are balanced."""
         jobs = []
         for k in range(self.first_replicate, self.first_replicate + self.replicates):
-            for rock in self.rocks:
+            for world in self.worlds:
                 jobs += [
-                    self._job(directory, name, rock, k)
+                    self._job(directory, name, world, k)
                     for name, owner in self._owners.items()
                     if name == owner
                 ]
@@ -115,15 +137,17 @@ class EvaluationPlan:
         first: dict[str, str] = {}
         return {name: first.setdefault(c.digest(), name) for name, c in self.strategies.items()}
 
-    def _job(self, directory: Path, strategy: str, rock: str, replicate: int) -> MissionJob:
-        config = self.strategies[strategy]
+    def _job(self, directory: Path, strategy: str, world: World, replicate: int) -> MissionJob:
+        condition = next(c for c in self.conditions if c.name == world.condition)
         owner = self._owners[strategy]
-        rock_index = self.rocks.index(rock)
-        folder = f"{rock_index:02d}_{Path(rock).stem}_r{replicate}"
+        name = (
+            Path(world.rock).stem if world.condition == IDEAL else f"{Path(world.rock).stem}_{condition.name}"
+        )
+        folder = f"{self.rocks.index(world.rock):02d}_{name}_r{replicate}"
         return MissionJob(
             f"{owner}/{folder}",
-            config,
-            rock,
+            under(self.strategies[strategy], condition),
+            world.rock,
             replicate,
             directory / "missions" / owner / folder,
             self.keep,
@@ -134,22 +158,28 @@ class EvaluationPlan:
         """What is known of every combination so far; missions not flown yet are left out."""
         records = []
         for name in self.strategies:
-            for rock in self.rocks:
+            for world in self.worlds:
                 for k in range(self.first_replicate, self.first_replicate + self.replicates):
-                    outcome = collect_outcome(self._job(directory, name, rock, k))
+                    outcome = collect_outcome(self._job(directory, name, world, k))
                     if outcome is not None and not outcome.lost:
-                        records.append(EvaluationRecord(name, rock, k, outcome))
+                        records.append(EvaluationRecord(name, world.rock, k, outcome, world.condition))
         return records
 
 
 @dataclass(frozen=True)
 class EvaluationRecord:
-    """One strategy's mission on one rock with one replicate."""
+    """One strategy's mission on one rock, under one condition, with one replicate."""
 
     strategy: str
     rock: str
     replicate: int
     outcome: MissionOutcome
+    condition: str = IDEAL
+
+    @property
+    def world(self) -> World:
+        """Where it was flown."""
+        return World(self.rock, self.condition)
 
     def value(self, key: str) -> float | None:
         """A metric by path, or a cost by ``costs.NAME``; None where the mission has none."""

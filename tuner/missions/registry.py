@@ -33,23 +33,20 @@ GEOMETRIC_NOTE = (
 )
 
 
-# Of a condition: light, the camera's errors and telemetry's have nothing to act on where there are no photographs.
-GEOMETRIC_IGNORES = ("scene", "sensor", "telemetry")
+# What has nothing to act on where there are no photographs.
+_GEOMETRIC_IGNORES = ("scene", "sensor", "telemetry", "target")
 
 
 def ignored_by(runner: str, conditions: Sequence[Condition]) -> str:
     """What missions of this runner ignore of the conditions, as a sentence; empty where that is nothing."""
     if not is_geometric(runner):
         return ""
-    found = {
-        c.name: ", ".join(section for section in c.values if section in GEOMETRIC_IGNORES) for c in conditions
-    }
-    ignored = "; ".join(f"{sections} of {name}" for name, sections in found.items() if sections)
-    return (
-        f"Geometric missions ignore {ignored}: they have no photographs and know where they are."
-        if ignored
-        else ""
-    )
+    found = []
+    for condition in conditions:
+        parts = [section for section in condition.values if section in _GEOMETRIC_IGNORES]
+        parts += ["relief"] if condition.values.get("ground", {}).get("relief_m") else []
+        found += [f"{', '.join(parts)} of {condition.name}"] if parts else []
+    return f"Geometric missions ignore {'; '.join(found)}." if found else ""
 
 
 def registered(name: str) -> str:

@@ -12,6 +12,7 @@ from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import ComparisonTable
 from tuner.evaluation.paper_table import MetricRow
 from tuner.evaluation.plan import EvaluationRecord
+from tuner.problem.worlds import World, rocks_of
 from tuner.report.comparison.tables import difference_verdict, gain_interval
 from tuner.report.labels import metric_label
 from tuner.report.style import (
@@ -79,17 +80,17 @@ def _short_title(metric: MetricRow) -> str:
 
 
 def rocks_figure(
-    records: Sequence[EvaluationRecord], strategies: Sequence[str], rocks: Sequence[str], metric: MetricRow
+    records: Sequence[EvaluationRecord], strategies: Sequence[str], worlds: Sequence[World], metric: MetricRow
 ) -> Figure:
-    """Every mission of every strategy, rock by rock; bars are means, crosses at the bottom failed missions."""
+    """Every mission of every strategy, world by world; bars are means, crosses at the bottom failed missions."""
     with look():
         figure = new_figure(9.6, 3.7)
         ax = figure.subplots()
         width = 0.8 / len(strategies)
         for s, name in enumerate(strategies):
-            for r, rock in enumerate(rocks):
+            for r, world in enumerate(worlds):
                 x = r - 0.4 + width * (s + 0.5)
-                own = [record for record in records if record.strategy == name and record.rock == rock]
+                own = [record for record in records if record.strategy == name and record.world == world]
                 values = [v for record in own if (v := record.value(metric.key)) is not None]
                 spread = (
                     np.linspace(-0.22, 0.22, len(values)) * width
@@ -124,17 +125,18 @@ def rocks_figure(
                         fontsize=7.5,
                         color=PURPLE,
                     )
-        for r in range(1, len(rocks)):
+        for r in range(1, len(worlds)):
             ax.axvline(r - 0.5, color="#cfcfcf", lw=0.8)
-        names = short_names(list(rocks))
+        rocks = dict(zip(rocks_of(worlds), short_names(list(rocks_of(worlds)))))
+        names = [World(rocks[world.rock], world.condition).label for world in worlds]
         slanted = sum(map(len, names)) > 90
         ax.set_xticks(
-            range(len(rocks)), names, rotation=25 if slanted else 0, ha="right" if slanted else "center"
+            range(len(worlds)), names, rotation=25 if slanted else 0, ha="right" if slanted else "center"
         )
         ax.tick_params(axis="x", length=0)
         ax.grid(False, axis="x")
         ax.margins(y=0.12)
-        ax.set_xlim(-0.5, len(rocks) - 0.5)
+        ax.set_xlim(-0.5, len(worlds) - 0.5)
         ax.set_ylabel(f"{_short_title(metric)} ({metric.unit})")
         handles = [
             Line2D([], [], color=colour(s), marker=marker(s), lw=2.4, ms=4.5, label=strategy_label(name))

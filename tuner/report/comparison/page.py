@@ -147,12 +147,36 @@ def comparison_context(
             }
             for surface, table in zip(surfaces, tables)
         ],
+        "by_condition": [
+            _under(run, condition.name, reference, headline) for condition in run.plan.conditions
+        ]
+        if len(run.plan.conditions) > 1
+        else [],
+        "headline_name": metric_label(metric).full,
         "methods": methods_sentence([*tables, leading]),
         "comparisons": len(others) * len(tables[0].rows) * len(tables),
         "paper": PAPER_NOT_COMPARABLE if paper else "",
         "floor": FLOOR_NOTE if any(row.floor is not None for t in tables for row in t.rows) else "",
         "figures": _figures(run, tables[0], headline, figures, surfaces[0]),
         "provenance": _provenance(run),
+    }
+
+
+def _under(run: EvaluationRun, condition: str, reference: str, headline: MetricRow) -> dict[str, Any]:
+    """The headline metric under one condition: every strategy, and its difference from the reference."""
+    strategies = tuple(run.plan.strategies)
+    own = [r for r in run.records if r.condition == condition]
+    table = comparison_table(own, strategies, reference, _surface_of(headline.key), (headline,))
+    row = table.rows[0]
+    differences = {name: difference_cell(row, name) for name in strategies}
+    return {
+        "name": condition,
+        "cells": [
+            {"text": c.text, "best": c.best, "difference": differences[name]}
+            for name in strategies
+            for c in [cell(row, name)]
+        ],
+        "failed": sum(table.failures.values()),
     }
 
 
@@ -210,7 +234,7 @@ def _sentences(leading: ComparisonTable, others: Sequence[str]) -> list[dict[str
 
 def _warnings(run: EvaluationRun, table: ComparisonTable) -> list[str]:
     out = []
-    expected = len(run.plan.strategies) * len(run.plan.rocks) * run.plan.replicates
+    expected = len(run.plan.strategies) * len(run.plan.worlds) * run.plan.replicates
     if not run.complete:
         out.append(
             f"Not complete: {len(run.records)} of {expected} missions are finished; the same command goes on."
@@ -292,7 +316,7 @@ def _difference_rows(table: ComparisonTable, name: str) -> dict[str, Any]:
 def _figures(
     run: EvaluationRun, table: ComparisonTable, headline: MetricRow, figures: Path | None, surface: Surface
 ) -> list[Illustration]:
-    strategies, rocks = tuple(run.plan.strategies), run.plan.rocks
+    strategies, several = tuple(run.plan.strategies), len(run.plan.conditions) > 1
     out = []
     forest = forest_figure(table)
     if forest is not None:
@@ -311,10 +335,10 @@ def _figures(
     if any(r.value(headline.key) is not None for r in run.records):
         out.append(
             embed(
-                rocks_figure(run.records, strategies, rocks, headline),
+                rocks_figure(run.records, strategies, run.plan.worlds, headline),
                 "rocks",
                 f"{headline.label} of every mission, grouped by rock, one colour and marker per strategy.",
-                f"{metric_label(headline.key).full} rock by rock: every mission (dots) and each strategy’s mean (bars). "
+                f"{metric_label(headline.key).full} rock by rock{' and condition by condition' if several else ''}: every mission (dots) and each strategy’s mean (bars). "
                 "Crosses with a count at the bottom: failed missions.",
                 figures,
                 title="Rock by rock",
@@ -372,6 +396,7 @@ def _provenance(run: EvaluationRun) -> list[tuple[str, str]]:
     first, last = run.plan.first_replicate, run.plan.first_replicate + run.plan.replicates - 1
     return [
         ("rocks", ", ".join(short_names(run.plan.rocks))),
+        ("conditions", ", ".join(condition.name for condition in run.plan.conditions)),
         ("replicates", f"{first} to {last}" if last > first else str(first)),
         ("mission preset", ", ".join(presets)),
         ("revision of the missions", ", ".join(revisions) or "not recorded"),

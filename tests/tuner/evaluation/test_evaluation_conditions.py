@@ -1,0 +1,99 @@
+"""Evaluations under several conditions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import fake_campaigns
+import pytest
+import yaml
+
+from nbv.config import load_conditions, preset
+from nbv.errors import UserError
+from tuner.evaluation.comparison import comparison_table, strategy_difference, values_of
+from tuner.evaluation.flying import EvaluationRun, run_evaluation
+from tuner.evaluation.paper_table import MetricRow
+from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
+from tuner.missions.executors import InProcessExecutor
+from tuner.missions.registry import ignored_by
+from tuner.problem.worlds import World
+from tuner.report.comparison.page import write_comparison_report
+
+BASE = preset("campaign")
+GOOD = BASE.with_values({"gate.budget_fraction": 0.75, "gate.d95_m": 0.04})
+F48 = MetricRow("", "F-score", "observable.f_score_48mm", "%", True)
+TWO = load_conditions(["ideal", "field"])
+
+
+def evaluated(directory: Path, **changes: object) -> EvaluationRun:
+    fields: dict[str, object] = {
+        "strategies": {"tuned": GOOD, "hyb-h": BASE},
+        "rocks": ("x", "y", "z"),
+        "replicates": 2,
+        "runner": fake_campaigns.RUNNER,
+        "conditions": TWO,
+    }
+    return run_evaluation(EvaluationPlan(**{**fields, **changes}), directory, InProcessExecutor())  # type: ignore[arg-type]
+
+
+def test_every_strategy_flies_every_world_and_is_paired(tmp_path: Path) -> None:
+    run = evaluated(tmp_path / "out")
+    assert run.complete and run.plan.missions == len(run.records) == 24
+    assert {r.world for r in run.records} == {World(r, c) for r in "xyz" for c in ("ideal", "field")}
+    assert (tmp_path / "out/missions/tuned/00_x_field_r1/mission.json").is_file()
+    assert (tmp_path / "out/missions/tuned/00_x_r1/mission.json").is_file()
+    both = strategy_difference(run.records, "tuned", "hyb-h", F48)
+    assert both is not None and (both.pairs, both.interval.rocks) == (12, 3)
+    field = [r for r in run.records if r.condition == "field"]
+    alone = strategy_difference(field, "tuned", "hyb-h", F48)
+    assert alone is not None and alone.pairs == 6
+    ours, theirs = (values_of(field, name, F48.key) for name in ("tuned", "hyb-h"))
+    assert alone.interval.mean == pytest.approx(sum(ours[b] - theirs[b] for b in ours) / 6)
+    table = comparison_table(run.records, ("tuned", "hyb-h"), "hyb-h", rows=(F48,))
+    assert table.missions == {"tuned": 12, "hyb-h": 12}
+
+
+def test_its_page_has_a_row_per_condition(tmp_path: Path) -> None:
+    run = evaluated(tmp_path / "out", replicates=1)
+    page = write_comparison_report(run, tmp_path / "page", metric=F48.key).read_text()
+    rows = page.split('<table id="conditions">')[1].split("</table>")[0]
+    assert rows.count("<tr><td>") == 2 and "<td>field</td>" in rows
+    assert "ideal, field" in page
+    ideal = evaluated(tmp_path / "ideal", conditions=TWO[:1], replicates=1)
+    assert 'id="conditions"' not in write_comparison_report(ideal, tmp_path / "plain").read_text()
+
+
+def test_a_plan_of_before_conditions_is_one_under_ideal(tmp_path: Path) -> None:
+    plan = evaluated(tmp_path / "out", conditions=TWO[:1]).plan
+    path = tmp_path / "out" / PLAN_FILE
+    tree = yaml.safe_load(path.read_text())
+    assert tree.pop("conditions") == {"ideal": TWO[0].to_dict()}
+    path.write_text(yaml.safe_dump(tree))
+    again = EvaluationPlan.load(tmp_path / "out")
+    assert again.worlds == plan.worlds == tuple(World(rock) for rock in "xyz")
+    assert len(again.records(tmp_path / "out")) == 12
+
+
+def test_a_plan_without_a_condition_is_told() -> None:
+    with pytest.raises(UserError, match="no condition to fly in"):
+        EvaluationPlan({"a": BASE}, ("x",), conditions=())
+
+
+def test_evaluate_says_what_the_campaign_has_not_seen(gatetune, tmp_path: Path) -> None:
+    """It stops at the first mistake after that: a campaign that contradicts a condition."""
+    fake_campaigns.run(
+        tmp_path / "run", budget=2, sampler="sobol", overrides={"telemetry": "rtk"}, rocks=("slab", "arch")
+    )
+    code, _, err = gatetune("evaluate", "run", "--rock", "boulder", "--condition", "field")
+    assert code == 2 and "telemetry is set by condition 'field' and by overrides" in " ".join(err.split())
+    code, out, err = gatetune("evaluate", "run", "--rock", "noroc", "--condition", "low-sun")
+    assert code == 2 and "has not seen: low-sun" in out and "noroc" in err
+    code, out, err = gatetune("evaluate", "run", "--rock", "boulder", "--condition", "nowhere")
+    assert code == 2 and "unknown condition 'nowhere'" in err
+
+
+def test_what_geometric_missions_ignore_is_said() -> None:
+    assert ignored_by("photogrammetric", TWO) == ""
+    assert ignored_by("geometric", TWO[:1]) == ""
+    said = ignored_by("geometric", TWO)
+    assert said.startswith("Geometric missions ignore") and "telemetry" in said and said.endswith("of field.")
