@@ -112,7 +112,7 @@ class CachedSeedModel:
             _SPARSE,
             sparse.camera,
             sparse.config,
-            sparse.tolerance_m,
+            sparse.telemetry,
             sparse.target_m,
             [capture.name for capture in captures],
             *(capture.camera_from_world for capture in captures),

@@ -44,9 +44,7 @@ class PhotogrammetricReconstructor:
         source: Correspondences = ComputedCorrespondences(config.camera, config.sparse)
         if store is not None:
             source = CachedCorrespondences(config.camera, config.sparse, store)
-        sparse = SparseReconstructor(
-            config.camera, config.sparse, config.target_m, source, config.telemetry.position_sd_m
-        )
+        sparse = SparseReconstructor(config.camera, config.sparse, config.target_m, source, config.telemetry)
         self._sparse: SparseReconstructor | CachedSparse | None = sparse
         self._clouds: Callable[[int | None], Cloud] = self._fuse
         if store is not None:

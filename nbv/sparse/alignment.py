@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nbv.config import TelemetryConfig
 from nbv.errors import MissionFailure
 from nbv.geometry.frames import Similarity, align_umeyama
 from nbv.types import Floats, Ints
@@ -59,10 +60,16 @@ def outlier_limit_m(rms_m: float, max_alignment_rms_m: float) -> float:
     return max(OUTLIER_FACTOR * rms_m, max_alignment_rms_m)
 
 
-def align_cameras(camera_from_model: Floats, camera_from_world: Floats, max_rms_m: float) -> Alignment:
+def align_cameras(
+    camera_from_model: Floats,
+    camera_from_world: Floats,
+    max_rms_m: float,
+    telemetry: TelemetryConfig | None = None,
+) -> Alignment:
     """Align registered cameras (M, 4, 4) with their telemetry (M, 4, 4).
 
-    A least-squares similarity (Umeyama 1991) on the centres. If its residuals exceed ``max_rms_m`` for
+    A least-squares similarity (Umeyama 1991) on the centres; where ``telemetry`` errs its attitudes count too
+    (`turned_by_attitude`), since drift turns a ring of positions by degrees. If its residuals exceed ``max_rms_m`` for
     some camera, the largest agreeing subset is sought (least median of squares over camera triples, drawn
     from a fixed seed) and the fit is repeated on it.
 
@@ -94,6 +101,12 @@ def align_cameras(camera_from_model: Floats, camera_from_world: Floats, max_rms_
         else:
             inliers = np.arange(count)  # report the plain fit, which fails below
 
+    if telemetry is not None and telemetry.attitude_noise_deg > 0:
+        similarity = turned_by_attitude(
+            similarity, camera_from_model[inliers], camera_from_world[inliers], telemetry
+        )
+        residuals = np.linalg.norm(similarity.apply(source) - target, axis=1)
+
     alignment = Alignment(
         similarity, residuals, _rotation_errors_deg(camera_from_model, camera_from_world, similarity), inliers
     )
@@ -115,6 +128,29 @@ def align_cameras(camera_from_model: Floats, camera_from_world: Floats, max_rms_
             "the model is mirrored or flipped",
         )
     return alignment
+
+
+def turned_by_attitude(
+    world_from_model: Similarity,
+    camera_from_model: Floats,
+    camera_from_world: Floats,
+    telemetry: TelemetryConfig,
+) -> Similarity:
+    """The similarity that fits centres and attitudes (M, 4, 4), each weighted by the telemetry's variance.
+
+    Least squares in the chordal metric, ``|R - R_i|^2 = 2 angle^2``: orthogonal Procrustes on the weighted sum of both
+    kinds of residuals, at the scale of ``world_from_model``; then scale and translation for that rotation.
+    """
+    source, target = camera_centers(camera_from_model), camera_centers(camera_from_world)
+    x, y = source - source.mean(0), target - target.mean(0)
+    by_attitude = np.einsum("mji,mjk->ik", camera_from_world[:, :3, :3], camera_from_model[:, :3, :3])
+    position_variance_m2 = sum(telemetry.covariance_m2) / 3
+    attitude_variance = np.deg2rad(telemetry.attitude_noise_deg) ** 2
+    both = world_from_model.scale * y.T @ x / position_variance_m2 + by_attitude / (2 * attitude_variance)
+    u, _, vt = np.linalg.svd(both)
+    rotation = (u * [1.0, 1.0, np.linalg.det(u) * np.linalg.det(vt)]) @ vt
+    scale = float((y * (x @ rotation.T)).sum() / (x**2).sum())
+    return Similarity(scale, rotation, target.mean(0) - scale * rotation @ source.mean(0))
 
 
 def _spread(points: Floats) -> float:

@@ -119,6 +119,11 @@ class IncrementalModel:
                 self.pairs[(a, b)] = pair
 
     @property
+    def global_adjustment(self) -> pycolmap.BundleAdjustmentOptions:
+        """COLMAP's options of a global adjustment."""
+        return self._global_ba
+
+    @property
     def registered_ids(self) -> list[int]:
         """Ids of the images with a pose, ascending."""
         return sorted(int(i) for i in self.reconstruction.reg_image_ids())

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from nbv.config import CameraConfig, SparseConfig, canonical
+from nbv.config import CameraConfig, SparseConfig, TelemetryConfig, canonical
 from nbv.errors import MissionFailure, UserError
 from nbv.sparse.alignment import Alignment, align_cameras, camera_centers, outlier_limit_m
 from nbv.sparse.correspondences import ComputedCorrespondences, Correspondences
@@ -25,6 +25,7 @@ from nbv.sparse.model import (
     registered_names,
     to_sparse_model,
 )
+from nbv.sparse.priors import PositionPriors, adjust_with_priors
 from nbv.sparse.timing import StageTimer
 from nbv.types import Capture, Floats, UpdateReport
 
@@ -46,9 +47,9 @@ class SparseReconstructor:
         Approximate centre of the object (m), for the angle between viewing directions.
     correspondences
         Source of features and verified pairs; computed by default, or a cache in front of that.
-    telemetry_sd_m
-        Root mean square distance between reported and true camera positions that the telemetry's specification
-        promises. A model that disagrees with telemetry by no more than twice that is not called wrong.
+    telemetry
+        What its specification promises; exact by default. A model that disagrees with telemetry by no more than twice
+        the promised distance is not called wrong. Where it errs it also is the adjustment's prior (`nbv.sparse.priors`).
     """
 
     def __init__(
@@ -57,11 +58,14 @@ class SparseReconstructor:
         config: SparseConfig,
         target_m: Sequence[float],
         correspondences: Correspondences | None = None,
-        telemetry_sd_m: float = 0.0,
+        telemetry: TelemetryConfig | None = None,
     ) -> None:
         self.camera = camera
         self.config = config
-        self.tolerance_m = math.hypot(config.max_alignment_rms_m, TELEMETRY_SDS * telemetry_sd_m)
+        self.telemetry = telemetry or TelemetryConfig()
+        self.tolerance_m = math.hypot(
+            config.max_alignment_rms_m, TELEMETRY_SDS * self.telemetry.position_sd_m
+        )
         self.target_m = np.asarray(target_m, dtype=float)
         self._source = correspondences or ComputedCorrespondences(camera, config)
         self._model = IncrementalModel(camera, config)
@@ -134,6 +138,7 @@ class SparseReconstructor:
         reason = self._model.bootstrap(judge)
         if reason:
             raise failure if failure.message else MissionFailure("seed_model_failed", reason)
+        self._hold_by_telemetry()
         dropped = self._drop_outliers()
         registered = set(registered_names(self.reconstruction))
         absent = [c.name for c in self._captures if c.name not in registered]
@@ -158,6 +163,8 @@ class SparseReconstructor:
         self._take_in([capture])
         new_id = len(self._captures)
         reasons = self._model.update(new_id, self._judge_pose)
+        if self._model.captures_since_global == 0:
+            self._hold_by_telemetry()
         dropped = self._drop_outliers()
         registered = set(registered_names(self.reconstruction))
         notes = []
@@ -178,6 +185,7 @@ class SparseReconstructor:
         """
         if self._model.captures_since_global:
             self._model.refine()
+            self._hold_by_telemetry()
         return self._report(True, self._drop_outliers())
 
     def _take_in(self, captures: Sequence[Capture]) -> None:
@@ -221,8 +229,21 @@ class SparseReconstructor:
                 camera_from_model_poses(reconstruction),
                 self._telemetry(reconstruction),
                 self.tolerance_m,
+                self.telemetry,
             )
         return self._alignment
+
+    def _hold_by_telemetry(self) -> None:
+        """After a global adjustment, one more in which telemetry that errs is a prior."""
+        if self.telemetry.is_exact:
+            return
+        centers_m = {i: c.camera_center_m for i, c in enumerate(self._captures, start=1)}
+        with self._timer("priors"):
+            adjust_with_priors(
+                self.reconstruction,
+                PositionPriors(centers_m, self.telemetry.covariance_m2),
+                self._model.global_adjustment,
+            )
 
     def _judge_pose(self, reconstruction: pycolmap.Reconstruction, image_id: int) -> str:
         """Whether a pose just found agrees with telemetry as the other cameras do."""
@@ -336,7 +357,7 @@ class SparseReconstructor:
             "camera": dataclasses.asdict(self.camera),
             "sparse": canonical(self.config),
             "target_m": self.target_m.tolist(),
-            "tolerance_m": self.tolerance_m,
+            "telemetry": repr(self.telemetry),
             "pycolmap": pycolmap.__version__,
         }
 

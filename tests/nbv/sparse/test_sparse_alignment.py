@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from sparse_world import ring_captures
 
+from nbv.config import TELEMETRY_LEVELS
 from nbv.errors import MissionFailure
 from nbv.sparse.alignment import align_cameras, camera_centers, outlier_limit_m
 from nbv.sparse.model import camera_from_world_poses
@@ -111,3 +112,20 @@ def test_half_the_cameras_elsewhere_is_a_wrong_model():
 def test_outlier_limit():
     assert outlier_limit_m(0.002, 0.1) == 0.1
     assert outlier_limit_m(0.05, 0.1) == pytest.approx(0.25)
+
+
+def test_attitudes_hold_the_turn_that_drift_would_give():
+    telemetry = TELEMETRY_LEVELS["gnss"]
+    rng = np.random.default_rng(2)
+    errors_deg = {False: [], True: []}
+    for _ in range(20):
+        reported = TELEMETRY.copy()
+        centers = camera_centers(TELEMETRY) + rng.normal(0, 0.5, (len(TELEMETRY), 3))
+        turns = Rotation.from_rotvec(np.deg2rad(rng.normal(0, 1.0, (len(TELEMETRY), 3)))).as_matrix()
+        reported[:, :3, :3] = turns @ TELEMETRY[:, :3, :3]
+        reported[:, :3, 3] = -np.einsum("mij,mj->mi", reported[:, :3, :3], centers)
+        for uses in errors_deg:
+            found = align_cameras(TELEMETRY, reported, 2.0, telemetry if uses else None).world_from_model
+            errors_deg[uses].append(np.rad2deg(Rotation.from_matrix(found.rotation).magnitude()))
+    assert np.mean(errors_deg[True]) < 0.5
+    assert np.mean(errors_deg[True]) < np.mean(errors_deg[False]) / 4

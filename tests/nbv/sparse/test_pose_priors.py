@@ -1,0 +1,70 @@
+"""Telemetry that errs, as SfM meets it: a prior in the adjustment, and no reason to call a model wrong."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from sparse_world import CAMERA, TARGET, LabelledPoints, ring_captures
+
+from nbv.config import TELEMETRY_LEVELS, SparseConfig, TelemetryConfig
+from nbv.errors import MissionFailure
+from nbv.geometry.frames import align_umeyama
+from nbv.sparse.alignment import camera_centers
+from nbv.sparse.model import camera_from_model_poses
+from nbv.sparse.reconstructor import SparseReconstructor
+from nbv.types import Capture
+
+SEEDS = ring_captures(16)
+CONFIG = SparseConfig(min_registered_seeds=8)
+
+
+def reported(noise_m: float) -> list[Capture]:
+    """The seeds as telemetry with so much noise along every axis reports them."""
+    rng = np.random.default_rng(6)
+    captures = []
+    for seed in SEEDS:
+        pose = seed.camera_from_world.copy()
+        pose[:3, 3] -= pose[:3, :3] @ rng.normal(0, noise_m, 3)
+        captures.append(dataclasses.replace(seed, camera_from_world=pose))
+    return captures
+
+
+def bootstrapped(captures: list[Capture], telemetry: TelemetryConfig | None) -> SparseReconstructor:
+    sparse = SparseReconstructor(CAMERA, CONFIG, TARGET, LabelledPoints(SEEDS), telemetry)
+    sparse.bootstrap(captures)
+    return sparse
+
+
+def test_half_a_metre_of_noise_is_no_wrong_model() -> None:
+    captures = reported(0.5)
+    with pytest.raises(MissionFailure, match="differ from telemetry") as failure:
+        bootstrapped(captures, None)
+    assert failure.value.reason == "wrong_model"
+    sparse = bootstrapped(captures, TELEMETRY_LEVELS["gnss"])
+    assert len(sparse.world_camera_poses()) == len(SEEDS)
+
+
+def test_priors_put_the_model_where_telemetry_says() -> None:
+    captures = reported(0.02)
+    sparse = bootstrapped(captures, TELEMETRY_LEVELS["rtk"])
+    own = camera_centers(camera_from_model_poses(sparse.reconstruction))  # COLMAP's frame, nothing aligned
+    told = np.array([c.camera_center_m for c in captures])
+    true = np.array([c.camera_center_m for c in SEEDS])
+    assert np.sqrt(((own - told) ** 2).sum(axis=1).mean()) < 0.05
+    # Pixels hold the shape: it is far better than the positions that were told.
+    shape_m = np.linalg.norm(align_umeyama(true, own).apply(own) - true, axis=1)
+    assert np.sqrt((shape_m**2).mean()) < 0.01
+
+
+def test_without_errors_the_model_keeps_its_own_frame() -> None:
+    exact, named = bootstrapped(SEEDS, None), bootstrapped(SEEDS, TELEMETRY_LEVELS["exact"])
+    poses = [camera_from_model_poses(s.reconstruction) for s in (exact, named)]
+    assert np.array_equal(*poses)
+    assert (
+        np.linalg.norm(
+            camera_centers(poses[0]) - camera_centers(np.array([c.camera_from_world for c in SEEDS]))
+        )
+        > 1
+    )
