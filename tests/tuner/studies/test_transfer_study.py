@@ -203,6 +203,7 @@ def test_worlds_are_combined():
         (["--renderer", "gl", "--renderer", "gl"], "twice"),
         (["--fidelity", "cardboard"], "cardboard"),
         (["--neighbours", "-1"], "neighbours"),
+        (["--metric", "beauty"], "beauty"),
         (["--rock", "a"], "tuned on"),
         (["--rock", "no-such-rock"], "no-such-rock"),
         (["--rock", "arch", "--workers", "0"], "workers"),

@@ -33,6 +33,10 @@ def transfer(
         typer.Option("--rock", help="Held-out rock, repeatable (default: the procedural ones)."),
     ] = None,
     replicates: Annotated[int, typer.Option(help="Of every configuration on every rock.")] = 2,
+    metric: Annotated[
+        str | None,
+        typer.Option(help="Default: the campaign's; e.g. registered.observable.f_score_48mm."),
+    ] = None,
     neighbours: Annotated[int, typer.Option(help="Configurations drawn around the tuned one.")] = 6,
     workers: Workers = None,
     timeout_s: Timeout = 3600.0,
@@ -47,6 +51,7 @@ def transfer(
     complete = True
     if not report_only:
         from tuner.campaign.campaign import Campaign
+        from tuner.problem.objective import Objective, direction_of
         from tuner.studies.transfer.study import carried_over
 
         asked = worlds(
@@ -55,14 +60,17 @@ def transfer(
             fidelities or ["photogrammetric"],
         )
         source = Campaign.open(campaign, read_only=True)
+        objective = (
+            Objective(metric, direction_of(metric)) if metric is not None else source.settings.objective
+        )
         settings = TransferSettings(
             source.settings.name,
             asked,
             carried_over(source, neighbours),
             unseen_rocks(source, rocks),
             replicates,
-            source.settings.objective.metric,
-            source.settings.objective.direction,
+            objective.metric,
+            objective.direction,
         )
         complete = fly_study(settings, directory, workers, timeout_s, settings.metric)
     findings = analyse(directory)
