@@ -219,8 +219,16 @@ class Campaign:
         )
 
     def recommendation(self, *, save: bool = True) -> Recommendation | None:
-        """The best of what may be recommended, by posterior mean over the training worlds."""
-        result = self.recommend_from(self.history())
+        """The best of what may be recommended, by posterior mean over the training worlds.
+
+        The one saved after these very missions, where there is one: a model of a thousand takes minutes.
+        """
+        history = self.history()
+        saved = self._saved_recommendation(history)
+        with contextlib.suppress(TypeError, KeyError, ValueError):
+            if saved is not None:
+                return Recommendation.from_dict(saved)
+        result = self.recommend_from(history)
         if result is not None and save:
             write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
         return result
@@ -273,25 +281,24 @@ class Campaign:
         UserError
             No mission has succeeded yet.
         """
-        values = self._saved_recommendation()
-        if values is None:
-            result = self.recommendation(save=False)
-            if result is None:
-                raise UserError(
-                    f"{self.directory} has no successful mission yet; run or resume the campaign first"
-                )
-            values = result.values
-        return self.settings.config(values)
+        saved = self._saved_recommendation(self.history())
+        if saved is not None:
+            return self.settings.config(saved["values"])
+        result = self.recommendation(save=False)
+        if result is None:
+            raise UserError(
+                f"{self.directory} has no successful mission yet; run or resume the campaign first"
+            )
+        return self.settings.config(result.values)
 
-    def _saved_recommendation(self) -> dict[str, Any] | None:
-        """The values saved after exactly the missions there are, and flown by one of them; None without such a file."""
-        history = self.history()
+    def _saved_recommendation(self, history: Sequence[Observation]) -> dict[str, Any] | None:
+        """What was saved after exactly ``history``, its values flown in it; None without such a file."""
         failures = sum(not o.feasible for o in history)
         try:
-            saved = read_json(self.directory / RECOMMENDATION_FILE)
+            saved: dict[str, Any] = read_json(self.directory / RECOMMENDATION_FILE)
             counted = (saved["observations"], saved["failures"])
             values = dict(saved["values"])
         except (UserError, ValueError, KeyError, TypeError):
             return None
         flown = any(values == dict(o.values) for o in history)
-        return values if flown and counted == (len(history) - failures, failures) else None
+        return saved if flown and counted == (len(history) - failures, failures) else None

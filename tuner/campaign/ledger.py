@@ -165,7 +165,7 @@ class Ledger:
             user_attrs=attributes,
         )
         self._study.add_trial(trial)
-        record = self.trials()[-1]
+        record = _record(self._study.get_trials(deepcopy=False)[-1])
         if record.number != number or record.directory != attributes["directory"]:
             raise UserError("another process writes to this campaign's study; let only one run at a time")
         return record
@@ -192,7 +192,7 @@ class Ledger:
             self._study.tell(number, state=TrialState.FAIL)
         else:
             self._study.tell(number, value)
-        return self.trials()[number]
+        return _record(self._study.get_trials(deepcopy=False)[number])
 
     # -- reading ---------------------------------------------------------------------------------------------
 

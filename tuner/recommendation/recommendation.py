@@ -90,6 +90,19 @@ class Recommendation:
         """JSON form."""
         return dataclasses.asdict(self)
 
+    @staticmethod
+    def from_dict(tree: Mapping[str, Any]) -> Recommendation:
+        """The inverse of ``to_dict``, after JSON too; ``TypeError`` or ``KeyError`` where it is not."""
+        return Recommendation(
+            **{
+                **tree,
+                "interval_95": tuple(tree["interval_95"]),
+                "improvement_interval_95": tuple(tree["improvement_interval_95"]),
+                "top": [Candidate(**candidate) for candidate in tree["top"]],
+                "per_rock": [RockRow(**row) for row in tree["per_rock"]],
+            }
+        )
+
 
 def recommend(
     space: SearchSpace,

@@ -499,6 +499,17 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
         assert found == campaign.settings.config(saved["values"])
 
 
+def test_a_recommendation_is_made_once_for_the_same_missions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = run(tmp_path / "run", budget=6).recommend_from
+    campaign = Campaign.open(tmp_path / "run", read_only=True)
+    monkeypatch.setattr("tuner.campaign.campaign.recommend", None)
+    found = campaign.recommendation()  # as status and resume ask
+    monkeypatch.undo()
+    assert found is not None and found == made(campaign.history())
+
+
 def test_a_campaign_of_an_earlier_version_is_refused_in_one_line(tmp_path: Path) -> None:
     campaign = begin_campaign(tmp_path / "run", settings(budget=2))
     path = campaign.directory / "campaign.yaml"
