@@ -8,18 +8,17 @@ from pathlib import Path
 from typing import Any, Literal
 
 from nbv.errors import UserError
-from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json
 from nbv.mission.run_directory import write_atomic
-from nbv.provenance import git_revision, versions
-from tuner.evaluation.baselines import BASELINES, TUNED, description
+from nbv.provenance import versions
+from tuner.evaluation.baselines import TUNED
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import ComparisonTable, comparison_table
 from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.paper_table import PAPER_TABLE_I, MetricRow
 from tuner.evaluation.plan import EvaluationRecord
-from tuner.missions.job import RESULT_FILE
 from tuner.problem.objective import DEFAULT_METRIC
 from tuner.report.comparison.figures import forest_figure, rocks_figure
+from tuner.report.comparison.rows import provenance_rows, strategy_row
 from tuner.report.comparison.tables import (
     FLOOR_NOTE,
     PAPER_NOT_COMPARABLE,
@@ -34,10 +33,10 @@ from tuner.report.comparison.tables import (
     methods_sentence,
     row_name,
 )
-from tuner.report.labels import MISSING, format_number, metric_label, with_unit
-from tuner.report.pages import duration, write_page
+from tuner.report.labels import format_number, metric_label, with_unit
+from tuner.report.pages import write_page
 from tuner.report.sectors import sector_figure
-from tuner.report.style import Illustration, embed, short_names
+from tuner.report.style import Illustration, embed
 
 Surface = Literal["whole", "observable"]
 REPORT_FILE = "report.html"
@@ -133,7 +132,7 @@ def comparison_context(
     return {
         "sentences": _sentences(leading, others),
         "warnings": _warnings(run, tables[0]),
-        "strategies": [_strategy(run, name) for name in strategies],
+        "strategies": [strategy_row(run, name) for name in strategies],
         "reference": strategy_label(reference),
         "others": [strategy_label(name) for name in others],
         "tables": [
@@ -158,7 +157,7 @@ def comparison_context(
         "paper": PAPER_NOT_COMPARABLE if paper else "",
         "floor": FLOOR_NOTE if any(row.floor is not None for t in tables for row in t.rows) else "",
         "figures": _figures(run, tables[0], headline, figures, surfaces[0]),
-        "provenance": _provenance(run),
+        "provenance": provenance_rows(run),
     }
 
 
@@ -254,34 +253,6 @@ def _warnings(run: EvaluationRun, table: ComparisonTable) -> list[str]:
     return out
 
 
-def _strategy(run: EvaluationRun, name: str) -> dict[str, str]:
-    own = [r for r in run.records if r.strategy == name]
-    done = [r for r in own if r.outcome.status != "failed"]
-
-    def mean(key: str) -> float | None:
-        values = [float(v) for r in done if isinstance(v := r.outcome.costs.get(key), (int, float))]
-        return sum(values) / len(values) if values else None
-
-    path, flight, wall = mean("path_length_m"), mean("flight_time_s"), mean("wall_s")
-    known = BASELINES.get(name)
-    same = next(n for n, c in run.plan.strategies.items() if c.digest() == run.plan.strategies[name].digest())
-    what = description(name)
-    if same != name:
-        what += f" (the same configuration as {strategy_label(same)}, flown once)"
-    return {
-        "label": strategy_label(name),
-        "description": what
-        + ("; uses the ground truth, not deployable" if known and known.uses_ground_truth else ""),
-        "missions": str(len(done)),
-        "failed": str(len(own) - len(done)),
-        "images": format_number(mean("images"), 1),
-        "path": MISSING if path is None else f"{path:.0f} m",
-        "flight": MISSING if flight is None else duration(flight),
-        "wall": MISSING if wall is None else duration(wall),
-        "digest": run.plan.strategies[name].digest(),
-    }
-
-
 def _table_rows(table: ComparisonTable, strategies: Sequence[str], paper: bool) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     group = ""
@@ -375,38 +346,6 @@ def _sectors(
                 if list(here) == centers:
                     found[strategy_label(name)].append(values)
     return dict(found), centers
-
-
-def _provenance(run: EvaluationRun) -> list[tuple[str, str]]:
-    trees = []
-    for r in run.records:
-        try:
-            tree = (
-                read_json(Path(r.outcome.directory) / RESULT_FILE, RESULT_BYTES, RESULT_NODES).get(
-                    "provenance"
-                )
-                or {}
-            )
-        except (UserError, AttributeError):
-            continue
-        trees.append(tree)
-    revisions = sorted({str(tree["revision"]) for tree in trees if "revision" in tree})
-    software = next((tree["versions"] for tree in reversed(trees) if "versions" in tree), versions())
-    presets = sorted({config.preset for config in run.plan.strategies.values()})
-    first, last = run.plan.first_replicate, run.plan.first_replicate + run.plan.replicates - 1
-    return [
-        ("rocks", ", ".join(short_names(run.plan.rocks))),
-        ("conditions", ", ".join(condition.name for condition in run.plan.conditions)),
-        ("replicates", f"{first} to {last}" if last > first else str(first)),
-        ("mission preset", ", ".join(presets)),
-        ("revision of the missions", ", ".join(revisions) or "not recorded"),
-        ("revision of this page", git_revision()),
-        ("versions", ", ".join(f"{name} {number}" for name, number in software.items())),
-        (
-            "renderer",
-            ", ".join(sorted({str(t["backend"]) for t in trees if "backend" in t})) or "not recorded",
-        ),
-    ]
 
 
 __all__ = ["PAPER_TABLE_I", "comparison_context", "comparison_markdown", "write_comparison_report"]

@@ -1,0 +1,78 @@
+"""What was flown and where its numbers come from, row by row, for a comparison's page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from nbv.errors import UserError
+from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json
+from nbv.provenance import git_revision, versions
+from tuner.evaluation.baselines import BASELINES, description
+from tuner.evaluation.baselines import label as strategy_label
+from tuner.evaluation.flying import EvaluationRun
+from tuner.missions.job import RESULT_FILE
+from tuner.report.labels import MISSING, format_number
+from tuner.report.pages import duration
+from tuner.report.style import short_names
+
+
+def strategy_row(run: EvaluationRun, name: str) -> dict[str, str]:
+    """One strategy: what it does, how many missions, what they cost."""
+    own = [r for r in run.records if r.strategy == name]
+    done = [r for r in own if r.outcome.status != "failed"]
+
+    def mean(key: str) -> float | None:
+        values = [float(v) for r in done if isinstance(v := r.outcome.costs.get(key), (int, float))]
+        return sum(values) / len(values) if values else None
+
+    path, flight, wall = mean("path_length_m"), mean("flight_time_s"), mean("wall_s")
+    known = BASELINES.get(name)
+    same = next(n for n, c in run.plan.strategies.items() if c.digest() == run.plan.strategies[name].digest())
+    what = description(name)
+    if same != name:
+        what += f" (the same configuration as {strategy_label(same)}, flown once)"
+    return {
+        "label": strategy_label(name),
+        "description": what
+        + ("; uses the ground truth, not deployable" if known and known.uses_ground_truth else ""),
+        "missions": str(len(done)),
+        "failed": str(len(own) - len(done)),
+        "images": format_number(mean("images"), 1),
+        "path": MISSING if path is None else f"{path:.0f} m",
+        "flight": MISSING if flight is None else duration(flight),
+        "wall": MISSING if wall is None else duration(wall),
+        "digest": run.plan.strategies[name].digest(),
+    }
+
+
+def provenance_rows(run: EvaluationRun) -> list[tuple[str, str]]:
+    """Rocks, conditions, versions and revisions."""
+    trees = []
+    for r in run.records:
+        try:
+            tree = (
+                read_json(Path(r.outcome.directory) / RESULT_FILE, RESULT_BYTES, RESULT_NODES).get(
+                    "provenance"
+                )
+                or {}
+            )
+        except (UserError, AttributeError):
+            continue
+        trees.append(tree)
+    revisions = sorted({str(tree["revision"]) for tree in trees if "revision" in tree})
+    software = next((tree["versions"] for tree in reversed(trees) if "versions" in tree), versions())
+    presets = sorted({config.preset for config in run.plan.strategies.values()})
+    first, last = run.plan.first_replicate, run.plan.first_replicate + run.plan.replicates - 1
+    return [
+        ("rocks", ", ".join(short_names(run.plan.rocks))),
+        ("conditions", ", ".join(condition.name for condition in run.plan.conditions)),
+        ("replicates", f"{first} to {last}" if last > first else str(first)),
+        ("mission preset", ", ".join(presets)),
+        ("revision of the missions", ", ".join(revisions) or "not recorded"),
+        ("revision of this page", git_revision()),
+        ("versions", ", ".join(f"{name} {number}" for name, number in software.items())),
+        (
+            "renderer",
+            ", ".join(sorted({str(t["backend"]) for t in trees if "backend" in t})) or "not recorded",
+        ),
+    ]
