@@ -1,11 +1,13 @@
 """Do strategies come in the same order when photographs are path traced? Our renderer against Mitsuba.
 
     OMP_NUM_THREADS=1 python benchmarks/renderer_order.py fly ROCK ... --out docs/results/data/renderer_order.csv
-    python benchmarks/renderer_order.py compare docs/results/data/renderer_order.csv
+    python benchmarks/renderer_order.py compare docs/results/data/renderer_order.csv [--figure FILE.png]
 
 Preset ``campaign``, replicate 0, on rocks that nothing was tuned on. ``fly`` writes a row per mission and leaves out
 those whose row is there; both worlds fly each configuration before the next one. ``compare`` prints Spearman's rank
 correlation of the configurations' means, with a bootstrap over rocks, and what matters of the differences.
+Photographs are kept in the user's store. ``--world raycast --replicates 2`` flies ours again: how well a world agrees
+with itself bounds how well it can agree with another.
 """
 
 from __future__ import annotations
@@ -15,6 +17,10 @@ import csv
 from pathlib import Path
 from typing import Any
 
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
 import numpy as np
 
 from nbv.config import MissionConfig, preset
@@ -58,7 +64,7 @@ def configurations() -> dict[str, MissionConfig]:
     return {name: preset("campaign").with_values(changed) for name, changed in values.items()}
 
 
-def fly(rocks: list[str], replicates: int, out: Path) -> None:
+def fly(rocks: list[str], worlds: list[str], replicates: int, out: Path) -> None:
     """A row per mission that has none yet."""
     done = {(row["configuration"], row["rock"], row["replicate"], row["world"]) for row in read(out)}
     with out.open("a", newline="") as file:
@@ -68,7 +74,7 @@ def fly(rocks: list[str], replicates: int, out: Path) -> None:
         for replicate in range(replicates):
             for path in rocks:
                 for name, config in configurations().items():
-                    for world in WORLDS:
+                    for world in worlds:
                         block = (name, Path(path).stem, str(replicate), world)
                         if block in done:
                             continue
@@ -92,35 +98,58 @@ def read(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
+def outcomes(path: Path, column: str) -> dict[str, dict[str, dict[tuple[str, int], float]]]:
+    """By world, configuration and (rock, replicate); larger is better."""
+    sign = -1.0 if column.startswith("C2C") else 1.0
+    worlds: dict[str, dict[str, dict[tuple[str, int], float]]] = {world: {} for world in WORLDS}
+    for row in read(path):
+        if row[column]:
+            own = worlds[row["world"]].setdefault(row["configuration"], {})
+            own[row["rock"], int(row["replicate"])] = sign * float(row[column])
+    return worlds
+
+
 def compare(path: Path) -> None:
     """Print what the missions say."""
     for column in HEAD[-3:]:
-        sign = -1.0 if column.startswith("C2C") else 1.0
-        worlds: dict[str, dict[str, dict[tuple[str, int], float]]] = {world: {} for world in WORLDS}
-        for row in read(path):
-            if row[column]:
-                block = (row["rock"], int(row["replicate"]))
-                own = worlds[row["world"]].setdefault(row["configuration"], {})
-                own[block] = sign * float(row[column])
-        ours, traced = worlds["raycast"], worlds["mitsuba"]
-        rocks = sorted({rock for own in traced.values() for rock, _ in own})
+        worlds = outcomes(path, column)
+        rocks = sorted({rock for own in worlds["mitsuba"].values() for rock, _ in own})
         print(f"\n{column}")
         for rock in [None, *rocks]:
-            a, b = (
-                {name: {k: v for k, v in own.items() if rock in (None, k[0])} for name, own in world.items()}
-                for world in (ours, traced)
+            traced, ours = (
+                {n: {k: v for k, v in own.items() if rock in (None, k[0])} for n, own in worlds[w].items()}
+                for w in WORLDS
             )
-            found = agreement(a, b)
+            first = {n: {k: v for k, v in own.items() if k[1] == 0} for n, own in ours.items()}
+            again = {n: {(k[0], 0): v for k, v in own.items() if k[1] == 1} for n, own in ours.items()}
+            found, own = agreement(first, traced), agreement(first, again).spearman
+            rho = found.spearman
             print(
-                f"  {rock or 'all'}: {len(found.configurations)} configurations, {found.blocks} blocks,",
+                f"  {rock or 'all'}: {len(found.configurations)} configurations, {found.blocks} blocks;",
                 end=" ",
             )
-            print(f"Spearman {found.spearman}, chosen by ours {found.chosen!r}, regret {found.regret}")
-        for world, own in worlds.items():
+            print(f"Spearman {rho.value} [{rho.low}, {rho.high}]; ours, replicate 0 and 1: {own.value}")
+            print(f"    chosen by ours: {found.chosen}; Mitsuba's best: {found.best}; regret {found.regret}")
+        for world, by_name in worlds.items():
             for reference in ("Hyb-H", "random, tuned pool"):
-                both = own.get("tuned", {}).keys() & own.get(reference, {}).keys()
-                gains = [own["tuned"][k] - own[reference][k] for k in sorted(both)]
+                both = by_name.get("tuned", {}).keys() & by_name.get(reference, {}).keys()
+                gains = [by_name["tuned"][k] - by_name[reference][k] for k in sorted(both)]
                 print(f"  {world}: tuned - {reference}: {np.mean(gains):+.2f}", [f"{g:+.2f}" for g in gains])
+
+
+def draw(path: Path, png: Path) -> None:
+    """The configurations' means over rocks, replicate 0, in both worlds."""
+    worlds = outcomes(path, "F whole")
+    figure, axes = plt.subplots(figsize=(6, 5))
+    for name, blocks in worlds["raycast"].items():
+        traced = worlds["mitsuba"][name]
+        x, y = (float(np.mean([own[k] for k in traced if k in blocks])) for own in (blocks, traced))
+        axes.plot(x, y, "o", color="#D55E00" if name == "tuned" else "#0072B2")
+        axes.annotate(name, (x, y), xytext=(4, 3), textcoords="offset points", fontsize=7)
+    axes.set_xlabel("our renderer, F-score @ 48 mm (%)")
+    axes.set_ylabel("Mitsuba, F-score @ 48 mm (%)")
+    axes.grid(alpha=0.3)
+    figure.savefig(png, dpi=110, bbox_inches="tight", metadata={"Software": None})
 
 
 def main() -> None:
@@ -129,14 +158,19 @@ def main() -> None:
     commands = parser.add_subparsers(dest="command", required=True)
     flying = commands.add_parser("fly")
     flying.add_argument("rocks", nargs="+")
+    flying.add_argument("--world", nargs="+", choices=WORLDS, default=[*WORLDS])
     flying.add_argument("--replicates", type=int, default=1)
     flying.add_argument("--out", type=Path, required=True)
-    commands.add_parser("compare").add_argument("file", type=Path)
+    comparing = commands.add_parser("compare")
+    comparing.add_argument("file", type=Path)
+    comparing.add_argument("--figure", type=Path)
     arguments = parser.parse_args()
     if arguments.command == "fly":
-        fly(arguments.rocks, arguments.replicates, arguments.out)
-    else:
-        compare(arguments.file)
+        fly(arguments.rocks, arguments.world, arguments.replicates, arguments.out)
+        return
+    compare(arguments.file)
+    if arguments.figure:
+        draw(arguments.file, arguments.figure)
 
 
 if __name__ == "__main__":
