@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -28,9 +28,8 @@ class Distances:
     to_truth_mm: Floats  # (N,) from each point to the whole reference surface: what is wrong
     sectors: NDArray[np.int64]  # (S,) azimuth sector of each sample
     config: EvaluationConfig
-    by_voxel: Mapping[
-        float, tuple[float, float]
-    ]  # Tanks and Temples' precision and recall by threshold in mm, if wanted
+    # Tanks and Temples' precision and recall (%) by threshold in mm, where wanted
+    by_voxel: Mapping[float, tuple[float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
