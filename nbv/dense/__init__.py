@@ -1,5 +1,6 @@
 """The dense stage: depth maps from posed photographs, checked against each other and fused."""
 
+from nbv.dense.cuda import patchmatch_runs
 from nbv.dense.interface import DenseReport, DepthBackend, DepthMap
 from nbv.dense.reconstruct import CheckedDepths, check_depths, make_backend, reconstruct_dense
 
@@ -10,5 +11,6 @@ __all__ = [
     "DepthMap",
     "check_depths",
     "make_backend",
+    "patchmatch_runs",
     "reconstruct_dense",
 ]

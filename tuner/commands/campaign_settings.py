@@ -10,8 +10,9 @@ from typing import Any
 from nbv.errors import UserError
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import read_settings_file, settings_from_dict
-from tuner.commands.console import rock_arguments
+from tuner.commands.console import best_dense_stage, rock_arguments
 from tuner.commands.rock_choice import QUICK_ROCKS, refuse_held_out, training_rocks
+from tuner.missions.registry import DEFAULT_RUNNER
 
 DEFAULTS: dict[str, Any] = {
     "name": "campaign",
@@ -45,6 +46,8 @@ def asked_settings(fields: Mapping[str, Any], source: str) -> CampaignSettings:
     """
     from tuner.campaign.shipped import sources_by_default  # with what follows it takes seconds to load
 
+    if fields.get("runner", DEFAULT_RUNNER) == DEFAULT_RUNNER:
+        fields = {**fields, "overrides": best_dense_stage(fields.get("overrides") or {})}
     sources = fields.get("learn_from")
     rocks = fields.get("rocks") or training_rocks()
     first = settings_from_dict(

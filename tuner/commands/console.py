@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +45,22 @@ def mission_config(
     values = parse_overrides(assignments)
     if gate is not None:
         values["gate.kind"] = gate
-    return under(preset(preset_name), load_condition(condition)).with_values(values)
+    return under(preset(preset_name), load_condition(condition)).with_values(best_dense_stage(values))
+
+
+def best_dense_stage(values: Mapping[str, Any]) -> dict[str, Any]:
+    """``values`` with COLMAP's PatchMatch, the paper's, where this machine can run it and they name no other.
+
+    It becomes part of the configuration, so that a result says what made it, and a resume elsewhere uses the same.
+    """
+    from nbv.dense import patchmatch_runs
+
+    if "dense.backend" in values or not patchmatch_runs():
+        return dict(values)
+    output.print(
+        "dense stage: COLMAP's PatchMatch, since this machine has CUDA (--set dense.backend=sgbm for the CPU's)"
+    )
+    return {**values, "dense.backend": "patchmatch"}
 
 
 def under_conditions(conditions: Sequence[Condition]) -> str:

@@ -1,5 +1,6 @@
 """The command line's manners: a user's mistake is one line that names the thing and the remedy, exit code 2."""
 
+import re
 import subprocess
 import sys
 
@@ -265,3 +266,13 @@ def test_import_list_show_a_rock_of_ones_own(gatetune, tmp_path):
     code, _, err = gatetune("rocks", "import", path, "--name", "my-stone")
     assert code == 2
     assert "my-stone" in err
+
+
+@pytest.mark.parametrize(
+    ("cuda", "asked", "flown"), [(False, (), "sgbm"), (True, (), "patchmatch"), (True, ("sgbm",), "sgbm")]
+)
+def test_patchmatch_is_chosen_where_there_is_cuda(gatetune, monkeypatch, cuda, asked, flown):
+    monkeypatch.setattr("nbv.dense.patchmatch_runs", lambda: cuda)
+    code, out, err = gatetune("config", "show", *(f"--set=dense.backend={name}" for name in asked))
+    assert code == 0, err
+    assert re.search(rf"backend: {flown} ", out) and ("has CUDA" in out) == (cuda and not asked)
