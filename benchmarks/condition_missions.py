@@ -1,0 +1,66 @@
+"""How many missions under a condition end with a model? Seeds and a few captures; the dense stage is cut short.
+
+    OMP_NUM_THREADS=1 python benchmarks/condition_missions.py --condition field --replicates 6 --out field.csv
+
+One row per mission, Hyb-H at preset ``campaign`` with 4 captures, on all procedural rocks. Goes on where a file ends.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from pathlib import Path
+
+from nbv.config import load_condition, preset, under
+from nbv.photogrammetric import run_photogrammetric_mission
+from nbv.rocks.recipes import RECIPES
+
+SHORT = {
+    "stop.adaptive_budget": 4,
+    "dense.neighbours": 1,
+    "dense.agreeing_views": 2,
+    "evaluation.gt_samples": 1000,
+}
+HEAD = (
+    "condition",
+    "rock",
+    "replicate",
+    "status",
+    "reason",
+    "images",
+    "registered images",
+    "alignment rms (m)",
+)
+
+
+def main() -> None:
+    """Fly what is not in the file yet."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--condition", default="field")
+    parser.add_argument("--replicates", type=int, default=6)
+    parser.add_argument("--out", type=Path, required=True)
+    arguments = parser.parse_args()
+    config = under(preset("campaign"), load_condition(arguments.condition)).with_values(SHORT)
+    done = set()
+    if arguments.out.exists():
+        with arguments.out.open(newline="") as file:
+            done = {(row["rock"], int(row["replicate"])) for row in csv.DictReader(file)}
+    with arguments.out.open("a", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        if not done:
+            rows.writerow(HEAD)
+        for replicate in range(arguments.replicates):
+            for rock in RECIPES:
+                if (rock, replicate) in done:
+                    continue
+                result = run_photogrammetric_mission(config, rock, replicate)
+                rms_m = f"{result.trace[-1].alignment_rms_m:.3f}" if result.trace else ""
+                images = (int(result.costs["images"]), int(result.costs["registered_images"]))
+                rows.writerow(
+                    [arguments.condition, rock, replicate, result.status, result.reason, *images, rms_m]
+                )
+                file.flush()
+
+
+if __name__ == "__main__":
+    main()
