@@ -209,34 +209,6 @@ def speed(data: Path) -> plt.Figure:
     return figure
 
 
-def reduced_sfm(data: Path) -> plt.Figure:
-    """CPU seconds by stage of a warm paper mission, with full and with reduced SfM."""
-    rows = [
-        row
-        for row in read(data, "reduced_sfm_stages")
-        if row["stage"] != "whole mission" and row["warm, with none"]
-    ]
-    rows = [row for row in rows if float(row["warm, with none"]) > 0.5]
-    figure, axes = plt.subplots(figsize=(7, 3.4))
-    places = range(len(rows))
-    for shift, column, colour, label in (
-        (-0.2, "warm, with none", GREY, "full SfM"),
-        (0.2, "warm, now", BLUE, "reduced SfM"),
-    ):
-        axes.barh(
-            [place + shift for place in places],
-            [float(row[column]) for row in rows],
-            0.4,
-            color=colour,
-            label=label,
-        )
-    axes.set_yticks(places, [row["stage"] for row in rows])
-    axes.invert_yaxis()
-    axes.set_xlabel("CPU seconds, store warm, new sequence of views")
-    axes.legend()
-    return figure
-
-
 FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
     figure.__name__: figure
     for figure in (
@@ -249,7 +221,6 @@ FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
         visibility,
         hausdorff_floor,
         speed,
-        reduced_sfm,
     )
 }
 

@@ -9,7 +9,7 @@ from nbv.config.mission_config import MissionConfig
 from nbv.config.sources import Source
 from nbv.errors import UserError
 
-# Work left out that the outcome does not show (docs/results/reduced_sfm.md).
+# Work left out that the outcome does not show (docs/results/speed.md).
 REDUCED_SFM: dict[str, Any] = {
     "sparse.max_pairs": 8,
     "sparse.max_pair_angle_deg": 130.0,
