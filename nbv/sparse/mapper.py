@@ -28,6 +28,8 @@ _BOOTSTRAP_GROWTH = 1.25  # global adjustment each time the seed model has grown
 _GLOBAL_REFINEMENTS = 3
 _LOCAL_CHANGE = 1e-3  # a refinement stops once fewer observations than this fraction change
 _GLOBAL_CHANGE = 5e-4
+# Half of COLMAP's 30 and 0.25, which guard against wrong poses where nothing else does.
+_GUARDED_POSE_INLIERS, _GUARDED_POSE_INLIER_RATIO = 15, 0.15
 
 Judge = Callable[[pycolmap.Reconstruction, int], str]
 """Given the model and the image just registered: "" to keep it, otherwise why its pose is wrong."""
@@ -83,9 +85,14 @@ class IncrementalModel:
     Add photographs with :meth:`add_image` and their verified pairs with :meth:`add_pairs`, then call
     :meth:`bootstrap` once and :meth:`update` after each further photograph. Image ids count from 1 in
     the order of :meth:`add_image`.
+
+    Parameters
+    ----------
+    poses_guarded
+        Somebody compares poses with telemetry, so that fewer matches may register a photograph.
     """
 
-    def __init__(self, camera: CameraConfig, config: SparseConfig) -> None:
+    def __init__(self, camera: CameraConfig, config: SparseConfig, *, poses_guarded: bool = False) -> None:
         self.camera = camera
         self.config = config
         self.names: list[str] = []
@@ -95,6 +102,9 @@ class IncrementalModel:
         self.captures_since_global = 0
         self.timer = StageTimer()
         self._options = mapping_options(config)
+        if poses_guarded:
+            self._options.mapper.abs_pose_min_num_inliers = _GUARDED_POSE_INLIERS
+            self._options.mapper.abs_pose_min_inlier_ratio = _GUARDED_POSE_INLIER_RATIO
         self._mapper_options = self._options.get_mapper()
         self._triangulation = self._options.get_triangulation()
         self._local_ba = self._options.get_local_bundle_adjustment()

@@ -68,7 +68,8 @@ class SparseReconstructor:
         )
         self.target_m = np.asarray(target_m, dtype=float)
         self._source = correspondences or ComputedCorrespondences(camera, config)
-        self._model = IncrementalModel(camera, config)
+        # With exact telemetry COLMAP's own thresholds stand: the world `ideal` stays as it is.
+        self._model = IncrementalModel(camera, config, poses_guarded=not self.telemetry.is_exact)
         self._timer = StageTimer()
         self._captures: list[Capture] = []
         self._features: list[Features] = []
