@@ -22,7 +22,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.foreign import RESULT_BYTES, read_json, read_text
 from nbv.mission.run_directory import write_atomic
@@ -39,6 +38,7 @@ from tuner.campaign.settings_file import (
 from tuner.missions.long_runs import exclusive
 from tuner.missions.registry import refuse_code_of_file
 from tuner.problem.observations import Observation, Proposal
+from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation, recommend
 from tuner.samplers.base import Sampler, SamplerSettings
 from tuner.samplers.earlier_missions import EarlierMissions
@@ -270,7 +270,7 @@ class Campaign:
         """The sampler's next mission after the first ``known`` trials; the others count as in flight."""
         return self._sampler.ask(self.history(trials[:known]), self.ledger.pending(trials, known))
 
-    def recommended_config(self) -> MissionConfig:
+    def recommended_config(self) -> Configuration:
         """The recommendation as a complete mission configuration, under no condition.
 
         What the campaign ended with stands, so that an evaluation goes on after an upgrade of this program whose

@@ -16,6 +16,7 @@ from tuner.missions.executors import Executor
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
 from tuner.missions.long_runs import exclusive, stop_signals
 from tuner.problem.blocks import next_block
+from tuner.problem.objective import dotted
 from tuner.recommendation.recommendation import Recommendation
 
 # So many failures in a row mean that something is wrong with the set-up, not with the configurations.
@@ -181,11 +182,23 @@ class _Session:
             self._note_failure(outcome.reason, outcome.message)
             self._emit("lost", trial, message=f"{outcome.reason}: {outcome.message}")
             return
+        self._require_metric(outcome)
         self._enter(trial, outcome)
 
     def _note_failure(self, reason: str, message: str) -> None:
         self._failures_in_row += 1
         self._last_failure = f"{reason!r} ({message})" if message else repr(reason)
+
+    def _require_metric(self, outcome: MissionOutcome) -> None:
+        """Before any mission has the metric: `UserError` where one of a mission file ended well without it."""
+        mission, objective = self._settings.mission, self._settings.objective
+        if mission is None or outcome.status == "failed" or objective.measure(outcome.metrics) is not None:
+            return
+        if not any(t.state == "complete" for t in self._ledger.trials()):
+            there = ", ".join(dotted(outcome.metrics)) or "none"
+            raise UserError(
+                f"{mission.path}: a mission ended without metric {objective.metric!r}, which it is tuned for; it has {there}"
+            )
 
     def _enter(self, trial: TrialRecord, outcome: MissionOutcome) -> None:
         record = self._ledger.finish(trial.number, outcome)

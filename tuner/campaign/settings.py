@@ -8,15 +8,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from nbv.config import IDEAL, IDEAL_CONDITION, Condition, MissionConfig, preset, require_distinct, under
+from nbv.config import IDEAL, IDEAL_CONDITION, Condition, preset, require_distinct, under
 from nbv.errors import UserError
 from nbv.foreign import require
 from nbv.mission.runner import Keep
-from tuner.missions.registry import DEFAULT_RUNNER, check_runner
+from tuner.missions.external import MissionFile, external_config
+from tuner.missions.registry import DEFAULT_RUNNER, EXTERNAL, check_runner
 from tuner.problem.blocks import MAX_MISSIONS, MAX_REPLICATES
 from tuner.problem.objective import Objective
 from tuner.problem.options import RISKS, Risk
-from tuner.problem.search_space import SearchSpace, Values
+from tuner.problem.search_space import Configuration, SearchSpace, Values
 from tuner.problem.worlds import World, worlds_over
 from tuner.samplers.design import initial_design_size
 from tuner.samplers.registry import (
@@ -55,6 +56,9 @@ class CampaignSettings:
     # with any number of workers (of which in_step have work). None: it knows what has ended, so that nobody waits.
     in_step: int | None = None
     conditions: tuple[Condition, ...] = (IDEAL_CONDITION,)  # every rock is flown under each
+    mission: MissionFile | None = (
+        None  # a mission that is not ours: its space, its instances as rocks, its metric
+    )
 
     def __post_init__(self) -> None:
         if not self.name:
@@ -80,11 +84,30 @@ class CampaignSettings:
         if self.keep not in ("summary", "all"):
             raise UserError(f"keep is {self.keep!r}; it must be summary or all")
         check_runner(self.runner)
+        self._check_mission()
         self._check_options()
         if self.sampler not in ALL_SAMPLER_NAMES:
             raise UserError(f"unknown sampler {self.sampler!r}; there are {', '.join(ALL_SAMPLER_NAMES)}")
         self.default_values()  # the space must fit the preset
         self._check_conditions()
+
+    def _check_mission(self) -> None:
+        if (self.runner == EXTERNAL) != (self.mission is not None):
+            raise UserError("the runner external and a mission file belong together; name one with --mission")
+        if self.mission is None:
+            return
+        ours = {"overrides": self.overrides, "conditions": self.conditions != (IDEAL_CONDITION,)}
+        for what, given in ours.items():
+            if given:
+                raise UserError(f"{what} are of our own missions; with a mission file leave them out")
+        if self.space != self.mission.space:
+            raise UserError(f"the search space is that of {self.mission.path}; leave another one out")
+        names = [instance.name for instance in self.mission.instances]
+        for rock in self.rocks:
+            if rock not in names:
+                held = rock in [instance.name for instance in self.mission.held_out]
+                why = "is held out: it may not be tuned on" if held else "is no instance"
+                raise UserError(f"{rock!r} {why}; {self.mission.path} has {', '.join(names)} to tune on")
 
     def _check_conditions(self) -> None:
         own = {
@@ -123,18 +146,25 @@ class CampaignSettings:
         """Every rock under every condition, in the order of their turns."""
         return worlds_over(self.rocks, [condition.name for condition in self.conditions])
 
-    def base_config(self) -> MissionConfig:
+    def base_config(self) -> Configuration:
         """The mission configuration on which conditions and tuned values are laid."""
+        if self.mission is not None:
+            return external_config(self.mission)
         return self.space.base_config(preset(self.preset).with_values(self.overrides))
 
-    def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> MissionConfig:
+    def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> Configuration:
         """The mission configuration at tuned ``values``, under one of the campaign's conditions or none."""
-        config = self.base_config().with_values(self.space.complete(values))
+        if self.mission is not None:
+            return external_config(self.mission, values)
+        base = self.space.base_config(preset(self.preset).with_values(self.overrides))
+        config = base.with_values(self.space.complete(values))
         named = {c.name: c for c in self.conditions}
         return config if condition == IDEAL else under(config, named[condition])
 
     def default_values(self) -> Values:
-        """Where every sampler starts: the paper's values."""
+        """Where every sampler starts: the paper's values, or a mission file's defaults."""
+        if self.mission is not None:
+            return dict(external_config(self.mission).values)
         return self.space.default(preset(self.preset).with_values(self.overrides))
 
     def initial_size(self) -> int:
@@ -172,4 +202,7 @@ class CampaignSettings:
             "learn_from": list(self.learn_from),
             "in_step": self.in_step,
             "conditions": {condition.name: condition.to_dict() for condition in self.conditions},
+            "mission": None
+            if self.mission is None
+            else {"file": str(self.mission.path), "sha256": self.mission.sha256},
         }

@@ -14,6 +14,9 @@ from nbv.config import Condition, condition_from_dict, load_conditions
 from nbv.errors import UserError
 from nbv.foreign import read_yaml
 from tuner.campaign.settings import CampaignSettings
+from tuner.missions.external import MissionFile, load_mission_file
+from tuner.missions.external.configuration import same_mission_file
+from tuner.missions.registry import EXTERNAL
 from tuner.problem.objective import Objective, direction_of
 from tuner.problem.space_files import load_search_space, space_from_dict
 
@@ -27,6 +30,7 @@ FIELDS = {
     "replicates": "draws of arrival errors and noise per rock",
     "seed": "of the design and the acquisition",
     "conditions": "worlds to fly in, rock by rock: a list of names of conditions/ or YAML files, or {name: sections}",
+    "mission": "a mission file, which says what is not said here; null: our own missions",
     "preset": "mission preset",
     "overrides": "parameter paths and values laid over the preset",
     "objective": "a metric's path, or {metric, direction: maximise or minimise}",
@@ -43,7 +47,7 @@ FIELDS = {
 _TEXTS = ("name", "preset", "risk", "sampler", "runner", "keep", "storage")
 _NUMBERS = ("budget", "replicates", "seed", "initial", "in_step")
 _LISTS = ("rocks", "learn_from")
-_MAY_BE_NULL = ("initial", "in_step", "storage")
+_MAY_BE_NULL = ("initial", "in_step", "storage", "mission")
 
 
 def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
@@ -55,13 +59,23 @@ def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
         A field that there is not, one of the wrong kind, no rocks or budget, or settings that make no campaign.
     """
     _check(tree, source)
+    mission = _mission(tree.get("mission"), source)
+    if mission is not None:
+        tree = {**_said_by(mission), **tree}
     missing = [key for key in ("name", "search_space", "rocks", "budget") if key not in tree]
     if missing:
         raise UserError(f"{source}: {missing[0]!r} is missing: {FIELDS[missing[0]]}")
     fields: dict[str, Any] = {key: tree[key] for key in (*_TEXTS, *_NUMBERS) if key in tree}
     fields |= {key: tuple(tree[key]) for key in _LISTS if key in tree}
     space = tree["search_space"]
-    fields["space"] = load_search_space(space) if isinstance(space, str) else space_from_dict(space, source)
+    if mission is None:
+        fields["space"] = (
+            load_search_space(space) if isinstance(space, str) else space_from_dict(space, source)
+        )
+    elif space == mission.space.to_dict():
+        fields |= {"mission": mission, "space": mission.space}
+    else:
+        raise UserError(f"{source}: its search space is not that of {mission.path}; leave search_space out")
     if tree.get("conditions") is not None:
         fields["conditions"] = _conditions(tree["conditions"], source)
     if tree.get("overrides"):
@@ -93,6 +107,27 @@ def _check(tree: Any, source: str) -> None:
         raise UserError(
             f"{source}: overrides is {tree['overrides']!r}; it must map parameter paths to values"
         )
+
+
+def _mission(tree: Any, source: str) -> MissionFile | None:
+    if tree is None:
+        return None
+    if isinstance(tree, str):
+        return load_mission_file(Path(tree))
+    if not isinstance(tree, Mapping) or set(tree) != {"file", "sha256"}:
+        raise UserError(f"{source}: mission is {tree!r}; it must be the path of a mission file")
+    return same_mission_file(Path(str(tree["file"])), str(tree["sha256"]))
+
+
+def _said_by(mission: MissionFile) -> dict[str, Any]:
+    """The fields that a mission file decides."""
+    return {
+        "search_space": mission.space.to_dict(),
+        "rocks": [instance.name for instance in mission.instances],
+        "replicates": mission.replicates,
+        "objective": {"metric": mission.objective.metric, "direction": mission.objective.direction},
+        "runner": EXTERNAL,
+    }
 
 
 def _conditions(tree: Any, source: str) -> tuple[Condition, ...]:

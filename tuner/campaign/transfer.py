@@ -12,18 +12,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from nbv.config import MissionConfig
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.shipped import SHIPPED, shipped_missions
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
-from tuner.problem.search_space import SearchSpace, Values, value_at
+from tuner.problem.search_space import Configuration, SearchSpace, Values, value_at
 from tuner.samplers.earlier_missions import MIN_OBSERVATIONS, EarlierMissions
 
 
 def learn_from(
-    directories: Sequence[str], space: SearchSpace, base: MissionConfig, objective: Objective
+    directories: Sequence[str], space: SearchSpace, base: Configuration, objective: Objective
 ) -> EarlierMissions:
     """The missions of the campaigns in ``directories`` (or ``shipped``) that are configurations of ``space``.
 
@@ -55,7 +54,7 @@ def learn_from(
 
 
 def _missions_of(
-    directory: str, space: SearchSpace, base: MissionConfig, objective: Objective
+    directory: str, space: SearchSpace, base: Configuration, objective: Objective
 ) -> EarlierMissions:
     campaign = Campaign.open(Path(directory), read_only=True)
     own = _observations(campaign, space, base, objective)
@@ -72,7 +71,7 @@ def _missions_of(
 def _observations(
     campaign: Campaign,
     space: SearchSpace,
-    base: MissionConfig,
+    base: Configuration,
     objective: Objective,
 ) -> list[Observation]:
     held = campaign.settings.base_config()
@@ -98,7 +97,7 @@ def _observations(
 
 
 def _moved(
-    tuned: Mapping[str, Any], held: MissionConfig, space: SearchSpace, base: MissionConfig
+    tuned: Mapping[str, Any], held: Configuration, space: SearchSpace, base: Configuration
 ) -> Values | None:
     """``tuned`` values of a mission whose others are ``held``, in ``space``; None where it is no configuration of it."""
     if any(path not in space.paths and value != value_at(base, path) for path, value in tuned.items()):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -11,7 +10,7 @@ import typer
 from nbv.config import IDEAL
 from nbv.errors import UserError
 from tuner.commands.campaign_display import CampaignProgress, show_front, show_recommendation
-from tuner.commands.console import output, parse_overrides, seconds, under_conditions
+from tuner.commands.console import local_executor, output, parse_overrides, seconds, under_conditions
 from tuner.commands.mission import progress_bar
 
 if TYPE_CHECKING:
@@ -54,6 +53,13 @@ def run(
         typer.Option(
             "--condition",
             help="World to fly the rocks in, a name of conditions/ or a YAML file; repeatable (default: ideal).",
+            rich_help_panel=_WHAT,
+        ),
+    ] = None,
+    mission: Annotated[
+        Path | None,
+        typer.Option(
+            help="Tune a mission of your own: its mission file (see `gatetune mission init`).",
             rich_help_panel=_WHAT,
         ),
     ] = None,
@@ -156,6 +162,7 @@ def run(
         "search_space": space,
         "rocks": rocks,
         "conditions": conditions,
+        "mission": str(mission) if mission else None,
         "objective": metric,
         "second": second_metric,
         "risk": risk,
@@ -233,7 +240,7 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
         )
     for reason, count in facts.failures.items():
         output.print(f"  failed {count} times: {reason}")
-    show_recommendation(campaign.recommendation(save=False))
+    show_recommendation(campaign.recommendation(save=False), of_paper=campaign.settings.mission is None)
     show_front(campaign)
 
 
@@ -241,18 +248,15 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
     """Run or resume, with live progress, and end in the report."""
     from tuner.campaign.session import fly_campaign
     from tuner.campaign.shipped import SHIPPED
-    from tuner.missions.executors import LocalProcessExecutor
     from tuner.missions.registry import ignored_by
     from tuner.report import write_campaign_report
 
-    if workers is not None and workers < 1:
-        raise UserError(f"--workers is {workers}; give at least 1")
-    count = workers or len(os.sched_getaffinity(0))
     settings = campaign.settings
+    executor = local_executor(settings.runner, workers, timeout_s, settings.mission)
     output.print(
         f"{settings.name}: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}; "
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "
-        f"{count} workers"
+        f"{executor.capacity} workers"
     )
     if note := ignored_by(settings.runner, settings.conditions):
         output.print(note)
@@ -265,12 +269,9 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
                 else ""
             )
         )
-    with (
-        LocalProcessExecutor(count, timeout_s, preload=(settings.runner,)) as executor,
-        progress_bar() as bar,
-    ):
+    with executor, progress_bar() as bar:
         summary = fly_campaign(campaign, executor, CampaignProgress(bar, settings))
-    show_recommendation(summary.recommendation)
+    show_recommendation(summary.recommendation, of_paper=settings.mission is None)
     show_front(campaign)
     output.print(
         f"{summary.message}; {seconds(summary.elapsed_s)}, of which the sampler {seconds(summary.ask_s)}"

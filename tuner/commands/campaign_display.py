@@ -84,13 +84,13 @@ def show_front(campaign: Campaign) -> None:
     output.print(table)
 
 
-def show_recommendation(recommendation: Recommendation | None) -> None:
+def show_recommendation(recommendation: Recommendation | None, *, of_paper: bool = True) -> None:
     """The recommended values beside the defaults, and what the difference is worth."""
     if recommendation is None:
         output.print("no recommendation yet: no mission has succeeded")
         return
     table = Table(title="Recommendation (best posterior mean among what has flown often enough)")
-    for column in ("parameter", "paper", "recommended"):
+    for column in ("parameter", "paper" if of_paper else "default", "recommended"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
     for path, value in recommendation.values.items():
         table.add_row(path, _short(recommendation.default_values[path]), _short(value))
@@ -102,8 +102,9 @@ def show_recommendation(recommendation: Recommendation | None) -> None:
     )
     output.print(table)
     low, high = recommendation.improvement_interval_95
+    whose = "paper's " if of_paper else ""
     output.print(
-        f"improvement over the paper's defaults {recommendation.improvement:+.2f} "
+        f"improvement over the {whose}defaults {recommendation.improvement:+.2f} "
         f"(calibrated 95 % interval {low:+.2f} to {high:+.2f}) on the training rocks, by the surrogate; "
         "`gatetune evaluate` measures it on held-out rocks"
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from tuner.campaign.settings_file import read_settings_file, settings_from_dict
 from tuner.commands.console import best_dense_stage, rock_arguments
 from tuner.commands.rock_choice import QUICK_ROCKS, refuse_held_out, training_rocks
 from tuner.missions.registry import DEFAULT_RUNNER
+from tuner.problem.search_space import ours
 
 DEFAULTS: dict[str, Any] = {
     "name": "campaign",
@@ -20,6 +22,7 @@ DEFAULTS: dict[str, Any] = {
     "budget": 64,
     "replicates": 2,
 }
+_OURS = {"space": "search_space", "condition": "conditions", "preset": "preset", "fidelity": "runner"}
 # `make tune`: what a real campaign needs, small enough for a quarter of an hour on two cores.
 QUICK: dict[str, Any] = {"budget": 48, "rocks": QUICK_ROCKS}
 
@@ -29,9 +32,26 @@ def asked_fields(
 ) -> dict[str, Any]:
     """Fields as in a settings file: what was ``given`` goes before the file, the file before the defaults.
 
-    ``overrides`` are laid over the file's. Raises ``UserError`` as `read_settings_file`.
+    ``overrides`` are laid over the file's. Raises ``UserError`` as `read_settings_file`, and for options of our own missions
+    beside a mission file, which must have been given: a settings file may not choose what is run.
     """
-    fields = {**DEFAULTS, **(QUICK if quick else {}), **(read_settings_file(file) if file else {})}
+    from tuner.missions.external import load_mission_file
+
+    read = read_settings_file(file) if file else {}
+    if given.get("mission") is None and read.get("mission") is not None:
+        named = read["mission"]["file"] if isinstance(read["mission"], dict) else read["mission"]
+        raise UserError(
+            f"{file} asks to run a mission of its own; if you trust it, name it: --mission {named}"
+        )
+    if given.get("mission") is not None:
+        options = {f"--{key}": given[field] for key, field in _OURS.items()}
+        for option, value in {**options, "--set": overrides or None, "--quick": quick or None}.items():
+            if value is not None:
+                raise UserError(f"{option} is of our own missions; with --mission leave it out")
+        mission = load_mission_file(Path(given["mission"]))
+        fields = {"name": mission.name, "budget": DEFAULTS["budget"], **read}
+        return fields | {key: value for key, value in given.items() if value is not None}
+    fields = {**DEFAULTS, **(QUICK if quick else {}), **read}
     fields |= {key: value for key, value in given.items() if value is not None}
     return {**fields, "overrides": {**(fields.get("overrides") or {}), **overrides}}
 
@@ -46,19 +66,42 @@ def asked_settings(fields: Mapping[str, Any], source: str) -> CampaignSettings:
     """
     from tuner.campaign.shipped import sources_by_default  # with what follows it takes seconds to load
 
+    sources = fields.get("learn_from")
+    if fields.get("mission") is not None:
+        return settings_from_dict({**fields, "learn_from": _sources(sources or ())}, source)
     if fields.get("runner", DEFAULT_RUNNER) == DEFAULT_RUNNER:
         fields = {**fields, "overrides": best_dense_stage(fields.get("overrides") or {})}
-    sources = fields.get("learn_from")
     rocks = fields.get("rocks") or training_rocks()
     first = settings_from_dict(
         {**fields, "rocks": list(rocks), "learn_from": _sources(sources or ())}, source
     )
+    _require_metrics(first)
     chosen = rock_arguments(list(first.rocks))
     refuse_held_out(chosen)
     if sources is None:
         learned = sources_by_default(first.space, first.objective, first.sampler, first.second)
         return dataclasses.replace(first, rocks=tuple(chosen), learn_from=learned)
     return dataclasses.replace(first, rocks=tuple(chosen))
+
+
+def _require_metrics(settings: CampaignSettings) -> None:
+    """`UserError` where our missions have no such metric: better now than after eight of them."""
+    from nbv.evaluation.registry import METRICS
+
+    if settings.runner not in ("photogrammetric", "geometric"):
+        return
+    thresholds = ours(settings.base_config()).evaluation.thresholds_mm
+    keys = {key.replace("{t}", f"{t:g}") for key in METRICS for t in thresholds}
+    for objective in filter(None, (settings.objective, settings.second)):
+        *surface, key = objective.metric.split(".")
+        if surface[:1] == ["registered"]:
+            surface = surface[1:]
+        if surface in (["whole"], ["observable"]) and key not in keys:
+            near = difflib.get_close_matches(key, keys, 1)
+            hint = f"did you mean {surface[0]}.{near[0]}? " if near else ""
+            raise UserError(
+                f"a mission has no metric {objective.metric!r}; {hint}docs/reference/metrics.md names them"
+            )
 
 
 def _sources(given: Sequence[str]) -> list[str]:

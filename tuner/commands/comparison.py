@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shlex
 import sys
 from pathlib import Path
@@ -11,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 from rich.markup import escape
 
-from nbv.errors import UserError
-from tuner.commands.console import output, seconds, under_conditions
+from tuner.commands.console import local_executor, output, seconds, under_conditions
 from tuner.commands.mission import progress_bar
 from tuner.problem.worlds import World
 
@@ -21,6 +19,7 @@ if TYPE_CHECKING:
 
     from tuner.evaluation.flying import EvaluationEvent
     from tuner.evaluation.plan import EvaluationPlan
+    from tuner.missions.external import MissionFile
 
 
 class ComparisonProgress:
@@ -65,26 +64,25 @@ def compare(
     reference: str | None,
     title: str,
     paper: bool,
+    mission: MissionFile | None = None,
 ) -> None:
     """Fly what is missing, print Table I's layout with intervals, write the report."""
     from tuner.evaluation.comparison import comparison_table
     from tuner.evaluation.flying import run_evaluation
-    from tuner.missions.executors import LocalProcessExecutor
     from tuner.report import write_comparison_report
     from tuner.report.comparison.tables import (
         PAPER_NOT_COMPARABLE,
         comparison_terminal_table,
         difference_terminal_table,
+        mission_file_rows,
     )
 
-    if workers is not None and workers < 1:
-        raise UserError(f"--workers is {workers}; give at least 1")
-    count = workers or len(os.sched_getaffinity(0))
+    executor = local_executor(plan.runner, workers, timeout_s, mission)
     output.print(
         f"{len(plan.strategies)} strategies on {len(plan.rocks)} rocks x {plan.replicates} replicates{under_conditions(plan.conditions)}: "
-        f"{plan.missions} missions, {count} workers"
+        f"{plan.missions} missions, {executor.capacity} workers"
     )
-    with LocalProcessExecutor(count, timeout_s, preload=(plan.runner,)) as executor, progress_bar() as bar:
+    with executor, progress_bar() as bar:
         run = run_evaluation(plan, directory, executor, ComparisonProgress(bar, metric))
     several = len(plan.conditions) > 1
     for condition in plan.conditions if several else ():
@@ -96,8 +94,13 @@ def compare(
         )
     if several:
         output.print("over all conditions:")
-    table = comparison_table(run.records, tuple(plan.strategies), reference)
-    output.print(comparison_terminal_table(table, paper=paper), markup=True)
+    if mission is None or mission.score is not None:
+        rows, name = None, "Dense cloud against ground truth"
+        table = comparison_table(run.records, tuple(plan.strategies), reference)
+    else:
+        rows, name = mission_file_rows(mission.objective, run.records), "Metrics and costs"
+        table = comparison_table(run.records, tuple(plan.strategies), reference, None, rows)
+    output.print(comparison_terminal_table(table, title=name, paper=paper), markup=True)
     if (differences := difference_terminal_table(table)) is not None:
         output.print(differences, markup=True)
     if paper:
@@ -110,6 +113,7 @@ def compare(
         metric=metric,
         paper=paper,
         command=f"gatetune {shlex.join(sys.argv[1:])}",
+        rows=rows,
     )
     output.print(f"{seconds(run.elapsed_s)}; report: {report}")
     for reason, times in run.failures.items():

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -12,9 +13,14 @@ from nbv.config import IDEAL, PRESETS, Condition, MissionConfig, load_condition,
 from nbv.errors import UserError
 from nbv.foreign import parse_yaml
 
+if TYPE_CHECKING:
+    from tuner.missions.executors import LocalProcessExecutor
+    from tuner.missions.external import MissionFile
+
 # Names of rocks, campaigns and files may look like markup: it is read only where ``markup=True`` says so.
 output = Console(markup=False, emoji=False)
 errors = Console(stderr=True, markup=False, emoji=False)
+_SCORING_S = 900.0
 PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
 CONDITION_HELP = "World to fly in: a name of conditions/, or a YAML file."
 
@@ -85,6 +91,22 @@ def rock_arguments(rocks: list[str]) -> list[str]:
     for rock in rocks:
         load_rock(rock, Store())
     return [str(Path(rock).resolve()) if Path(rock).is_file() else rock for rock in rocks]
+
+
+def local_executor(
+    runner: str, workers: int | None, timeout_s: float, mission: MissionFile | None = None
+) -> LocalProcessExecutor:
+    """Processes for missions, one per core unless told otherwise; a mission file has limits of its own."""
+    from tuner.missions.executors import LocalProcessExecutor
+
+    if workers is not None and workers < 1:
+        raise UserError(f"--workers is {workers}; give at least 1")
+    count = workers or len(os.sched_getaffinity(0))
+    if mission is None:
+        return LocalProcessExecutor(count, timeout_s, preload=(runner,))
+    # The runner keeps the limit itself; this one is for a runner that hangs. Before it there may be a wait for a slot.
+    limit_s = 2 * (mission.time_limit_s + 2 * mission.stop_grace_s) + _SCORING_S
+    return LocalProcessExecutor(min(count, mission.at_once), limit_s, (runner,), mission.retries + 1)
 
 
 def seconds(value: float) -> str:

@@ -16,6 +16,7 @@ from tuner.commands.console import output
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
+    from tuner.evaluation.plan import EvaluationPlan
 
 
 def evaluate(
@@ -39,7 +40,12 @@ def evaluate(
             help="Baseline, repeatable (default: the paper's four, learned, matchable, random, greedy-oracle).",
         ),
     ] = None,
-    reference: Annotated[str, typer.Option(help="Paired differences are against this strategy.")] = "hyb-h",
+    reference: Annotated[
+        str | None,
+        typer.Option(
+            help="Paired differences are against this strategy (default: hyb-h; of a mission file default)."
+        ),
+    ] = None,
     workers: Annotated[
         int | None, typer.Option(help="Missions side by side (default: one per core).")
     ] = None,
@@ -52,22 +58,36 @@ def evaluate(
     from tuner.commands.rock_choice import unseen_rocks
     from tuner.evaluation.baselines import EVALUATION_BASELINES, baseline_configs, tuned_configs
     from tuner.evaluation.plan import EvaluationPlan
+    from tuner.problem.search_space import ours
 
     source = Campaign.open(campaign, read_only=True)
+    if source.settings.mission is not None:
+        if conditions:
+            raise UserError("--condition is of our own missions; a mission file has instances")
+        plan, against = _of_mission_file(source, rocks, replicates, strategies, reference)
+        compare(
+            plan,
+            out or campaign / "evaluation",
+            workers=workers,
+            timeout_s=timeout_s,
+            metric=source.settings.objective.metric,
+            reference=against,
+            title=f"{source.settings.name}: tuned against baselines on held-out instances",
+            paper=False,
+            mission=source.settings.mission,
+        )
+        return
     worlds = load_conditions(conditions) if conditions else source.settings.conditions
     dataclasses.replace(source.settings, conditions=worlds)  # says where the two contradict each other
     _say_what_is_unseen(source, worlds)
     chosen = unseen_rocks(source, rocks)
-    base = source.settings.base_config()
+    base = ours(source.settings.base_config())
     configs = baseline_configs(list(strategies or EVALUATION_BASELINES), base)
+    reference = reference or "hyb-h"
     if reference not in configs:
         raise UserError(f"--reference {reference!r} is not evaluated; choose from {', '.join(configs)}")
-    plan = EvaluationPlan(
-        {**tuned_configs(source.recommended_config(), base), **configs},
-        chosen,
-        replicates,
-        conditions=worlds,
-    )
+    tuned = tuned_configs(ours(source.recommended_config()), base)
+    plan = EvaluationPlan({**tuned, **configs}, chosen, replicates, conditions=worlds)
     compare(
         plan,
         out or campaign / "evaluation",
@@ -91,3 +111,34 @@ def _say_what_is_unseen(campaign: Campaign, conditions: Sequence[Condition]) -> 
         output.print(f"conditions that the campaign has not seen: {', '.join(unseen)}")
     if (seen := [name for name in names if name in flown]) and names != [IDEAL]:
         output.print(f"tuned under, so no test of transfer: {', '.join(seen)}", style="yellow")
+def _of_mission_file(
+    source: Campaign,
+    rocks: list[str] | None,
+    replicates: int,
+    strategies: list[str] | None,
+    reference: str | None,
+) -> tuple[EvaluationPlan, str]:
+    """What a mission file says to evaluate: tuned, its defaults and its baselines on its held-out instances."""
+    from tuner.evaluation.baselines import TUNED
+    from tuner.evaluation.plan import EvaluationPlan
+    from tuner.missions.external import external_config
+    from tuner.missions.registry import EXTERNAL
+
+    mission = source.settings.mission
+    assert mission is not None
+    held_out = [instance.name for instance in mission.held_out]
+    if not held_out:
+        raise UserError(f"{mission.path} holds nothing out; name instances under held_out")
+    for rock in rocks or ():
+        if rock not in held_out:
+            raise UserError(f"{rock!r} is not held out; {mission.path} holds out {', '.join(held_out)}")
+    known = {"default": {}, **mission.baselines}
+    for name in strategies or ():
+        if name not in known:
+            raise UserError(f"{mission.path} has no baseline {name!r}; there are {', '.join(known)}")
+    configs = {name: external_config(mission, known[name]) for name in strategies or known}
+    reference = reference or next(iter(configs))
+    if reference not in configs:
+        raise UserError(f"--reference {reference!r} is not evaluated; choose from {', '.join(configs)}")
+    flown = {TUNED: source.recommended_config(), **configs}
+    return EvaluationPlan(flown, tuple(rocks or held_out), replicates, runner=EXTERNAL), reference

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+import yaml
 
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
@@ -61,17 +62,23 @@ def export(
 def _yaml(run: Path, to: Format, onto: Path | None) -> tuple[str, list[str]]:
     from adapters.photogrammetry_nbv import read_file, write_mission, write_scoring, write_text
     from tuner.campaign.campaign import Campaign
+    from tuner.problem.search_space import ours
 
     campaign = Campaign.open(run, read_only=True)
     config = campaign.recommended_config()
     header = _header(campaign)
     if to is Format.ours:
         from tuner.commands.config import commented_yaml
+        from tuner.missions.external import ExternalConfig
 
-        return "".join(f"# {line}\n" for line in header) + "\n".join(commented_yaml(config)) + "\n", []
+        if isinstance(config, ExternalConfig):
+            lines = yaml.safe_dump(dict(config.values), sort_keys=False).splitlines()
+        else:
+            lines = commented_yaml(ours(config))
+        return "\n".join([*(f"# {line}" for line in header), *lines]) + "\n", []
     theirs = read_file(onto, to.value) if onto is not None else None
     write = write_scoring if to is Format.scoring else write_mission
-    values, remarks = write(config, theirs)
+    values, remarks = write(ours(config), theirs)
     lost = [str(remark) for remark in remarks]
     head = [*header, *(f"does not transfer: {text}" for text in lost)]
     return write_text(values, to.value, "\n".join(head)), lost

@@ -89,11 +89,13 @@ def comparison_table(
     records: Sequence[EvaluationRecord],
     strategies: Sequence[str],
     reference: str | None = None,
-    surface: Literal["whole", "observable"] = "whole",
+    surface: Literal["whole", "observable"] | None = "whole",
     rows: Sequence[MetricRow] = TABLE_I_ROWS + TANKS_AND_TEMPLES_ROWS,
     method: Method = "auto",
 ) -> ComparisonTable:
     """Means with intervals per strategy, and differences against ``reference`` (one of the strategies).
+
+    ``surface``: on which the ``rows`` are measured; None: as they say themselves.
 
     Raises
     ------
@@ -104,7 +106,7 @@ def comparison_table(
         raise UserError(f"reference {reference!r} was not evaluated; choose from {', '.join(strategies)}")
     table = []
     for row in rows:
-        metric = row if row.key.startswith("costs.") else row.on(surface)
+        metric = row if surface is None or row.key.startswith("costs.") else row.on(surface)
         cells = {name: strategy_interval(records, name, metric.key, method) for name in strategies}
         means = {name: cell.mean for name, cell in cells.items() if cell is not None}
         if row in TANKS_AND_TEMPLES_ROWS and not means:

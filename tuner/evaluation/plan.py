@@ -18,17 +18,18 @@ from nbv.config import (
     Condition,
     MissionConfig,
     condition_from_dict,
-    config_from_dict,
     require_distinct,
     under,
 )
 from nbv.errors import UserError
 from nbv.foreign import read_yaml, require
 from nbv.mission.runner import Keep
+from tuner.missions.external import configuration_from_dict
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
 from tuner.missions.registry import DEFAULT_RUNNER
 from tuner.problem.blocks import MAX_REPLICATES
 from tuner.problem.objective import Objective
+from tuner.problem.search_space import Configuration
 from tuner.problem.worlds import World
 
 PLAN_FILE = "evaluation.yaml"
@@ -45,7 +46,7 @@ class EvaluationPlan:
         Nothing to compare.
     """
 
-    strategies: dict[str, MissionConfig]
+    strategies: Mapping[str, Configuration]
     rocks: tuple[str, ...]
     replicates: int = 1  # numbered from ``first_replicate``, the same for all strategies
     first_replicate: int = 0
@@ -105,7 +106,7 @@ class EvaluationPlan:
                     f"{path} has format {tree['format']}, this version reads {FORMAT_VERSION}; begin it again in another directory"
                 )
             return EvaluationPlan(
-                {name: config_from_dict(config) for name, config in tree["strategies"].items()},
+                {name: configuration_from_dict(config) for name, config in tree["strategies"].items()},
                 tuple(tree["rocks"]),
                 tree["replicates"],
                 tree["first_replicate"],
@@ -139,14 +140,14 @@ class EvaluationPlan:
 
     def _job(self, directory: Path, strategy: str, world: World, replicate: int) -> MissionJob:
         condition = next(c for c in self.conditions if c.name == world.condition)
-        owner = self._owners[strategy]
+        owner, config = self._owners[strategy], self.strategies[strategy]
         name = (
             Path(world.rock).stem if world.condition == IDEAL else f"{Path(world.rock).stem}_{condition.name}"
         )
         folder = f"{self.rocks.index(world.rock):02d}_{name}_r{replicate}"
         return MissionJob(
             f"{owner}/{folder}",
-            under(self.strategies[strategy], condition),
+            under(config, condition) if isinstance(config, MissionConfig) else config,
             world.rock,
             replicate,
             directory / "missions" / owner / folder,

@@ -137,6 +137,8 @@ class LocalProcessExecutor:
         A mission that takes longer is killed and recorded as ``timeout``.
     preload
         Runners whose modules the server imports before it forks.
+    max_flights
+        How often a mission that the machine ends is flown in all.
     """
 
     def __init__(
@@ -144,6 +146,7 @@ class LocalProcessExecutor:
         workers: int = 1,
         timeout_s: float = 3600.0,
         preload: tuple[str, ...] = (DEFAULT_RUNNER,),
+        max_flights: int = MAX_FLIGHTS,
     ) -> None:
         if workers < 1:
             raise UserError(f"workers is {workers}; it must be at least 1")
@@ -152,6 +155,7 @@ class LocalProcessExecutor:
             raise UserError(f"the mission time-out is {timeout_s} s; it must be positive")
         self.capacity = workers
         self._timeout_s = timeout_s
+        self._max_flights = max_flights
         self._preload = [runner_module(runner) for runner in preload]
         self._flights: dict[str, _Flight] = {}
         self._again: list[_Flight] = []
@@ -269,7 +273,7 @@ class LocalProcessExecutor:
             outcome = failed_outcome(job, reason, message, wall_s)
             with contextlib.suppress(OSError):  # so that the directory tells its own story
                 record_failure(job, reason, message)
-        if outcome.lost and flight.number < MAX_FLIGHTS:
+        if outcome.lost and flight.number < self._max_flights:
             self._again.append(_Flight(job, time.monotonic(), flight.number + 1))
         else:
             self._ready.append(outcome)
@@ -277,7 +281,7 @@ class LocalProcessExecutor:
     def _verdict(self, flight: _Flight, status: int | None, error: str) -> tuple[str, str]:
         """Why a mission left nothing, as reason and message; ``status`` is None where it has none."""
         log = flight.job.directory / LOG_FILE
-        flights = f" in flight {flight.number} of {MAX_FLIGHTS}"
+        flights = f" in flight {flight.number} of {self._max_flights}"
         if status is None:
             return ("server_lost" if flight.pid else "not_started"), error + flights
         if flight.timed_out and flight.stopped:

@@ -8,12 +8,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json
 from nbv.mission.run_directory import write_atomic
 from nbv.mission.runner import Keep
+from tuner.missions.external.configuration import configuration_from_dict
 from tuner.missions.registry import DEFAULT_RUNNER
+from tuner.problem.search_space import Configuration
 
 RESULT_FILE = "mission.json"
 ERROR_FILE = "worker_error.json"
@@ -34,7 +35,7 @@ class MissionJob:
     """One mission to fly."""
 
     id: str  # unique among the jobs of one executor
-    config: MissionConfig
+    config: Configuration
     rock: str
     replicate: int
     directory: Path
@@ -56,7 +57,11 @@ class MissionJob:
     @staticmethod
     def from_dict(tree: Mapping[str, Any]) -> MissionJob:
         """The inverse of ``to_dict``."""
-        fields = {**tree, "config": config_from_dict(tree["config"]), "directory": Path(tree["directory"])}
+        fields = {
+            **tree,
+            "config": configuration_from_dict(tree["config"]),
+            "directory": Path(tree["directory"]),
+        }
         return MissionJob(**fields)
 
 

@@ -7,21 +7,23 @@ runner may also be ``"module:function"``. A file may not choose code: where one 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from nbv.config import Condition
 from nbv.errors import UserError
-from nbv.mission import MissionRunner
+from nbv.mission.result import MissionResult
 
 # Named by module, so that a command imports only the runner that it flies.
 RUNNERS = {
     "photogrammetric": "nbv.photogrammetric:run_photogrammetric_mission",
     "geometric": "nbv.geometric:run_geometric_mission",
     "geometric-with-oracle": "nbv.geometric:run_geometric_mission_with_oracle",
+    "external": "tuner.missions.external.runner:run_external_mission",
     "several-agreement-levels": "tuner.studies.runner:run_study_mission",
 }
 DEFAULT_RUNNER = "photogrammetric"
+EXTERNAL = "external"  # flies the missions of mission files, which are not ours
 
 # The same missions, with an oracle's opinion of every decision in their traces.
 _WITH_ORACLE = {"geometric": "geometric-with-oracle"}
@@ -85,8 +87,8 @@ def runner_module(runner: str) -> str:
     return RUNNERS.get(runner, runner).partition(":")[0]
 
 
-def resolve_runner(runner: str) -> MissionRunner:
-    """The function behind a name or ``"module:function"``.
+def resolve_runner(runner: str) -> Callable[..., MissionResult]:
+    """The `nbv.mission.MissionRunner` behind a name or ``"module:function"``.
 
     Raises
     ------
@@ -105,5 +107,5 @@ def resolve_runner(runner: str) -> MissionRunner:
         ) from error
     if not callable(target):
         raise UserError(f"mission runner {runner!r} is not a function; name it module:function")
-    found: MissionRunner = target
+    found: Callable[..., MissionResult] = target
     return found

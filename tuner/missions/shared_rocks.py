@@ -12,7 +12,7 @@ import sys
 from typing import Any
 
 from nbv.foreign import expanded
-from tuner.missions.registry import RUNNERS, runner_module
+from tuner.missions.registry import EXTERNAL, RUNNERS, runner_module
 
 MAX_HELD_BYTES = 256 * 2**20  # eight to ten rocks of the catalogue
 # Importing a larger mesh takes more memory than there may be beside the missions.
@@ -32,7 +32,12 @@ class SharedRocks:
         Only for registered runners: what other runners call a rock is their own business.
         """
         rock, runner = job["rock"], job["runner"]
-        if runner not in RUNNERS or rock in self._known or self.held_bytes >= MAX_HELD_BYTES:
+        if (
+            runner == EXTERNAL
+            or runner not in RUNNERS
+            or rock in self._known
+            or self.held_bytes >= MAX_HELD_BYTES
+        ):
             return
         self._known.add(rock)
         try:

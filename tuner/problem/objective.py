@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -30,6 +30,15 @@ def direction_of(metric: str) -> Direction:
         f"whether more or less of {metric!r} is better is not known; say it in a settings file: "
         f"{{metric: {metric}, direction: maximise}}"
     )
+
+
+def dotted(metrics: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """The path of every number in a mission's metrics."""
+    for name, value in metrics.items():
+        if isinstance(value, Mapping):
+            yield from dotted(value, f"{prefix}{name}.")
+        elif isinstance(value, (int, float)):
+            yield f"{prefix}{name}"
 
 
 @dataclass(frozen=True)

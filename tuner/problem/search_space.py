@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, Protocol, Self, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,29 @@ from nbv.errors import UserError
 from nbv.foreign import require
 from nbv.types import Floats
 
+
+class Configuration(Protocol):
+    """What a mission is flown with: `MissionConfig`, or the configuration of a mission that is not ours."""
+
+    @property
+    def preset(self) -> str:
+        """What it was laid upon."""
+        ...
+
+    def digest(self) -> str:
+        """The same for the same configuration."""
+        ...
+
+    def to_dict(self) -> dict[str, Any]:
+        """The JSON form."""
+        ...
+
+    def with_values(self, values: dict[str, Any]) -> Self:
+        """A copy with the named parameters replaced; ``UserError`` for a name or value that is none."""
+        ...
+
+
+C = TypeVar("C", bound=Configuration)
 Value = float | int | str | bool
 Values = dict[str, Any]
 
@@ -113,11 +136,11 @@ class SearchSpace:
         """Parameter paths in order."""
         return tuple(parameter.path for parameter in self.parameters)
 
-    def base_config(self, preset: MissionConfig) -> MissionConfig:
+    def base_config(self, preset: C) -> C:
         """``preset`` with the space's fixed values."""
         return preset.with_values(self.base)
 
-    def config(self, preset: MissionConfig, values: Mapping[str, Any]) -> MissionConfig:
+    def config(self, preset: C, values: Mapping[str, Any]) -> C:
         """The mission configuration at ``values``."""
         return preset.with_values({**self.base, **self.complete(values)})
 
@@ -128,7 +151,7 @@ class SearchSpace:
             **{path: values[p.path] for p in self.parameters for path in p.also if p.path in values},
         }
 
-    def default(self, preset: MissionConfig) -> Values:
+    def default(self, preset: Configuration) -> Values:
         """Default values: explicit ones, else the base configuration's (in every preset the paper's).
 
         Raises
@@ -150,7 +173,7 @@ class SearchSpace:
             self._require_missions(base, values, [parameter])
         return values
 
-    def check_pairs(self, preset: MissionConfig) -> None:
+    def check_pairs(self, preset: Configuration) -> None:
         """Whether every two parameters may be anything at once; what excludes combinations, such as an order, does so for two.
 
         Raises
@@ -169,7 +192,7 @@ class SearchSpace:
         for pair in itertools.combinations(self.parameters, 2):
             self._require_missions(base, values, pair)
 
-    def _require_missions(self, base: MissionConfig, values: Values, parameters: Sequence[Parameter]) -> None:
+    def _require_missions(self, base: Configuration, values: Values, parameters: Sequence[Parameter]) -> None:
         for ends in itertools.product(*(p.ends for p in parameters)):
             changed = {p.path: value for p, value in zip(parameters, ends)}
             try:
@@ -226,8 +249,18 @@ class SearchSpace:
         }
 
 
-def value_at(config: MissionConfig, path: str) -> Any:
+def ours(config: Configuration) -> MissionConfig:
+    """``config`` of one of our own missions; `UserError` where it is of another: gates, pools and rocks are ours alone."""
+    if not isinstance(config, MissionConfig):
+        raise UserError(f"{config.preset} is a mission that is not ours; this is only for our own missions")
+    return config
+
+
+def value_at(config: Configuration, path: str) -> Any:
     """The value of a parameter path such as ``gate.d95_m``; ``UserError`` if there is no such path."""
+    if not isinstance(config, MissionConfig):  # parameters by their names, which may have dots
+        found = config.to_dict()["values"]
+        return found[path] if path in found else config.with_values({path: None})
     node: Any = config
     for part in path.split("."):
         if not hasattr(node, part):

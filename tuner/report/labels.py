@@ -105,8 +105,11 @@ class ParameterLabel:
 
 
 def parameter_label(path: str) -> ParameterLabel:
-    """Label of a parameter path of ``MissionConfig``, with the paper's symbol where it has one."""
-    about = parameter(path)
+    """Label of a parameter path of ``MissionConfig``, with the paper's symbol where it has one; other names as they are."""
+    try:
+        about = parameter(path)
+    except KeyError:  # of a mission that is not ours
+        return ParameterLabel(path, path, "")
     section = about.section.replace("_", "-").capitalize()
     name, short = about.label or about.words, about.symbol or about.words
     of_a_scorer = ".weights." in path

@@ -12,7 +12,7 @@ from nbv.geometric import run_geometric_mission
 from tuner.missions.registry import RUNNERS, registered, resolve_runner, with_oracle
 
 
-@pytest.mark.parametrize("name", RUNNERS)
+@pytest.mark.parametrize("name", [name for name in RUNNERS if name != "external"])
 def test_registered_runners_have_one_signature(name: str) -> None:
     assert inspect.signature(resolve_runner(name)) == inspect.signature(run_geometric_mission)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,6 +32,7 @@ class Request:
     replicate: int
     output: Path  # absolute
     slot: Slot
+    check: str = ""  # "fail" asks the mission to report a failure of the configuration
 
     @property
     def result_path(self) -> Path:
@@ -52,6 +54,28 @@ class Request:
             "time_limit_s": self.mission.time_limit_s,
             "slot": self.slot.number,
             "resources": dict(self.slot.resources),
+            **({"check": self.check} if self.check else {}),
+        }
+
+    def environment(self) -> dict[str, str]:
+        """What a mission that reads no JSON needs: ``GATETUNE_RESULT`` and the like, ``PARAMETER_name``, resources."""
+        tree = self.to_dict()
+        facts = {
+            "REQUEST": str(self.output / REQUEST_FILE),
+            "RESULT": tree["result"],
+            "OUTPUT": tree["output"],
+            "INSTANCE": self.instance,
+            "REPLICATE": str(self.replicate),
+            "SEED": str(tree["seed"]),
+            "CHECK": self.check,
+        }
+        return {
+            **{f"GATETUNE_{name}": value for name, value in facts.items()},
+            **{
+                f"PARAMETER_{re.sub(r'[^A-Za-z0-9]', '_', name)}": str(value)
+                for name, value in self.configuration.items()
+            },
+            **self.slot.environment(),
         }
 
     def write(self) -> Path:

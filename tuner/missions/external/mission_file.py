@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import collections
+import hashlib
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-import yaml
-
 from nbv.errors import UserError
+from nbv.foreign import parse_yaml, read_bytes
 from tuner.missions.external.checking import check
 from tuner.problem.objective import Direction, Objective
 from tuner.problem.search_space import Parameter, SearchSpace, Values
 
-_LARGEST_FILE_BYTES = 1_000_000
 _LAST_PORT = 65535
 
 
@@ -66,6 +65,7 @@ class MissionFile:
     resources: dict[str, Resource] = field(default_factory=dict)
     score: dict[str, Any] | None = None
     description: str = ""
+    sha256: str = ""  # of the file's bytes
 
     @property
     def folder(self) -> Path:
@@ -97,12 +97,12 @@ def load_mission_file(path: Path) -> MissionFile:
     source = str(path)
     if not path.is_file():
         raise UserError(f"{source} is not a file; gatetune mission init writes a skeleton")
-    if path.stat().st_size > _LARGEST_FILE_BYTES:
-        raise UserError(f"{source} has more than {_LARGEST_FILE_BYTES} bytes; that is no mission file")
+    content = read_bytes(path)
     try:
-        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
-        raise UserError(f"{source} is not YAML ({' '.join(str(error).split())[:200]}); mend it") from error
+        text = content.decode()
+    except UnicodeDecodeError as error:
+        raise UserError(f"{source} is not UTF-8 text; mend it") from error
+    tree = parse_yaml(text, source)
     check(tree, "mission", source)
     parameters = tuple(_parameter(name, entry, source) for name, entry in tree["parameters"].items())
     space = SearchSpace(tree["name"], parameters, description=tree.get("description", ""))
@@ -126,6 +126,7 @@ def load_mission_file(path: Path) -> MissionFile:
         resources={name: Resource(**entry) for name, entry in tree.get("resources", {}).items()},
         score=tree.get("score"),
         description=tree.get("description", ""),
+        sha256=hashlib.sha256(content).hexdigest(),
     )
     _check_names(mission, source)
     _check_ports(mission, source)

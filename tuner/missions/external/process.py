@@ -12,7 +12,7 @@ import selectors
 import signal
 import subprocess
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -60,6 +60,20 @@ def run_command(
         The command does not exist or may not be run.
     """
     end_marked(mark, stop_grace_s)
+    with _guarded(mark, stop_grace_s):
+        return _run(command, folder, environment, mark, log, time_limit_s, stop_grace_s, log_limit_bytes)
+
+
+def _run(
+    command: Sequence[str],
+    folder: Path,
+    environment: Mapping[str, str],
+    mark: str,
+    log: Path,
+    time_limit_s: float,
+    stop_grace_s: float,
+    log_limit_bytes: int,
+) -> Ended:
     started = time.monotonic()
     try:
         process = subprocess.Popen(
@@ -106,7 +120,8 @@ def _follow(process: subprocess.Popen[bytes], log: Path, deadline: float, limit:
                 chunk = os.read(handle, _READ_BYTES)
                 open_ = bool(chunk)
             elif not selector.get_map():
-                time.sleep(_POLL_S)
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    process.wait(_POLL_S)
             if chunk:
                 file.write(chunk[: max(0, limit - written)])
                 cut = cut or written + len(chunk) > limit
@@ -118,6 +133,33 @@ def _follow(process: subprocess.Popen[bytes], log: Path, deadline: float, limit:
                 return written, cut
             if time.monotonic() > deadline:
                 return written, cut
+
+
+@contextlib.contextmanager
+def _guarded(mark: str, grace_s: float) -> Iterator[None]:
+    """Should this process be killed meanwhile, a child of it ends all that carries ``mark``.
+
+    The child also keeps what this process has locked, until that is done.
+    """
+    read, write = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        try:
+            os.setsid()
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                signal.signal(number, signal.SIG_IGN)
+            os.close(write)
+            if not os.read(read, 1):
+                end_marked(mark, grace_s)
+        finally:
+            os._exit(0)
+    os.close(read)
+    try:
+        yield
+    finally:
+        os.write(write, b".")
+        os.close(write)
+        os.waitpid(pid, 0)
 
 
 def end_marked(mark: str, grace_s: float, main: int | None = None) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -82,6 +83,11 @@ class CampaignFacts:
         self.observations: list[Observation] = campaign.ledger.history(self.trials)
         self.status: CampaignStatus = campaign.status()
         self.label: MetricLabel = metric_label(self.settings.objective.metric)
+        if (mission := self.settings.mission) is not None:
+            self.label = dataclasses.replace(
+                self.label, larger_is_better=mission.objective.direction == "maximise"
+            )
+        self.default_name = "paper’s default" if mission is None else "default"
         self.sign = self.settings.objective.sign
         self.default: dict[str, Any] = self.settings.default_values()
         self.rock_names: dict[str, str] = dict(zip(self.settings.rocks, short_names(self.settings.rocks)))

@@ -123,7 +123,7 @@ def running_recommendation_figure(facts: CampaignFacts) -> Figure:
             color=DEFAULT,
             ls="--",
             lw=1.2,
-            label="paper's default in the light of all missions",
+            label=f"{facts.default_name} in the light of all missions",
         )
         ax.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
         ax.set_xlabel("finished missions")

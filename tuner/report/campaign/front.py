@@ -77,7 +77,7 @@ def front_figure(facts: CampaignFacts, points: list[FrontPoint], front: list[Fro
             capsize=2,
             label="Pareto front, 95 %",
         )
-        marked = {"paper's default": (facts.default, "D", BLACK)}
+        marked = {facts.default_name: (facts.default, "D", BLACK)}
         if facts.recommendation is not None:
             marked["recommended by the first objective"] = (facts.recommendation.values, "s", VERMILION)
         for label, (values, shape, colour) in marked.items():

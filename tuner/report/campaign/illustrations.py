@@ -42,7 +42,7 @@ def history(facts: CampaignFacts, figures: Path) -> Illustration:
         "missions",
         f"Scatter plot of {facts.label.name} over {st.finished} missions, one colour and marker per rock; "
         f"{st.failed} failed missions are crosses at the bottom.",
-        f"{facts.label.full} of every mission by rock. The shaded missions are the initial design (the paper’s default "
+        f"{facts.label.full} of every mission by rock. The shaded missions are the initial design (the {facts.default_name} "
         "first); after it the sampler proposes. Rocks differ in difficulty, so heights compare within a rock only. "
         "Circled: missions of the recommended configuration. Crosses at the bottom: failed missions, which have no value.",
         figures,
@@ -58,7 +58,7 @@ def running_recommendation(facts: CampaignFacts, figures: Path) -> Illustration:
         "Line plot of the recommended configuration's posterior mean at several moments of the campaign, with 95 % bars.",
         "Quality of the recommendation as missions came in: the recommendation was recomputed from the first n missions "
         "alone. Circles: what the model believed then; squares: what the model of all missions says about the same "
-        "configuration. Dashed: the paper’s default under the model of all missions.",
+        f"configuration. Dashed: the {facts.default_name} under the model of all missions.",
         figures,
         title="Running recommendation",
     )

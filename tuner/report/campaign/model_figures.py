@@ -59,7 +59,7 @@ def slices_figure(facts: CampaignFacts) -> Figure:
                 label="missions (faint: far from the slice)",
             ),
             Line2D([], [], color=RECOMMENDED, lw=1.5, label="recommended"),
-            Line2D([], [], color=DEFAULT, lw=1.2, ls="--", label="paper's default"),
+            Line2D([], [], color=DEFAULT, lw=1.2, ls="--", label=facts.default_name),
         ]
         figure.legend(handles=handles, loc="outside lower center", ncols=4 if columns > 1 else 2)
         return figure
@@ -147,7 +147,7 @@ def map_figure(facts: CampaignFacts) -> Figure | None:
                 mec=BLACK,
                 mew=1.1,
                 ls="none",
-                label="paper's default",
+                label=facts.default_name,
                 zorder=4,
             )
             ax.plot(

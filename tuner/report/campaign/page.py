@@ -90,7 +90,9 @@ def write_campaign_report(campaign: Campaign, evaluation: EvaluationRun | None =
     return write_page(campaign.directory / REPORT_FILE, "campaign.html.j2", comparison=comparison, **context)
 
 
-def campaign_headline(recommendation: Recommendation, metric: str, difference_unit: str) -> str:
+def campaign_headline(
+    recommendation: Recommendation, metric: str, difference_unit: str, default: str = "paper’s default"
+) -> str:
     """One honest sentence: better, worse, or no difference detected, with the 95 % interval."""
     low, high = recommendation.improvement_interval_95
     digits = decimals_for(recommendation.improvement_sd)
@@ -99,15 +101,15 @@ def campaign_headline(recommendation: Recommendation, metric: str, difference_un
         f"(95 % interval {format_number(low, digits, signed=True)} to {format_number(high, digits, signed=True)})"
     )
     if recommendation.values == recommendation.default_values:
-        return (
-            "The paper’s default is itself the recommendation: nothing flown so far is believed to be better."
-        )
+        return f"The {default} is itself the recommendation: nothing flown so far is believed to be better."
     kind = verdict(recommendation.improvement_interval_95)
     if kind == "better":
-        return f"The recommended configuration is better than the paper’s default in {metric}: {how}."
+        return f"The recommended configuration is better than the {default} in {metric}: {how}."
     if kind == "worse":
-        return f"The recommended configuration is worse than the paper’s default in {metric}: {how}."
-    return f"No difference detected between the recommended configuration and the paper’s default in {metric}: {how}."
+        return f"The recommended configuration is worse than the {default} in {metric}: {how}."
+    return (
+        f"No difference detected between the recommended configuration and the {default} in {metric}: {how}."
+    )
 
 
 def recommended_yaml(recommendation: Recommendation, space: SearchSpace) -> str:
@@ -136,6 +138,7 @@ def _context(facts: CampaignFacts, figures: Path) -> dict[str, Any]:
         "kpis": key_figures(facts),
         "recommended": best is not None,
         "parameters": [parameter_row(facts, p) for p in s.space.parameters],
+        "default_name": facts.default_name,
         "metric_name": label.name,
         "metric_full": label.full,
         "unit": label.unit,
@@ -216,7 +219,9 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Pa
     base = " ".join(f"--set {shlex.quote(f'{k}={v}')}" for k, v in {**s.overrides, **s.space.base}.items())
     return {
         "yaml": text,
-        "mission_command": " ".join(
+        "mission_command": ""
+        if s.mission is not None
+        else " ".join(
             f"gatetune mission run --rock {shlex.quote(s.rocks[0])} --preset {s.preset} {condition} {base} {sets}".split()
         ),
         "per_rock": rock_rows(facts, best),
@@ -273,7 +278,7 @@ def _headline(facts: CampaignFacts) -> dict[str, Any]:
         f"Tuned: {s.space.dimension} parameters ({s.space.description.rstrip('.') or s.space.name}), for {label.full}, "
         f"on {rocks}." + (f" Recommended: {inline_values(best.values)}." if s.space.dimension <= 3 else ""),
         f"Posterior mean over the training rocks {with_unit(best.mean, label.unit, facts.digits)} "
-        f"(95 % interval {format_number(low, facts.digits)} to {format_number(high, facts.digits)}), the paper’s default "
+        f"(95 % interval {format_number(low, facts.digits)} to {format_number(high, facts.digits)}), the {facts.default_name} "
         f"{with_unit(best.default_mean, label.unit, facts.digits)}. Probability that the recommendation beats the default: "
         f"{_percent(best.probability_better_than_default)}.",
         "These figures are the surrogate’s, on the rocks that were tuned on, for the configuration picked as the best "
@@ -288,7 +293,7 @@ def _headline(facts: CampaignFacts) -> dict[str, Any]:
         sentences.append(ignored)
     return {
         "kind": kind.split()[0] if kind else "",
-        "verdict": campaign_headline(best, label.full, label.difference_unit),
+        "verdict": campaign_headline(best, label.full, label.difference_unit, facts.default_name),
         "sentences": sentences,
     }
 

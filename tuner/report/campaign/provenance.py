@@ -42,7 +42,12 @@ def provenance_rows(facts: CampaignFacts) -> tuple[list[tuple[str, str]], str]:
         ("versions", ", ".join(f"{name} {number}" for name, number in software.items())),
         ("machine", ", ".join(machines) or "not recorded"),
         ("renderer", ", ".join(backends) or "not recorded"),
-        ("mission preset", facts.settings.preset),
+        ("mission preset", facts.settings.preset)
+        if facts.settings.mission is None
+        else (
+            "mission file",
+            f"{facts.settings.mission.path} (SHA-256 {facts.settings.mission.sha256[:12]}…)",
+        ),
         ("conditions", ", ".join(condition.name for condition in facts.settings.conditions)),
         ("base configuration", facts.settings.base_config().digest()),
         ("sampler and seed", f"{facts.settings.sampler}, {facts.settings.seed}"),
@@ -81,6 +86,8 @@ def reproduce_command(campaign: Campaign) -> str:
     """The command line that runs the same campaign again, in a directory beside it."""
     beside = campaign.directory.with_name(f"{campaign.directory.name}-again")
     words = ["gatetune", "campaign", "run", str(campaign.directory / SETTINGS_FILE), "--out", str(beside)]
+    if campaign.settings.mission is not None:
+        words += ["--mission", str(campaign.settings.mission.path)]
     return shlex.join(words)
 
 

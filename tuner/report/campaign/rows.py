@@ -14,6 +14,8 @@ from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.labels import format_number, parameter_label, parameter_value
 from tuner.report.pages import duration
 
+_KEY_FIGURES_OF_ANY_MISSION = 4  # the others are of flights and photographs
+
 
 def key_figures(facts: CampaignFacts) -> list[tuple[str, str]]:
     """The figures at the head of the page, each with what it is."""
@@ -25,7 +27,7 @@ def key_figures(facts: CampaignFacts) -> list[tuple[str, str]]:
         (duration(st.flight_time_s), "simulated flight"),
         (_distance(st.path_length_m), "flown"),
         (f"{st.images:.0f}", _photographs(facts)),
-    ]
+    ][: None if facts.settings.mission is None else _KEY_FIGURES_OF_ANY_MISSION]
 
 
 def parameter_row(facts: CampaignFacts, p: Parameter) -> dict[str, str]:

@@ -137,7 +137,7 @@ def rocks_figure(
         ax.grid(False, axis="x")
         ax.margins(y=0.12)
         ax.set_xlim(-0.5, len(worlds) - 0.5)
-        ax.set_ylabel(f"{_short_title(metric)} ({metric.unit})")
+        ax.set_ylabel(f"{_short_title(metric)}{f' ({metric.unit})' if metric.unit else ''}")
         handles = [
             Line2D([], [], color=colour(s), marker=marker(s), lw=2.4, ms=4.5, label=strategy_label(name))
             for s, name in enumerate(strategies)

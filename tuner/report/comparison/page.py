@@ -55,6 +55,7 @@ def write_comparison_report(
     surfaces: Sequence[Surface] = ("whole", "observable"),
     paper: bool = False,
     command: str = "",
+    rows: Sequence[MetricRow] | None = None,
 ) -> Path:
     """Write ``report.html``, ``table.md`` and ``figures/*.png`` into ``directory``.
 
@@ -73,6 +74,8 @@ def write_comparison_report(
         Show the paper's Table I beside ours, with what is not comparable.
     command
         The command line that repeats the evaluation.
+    rows
+        What missions that are not ours are compared in, instead of Table I's rows on ``surfaces``.
 
     Returns
     -------
@@ -91,6 +94,7 @@ def write_comparison_report(
             metric=metric,
             surfaces=surfaces,
             paper=paper,
+            rows=rows,
         )
         markdown = "\n".join(
             f"### {part['title']}\n\n{comparison_markdown(part['table'], paper=paper and part['surface'] == 'whole')}"
@@ -118,16 +122,19 @@ def comparison_context(
     metric: str = DEFAULT_METRIC,
     surfaces: Sequence[Surface] = ("whole", "observable"),
     paper: bool = False,
+    rows: Sequence[MetricRow] | None = None,
 ) -> dict[str, Any]:
     """Everything the template ``comparison_body.html.j2`` shows."""
     strategies = tuple(run.plan.strategies)
     if reference is None:
         reference = "hyb-h" if "hyb-h" in strategies else strategies[0]
-    tables = [comparison_table(run.records, strategies, reference, surface) for surface in surfaces]
-    headline = metric_row(metric)
-    leading = comparison_table(
-        run.records, strategies, reference, rows=(headline,), surface=_surface_of(metric)
-    )
+    if rows is not None:
+        surfaces = surfaces[:1]
+        tables = [comparison_table(run.records, strategies, reference, None, rows)]
+    else:
+        tables = [comparison_table(run.records, strategies, reference, surface) for surface in surfaces]
+    headline = metric_row(metric) if rows is None else rows[0]
+    leading = comparison_table(run.records, strategies, reference, None, (headline,))
     others = [name for name in strategies if name != reference]
     return {
         "sentences": _sentences(leading, others),
@@ -137,8 +144,8 @@ def comparison_context(
         "others": [strategy_label(name) for name in others],
         "tables": [
             {
-                "title": f"{'Whole' if surface == 'whole' else 'Observable'} surface",
-                "note": _SURFACE_NOTES[surface],
+                "title": f"{surface.capitalize()} surface" if rows is None else "Metrics and costs",
+                "note": _SURFACE_NOTES[surface] if rows is None else "",
                 "surface": surface,
                 "table": table,
                 "rows": _table_rows(table, strategies, paper and surface == "whole"),
@@ -190,10 +197,6 @@ def metric_row(metric: str) -> MetricRow:
     """A table row for any metric path or ``costs.NAME``."""
     label = metric_label(metric)
     return MetricRow("", label.name, metric, label.unit, label.larger_is_better, 1)
-
-
-def _surface_of(metric: str) -> Surface:
-    return "observable" if metric.startswith("observable.") else "whole"
 
 
 def _sentences(leading: ComparisonTable, others: Sequence[str]) -> list[dict[str, str]]:

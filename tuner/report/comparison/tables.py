@@ -5,14 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table
 
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import ComparisonRow, ComparisonTable
 from tuner.evaluation.paper_table import PAPER_TABLE_I, MetricRow
+from tuner.evaluation.plan import EvaluationRecord
 from tuner.evaluation.statistics import Interval, PairedDifference
-from tuner.report.labels import MISSING, format_number, interval_methods, verdict
+from tuner.problem.objective import Objective
+from tuner.report.labels import (
+    MISSING,
+    decimals_for,
+    format_number,
+    interval_methods,
+    metric_label,
+    verdict,
+)
 
 # Of the terminal's columns: "– the rocks’ own floor (mm)" and "410.8 ± 115.8" with their borders.
 _METRIC_WIDTH, _STRATEGY_WIDTH = 30, 16
@@ -76,7 +86,21 @@ def cell(row: ComparisonRow, strategy: str) -> Cell:
 
 def row_name(metric: MetricRow) -> str:
     """``Hausdorff ↓ (mm)``."""
-    return f"{metric.label} {'↑' if metric.higher_is_better else '↓'} ({metric.unit})"
+    unit = f" ({metric.unit})" if metric.unit else ""
+    return f"{metric.label} {'↑' if metric.higher_is_better else '↓'}{unit}"
+
+
+def mission_file_rows(objective: Objective, records: Sequence[EvaluationRecord]) -> tuple[MetricRow, ...]:
+    """What missions of a mission file are compared in: its metric and their costs, of which less is better."""
+    costs = sorted({name for r in records for name in r.outcome.costs})
+    keys = {objective.metric: objective.direction == "maximise", **{f"costs.{name}": False for name in costs}}
+    rows = []
+    for key, more_is_better in keys.items():
+        values = [value for r in records if (value := r.value(key)) is not None]
+        digits = decimals_for(float(np.std(values))) if values else 1
+        label = metric_label(key)
+        rows.append(MetricRow("", label.name, key, label.unit, more_is_better, digits))
+    return tuple(rows)
 
 
 def full_row_name(metric: MetricRow) -> str:

@@ -25,6 +25,7 @@ from tuner.evaluation.paper_table import MetricRow
 from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval
 from tuner.missions.registry import DEFAULT_RUNNER
+from tuner.problem.search_space import ours
 from tuner.studies.decisions import (
     PERCENT,
     Traces,
@@ -241,7 +242,7 @@ def analyse(directory: Path) -> OracleFindings:
     traces = load_traces(records)
     rows = [dataclasses.replace(row, key=metric_key(row, settings.surface)) for row in METRICS]
     results = [
-        _strategy_result(settings, records, traces, rows, name, config.gate.oracle_coverage)
+        _strategy_result(settings, records, traces, rows, name, ours(config).gate.oracle_coverage)
         for name, config in plan.strategies.items()
     ]
     return OracleFindings(settings, *counts(settings, records), results)

@@ -33,7 +33,7 @@ from tuner.evaluation.comparison import values_of
 from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval, paired_difference
 from tuner.problem.objective import Objective
-from tuner.problem.search_space import value_at
+from tuner.problem.search_space import ours, value_at
 from tuner.studies.decisions import by_rock
 from tuner.studies.study_directory import StudyFindings, StudySettings, counts, flown
 from tuner.studies.transfer.agreement import Agreement, Outcomes, agreement, self_agreement
@@ -127,8 +127,8 @@ def carried_over(campaign: Campaign, neighbours: int, seed: int = 0) -> dict[str
     """
     if neighbours < 0:
         raise UserError(f"--neighbours is {neighbours}; give 0 or more")
-    base = campaign.settings.base_config()
-    tuned = campaign.recommended_config()
+    base = ours(campaign.settings.base_config())
+    tuned = ours(campaign.recommended_config())
     around = _neighbours(campaign, tuned, neighbours, seed)
     named = {f"neighbour-{i + 1}": config for i, config in enumerate(around)}
     tuned_and_random = tuned_configs(tuned, base)
@@ -146,7 +146,7 @@ def _neighbours(campaign: Campaign, tuned: MissionConfig, count: int, seed: int)
             break
         moved = np.clip(center + NEIGHBOUR_SD * rng.standard_normal(space.dimension), 0.0, 1.0)
         values = space.from_unit(space.redraw_choices(moved, center, rng))
-        config = campaign.settings.config(values)
+        config = ours(campaign.settings.config(values))
         found.setdefault(config.digest(), config)
     else:
         if len(found) <= count:

@@ -1,0 +1,198 @@
+"""Missions of a mission file, flown: whose failure it is, what is flown again, what is measured."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import trimesh
+import yaml
+
+from nbv.errors import MissionFailure, UserError
+from nbv.evaluation import Evaluation
+from tuner.missions import LocalProcessExecutor, MissionJob
+from tuner.missions.external import external_config, load_mission_file
+from tuner.missions.external.process import _marked
+from tuner.missions.external.runner import run_external_mission
+
+FLY = """
+import json, os, pathlib, signal, time
+OK = {"schema": "gatetune.result/1", "status": "ok", "metrics": {"loss": 0.5}, "cost": {"fuel": 3}}
+def leave(text):
+    pathlib.Path(os.environ["GATETUNE_RESULT"]).write_text(text)
+def failed(of):
+    return json.dumps({"schema": "gatetune.result/1", "status": "failed", "failure": {"of": of, "reason": "tipped_over"}})
+way = os.environ["GATETUNE_INSTANCE"]
+first = not os.path.exists("flown")
+open("flown", "w").close()
+if way == "fine": leave(json.dumps(OK))
+if way == "half": leave('{"schema": "gatetune.res')
+if way == "nan": leave(json.dumps({**OK, "metrics": {"loss": float("nan")}}))
+if way == "newer": leave(json.dumps({**OK, "schema": "gatetune.result/2"}))
+if way == "killed": os.kill(os.getpid(), signal.SIGKILL)
+if way in ("machine", "configuration"): leave(failed(way))
+if way == "once": leave(failed("machine") if first else json.dumps(OK))
+if way == "hangs": time.sleep(60)
+if way == "hangs-done": leave(json.dumps(OK)); time.sleep(60)
+if way == "cross": leave(json.dumps(OK)); raise SystemExit(3)
+"""
+WAYS = ["fine", "half", "nan", "newer", "killed", "machine", "configuration", "once", "hangs", "hangs-done"]
+FILE = {
+    "schema": "gatetune.mission/1",
+    "name": "toy",
+    "command": [sys.executable, "-S", "fly.py"],
+    "parameters": {"gain": {"kind": "float", "low": 0, "high": 4, "default": 1}},
+    "instances": [*WAYS, "nothing", "cross"],
+    "metric": "loss",
+    "direction": "minimise",
+    "time_limit_s": 20,
+    "stop_grace_s": 0.2,
+    "resources": {"PORT": {"kind": "port", "first": 5760}},
+}
+
+
+def mission_file(folder, **changes):
+    (folder / "fly.py").write_text(FLY)
+    (folder / "mission.yaml").write_text(
+        yaml.safe_dump({k: v for k, v in {**FILE, **changes}.items() if v is not None})
+    )
+    return load_mission_file(folder / "mission.yaml")
+
+
+def fly(folder, way, **changes):
+    return run_external_mission(external_config(mission_file(folder, **changes)), way, 0, folder / "m")
+
+
+def test_a_result_becomes_a_mission(tmp_path):
+    result = fly(tmp_path, "fine")
+    assert (result.status, result.metrics, result.costs["fuel"]) == ("ok", {"loss": 0.5}, 3.0)
+    request = json.loads((tmp_path / "m/output/request.json").read_text())
+    assert request["configuration"] == {"gain": 1.0} and request["resources"] == {"PORT": 5760}
+
+
+@pytest.mark.parametrize(
+    ("way", "says"),
+    [
+        ("nothing", "ended without writing"),
+        ("half", "is not JSON"),
+        ("nan", "holds NaN"),
+        ("newer", "this version reads"),
+        ("killed", "ended by SIGKILL"),
+        ("machine", None),
+    ],
+)
+def test_failures_of_the_machine_say_nothing_of_a_mission(tmp_path, way, says):
+    with pytest.raises(MissionFailure, match=says) as failure:
+        fly(tmp_path, way)
+    assert failure.value.reason.startswith("machine_error: ") and "\n" not in failure.value.message
+
+
+def test_a_failure_of_the_configuration_is_an_outcome(tmp_path):
+    result = fly(tmp_path, "configuration")
+    assert (result.status, result.reason, result.metrics) == ("failed", "tipped_over", {})
+
+
+def test_a_time_out_is_the_configurations(tmp_path):
+    result = fly(tmp_path, "hangs", time_limit_s=0.4)
+    assert (result.status, result.reason) == ("failed", "timeout")
+
+
+def test_a_result_counts_whatever_comes_after_it(tmp_path):
+    assert fly(tmp_path, "hangs-done", time_limit_s=0.4).metrics == {"loss": 0.5}
+    assert fly(tmp_path, "cross").status == "degraded"
+
+
+def test_a_command_that_is_not_there_stops_all(tmp_path):
+    with pytest.raises(UserError, match="cannot run 'no-such-program'"):
+        fly(tmp_path, "fine", command=["no-such-program"])
+
+
+def test_a_changed_mission_file_is_not_flown(tmp_path):
+    config = external_config(mission_file(tmp_path))
+    (tmp_path / "mission.yaml").write_text((tmp_path / "mission.yaml").read_text() + "\n# changed\n")
+    with pytest.raises(UserError, match="has changed since the campaign began"):
+        run_external_mission(config, "fine", 0, tmp_path / "m")
+
+
+def test_what_the_machine_ends_is_flown_again_as_often_as_asked(tmp_path):
+    config = external_config(mission_file(tmp_path))
+    job = MissionJob("1", config, "once", 0, tmp_path / "1", runner="external")
+    again = MissionJob("2", config, "machine", 0, tmp_path / "2", runner="external")
+    with LocalProcessExecutor(1, 30.0, ("external",), max_flights=2) as executor:
+        found = {}
+        for each in (job, again):
+            executor.submit(each)
+            while each.id not in found:
+                found |= {outcome.job_id: outcome for outcome in executor.wait_any(1.0)}
+    assert (found["1"].status, found["1"].metrics) == ("ok", {"loss": 0.5})
+    assert found["2"].lost and found["2"].reason == "machine_error: tipped_over"
+
+
+def test_nothing_outlives_a_killed_worker(tmp_path):
+    code = (
+        "import sys; from pathlib import Path; from tuner.missions.external.process import run_command; "
+        f"run_command([sys.executable, '-S', '-c', 'import time; time.sleep(60)'], Path({str(tmp_path)!r}), {{}}, "
+        f"{str(tmp_path)!r}, Path({str(tmp_path / 'log')!r}), 60.0, 0.2)"
+    )
+    worker = subprocess.Popen([sys.executable, "-c", code])
+    _wait_until(lambda: _marked(str(tmp_path)))
+    os.kill(worker.pid, signal.SIGKILL)
+    worker.wait()
+    _wait_until(lambda: not _marked(str(tmp_path)))
+
+
+def _wait_until(true, limit_s=20.0):
+    deadline = time.monotonic() + limit_s
+    while not true():
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_a_function_gets_the_request_and_returns_the_result(tmp_path):
+    (tmp_path / "mine.py").write_text(
+        "def fly(request):\n    return {'metrics': {'loss': request['configuration']['gain'] * 2}}\n"
+    )
+    assert fly(tmp_path, "fine", command=None, function="mine:fly").metrics == {"loss": 2.0}
+
+
+def test_a_cloud_is_aligned_by_its_cameras_and_measured(tmp_path, monkeypatch):
+    """By the evaluation of our own missions, which other tests are about."""
+    seen = {}
+
+    def evaluate(cloud, rock, config, store):
+        seen.update(cloud=cloud, rock=rock, config=config)
+        return Evaluation({"observable": {"f_score_48mm": 50.0}}, {}, lambda: cloud)
+
+    monkeypatch.setattr("tuner.missions.external.scoring.evaluate_cloud", evaluate)
+    trimesh.creation.icosphere(3).export(tmp_path / "ball.ply")
+    rng = np.random.default_rng(0)
+    points, cameras = rng.normal(size=(50, 3)), 3 * rng.normal(size=(6, 3))
+    turn = trimesh.transformations.rotation_matrix(0.7, (0.2, 1.0, 0.4))[:3, :3]
+
+    def cloud_from_world(x):
+        return 0.3 * x @ turn.T + (5.0, -2.0, 1.0)
+
+    trimesh.PointCloud(cloud_from_world(points)).export(tmp_path / "cloud.ply")
+    named = {
+        f"{i}": {"estimated": cloud_from_world(c).tolist(), "reported": c.tolist()}
+        for i, c in enumerate(cameras)
+    }
+    result = {"schema": "gatetune.result/1", "status": "ok", "cloud": {"path": "cloud.ply", "cameras": named}}
+    (tmp_path / "made.json").write_text(json.dumps(result))
+    flown = fly(
+        tmp_path,
+        "a",
+        instances=[{"name": "a", "mesh": "ball.ply"}],
+        command=["sh", "-c", 'cp cloud.ply "$GATETUNE_OUTPUT"; cp made.json "$GATETUNE_RESULT"'],
+        score={"set": {"evaluation.gt_samples": 2000}},
+        metric="observable.f_score_48mm",
+        direction="maximise",
+    )
+    assert flown.metrics == {"observable": {"f_score_48mm": 50.0}}
+    np.testing.assert_allclose(seen["cloud"].points_m, points, atol=1e-5)
+    assert seen["rock"].name == "ball" and seen["config"].evaluation.gt_samples == 2000
+    assert not (tmp_path / "m/output/cloud.ply").exists()  # a summary keeps what the result names

@@ -1,0 +1,106 @@
+"""One flight of a mission that is not ours: request in, command, result out."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+from nbv.errors import MissionFailure, UserError
+from tuner.missions.external.contract import REQUEST_FILE, Failure, Request, Result, read_result
+from tuner.missions.external.process import Ended, end_marked, run_command
+
+LOG_FILE = "mission.log"
+_CALL = Path(__file__).with_name("call.py")
+
+
+@dataclass(frozen=True)
+class Flown:
+    """How a flight ended: with a result, which may be a failure."""
+
+    ended: Ended
+    result: Result
+
+
+def fly_request(request: Request, time_limit_s: float | None = None) -> Flown:
+    """Fly once; nothing of an earlier attempt and no process is left.
+
+    A result that the mission left counts whatever came after it. Without one a time-out is the configuration's failure,
+    anything else the machine's.
+
+    Parameters
+    ----------
+    time_limit_s
+        Instead of the mission file's.
+
+    Raises
+    ------
+    UserError
+        The command cannot be run.
+    """
+    mission, mark = request.mission, str(request.output)
+    end_marked(mark, mission.stop_grace_s)
+    shutil.rmtree(request.output, ignore_errors=True)
+    path, log = request.write(), request.output / LOG_FILE
+    environment = request.environment()
+    if mission.function:
+        before = os.environ.get("PYTHONPATH", "")
+        environment["PYTHONPATH"] = os.pathsep.join(p for p in (str(mission.folder), before) if p)
+    limit_s = time_limit_s or mission.time_limit_s
+    ended = run_command(
+        _command(request, path), mission.folder, environment, mark, log, limit_s, mission.stop_grace_s
+    )
+    try:
+        return Flown(ended, read_result(request.result_path))
+    except UserError as error:
+        how = f"{error}; {_how_it_ended(ended)}; see {log}"
+    if ended.timed_out:
+        late = Failure("configuration", "timeout", f"not done after {limit_s:g} s; see {log}")
+        return Flown(ended, Result(failure=late))
+    return Flown(ended, Result(failure=Failure("machine", "no_result", how)))
+
+
+def _command(request: Request, path: Path) -> list[str]:
+    mission = request.mission
+    if mission.function:
+        return [sys.executable, "-P", str(_CALL), mission.function, str(path)]
+    places = {"{request}": str(path), "{result}": str(request.result_path)}
+    words = []
+    for word in mission.command:
+        for name, value in places.items():
+            word = word.replace(name, value)
+        words.append(word)
+    return words if "{request}" in " ".join(mission.command) else [*words, str(path)]
+
+
+def _how_it_ended(ended: Ended) -> str:
+    if ended.status >= 0:
+        return f"it ended with status {ended.status}"
+    known = {number.value: number.name for number in signal.Signals}
+    return f"it was ended by {known.get(-ended.status, f'signal {-ended.status}')}"
+
+
+def tidy(request: Request, result: Result) -> None:
+    """Leave of the mission's folder the request, the result, the log and the artefacts that the result names."""
+    kept = {
+        REQUEST_FILE,
+        request.result_path.name,
+        LOG_FILE,
+        *(Path(a).parts[0] for a in result.artefacts.values()),
+    }
+    for entry in request.output.iterdir():
+        if entry.name in kept:
+            continue
+        if entry.is_dir() and not entry.is_symlink():
+            shutil.rmtree(entry, ignore_errors=True)
+        else:
+            entry.unlink(missing_ok=True)
+
+
+def require_no_fault_of_the_machine(result: Result) -> None:
+    """`MissionFailure` that has the mission flown again, where the machine failed."""
+    if result.failure is not None and result.failure.of == "machine":
+        raise MissionFailure(f"machine_error: {result.failure.reason}", result.failure.message)

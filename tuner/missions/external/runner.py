@@ -1,0 +1,111 @@
+"""The runner ``external``: a mission of a mission file, flown and measured like one of ours."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import tempfile
+from pathlib import Path
+
+from nbv.cache import Store, digest, home
+from nbv.errors import MissionFailure, UserError
+from nbv.mission.result import MissionResult
+from nbv.mission.runner import Keep
+from tuner.missions.external.configuration import ExternalConfig
+from tuner.missions.external.contract import Request
+from tuner.missions.external.flying import fly_request, require_no_fault_of_the_machine, tidy
+from tuner.missions.external.mission_file import MissionFile
+from tuner.missions.external.scoring import score_cloud
+from tuner.missions.external.slots import take_slot
+
+OUTPUT = "output"  # of the mission, in its directory
+
+
+def run_external_mission(
+    config: ExternalConfig, rock: str, replicate: int, directory: Path | None, /, *, keep: Keep = "summary"
+) -> MissionResult:
+    """Fly one mission of a mission file; ``rock`` is one of its instances.
+
+    Raises
+    ------
+    MissionFailure
+        ``machine_error: ...``: the machine's failure; the mission says nothing about the configuration.
+    UserError
+        The mission file has changed, its command cannot be run, or ``config`` is none of a mission file.
+    """
+    if not isinstance(config, ExternalConfig):
+        raise UserError("the runner external flies missions of a mission file; name one with --mission")
+    mission = config.mission
+    wait_s = mission.time_limit_s + mission.stop_grace_s
+    with contextlib.ExitStack() as stack:
+        if directory is None:
+            directory = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        slot = stack.enter_context(take_slot(mission, slots_of(mission), wait_s))
+        output = (directory / OUTPUT).absolute()
+        request = Request(mission, directory.name, config.values, rock, replicate, output, slot)
+        flown = fly_request(request)
+        ended, result = flown.ended, flown.result
+        require_no_fault_of_the_machine(result)
+        failure, metrics = result.failure, dict(result.metrics)
+        if failure is None and result.cloud is not None and mission.score is not None:
+            try:
+                metrics |= score_cloud(mission, rock, output, result.cloud, Store())
+            except MissionFailure as error:  # nothing left of the cloud: the configuration's
+                return _failed(
+                    config, rock, replicate, error.reason, error.message, result.cost, ended.wall_s
+                )
+        if failure is not None:
+            return _failed(
+                config, rock, replicate, failure.reason, failure.message, result.cost, ended.wall_s
+            )
+        if keep == "summary":
+            tidy(request, result)
+        notes = [f"ended with status {ended.status}"] if ended.status else []
+        notes += [f"{ended.left_behind} processes outlived it and were ended"] if ended.left_behind else []
+        return MissionResult(
+            status="degraded" if notes else "ok",
+            reason="untidy_end" if notes else "",
+            message="; ".join(notes),
+            config_digest=config.digest(),
+            rock=rock,
+            replicate=replicate,
+            metrics=metrics,
+            trace=[],
+            timings_s={},
+            costs={**result.cost, "wall_s": ended.wall_s},
+            provenance=_provenance(config),
+        )
+
+
+def slots_of(mission: MissionFile) -> Path:
+    """Where this machine's campaigns agree on who has which ports, numbers and folders of a mission."""
+    return home() / "slots" / f"{mission.name}-{digest([socket.gethostname(), str(mission.path)])[:12]}"
+
+
+def _failed(
+    config: ExternalConfig,
+    rock: str,
+    replicate: int,
+    reason: str,
+    message: str,
+    cost: dict[str, float],
+    wall_s: float,
+) -> MissionResult:
+    costs = {**cost, "wall_s": wall_s}
+    return MissionResult(
+        "failed",
+        reason,
+        message,
+        config.digest(),
+        rock,
+        replicate,
+        {},
+        [],
+        {},
+        costs,
+        _provenance(config),
+    )
+
+
+def _provenance(config: ExternalConfig) -> dict[str, str]:
+    return {"mission_file": str(config.file), "revision": f"mission file {config.sha256[:12]}"}
