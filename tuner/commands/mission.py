@@ -1,4 +1,4 @@
-"""``gatetune mission run|explain|figures``."""
+"""``gatetune mission run|explain|figures``, and of missions that are not ours ``init|check``."""
 
 from __future__ import annotations
 
@@ -166,3 +166,34 @@ def figures(
             )
     for path in write_mission_figures(labels_of(runs), out, rock):
         output.print(path)
+
+
+@app.command()
+def init(
+    folder: Annotated[Path, typer.Argument(help="A new or empty folder.")],
+    shell: Annotated[bool, typer.Option("--shell", help="In shell instead of Python.")] = False,
+) -> None:
+    """Write a working skeleton of a mission of your own, which packs real data with `xz`."""
+    from tuner.missions.external.skeleton_files import write_skeleton
+
+    for path in write_skeleton(folder, shell=shell):
+        output.print(f"wrote {path}", markup=False)
+
+
+@app.command()
+def check(mission: Annotated[Path, typer.Argument(help="A mission file.")]) -> None:
+    """Try a mission of your own: twice its default, a failure, a time-out, the clean-up; a verdict each."""
+    import tempfile
+
+    from tuner.missions.external import load_mission_file
+    from tuner.missions.external.rehearsal import rehearse
+
+    colours, found = {"ok": "green", "warning": "yellow", "failed": "red"}, []
+    with tempfile.TemporaryDirectory(prefix="gatetune-check-") as folder:
+        for verdict in rehearse(load_mission_file(mission), Path(folder)):
+            found.append(verdict.kind)
+            mark = f"[{colours[verdict.kind]}]{verdict.kind:<7}[/]"
+            output.print(f"{mark} {verdict.part}: {escape(verdict.text)}", highlight=False, soft_wrap=True)
+    if "failed" in found:
+        raise typer.Exit(1)
+    output.print(f"ready: gatetune campaign run --mission {mission}", markup=False, soft_wrap=True)

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import contextlib
-import socket
 import tempfile
 from pathlib import Path
 
-from nbv.cache import Store, digest, home
+from nbv.cache import Store
 from nbv.errors import MissionFailure, UserError
 from nbv.mission.result import MissionResult
 from nbv.mission.runner import Keep
 from tuner.missions.external.configuration import ExternalConfig
 from tuner.missions.external.contract import Request
 from tuner.missions.external.flying import fly_request, require_no_fault_of_the_machine, tidy
-from tuner.missions.external.mission_file import MissionFile
 from tuner.missions.external.scoring import score_cloud
-from tuner.missions.external.slots import take_slot
+from tuner.missions.external.slots import slots_of, take_slot
 
 OUTPUT = "output"  # of the mission, in its directory
 
@@ -75,11 +73,6 @@ def run_external_mission(
             costs={**result.cost, "wall_s": ended.wall_s},
             provenance=_provenance(config),
         )
-
-
-def slots_of(mission: MissionFile) -> Path:
-    """Where this machine's campaigns agree on who has which ports, numbers and folders of a mission."""
-    return home() / "slots" / f"{mission.name}-{digest([socket.gethostname(), str(mission.path)])[:12]}"
 
 
 def _failed(

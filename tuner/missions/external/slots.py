@@ -5,11 +5,13 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import os
+import socket
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from nbv.cache import digest, home
 from nbv.errors import MissionFailure
 from tuner.missions.external.mission_file import MissionFile
 
@@ -26,6 +28,11 @@ class Slot:
     def environment(self) -> dict[str, str]:
         """The resources as environment variables of the same names."""
         return {name: str(value) for name, value in self.resources.items()}
+
+
+def slots_of(mission: MissionFile) -> Path:
+    """Where this machine's campaigns agree on who has which ports, numbers and folders of a mission."""
+    return home() / "slots" / f"{mission.name}-{digest([socket.gethostname(), str(mission.path)])[:12]}"
 
 
 @contextlib.contextmanager

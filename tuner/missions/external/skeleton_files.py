@@ -1,0 +1,59 @@
+"""The working skeleton of ``gatetune mission init``: it packs real measurements with ``xz``."""
+
+from __future__ import annotations
+
+import gzip
+from importlib import resources
+from pathlib import Path
+
+import numpy as np
+from matplotlib import cbook
+
+from nbv.errors import UserError
+
+_RUN = {
+    False: "function: fly:fly              # module:function in this folder, or a command: [./fly.sh]",
+    True: "command: [sh, fly.sh]          # run in this folder, or a function: module:name",
+}
+
+
+def write_skeleton(folder: Path, *, shell: bool = False) -> list[Path]:
+    """Write mission file, mission and data into a new or empty folder; what was written.
+
+    The data are 16-bit measurements that come with Matplotlib: two halves of an elevation model (USGS, Jacksboro fault), and a
+    magnetic resonance scan to hold out.
+
+    Raises
+    ------
+    UserError
+        There is something in ``folder``, or it cannot be written.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UserError(f"{folder} is not an empty folder; choose another one")
+    source = resources.files(__package__).joinpath("skeleton")
+    name = "fly.sh" if shell else "fly.py"
+    texts = {
+        "mission.yaml": source.joinpath("mission.yaml").read_text("utf-8").replace("RUN", _RUN[shell]),
+        name: source.joinpath(name).read_text("utf-8"),
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for file, text in texts.items():
+            (folder / file).write_text(text, encoding="utf-8")
+        for file, content in _measurements().items():
+            (folder / file).write_bytes(content)
+    except OSError as error:
+        raise UserError(f"cannot write to {folder}: {error.strerror}; choose another folder") from error
+    return sorted(folder.iterdir())
+
+
+def _measurements() -> dict[str, bytes]:
+    samples = Path(cbook._get_data_path("sample_data"))
+    with np.load(samples / "jacksboro_fault_dem.npz") as archive:
+        heights = archive["elevation"].astype("<i2")
+    half = len(heights) // 2
+    return {
+        "north.raw": heights[:half].tobytes(),
+        "south.raw": heights[half:].tobytes(),
+        "scan.raw": gzip.decompress((samples / "s1045.ima.gz").read_bytes()),
+    }
