@@ -111,6 +111,8 @@ def _say_what_is_unseen(campaign: Campaign, conditions: Sequence[Condition]) -> 
         output.print(f"conditions that the campaign has not seen: {', '.join(unseen)}")
     if (seen := [name for name in names if name in flown]) and names != [IDEAL]:
         output.print(f"tuned under, so no test of transfer: {', '.join(seen)}", style="yellow")
+
+
 def _of_mission_file(
     source: Campaign,
     rocks: list[str] | None,

@@ -177,7 +177,7 @@ def init(
     from tuner.missions.external.skeleton_files import write_skeleton
 
     for path in write_skeleton(folder, shell=shell):
-        output.print(f"wrote {path}", markup=False)
+        output.print(f"wrote {path}")
 
 
 @app.command()
@@ -193,7 +193,9 @@ def check(mission: Annotated[Path, typer.Argument(help="A mission file.")]) -> N
         for verdict in rehearse(load_mission_file(mission), Path(folder)):
             found.append(verdict.kind)
             mark = f"[{colours[verdict.kind]}]{verdict.kind:<7}[/]"
-            output.print(f"{mark} {verdict.part}: {escape(verdict.text)}", highlight=False, soft_wrap=True)
+            output.print(
+                f"{mark} {verdict.part}: {escape(verdict.text)}", markup=True, highlight=False, soft_wrap=True
+            )
     if "failed" in found:
         raise typer.Exit(1)
-    output.print(f"ready: gatetune campaign run --mission {mission}", markup=False, soft_wrap=True)
+    output.print(f"ready: gatetune campaign run --mission {mission}", soft_wrap=True)

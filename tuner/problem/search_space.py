@@ -28,6 +28,11 @@ class Configuration(Protocol):
         """What it was laid upon."""
         ...
 
+    @property
+    def condition(self) -> str:
+        """Under which it flies."""
+        ...
+
     def digest(self) -> str:
         """The same for the same configuration."""
         ...

@@ -8,9 +8,9 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from nbv.config import config_from_dict
+from nbv.config import IDEAL, config_from_dict
 from nbv.errors import UserError
 from tuner.missions.external.mission_file import MissionFile, load_mission_file
 from tuner.problem.search_space import Configuration
@@ -23,6 +23,8 @@ class ExternalConfig:
     file: Path  # absolute
     sha256: str  # of the file as it was when the campaign began
     values: Mapping[str, Any]  # of every parameter, by its name
+
+    condition: ClassVar[str] = IDEAL  # a mission file has instances for what differs
 
     @property
     def mission(self) -> MissionFile:

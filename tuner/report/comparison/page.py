@@ -172,7 +172,7 @@ def _under(run: EvaluationRun, condition: str, reference: str, headline: MetricR
     """The headline metric under one condition: every strategy, and its difference from the reference."""
     strategies = tuple(run.plan.strategies)
     own = [r for r in run.records if r.condition == condition]
-    table = comparison_table(own, strategies, reference, _surface_of(headline.key), (headline,))
+    table = comparison_table(own, strategies, reference, None, (headline,))
     row = table.rows[0]
     differences = {name: difference_cell(row, name) for name in strategies}
     return {
