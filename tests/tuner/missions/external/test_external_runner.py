@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,6 +18,7 @@ from nbv.evaluation import Evaluation
 from tuner.missions import LocalProcessExecutor, MissionJob
 from tuner.missions.external import external_config, load_mission_file
 from tuner.missions.external.process import _marked
+from tuner.missions.external.rehearsal import rehearse
 from tuner.missions.external.runner import run_external_mission
 
 FLY = """
@@ -196,3 +198,36 @@ def test_a_cloud_is_aligned_by_its_cameras_and_measured(tmp_path, monkeypatch):
     np.testing.assert_allclose(seen["cloud"].points_m, points, atol=1e-5)
     assert seen["rock"].name == "ball" and seen["config"].evaluation.gt_samples == 2000
     assert not (tmp_path / "m/output/cloud.ply").exists()  # a summary keeps what the result names
+
+
+@pytest.mark.parametrize("shell", [False, True])
+def test_the_skeleton_passes_its_own_check(tmp_path, gatetune, shell):
+    """It packs real measurements with xz, which is on every Debian."""
+    if shutil.which("xz") is None:
+        pytest.skip("xz is absent: apt install xz-utils")
+    code, out, err = gatetune("mission", "init", "new", *(["--shell"] if shell else []))
+    assert code == 0, err
+    code, out, err = gatetune("mission", "check", "new/mission.yaml")
+    assert code == 0, out + err
+    verdicts = [line.split()[0] for line in out.splitlines() if ": " in line][:6]
+    assert verdicts == ["ok"] * 6 and "it repeats exactly" in out
+    assert gatetune("mission", "init", "new")[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("fly", "part", "kind"),
+    [
+        ("return {}", "the default", "failed"),
+        ("return {'metrics': {'lose': 1}}", "the default", "failed"),
+        ("return {'metrics': {'loss': time.time()}}", "the same again", "warning"),
+        ("return {'metrics': {'loss': 1}}", "a failure", "warning"),
+        ("assert 'check' not in r; return {'metrics': {'loss': 1}}", "a failure", "failed"),
+        ("subprocess.Popen(['sleep', '60']); return {'metrics': {'loss': 1}}", "clean-up", "warning"),
+    ],
+)
+def test_the_check_finds_what_is_wrong(tmp_path, fly, part, kind):
+    (tmp_path / "mine.py").write_text(f"import subprocess, time\ndef fly(r):\n    {fly}\n")
+    mission = mission_file(tmp_path, command=None, function="mine:fly")
+    found = {verdict.part: verdict.kind for verdict in rehearse(mission, tmp_path / "trial")}
+    assert found[part] == kind and "failed" not in [k for p, k in found.items() if p != part]
+    assert len(found) == 6 or found["the default"] == "failed"
