@@ -2,8 +2,9 @@
 
 Where telemetry errs, a cloud can be right in shape and wrong in place. As georeferenced it is measured where the
 vehicle believes it to be; registered it is measured after the similarity that fits it best to the true surface, as
-Tanks and Temples does (Knapitsch et al. 2017, section 4.2): iterative closest point with scale (Besl and McKay 1992;
-Umeyama 1991), with correspondences up to a distance that shrinks in stages. It begins where the target that stands in
+Tanks and Temples does (Knapitsch et al. 2017, section 4.2): iterative closest point (Besl and McKay 1992), with
+correspondences up to a distance that shrinks in stages; first a shift alone, from 0.2 m on with turn and scale
+(Umeyama 1991). It begins where the target that stands in
 the cloud lies on the true one (`place_on_target`).
 """
 
@@ -30,19 +31,21 @@ _TARGET_POINTS = 20_000  # to look for the target among
 def place_on_target(points_m: Floats, target_m: Floats) -> Similarity:
     """The shift that brings the target that stands in the cloud (N, 3) to where it really is, ``target_m`` (3,).
 
-    Identity where none is found in the cloud.
+    Where none is found in the cloud, its middle is taken for the target's.
     """
-    found = find_target(_picked(np.asarray(points_m, dtype=float), _TARGET_POINTS), np.mean(points_m, axis=0))
-    shift_m = np.zeros(3) if found is None else np.asarray(target_m, dtype=float) - found.center_m
-    return Similarity(1.0, np.eye(3), shift_m)
+    points = _picked(np.asarray(points_m, dtype=float), _TARGET_POINTS)
+    found = find_target(points, points.mean(axis=0))
+    center_m = np.percentile(points, [1.0, 99.0], axis=0).mean(axis=0) if found is None else found.center_m
+    return Similarity(1.0, np.eye(3), np.asarray(target_m, dtype=float) - center_m)
 
 
 def register_cloud(points_m: Floats, truth_m: Floats, reaches_m: tuple[float, ...] = REACHES_M) -> Similarity:
     """``truth_from_cloud``: the similarity that fits the cloud (N, 3) to samples (S, 3) of the true surface.
 
-    Correspondences run from the cloud to the nearest sample, and from each sample to the nearest point of the
-    cloud: one direction alone would shrink the cloud into a corner of the surface. Identity where nothing is
-    within reach.
+    Coarse stages shift the cloud alone, with correspondences from each of its points to the nearest sample: half a rock,
+    as hard light leaves it, belongs on its half. Fine stages turn and scale it too, and have correspondences from each
+    sample to the nearest point as well: one direction alone would shrink the cloud into a corner of the surface.
+    Identity where nothing is within reach.
     """
     found = Similarity(1.0, np.eye(3), np.zeros(3))
     for reach_m in reaches_m:
@@ -52,13 +55,19 @@ def register_cloud(points_m: Floats, truth_m: Floats, reaches_m: tuple[float, ..
         moved = found.apply(cloud)
         for _ in range(ROUNDS):
             forward_m, nearest = to_truth.query(moved, distance_upper_bound=reach_m)
-            backward_m, owner = cKDTree(moved).query(truth, distance_upper_bound=reach_m)
-            ahead, behind = np.isfinite(forward_m), np.isfinite(backward_m)
-            source = np.concatenate([cloud[ahead], cloud[owner[behind]]])
-            target = np.concatenate([truth[nearest[ahead]], truth[behind]])
+            ahead = np.isfinite(forward_m)
+            source, target = cloud[ahead], truth[nearest[ahead]]
+            if reach_m <= _FINE_REACH_M:
+                backward_m, owner = cKDTree(moved).query(truth, distance_upper_bound=reach_m)
+                behind = np.isfinite(backward_m)
+                source = np.concatenate([source, cloud[owner[behind]]])
+                target = np.concatenate([target, truth[behind]])
             if len(source) < _MIN_PAIRS:
                 break
-            found = align_umeyama(target, source)
+            if reach_m > _FINE_REACH_M:
+                found = Similarity(1.0, np.eye(3), (target - source).mean(axis=0))
+            else:
+                found = align_umeyama(target, source)
             before, moved = moved, found.apply(cloud)
             if np.abs(moved - before).max() < _STILL_M:
                 break

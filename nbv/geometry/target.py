@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.random_streams import keyed_rng
@@ -17,12 +17,14 @@ from nbv.types import Floats
 REACH_M = 4.0  # about the aim, horizontally: the seed orbit's radius
 GROUND_BAND_M = 0.06  # to both sides of the plane: noise of sparse points, and a little relief
 MAX_TILT_DEG = 20.0  # of the ground, with telemetry's error of attitude
-LOWEST_PART_M = 0.15  # of what rises is left out: relief
+LOWEST_PART_M = 0.25  # of what rises is left out: relief
+RADIUS_M = 1.2  # of what is one target
+AIM_SD_M = 1.5  # how far from the aim a target may well stand: what is known of it, and telemetry's drift
 MAX_BELOW = 0.1  # share of the points that may lie below the ground
-VOXEL_M = 0.2  # points in neighbouring voxels are one thing
-MIN_POINTS = 40  # of a thing
+MIN_POINTS = 20  # of a target
 MIN_HALF_EXTENT_M, MAX_HALF_EXTENT_M = 0.2, 2.5
 _TRIALS = 400
+_SHIFTS = 20
 _COMPANION_M = 0.15  # a point farther from any other is taken for a wrong match
 
 
@@ -35,10 +37,12 @@ class FoundTarget:
 
 
 def find_target(points_m: Floats, aim_m: tuple[float, float, float] | Floats) -> FoundTarget | None:
-    """The cluster of points (N, 3) above the ground whose centre is nearest to ``aim_m`` (3,); None where there is none.
+    """What rises highest and most from the ground near ``aim_m`` (3,), from points (N, 3); None where nothing does.
 
     The ground is the near-horizontal plane with most points about it of all that have hardly any points below (RANSAC,
-    Fischler and Bolles 1981). Clusters are connected voxels of what rises above it.
+    Fischler and Bolles 1981). Points above it vote, by their height, for places within `RADIUS_M`, near the aim more than
+    far from it; the best place moves to the middle of its voters (mean shift) until it stays. Ground has a point for
+    every pixel and a rock in hard light few, so nothing asks the target's points to hang together.
     """
     points, aim = np.asarray(points_m, dtype=float), np.asarray(aim_m, dtype=float)
     points = points[np.isfinite(points).all(axis=1)]
@@ -53,17 +57,36 @@ def find_target(points_m: Floats, aim_m: tuple[float, float, float] | Floats) ->
     if len(risen) < MIN_POINTS:
         return None
     risen = risen[cKDTree(risen).query(risen, k=3)[0][:, -1] <= _COMPANION_M]
-    found = []
-    for cluster in _clusters(risen):
-        low, high = np.percentile(cluster, [0.5, 99.5], axis=0)
-        center = (low + high) / 2
-        ground_z_m = (offset_m - normal[:2] @ center[:2]) / normal[2]
-        center[2] = (ground_z_m + high[2]) / 2
-        half_m = max(float((high - low)[:2].max()) / 2, float(high[2] - ground_z_m) / 2)
-        if MIN_HALF_EXTENT_M <= half_m <= MAX_HALF_EXTENT_M:
-            x, y, z = (float(v) for v in center)
-            found.append((float(np.linalg.norm(center - aim)), FoundTarget((x, y, z), half_m)))
-    return min(found, key=lambda item: item[0])[1] if found else None
+    if len(risen) < MIN_POINTS:
+        return None
+    heights_m = risen @ normal - offset_m
+    members = _densest(risen[:, :2], heights_m, aim[:2])
+    if np.count_nonzero(members) < MIN_POINTS:
+        return None
+    low, high = np.percentile(risen[members], [1.0, 99.0], axis=0)
+    center = (low + high) / 2
+    ground_z_m = (offset_m - normal[:2] @ center[:2]) / normal[2]
+    center[2] = (ground_z_m + high[2]) / 2
+    half_m = max(float((high - low)[:2].max()) / 2, float(high[2] - ground_z_m) / 2)
+    if not MIN_HALF_EXTENT_M <= half_m <= MAX_HALF_EXTENT_M:
+        return None
+    x, y, z = (float(v) for v in center)
+    return FoundTarget((x, y, z), half_m)
+
+
+def _densest(places_m: Floats, heights_m: Floats, aim_m: Floats) -> NDArray[np.bool_]:
+    """(K,) the points (K, 2) within `RADIUS_M` of the place that most height votes for."""
+    tree = cKDTree(places_m)
+    votes = np.array([heights_m[near].sum() for near in tree.query_ball_point(places_m, RADIUS_M)])
+    votes *= np.exp(-0.5 * (np.linalg.norm(places_m - aim_m, axis=1) / AIM_SD_M) ** 2)
+    center = places_m[votes.argmax()]
+    for _ in range(_SHIFTS):
+        members = np.linalg.norm(places_m - center, axis=1) <= RADIUS_M
+        moved = np.average(places_m[members], axis=0, weights=heights_m[members])
+        if np.linalg.norm(moved - center) < 0.01:
+            break
+        center = moved
+    return np.asarray(np.linalg.norm(places_m - center, axis=1) <= RADIUS_M)
 
 
 def _ground(points: Floats) -> tuple[Floats, float] | None:
@@ -91,16 +114,3 @@ def _ground(points: Floats) -> tuple[Floats, float] | None:
     if normal[2] < np.cos(np.deg2rad(MAX_TILT_DEG)):
         return plane
     return normal, float(normal @ flat.mean(0))
-
-
-def _clusters(points: Floats) -> list[Floats]:
-    """Connected components (26 neighbours) of the occupied voxels, as points (K, 3) each, of `MIN_POINTS` or more."""
-    if len(points) < MIN_POINTS:
-        return []
-    cells = np.floor((points - points.min(axis=0)) / VOXEL_M).astype(np.int64)
-    occupied = np.zeros(cells.max(axis=0) + 1, dtype=bool)
-    occupied[tuple(cells.T)] = True
-    labels, _ = ndimage.label(occupied, structure=np.ones((3, 3, 3)))
-    owner = labels[tuple(cells.T)]
-    counts = np.bincount(owner)
-    return [points[owner == i] for i in np.flatnonzero(counts >= MIN_POINTS) if i > 0]

@@ -10,8 +10,8 @@ from nbv.random_streams import keyed_rng
 from nbv.types import SparseModel
 
 LOWEST_TARGET_M = 0.3  # nobody believes the target's centre to lie deeper
-# Beyond the target's longest half extent; with 1 m of it (the rocks here have 0.8 to 1.1) the paper's box of 2 m and the
-# crop of 1.5 m come out.
+# Beyond the target's longest half extent. Never less than configured: in hard light the seed model shows a part of the
+# target, and a crop about that part cuts the rest off.
 BOX_MARGIN_M, CROP_MARGIN_M = 1.0, 0.5
 
 
@@ -39,8 +39,12 @@ def located(config: MissionConfig, model: SparseModel) -> MissionConfig | None:
     return dataclasses.replace(
         config,
         target_m=found.center_m,
-        shared=dataclasses.replace(config.shared, box_half_extent_m=half_m + BOX_MARGIN_M),
-        dense=dataclasses.replace(config.dense, crop_half_width_m=half_m + CROP_MARGIN_M),
+        shared=dataclasses.replace(
+            config.shared, box_half_extent_m=max(config.shared.box_half_extent_m, half_m + BOX_MARGIN_M)
+        ),
+        dense=dataclasses.replace(
+            config.dense, crop_half_width_m=max(config.dense.crop_half_width_m, half_m + CROP_MARGIN_M)
+        ),
     )
 
 

@@ -50,7 +50,8 @@ def test_the_mission_goes_on_with_what_the_model_shows() -> None:
     mission = made(config, reconstructor, flight, recorder)
     mission.fly()
     np.testing.assert_allclose(mission.config.target_m, [0.5, 0.0, 0.75], atol=0.1)
-    assert mission.config.dense.crop_half_width_m == pytest.approx(0.75 + 0.5, abs=0.08)
+    # The crop is no less than configured, although the target is smaller.
+    assert mission.config.dense.crop_half_width_m == config.dense.crop_half_width_m
     assert reconstructor.retargeted == (mission.config.target_m, mission.config.dense.crop_half_width_m)
     for capture in mission.captures[24:]:  # 3.5 m from where the target was found, and aimed at it
         delta_m = np.array(mission.config.target_m) - capture.viewpoint.position_m
