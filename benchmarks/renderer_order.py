@@ -29,7 +29,16 @@ from tuner.problem import load_search_space
 from tuner.studies.transfer.agreement import agreement
 
 WORLDS = ("mitsuba", "raycast")
-HEAD = ["configuration", "rock", "replicate", "world", "status", "F whole", "F observable", "C2C mean (mm)"]
+HEAD = [
+    "configuration",
+    "rock",
+    "replicate",
+    "world",
+    "status or reason",
+    "F whole",
+    "F observable",
+    "C2C mean (mm)",
+]
 TUNED_POOL = {"pool.max_altitude_m": 2.17}
 
 
