@@ -92,8 +92,8 @@ def settings_page() -> str:
         "    objective: {metric: observable.c2c_mean_mm, direction: minimise}",
         "    in_step: 2",
         "",
-        "| field | default | meaning |",
-        "|---|---|---|",
+        "|field|default|meaning|",
+        "|-|-|-|",
     ]
     defaults: dict[str, Any] = {f.name: f.default for f in dataclasses.fields(CampaignSettings)}
     defaults |= {
@@ -101,11 +101,12 @@ def settings_page() -> str:
         "objective": DEFAULT_METRIC,
         "overrides": "none",
         "rocks": "the procedural training rocks",
+        "conditions": "ideal",
     }
     defaults |= {"learn_from": "shipped where there are some, else none"}
     for key, meaning in FIELDS.items():
         default = "null" if defaults[key] is None else defaults[key]
-        lines.append(f"| `{key}` | {default} | {meaning} |")
+        lines.append(f"|`{key}`|{default}|{meaning}|")
     return "\n".join(lines) + "\n"
 
 

@@ -93,7 +93,7 @@ def reference_markdown() -> str:
         "",
         "A parameter's path is its section and name: `gate.d95_m`. Defaults are preset `paper`. *Source*: **text**, the "
         "paper as printed, with the place; **code**, the authors' public code or simulator, where the text is silent; "
-        "**ours**. `gatetune config show` prints any preset, and where in the code or why ours; `--set PATH=VALUE` changes a parameter. "
+        "none: ours. `gatetune config show` prints any preset, and where in the code or why ours; `--set PATH=VALUE` changes a parameter. "
         "`python docs/make_pages.py` makes this page.",
         "",
         *_presets_table(),
@@ -103,12 +103,13 @@ def reference_markdown() -> str:
     for p in parameters().values():
         if p.section != section:
             section = p.section
-            lines.append(f"|**{section}**||||")
+            lines.append(f"|**{section}**|")
         choices = f" ({', '.join(f'`{c}`' for c in p.choices)})" if p.choices else ""
         value = f"{shown(p.default)} {'' if p.default is None else p.unit}".strip() or "empty"
         name = p.path.removeprefix(f"{section}.")
-        source = p.origin if p.source == "text" else p.source  # `gatetune config show` says where, or why
-        lines.append(f"|`{name}`|{value}|{p.meaning}{choices}|{source}|")
+        # `gatetune config show` says where, or why.
+        source = {"text": f"|{p.origin}", "ours": ""}.get(p.source, f"|{p.source}")
+        lines.append(f"|`{name}`|{value}|{p.meaning}{choices}{source}")
     return "\n".join(lines) + "\n"
 
 

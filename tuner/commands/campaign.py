@@ -117,8 +117,8 @@ def run(
         list[str] | None,
         typer.Option(
             "--learn-from",
-            help="Run directory of an earlier campaign; repeatable. shipped: missions that come with this program (default "
-            "where there are some); nothing: none.",
+            help="Run directory of an earlier campaign, repeatable; shipped (default where missions come with this program) "
+            "or nothing.",
             rich_help_panel=_LONG,
         ),
     ] = None,

@@ -42,8 +42,8 @@ def toy(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_campaign_goes_from_run_to_evaluation_and_export(gatetune, toy):
-    code, out, err = gatetune(*RUN, "--budget", 6)
+def test_a_campaign_flies_reports_and_knows_its_file(gatetune, toy):
+    code, out, err = gatetune(*RUN, "--budget", 5)
     assert code == 0, out + err
     assert "paper" not in out
     campaign = Campaign.open(toy / "runs/toy", read_only=True)
@@ -54,18 +54,8 @@ def test_a_campaign_goes_from_run_to_evaluation_and_export(gatetune, toy):
     assert "toy.yaml" in page and "paper’s default" not in page and "gatetune mission run" not in page
     assert gatetune("campaign", "status", "runs/toy")[0] == 0
 
-    code, out, err = gatetune("evaluate", "runs/toy", "--replicates", 1, "--workers", 1)
-    assert code == 0, out + err
-    flown = {p.name for p in (toy / "runs/toy/evaluation/missions").iterdir()}
-    assert flown == {"tuned", "default", "hand"} and "loss" in out.lower() and "Hausdorff" not in out
-    assert "Table I" not in (toy / "runs/toy/evaluation/report.html").read_text()
-
-    assert gatetune("export", "runs/toy", "--to", "gatetune.yaml")[0] == 0
-    values = yaml.safe_load((toy / "runs/toy/gatetune.yaml").read_text())
-    assert values == campaign.recommendation(save=False).values
     assert "not ours" in gatetune("export", "runs/toy", "--to", "scoring.yaml")[2]
 
-    assert gatetune("campaign", "resume", "runs/toy", "--missions", 7, "--workers", 1)[0] == 0
     (toy / "toy.yaml").write_text(yaml.safe_dump({**FILE, "time_limit_s": 30}))
     code, out, err = gatetune("campaign", "resume", "runs/toy", "--missions", 8)
     assert code == 2 and "has changed since the campaign began" in err and err.count("\n") == 1
