@@ -113,19 +113,50 @@ def warm_start(data: Path) -> plt.Figure:
     return figure
 
 
-def perturbed_missions(data: Path) -> plt.Figure:
-    """F-score of three planners under every perturbation."""
-    rows = read(data, "perturbed_missions")
-    figure, axes = plt.subplots(figsize=(8, 4))
-    planners = {"Hyb-H": (BLUE, "o"), "random views": (GREY, "s"), "Hyb-H, pool below 1.5 m": (ORANGE, "^")}
-    for planner, (colour, marker) in planners.items():
-        points = [(float(row[planner]), place) for place, row in enumerate(rows) if row[planner]]
-        axes.plot([x for x, _ in points], [y for _, y in points], marker, color=colour, label=planner)
-    axes.set_yticks(range(len(rows)), [f"{row['rock']}: {row['perturbation']}" for row in rows])
-    axes.invert_yaxis()
-    axes.set_xlabel("F-score @ 48 mm (%), one replicate")
+def conditions(data: Path) -> plt.Figure:
+    """F-score on every held-out rock in conditions that no campaign has seen, by what was tuned where."""
+    rows = read(data, "unseen_conditions")
+    names = {
+        "hyb-h": "Hyb-H, paper's values",
+        "random-in-its-pool": "random views, pool of the last row",
+        "tuned-ideal": "tuned in ideal",
+        "tuned-conditions": "tuned over conditions",
+    }
+    worlds = list(dict.fromkeys(row["condition"] for row in rows))
+    figure, panels = plt.subplots(1, len(worlds), figsize=(8, 2.8), sharey=True)
+    for axes, world in zip(panels, worlds):
+        for place, strategy in enumerate(names):
+            found = [row for row in rows if (row["strategy"], row["condition"]) == (strategy, world)]
+            values = [float(row["f_score_48mm"]) for row in found if row["f_score_48mm"]]
+            axes.plot(values, [place] * len(values), "o", color=GREY, alpha=0.5, markersize=4)
+            axes.plot(sum(values) / len(values), place, "D", color=BLUE if "tuned" in strategy else ORANGE)
+        axes.set_title(world)
+        axes.set_xlabel("registered F-score @ 48 mm (%)")
+        axes.grid(axis="x", alpha=0.3)
+    panels[0].set_yticks(range(len(names)), list(names.values()))
+    panels[0].invert_yaxis()
+    return figure
+
+
+def renderer_order(data: Path) -> plt.Figure:
+    """Mean F-score of each configuration in our renderer and path traced."""
+    rows = [row for row in read(data, "renderer_order") if row["F whole"]]
+    figure, axes = plt.subplots(figsize=(5, 4))
+    for name in dict.fromkeys(row["configuration"] for row in rows):
+        means = []
+        for world in ("raycast", "mitsuba"):
+            values = [
+                float(row["F whole"])
+                for row in rows
+                if (row["configuration"], row["world"], row["replicate"]) == (name, world, "0")
+            ]
+            means.append(sum(values) / len(values))
+        colour = BLUE if name.startswith("tuned") else ORANGE if name in ("Hyb-H", "random") else GREY
+        axes.plot(*means, "o", color=colour)
+        axes.annotate(name, means, xytext=(4, 2), textcoords="offset points", fontsize=7)
+    axes.set_xlabel("F-score @ 48 mm (%), our renderer, mean of three held-out rocks")
+    axes.set_ylabel("the same, path traced by Mitsuba")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=8)
     return figure
 
 
@@ -215,7 +246,8 @@ FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
         optimisers,
         optimiser_ablation,
         warm_start,
-        perturbed_missions,
+        conditions,
+        renderer_order,
         oracle_coverage,
         learned_gate,
         visibility,
