@@ -153,7 +153,10 @@ def renderer_order(data: Path) -> plt.Figure:
             means.append(sum(values) / len(values))
         colour = BLUE if name.startswith("tuned") else ORANGE if name in ("Hyb-H", "random") else GREY
         axes.plot(*means, "o", color=colour)
-        axes.annotate(name, means, xytext=(4, 2), textcoords="offset points", fontsize=7)
+        if name not in ("B-aware", "tuned", "Hyb-H, pool below 1.5 m"):  # on or beside another one
+            left = means[0] > 93
+            place = {"xytext": (-6 if left else 5, -3), "ha": "right" if left else "left"}
+            axes.annotate(name, means, textcoords="offset points", fontsize=7, **place)
     axes.set_xlabel("F-score @ 48 mm (%), our renderer, mean of three held-out rocks")
     axes.set_ylabel("the same, path traced by Mitsuba")
     axes.grid(alpha=0.3)
