@@ -1,6 +1,6 @@
 """How many missions under a condition end with a model? Seeds and a few captures; the dense stage is cut short.
 
-    OMP_NUM_THREADS=1 python benchmarks/condition_missions.py --condition field --replicates 6 --out field.csv
+    OMP_NUM_THREADS=1 python benchmarks/condition_missions.py --condition field --replicates 0 1 2 --out field.csv
 
 One row per mission, Hyb-H at preset ``campaign`` with 4 captures, on all procedural rocks. Goes on where a file ends.
 """
@@ -37,7 +37,7 @@ def main() -> None:
     """Fly what is not in the file yet."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--condition", default="field")
-    parser.add_argument("--replicates", type=int, default=6)
+    parser.add_argument("--replicates", type=int, nargs="+", default=[*range(6)])
     parser.add_argument("--out", type=Path, required=True)
     arguments = parser.parse_args()
     config = under(preset("campaign"), load_condition(arguments.condition)).with_values(SHORT)
@@ -49,7 +49,7 @@ def main() -> None:
         rows = csv.writer(file, lineterminator="\n")
         if not done:
             rows.writerow(HEAD)
-        for replicate in range(arguments.replicates):
+        for replicate in arguments.replicates:
             for rock in RECIPES:
                 if (rock, replicate) in done:
                     continue
