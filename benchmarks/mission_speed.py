@@ -27,7 +27,7 @@ from typing import Any
 
 from fresh_process import Flown, fly_in_fresh_process, forget_sequences
 
-from nbv.config import MissionConfig, preset
+from nbv.config import MissionConfig, load_condition, preset, under
 from nbv.mission.result import MissionResult
 from nbv.threads import single_thread_environment
 
@@ -65,13 +65,13 @@ def stages(home: Path, rock: str, name: str = "campaign") -> dict[str, Any]:
     }
 
 
-def spread_out(count: int) -> list[MissionConfig]:
-    """Campaign configurations whose weights differ by orders of magnitude."""
+def spread_out(count: int, condition: str) -> list[MissionConfig]:
+    """Campaign configurations, under a condition, whose weights differ by orders of magnitude."""
     import numpy as np
 
     rng = np.random.default_rng(0)
     paths = [f"{s}.weights.{w}" for s in ("covis", "b_aware") for w in ("nov", "move", "ang")]
-    base = preset("campaign")
+    base = under(preset("campaign"), load_condition(condition))
     return [
         base.with_values({path: float(10 ** rng.uniform(-2, 0.3)) for path in paths}) for _ in range(count)
     ]
@@ -123,9 +123,11 @@ def fly_all(jobs: list[tuple[MissionConfig, str]], workers: int, folder: Path) -
     }
 
 
-def workers(home: Path, rocks: list[str], count: int, rounds: int, folder: Path) -> dict[str, Any]:
+def workers(
+    home: Path, rocks: list[str], count: int, rounds: int, folder: Path, condition: str
+) -> dict[str, Any]:
     """Throughput with 1 and 2 workers."""
-    jobs = [(config, rocks[i % len(rocks)]) for i, config in enumerate(spread_out(count))]
+    jobs = [(config, rocks[i % len(rocks)]) for i, config in enumerate(spread_out(count, condition))]
     fly_all(jobs, 2, folder / "fill")  # photographs, features, pairs, seed models
     table: list[dict[str, Any]] = []
     for turn in range(rounds):
@@ -191,6 +193,7 @@ def main() -> None:
     parser.add_argument("--missions", type=int, default=8)
     parser.add_argument("--rounds", type=int, default=2)
     parser.add_argument("--preset", default="campaign", help="of part stages")
+    parser.add_argument("--condition", default="ideal", help="of part workers")
     parser.add_argument("--home", type=Path, help="rocks, caches and store; default: an empty one")
     parser.add_argument("--out", type=Path)
     arguments = parser.parse_args()
@@ -207,7 +210,9 @@ def main() -> None:
         if "stages" in arguments.parts:
             report["stages"] = stages(home, arguments.rocks[0], arguments.preset)
         if "workers" in arguments.parts:
-            report["workers"] = workers(home, arguments.rocks, arguments.missions, arguments.rounds, folder)
+            report["workers"] = workers(
+                home, arguments.rocks, arguments.missions, arguments.rounds, folder, arguments.condition
+            )
         if "captures" in arguments.parts:
             report["captures"] = captures(folder / "empty", arguments.rocks[0])
         if arguments.out:
