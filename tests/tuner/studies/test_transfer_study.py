@@ -188,8 +188,8 @@ def test_worlds_are_combined():
     found = worlds(conditions, ["raycast", "gl"], ["photogrammetric", "geometric"])
     kinds = ("raycast", "gl", "geometric")
     assert list(found) == [f"{c}-{kind}" for c in ("ideal", "low-sun") for kind in kinds]
-    config = found["low-sun-gl"].config(MissionConfig())
-    assert config.scene.backend == "gl" and config.condition == "low-sun" and config.scene.ambient == 0
+    world = found["low-sun-gl"]
+    assert world.condition.name == "low-sun" and world.config(MissionConfig()).scene.backend == "gl"
     assert found["ideal-geometric"].config(MissionConfig()) == MissionConfig()
     assert found["ideal-geometric"].runner == "geometric"
 

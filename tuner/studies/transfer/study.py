@@ -94,6 +94,7 @@ class TransferSettings(StudySettings):
                 self.rocks,
                 self.replicates,
                 runner=world.runner,
+                conditions=(world.condition,),
             )
             for name, world in self.worlds.items()
         }

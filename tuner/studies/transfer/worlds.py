@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from nbv.config import IDEAL_CONDITION, RENDERERS, Condition, MissionConfig, under
+from nbv.config import IDEAL_CONDITION, RENDERERS, Condition, MissionConfig
 from nbv.errors import UserError
 from tuner.missions.registry import DEFAULT_RUNNER, is_geometric, registered
 
@@ -21,8 +21,8 @@ class World:
     runner: str = DEFAULT_RUNNER  # of tuner.missions.registry, or module:function
 
     def config(self, config: MissionConfig) -> MissionConfig:
-        """``config`` in this world; ``UserError`` for one that is under another condition already."""
-        return under(config, self.condition).with_values({RENDERER: self.renderer} if self.renderer else {})
+        """``config`` with this world's renderer; its condition is the plan's."""
+        return config.with_values({RENDERER: self.renderer}) if self.renderer else config
 
 
 def worlds(
