@@ -37,8 +37,10 @@ def test_the_readme_has_500_words_at_most():
     assert len((ROOT / "README.md").read_text().split()) <= 500
 
 
-def test_the_documentation_has_100_kb_at_most():
-    assert sum(page.stat().st_size for page in PAGES) <= 100 * 1024
+def test_the_written_documentation_has_100_kb_at_most():
+    """Two pages of reference are printed from the code (``docs/make_pages.py``); nobody reads them through."""
+    printed = {DOCS / "reference/commands.md", DOCS / "reference/parameters.md"}
+    assert sum(page.stat().st_size for page in PAGES if page not in printed) <= 100 * 1024
 
 
 @pytest.mark.parametrize("page", TEXTS, ids=lambda page: str(page.relative_to(ROOT)))

@@ -38,6 +38,7 @@ if way == "newer": leave(json.dumps({**OK, "schema": "gatetune.result/2"}))
 if way == "killed": os.kill(os.getpid(), signal.SIGKILL)
 if way in ("machine", "configuration"): leave(failed(way))
 if way == "once": leave(failed("machine") if first else json.dumps(OK))
+if way == "slow-once": time.sleep(1.5 if first else 0.1); leave(json.dumps(OK))
 if way == "hangs": time.sleep(60)
 if way == "hangs-done": leave(json.dumps(OK)); time.sleep(60)
 if way == "cross": leave(json.dumps(OK)); raise SystemExit(3)
@@ -231,3 +232,9 @@ def test_the_check_finds_what_is_wrong(tmp_path, fly, part, kind):
     found = {verdict.part: verdict.kind for verdict in rehearse(mission, tmp_path / "trial")}
     assert found[part] == kind and "failed" not in [k for p, k in found.items() if p != part]
     assert len(found) == 6 or found["the default"] == "failed"
+
+
+def test_a_time_out_is_tried_on_a_machine_that_got_faster(tmp_path):
+    mission = mission_file(tmp_path, instances=["slow-once"])
+    found = {verdict.part: verdict.kind for verdict in rehearse(mission, tmp_path / "trial")}
+    assert found["a time-out"] == "ok"
