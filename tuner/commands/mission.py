@@ -1,4 +1,4 @@
-"""``gatetune mission run|explain|figures``, and of missions that are not ours ``init|check``."""
+"""``gatetune mission run|explain|figures|view``, and of missions that are not ours ``init|check``."""
 
 from __future__ import annotations
 
@@ -166,6 +166,33 @@ def figures(
             )
     for path in write_mission_figures(labels_of(runs), out, rock):
         output.print(path)
+
+
+@app.command()
+def view(
+    run: Annotated[Path, typer.Argument(help="A mission's directory, flown with everything kept.")],
+    other: Annotated[
+        Path | None, typer.Argument(help="A second mission, shown beside it with the same camera.")
+    ] = None,
+    rock: Annotated[
+        str | None, typer.Option(help="Mesh file of a rock that is not in the catalogue.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="The page (default: RUN/view.html).")] = None,
+    rrd: Annotated[
+        Path | None, typer.Option(help="Also write RUN as a recording for Rerun's viewer (extra `viewer`).")
+    ] = None,
+) -> None:
+    """A page to walk around in, which opens without a server: rock, clouds, cameras, pool and path, capture by capture."""
+    from tuner.report import write_mission_recording, write_mission_view
+
+    runs = [run] if other is None else [run, other]
+    page = out or run / ("view.html" if other is None else f"view-beside-{other.resolve().name}.html")
+    written = [write_mission_view(runs, page, rock)]
+    if rrd is not None:
+        written.append(write_mission_recording(run, rrd, rock))
+    for path in written:
+        size_mb = path.stat().st_size / 1e6
+        output.print(f"wrote {path} ({size_mb:.1f} MB)", markup=False, highlight=False, soft_wrap=True)
 
 
 @app.command()

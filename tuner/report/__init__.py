@@ -12,12 +12,22 @@ if TYPE_CHECKING:
     from tuner.report.campaign.page import write_campaign_report
     from tuner.report.comparison.page import write_comparison_report
     from tuner.report.mission.figures import write_mission_figures
+    from tuner.report.mission.recording import write_mission_recording
+    from tuner.report.mission.walk import write_mission_view
 
-__all__ = ["write_campaign_report", "write_comparison_report", "write_mission_figures"]
+__all__ = [
+    "write_campaign_report",
+    "write_comparison_report",
+    "write_mission_figures",
+    "write_mission_recording",
+    "write_mission_view",
+]
 _FILES = {
     "write_campaign_report": "campaign.page",
     "write_comparison_report": "comparison.page",
     "write_mission_figures": "mission.figures",
+    "write_mission_recording": "mission.recording",
+    "write_mission_view": "mission.walk",
 }
 
 

@@ -1,0 +1,110 @@
+"""The page to walk around in, from a real mission of the geometric fidelity and from its photographs."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from nbv.config import preset
+from nbv.errors import UserError
+from nbv.geometric import run_geometric_mission
+from nbv.mission.run_directory import write_ply
+from nbv.types import PointCloud
+from tuner.report import write_mission_recording, write_mission_view
+from tuner.report.mission.walk_data import STEP_M
+
+BUDGET = 2
+
+
+@pytest.fixture(scope="module")
+def mission(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    run = tmp_path_factory.mktemp("flown") / "first"
+    config = preset("campaign").with_values({"stop.adaptive_budget": BUDGET, "evaluation.gt_samples": 2000})
+    result = run_geometric_mission(config, "slab", 0, run)
+    for event in json.loads((run / "flight.json").read_text())["events"]:
+        if event["name"].startswith(("seed", "cand")):
+            Image.fromarray(np.full((48, 64, 3), 90, np.uint8)).save(run / "images" / f"{event['name']}.png")
+    assert result.status == "ok"
+    return run
+
+
+def shown(page: Path) -> list[dict]:
+    found = re.search(
+        r'<script type="application/json" id="data">(.*?)</script>', page.read_text(), re.DOTALL
+    )
+    assert found
+    return json.loads(found[1])
+
+
+def points(facts: dict, packed: str) -> np.ndarray:
+    steps = np.frombuffer(base64.b64decode(packed), "<i2").reshape(-1, 3)
+    return np.array(facts["origin"]) + STEP_M * steps
+
+
+def test_the_slider_goes_over_every_capture(mission: Path, tmp_path: Path) -> None:
+    page = write_mission_view([mission], tmp_path / "view.html")
+    (facts,) = shown(page)
+    trace = [json.loads(line) for line in (mission / "trace.jsonl").read_text().splitlines()]
+    assert [step["views"] for step in facts["steps"]] == [*range(1, 25), 24, 25, 26]
+    decisions = facts["steps"][24 : 24 + BUDGET]
+    for step, record in zip(decisions, trace, strict=True):
+        assert (step["chosen"], step["scorer"], step["reason"]) == (
+            record["chosen"],
+            record["scorer"],
+            record["reason"],
+        )
+        best = step["pool"]["best"][record["scorer"]][0]
+        assert best["id"] == record["chosen"]
+        assert sum(best["terms"]) == pytest.approx(best["score"], abs=1e-3)
+        assert len(points(facts, facts["models"][step["model"]]["p"])) == record["n_points"]
+    assert all(view["image"] for view in facts["views"])
+
+
+def test_the_page_needs_nothing_else(mission: Path, tmp_path: Path) -> None:
+    text = write_mission_view([mission], tmp_path / "view.html").read_text()
+    assert not re.search(r"https?://|src=\"(?!data:|\$)|<link", text)
+    assert len(text) < 15e6
+
+
+def test_what_is_missing_of_the_truth_is_told(mission: Path, tmp_path: Path) -> None:
+    half = tmp_path / "half"
+    shutil.copytree(mission, half)
+    (facts,) = shown(write_mission_view([mission], tmp_path / "a.html"))
+    truth = points(facts, facts["truth"]["p"])
+    write_ply(half / "cleaned.ply", PointCloud(truth[truth[:, 0] > 0]))
+    (facts,) = shown(write_mission_view([half], tmp_path / "b.html"))
+    missing_mm = np.frombuffer(base64.b64decode(facts["truth"]["m"]), "u1")
+    assert (missing_mm[truth[:, 0] > 0] <= 1).all()
+    assert np.median(missing_mm[truth[:, 0] < -0.2]) > 48
+
+
+def test_two_missions_stand_side_by_side(gatetune, mission: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    shutil.copytree(mission, other)
+    code, _, err = gatetune("mission", "view", mission, other, "--out", tmp_path / "two.html")
+    assert code == 0, err
+    assert [facts["name"] for facts in shown(tmp_path / "two.html")] == ["first", "other"]
+
+
+def test_another_rock_is_refused(mission: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    shutil.copytree(mission, other)
+    result = json.loads((other / "mission.json").read_text())
+    result["provenance"]["rock_sha256"] = "0" * 64
+    (other / "mission.json").write_text(json.dumps(result))
+    with pytest.raises(UserError, match=r"flown on another 'slab' than the one found now.*--rock"):
+        write_mission_view([other], tmp_path / "view.html")
+
+
+def test_a_recording_for_rerun(mission: Path, tmp_path: Path) -> None:
+    pytest.importorskip("rerun")
+    path = write_mission_recording(mission, tmp_path / "first.rrd")
+    assert path.read_bytes()[:4] in (b"RRF2", b"RRIO")
+    assert path.stat().st_size > 50_000

@@ -1,0 +1,42 @@
+"""One page in which one, or two missions beside each other, can be walked around in."""
+
+from __future__ import annotations
+
+import importlib.resources
+from collections.abc import Sequence
+from pathlib import Path
+
+from markupsafe import Markup
+
+from nbv.errors import UserError
+from tuner.report.mission.walk_data import as_json, walk_of
+from tuner.report.pages import write_page
+
+
+def write_mission_view(runs: Sequence[Path], out: Path, rock: str | None = None) -> Path:
+    """Write one HTML file that needs no server and no network: rock, clouds, cameras, pool, path, capture by capture.
+
+    Parameters
+    ----------
+    runs
+        The directories of one or two missions that were flown with everything kept.
+    out
+        The file to write.
+    rock
+        Catalogue name or mesh file; by default the catalogue's rock of the mission's name for it.
+
+    Returns
+    -------
+    ``out``.
+
+    Raises
+    ------
+    UserError
+        A file is missing, a rock is not the one that was flown, or ``out`` cannot be written.
+    """
+    if not 1 <= len(runs) <= 2:
+        raise UserError(f"{len(runs)} missions do not fit beside each other; name one or two")
+    walks = [walk_of(run, rock) for run in runs]
+    script = importlib.resources.files("tuner.report").joinpath("templates", "walk.js").read_text()
+    title = " beside ".join(f"mission {walk.name}" for walk in walks)
+    return write_page(out, "walk.html.j2", title=title, data=Markup(as_json(walks)), script=Markup(script))
