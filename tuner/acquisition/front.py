@@ -15,7 +15,7 @@ from botorch.utils.multi_objective.hypervolume import infer_reference_point
 from botorch.utils.multi_objective.pareto import is_non_dominated
 
 from nbv.types import Floats
-from tuner.acquisition.propose import maximise
+from tuner.acquisition.propose import BASELINE, maximise
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values
@@ -25,6 +25,7 @@ from tuner.surrogate.numerics import numerics
 from tuner.surrogate.settings import SurrogateSettings
 
 MONTE_CARLO_SAMPLES = 64
+AT_ONCE = 500  # configurations, of which nothing is asked jointly
 # BoTorch would compile a C++ kernel in the middle of a campaign: minutes without a word on a slow machine, and for
 # ever where an earlier compilation was killed and left its lock. Its Python path gives the same numbers.
 logei._load_attempted = True
@@ -65,7 +66,7 @@ def propose_for_front(
     """The configuration with the largest log noisy expected hypervolume improvement (Ament et al., NeurIPS 2023)."""
     first, second = models
     with numerics(seed):
-        baseline = first.inputs(np.unique(first.unit, axis=0))
+        baseline = first.inputs(np.unique(np.concatenate([m.promising(BASELINE) for m in models]), axis=0))
         joint = ModelListGP(first.model, second.model)
         with torch.no_grad():
             level = joint.posterior(baseline).mean
@@ -87,18 +88,16 @@ def flown_in_both(
     """What the models believe of every configuration flown, best first objective first."""
     first = models[0]
     configurations = [first.space.from_unit(u) for u in np.unique(first.unit, axis=0)]
-    one, two = (model.posterior(configurations) for model in models)
     signs = objectives[0].sign, objectives[1].sign
-    return [
-        FrontPoint(
-            configurations[i],
-            signs[0] * float(one.mean[i]),
-            float(one.sd[i]),
-            signs[1] * float(two.mean[i]),
-            float(two.sd[i]),
-        )
-        for i in np.argsort(-one.mean, kind="stable")
-    ]
+    points = []
+    for begin in range(0, len(configurations), AT_ONCE):
+        some = configurations[begin : begin + AT_ONCE]
+        one, two = (model.posterior(some) for model in models)
+        points += [
+            FrontPoint(values, signs[0] * float(m), float(s), signs[1] * float(n), float(t))
+            for values, m, s, n, t in zip(some, one.mean, one.sd, two.mean, two.sd)
+        ]
+    return sorted(points, key=lambda point: -signs[0] * point.first)
 
 
 def pareto_front(points: Sequence[FrontPoint], objectives: tuple[Objective, Objective]) -> list[FrontPoint]:

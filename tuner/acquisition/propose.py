@@ -20,6 +20,7 @@ from nbv.types import Floats
 from tuner.acquisition.over_rocks import WorldOutcomes
 from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
+from tuner.surrogate.condensed import EXACT_MISSIONS
 from tuner.surrogate.model import RockMeanGP, moments
 from tuner.surrogate.numerics import numerics
 from tuner.surrogate.risk import risk_of
@@ -29,6 +30,7 @@ LOCAL_BEST = 4
 LOCAL_SD = (0.01, 0.25)  # of the unit cube: smallest and largest, evenly spread logarithms
 MONTE_CARLO_SAMPLES = 64
 MAX_ITERATIONS = 50
+BASELINE = EXACT_MISSIONS  # flown configurations that an improvement is over; of more, the best
 # Mixed spaces: the continuous part is optimised under this many of the best discrete combinations.
 DISCRETE_COMBINATIONS = 4
 RESTARTS = 4  # gradient searches
@@ -74,7 +76,7 @@ def _acquisition(
         over_worlds = {"objective": measure, "cache_root": False}
     return qLogNoisyExpectedImprovement(
         target,
-        X_baseline=model.inputs(np.unique(model.unit, axis=0)),
+        X_baseline=model.inputs(model.promising(BASELINE)),
         sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
         X_pending=model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None,
         prune_baseline=True,
@@ -126,7 +128,7 @@ def maximise(model: RockMeanGP, acquisition: AcquisitionFunction, seed: int) -> 
 
 def _best_flown(model: RockMeanGP, count: int) -> Floats:
     """(count or fewer, d) unit positions with the best posterior means among those flown, best first."""
-    seen = np.unique(model.unit, axis=0)
+    seen = model.promising(BASELINE)
     with torch.no_grad():
         mean, _ = moments(model.model.posterior(model.inputs(seen)))
     return seen[np.argsort(-mean)[:count]]

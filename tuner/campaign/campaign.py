@@ -174,8 +174,10 @@ class Campaign:
     def flown_in_both(self) -> list[FrontPoint]:
         """What is believed of every configuration in both objectives; empty without a second one or its values."""
         s = self.settings
+        if s.second is None:
+            return []
         history = [o for o in self.history() if o.outcome is not None and o.second is not None]
-        if s.second is None or not history:
+        if not history:
             return []
         models = two_models(s.space, history, s.worlds, s.seed, surrogate_settings(s.space, s.risk))
         return flown_in_both(models, (s.objective, s.second))

@@ -107,6 +107,7 @@ class Ledger:
         self._space = space
         self._objective = objective
         self._distributions = distributions(space)
+        self._ended: dict[int, TrialRecord] = {}
         self._journal = journal_path(storage, directory)
         shown = storage or str(directory / JOURNAL_FILE)
         self._storage = open_storage(storage, directory, must_exist=not create, heal=not read_only)
@@ -198,7 +199,15 @@ class Ledger:
 
     def trials(self) -> list[TrialRecord]:
         """All missions in trial order."""
-        return [_record(trial) for trial in self._study.get_trials(deepcopy=False)]
+        return [self._known(trial) for trial in self._study.get_trials(deepcopy=False)]
+
+    def _known(self, trial: optuna.trial.FrozenTrial) -> TrialRecord:
+        """Of a finished trial the record made before: it is never touched again."""
+        if (record := self._ended.get(trial.number)) is None:
+            record = _record(trial)
+            if record.state != "running":
+                self._ended[trial.number] = record
+        return record
 
     def history(self, trials: Sequence[TrialRecord] | None = None) -> list[Observation]:
         """Finished missions as the samplers and the surrogate see them."""

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True)
 
+LARGE = 1000  # missions
 RUNS = Path("runs")
 _WHAT, _MISSION, _LONG, _WHERE = "What is tuned", "How missions fly", "How long, how it searches", "Execution"
 
@@ -249,9 +250,9 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
     from tuner.campaign.session import fly_campaign
     from tuner.campaign.shipped import SHIPPED
     from tuner.missions.registry import ignored_by
-    from tuner.report import write_campaign_report
+    from tuner.report.campaign.page import REPORT_FILE, write_campaign_report
 
-    settings = campaign.settings
+    settings, before = campaign.settings, campaign.status().finished
     executor = local_executor(settings.runner, workers, timeout_s, settings.mission)
     output.print(
         f"{settings.name}: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}; "
@@ -276,7 +277,10 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
     output.print(
         f"{summary.message}; {seconds(summary.elapsed_s)}, of which the sampler {seconds(summary.ask_s)}"
     )
-    if summary.status.finished:
+    report = campaign.directory / REPORT_FILE
+    if summary.status.finished > LARGE and summary.status.finished == before and report.is_file():
+        output.print(f"report, as it was: {report}")  # of many missions it takes a minute
+    elif summary.status.finished:
         output.print(f"report: {write_campaign_report(campaign)}")
     if summary.stopped == "interrupted":
         output.print(f"go on with: gatetune campaign resume {campaign.directory}")

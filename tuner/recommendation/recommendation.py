@@ -21,6 +21,7 @@ from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings
 
 TOP = 5
+JOINT = 600  # configurations, over worlds, whose joint belief is computed; it grows with the square
 
 
 @dataclass(frozen=True)
@@ -141,13 +142,18 @@ def recommend(
         groups.setdefault(configuration_key(space, o.values), []).append(o)
     evaluated = {key: group for key, group in groups.items() if any(o.feasible for o in group)}
     configurations = [dict(group[0].values) for group in evaluated.values()]
-    belief = model.posterior([*configurations, default], risk)
-    reference = len(configurations)
-    allowed = [True] * reference
+    allowed = [True] * len(configurations)
     if only_verified:
         allowed = may_be_recommended(space, observations, configurations, places, replicates, default)
     # Where even the default has failed there is nothing better than what has not.
-    chosen = [i for i in range(reference) if allowed[i]] or range(reference)
+    chosen: Sequence[int] = [i for i, may in enumerate(allowed) if may] or range(len(configurations))
+    if len(configurations) > JOINT:  # of many only the best, by their means, are looked at jointly
+        configurations = [configurations[i] for i in chosen]
+        best_first = model.best_first(configurations, risk)[: max(TOP, JOINT // len(model.worlds))]
+        configurations = [configurations[i] for i in best_first]
+        chosen = range(len(configurations))
+    belief = model.posterior([*configurations, default], risk)
+    reference = len(configurations)
     order = sorted(chosen, key=lambda i: -belief.mean[i])
     calibrated = calibration(observations)
     top = order[:TOP]

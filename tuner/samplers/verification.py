@@ -16,6 +16,7 @@ from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
 from tuner.problem.worlds import World
+from tuner.recommendation.recommendation import JOINT, TOP
 from tuner.surrogate.model import RockMeanGP
 
 BEGINS = 2 / 3  # of the budget
@@ -52,6 +53,8 @@ def verification(
     if expected_gain >= model.noise_sd and not last:
         return None
     configurations = distinct_configurations(model.space, model.observations)
+    if len(configurations) > JOINT:
+        configurations = [configurations[i] for i in model.best_first(configurations, risk)[:TOP]]
     values = configurations[int(model.posterior(configurations, risk).mean.argmax())]
     missions: list[Observation | Pending] = [*history, *pending]
     own = blocks_flown(model.space, missions)[configuration_key(model.space, values)]

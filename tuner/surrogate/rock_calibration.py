@@ -18,6 +18,7 @@ from tuner.problem.observations import Observation
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import NORMAL_95
 
+AT_ONCE = 500  # missions, of which nothing is asked jointly
 MIN_MISSIONS = 4  # on a rock: its level is estimated from them
 
 
@@ -49,10 +50,14 @@ def leave_one_rock_out(
         if len(own) < MIN_MISSIONS or not others:
             continue
         model = build(others, [r for r in rocks if r != rock])
-        belief = model.posterior([o.values for o in own])
+        parts = [
+            model.posterior([o.values for o in own[begin : begin + AT_ONCE]])
+            for begin in range(0, len(own), AT_ONCE)
+        ]
+        means, sds = (np.concatenate([getattr(part, name) for part in parts]) for name in ("mean", "sd"))
         measured = np.array([o.outcome for o in own], dtype=float)
         conditions = np.array([o.condition for o in own])
-        residual, freedom, gain = measured - belief.mean, np.ones(len(own)), measured.copy()
+        residual, freedom, gain = measured - means, np.ones(len(own)), measured.copy()
         for condition in set(conditions):
             inside = conditions == condition
             residual[inside] -= residual[inside].mean()
@@ -61,9 +66,9 @@ def leave_one_rock_out(
         told = freedom > 0  # a mission alone under its condition says nothing
         if told.sum() < MIN_MISSIONS:
             continue
-        variance = belief.sd**2 + model.noise_sd**2 + (model.block_sd or 0.0) ** 2
+        variance = sds**2 + model.noise_sd**2 + (model.block_sd or 0.0) ** 2
         z = residual[told] / np.sqrt((variance * freedom)[told])
-        gain, predicted = gain[told], belief.mean[told]
+        gain, predicted = gain[told], means[told]
         varied = np.ptp(gain) > 0 and np.ptp(predicted) > 0
         rank = float(stats.spearmanr(gain, predicted).statistic) if varied else math.nan
         checks.append(
