@@ -18,7 +18,7 @@ from nbv.geometric import run_geometric_mission
 from nbv.mission.run_directory import write_ply
 from nbv.types import PointCloud
 from tuner.report import write_mission_recording, write_mission_view
-from tuner.report.mission.walk_data import STEP_M
+from tuner.report.mission.walk_world import STEP_M
 
 BUDGET = 2
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from nbv.errors import UserError
 from nbv.geometry.frames import invert_rigid, look_at
-from tuner.report.mission.walk_data import ERROR_STEP_MM, MISSING_STEP_MM, STEP_M, walk_of
+from tuner.report.mission.walk_data import walk_of
+from tuner.report.mission.walk_world import ERROR_STEP_MM, MISSING_STEP_MM, STEP_M
 from tuner.report.style import SEQUENTIAL
 
 _ERROR_RANGE_MM, _MISSING_RANGE_MM = 16.0, 80.0

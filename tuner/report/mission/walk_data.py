@@ -21,25 +21,26 @@ from PIL import Image
 from nbv.cache import Store
 from nbv.config import IDEAL, SCORERS, MissionConfig, config_from_dict
 from nbv.errors import MissionFailure, UserError
-from nbv.evaluation import ground_truth
 from nbv.foreign import read_yaml
 from nbv.geometry.neighbours import nearest_neighbours
-from nbv.geometry.raycasting import RayCaster
 from nbv.mission.planning_state import load_state
 from nbv.mission.run_directory import LOCATED, read_ply
-from nbv.rocks import Rock, load_rock
 from nbv.scorers import PAPER_SCORERS, find_scorer, rank_candidates
-from nbv.terrain import lying_rock
-from nbv.terrain.relief import relief_of
-from nbv.types import CandidatePool, Floats, Ints, PlanningState, SparseModel
+from nbv.types import CandidatePool, Floats, PlanningState, SparseModel
 from tuner.report.mission.run_files import mission_config, read_json, read_trace
 from tuner.report.mission.thinning import thin_indices
+from tuner.report.mission.walk_world import (
+    ERROR_STEP_MM,
+    MISSING_STEP_MM,
+    World,
+    as_bytes,
+    make_world,
+    packed,
+    packed_mesh,
+    the_rock,
+)
 
-STEP_M = 0.00025  # of a packed coordinate
-ERROR_STEP_MM = 0.25  # of a packed distance to the truth: 64 mm at most
-MISSING_STEP_MM = 1.0  # of a packed distance of the truth to a cloud
-NEAR_MM = 48.0  # the paper's threshold
-_MOST_DENSE_POINTS, _MOST_TRUTH_POINTS, _MOST_FACES = 150_000, 50_000, 60_000
+_MOST_DENSE_POINTS = 150_000
 _THUMBNAIL_PX = 320
 _BEST = 8  # candidates whose terms are shown
 _TERMS = ("main", "nov", "move", "ang")
@@ -51,42 +52,6 @@ class Walk:
 
     name: str
     facts: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class _World:
-    """What is true, which only the page knows."""
-
-    config: MissionConfig
-    rock: Rock
-    caster: RayCaster
-    truth_m: Floats  # (S, 3)
-    observable: np.ndarray  # (S,) bool
-    origin_m: Floats  # of packed coordinates
-
-    def pack(self, points_m: Floats) -> str:
-        """(N, 3) as int16."""
-        return _packed(np.clip((points_m - self.origin_m) / STEP_M, -32767, 32767).round(), "<i2")
-
-    def near(self, points_m: Floats) -> np.ndarray:
-        """(N,) which of the points can be packed."""
-        near: np.ndarray = np.all(np.abs(points_m - self.origin_m) < 32000 * STEP_M, axis=1)
-        return near
-
-    def errors_mm(self, points_m: Floats) -> Floats:
-        """(N,) distance to the nearer of the rock and the ground."""
-        relief = relief_of(self.config.ground, self.config.scene.ground_seed)
-        ground_m = 0.0 if relief is None else relief.height_m(points_m)
-        rock_m = self.caster.distances_m(points_m)
-        return 1000 * np.minimum(rock_m, np.abs(points_m[:, 2] - ground_m))
-
-    def completeness(self, points_m: Floats) -> float | None:
-        """Share (%) of the observable surface within `NEAR_MM` of the points."""
-        if len(points_m) == 0 or not self.observable.any():
-            return None
-        seen = self.truth_m[self.observable]
-        distances_m = nearest_neighbours(points_m, seen, within_m=2 * NEAR_MM / 1000)[0]
-        return float(100 * np.mean(1000 * distances_m < NEAR_MM))
 
 
 def walk_of(run: Path, rock: str | None = None) -> Walk:
@@ -107,7 +72,7 @@ def walk_of(run: Path, rock: str | None = None) -> Walk:
     result, flight = read_json(run, "mission.json"), read_json(run, "flight.json")
     config, store = mission_config(run), Store()
     planned_by = config_from_dict(read_yaml(run / LOCATED)) if (run / LOCATED).is_file() else config
-    world = _world(config, _the_rock(run, result, rock, store), store)
+    world = make_world(config, the_rock(run, result, rock, store), store)
     states = sorted((run / "states").glob("iter_*.npz"))
     decided = [(*load_state(path), record) for path, record in zip(states, read_trace(run))]
     views, steps, models = _views(run, flight, planned_by, decided), [], []
@@ -144,68 +109,20 @@ def walk_of(run: Path, rock: str | None = None) -> Walk:
         "target": [round(float(v), 4) for v in planned_by.target_m],
         "origin": world.origin_m.tolist(),
         "camera": [camera.width_px, camera.height_px, camera.focal_px],
-        "mesh": _mesh(world),
+        "mesh": packed_mesh(world),
         "truth": {
             "p": world.pack(world.truth_m),
-            "m": _packed(_bytes(missing_mm / MISSING_STEP_MM), "u1"),
-            "o": _packed(world.observable, "u1"),
+            "m": packed(as_bytes(missing_mm / MISSING_STEP_MM), "u1"),
+            "o": packed(world.observable, "u1"),
         },
         "truthAgainst": "dense cloud" if dense is not None else "sparse cloud",
         "dense": None if dense is None else _packed_dense(world, *dense),
         "models": models,
         "views": [{key: value for key, value in view.items() if key != "id"} for view in views],
         "steps": steps,
-        "path": _packed(np.array([sample[:4] for sample in flight["samples"]]), "<f4"),
+        "path": packed(np.array([sample[:4] for sample in flight["samples"]]), "<f4"),
     }
     return Walk(run.name, facts)
-
-
-def _the_rock(run: Path, result: Mapping[str, Any], rock: str | None, store: Store) -> Rock:
-    name = rock or result["rock"]
-    remedy = "name its mesh file with --rock"
-    try:
-        found = load_rock(name, store)
-    except UserError as error:
-        if rock is not None:
-            raise
-        raise UserError(
-            f"{run} was flown on {name!r}, which the catalogue does not have; {remedy}"
-        ) from error
-    if found.sha256 != result["provenance"].get("rock_sha256", found.sha256):
-        raise UserError(f"{run} was flown on another {name!r} than the one found now; {remedy}")
-    return found
-
-
-def _world(config: MissionConfig, found: Rock, store: Store) -> _World:
-    rock = lying_rock(found, config)
-    truth = ground_truth(rock, config, store)
-    kept = thin_indices(len(truth.points_m), _MOST_TRUTH_POINTS)
-    return _World(
-        config,
-        rock,
-        RayCaster(rock.vertices_m, rock.faces),
-        truth.points_m[kept],
-        truth.observable[kept],
-        np.round(np.asarray(config.target_m, dtype=float), 3),
-    )
-
-
-def _mesh(world: _World) -> dict[str, str]:
-    vertices, faces = world.rock.vertices_m, world.rock.faces
-    if len(faces) > _MOST_FACES:
-        vertices, faces = _fewer_faces(vertices, faces)
-    return {"p": world.pack(vertices), "f": _packed(faces, "<u4")}
-
-
-def _fewer_faces(vertices_m: Floats, faces: Ints) -> tuple[Floats, Ints]:
-    import open3d as o3d  # noqa: PLC0415  seconds to load
-
-    mesh = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(np.array(vertices_m)), o3d.utility.Vector3iVector(np.array(faces))
-    )
-    # Clusters are quick; quadrics would take five seconds. A cell holds two faces where the surface is even.
-    mesh = mesh.simplify_vertex_clustering(float(np.sqrt(2 * mesh.get_surface_area() / _MOST_FACES)))
-    return np.asarray(mesh.vertices), np.asarray(mesh.triangles)
 
 
 def _views(
@@ -269,7 +186,7 @@ def _step(label: str, views: int, time_s: float) -> dict[str, Any]:
 
 
 def _decision(
-    world: _World, config: MissionConfig, state: PlanningState, pool: CandidatePool, record: dict[str, Any]
+    world: World, config: MissionConfig, state: PlanningState, pool: CandidatePool, record: dict[str, Any]
 ) -> dict[str, Any]:
     """What was known before an adaptive capture, and what was made of it."""
     flown, rankings = record["scorer"], {}
@@ -312,13 +229,13 @@ def _decision(
     }
 
 
-def _sparse(world: _World, model: SparseModel) -> dict[str, str]:
+def _sparse(world: World, model: SparseModel) -> dict[str, str]:
     near = world.near(model.points_m)
     points = model.points_m[near]
     return {
         "p": world.pack(points),
-        "e": _packed(_bytes(world.errors_mm(points) / ERROR_STEP_MM), "u1"),
-        "n": _packed(_bytes(model.track_lengths[near]), "u1"),
+        "e": packed(as_bytes(world.errors_mm(points) / ERROR_STEP_MM), "u1"),
+        "n": packed(as_bytes(model.track_lengths[near]), "u1"),
     }
 
 
@@ -357,19 +274,19 @@ def _dense(run: Path) -> tuple[Floats, np.ndarray | None] | None:
     return None
 
 
-def _packed_dense(world: _World, points_m: Floats, colors: np.ndarray | None) -> dict[str, str]:
+def _packed_dense(world: World, points_m: Floats, colors: np.ndarray | None) -> dict[str, str]:
     near = world.near(points_m)
     points = points_m[near]
-    packed = {
+    out = {
         "p": world.pack(points),
-        "e": _packed(_bytes(world.errors_mm(points) / ERROR_STEP_MM), "u1"),
+        "e": packed(as_bytes(world.errors_mm(points) / ERROR_STEP_MM), "u1"),
     }
     if colors is not None:
-        packed["c"] = _packed(colors[near], "u1")
-    return packed
+        out["c"] = packed(colors[near], "u1")
+    return out
 
 
-def _missing_mm(world: _World, points_m: Floats | None) -> Floats:
+def _missing_mm(world: World, points_m: Floats | None) -> Floats:
     if points_m is None or len(points_m) == 0:
         return np.full(len(world.truth_m), np.inf)
     return 1000 * nearest_neighbours(points_m, world.truth_m)[0]
@@ -389,14 +306,6 @@ def _scores(metrics: Mapping[str, Any]) -> list[list[str]]:
         for key, label, unit in wanted
         if isinstance(metrics[surface].get(key), (int, float))
     ]
-
-
-def _bytes(values: np.ndarray) -> np.ndarray:
-    return np.clip(np.nan_to_num(values, posinf=255.0), 0, 255).round()
-
-
-def _packed(values: np.ndarray, dtype: str) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, dtype=dtype).tobytes()).decode()
 
 
 def as_json(walks: list[Walk]) -> str:

@@ -1,0 +1,126 @@
+"""What is true of a mission's rock, for the page that shows it; and how arrays are packed for a browser."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nbv.cache import Store
+from nbv.config import MissionConfig
+from nbv.errors import UserError
+from nbv.evaluation import ground_truth
+from nbv.geometry.neighbours import nearest_neighbours
+from nbv.geometry.raycasting import RayCaster
+from nbv.rocks import Rock, load_rock
+from nbv.terrain import lying_rock
+from nbv.terrain.relief import relief_of
+from nbv.types import Floats, Ints
+from tuner.report.mission.thinning import thin_indices
+
+STEP_M = 0.00025  # of a packed coordinate
+ERROR_STEP_MM = 0.25  # of a packed distance to the truth: 64 mm at most
+MISSING_STEP_MM = 1.0  # of a packed distance of the truth to a cloud
+NEAR_MM = 48.0  # the paper's threshold
+_MOST_TRUTH_POINTS, _MOST_FACES = 50_000, 60_000
+
+
+@dataclass(frozen=True)
+class World:
+    """What is true, which only the page knows."""
+
+    config: MissionConfig
+    rock: Rock
+    caster: RayCaster
+    truth_m: Floats  # (S, 3)
+    observable: np.ndarray  # (S,) bool
+    origin_m: Floats  # of packed coordinates
+
+    def pack(self, points_m: Floats) -> str:
+        """(N, 3) as int16."""
+        return packed(np.clip((points_m - self.origin_m) / STEP_M, -32767, 32767).round(), "<i2")
+
+    def near(self, points_m: Floats) -> np.ndarray:
+        """(N,) which of the points can be packed."""
+        near: np.ndarray = np.all(np.abs(points_m - self.origin_m) < 32000 * STEP_M, axis=1)
+        return near
+
+    def errors_mm(self, points_m: Floats) -> Floats:
+        """(N,) distance to the nearer of the rock and the ground."""
+        relief = relief_of(self.config.ground, self.config.scene.ground_seed)
+        ground_m = 0.0 if relief is None else relief.height_m(points_m)
+        rock_m = self.caster.distances_m(points_m)
+        return 1000 * np.minimum(rock_m, np.abs(points_m[:, 2] - ground_m))
+
+    def completeness(self, points_m: Floats) -> float | None:
+        """Share (%) of the observable surface within `NEAR_MM` of the points."""
+        if len(points_m) == 0 or not self.observable.any():
+            return None
+        seen = self.truth_m[self.observable]
+        distances_m = nearest_neighbours(points_m, seen, within_m=2 * NEAR_MM / 1000)[0]
+        return float(100 * np.mean(1000 * distances_m < NEAR_MM))
+
+
+def the_rock(run: Path, result: Mapping[str, Any], rock: str | None, store: Store) -> Rock:
+    """The rock that the mission in ``run`` was flown on; ``UserError`` if the one found is another."""
+    name = rock or result["rock"]
+    remedy = "name its mesh file with --rock"
+    try:
+        found = load_rock(name, store)
+    except UserError as error:
+        if rock is not None:
+            raise
+        raise UserError(
+            f"{run} was flown on {name!r}, which the catalogue does not have; {remedy}"
+        ) from error
+    if found.sha256 != result["provenance"].get("rock_sha256", found.sha256):
+        raise UserError(f"{run} was flown on another {name!r} than the one found now; {remedy}")
+    return found
+
+
+def make_world(config: MissionConfig, found: Rock, store: Store) -> World:
+    """The rock as it lay, and the samples that the metrics are made of."""
+    rock = lying_rock(found, config)
+    truth = ground_truth(rock, config, store)
+    kept = thin_indices(len(truth.points_m), _MOST_TRUTH_POINTS)
+    return World(
+        config,
+        rock,
+        RayCaster(rock.vertices_m, rock.faces),
+        truth.points_m[kept],
+        truth.observable[kept],
+        np.round(np.asarray(config.target_m, dtype=float), 3),
+    )
+
+
+def packed_mesh(world: World) -> dict[str, str]:
+    """Vertices and faces, thinned out where there are many."""
+    vertices, faces = world.rock.vertices_m, world.rock.faces
+    if len(faces) > _MOST_FACES:
+        vertices, faces = _fewer_faces(vertices, faces)
+    return {"p": world.pack(vertices), "f": packed(faces, "<u4")}
+
+
+def _fewer_faces(vertices_m: Floats, faces: Ints) -> tuple[Floats, Ints]:
+    import open3d as o3d  # noqa: PLC0415  seconds to load
+
+    mesh = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(np.array(vertices_m)), o3d.utility.Vector3iVector(np.array(faces))
+    )
+    # Clusters are quick; quadrics would take five seconds. A cell holds two faces where the surface is even.
+    mesh = mesh.simplify_vertex_clustering(float(np.sqrt(2 * mesh.get_surface_area() / _MOST_FACES)))
+    return np.asarray(mesh.vertices), np.asarray(mesh.triangles)
+
+
+def as_bytes(values: np.ndarray) -> np.ndarray:
+    """Rounded to 0 to 255; infinite becomes 255."""
+    return np.clip(np.nan_to_num(values, posinf=255.0), 0, 255).round()
+
+
+def packed(values: np.ndarray, dtype: str) -> str:
+    """The array\'s bytes in base64."""
+    return base64.b64encode(np.ascontiguousarray(values, dtype=dtype).tobytes()).decode()
