@@ -251,6 +251,7 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
     from tuner.campaign.shipped import SHIPPED
     from tuner.missions.registry import ignored_by
     from tuner.report.campaign.page import REPORT_FILE, write_campaign_report
+    from tuner.report.campaign.shown import fly_shown_missions, shown_jobs, write_mission_pages
 
     settings, before = campaign.settings, campaign.status().finished
     executor = local_executor(settings.runner, workers, timeout_s, settings.mission)
@@ -272,6 +273,10 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
         )
     with executor, progress_bar() as bar:
         summary = fly_campaign(campaign, executor, CampaignProgress(bar, settings))
+        if summary.stopped == "budget" and shown_jobs(campaign):
+            bar.console.print("flying the default and the recommendation once more, to show them whole")
+            fly_shown_missions(campaign, executor)
+    write_mission_pages(campaign)
     show_recommendation(summary.recommendation, of_paper=settings.mission is None)
     show_front(campaign)
     output.print(

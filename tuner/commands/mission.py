@@ -170,7 +170,12 @@ def figures(
 
 @app.command()
 def view(
-    run: Annotated[Path, typer.Argument(help="A mission's directory, flown with everything kept.")],
+    run: Annotated[
+        Path,
+        typer.Argument(
+            help="A mission's directory, flown with everything kept; or a campaign's, whose pages are made."
+        ),
+    ],
     other: Annotated[
         Path | None, typer.Argument(help="A second mission, shown beside it with the same camera.")
     ] = None,
@@ -183,8 +188,11 @@ def view(
     ] = None,
 ) -> None:
     """A page to walk around in, which opens without a server: rock, clouds, cameras, pool and path, capture by capture."""
+    from tuner.campaign.settings_file import SETTINGS_FILE
     from tuner.report import write_mission_recording, write_mission_view
 
+    if (run / SETTINGS_FILE).is_file():
+        return _view_campaign(run)
     runs = [run] if other is None else [run, other]
     page = out or run / ("view.html" if other is None else f"view-beside-{other.resolve().name}.html")
     written = [write_mission_view(runs, page, rock)]
@@ -193,6 +201,22 @@ def view(
     for path in written:
         size_mb = path.stat().st_size / 1e6
         output.print(f"wrote {path} ({size_mb:.1f} MB)", markup=False, highlight=False, soft_wrap=True)
+
+
+def _view_campaign(directory: Path) -> None:
+    from tuner.campaign.campaign import Campaign
+    from tuner.commands.console import local_executor
+    from tuner.report import write_campaign_report
+    from tuner.report.campaign.shown import fly_shown_missions, write_mission_pages
+
+    campaign = Campaign.open(directory, read_only=True)
+    output.print(f"campaign in {directory}: flying what is not there yet", soft_wrap=True)
+    with local_executor(campaign.settings.runner, None, 3600.0, campaign.settings.mission) as executor:
+        fly_shown_missions(campaign, executor)
+    pages = write_mission_pages(campaign)
+    for page in pages:
+        output.print(f"{page.label}: {page.path}", markup=False, highlight=False, soft_wrap=True)
+    output.print(f"report: {write_campaign_report(campaign)}", soft_wrap=True)
 
 
 @app.command()

@@ -17,7 +17,13 @@ from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from nbv.mission.run_directory import write_ply
 from nbv.types import PointCloud
-from tuner.report import write_mission_recording, write_mission_view
+from tuner.campaign.begin import begin_campaign
+from tuner.campaign.session import fly_campaign
+from tuner.campaign.settings import CampaignSettings
+from tuner.missions.executors import InProcessExecutor
+from tuner.problem.space_files import load_search_space
+from tuner.report import write_campaign_report, write_mission_recording, write_mission_view
+from tuner.report.campaign.shown import fly_shown_missions, write_mission_pages
 from tuner.report.mission.walk_world import STEP_M
 
 BUDGET = 2
@@ -108,3 +114,27 @@ def test_a_recording_for_rerun(mission: Path, tmp_path: Path) -> None:
     path = write_mission_recording(mission, tmp_path / "first.rrd")
     assert path.read_bytes()[:4] in (b"RRF2", b"RRIO")
     assert path.stat().st_size > 50_000
+
+
+def test_a_campaign_shows_its_default_and_its_kept_missions(tmp_path: Path) -> None:
+    settings = CampaignSettings(
+        name="shown",
+        space=load_search_space("gate_and_weights"),
+        rocks=("slab",),
+        overrides={"stop.adaptive_budget": BUDGET, "evaluation.gt_samples": 2000},
+        budget=2,
+        sampler="sobol",
+        runner="geometric",
+        keep="all",
+    )
+    campaign = begin_campaign(tmp_path / "c", settings)
+    executor = InProcessExecutor()
+    fly_campaign(campaign, executor)
+    fly_shown_missions(campaign, executor)
+    pages = write_mission_pages(campaign)
+    assert [page.path.parent.name for page in pages] == ["shown", "0000_slab_r0", "0001_slab_r0"]
+    names = [facts["name"] for facts in shown(pages[0].path)]
+    assert names in (["default"], ["default", "recommended"])
+    text = write_campaign_report(campaign).read_text()
+    for page in pages:
+        assert f'href="{page.path.relative_to(campaign.directory)}"' in text

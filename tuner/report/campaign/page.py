@@ -37,6 +37,7 @@ from tuner.report.campaign.rows import (
     rock_rows,
     trial_row,
 )
+from tuner.report.campaign.shown import linked_pages
 from tuner.report.comparison.page import comparison_context
 from tuner.report.labels import (
     decimals_for,
@@ -166,6 +167,7 @@ def _context(facts: CampaignFacts, figures: Path) -> dict[str, Any]:
         "model_figures": [],
         "rock_checks": [],
         "cost_figures": compute_time(facts, figures),
+        "walks": linked_pages(facts.campaign),
     }
     if best is not None:
         context |= _recommended_context(facts, best, figures)
