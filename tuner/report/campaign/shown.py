@@ -34,7 +34,8 @@ def shown_jobs(campaign: Campaign) -> list[MissionJob]:
     s, best = campaign.settings, campaign.recommendation(save=False)
     if best is None or not (s.runner == DEFAULT_RUNNER or is_geometric(s.runner)):
         return []
-    world, jobs = s.worlds[0], {}
+    world = s.worlds[0]
+    jobs: dict[str, MissionJob] = {}
     for name, values in (("default", best.default_values), ("recommended", best.values)):
         config = s.config(values, world.condition)
         folder = campaign.directory / SHOWN / name
