@@ -18,12 +18,13 @@ import collections
 import contextlib
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from nbv.errors import UserError
 from nbv.foreign import RESULT_BYTES, read_json, read_text
+from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import write_atomic
 from tuner.acquisition.front import FrontPoint, flown_in_both, pareto_front, two_models
 from tuner.campaign.events import CampaignStatus
@@ -39,6 +40,7 @@ from tuner.missions.long_runs import exclusive
 from tuner.missions.registry import refuse_code_of_file
 from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Configuration
+from tuner.recommendation.inactive import Inactive, inactive_parameters
 from tuner.recommendation.recommendation import Recommendation, recommend
 from tuner.samplers.base import Sampler, SamplerSettings
 from tuner.samplers.earlier_missions import EarlierMissions
@@ -235,8 +237,10 @@ class Campaign:
             write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
         return result
 
-    def recommend_from(self, history: Sequence[Observation]) -> Recommendation | None:
-        """What would be recommended after ``history``."""
+    def recommend_from(
+        self, history: Sequence[Observation], *, simplify: bool = True
+    ) -> Recommendation | None:
+        """What would be recommended after ``history``; ``simplify``: with the sparsest configuration beside it."""
         s = self.settings
         return recommend(
             s.space,
@@ -250,6 +254,19 @@ class Campaign:
             settings=surrogate_settings(s.space, s.risk),
             risk=s.risk,
             feature=self._feature(),
+            find_inactive=self._inactive if simplify else None,
+            simplify=simplify,
+        )
+
+    def _inactive(self, values: Mapping[str, Any], numbers: Sequence[int]) -> list[Inactive]:
+        """What of a configuration changed no choice in its missions; nothing where their documents are gone."""
+        directories = {t.number: self.directory / t.directory for t in self.trials()}
+        traces = []
+        for number in numbers:
+            with contextlib.suppress(UserError, OSError):
+                traces.append(MissionResult.load(directories[number]).trace)
+        return inactive_parameters(
+            self.settings.space, self.settings.config(values), self.settings.default_values(), traces
         )
 
     def _feature(self) -> Feature | None:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from tuner.campaign.events import CampaignEvent
     from tuner.campaign.settings import CampaignSettings
     from tuner.recommendation.recommendation import Recommendation
+    from tuner.recommendation.sparsest import Sparsest
 
 
 class CampaignProgress:
@@ -84,6 +85,22 @@ def show_front(campaign: Campaign) -> None:
     output.print(table)
 
 
+def sparsest_text(found: Sparsest, whose: str = "paper's ") -> str:
+    """``use: pool.max_altitude_m 1.45 (the other 8 go back to the paper's values)``, and what that costs."""
+    low, high = found.difference_interval_95
+    costs = (
+        f"against the recommendation {found.difference:+.2f} ({low:+.2f} to {high:+.2f}), by the surrogate"
+    )
+    if not found.kept:
+        return f"use: the {whose}defaults; nothing tuned is known to be worth more ({costs})"
+    values = ", ".join(f"{path} {_short(found.values[path])}" for path in found.kept)
+    rest = len(found.values) - len(found.kept)
+    back = (
+        f" (the other {rest} go back to the {whose}values; {costs})" if rest else " (all of them are needed)"
+    )
+    return f"use: {values}{back}"
+
+
 def show_recommendation(recommendation: Recommendation | None, *, of_paper: bool = True) -> None:
     """The recommended values beside the defaults, and what the difference is worth."""
     if recommendation is None:
@@ -92,8 +109,10 @@ def show_recommendation(recommendation: Recommendation | None, *, of_paper: bool
     table = Table(title="Recommendation (best posterior mean among what has flown often enough)")
     for column in ("parameter", "paper" if of_paper else "default", "recommended"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
+    silent = {found.path: found.why for found in recommendation.inactive}
     for path, value in recommendation.values.items():
-        table.add_row(path, _short(recommendation.default_values[path]), _short(value))
+        shown = "no effect" if path in silent else _short(value)
+        table.add_row(path, _short(recommendation.default_values[path]), shown)
     table.add_row(
         recommendation.metric,
         f"{recommendation.default_mean:.2f} ± {recommendation.default_sd:.2f}",
@@ -108,6 +127,10 @@ def show_recommendation(recommendation: Recommendation | None, *, of_paper: bool
         f"(calibrated 95 % interval {low:+.2f} to {high:+.2f}) on the training rocks, by the surrogate; "
         "`gatetune evaluate` measures it on held-out rocks"
     )
+    for why in dict.fromkeys(silent.values()):
+        output.print(f"no effect: {', '.join(p for p in silent if silent[p] == why)}: {why}")
+    if recommendation.sparsest is not None:
+        output.print(sparsest_text(recommendation.sparsest, whose))
     found = recommendation.calibration
     if found["coverage_95"] is not None:
         output.print(

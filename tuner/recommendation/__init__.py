@@ -10,17 +10,27 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tuner.recommendation.eligible import may_be_recommended
+    from tuner.recommendation.inactive import Inactive, inactive_parameters
     from tuner.recommendation.recommendation import Recommendation, recommend
+    from tuner.recommendation.sparsest import Sparsest, sparsest
 
 __all__ = [
+    "Inactive",
     "Recommendation",
+    "Sparsest",
+    "inactive_parameters",
     "may_be_recommended",
     "recommend",
+    "sparsest",
 ]
 _FILES = {
+    "Inactive": "inactive",
     "Recommendation": "recommendation",
+    "Sparsest": "sparsest",
+    "inactive_parameters": "inactive",
     "may_be_recommended": "eligible",
     "recommend": "recommendation",
+    "sparsest": "sparsest",
 }
 
 

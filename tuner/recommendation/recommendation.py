@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 from nbv.config import IDEAL
@@ -15,6 +15,8 @@ from tuner.problem.options import Risk
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.worlds import Place, World
 from tuner.recommendation.eligible import may_be_recommended
+from tuner.recommendation.inactive import Inactive
+from tuner.recommendation.sparsest import Sparsest, sparsest
 from tuner.surrogate.forward_check import calibration
 from tuner.surrogate.kernel import Feature
 from tuner.surrogate.model import RockMeanGP
@@ -22,6 +24,9 @@ from tuner.surrogate.settings import SurrogateSettings
 
 TOP = 5
 JOINT = 600  # configurations, over worlds, whose joint belief is computed; it grows with the square
+
+# Of a configuration and the numbers of the missions that flew it: what of it changed no choice.
+FindInactive = Callable[[Mapping[str, Any], Sequence[int]], list[Inactive]]
 
 
 @dataclass(frozen=True)
@@ -60,7 +65,8 @@ class Recommendation:
     missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
     positive when the recommendation is better, whatever the direction. All intervals and probabilities are calibrated
     (``tuner.surrogate.forward_check``). ``top`` is the ranking that decided: what may be recommended
-    (``tuner.recommendation.eligible``), best posterior mean first.
+    (``tuner.recommendation.eligible``), best posterior mean first. ``sparsest`` keeps only what is needed of it, and
+    ``inactive`` are the parameters of ``values`` whose numbers say nothing.
     """
 
     values: dict[str, Any]
@@ -86,6 +92,8 @@ class Recommendation:
     lengthscales: dict[str, float]
     leave_one_out: dict[str, float]
     calibration: dict[str, float | None]  # how missions were predicted before they were flown
+    sparsest: Sparsest | None = None  # None: nobody asked
+    inactive: list[Inactive] = field(default_factory=list)
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
@@ -101,6 +109,8 @@ class Recommendation:
                 "improvement_interval_95": tuple(tree["improvement_interval_95"]),
                 "top": [Candidate(**candidate) for candidate in tree["top"]],
                 "per_rock": [RockRow(**row) for row in tree["per_rock"]],
+                "sparsest": None if tree["sparsest"] is None else Sparsest.from_dict(tree["sparsest"]),
+                "inactive": [Inactive(**found) for found in tree["inactive"]],
             }
         )
 
@@ -118,6 +128,8 @@ def recommend(
     settings: SurrogateSettings | None = None,
     risk: Risk = "mean",
     feature: Feature | None = None,
+    find_inactive: FindInactive | None = None,
+    simplify: bool = False,
 ) -> Recommendation | None:
     """The recommendation after ``observations``; None before the first feasible one.
 
@@ -132,6 +144,10 @@ def recommend(
         Of the surrogate.
     risk
         The measure over worlds that is meant by the mean everywhere in the result.
+    simplify
+        Whether to look for the sparsest configuration, which takes another surrogate.
+    find_inactive
+        Looks at the choices of the missions that flew a configuration; None: nothing is known of them.
     """
     feasible = [o for o in observations if o.feasible]
     if not feasible:
@@ -177,6 +193,23 @@ def recommend(
     mean, sd = candidates[0].mean, candidates[0].sd
     gain, gain_sd = belief.difference(best, reference)
     own = evaluated[configuration_key(space, configurations[best])]
+    inactive = find_inactive(configurations[best], [o.number for o in own]) if find_inactive else []
+    simple = None
+    if simplify:
+        # Its missions would have been the same with these at the default: that is where they count.
+        free = {found.path: default[found.path] for found in inactive if found.default_is_the_same}
+        few: Sequence[Observation] = feasible
+        if free:
+            same = [o.number for o in own]
+            few = [
+                dataclasses.replace(o, values={**o.values, **free}) if o.number in same else o
+                for o in feasible
+            ]
+        of_few = model
+        if free or not model.settings.sparse:
+            sparse = dataclasses.replace(model.settings, sparse=True)
+            of_few = RockMeanGP(space, few, places, seed, sparse, feature)
+        simple = sparsest(of_few, {**configurations[best], **free}, default, calibrated, sign, risk)
     return Recommendation(
         values=configurations[best],
         mean=mean,
@@ -201,6 +234,8 @@ def recommend(
         lengthscales=model.lengthscales,
         leave_one_out=model.leave_one_out().to_dict(),
         calibration=calibrated.to_dict(),
+        sparsest=simple,
+        inactive=inactive,
     )
 
 

@@ -96,7 +96,7 @@ class CampaignFacts:
     @cached_property
     def recommendation(self) -> Recommendation | None:
         """After all finished missions."""
-        return self._recommend(self.observations)
+        return self.campaign.recommend_from(self.observations)
 
     @cached_property
     def model(self) -> RockMeanGP | None:
@@ -117,9 +117,6 @@ class CampaignFacts:
     def digits(self) -> int:
         """Decimals with which the metric is written: what its uncertainty deserves."""
         return decimals_for(self.recommendation.sd) if self.recommendation is not None else 2
-
-    def _recommend(self, observations: Sequence[Observation]) -> Recommendation | None:
-        return self.campaign.recommend_from(observations)
 
     # -- stop reason -----------------------------------------------------------------------------------------
 
@@ -226,7 +223,11 @@ class CampaignFacts:
         sizes = sorted({round(float(v)) for v in np.linspace(first, n, min(CHECKPOINTS, n - first + 1))})
         found: list[tuple[int, Recommendation]] = []
         for size in sizes:
-            result = self.recommendation if size == n else self._recommend(self.observations[:size])
+            result = (
+                self.recommendation
+                if size == n
+                else self.campaign.recommend_from(self.observations[:size], simplify=False)
+            )
             if result is not None:
                 found.append((size, result))
         final, _ = self.belief([r.values for _, r in found])
