@@ -1,4 +1,4 @@
-"""``gatetune export``: the recommendation as files for the vehicle."""
+"""``gatetune export``: the recommendation as files for the vehicle, the missions as a table."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json, read_yaml
 from nbv.mission.run_directory import write_atomic
 from tuner.commands.console import output
 
+TABLES = ("csv", "json", "parquet")
+
 
 class Format(StrEnum):
     """What can be written."""
@@ -25,6 +27,9 @@ class Format(StrEnum):
     mission = "unified_mission.yaml"
     ours = "gatetune.yaml"
     plan = "plan"
+    csv = "csv"
+    json = "json"
+    parquet = "parquet"
 
 
 def export(
@@ -32,7 +37,8 @@ def export(
     to: Annotated[
         Format,
         typer.Option(
-            help="scoring.yaml and unified_mission.yaml are the authors' files; plan is QGroundControl's."
+            help="scoring.yaml and unified_mission.yaml are the authors' files; plan is QGroundControl's; csv, json and parquet "
+            "hold a row per mission of a campaign or an evaluation."
         ),
     ],
     out: Annotated[
@@ -46,9 +52,15 @@ def export(
         str | None, typer.Option(help="For plan: LATITUDE,LONGITUDE[,ALTITUDE] of take-off.")
     ] = None,
 ) -> None:
-    """Write the recommendation as a file with a header that says where it is from and what does not transfer."""
+    """Write the recommendation as a file with a header that says where it is from and what does not transfer, or a table."""
     if (to is Format.plan) != (home is not None):
         raise UserError("--home LATITUDE,LONGITUDE belongs to --to plan, and plan needs it")
+    if to.value in TABLES:
+        from tuner.report.records import write_records
+
+        written = write_records(_missions(run), out or run / f"missions.{to.value}", to.value)
+        output.print(f"wrote {written}", markup=False, soft_wrap=True)
+        return
     path = out or run / ("route.plan" if to is Format.plan else to.value)
     text, remarks = _plan(run, str(home)) if to is Format.plan else _yaml(run, to, onto)
     if not path.parent.is_dir():
@@ -57,6 +69,18 @@ def export(
     output.print(f"wrote {path}", markup=False)
     for remark in remarks:
         output.print(f"does not transfer: {remark}", markup=False, highlight=False)
+
+
+def _missions(run: Path) -> Any:
+    """The campaign, or the evaluation, in ``run``."""
+    from tuner.campaign.campaign import Campaign
+    from tuner.evaluation.flying import EvaluationRun
+    from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
+
+    if not (run / PLAN_FILE).is_file():
+        return Campaign.open(run, read_only=True)
+    plan = EvaluationPlan.load(run)
+    return EvaluationRun(plan, plan.records(run), complete=True, elapsed_s=0.0)
 
 
 def _yaml(run: Path, to: Format, onto: Path | None) -> tuple[str, list[str]]:

@@ -1,0 +1,108 @@
+"""The three jobs from Python, and the names that stay."""
+
+from __future__ import annotations
+
+import csv
+import importlib
+import inspect
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+import tuner
+from nbv.errors import UserError
+
+API = Path(__file__).resolve().parents[2] / "docs" / "reference" / "api.md"
+SMALL = {"stop.adaptive_budget": 2, "evaluation.gt_samples": 2000}
+
+
+def stable_names() -> list[str]:
+    rows = [line for line in API.read_text().splitlines() if line.startswith("|`")]
+    return [name for row in rows for name in re.findall(r"`((?:tuner|nbv)\.[\w.]+)`", row.split("|")[1])]
+
+
+def found(name: str) -> Any:
+    module, _, attribute = name.rpartition(".")
+    return getattr(importlib.import_module(module), attribute)
+
+
+def test_every_exported_name_is_on_the_page() -> None:
+    assert {f"tuner.{name}" for name in tuner.__all__} <= set(stable_names())
+
+
+@pytest.mark.parametrize("name", stable_names())
+def test_a_stable_name_is_documented_and_typed(name: str) -> None:
+    thing = found(name)
+    assert len(inspect.getdoc(thing) or "") > 20
+    signature = inspect.signature(thing)
+    untyped = [p.name for p in signature.parameters.values() if p.annotation is inspect.Parameter.empty]
+    assert not untyped
+    assert inspect.isclass(thing) or signature.return_annotation is not inspect.Signature.empty
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> tuner.Campaign:
+    return tuner.tune(
+        tmp_path_factory.mktemp("jobs") / "first",
+        rocks=["slab"],
+        search_space="gate_and_weights",
+        budget=3,
+        overrides=SMALL,
+        sampler="sobol",
+        runner="geometric",
+        learn_from=["nothing"],
+        workers=1,
+    )
+
+
+def test_a_campaign_becomes_a_frame(campaign: tuner.Campaign) -> None:
+    frame = tuner.frame(campaign)
+    trials = campaign.trials()
+    assert isinstance(frame, pd.DataFrame)
+    assert list(frame["value"]) == [trial.raw for trial in trials]
+    assert list(frame["config.gate.d95_m"]) == [trial.values["gate.d95_m"] for trial in trials]
+    assert frame["metrics.observable.f_score_48mm"].equals(
+        frame["value"].rename("metrics.observable.f_score_48mm")
+    )
+    assert (frame["costs.images"] == 26).all()
+
+
+def test_a_campaign_that_is_there_is_gone_on_with(campaign: tuner.Campaign) -> None:
+    again = tuner.tune(campaign.directory, workers=1)
+    assert [t.finished for t in again.trials()] == [t.finished for t in campaign.trials()]
+    with pytest.raises(UserError, match="other settings: rocks"):
+        tuner.tune(campaign.directory, rocks=["cavern"], search_space="gate_and_weights", budget=3)
+
+
+def test_evaluation_and_reproduction(campaign: tuner.Campaign, tmp_path: Path) -> None:
+    options = {"runner": "geometric", "workers": 1}
+    run = tuner.evaluate(
+        campaign, rocks=["arch"], strategies=["hyb-h"], replicates=1, directory=tmp_path / "e", **options
+    )
+    assert run.complete
+    flown = tuner.frame(run).set_index("strategy")["metrics.observable.f_score_48mm"]
+    assert {"tuned", "hyb-h"} <= set(flown.index)
+    assert flown.between(50, 100).all()
+    with pytest.raises(UserError, match="was tuned on"):
+        tuner.evaluate(campaign, rocks=["slab"], **options)
+    table = tuner.reproduce(
+        tmp_path / "t", rocks=["slab"], strategies=["covis", "hyb-h"], overrides=SMALL, **options
+    )
+    assert list(tuner.frame(table)["strategy"]) == ["covis", "hyb-h"]
+
+
+def test_tables_hold_the_same_missions(gatetune, campaign: tuner.Campaign, tmp_path: Path) -> None:
+    values = [trial.raw for trial in campaign.trials()]
+    for kind in ("csv", "json"):
+        code, _, err = gatetune("export", campaign.directory, "--to", kind, "--out", tmp_path / f"m.{kind}")
+        assert code == 0, err
+    with (tmp_path / "m.csv").open() as file:
+        assert [float(row["value"]) for row in csv.DictReader(file)] == values
+    assert [row["value"] for row in json.loads((tmp_path / "m.json").read_text())] == values
+    pytest.importorskip("pyarrow")
+    assert gatetune("export", campaign.directory, "--to", "parquet", "--out", tmp_path / "m.parquet")[0] == 0
+    assert list(pd.read_parquet(tmp_path / "m.parquet")["value"]) == values

@@ -1,0 +1,180 @@
+"""The three jobs from Python: what the commands do, with values instead of printed lines.
+
+They fly in processes of their own, so a script needs no ``if __name__ == "__main__"``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from nbv.config import load_conditions, preset
+from nbv.errors import UserError
+from tuner.campaign.begin import begin_campaign
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.events import CampaignEvent
+from tuner.campaign.session import fly_campaign
+from tuner.campaign.settings_file import SETTINGS_FILE
+from tuner.commands.campaign_settings import asked_settings
+from tuner.commands.console import local_executor, rock_arguments
+from tuner.commands.rock_choice import unseen_rocks
+from tuner.evaluation.baselines import (
+    EVALUATION_BASELINES,
+    REPRODUCTION_STRATEGIES,
+    baseline_configs,
+    tuned_configs,
+)
+from tuner.evaluation.flying import EvaluationRun, run_evaluation
+from tuner.evaluation.plan import EvaluationPlan
+from tuner.problem.search_space import ours
+from tuner.report.records import frame_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["evaluate", "frame", "reproduce", "tune"]
+
+
+def tune(
+    directory: str | Path,
+    *,
+    workers: int | None = None,
+    timeout_s: float = 3600.0,
+    on_event: Callable[[CampaignEvent], None] | None = None,
+    **settings: Any,
+) -> Campaign:
+    """Job 1: run a campaign in ``directory``, or go on with the one that is there.
+
+    Parameters
+    ----------
+    workers
+        Missions side by side; by default one per core.
+    timeout_s
+        A mission that takes longer is killed.
+    on_event
+        Called with everything that happens, in this process.
+    settings
+        The fields of a campaign's settings file: ``rocks``, ``search_space``, ``budget``, ``runner``, ... Of a campaign
+        that is there already they must be left out, or be its own.
+
+    Raises
+    ------
+    UserError
+        A setting is wrong, or the directory holds something else.
+    """
+    where = Path(directory)
+    if (where / SETTINGS_FILE).is_file():
+        same = asked_settings(_named(where, settings), "tune()") if settings else None
+        campaign = Campaign.open(where, same)
+    else:
+        campaign = begin_campaign(where, asked_settings(_named(where, settings), "tune()"))
+    with local_executor(campaign.settings.runner, workers, timeout_s, campaign.settings.mission) as executor:
+        fly_campaign(campaign, executor, on_event)
+    return campaign
+
+
+def evaluate(
+    campaign: Campaign | str | Path,
+    *,
+    rocks: Sequence[str] | None = None,
+    replicates: int = 3,
+    strategies: Sequence[str] = EVALUATION_BASELINES,
+    conditions: Sequence[str] | None = None,
+    runner: str = "photogrammetric",
+    directory: str | Path | None = None,
+    workers: int | None = None,
+    timeout_s: float = 3600.0,
+) -> EvaluationRun:
+    """Job 2: the recommendation and the baselines on rocks that the campaign has not seen.
+
+    Parameters
+    ----------
+    rocks
+        By default the procedural held-out ones.
+    strategies
+        The baselines.
+    conditions
+        Names or files; by default the campaign's.
+    directory
+        By default ``evaluation`` in the campaign's; missions that are there are not flown again.
+
+    Raises
+    ------
+    UserError
+        The campaign has no recommendation, was tuned on one of the rocks, or is of a mission file
+        (``gatetune evaluate`` reads what that says).
+    """
+    source = campaign if isinstance(campaign, Campaign) else Campaign.open(Path(campaign), read_only=True)
+    if source.settings.mission is not None:
+        raise UserError("a mission file says itself what to evaluate; run: gatetune evaluate")
+    base = ours(source.settings.base_config())
+    plan = EvaluationPlan(
+        {
+            **tuned_configs(ours(source.recommended_config()), base),
+            **baseline_configs(list(strategies), base),
+        },
+        unseen_rocks(source, rocks),
+        replicates,
+        runner=runner,
+        conditions=load_conditions(conditions) if conditions else source.settings.conditions,
+    )
+    return _fly(plan, Path(directory or source.directory / "evaluation"), workers, timeout_s)
+
+
+def reproduce(
+    directory: str | Path,
+    *,
+    rocks: Sequence[str] = ("vesicular",),
+    preset_name: str = "paper",
+    strategies: Sequence[str] = REPRODUCTION_STRATEGIES,
+    replicates: int = 1,
+    overrides: dict[str, Any] | None = None,
+    runner: str = "photogrammetric",
+    workers: int | None = None,
+    timeout_s: float = 7200.0,
+) -> EvaluationRun:
+    """Job 3: the paper's configuration for its strategies.
+
+    Parameters
+    ----------
+    rocks
+        Catalogue names or mesh files.
+    overrides
+        Values by parameter path, laid over the preset.
+
+    Raises
+    ------
+    UserError
+        Something is unknown, or the directory holds another plan.
+    """
+    base = preset(preset_name).with_values(overrides or {})
+    plan = EvaluationPlan(
+        baseline_configs(list(strategies), base),
+        tuple(rock_arguments(list(rocks))),
+        replicates,
+        runner=runner,
+    )
+    return _fly(plan, Path(directory), workers, timeout_s)
+
+
+def frame(source: Campaign | EvaluationRun) -> pd.DataFrame:
+    """A campaign's or an evaluation's missions as a pandas frame, one row each (`tuner.report.records.records_of`).
+
+    Raises
+    ------
+    UserError
+        pandas is missing (extra ``frames``).
+    """
+    return frame_of(source)
+
+
+def _named(directory: Path, settings: dict[str, Any]) -> dict[str, Any]:
+    lists = ("rocks", "conditions", "learn_from")
+    listed: dict[str, Any] = {name: list(settings[name]) for name in lists if name in settings}
+    return {"name": directory.resolve().name, **settings, **listed}
+
+
+def _fly(plan: EvaluationPlan, directory: Path, workers: int | None, timeout_s: float) -> EvaluationRun:
+    with local_executor(plan.runner, workers, timeout_s) as executor:
+        return run_evaluation(plan, directory, executor)
