@@ -16,6 +16,7 @@ from nbv.rocks.procedural import procedural_rock
 from nbv.rocks.recipes import RECIPES
 from nbv.rocks.rock import Rock, RockInfo
 
+KEPT = ".npz"  # of a rock as this program keeps it
 _MAX_LOADED = 16  # about 25 MB each
 _loaded: dict[Hashable, Rock] = {}  # least recently asked for first
 
@@ -29,7 +30,7 @@ def list_rocks() -> list[RockInfo]:
 
 
 def load_rock(name: str, store: Store | None = None) -> Rock:
-    """The rock called ``name``: procedural, imported, or the path of a mesh file.
+    """The rock called ``name``: procedural, imported, or the path of a mesh file (or of a rock as `write_rock` keeps it).
 
     A procedural rock takes a few seconds to make; ``store`` keeps it for the next process. A mesh file is imported
     with the defaults of `import_mesh`, and nothing is kept on disk. Rocks stay in this process's memory.
@@ -45,6 +46,8 @@ def load_rock(name: str, store: Store | None = None) -> Rock:
     if os.sep not in name and is_file(kept):
         return _once((str(kept), kept.stat().st_mtime_ns), lambda: _read_imported(kept))
     path = expanded(name)
+    if is_file(path) and path.suffix == KEPT:
+        return _once((str(path), path.stat().st_mtime_ns), lambda: _read_imported(path))
     if is_file(path):
         file = str(path.resolve())
         return _once((file, path.stat().st_mtime_ns), lambda: import_mesh(file))

@@ -45,7 +45,7 @@ def rock_shift(rock: str) -> tuple[float, float]:
 def fake_mission(
     config: MissionConfig, rock: str, replicate: int, directory: Path | None, *, keep: str = "summary"
 ) -> MissionResult:
-    """A mission that takes no time."""
+    """A mission that takes no time; one line of the file FAKE_FLIGHTS, where the environment names one, when it ends."""
     if rock.startswith("once") and directory is not None and not (directory / "once.txt").exists():
         (directory / "once.txt").write_text("")  # the first flight of a rock such as once-kill is a bad one
         rock = rock.removeprefix("once-")
@@ -75,6 +75,9 @@ def fake_mission(
     if directory is not None:
         with (directory / "flown.txt").open("a") as file:  # one line per flight: shows repeats
             file.write("flown\n")
+    if "FAKE_FLIGHTS" in os.environ:
+        with Path(os.environ["FAKE_FLIGHTS"]).open("a") as file:
+            file.write(f"{rock} {replicate} {config.digest()}\n")
     return MissionResult(
         status="ok",
         reason="",

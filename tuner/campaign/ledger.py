@@ -20,6 +20,7 @@ from optuna.trial import TrialState, create_trial
 
 from nbv.config import IDEAL
 from nbv.errors import UserError
+from tuner.campaign.coordinator_lock import coordinator_lock
 from tuner.campaign.storage import JOURNAL_FILE, journal_path, one_writer, open_storage
 from tuner.missions.job import MissionOutcome
 from tuner.problem.objective import Objective
@@ -137,16 +138,26 @@ class Ledger:
                 "choose another name or storage"
             )
 
+        engine = getattr(self._storage, "engine", None)
+        self._lock = None if engine is None else coordinator_lock(engine, study_name)
+
     # -- writing ---------------------------------------------------------------------------------------------
 
     def exclusive(self) -> contextlib.AbstractContextManager[None]:
-        """Hold the journal while this campaign flies; ``UserError`` where another one does. Databases are for several."""
-        return contextlib.nullcontext() if self._journal is None else one_writer(self._journal)
+        """Hold the ledger while this campaign flies; ``UserError`` where another coordinator does.
+
+        A journal is for one campaign; a database for several, each with one coordinator, on whatever machine.
+        """
+        if self._journal is not None:
+            return one_writer(self._journal)
+        return contextlib.nullcontext() if self._lock is None else self._lock.held()
 
     def start(
         self, proposal: Proposal, world: World, replicate: int, config_digest: str, seed: int
     ) -> TrialRecord:
         """Enter a mission that is about to fly, in one write."""
+        if self._lock is not None:
+            self._lock.require()
         number = len(self._study.get_trials(deepcopy=False))
         attributes = {
             "rock": world.rock,
@@ -173,6 +184,8 @@ class Ledger:
 
     def finish(self, number: int, outcome: MissionOutcome) -> TrialRecord:
         """Enter how a mission ended; once per mission."""
+        if self._lock is not None:
+            self._lock.require()
         frozen = self._study.get_trials(deepcopy=False)[number]
         if frozen.state.is_finished():
             raise ValueError(f"trial {number} is finished already")

@@ -10,17 +10,48 @@ import typer
 from nbv.config import IDEAL
 from nbv.errors import UserError
 from tuner.commands.campaign_display import CampaignProgress, show_front, show_recommendation
-from tuner.commands.console import local_executor, output, parse_overrides, seconds, under_conditions
+from tuner.commands.console import (
+    cluster_executor,
+    local_executor,
+    output,
+    parse_overrides,
+    seconds,
+    under_conditions,
+)
 from tuner.commands.mission import progress_bar
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
+    from tuner.missions.cluster.executor import DaskExecutor
+    from tuner.missions.executors import LocalProcessExecutor
 
 app = typer.Typer(no_args_is_help=True)
 
 LARGE = 1000  # missions
 RUNS = Path("runs")
 _WHAT, _MISSION, _LONG, _WHERE = "What is tuned", "How missions fly", "How long, how it searches", "Execution"
+
+
+Executor = Annotated[
+    str,
+    typer.Option(
+        help="Where missions fly: local (processes of this machine), dask, or jobs of slurm or pbs.",
+        rich_help_panel=_WHERE,
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        help="Of --executor dask: tls://HOST:PORT or tcp://127.0.0.1:PORT; none: workers here.",
+        rich_help_panel=_WHERE,
+    ),
+]
+Unencrypted = Annotated[
+    bool,
+    typer.Option(
+        "--unencrypted", help="Allow workers of other machines without TLS.", rich_help_panel=_WHERE
+    ),
+]
 
 
 @app.command()
@@ -134,6 +165,9 @@ def run(
     timeout_s: Annotated[
         float, typer.Option(help="A mission that takes longer is killed.", rich_help_panel=_WHERE)
     ] = 3600.0,
+    executor: Executor = "local",
+    scheduler: Scheduler = None,
+    unencrypted: Unencrypted = False,
     keep: Annotated[
         str | None,
         typer.Option(
@@ -186,12 +220,12 @@ def run(
     output.print(f"campaign {fields['name']} in {directory}")  # before anything that takes seconds to load
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
         output.print("it is there already: going on with it")
-        return resume(directory, workers, None, timeout_s, fidelity)
+        return resume(directory, workers, None, timeout_s, executor, scheduler, unencrypted, fidelity)
     refuse_code_of_file(str(fields.get("runner") or ""), fidelity, str(settings))
     asked = asked_settings(fields, str(settings or "command line"))
     from tuner.campaign.begin import begin_campaign
 
-    fly(begin_campaign(directory, asked), workers, timeout_s)
+    fly(begin_campaign(directory, asked), workers, timeout_s, (executor, scheduler, unencrypted))
 
 
 @app.command()
@@ -202,6 +236,9 @@ def resume(
         int | None, typer.Option(help="A larger budget than the campaign began with, to search further.")
     ] = None,
     timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
+    executor: Executor = "local",
+    scheduler: Scheduler = None,
+    unencrypted: Unencrypted = False,
     fidelity: Annotated[
         str | None, typer.Option(help="Only where the campaign has a module:function of yours: that one.")
     ] = None,
@@ -215,7 +252,7 @@ def resume(
         campaign = Campaign.open(directory, runner=fidelity)
     else:
         campaign = extend_campaign(directory, missions, fidelity)
-    fly(campaign, workers, timeout_s)
+    fly(campaign, workers, timeout_s, (executor, scheduler, unencrypted))
 
 
 @app.command()
@@ -245,8 +282,13 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
     show_front(campaign)
 
 
-def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
-    """Run or resume, with live progress, and end in the report."""
+def fly(
+    campaign: Campaign,
+    workers: int | None,
+    timeout_s: float,
+    where: tuple[str, str | None, bool] = ("local", None, False),
+) -> None:
+    """Run or resume, with live progress, and end in the report; ``where`` as the three options of that name."""
     from tuner.campaign.session import fly_campaign
     from tuner.campaign.shipped import SHIPPED
     from tuner.missions.registry import ignored_by
@@ -254,7 +296,12 @@ def fly(campaign: Campaign, workers: int | None, timeout_s: float) -> None:
     from tuner.report.campaign.shown import fly_shown_missions, shown_jobs, write_mission_pages
 
     settings, before = campaign.settings, campaign.status().finished
-    executor = local_executor(settings.runner, workers, timeout_s, settings.mission)
+    executor: LocalProcessExecutor | DaskExecutor
+    if where[0] == "local" and where[1] is None:
+        executor = local_executor(settings.runner, workers, timeout_s, settings.mission)
+    else:
+        kind = "dask" if where[0] == "local" else where[0]
+        executor = cluster_executor(kind, where[1], workers, timeout_s, unencrypted=where[2])
     output.print(
         f"{settings.name}: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}; "
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "

@@ -14,6 +14,7 @@ from nbv.errors import UserError
 from nbv.foreign import parse_yaml
 
 if TYPE_CHECKING:
+    from tuner.missions.cluster.executor import DaskExecutor
     from tuner.missions.executors import LocalProcessExecutor
     from tuner.missions.external import MissionFile
 
@@ -107,6 +108,28 @@ def local_executor(
     # The runner keeps the limit itself; this one is for a runner that hangs. Before it there may be a wait for a slot.
     limit_s = 2 * (mission.time_limit_s + 2 * mission.stop_grace_s) + _SCORING_S
     return LocalProcessExecutor(min(count, mission.at_once), limit_s, (runner,), mission.retries + 1)
+
+
+def cluster_executor(
+    where: str, scheduler: str | None, workers: int | None, timeout_s: float, *, unencrypted: bool
+) -> DaskExecutor:
+    """Workers of a Dask scheduler, which is started where none is named.
+
+    Raises
+    ------
+    UserError
+        The extra is not installed; as `tuner.missions.cluster.connect.dask_executor`.
+    """
+    try:
+        from tuner.missions.cluster.connect import WHERE, dask_executor
+    except ImportError as error:
+        raise UserError(
+            f"--executor {where} needs an extra ({error}); install it: pip install 'gatetune[cluster]'"
+        ) from error
+    if where not in WHERE:
+        raise UserError(f"unknown executor {where!r}; there are local, {', '.join(WHERE)}")
+    count = workers or len(os.sched_getaffinity(0))
+    return dask_executor(where, scheduler, count, timeout_s, unencrypted=unencrypted)
 
 
 def seconds(value: float) -> str:

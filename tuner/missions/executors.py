@@ -40,7 +40,10 @@ from tuner.missions.run_job import EXIT_NOT_WRITABLE, run_job
 class Executor(Protocol):
     """Runs missions, at most ``capacity`` at a time."""
 
-    capacity: int
+    @property
+    def capacity(self) -> int:
+        """Missions at a time; it may change."""
+        ...
 
     def submit(self, job: MissionJob) -> None:
         """Start ``job``; returns at once (the in-process executor flies it in ``wait_any``)."""

@@ -1,0 +1,147 @@
+"""Missions on a real Dask scheduler's workers, some of which die."""
+
+from __future__ import annotations
+
+import collections
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("distributed", reason="pip install 'gatetune[cluster]'")
+
+from fake_campaigns import RUNNER, settings
+from test_executors import fly, job
+
+from nbv.errors import UserError
+from nbv.rocks.imported import read_rock, write_rock
+from nbv.rocks.rock import make_rock
+from tuner.campaign.begin import begin_campaign
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.events import CampaignEvent
+from tuner.campaign.session import fly_campaign
+from tuner.missions.cluster import worker
+from tuner.missions.cluster.connect import dask_executor
+from tuner.missions.registry import RUNNERS
+
+MISSIONS = 20
+COORDINATOR = """
+import os, signal, sys
+from pathlib import Path
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.session import fly_campaign
+from tuner.missions.cluster.connect import dask_executor
+directory, scheduler, worker = sys.argv[1:]
+def accidents(event):
+    if event.kind == "finished" and event.finished == 4:
+        os.kill(int(worker), signal.SIGKILL)
+    if event.kind == "finished" and event.finished == 9:
+        os.kill(os.getpid(), signal.SIGKILL)
+fly_campaign(Campaign.open(Path(directory), runner="fake_missions:fake_mission"), dask_executor("dask", scheduler, 1, 60.0), accidents)
+"""
+
+
+class Cluster:
+    """A scheduler and workers, each a process."""
+
+    def __init__(self, folder: Path, workers: int) -> None:
+        self._file = folder / f"scheduler-{time.monotonic_ns()}.json"
+        self.flights = folder / "flights.txt"
+        options = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
+        self.scheduler = self._start("scheduler", *options)
+        deadline = time.monotonic() + 30
+        while not self._file.exists() and time.monotonic() < deadline:
+            time.sleep(0.02)
+        local = ["--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", str(folder)]
+        self.workers = [self._start("worker", *local) for _ in range(workers)]
+
+    def _start(self, what: str, *options: str) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", f"distributed.cli.dask_{what}", "--scheduler-file", str(self._file)]
+        own = {"FAKE_FLIGHTS": str(self.flights), "GATETUNE_HOME": str(self._file.parent / "worker-home")}
+        environment = {**os.environ, **own, "PYTHONPATH": os.pathsep.join(sys.path)}
+        return subprocess.Popen([*command, *options], env=environment, stderr=subprocess.DEVNULL)
+
+    @property
+    def address(self) -> str:
+        return str(json.loads(self._file.read_text())["address"])
+
+    def close(self) -> None:
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+
+def test_no_mission_is_lost_or_entered_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tuner.missions.cluster.executor._RECONNECT_S", 0.5)
+    cluster = Cluster(tmp_path, 2)
+    directory = tmp_path / "run"
+    begin_campaign(directory, settings(sampler="sobol", budget=MISSIONS, rocks=("slow", "slow-2")))
+    script = [sys.executable, "-c", COORDINATOR, str(directory), cluster.address, str(cluster.workers[0].pid)]
+    # Its worker, then the coordinator itself are killed.
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    assert subprocess.run(script, env=environment, timeout=60).returncode == -signal.SIGKILL
+    assert sum(t.state == "complete" for t in Campaign.open(directory, read_only=True).trials()) == 9
+
+    def end_scheduler(event: CampaignEvent) -> None:
+        if event.kind == "finished" and event.finished == 13:
+            cluster.scheduler.kill()
+
+    campaign = Campaign.open(directory, runner="fake_missions:fake_mission")
+    with (
+        dask_executor("dask", cluster.address, 1, 60.0) as executor,
+        pytest.raises(UserError, match="scheduler is gone"),
+    ):
+        fly_campaign(campaign, executor, end_scheduler)
+    cluster.close()
+    cluster = Cluster(tmp_path, 1)
+    try:
+        with dask_executor("dask", cluster.address, 1, 60.0) as executor:
+            assert fly_campaign(campaign, executor).stopped == "budget"
+    finally:
+        cluster.close()
+    trials = campaign.trials()
+    assert [t.state for t in trials] == ["complete"] * MISSIONS
+    # The missions' own record: all flew, and again only what was in the air at one of the three ends.
+    flown = collections.Counter(cluster.flights.read_text().splitlines())
+    assert len(flown) == MISSIONS and sum(flown.values()) <= MISSIONS + 3 * 2
+    for trial in trials:
+        assert (directory / trial.directory / "flown.txt").read_text() == "flown\n"
+
+
+def test_own_rocks_reach_workers_and_other_versions_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    sides = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    own = make_rock("own", corners, sides, np.full((4, 3), 0.5), split="train", difficulty="mine")
+    write_rock(own, tmp_path / "own.npz")
+    monkeypatch.setitem(RUNNERS, RUNNER, RUNNER)  # only what registered runners call a rock is one
+    cluster = Cluster(tmp_path, 1)
+    try:
+        with dask_executor("dask", cluster.address, 1, 60.0) as executor:
+            assert fly(executor, [job(tmp_path, str(tmp_path / "own.npz"))])["0000"].status == "ok"
+            there = tmp_path / "worker-home/rocks/received" / f"{own.sha256}.npz"
+            assert json.loads((tmp_path / "0000" / "mission.json").read_text())["rock"] == str(there)
+            assert read_rock(there).sha256 == own.sha256
+            monkeypatch.setattr(worker, "identity", lambda runner: {"python": "2.7.18"})
+            refused = fly(executor, [job(tmp_path, "boulder", 1)])["0001"]
+            assert refused.reason == "user_error"
+            assert f"python is {sys.version.split()[0]} on the worker and 2.7.18 here" in refused.message
+    finally:
+        cluster.close()
+
+
+@pytest.mark.parametrize(
+    ("address", "said"),
+    [("tcp://10.0.0.1:8786", "--unencrypted"), ("boulder", "no address"), ("tcp://127.0.0.1:1", "answers")],
+)
+def test_addresses_that_are_refused(address: str, said: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tuner.missions.cluster.connect._CONNECT_S", 0.2)
+    with pytest.raises(UserError, match=said):
+        dask_executor("dask", address, 1, 60.0)

@@ -1,0 +1,116 @@
+"""One coordinator per campaign, on whatever machine: a row of the database that holds the ledger, kept alive by a heartbeat.
+
+Times are the database's own. A coordinator that has not been heard of for `TIMEOUT_S` is taken for dead, and another may go
+on in its place; should it come back, it finds the row another's and writes nothing more.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import threading
+import time
+import uuid
+from collections.abc import Iterator
+
+import sqlalchemy as sa
+
+from nbv.errors import UserError
+
+TIMEOUT_S = 60.0
+BEAT_S = 10.0
+_NOW = {
+    "postgresql": "extract(epoch from clock_timestamp())",
+    "mysql": "unix_timestamp(now(3))",
+    "mariadb": "unix_timestamp(now(3))",
+}
+_TABLE = sa.Table(
+    "gatetune_coordinators",
+    sa.MetaData(),
+    sa.Column("study", sa.String(512), primary_key=True),
+    sa.Column("owner", sa.String(64), nullable=False),
+    sa.Column("host", sa.String(255), nullable=False),
+    sa.Column("beat", sa.Double, nullable=False),
+)
+
+
+class CoordinatorLock:
+    """Held for one study of a database that several machines reach."""
+
+    def __init__(self, engine: sa.Engine, study: str) -> None:
+        self._engine, self._study = engine, study
+        self._owner = uuid.uuid4().hex
+        self._now = sa.cast(sa.literal_column(_NOW[engine.dialect.name]), sa.Double)
+        self._heard = 0.0  # of the row, by this machine's monotonic clock
+        self._ended = threading.Event()
+
+    @contextlib.contextmanager
+    def held(self) -> Iterator[None]:
+        """Hold it, with a heartbeat.
+
+        Raises
+        ------
+        UserError
+            Another coordinator was heard of within `TIMEOUT_S`.
+        """
+        self._take()
+        self._ended.clear()
+        heart = threading.Thread(target=self._keep_beating, daemon=True)
+        heart.start()
+        try:
+            yield
+        finally:
+            self._ended.set()
+            heart.join(timeout=BEAT_S)
+            with contextlib.suppress(sa.exc.SQLAlchemyError), self._engine.begin() as database:
+                database.execute(sa.delete(_TABLE).where(*self._mine))
+
+    def require(self) -> None:
+        """``UserError`` where another coordinator may have taken over: before every write."""
+        if time.monotonic() - self._heard > TIMEOUT_S / 2 and not self._beat():
+            raise UserError(
+                "this coordinator was not heard of for too long, and another one has taken over the campaign; leave it to that"
+            )
+
+    @property
+    def _mine(self) -> tuple[sa.ColumnElement[bool], ...]:
+        return (_TABLE.c.study == self._study, _TABLE.c.owner == self._owner)
+
+    def _take(self) -> None:
+        _TABLE.create(self._engine, checkfirst=True)
+        own = {"owner": self._owner, "host": socket.gethostname(), "beat": self._now}
+        dead = (_TABLE.c.study == self._study, _TABLE.c.beat < self._now - TIMEOUT_S)
+        try:
+            with self._engine.begin() as database:
+                database.execute(sa.insert(_TABLE).values(study=self._study, **own))
+        except sa.exc.IntegrityError:
+            with self._engine.begin() as database:
+                taken = database.execute(sa.update(_TABLE).where(*dead).values(**own)).rowcount
+                row = database.execute(
+                    sa.select(_TABLE.c.host, self._now - _TABLE.c.beat).where(_TABLE.c.study == self._study)
+                ).first()
+            if not taken:
+                host, ago_s = row or ("another machine", 0.0)
+                raise UserError(
+                    f"campaign {self._study!r} is being flown on {host} (heard of {ago_s:.0f} s ago); stop it there, or wait "
+                    f"until {TIMEOUT_S:.0f} s after it died"
+                ) from None
+        self._heard = time.monotonic()
+
+    def _beat(self) -> bool:
+        began = time.monotonic()
+        with self._engine.begin() as database:
+            kept = database.execute(sa.update(_TABLE).where(*self._mine).values(beat=self._now)).rowcount == 1
+        if kept:
+            self._heard = began
+        return kept
+
+    def _keep_beating(self) -> None:
+        while not self._ended.wait(BEAT_S):
+            with contextlib.suppress(sa.exc.SQLAlchemyError):  # `require` tells, should it last
+                self._beat()
+
+
+def coordinator_lock(engine: sa.Engine, study: str) -> CoordinatorLock | None:
+    """The lock of a database that several machines may reach; None for a file, whose run directory has a lock."""
+    return CoordinatorLock(engine, study) if engine.dialect.name in _NOW else None

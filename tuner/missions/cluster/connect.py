@@ -1,0 +1,114 @@
+"""From what a user names, a scheduler's address or a batch system, to an executor."""
+
+from __future__ import annotations
+
+import ipaddress
+from pathlib import Path
+from typing import Any, Literal
+from urllib.parse import urlsplit
+
+import dask
+from distributed import Client, LocalCluster, Security
+
+from nbv.cache import home
+from nbv.errors import UserError
+from tuner.missions.cluster.executor import DaskExecutor
+
+Where = Literal["dask", "slurm", "pbs"]
+WHERE: tuple[Where, ...] = ("dask", "slurm", "pbs")
+_CONNECT_S = 20.0
+_SETTINGS = {
+    # One death is enough: this program flies the mission again, and counts.
+    "distributed.scheduler.allowed-failures": 0,
+    "distributed.scheduler.worker-ttl": "60s",
+    "distributed.admin.large-graph-warning-threshold": "1GB",
+}
+
+
+def dask_executor(
+    where: Where, scheduler: str | None, workers: int, timeout_s: float, *, unencrypted: bool = False
+) -> DaskExecutor:
+    """An executor on the scheduler at ``scheduler``, on a local cluster, or on jobs of SLURM or PBS.
+
+    Parameters
+    ----------
+    scheduler
+        ``tls://HOST:PORT`` (certificates as Dask's configuration names them) or ``tcp://127.0.0.1:PORT``; None: start
+        ``workers`` workers, here or as jobs of the batch system, whose settings are Dask-jobqueue's ``jobqueue.yaml``.
+    unencrypted
+        Whether ``tcp://`` to another machine, or between the batch system's, will do: whoever can reach a scheduler or
+        worker there can run programs.
+
+    Raises
+    ------
+    UserError
+        An address that is not allowed or not answered; a batch system without settings.
+    """
+    dask.config.set(_SETTINGS)
+    if scheduler is not None:
+        if where != "dask":
+            raise UserError(f"--scheduler belongs to --executor dask, not {where}; leave one of them out")
+        return DaskExecutor(_client(_checked(scheduler, unencrypted)), timeout_s)
+    if where == "dask":
+        cluster: Any = LocalCluster(
+            n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=50
+        )
+    else:
+        cluster = _batch_cluster(where, unencrypted)
+        cluster.scale(jobs=workers)
+    return DaskExecutor(_client(cluster), timeout_s)
+
+
+def _checked(address: str, unencrypted: bool) -> str:
+    try:
+        parts = urlsplit(address)
+        host, port = parts.hostname, parts.port
+    except ValueError:
+        host = port = None
+    if parts.scheme not in ("tcp", "tls") or not host or not port:
+        raise UserError(
+            f"--scheduler {address!r} is no address; give tls://HOST:PORT or tcp://127.0.0.1:PORT"
+        )
+    if parts.scheme == "tcp" and not unencrypted and not _is_loopback(host):
+        raise UserError(
+            f"--scheduler {address}: without TLS anybody who reaches it can run programs on the workers; use tls://, or say "
+            "--unencrypted where the network is yours alone"
+        )
+    return address
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _client(to: Any) -> Client:
+    try:
+        return Client(to, timeout=_CONNECT_S, set_as_default=False, name="gatetune")
+    except (OSError, TimeoutError, ValueError, TypeError) as error:
+        raise UserError(
+            f"no Dask scheduler answers at {to} ({error}); start one with `dask scheduler`"
+        ) from error
+
+
+def _batch_cluster(where: Where, unencrypted: bool) -> Any:
+    from dask_jobqueue import PBSCluster, SLURMCluster  # noqa: PLC0415  it reads the user's settings when imported
+
+    kind = SLURMCluster if where == "slurm" else PBSCluster
+    options: dict[str, Any] = {}
+    if not unencrypted:  # certificates of this cluster alone, where jobs can read them
+        shared = dask.config.get(f"jobqueue.{where}.shared-temp-directory", None) or home() / "certificates"
+        Path(shared).mkdir(mode=0o700, parents=True, exist_ok=True)
+        options = {
+            "protocol": "tls://",
+            "security": Security.temporary(),
+            "shared_temp_directory": str(shared),
+        }
+    try:
+        return kind(**options)
+    except (ValueError, OSError, ImportError) as error:
+        raise UserError(
+            f"--executor {where}: {error}; say cores, memory and the like in ~/.config/dask/jobqueue.yaml"
+        ) from error

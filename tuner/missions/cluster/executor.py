@@ -1,0 +1,205 @@
+"""The coordinator's side: an executor whose missions fly on the workers of a Dask scheduler."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import queue
+import time
+import uuid
+from dataclasses import dataclass
+from typing import Any
+
+from distributed import Client, Future
+
+from nbv.cache import Store
+from nbv.errors import UserError
+from nbv.rocks import load_rock
+from nbv.rocks.imported import write_rock
+from nbv.rocks.recipes import RECIPES
+from tuner.missions.cluster import worker
+from tuner.missions.executors import MAX_FLIGHTS
+from tuner.missions.job import RESULT_FILE, MissionJob, MissionOutcome, clear_traces, failed_outcome
+from tuner.missions.registry import EXTERNAL, RUNNERS
+
+_COUNTED_EVERY_S = 1.0
+_RECONNECT_S = 10.0
+
+
+@dataclass
+class _Flight:
+    job: MissionJob
+    number: int
+    since: float
+    future: Future
+
+
+class DaskExecutor:
+    """Missions on the workers of a scheduler; ``capacity`` follows the workers as they come and go.
+
+    Where a worker dies its mission is flown elsewhere; what the lost one may still send is ignored: only the scheduler's
+    word counts. A rock that workers cannot make themselves is sent to each worker that asks, by the hash of its content.
+
+    Parameters
+    ----------
+    client
+        Connected; closed with this executor, and with it the cluster that was started for it.
+    timeout_s
+        A mission that takes longer is killed and recorded as ``timeout``.
+    """
+
+    def __init__(self, client: Client, timeout_s: float = 3600.0, max_flights: int = MAX_FLIGHTS) -> None:
+        if not timeout_s > 0:
+            raise UserError(f"the mission time-out is {timeout_s} s; it must be positive")
+        self._client = client
+        self._timeout_s = timeout_s
+        self._max_flights = max_flights
+        self._flights: dict[str, _Flight] = {}
+        self._done: queue.SimpleQueue[tuple[str, Future]] = queue.SimpleQueue()
+        self._rocks: dict[str, tuple[str, bytes]] = {}
+        self._counted, self._count = -_COUNTED_EVERY_S, 0
+        for name in ("distributed.client", "distributed.core", "distributed.comm", "distributed.shuffle"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters comes back as an outcome
+
+    @property
+    def workers(self) -> int:
+        """Missions that the workers of this moment fly at a time."""
+        now = time.monotonic()
+        if now - self._counted >= _COUNTED_EVERY_S:
+            with contextlib.suppress(OSError, TimeoutError, KeyError):  # cut off for the moment
+                known = self._client.scheduler_info(n_workers=-1)["workers"].values()
+                self._count = sum(w["nthreads"] for w in known)
+            self._counted = now
+        return self._count
+
+    @property
+    def capacity(self) -> int:
+        """`workers`; 1 while there are none, so that a mission waits for the first."""
+        return max(1, self.workers)
+
+    def submit(self, job: MissionJob) -> None:
+        """Send ``job`` to the scheduler."""
+        if job.id in self._flights:
+            raise ValueError(f"job {job.id} is already in flight")
+        job.directory.mkdir(parents=True, exist_ok=True)
+        clear_traces(job)
+        self._send(job, 1)
+
+    def _send(self, job: MissionJob, number: int) -> None:
+        order = {
+            "job": job.to_dict(),
+            "rock_sha256": self._rock(job)[0],
+            "timeout_s": self._timeout_s,
+            "identity": worker.identity(job.runner),
+        }
+        # A key of its own: Dask would take an equal mission for the same one.
+        future = self._client.submit(worker.fly, order, key=f"{job.id}-{uuid.uuid4().hex}", pure=False)
+        self._flights[job.id] = _Flight(job, number, time.monotonic(), future)
+        future.add_done_callback(lambda done: self._done.put((job.id, done)))
+
+    def _rock(self, job: MissionJob) -> tuple[str, bytes]:
+        """Hash and content of a rock that a worker cannot make itself; empty for one that it can."""
+        if job.runner not in RUNNERS or job.runner == EXTERNAL or job.rock in RECIPES:
+            return "", b""
+        if job.rock not in self._rocks:
+            rock = load_rock(job.rock, Store())
+            path = worker.received_rock(rock.sha256)
+            write_rock(rock, path)
+            self._rocks[job.rock] = (rock.sha256, path.read_bytes())
+        return self._rocks[job.rock]
+
+    def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
+        """Outcomes that arrived within ``timeout_s``."""
+        deadline = time.monotonic() + timeout_s
+        ready: list[MissionOutcome] = []
+        while self._flights:
+            try:
+                left = 0.0 if ready else max(0.0, deadline - time.monotonic())
+                job_id, future = self._done.get(timeout=left) if left else self._done.get_nowait()
+            except queue.Empty:
+                break
+            flight = self._flights.get(job_id)
+            if flight is None or flight.future is not future:
+                continue  # of a flight that was given up
+            if (outcome := self._landed(flight)) is not None:
+                ready.append(outcome)
+        return ready
+
+    def _landed(self, flight: _Flight) -> MissionOutcome | None:
+        """The outcome; None where the mission goes up again."""
+        job, wall_s = flight.job, time.monotonic() - flight.since
+        del self._flights[job.id]
+        answer, reason, message = self._answer(flight.future)
+        if answer is not None and "refused" in answer:
+            return failed_outcome(job, "user_error", answer["refused"])
+        if answer is not None and "needs" in answer:
+            sha256, content = self._rock(job)
+            with contextlib.suppress(OSError):  # the worker has gone meanwhile
+                self._client.run(worker.keep_rock, sha256, content, workers=[answer["worker"]])
+            self._send(job, flight.number)
+            return None
+        if answer is not None:
+            worker.unpacked(answer["files"], job.directory, RESULT_FILE)
+            outcome = MissionOutcome(**{**answer["outcome"], "directory": str(job.directory)})
+        else:
+            outcome = failed_outcome(job, reason, message, wall_s)
+        if outcome.lost and flight.number < self._max_flights and self._client.status == "running":
+            self._send(job, flight.number + 1)
+            return None
+        return outcome
+
+    def _answer(self, future: Future) -> tuple[dict[str, Any] | None, str, str]:
+        """What the worker said, or why it said nothing."""
+        if future.status in ("cancelled", "lost"):
+            self._require_scheduler()
+            return None, "server_lost", "the way to the scheduler was cut"
+        try:
+            answer: dict[str, Any] = future.result(timeout=_RECONNECT_S)
+            return answer, "", ""
+        except Exception as error:  # whatever the worker, or the way to it, raised
+            name = type(error).__name__
+            if name in (
+                "KilledWorker",
+                "CommClosedError",
+                "CancelledError",
+                "FutureCancelledError",
+                "TimeoutError",
+            ):
+                return None, "worker_killed", f"the worker died or left ({name})"
+            if isinstance(error, ImportError):
+                return None, "user_error", f"a worker cannot import this program ({error}); install it there"
+            return None, "machine_error", f"{name}: {error}"
+
+    def _require_scheduler(self) -> None:
+        deadline = time.monotonic() + _RECONNECT_S
+        while self._client.status != "running":
+            if time.monotonic() > deadline:
+                raise UserError("the Dask scheduler is gone; start it again, then resume the campaign")
+            time.sleep(0.05)
+
+    def cancel_all(self) -> None:
+        """Let go of all missions in flight; workers kill them when they hear of it."""
+        flights, self._flights = self._flights, {}
+        if flights and self._client.status == "running":
+            with contextlib.suppress(OSError, TimeoutError):
+                self._client.cancel([flight.future for flight in flights.values()], force=True)
+
+    def close(self) -> None:
+        """Let go of everything; ends a cluster that was started for this executor."""
+        self.cancel_all()
+        cluster = self._client.cluster
+        with contextlib.suppress(OSError, TimeoutError):
+            self._client.close(timeout=_RECONNECT_S)
+        if cluster is not None:
+            cluster.close(timeout=_RECONNECT_S)
+
+    @property
+    def in_flight(self) -> tuple[str, ...]:
+        """Jobs that have not come back."""
+        return tuple(self._flights)
+
+    def __enter__(self) -> DaskExecutor:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

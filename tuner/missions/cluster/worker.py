@@ -1,0 +1,140 @@
+"""What a worker does: it flies one mission, in a process of its own, and sends back the directory that it left.
+
+Runs in threads of Dask's workers; nothing but bytes and JSON goes over the network, beside the names of these functions.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import shutil
+import tarfile
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+from distributed import get_worker
+
+from nbv.cache import code_digest, home
+from nbv.provenance import MISSION_LIBRARIES, versions
+from nbv.rocks.imported import DamagedRockError, read_rock
+from tuner.missions.executors import LocalProcessExecutor
+from tuner.missions.job import MissionJob, MissionOutcome, failed_outcome
+from tuner.missions.registry import runner_module
+
+_POLL_S = 0.2
+_own = threading.local()  # one executor per thread of a worker
+
+
+def identity(runner: str) -> dict[str, str]:
+    """What must be the same on coordinator and workers: Python, this program, libraries and the missions' code."""
+    installed = versions()
+    found = {
+        name: installed[name] for name in ("python", "gatetune", *MISSION_LIBRARIES) if name in installed
+    }
+    module = runner_module(runner)
+    if module.startswith("nbv."):
+        found["mission code"] = code_digest(module)[:12]
+    return found
+
+
+def difference(theirs: dict[str, str], ours: dict[str, str]) -> str:
+    """The first thing in which a worker and the coordinator differ, both named; empty where there is none."""
+    for name in {**ours, **theirs}:
+        if theirs.get(name) != ours.get(name):
+            return (
+                f"{name} is {theirs.get(name, 'missing')} on the worker and {ours.get(name, 'missing')} here; "
+                "install the same on both"
+            )
+    return ""
+
+
+def received_rock(sha256: str) -> Path:
+    """Where a worker keeps the rock of that content."""
+    return home() / "rocks" / "received" / f"{sha256}.npz"
+
+
+def keep_rock(sha256: str, content: bytes) -> None:
+    """Keep a rock that the coordinator sent."""
+    path = received_rock(sha256)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
+        file.write(content)
+    Path(file.name).replace(path)
+
+
+def fly(order: dict[str, Any]) -> dict[str, Any]:
+    """Fly the mission of ``order`` (see `tuner.missions.cluster.executor`).
+
+    Returns ``{"refused": why}``, ``{"needs": the rock's hash}``, or the outcome with the directory as a tar file.
+    """
+    worker = get_worker()
+    ours = identity(order["job"]["runner"])
+    if why := difference(ours, order["identity"]):
+        return {"refused": f"worker {worker.address}: {why}"}
+    job = MissionJob.from_dict(order["job"])
+    if sha256 := order["rock_sha256"]:
+        path = received_rock(sha256)
+        if not _has(path, sha256):
+            return {"needs": sha256, "worker": worker.address}
+        job = dataclasses.replace(job, rock=str(path))
+    directory = Path(tempfile.mkdtemp(prefix=f"mission-{job.id}-", dir=worker.local_directory))
+    try:
+        outcome = _flown(dataclasses.replace(job, directory=directory), order["timeout_s"])
+        return {"outcome": dataclasses.asdict(outcome), "files": packed(directory)}
+    finally:
+        shutil.rmtree(directory, ignore_errors=True)
+
+
+def _has(path: Path, sha256: str) -> bool:
+    try:
+        return read_rock(path).sha256 == sha256
+    except (FileNotFoundError, DamagedRockError):
+        return False
+
+
+def _flown(job: MissionJob, timeout_s: float) -> MissionOutcome:
+    key = (job.runner, timeout_s)
+    if getattr(_own, "key", None) != key:
+        if hasattr(_own, "executor"):
+            _own.executor.close()
+        _own.executor, _own.key = LocalProcessExecutor(1, timeout_s, (job.runner,), max_flights=1), key
+    executor: LocalProcessExecutor = _own.executor
+    executor.submit(job)
+    task = get_worker().get_current_task()
+    while True:
+        if landed := executor.wait_any(_POLL_S):
+            return landed[0]
+        if not _wanted(task):
+            executor.cancel_all()
+            return failed_outcome(job, "worker_stopped", "the coordinator no longer wants it")
+
+
+def _wanted(task: str) -> bool:
+    """Whether the coordinator still waits for this task: Dask does not stop one that runs."""
+    state = get_worker().state.tasks.get(task)
+    return state is not None and state.state in ("executing", "long-running")
+
+
+def packed(directory: Path) -> bytes:
+    """The files of a mission."""
+    buffer = io.BytesIO()
+    with tarfile.open(fileobj=buffer, mode="w:gz", compresslevel=1) as archive:
+        archive.add(directory, arcname=".")
+    return buffer.getvalue()
+
+
+def unpacked(files: bytes, directory: Path, last: str) -> None:
+    """Lay them into ``directory``; ``last``, whose presence means that the mission is finished, after all others."""
+    directory.mkdir(parents=True, exist_ok=True)
+    with tarfile.open(fileobj=io.BytesIO(files)) as archive:
+        result = [member for member in archive.getmembers() if Path(member.name) == Path(last)]
+        archive.extractall(directory, [m for m in archive.getmembers() if m not in result], filter="data")
+        for member in result:
+            content = archive.extractfile(member)
+            assert content is not None
+            temporary = directory / f".{last}.{time.monotonic_ns()}"
+            temporary.write_bytes(content.read())
+            temporary.replace(directory / last)
