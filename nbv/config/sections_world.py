@@ -159,6 +159,22 @@ class FlightConfig(Section):
     max_yaw_jerk_rad_s3: float = ours(6.0, "yaw jerk limit", why="X500 class")
     arrival_tolerance_m: float = code(0.35, "arrival test", "largest error of arrival, per axis")
     settle_s: float = code(2.0, "mission file", "pause before a photograph")
+    planning_s: float = ours(
+        0.0,
+        "pause in the air while the model is updated and the next view planned",
+        why="0: not counted; a vehicle's own time is that of its computer",
+        added=True,
+    )
+    mass_kg: float = ours(2.06, "take-off mass, for the energy", why="PX4's Gazebo model x500", added=True)
+    rotor_diameter_m: float = ours(
+        0.279, "of each of four rotors, for the energy", why="PX4's Gazebo model x500", added=True
+    )
+    propulsion_efficiency: float = ours(
+        0.6,
+        "ideal over electrical power, for the energy",
+        why="196 W in hover: 19 minutes of 80 % of a 4S pack of 5.2 Ah",
+        added=True,
+    )
     keep_out_radius_m: float = ours(
         1.3,
         "upright cylinder around the target that straight legs go round",
@@ -170,5 +186,7 @@ class FlightConfig(Section):
     def __post_init__(self) -> None:
         self._need_positive("max_speed_m_s", "max_climb_m_s", "max_acceleration_m_s2", "max_jerk_m_s3")
         self._need_positive("max_yaw_rate_rad_s", "max_yaw_acceleration_rad_s2", "max_yaw_jerk_rad_s3")
-        self._need_at_least(0, "takeoff_altitude_m", "arrival_tolerance_m", "settle_s")
+        self._need_at_least(0, "takeoff_altitude_m", "arrival_tolerance_m", "settle_s", "planning_s")
+        self._need_positive("mass_kg", "rotor_diameter_m", "propulsion_efficiency")
+        self._need(self.propulsion_efficiency <= 1, "propulsion_efficiency", "at most 1")
         self._need_at_least(0, "keep_out_radius_m", "keep_out_height_m", "min_camera_altitude_m")

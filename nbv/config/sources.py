@@ -23,6 +23,7 @@ _UNITS = {
     "px": "px",
     "deg": "°",
     "s": "s",
+    "kg": "kg",
     "dn": "DN",
     "ev": "EV",
     "percent": "%",

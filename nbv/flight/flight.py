@@ -9,6 +9,7 @@ import numpy as np
 
 from nbv.config import MissionConfig
 from nbv.flight.arrival import arrival_position
+from nbv.flight.energy import hover_energy_wh, leg_energy_wh
 from nbv.flight.leg import Leg, Pose, fly_straight
 from nbv.flight.route import MARGIN_M, route
 from nbv.flight.wind import mean_wind_m_s, sway_m
@@ -33,8 +34,9 @@ class Flight:
     """The vehicle of one mission.
 
     The camera is where the vehicle is, and the gimbal aims at the target, so arriving with a wrong
-    position does not turn the target out of the image. Planning time is not flown: the simulation
-    hovers only for ``settle_s`` before each photograph (and as `hover` says).
+    position does not turn the target out of the image. ``flight_time_s`` counts everything from take-off to landing:
+    climbs, legs and detours, ``settle_s`` before each photograph, and what `hover` waits for: while a view is planned,
+    ``planning_s``.
 
     Parameters
     ----------
@@ -53,6 +55,7 @@ class Flight:
         self._pose = _pose(home, float(heading_to(home, np.array(config.target_m))))
         self.flight_time_s = 0.0
         self.path_length_m = 0.0
+        self.energy_wh = 0.0
         self.events: list[FlightEvent] = []
 
     def face(self, target_m: tuple[float, float, float]) -> None:
@@ -115,6 +118,7 @@ class Flight:
         return {
             "flight_time_s": self.flight_time_s,
             "path_length_m": self.path_length_m,
+            "energy_wh": self.energy_wh,
             "events": [
                 {
                     "name": event.name,
@@ -139,6 +143,8 @@ class Flight:
         self.events.append(FlightEvent(name, self.flight_time_s, tuple(legs), hover_s))
         self.flight_time_s += sum(leg.duration_s for leg in legs) + hover_s
         self.path_length_m += sum(leg.path_length_m for leg in legs)
+        self.energy_wh += sum(leg_energy_wh(self._limits, leg) for leg in legs)
+        self.energy_wh += hover_energy_wh(self._limits, hover_s)
         if legs:
             self._pose = legs[-1].end
 

@@ -121,6 +121,7 @@ def fly_mission(
             "registered_images": float(recorder.registered_images),
             "flight_time_s": flight.flight_time_s,
             "path_length_m": flight.path_length_m,
+            "energy_wh": flight.energy_wh,
             "wall_s": wall_s,
         },
         provenance={

@@ -82,6 +82,8 @@ class AdaptiveMission:
                     self.observer.pool_is_empty(plan.state, plan.pool)
                 return
             self.observer.planned(plan.state, plan.pool, plan.rankings, plan.decision)
+            if self.config.flight.planning_s > 0:
+                self.flight.hover(self.config.flight.planning_s)
             capture = self._fly_and_photograph(view)
             with self.observer.timed("update"):
                 report = self.reconstructor.add(capture)

@@ -62,7 +62,7 @@ class MissionResult:
     metrics: dict[str, Any]  # {"whole": {...}, "observable": {...}, ...}; empty when failed
     trace: list[IterationRecord]
     timings_s: dict[str, float]
-    costs: dict[str, float]  # images, registered_images, flight_time_s, path_length_m, wall_s
+    costs: dict[str, float]  # images, registered_images, flight_time_s, path_length_m, energy_wh, wall_s
     provenance: dict[str, Any] = field(default_factory=dict)
     condition: str = IDEAL
     schema_version: int = SCHEMA_VERSION

@@ -11,6 +11,7 @@ from nbv.config import MissionConfig, canonical, config_from_dict, preset
 from nbv.errors import UserError
 
 ADDED_SINCE_VERSION_1 = {
+    "flight": ("planning_s", "mass_kg", "rotor_diameter_m", "propulsion_efficiency"),
     "gate": ("geometry_scorer",),
     "scene": ("sun_elevation_deg", "sun_azimuth_deg", "mitsuba_samples", "mitsuba_depth"),
     "sparse": (

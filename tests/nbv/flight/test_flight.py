@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from nbv.config import FlightConfig, MissionConfig
 from nbv.flight import Flight, Pose, arrival_position, fly_straight, route
+from nbv.flight.energy import power_w
 from nbv.flight.route import clear
 from nbv.geometry.frames import heading_to, wrap_angle
 from nbv.types import Viewpoint
@@ -179,3 +180,18 @@ def test_hovering_takes_time_only() -> None:
     flight = Flight(MissionConfig(), "rock", 0)
     flight.hover(3.5)
     assert flight.flight_time_s == 3.5 and flight.path_length_m == 0.0
+
+
+def test_energy_is_that_of_hovering_and_more_in_a_climb() -> None:
+    """T^1.5 / sqrt(2 rho A) over the efficiency in hover; far above v_h a climb costs the weight times its rate."""
+    area = 4 * np.pi * (LIMITS.rotor_diameter_m / 2) ** 2
+    weight = LIMITS.mass_kg * 9.81
+    hover = weight**1.5 / np.sqrt(2 * 1.225 * area) / LIMITS.propulsion_efficiency
+    assert power_w(LIMITS) == pytest.approx(hover) and 180 < hover < 210
+    assert power_w(LIMITS, 300.0) == pytest.approx(weight * 300.0 / LIMITS.propulsion_efficiency, rel=1e-3)
+    assert power_w(LIMITS, -1.0) == power_w(LIMITS)
+    flight = Flight(MissionConfig(), "rock", 0)
+    flight.hover(60.0)
+    assert flight.energy_wh == pytest.approx(hover / 60)
+    flight.take_off()
+    assert flight.energy_wh > hover * flight.flight_time_s / 3600

@@ -212,3 +212,12 @@ def test_it_runs_in_a_campaign(tmp_path):
         tree = json.loads(file.read_text())
         assert tree["status"] == "ok"
         assert tree["provenance"]["fidelity"] == "geometric"
+
+
+def test_planning_in_the_air_costs_time_and_energy_alone() -> None:
+    config = preset("campaign").with_values({"stop.adaptive_budget": 3})
+    without = run_geometric_mission(config, "slab", 0, None)
+    waiting = run_geometric_mission(config.with_values({"flight.planning_s": 4.0}), "slab", 0, None)
+    assert waiting.costs["flight_time_s"] == pytest.approx(without.costs["flight_time_s"] + 3 * 4.0)
+    assert waiting.costs["energy_wh"] > without.costs["energy_wh"] > 1.0
+    assert waiting.metrics == without.metrics
