@@ -31,6 +31,7 @@ from nbv.config.sources import ADDED_SINCE_VERSION_1, code, ours
 from nbv.config.telemetry import TargetConfig, TelemetryConfig, telemetry_level
 from nbv.errors import UserError
 
+WIDEST_STEP_DEG = 25.0  # 22.5 registers, 30 does not (docs/results/few_photographs.md)
 IDEAL = "ideal"  # the condition of a configuration that no condition was laid over
 
 
@@ -74,6 +75,38 @@ class MissionConfig:
                 f"wind.mean_speed_m_s {self.wind.mean_speed_m_s:g} with three gusts of {self.wind.gust_m_s:g} is more "
                 f"than the vehicle can hold (flight.max_speed_m_s {self.flight.max_speed_m_s:g})"
             )
+
+        self._require_seeds_that_register()
+
+    def _require_seeds_that_register(self) -> None:
+        """Layouts of ``seed.count`` that cannot become a model, or leave nothing to plan, are refused before a flight."""
+        seeds, stop = self.seed, self.stop
+        if stop.max_photographs and stop.max_photographs <= seeds.total:
+            raise UserError(
+                f"stop.max_photographs {stop.max_photographs} leaves no capture after {seeds.total} seeds; allow more "
+                "photographs, or fewer seeds (seed.count)"
+            )
+        if not seeds.count:
+            return
+        if seeds.count < self.sparse.min_registered_seeds:
+            raise UserError(
+                f"seed.count {seeds.count} is below sparse.min_registered_seeds {self.sparse.min_registered_seeds}: "
+                "no such mission can go on; lower the latter or fly more seeds"
+            )
+        step_deg = 360.0 / seeds.count
+        if not self.sparse.ground_features and step_deg > WIDEST_STEP_DEG:
+            raise UserError(
+                f"seed.count {seeds.count} puts seeds {step_deg:.0f} degrees apart, and SIFT alone does not hold views "
+                f"more than {WIDEST_STEP_DEG:g} apart together; set sparse.ground_features (2000), or seed.count to "
+                f"{int(-(-360 // WIDEST_STEP_DEG))} or more"
+            )
+
+    @property
+    def adaptive_budget(self) -> int:
+        """Captures after the seeds: ``stop.adaptive_budget``, or what ``stop.max_photographs`` leaves."""
+        stop = self.stop
+        left = stop.max_photographs - self.seed.total if stop.max_photographs else stop.adaptive_budget
+        return min(stop.adaptive_budget, left)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain nested dictionary (tuples become lists), ready for JSON or YAML."""

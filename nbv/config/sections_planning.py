@@ -19,6 +19,18 @@ class SeedConfig(Section):
         (15.0, 22.0, 29.0, 36.0), "III, Phase 1", "elevations of the seed rings"
     )
     ring_azimuth_counts: tuple[int, ...] = text((8, 6, 6, 4), "III, Phase 1", "views in each seed ring")
+    count: int = ours(
+        0,
+        "seeds on one turn about the target, at even azimuths, instead of the rings above; 0: those",
+        why="the paper's 24; from 3 on a model can be aligned",
+        added=True,
+    )
+    rings: int = ours(1, "elevations that the seeds of `count` take in turn", added=True)
+    lowest_deg: float = ours(20.0, "the lowest of them", why="the mean of the paper's is 24", added=True)
+    span_deg: float = ours(0.0, "from the lowest to the highest of them", why="the paper's: 21", added=True)
+    start_bearing_deg: float = ours(
+        0.0, "compass bearing of the first seed of `count`", why="shadows and relief know north", added=True
+    )
 
     def __post_init__(self) -> None:
         self._need_positive("radius_m")
@@ -32,6 +44,20 @@ class SeedConfig(Section):
             all(n >= 1 for n in self.ring_azimuth_counts), "ring_azimuth_counts", "at least 1 per ring"
         )
         self._need(sum(self.ring_azimuth_counts) >= 3, "ring_azimuth_counts", "at least 3 views in all")
+        self._need(self.count == 0 or self.count >= 3, "count", "0 (the rings) or at least 3")
+        self._need_at_least(1, "rings")
+        self._need_elevations("layout_deg")
+
+    @property
+    def total(self) -> int:
+        """Seeds in all."""
+        return self.count or sum(self.ring_azimuth_counts)
+
+    @property
+    def layout_deg(self) -> tuple[float, ...]:
+        """Elevations that the seeds of ``count`` take in turn, ascending."""
+        step_deg = self.span_deg / max(1, self.rings - 1)
+        return tuple(self.lowest_deg + step_deg * ring for ring in range(self.rings))
 
 
 @dataclass(frozen=True)
@@ -70,6 +96,12 @@ class StopConfig(Section):
     """Phase 2 ends when the budget is used or the sparse cloud has converged."""
 
     adaptive_budget: int = code(40, "mission file", "captures after the seeds, registered or not")
+    max_photographs: int = ours(
+        0,
+        "photographs in all, seeds included, that the budget is cut to; 0: no limit",
+        why="so that seeds and captures are shared out of one number",
+        added=True,
+    )
     criterion: Literal["both", "budget", "knn"] = text(
         "both", "III, Phase 2", "what ends Phase 2; both: whichever comes first"
     )
@@ -78,9 +110,17 @@ class StopConfig(Section):
     knn_region: Literal["all", "box"] = text(
         "all", "III-B, the sparse cloud", "points that d95 is of: all, or those in the box"
     )
+    min_gain_percent: float = ours(
+        0.0,
+        "Phase 2 also ends when the next view would add less than this share of the matchable views that the surface "
+        "needs; 0: it does not",
+        why="the first capture after 12 seeds adds about 3 %, the twentieth 0.5 %",
+        added=True,
+    )
 
     def __post_init__(self) -> None:
         self._need_at_least(1, "adaptive_budget", "knn_neighbours")
+        self._need_at_least(0, "max_photographs", "min_gain_percent")
 
 
 @dataclass(frozen=True)

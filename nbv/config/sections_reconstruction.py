@@ -17,6 +17,12 @@ class SparseConfig(Section):
     max_features: int = ours(
         8192, "features of a photograph, at most", why="COLMAP's default; the authors' 16384"
     )
+    ground_features: int = ours(
+        0,
+        "features of the ground as telemetry lets it be seen from above, at most; 0: none",
+        why="hold views 30° and more apart together, which SIFT matches too rarely",
+        added=True,
+    )
     first_octave: int = code(-1, "COLMAP's default", "-1: features of the doubled image too")
     peak_threshold: float = code(0.0066, "COLMAP's default", "least contrast of a feature")
     match_ratio: float = code(0.8, "COLMAP's default", "best distance over second best, at most")
@@ -54,7 +60,7 @@ class SparseConfig(Section):
         self._need(self.max_pairs >= 0, "max_pairs", "0 (no limit) or more")
         self._need_at_least(8, "min_inliers")
         self._need_at_least(2, "local_ba_images")
-        self._need_at_least(0, "local_ba_iterations", "global_ba_iterations")
+        self._need_at_least(0, "ground_features", "local_ba_iterations", "global_ba_iterations")
         self._need_at_least(3, "min_registered_seeds")
 
 

@@ -90,7 +90,7 @@ class GeometricReconstructor:
             while len(_SEEDS) >= _MAX_SEEDS:
                 _SEEDS.pop(next(iter(_SEEDS)))
             _SEEDS[key] = seed
-        budget = self._config.stop.adaptive_budget
+        budget = self._config.adaptive_budget
         self._tracks = seed.tracks.copy(len(captures) + budget)
         self._captures = [captures[i] for i in seed.registered]
         self._centers_m = list(seed.centers_m)

@@ -8,7 +8,7 @@ A buried rock is what is above ground; neighbours hide and shade, but have no la
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -29,7 +29,7 @@ from nbv.rocks import Rock
 from nbv.rocks.mesh import vertex_normals
 from nbv.terrain import Body, Surroundings, make_surroundings
 from nbv.types import Floats, Viewpoint
-from nbv.viewpoints import raw_candidates, seed_viewpoints
+from nbv.viewpoints import raw_candidates, ring_viewpoints, seed_viewpoints
 
 SURFACE_SAMPLES = 3_000
 ROCK_LANDMARKS = 1_800  # candidates on the rock; most are too faint to be detected often
@@ -98,8 +98,8 @@ class GeometricWorld:
 
 
 def all_viewpoints(config: MissionConfig) -> list[Viewpoint]:
-    """Every place from which a mission may photograph: the seed rings and the raw pool."""
-    return [*seed_viewpoints(config), *raw_candidates(config)]
+    """The places that every mission knows: the paper's seed rings and the raw pool."""
+    return [*ring_viewpoints(config), *raw_candidates(config)]
 
 
 def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) -> GeometricWorld:
@@ -115,6 +115,10 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
     ]
     if (around := _neighbours(rock, config, store)) is not None:
         inputs.append(list(around.key))
+    if config.seed.count:
+        free = replace(config.stop, max_photographs=0)
+        rings = replace(config, seed=replace(config.seed, count=0), stop=free)
+        return with_seeds(load_world(rock, rings, store), rock, config, around)
     arrays = remember(
         store,
         "geometric-worlds",
@@ -123,6 +127,30 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
         inputs=inputs,
     )
     return _from_arrays(arrays)
+
+
+def with_seeds(
+    world: GeometricWorld, rock: Rock, config: MissionConfig, around: Surroundings | None = None
+) -> GeometricWorld:
+    """``world`` with the seeds of ``seed.count`` in place of the rings'; what counts as observable stays."""
+    caster, seeds = _caster(rock, around), seed_viewpoints(config)
+    pool = np.array([not name.startswith("seed") for name in world.viewpoint_ids])
+
+    def seen(points_m: Floats, normals: Floats, max_incidence_deg: float, known: Mask) -> Mask:
+        return np.concatenate(
+            [_seen(caster, points_m, normals, seeds, config, max_incidence_deg), known[pool]]
+        )
+
+    return replace(
+        world,
+        viewpoint_ids=(*(v.id for v in seeds), *(v.id for v in raw_candidates(config))),
+        landmark_seen=seen(
+            world.landmarks_m, world.landmark_normals, LANDMARK_MAX_INCIDENCE_DEG, world.landmark_seen
+        ),
+        sample_seen=seen(
+            world.samples_m, world.sample_normals, OBSERVABLE_MAX_INCIDENCE_DEG, world.sample_seen
+        ),
+    )
 
 
 def build_world(rock: Rock, config: MissionConfig, around: Surroundings | None = None) -> GeometricWorld:

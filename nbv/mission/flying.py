@@ -145,8 +145,8 @@ def _order(config: MissionConfig, rock: Rock, replicate: int) -> dict[str, Any]:
     return {
         "rock": rock.name,
         "replicate": replicate,
-        "seeds": sum(config.seed.ring_azimuth_counts),
-        "budget": config.stop.adaptive_budget,
+        "seeds": config.seed.total,
+        "budget": config.adaptive_budget,
         "gate": config.gate.kind,
     }
 

@@ -71,7 +71,7 @@ class AdaptiveMission:
 
     def fly_adaptive_phase(self, model: SparseModel) -> None:
         """Phase 2: plan, fly, photograph, update, until the budget is used or the cloud has converged."""
-        for _ in range(self.config.stop.adaptive_budget):
+        for _ in range(self.config.adaptive_budget):
             with self.observer.timed("planning"):
                 plan = self._plan(model)
             view = plan.next_view

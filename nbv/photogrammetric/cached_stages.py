@@ -23,7 +23,7 @@ from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import Capture, Floats, UpdateReport, Viewpoint
 
 _STUDIO, _FEATURES, _PAIRS = "nbv.photogrammetric.studio", "nbv.sparse.features", "nbv.sparse.matching"
-_SPARSE = "nbv.sparse"
+_SPARSE, _GROUND = "nbv.sparse", "nbv.sparse.ground_features"
 
 
 class CachedStudio:
@@ -66,6 +66,7 @@ class CachedCorrespondences:
         self.timer = self._computed.timer
         self._store = store
         self._feature_options = [config.max_features, config.first_octave, config.peak_threshold]
+        self._ground_options = [camera, config.ground_features, config.peak_threshold]
         self._pair_options = [camera, config.match_ratio, config.min_inliers, config.min_ransac_trials]
         self._digests: dict[int, tuple[Features, str]] = {}  # holds the features, so that ids stay theirs
 
@@ -77,7 +78,21 @@ class CachedCorrespondences:
             return {"keypoints": features.keypoints, "descriptors": features.descriptors}
 
         inputs = [*self._feature_options, image]
-        return Features(**remember(self._store, "features", extract, code=_FEATURES, inputs=inputs))
+        entry = remember(self._store, "features", extract, code=_FEATURES, inputs=inputs)
+        return Features(entry["keypoints"], entry["descriptors"])
+
+    def ground_features(
+        self, image: NDArray[np.uint8], camera_from_world: Floats, target_m: Floats
+    ) -> Features:
+        """See `nbv.sparse.ground_features.extract_ground_features`."""
+
+        def extract() -> Arrays:
+            features = self._computed.ground_features(image, camera_from_world, target_m)
+            return {"keypoints": features.keypoints, "descriptors": features.descriptors}
+
+        inputs = [*self._ground_options, image, camera_from_world, target_m]
+        entry = remember(self._store, "features", extract, code=_GROUND, inputs=inputs)
+        return Features(entry["keypoints"], entry["descriptors"])
 
     def pair(self, a: Features, b: Features) -> VerifiedPair:
         """See `nbv.sparse.matching.verify_pair`."""
@@ -87,6 +102,8 @@ class CachedCorrespondences:
             return {"matches": pair.matches, "config": np.array(pair.config)}
 
         inputs = [*self._pair_options, self._digest(a), self._digest(b)]
+        if a.n_ground or b.n_ground:
+            inputs += [a.n_ground, b.n_ground]
         entry = remember(self._store, "pairs", verify, code=_PAIRS, inputs=inputs)
         return VerifiedPair(entry["matches"], int(entry["config"]))
 

@@ -16,7 +16,7 @@ from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.gates import Gate, make_gate
 from nbv.geometry.knn import knn_statistics
-from nbv.scorers import rank_candidates
+from nbv.scorers import expected_gain_percent, rank_candidates
 from nbv.scorers.registry import Rankings
 from nbv.types import CandidatePool, Floats, GateDecision, PlanningState, SparseModel, Viewpoint
 from nbv.viewpoints import candidate_pool
@@ -27,7 +27,9 @@ class Plan:
     """One decision, with what it was made from."""
 
     state: PlanningState
-    converged: bool  # the stopping rule says that the cloud is dense enough: nothing was ranked
+    converged: (
+        bool  # the stopping rule says that the cloud is dense enough, or that the next view adds too little
+    )
     pool: CandidatePool | None = None  # None where converged
     rankings: Rankings | None = None  # None where converged or where the pool is empty
     decision: GateDecision | None = None  # likewise
@@ -121,7 +123,7 @@ class Planner:
             vehicle_position_m=np.asarray(vehicle_position_m, dtype=float),
             vehicle_heading_rad=vehicle_heading_rad,
             captures_used=used,
-            adaptive_budget=stop.adaptive_budget,
+            adaptive_budget=self.config.adaptive_budget,
             d95_m=knn.d95_m,
             iteration=used,
         )
@@ -131,4 +133,10 @@ class Planner:
         if len(pool) == 0:
             return Plan(state, False, pool)
         rankings = rank_candidates(state, pool, self.config)
-        return Plan(state, False, pool, rankings, self.gate.decide(state, pool, rankings))
+        decision = self.gate.decide(state, pool, rankings)
+        if stop.min_gain_percent > 0:
+            view_m = pool.positions_m[decision.ranking.top]
+            gain = expected_gain_percent(model.points_m, view_m, visited, self.config)
+            if gain < stop.min_gain_percent:
+                return Plan(state, True)
+        return Plan(state, False, pool, rankings, decision)

@@ -6,7 +6,7 @@ configuration may name stand in `nbv.config.registry`.
 
 from nbv.scorers.b_aware import B_AWARE
 from nbv.scorers.covis import COVIS
-from nbv.scorers.matchable import MATCHABLE
+from nbv.scorers.matchable import MATCHABLE, expected_gain_percent
 from nbv.scorers.registry import PAPER_SCORERS, Rankings, find_scorer, rank_candidates
 from nbv.scorers.scorer import Scorer
 from nbv.scorers.shared import BoxPoints, SharedTerms, box_points, shared_terms
@@ -21,6 +21,7 @@ __all__ = [
     "Scorer",
     "SharedTerms",
     "box_points",
+    "expected_gain_percent",
     "find_scorer",
     "rank_candidates",
     "shared_terms",

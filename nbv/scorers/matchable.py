@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from nbv.config import MissionConfig
-from nbv.errors import MissionFailure
 from nbv.geometry.frustum import in_frustum
 from nbv.geometry.incidence import MATCHABLE_MAX_INCIDENCE_DEG
 from nbv.geometry.matchability import matchable_views, matchable_views_with, partners, usable_cosines
@@ -30,6 +29,8 @@ SAMPLE_SEED = 42
 GROUND_CLEARANCE_M = 0.05  # points below are ground: the world frame's z = 0, good to a few centimetres
 STRAY_NEIGHBOURS = 10  # a point whose 10th neighbour is three times as far as usual is a stray
 STRAY_SPACINGS = 3.0
+BALL_POINTS = 200
+FEWEST_POINTS = 20  # fewer say nothing of a shape
 BLOCK = 64  # samples at a time: a block's (BLOCK, C, V) arrays stay in the processor's cache
 
 
@@ -41,11 +42,12 @@ class ProxySurface:
     normals: Floats  # (S, 3) outward unit normals
 
 
-def proxy_surface(points_m: Floats, config: MissionConfig) -> ProxySurface | None:
+def proxy_surface(points_m: Floats, config: MissionConfig) -> ProxySurface:
     """Even samples of the convex hull of the rock's points.
 
     The rock's points are those above the ground within the dense stage's crop around the target, less strays.
-    None where they span no volume: there is no surface to ask about.
+    Few seeds leave next to no points on it: where there are fewer than 20, or they span no volume, the surface is a ball
+    on the ground about the target, which is where and about as large as the vehicle was told.
     """
     offset = np.abs(points_m[:, :2] - config.target_m[:2])
     near = (offset.max(axis=1, initial=0.0) <= config.dense.crop_half_width_m) & (
@@ -55,12 +57,10 @@ def proxy_surface(points_m: Floats, config: MissionConfig) -> ProxySurface | Non
     if len(points) > STRAY_NEIGHBOURS:
         distance = cKDTree(points).query(points, k=STRAY_NEIGHBOURS + 1)[0][:, -1]
         points = points[distance <= STRAY_SPACINGS * np.median(distance)]
-    if len(points) < 4:
-        return None
-    try:
+    hull = _hull(points)
+    if hull is None:
+        points = _ball(config)
         hull = ConvexHull(points)
-    except QhullError:  # all in one plane
-        return None
     corners, faces = points[hull.simplices], hull.simplices.copy()
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inward = (normals * hull.equations[:, :3]).sum(
@@ -68,6 +68,24 @@ def proxy_surface(points_m: Floats, config: MissionConfig) -> ProxySurface | Non
     ) < 0  # Qhull's equations point out, its triangles need not
     faces[inward] = faces[inward, ::-1]
     return ProxySurface(*sample_surface(points, faces, SAMPLES, SAMPLE_SEED))
+
+
+def _hull(points_m: Floats) -> ConvexHull | None:
+    if len(points_m) < FEWEST_POINTS:
+        return None
+    try:
+        return ConvexHull(points_m)
+    except QhullError:  # all in one plane
+        return None
+
+
+def _ball(config: MissionConfig) -> Floats:
+    """(BALL_POINTS, 3) evenly on the sphere about the target that touches the ground (Fibonacci lattice)."""
+    k = np.arange(BALL_POINTS) + 0.5
+    up, bearing = 1.0 - 2.0 * k / BALL_POINTS, k * np.pi * (3.0 - np.sqrt(5.0))
+    level = np.sqrt(1.0 - up**2)
+    directions = np.column_stack([level * np.cos(bearing), level * np.sin(bearing), up])
+    return np.array(config.target_m) + config.target_m[2] * directions
 
 
 def sees(surface: ProxySurface, positions_m: Floats, config: MissionConfig) -> NDArray[np.bool_]:
@@ -87,8 +105,27 @@ def matchable_repair(
 ) -> Floats:
     """(C,) share of all matchable views still missing that each candidate would add, in [0, 1].
 
-    What a sample has is counted in `nbv.geometry.matchability`; it needs ``matchable.views``. Zeros where nothing is
-    missing.
+    Zeros where nothing is missing.
+    """
+    gained, missing = views_gained(surface, candidates_m, visited_m, config)
+    return gained / max(missing, 1)
+
+
+def expected_gain_percent(
+    points_m: Floats, candidate_m: Floats, visited_m: Floats, config: MissionConfig
+) -> float:
+    """Of all matchable views that the surface around ``points_m`` needs, the share that a view (3,) would add (%)."""
+    surface = proxy_surface(points_m, config)
+    gained, _ = views_gained(surface, candidate_m.reshape(1, 3), visited_m, config)
+    return 100.0 * float(gained[0]) / (len(surface.samples_m) * config.matchable.views)
+
+
+def views_gained(
+    surface: ProxySurface, candidates_m: Floats, visited_m: Floats, config: MissionConfig
+) -> tuple[Floats, int]:
+    """(C,) matchable views that each candidate would add over all samples, and how many are missing.
+
+    What a sample has is counted in `nbv.geometry.matchability`; it needs ``matchable.views``.
     """
     need = config.matchable.views
     n_visited = len(visited_m)
@@ -109,7 +146,7 @@ def matchable_repair(
         after = np.minimum(matchable_views_with(have, new, seen[:, n_visited:]), need)  # (S, C)
         gained += (after - before[:, None]).sum(axis=0)
         missing += int((need - before).sum())
-    return gained / max(missing, 1)
+    return gained, missing
 
 
 def _pairs(samples_m: Floats, a_m: Floats, b_m: Floats, config: MissionConfig) -> NDArray[np.bool_]:
@@ -124,21 +161,8 @@ def _pairs(samples_m: Floats, a_m: Floats, b_m: Floats, config: MissionConfig) -
 
 
 def missing_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
-    """`matchable_repair` of a state.
-
-    Raises
-    ------
-    MissionFailure
-        ``no_surface``: the points near the target span no volume.
-    """
-    points_m = terms.box.points_m
-    surface = proxy_surface(points_m, config)
-    if surface is None:
-        raise MissionFailure(
-            "no_surface",
-            f"the {len(points_m)} sparse points near the target span no volume above the ground, which scorer"
-            " matchable needs; b-aware and covis do not",
-        )
+    """`matchable_repair` of a state."""
+    surface = proxy_surface(terms.box.points_m, config)
     return matchable_repair(surface, pool.positions_m, terms.visited_m, config)
 
 

@@ -14,8 +14,12 @@ from numpy.typing import NDArray
 from nbv.config import CameraConfig, SparseConfig
 from nbv.sparse.eight_bit_matching import match_pair_fast
 from nbv.sparse.features import Features, extract_features
+from nbv.sparse.ground_features import extract_ground_features
 from nbv.sparse.matching import VerifiedPair, verify_pair
 from nbv.sparse.timing import StageTimer
+from nbv.types import Floats
+
+GROUND_MATCH_RATIO = 0.9  # nearly all ground matches are right even so, and with GNSS every one is needed
 
 
 class Correspondences(Protocol):
@@ -25,6 +29,12 @@ class Correspondences(Protocol):
 
     def features(self, image: NDArray[np.uint8]) -> Features:
         """Features of an (H, W, 3) RGB photograph."""
+        ...
+
+    def ground_features(
+        self, image: NDArray[np.uint8], camera_from_world: Floats, target_m: Floats
+    ) -> Features:
+        """Features of the ground about ``target_m`` (3,) of a photograph with that reported pose (4, 4)."""
         ...
 
     def pair(self, a: Features, b: Features) -> VerifiedPair:
@@ -45,9 +55,26 @@ class ComputedCorrespondences:
         with self.timer("features"):
             return extract_features(image, self.config)
 
+    def ground_features(
+        self, image: NDArray[np.uint8], camera_from_world: Floats, target_m: Floats
+    ) -> Features:
+        """See :func:`nbv.sparse.ground_features.extract_ground_features`."""
+        limits = (self.config.ground_features, self.config.peak_threshold)
+        with self.timer("features"):
+            return extract_ground_features(image, camera_from_world, self.camera, target_m, *limits)
+
     def pair(self, a: Features, b: Features) -> VerifiedPair:
         """See :func:`nbv.sparse.matching.match_pair` and :func:`nbv.sparse.matching.verify_pair`."""
         with self.timer("matching"):
-            matches = match_pair_fast(a.descriptors, b.descriptors, self.config.match_ratio)
+            matches = self._match(a, b)
         with self.timer("verification"):
             return verify_pair(a, b, matches, self.camera, self.config)
+
+    def _match(self, a: Features, b: Features) -> NDArray[np.uint32]:
+        """Matches of the photographs, then of the ground seen from above."""
+        first, second = len(a) - a.n_ground, len(b) - b.n_ground
+        matches = match_pair_fast(a.descriptors[:first], b.descriptors[:second], self.config.match_ratio)
+        if not (a.n_ground and b.n_ground):
+            return matches
+        ground = match_pair_fast(a.descriptors[first:], b.descriptors[second:], GROUND_MATCH_RATIO)
+        return np.concatenate([matches, ground + np.array([first, second], np.uint32)])

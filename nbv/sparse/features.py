@@ -21,6 +21,7 @@ class Features:
 
     keypoints: NDArray[np.float32]  # (K, 4) x_px, y_px, scale_px, orientation_rad; pixel centres at halves
     descriptors: NDArray[np.uint8]  # (K, 128) L1-root SIFT, Euclidean norm about 512
+    n_ground: int = 0  # the last so many are of the ground seen from above, and match only one another
 
     def __len__(self) -> int:
         return len(self.keypoints)
@@ -30,7 +31,15 @@ class Features:
         """Hexadecimal SHA-256 of the contents, for use as a cache key."""
         hasher = hashlib.sha256(np.ascontiguousarray(self.keypoints).tobytes())
         hasher.update(np.ascontiguousarray(self.descriptors).tobytes())
-        return hasher.hexdigest()
+        return hasher.hexdigest() + (f"-{self.n_ground}" if self.n_ground else "")
+
+    def with_ground(self, ground: Features) -> Features:
+        """These, then those of the ground (`nbv.sparse.ground_features`)."""
+        return Features(
+            np.concatenate([self.keypoints, ground.keypoints]),
+            np.concatenate([self.descriptors, ground.descriptors]),
+            len(ground),
+        )
 
 
 def extract_features(image: NDArray[np.uint8], config: SparseConfig) -> Features:

@@ -27,6 +27,6 @@ ring, the densest one: 105 remain.
 """
 
 from nbv.viewpoints.pool import candidate_pool, raw_candidates
-from nbv.viewpoints.rings import seed_viewpoints
+from nbv.viewpoints.rings import ring_viewpoints, seed_viewpoints
 
-__all__ = ["candidate_pool", "raw_candidates", "seed_viewpoints"]
+__all__ = ["candidate_pool", "raw_candidates", "ring_viewpoints", "seed_viewpoints"]

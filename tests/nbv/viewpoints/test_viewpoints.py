@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nbv.config import MissionConfig, preset
+from nbv.errors import UserError
 from nbv.viewpoints import candidate_pool, filters, raw_candidates, seed_viewpoints
 from nbv.viewpoints.pool import lateral_ring_counts, upper_ring_counts
 
@@ -48,8 +49,40 @@ def test_seeds() -> None:
     np.testing.assert_allclose(positions[9, :2], 3.70874 * np.array([np.sin(np.pi / 3), 0.5]), atol=1e-4)
 
 
+def turn(count: int, **seed: float) -> MissionConfig:
+    values = {f"seed.{name}": value for name, value in seed.items()}
+    return MissionConfig().with_values(
+        {"seed.count": count, "sparse.ground_features": 2000, "sparse.min_registered_seeds": 6, **values}
+    )
+
+
+def test_seeds_on_one_turn_take_their_elevations_in_turn() -> None:
+    seeds = seed_viewpoints(turn(8, rings=2, lowest_deg=12.0, span_deg=20.0, start_bearing_deg=30.0))
+    assert [s.elevation_deg for s in seeds] == [12.0, 32.0] * 4
+    assert [s.azimuth_deg for s in seeds] == [(60.0 - 45.0 * k) % 360.0 for k in range(8)]
+    assert {len(seed_viewpoints(turn(n))) for n in (8, 12, 16)} == {8, 12, 16}
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [
+        ({"sparse.ground_features": 0}, "45 degrees apart.*seed.count to 15"),
+        ({"sparse.min_registered_seeds": 12}, "below sparse.min_registered_seeds 12"),
+        ({"stop.max_photographs": 8}, "no capture after 8 seeds"),
+    ],
+)
+def test_seeds_that_cannot_become_a_mission_are_refused(values: dict, says: str) -> None:
+    with pytest.raises(UserError, match=says):
+        turn(8).with_values(values)
+
+
+def test_the_number_of_photographs_cuts_the_budget() -> None:
+    assert turn(8).with_values({"stop.max_photographs": 21}).adaptive_budget == 13
+    assert turn(8).with_values({"stop.max_photographs": 60}).adaptive_budget == 40
+
+
 def test_azimuth_and_elevation_describe_the_position() -> None:
-    config = MissionConfig()
+    config = turn(8, rings=3, span_deg=10.0)
     for v in [*seed_viewpoints(config), *raw_candidates(config)]:
         d = np.array(v.position_m) - config.target_m
         assert np.rad2deg(np.arctan2(d[1], d[0])) % 360 == pytest.approx(v.azimuth_deg % 360, abs=1e-9)

@@ -58,7 +58,7 @@ def pipeline_figure(run: Path) -> Figure:
                 color=VERMILION,
                 fontsize=8.5,
             )
-            last = int(np.ceil(config.gate.budget_fraction * config.stop.adaptive_budget))
+            last = int(np.ceil(config.gate.budget_fraction * config.adaptive_budget))
             if 0 < last < k[-1]:
                 for ax in axes[:2]:
                     ax.axvline(last + 0.5, color="black", ls=":", lw=1.3)
@@ -73,7 +73,7 @@ def pipeline_figure(run: Path) -> Figure:
         axes[1].set_ylabel("d95 (mm)")
         axes[2].plot(k, [record["n_points"] for record in trace], "-o", color=GREEN, ms=4)
         axes[2].set_ylabel("sparse points")
-        seeds = sum(config.seed.ring_azimuth_counts)
+        seeds = config.seed.total
         axes[3].plot(
             k, [seeds + x - 1 for x in k], color="black", ls=":", lw=1.6, zorder=5, label="photographs taken"
         )

@@ -1,0 +1,86 @@
+"""Features of the ground as seen from above: what holds photographs together that look from far apart.
+
+SIFT matches little between views 30 degrees and more apart (Mikolajczyk and Schmid, "A Performance Evaluation of Local
+Descriptors", PAMI 2005). But telemetry says where the level ground z = 0 lies in a photograph: drawn from straight above,
+all photographs show it at one scale and one orientation, and what is left of the change of viewpoint is telemetry's error,
+which SIFT bears. (Rectified features: Köser and Koch, "Perspectively Invariant Normal Features", 2007.) Positions are
+given in the photograph, where verification and adjustment hold them to one rigid motion like any other.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from nbv.config import CameraConfig
+from nbv.sparse.features import DESCRIPTOR_SIZE, Features
+from nbv.types import Floats
+
+HALF_WIDTH_M = 3.0  # of the ground that is drawn, about the target: what all views of an orbit have in common
+PIXEL_M = 0.01  # a photograph has 7.5 mm a pixel at 3.5 m; with 15 mm half the matches are left
+_BORDER_PX = 4  # where the photograph ends there is an edge that is none
+_NEAREST_M = 0.1
+
+
+def extract_ground_features(
+    image: NDArray[np.uint8],
+    camera_from_world: Floats,
+    camera: CameraConfig,
+    target_m: Floats,
+    max_features: int,
+    peak_threshold: float,
+) -> Features:
+    """Upright SIFT of the ground about ``target_m`` (3,), from an (H, W, 3) photograph with pose (4, 4).
+
+    Keypoints are in pixels of the photograph; their scale and orientation are those seen from above.
+    """
+    x_m, y_m = _grid(float(target_m[0]), float(target_m[1]))
+    across, down, depth_m = (row[0] * x_m + row[1] * y_m + row[3] for row in camera_from_world[:3])
+    ahead = depth_m > _NEAREST_M
+    depth_m = np.where(ahead, depth_m, 1.0)
+    u_px = camera.focal_px * across / depth_m + camera.width_px / 2
+    v_px = camera.focal_px * down / depth_m + camera.height_px / 2
+    inside = ahead & (u_px > 1) & (u_px < camera.width_px - 1) & (v_px > 1) & (v_px < camera.height_px - 1)
+    u_px, v_px = u_px.astype(np.float32), v_px.astype(np.float32)
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    above = cv2.remap(grey, u_px - 0.5, v_px - 0.5, cv2.INTER_LINEAR)
+    above[~inside] = 0
+    found, descriptors = _extractor(max_features, peak_threshold).extract(pycolmap.Bitmap.from_array(above))
+    if len(found) == 0:
+        return Features(np.zeros((0, 4), np.float32), np.zeros((0, DESCRIPTOR_SIZE), np.uint8))
+    keypoints = np.array(pycolmap.keypoints_to_matrix(found)[:, :4], dtype=np.float32)
+    width = 2 * _BORDER_PX + 1
+    inner = cv2.erode(inside.astype(np.uint8), np.ones((width, width), np.uint8))
+    column, row = (keypoints[:, axis].astype(int).clip(0, len(inside) - 1) for axis in (0, 1))
+    keep = inner[row, column] > 0
+    keypoints = keypoints[keep]
+    at_column, at_row = (keypoints[None, :, axis] - np.float32(0.5) for axis in (0, 1))
+    for axis, pixels in enumerate((u_px, v_px)):
+        keypoints[:, axis] = (
+            cv2.remap(pixels, at_column, at_row, cv2.INTER_LINEAR)[0] if len(keypoints) else 0
+        )
+    return Features(keypoints, np.array(descriptors.data, dtype=np.uint8)[keep])
+
+
+@lru_cache(maxsize=2)
+def _grid(x_m: float, y_m: float) -> tuple[Floats, Floats]:
+    count = round(2 * HALF_WIDTH_M / PIXEL_M)
+    offset_m = (np.arange(count) + 0.5) * PIXEL_M - HALF_WIDTH_M
+    x, y = np.meshgrid(x_m + offset_m, y_m + offset_m)
+    return x, y
+
+
+@lru_cache(maxsize=4)
+def _extractor(max_features: int, peak_threshold: float) -> pycolmap.FeatureExtractor:
+    options = pycolmap.FeatureExtractionOptions()
+    options.num_threads = 1
+    options.use_gpu = False
+    options.sift.max_num_features = max_features
+    options.sift.first_octave = 0
+    options.sift.peak_threshold = peak_threshold
+    options.sift.upright = True
+    return pycolmap.FeatureExtractor.create(options, pycolmap.Device.cpu)
