@@ -31,7 +31,7 @@ from nbv.config.sources import ADDED_SINCE_VERSION_1, code, ours
 from nbv.config.telemetry import TargetConfig, TelemetryConfig, telemetry_level
 from nbv.errors import UserError
 
-WIDEST_STEP_DEG = 25.0  # 22.5 registers, 30 does not (docs/results/few_photographs.md)
+WIDEST_STEP_DEG = 25.0  # 22.5 registers, 30 does not
 IDEAL = "ideal"  # the condition of a configuration that no condition was laid over
 
 

@@ -198,7 +198,8 @@ def test_one_parameter_may_set_several_paths() -> None:
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(
-        UserError, match="unknown search space 'gates'; there are beyond_paper, full, gate, gate_and_weights,"
+        UserError,
+        match="unknown search space 'gates'; there are beyond_paper, few_photographs, full, gate, gate_and_weights,",
     ):
         load_search_space("gates")
     with pytest.raises(UserError, match="cannot read"):

@@ -1,0 +1,96 @@
+"""Does a third of the photographs do? A plan of 21 or 32 photographs against the paper's 24 + 40 and 24 + 8.
+
+    OMP_NUM_THREADS=1 python benchmarks/few_photographs.py --rocks arch fin --out few.csv [--arms paper-64 few-21]
+
+One row per mission: preset `campaign` with 3 agreeing views, F-score and completeness at 16 and 48 mm (observable
+surface). Goes on where a file ends.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from pathlib import Path
+from typing import Any
+
+from nbv.config import MissionConfig, load_condition, preset, under
+from nbv.photogrammetric import run_photogrammetric_mission
+
+THREE_VIEWS = {"dense.agreeing_views": 3}
+FEW: dict[str, Any] = {
+    "seed.count": 12,
+    "seed.rings": 2,
+    "seed.lowest_deg": 15.0,
+    "seed.span_deg": 15.0,
+    "sparse.ground_features": 2000,
+    "sparse.min_registered_seeds": 6,
+    "pool.max_altitude_m": 2.1,
+    "stop.adaptive_budget": 40,
+}
+ARMS: dict[str, dict[str, Any]] = {
+    "paper-64": {"stop.adaptive_budget": 40},
+    "hyb-h-32": {},
+    "hyb-h-21": {**FEW, "pool.max_altitude_m": 20.0, "stop.max_photographs": 21},
+    "few-21": {**FEW, "stop.max_photographs": 21},
+    "few-21-matchable": {**FEW, "stop.max_photographs": 21, "gate.kind": "matchable"},
+    "few-21-of-8": {**FEW, "seed.count": 8, "stop.max_photographs": 21},
+    "few-21-of-16": {**FEW, "seed.count": 16, "stop.max_photographs": 21},
+    "few-32": {**FEW, "stop.max_photographs": 32},
+    "few-32-matchable": {**FEW, "stop.max_photographs": 32, "gate.kind": "matchable"},
+    "few-32-random": {**FEW, "stop.max_photographs": 32, "gate.kind": "random"},
+}
+METRICS = ("f_score_16mm", "f_score_48mm", "completeness_16mm", "completeness_48mm")
+HEAD = (
+    "condition",
+    "rock",
+    "replicate",
+    "arm",
+    "status",
+    "reason",
+    "photographs",
+    "registered",
+    "flight (s)",
+    *METRICS,
+)
+
+
+def configuration(arm: str, condition: str) -> MissionConfig:
+    """The arm's mission under a condition."""
+    return under(preset("campaign"), load_condition(condition)).with_values({**THREE_VIEWS, **ARMS[arm]})
+
+
+def main() -> None:
+    """Fly what is not in the file yet."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    parser.add_argument("--rocks", nargs="+", required=True)
+    parser.add_argument("--conditions", nargs="+", default=["ideal", "field"])
+    parser.add_argument("--arms", nargs="+", default=[*ARMS], choices=[*ARMS])
+    parser.add_argument("--replicate", type=int, default=0)
+    parser.add_argument("--out", type=Path, required=True)
+    arguments = parser.parse_args()
+    done = set()
+    if arguments.out.exists():
+        with arguments.out.open(newline="") as file:
+            done = {(r["condition"], r["rock"], int(r["replicate"]), r["arm"]) for r in csv.DictReader(file)}
+    with arguments.out.open("a", newline="") as file:
+        rows = csv.writer(file, lineterminator="\n")
+        if not done:
+            rows.writerow(HEAD)
+        for condition in arguments.conditions:
+            for rock in arguments.rocks:
+                for arm in arguments.arms:
+                    key = (condition, rock, arguments.replicate, arm)
+                    if key in done:
+                        continue
+                    result = run_photogrammetric_mission(
+                        configuration(arm, condition), rock, arguments.replicate
+                    )
+                    costs, found = result.costs, result.metrics.get("observable", {})
+                    flown = (costs["images"], costs["registered_images"], costs["flight_time_s"])
+                    scores = [f"{found[name]:.2f}" if name in found else "" for name in METRICS]
+                    rows.writerow([*key, result.status, result.reason, *(round(x) for x in flown), *scores])
+                    file.flush()
+
+
+if __name__ == "__main__":
+    main()
