@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from nbv.config import MissionConfig
+from nbv.config import FlightConfig, MissionConfig
 from nbv.flight.arrival import arrival_position
 from nbv.flight.energy import hover_energy_wh, leg_energy_wh
 from nbv.flight.leg import Leg, Pose, fly_straight
@@ -58,9 +58,9 @@ class Flight:
         self.energy_wh = 0.0
         self.events: list[FlightEvent] = []
 
-    def face(self, target_m: tuple[float, float, float]) -> None:
-        """From now on head for, and go round, a target there."""
-        self._target_m = target_m
+    def face(self, target_m: tuple[float, float, float], limits: FlightConfig) -> None:
+        """From now on head for, and go round, a target there, with limits that may lie at other heights."""
+        self._target_m, self._limits = target_m, limits
 
     @property
     def position_m(self) -> Floats:

@@ -31,11 +31,16 @@ def believed(config: MissionConfig, rock_sha256: str, replicate: int) -> Mission
 
 
 def located(config: MissionConfig, model: SparseModel) -> MissionConfig | None:
-    """``config`` with the target's place and size as the model shows them; None where none is found in it."""
+    """``config`` with the target's place and size as the model shows them; None where none is found in it.
+
+    Where telemetry errs altitudes count from the ground in the model: what telemetry calls zero is off by its drift.
+    """
     found = find_target(model.points_m, config.target_m)
     if found is None:
         return None
     half_m = found.half_extent_m
+    if not config.telemetry.is_exact:
+        config = above_ground(config, found.ground_m)
     return dataclasses.replace(
         config,
         target_m=found.center_m,
@@ -44,6 +49,24 @@ def located(config: MissionConfig, model: SparseModel) -> MissionConfig | None:
         ),
         dense=dataclasses.replace(
             config.dense, crop_half_width_m=max(config.dense.crop_half_width_m, half_m + CROP_MARGIN_M)
+        ),
+    )
+
+
+def above_ground(config: MissionConfig, ground_m: float) -> MissionConfig:
+    """``config`` with its altitudes, which count from the ground, in a frame whose ground lies at ``ground_m``."""
+    pool, flight = config.pool, config.flight
+    return dataclasses.replace(
+        config,
+        pool=dataclasses.replace(
+            pool,
+            min_altitude_m=pool.min_altitude_m + ground_m,
+            max_altitude_m=pool.max_altitude_m + ground_m,
+        ),
+        flight=dataclasses.replace(
+            flight,
+            keep_out_height_m=max(0.0, flight.keep_out_height_m + ground_m),
+            min_camera_altitude_m=max(0.0, flight.min_camera_altitude_m + ground_m),
         ),
     )
 

@@ -63,7 +63,7 @@ class AdaptiveMission:
         config = located(self.config, model)
         if config is not None:
             self.config = config
-            self.flight.face(config.target_m)
+            self.flight.face(config.target_m, config.flight)
             self.camera.aim_at(config.target_m)
             self.reconstructor.retarget(config.target_m, config.dense.crop_half_width_m)
             self.planner = Planner(config, self.planner.gate.retargeted(config))

@@ -147,10 +147,24 @@ def turned_by_attitude(
     position_variance_m2 = sum(telemetry.covariance_m2) / 3
     attitude_variance = np.deg2rad(telemetry.attitude_noise_deg) ** 2
     both = world_from_model.scale * y.T @ x / position_variance_m2 + by_attitude / (2 * attitude_variance)
-    u, _, vt = np.linalg.svd(both)
-    rotation = (u * [1.0, 1.0, np.linalg.det(u) * np.linalg.det(vt)]) @ vt
+    rotation = _nearest_rotation(both)
     scale = float((y * (x @ rotation.T)).sum() / (x**2).sum())
     return Similarity(scale, rotation, target.mean(0) - scale * rotation @ source.mean(0))
+
+
+def turns_deg(camera_from_model: Floats, camera_from_world: Floats) -> Floats:
+    """(M,) angle between each camera's attitude and its telemetry, at the rotation that fits all attitudes best."""
+    both = np.einsum("mji,mjk->ik", camera_from_world[:, :3, :3], camera_from_model[:, :3, :3])
+    return _rotation_errors_deg(
+        camera_from_model, camera_from_world, Similarity(1.0, _nearest_rotation(both), np.zeros(3))
+    )
+
+
+def _nearest_rotation(matrix: Floats) -> Floats:
+    """(3, 3) the rotation of the orthogonal Procrustes problem (Schönemann 1966) with positive determinant."""
+    u, _, vt = np.linalg.svd(matrix)
+    rotation: Floats = (u * [1.0, 1.0, np.linalg.det(u) * np.linalg.det(vt)]) @ vt
+    return rotation
 
 
 def _spread(points: Floats) -> float:

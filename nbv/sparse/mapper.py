@@ -30,6 +30,8 @@ _LOCAL_CHANGE = 1e-3  # a refinement stops once fewer observations than this fra
 _GLOBAL_CHANGE = 5e-4
 # Half of COLMAP's 30 and 0.25, which guard against wrong poses where nothing else does.
 _GUARDED_POSE_INLIERS, _GUARDED_POSE_INLIER_RATIO = 15, 0.15
+# For seeds that are left over after that, each pose compared with telemetry before it is kept.
+_JUDGED_POSE_INLIERS, _JUDGED_POSE_INLIER_RATIO, _JUDGED_POSE_TRIALS = 6, 0.05, 10
 
 Judge = Callable[[pycolmap.Reconstruction, int], str]
 """Given the model and the image just registered: "" to keep it, otherwise why its pose is wrong."""
@@ -144,10 +146,11 @@ class IncrementalModel:
 
     # ------------------------------------------------------------------------------------------ bootstrap
 
-    def bootstrap(self, judge: JudgeSeed = lambda reconstruction: "") -> str:
+    def bootstrap(self, judge: JudgeSeed = lambda reconstruction: "", judge_pose: Judge | None = None) -> str:
         """Build the seed model from all images so far; returns "" or why there is none.
 
-        Up to three initial pairs are tried until ``judge`` accepts the model.
+        Up to three initial pairs are tried until ``judge`` accepts the model. With ``judge_pose`` what then is left over
+        is tried once more, with few matches and with points that only two images see.
         """
         pycolmap.set_random_seed(_SEED)
         with self.timer("mapping"):
@@ -161,6 +164,8 @@ class IncrementalModel:
                 mapper.end_reconstruction(True)
                 break
             self._grow(mapper)
+            if judge_pose is not None and reconstruction.num_reg_images() < len(self.names):
+                self._join(mapper, judge_pose)
             reason = judge(reconstruction)
             # Discarding frees the rejected model's images for the next initial pair.
             mapper.end_reconstruction(bool(reason))
@@ -219,18 +224,39 @@ class IncrementalModel:
             mapper.filter_points(options)
         return mapper.reconstruction.num_points3D() > 0
 
-    def _grow(self, mapper: pycolmap.IncrementalMapper) -> None:
+    def _grow(self, mapper: pycolmap.IncrementalMapper, judge: Judge | None = None) -> None:
         """Register whatever can be registered, with global adjustments as the model grows."""
         model = mapper.reconstruction
         last_images = model.num_reg_images()
         while True:
             with self.timer("mapping"):
                 candidates = mapper.find_next_images(self._mapper_options, False)
-            if not any(self._register(mapper, image_id) for image_id in candidates):
+            if not any(self._register(mapper, image_id, judge) for image_id in candidates):
                 break
             if model.num_reg_images() >= _BOOTSTRAP_GROWTH * last_images:
                 self._refine_globally(mapper)
                 last_images = model.num_reg_images()
+        self._refine_globally(mapper)
+
+    def _join(self, mapper: pycolmap.IncrementalMapper, judge: Judge) -> None:
+        """Grow on by poses from few points: where views are far apart hardly any point is seen by three images."""
+        usual, options = self._mapper_options, self._options.get_mapper()
+        options.abs_pose_min_num_inliers = _JUDGED_POSE_INLIERS
+        options.abs_pose_min_inlier_ratio = _JUDGED_POSE_INLIER_RATIO
+        options.max_reg_trials = _JUDGED_POSE_TRIALS
+        model = mapper.reconstruction
+        held, before = set(model.reg_image_ids()), set(model.point3D_ids())
+        self._mapper_options, self._triangulation.ignore_two_view_tracks = options, False
+        with self.timer("mapping"):
+            for image_id in sorted(held):
+                mapper.triangulate_image(self._triangulation, image_id)
+        self._grow(mapper, judge)
+        with self.timer("mapping"):  # points of two images hold those that joined; the others did without
+            for point_id in sorted(set(model.point3D_ids()) - before):
+                seen_by = {element.image_id for element in model.point3D(point_id).track.elements}
+                if len(seen_by) == 2 and seen_by <= held:
+                    mapper.observation_manager.delete_point3D(point_id)
+        self._mapper_options, self._triangulation.ignore_two_view_tracks = usual, True
         self._refine_globally(mapper)
 
     # --------------------------------------------------------------------------------------------- update
@@ -305,9 +331,12 @@ class IncrementalModel:
         self._refine_locally(mapper, image_id)
         return "" if mapper.reconstruction.image(image_id).has_pose else "lost its points in the adjustment"
 
-    def _register(self, mapper: pycolmap.IncrementalMapper, image_id: int) -> bool:
+    def _register(self, mapper: pycolmap.IncrementalMapper, image_id: int, judge: Judge | None) -> bool:
         with self.timer("mapping"):
             if not mapper.register_next_image(self._mapper_options, image_id):
+                return False
+            if judge is not None and judge(mapper.reconstruction, image_id):
+                mapper.observation_manager.deregister_frame(image_id)
                 return False
             mapper.triangulate_image(self._triangulation, image_id)
         self._refine_locally(mapper, image_id)

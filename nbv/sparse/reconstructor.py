@@ -13,7 +13,7 @@ import pycolmap
 
 from nbv.config import CameraConfig, SparseConfig, TelemetryConfig, canonical
 from nbv.errors import MissionFailure, UserError
-from nbv.sparse.alignment import Alignment, align_cameras, camera_centers, outlier_limit_m
+from nbv.sparse.alignment import Alignment, align_cameras, camera_centers, outlier_limit_m, turns_deg
 from nbv.sparse.correspondences import ComputedCorrespondences, Correspondences
 from nbv.sparse.features import Features
 from nbv.sparse.mapper import IncrementalModel
@@ -31,6 +31,7 @@ from nbv.types import Capture, Floats, UpdateReport
 
 _STATE_VERSION = 3
 TELEMETRY_SDS = 2.0  # of 24 cameras the rms error stays below 1.3 standard deviations in 99.9 % of flights
+ATTITUDE_SDS = 5.0  # per axis; of a turn about a random axis 1 in 20,000 is larger
 
 
 class SparseReconstructor:
@@ -136,7 +137,7 @@ class SparseReconstructor:
                 return error.message
             return ""
 
-        reason = self._model.bootstrap(judge)
+        reason = self._model.bootstrap(judge, None if self.telemetry.is_exact else self._judge_attitude)
         if reason:
             raise failure if failure.message else MissionFailure("seed_model_failed", reason)
         self._hold_by_telemetry()
@@ -258,6 +259,17 @@ class SparseReconstructor:
         if residual_m <= limit_m:
             return ""
         return f"its pose is {residual_m:.2f} m from telemetry (limit {limit_m:.2f} m)"
+
+    def _judge_attitude(self, reconstruction: pycolmap.Reconstruction, image_id: int) -> str:
+        """Whether a pose just found is turned against telemetry as the other cameras are.
+
+        Attitudes need no scale and hardly drift, so this tells a wrong pose when the model is still too small to align.
+        """
+        ids = sorted(int(i) for i in reconstruction.reg_image_ids())
+        turned_deg = turns_deg(camera_from_model_poses(reconstruction), self._telemetry(reconstruction))
+        limit_deg = ATTITUDE_SDS * max(self.telemetry.attitude_noise_deg, 1.0)
+        turn_deg = turned_deg[ids.index(image_id)]
+        return "" if turn_deg <= limit_deg else f"it is turned by {turn_deg:.0f}°"
 
     def _drop_outliers(self) -> str:
         """Align; take cameras that disagree with the rest out of the model. Says which, or ""."""

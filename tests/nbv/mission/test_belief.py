@@ -20,12 +20,17 @@ ROUGH = {"target.horizontal_sd_m": 0.5, "target.vertical_sd_m": 0.25, "stop.adap
 class OnTheGround(CountingReconstructor):
     """The ball of `CountingReconstructor`, 0.7 m in radius, half a metre east, on a ground with points."""
 
+    def __init__(self, ground_m: float = 0.0) -> None:
+        super().__init__(points=6000)
+        self.ground_m = ground_m
+
     def _model(self) -> SparseModel:
         model = super()._model()
         n = len(model.points_m) // 2
         points = model.points_m + np.array([0.5, 0.0, 0.0])
         ground = np.random.default_rng(1).uniform([-4, -4, 0], [4, 4, 0.02], (n, 3))
         points[:n] = ground
+        points[:, 2] += self.ground_m
         return SparseModel(points, *(getattr(model, name) for name in list(vars(model))[1:]))
 
 
@@ -46,7 +51,7 @@ def test_the_mission_goes_on_with_what_the_model_shows() -> None:
     config = believed(preset("campaign").with_values(ROUGH), "rock", 3)
     flight = Flight(config, "rock", 3)
     recorder = Recorder(config, flight, Stopwatch())
-    reconstructor = OnTheGround(points=6000)
+    reconstructor = OnTheGround()
     mission = made(config, reconstructor, flight, recorder)
     mission.fly()
     np.testing.assert_allclose(mission.config.target_m, [0.5, 0.0, 0.75], atol=0.1)
@@ -59,6 +64,28 @@ def test_the_mission_goes_on_with_what_the_model_shows() -> None:
         aim = np.array(mission.config.target_m) - capture.camera_center_m
         assert capture.camera_from_world[2, :3] @ aim == pytest.approx(np.linalg.norm(aim))
     assert recorder.notes == []
+
+
+@pytest.mark.parametrize("ground_m", [-0.7, 0.0, 0.7])
+def test_altitudes_count_from_the_ground_in_the_model(ground_m: float) -> None:
+    """GNSS's drift moves the ground; a pool of the lowest ring alone stays that, and is not empty."""
+    gnss = {"telemetry.horizontal_noise_m": 0.3, "telemetry.vertical_noise_m": 0.4, "telemetry.drift_m": 0.4}
+    config = preset("campaign").with_values({**ROUGH, **gnss, "pool.max_altitude_m": 1.5})
+    recorder = Recorder(config, flight := Flight(config, "rock", 3), Stopwatch())
+    mission = made(config, OnTheGround(ground_m), flight, recorder)
+    mission.fly()
+    assert recorder.notes == []
+    for capture in mission.captures[24:]:
+        assert 1.3 <= capture.viewpoint.position_m[2] - ground_m <= 1.5
+    assert mission.config.flight.keep_out_height_m == pytest.approx(2.2 + ground_m, abs=0.05)
+
+
+def test_exact_telemetry_moves_no_altitude() -> None:
+    config = preset("campaign").with_values(ROUGH)
+    mission = made(config, OnTheGround(0.7), Flight(config, "rock", 3))
+    mission.look_for_target(mission.fly_seed_phase())
+    assert (mission.config.pool, mission.config.flight) == (config.pool, config.flight)
+    assert mission.config.target_m != config.target_m
 
 
 def test_without_a_target_in_the_model_belief_stays() -> None:

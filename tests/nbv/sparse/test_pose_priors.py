@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from sparse_world import CAMERA, TARGET, LabelledPoints, ring_captures
 
 from nbv.config import TELEMETRY_LEVELS, SparseConfig, TelemetryConfig
@@ -82,3 +83,30 @@ def test_twenty_matches_are_enough_where_telemetry_guards():
         sparse.bootstrap(seeds)
         registered.append(sparse.add(poor[0]).registered)
     assert registered == [False, True]
+
+
+@pytest.mark.parametrize("turned_deg, joins", [(0.0, True), (40.0, False)])
+def test_few_shared_points_join_a_seed_whose_turn_fits(turned_deg, joins):
+    """Of 20 matches 11 are with one seed alone, so that 9 points are there to register by."""
+    world = LabelledPoints(SEEDS)
+    last, neighbour = 15, 14
+    shared = np.intersect1d(world.labels[last], world.labels[neighbour])
+    kept = shared[np.linspace(0, len(shared) - 1, 20).astype(int)]
+    alone = kept[np.arange(20) % 20 >= 9]
+    for index in world.labels:
+        dropped = {last: ~np.isin(world.labels[last], kept), neighbour: np.zeros(0, bool)}.get(
+            index, np.isin(world.labels[index], alone)
+        )
+        if len(dropped):
+            world.labels[index], world.pixels[index] = (
+                world.labels[index][~dropped],
+                world.pixels[index][~dropped],
+            )
+    captures = list(SEEDS)
+    pose = SEEDS[last].camera_from_world.copy()
+    turn = Rotation.from_euler("y", turned_deg, degrees=True).as_matrix()
+    pose[:3] = turn @ pose[:3]  # about the camera's own centre
+    captures[last] = dataclasses.replace(SEEDS[last], camera_from_world=pose)
+    sparse = SparseReconstructor(CAMERA, CONFIG, TARGET, world, TELEMETRY_LEVELS["rtk"])
+    sparse.bootstrap(captures)
+    assert len(sparse.world_camera_poses()) == 15 + joins
