@@ -12,7 +12,7 @@ import yaml
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
 from tuner.campaign.campaign import LEARNED_FILE, Campaign, sampler_of
-from tuner.campaign.ledger import Ledger
+from tuner.campaign.ledger import Ledger, kept_files
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import FORMAT_VERSION, SETTINGS_FILE, read_settings
 from tuner.campaign.transfer import learn_from
@@ -68,9 +68,37 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
             "base_config_digest": settings.base_config().digest(),
             "settings": settings.to_dict(),
         }
+        elsewhere = {**tree, "settings": {**settings.to_dict(), "storage": None}}
+        files = {SETTINGS_FILE: yaml.safe_dump(elsewhere, sort_keys=False, allow_unicode=True)}
         if learned is not None:
+            files[LEARNED_FILE] = learned.to_json()
             write_atomic(directory / LEARNED_FILE, learned.to_json())
+        ledger.keep_files(files)
         write_atomic(directory / SETTINGS_FILE, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
     except OSError as error:
         raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error
     return Campaign(directory, settings, ledger)
+
+
+def adopt_campaign(directory: Path, storage: str) -> None:
+    """Make the run directory of a campaign whose coordinator was on another machine; nothing where it is there.
+
+    ``directory`` is named after the campaign; ``storage`` is the database with its ledger.
+
+    Raises
+    ------
+    UserError
+        The database cannot be used or has no such campaign; the directory cannot be written.
+    """
+    if (directory / SETTINGS_FILE).exists():
+        return
+    files = kept_files(storage, directory.resolve().name, directory)
+    tree = yaml.safe_load(files.pop(SETTINGS_FILE))
+    tree["settings"]["storage"] = storage
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        if LEARNED_FILE in files:
+            write_atomic(directory / LEARNED_FILE, files[LEARNED_FILE])
+        write_atomic(directory / SETTINGS_FILE, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
+    except OSError as error:
+        raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error

@@ -29,7 +29,18 @@ from tuner.problem.search_space import SearchSpace
 from tuner.problem.worlds import World
 from tuner.samplers.distributions import distributions
 
-_CAMPAIGN_ID = "campaign_id"
+_CAMPAIGN_ID, _FILES = "campaign_id", "files"
+
+
+def kept_files(storage: str, name: str, directory: Path) -> dict[str, str]:
+    """What `Ledger.keep_files` kept of the campaign ``name``. ``UserError`` where the database has no such campaign."""
+    try:
+        study = optuna.load_study(study_name=name, storage=open_storage(storage, directory, must_exist=True))
+        return dict(study.user_attrs[_FILES])
+    except KeyError as error:
+        raise UserError(
+            f"that ledger has no campaign {name!r} to go on with; name the directory after it"
+        ) from error
 
 
 @dataclass(frozen=True)
@@ -207,6 +218,11 @@ class Ledger:
         else:
             self._study.tell(number, value)
         return _record(self._study.get_trials(deepcopy=False)[number])
+
+    def keep_files(self, files: Mapping[str, str]) -> None:
+        """Keep the run directory's first files beside the missions of a database, for a coordinator on another machine."""
+        if self._lock is not None:
+            self._study.set_user_attr(_FILES, dict(files))
 
     # -- reading ---------------------------------------------------------------------------------------------
 

@@ -12,6 +12,7 @@ from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignSummary, EventKind
 from tuner.campaign.ledger import TrialRecord
+from tuner.campaign.storage import DATABASE_ERRORS
 from tuner.missions.executors import Executor
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
 from tuner.missions.long_runs import exclusive, stop_signals
@@ -55,6 +56,11 @@ def fly_campaign(
                 return session.fly(stop)
             finally:
                 executor.cancel_all()
+    except DATABASE_ERRORS as error:
+        cause = str(error.__cause__ or error).strip().partition("\n")[0]
+        raise UserError(
+            f"the ledger's database does not answer ({cause}); mend it, then resume: finished missions are kept"
+        ) from error
     except OSError as error:
         raise UserError(
             f"cannot write to {campaign.directory}: {error.strerror or error}; make room, then resume"

@@ -11,10 +11,13 @@ from pathlib import Path
 import optuna
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend, JournalRedisBackend
+from sqlalchemy.exc import SQLAlchemyError
 
 from nbv.errors import UserError
 
 JOURNAL_FILE = "study.journal"
+# Of a database that goes away.
+DATABASE_ERRORS = (optuna.exceptions.StorageInternalError, SQLAlchemyError)
 
 
 def open_storage(

@@ -242,9 +242,19 @@ def resume(
     fidelity: Annotated[
         str | None, typer.Option(help="Only where the campaign has a module:function of yours: that one.")
     ] = None,
+    ledger: Annotated[
+        str | None,
+        typer.Option(
+            help="URL of the database with the ledger, to go on with a campaign of another machine here."
+        ),
+    ] = None,
 ) -> None:
     """Go on with an interrupted campaign; only the missions that were in flight are flown again."""
     output.print(f"campaign in {directory}")  # before what takes seconds to load
+    if ledger is not None:
+        from tuner.campaign.begin import adopt_campaign
+
+        adopt_campaign(directory, ledger)
     from tuner.campaign.campaign import Campaign
     from tuner.campaign.extension import extend_campaign
 

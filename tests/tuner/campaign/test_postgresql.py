@@ -1,0 +1,140 @@
+"""Ledgers in a real PostgreSQL, which the test starts: several campaigns, one coordinator each, on whatever machine."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from fake_campaigns import RUNNER, settings
+
+from nbv.errors import UserError
+from tuner.campaign import coordinator_lock
+from tuner.campaign.begin import adopt_campaign, begin_campaign
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.session import fly_campaign
+from tuner.missions.executors import InProcessExecutor
+
+pytest.importorskip("psycopg", reason="pip install 'gatetune[cluster]'")
+PROGRAMS = sorted(Path("/usr/lib/postgresql").glob("*/bin")) or [
+    Path(path).parent for path in [shutil.which("initdb")] if path
+]
+COORDINATOR = """
+import os, signal, sys
+from pathlib import Path
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.session import fly_campaign
+from tuner.missions.executors import InProcessExecutor
+def end(event):
+    if event.kind == "finished" and event.finished == 3:
+        os.kill(os.getpid(), signal.SIGKILL)
+fly_campaign(Campaign.open(Path(sys.argv[1]), runner="fake_missions:fake_mission"), InProcessExecutor(), end)
+"""
+
+
+class Server:
+    """PostgreSQL on a socket in a folder of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self.url = f"postgresql+psycopg://gatetune@/postgres?host={folder}"
+        # It refuses to run as root.
+        self._user = {"user": "nobody", "group": "nogroup"} if os.getuid() == 0 else {}
+        if self._user:
+            shutil.chown(folder, **self._user)
+        self._run("initdb", "-D", "data", "-U", "gatetune", "--auth=trust", "--no-sync")
+
+    def _run(self, program: str, *arguments: str) -> None:
+        command = [str(PROGRAMS[-1] / program), *arguments]
+        subprocess.run(command, cwd=self._folder, check=True, stdout=subprocess.DEVNULL, **self._user)  # type: ignore[call-overload]
+
+    def start(self) -> None:
+        options = f"-c listen_addresses= -c unix_socket_directories={self._folder} -c fsync=off"
+        self._run("pg_ctl", "-D", "data", "-w", "-l", "log", "-o", options, "start")
+
+    def stop(self) -> None:
+        self._run("pg_ctl", "-D", "data", "-m", "immediate", "stop")
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[Server]:
+    if not PROGRAMS:
+        pytest.skip("PostgreSQL is absent: apt-get install postgresql")
+    folder = Path(tempfile.mkdtemp(prefix="pg"))
+    found = Server(folder)
+    found.start()
+    yield found
+    subprocess.run(
+        ["pkill", "-F", str(folder / "data/postmaster.pid")], check=False, stderr=subprocess.DEVNULL
+    )
+    shutil.rmtree(folder, ignore_errors=True)
+
+
+def test_a_coordinator_that_dies_is_replaced_elsewhere(
+    tmp_path: Path, server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url = server.url
+    mine = begin_campaign(tmp_path / "here/night", settings(name="night", storage=url, sampler="sobol"))
+    other = begin_campaign(tmp_path / "here/other", settings(name="other", storage=url, sampler="sobol"))
+    script = [sys.executable, "-c", COORDINATOR, str(mine.directory)]
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    assert subprocess.run(script, env=environment, timeout=60).returncode == -signal.SIGKILL
+    elsewhere = tmp_path / "elsewhere/night"  # another machine has nothing but the database
+    adopt_campaign(elsewhere, url)
+    second = Campaign.open(elsewhere, runner=RUNNER)
+    with pytest.raises(UserError, match=r"being flown on .* s after it died"):
+        fly_campaign(second, InProcessExecutor())
+    assert (
+        fly_campaign(other, InProcessExecutor()).stopped == "budget"
+    )  # a campaign of its own in the same database
+    monkeypatch.setattr(coordinator_lock, "TIMEOUT_S", 0.0)
+    assert fly_campaign(second, InProcessExecutor()).stopped == "budget"
+    trials = second.trials()
+    assert [t.state for t in trials] == ["complete"] * 9 and [t.number for t in trials] == list(range(9))
+    flown = list(tmp_path.glob("*/night/missions/*/flown.txt"))
+    assert len(flown) == 9  # three there, six here
+
+
+def test_a_coordinator_that_was_replaced_writes_nothing(
+    tmp_path: Path, server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url = server.url
+    monkeypatch.setattr(coordinator_lock, "TIMEOUT_S", 0.0)  # a machine that stood still for a minute
+    stale = begin_campaign(tmp_path / "stale", settings(name="stale", storage=url, sampler="sobol"))
+    adopt_campaign(tmp_path / "new/stale", url)
+    fresh = Campaign.open(tmp_path / "new/stale", runner=RUNNER)
+    with stale.ledger.exclusive():
+        fly_campaign(fresh, InProcessExecutor())
+        with fresh.ledger.exclusive(), pytest.raises(UserError, match="another one has taken over"):
+            fly_campaign_of(stale)
+    assert len(fresh.trials()) == 9
+
+
+def fly_campaign_of(campaign: Campaign) -> None:
+    trial = campaign.trials()[0]
+    campaign.ledger.finish(trial.number, None)  # type: ignore[arg-type]
+
+
+def test_a_database_that_goes_away_is_one_clear_line(
+    tmp_path: Path, server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    url = server.url
+    campaign = begin_campaign(tmp_path / "run", settings(name="away", storage=url, sampler="sobol"))
+    with pytest.raises(UserError, match="resume"):
+        fly_campaign(
+            campaign,
+            InProcessExecutor(),
+            lambda e: server.stop() if e.finished == 4 and e.kind == "finished" else None,
+        )
+    server.start()
+    monkeypatch.setattr(coordinator_lock, "TIMEOUT_S", 0.0)  # it could not say that it left
+    assert (
+        fly_campaign(Campaign.open(tmp_path / "run", runner=RUNNER), InProcessExecutor()).stopped == "budget"
+    )
+    assert [t.state for t in campaign.trials()] == ["complete"] * 9
