@@ -4,7 +4,7 @@ VENV ?= .venv
 RUN ?= tune
 BIN = $(VENV)/bin
 
-.PHONY: tune test fast-test lint docs setup peers clean
+.PHONY: tune test fast-test lint docs setup wheel-test peers clean
 .DEFAULT_GOAL := help
 
 help:
@@ -13,6 +13,7 @@ help:
 	@echo "make fast-test   the tests that take less than a second or two each"
 	@echo "make lint        ruff, mypy, import-linter"
 	@echo "make docs        build the documentation into site/"
+	@echo "make wheel-test  build sdist and wheel; run the three jobs from the wheel in an empty environment"
 	@echo "make peers       set up Ax, SMAC3 and HEBO for --sampler ax, smac, hebo"
 
 setup: $(VENV)/.ready
@@ -37,6 +38,9 @@ lint: setup
 
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+wheel-test: setup
+	.ci/wheel-test $(VENV)
 
 peers: setup
 	$(BIN)/python benchmarks/peers/setup.py
