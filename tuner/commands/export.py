@@ -30,6 +30,7 @@ class Format(StrEnum):
     csv = "csv"
     json = "json"
     parquet = "parquet"
+    optuna = "optuna"
 
 
 def export(
@@ -38,7 +39,7 @@ def export(
         Format,
         typer.Option(
             help="scoring.yaml and unified_mission.yaml are the authors' files; plan is QGroundControl's; csv, json and parquet "
-            "hold a row per mission of a campaign or an evaluation."
+            "hold a row per mission of a campaign or an evaluation; optuna is a folder for optuna-dashboard."
         ),
     ],
     out: Annotated[
@@ -60,6 +61,13 @@ def export(
 
         written = write_records(_missions(run), out or run / f"missions.{to.value}", to.value)
         output.print(f"wrote {written}", markup=False, soft_wrap=True)
+        return
+    if to is Format.optuna:
+        from tuner.campaign.campaign import Campaign
+        from tuner.report.dashboard import write_dashboard
+
+        files = write_dashboard(Campaign.open(run, read_only=True), out or run / "dashboard")
+        output.print(f"wrote {files.journal}; look at it: {files.command}", markup=False, soft_wrap=True)
         return
     path = out or run / ("route.plan" if to is Format.plan else to.value)
     text, remarks = _plan(run, str(home)) if to is Format.plan else _yaml(run, to, onto)
