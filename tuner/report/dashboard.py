@@ -72,7 +72,6 @@ def write_dashboard(campaign: Campaign, directory: Path) -> Dashboard:
             storage=storage,
             direction="maximize" if s.objective.direction == "maximise" else "minimize",
         )
-        study.set_metric_names([f"{s.objective.metric}, differences of rocks taken out"])
         store = FileSystemArtifactStore(files.artefacts)
         for trial in facts.trials:
             study.add_trial(_trial(facts, trial, store, campaign.directory / trial.directory))
@@ -85,7 +84,8 @@ def _trial(
     facts: CampaignFacts, trial: TrialRecord, store: FileSystemArtifactStore, run: Path
 ) -> FrozenTrial:
     # Artefacts belong to a trial that is open: a scratch one, whose notes the finished one takes over.
-    scratch = optuna.create_study(storage=optuna.storages.InMemoryStorage()).ask()
+    study = optuna.create_study(storage=optuna.storages.InMemoryStorage())
+    scratch = study.ask()
     with tempfile.TemporaryDirectory() as folder:
         for file in _artefacts(run, Path(folder)):
             upload_artifact(artifact_store=store, file_path=str(file), study_or_trial=scratch)
@@ -100,7 +100,7 @@ def _trial(
         params=trial.values,
         distributions=distributions(facts.settings.space),
         user_attrs=_attributes(trial),
-        system_attrs={**scratch.system_attrs, **notes},
+        system_attrs={**study.trials[0].system_attrs, **notes},
         intermediate_values={},
     )
 

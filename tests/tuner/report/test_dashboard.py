@@ -29,7 +29,9 @@ class _Silent(WSGIRequestHandler):
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
-    campaign = fake_campaigns.run(tmp_path_factory.mktemp("campaign") / "c", sampler="sobol", budget=12)
+    campaign = fake_campaigns.run(
+        tmp_path_factory.mktemp("campaign") / "c", sampler="sobol", budget=16, rocks=("b", "flaky-b")
+    )
     kept = campaign.directory / campaign.trials()[0].directory
     (kept / "images").mkdir()
     for name in ("seed_00", "cand_007"):
@@ -60,6 +62,7 @@ def test_the_server_shows_what_the_ledger_knows(campaign: Campaign, server: str)
     (study,) = asked(f"{server}/api/studies")["study_summaries"]
     shown = asked(f"{server}/api/studies/{study['study_id']}")["trials"]
     trials = campaign.trials()
+    assert {t.state for t in trials} == {"complete", "failed"}
     assert [t["state"] == "Fail" for t in shown] == [t.state == "failed" for t in trials]
     assert [t["constraints"] for t in shown] == [[float(t.state == "failed")] for t in trials]
     assert {a["filename"] for a in shown[0]["artifacts"]} >= {"photographs.jpg", "cleaned.ply"}
@@ -82,7 +85,7 @@ def test_the_objective_has_no_rock_in_it(campaign: Campaign, server: str) -> Non
         return float(np.ptp(means))
 
     adjusted = [t["values"][0] if t["state"] == "Complete" else None for t in shown]
-    assert spread([t.raw for t in trials]) > 1
-    assert spread(adjusted) < 0.3 * spread([t.raw for t in trials])
+    assert spread([t.raw for t in trials]) > 0.3
+    assert spread(adjusted) < 0.5 * spread([t.raw for t in trials])
     importances = asked(f"{server}/api/studies/{study['study_id']}/param_importances")["param_importances"]
     assert {p["name"] for p in importances[0]} == set(campaign.settings.space.paths)
