@@ -56,7 +56,7 @@ def propose(
     values = model.space.from_unit(position)
     belief = model.posterior([values], risk)
     # Over worlds outcomes are in the objective's unit already.
-    unit = 1.0 if _over_worlds(model, risk) else model.mean_scale
+    unit = 1.0 if over_worlds(model, risk) else model.mean_scale
     return values, {
         "log_nei": score,
         "expected_gain": math.exp(score) * unit,
@@ -68,23 +68,23 @@ def propose(
 def _acquisition(
     model: RockMeanGP, pending: Sequence[Mapping[str, Any]], seed: int, risk: Risk
 ) -> qLogNoisyExpectedImprovement:
-    over_worlds: dict[str, Any] = {}
+    by_world: dict[str, Any] = {}
     target: Model = model.model
-    if _over_worlds(model, risk):
+    if over_worlds(model, risk):
         target = WorldOutcomes(model)
         measure = GenericMCObjective(lambda samples, X=None: risk_of(samples, risk))
-        over_worlds = {"objective": measure, "cache_root": False}
+        by_world = {"objective": measure, "cache_root": False}
     return qLogNoisyExpectedImprovement(
         target,
         X_baseline=model.inputs(model.promising(BASELINE)),
         sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
         X_pending=model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None,
         prune_baseline=True,
-        **over_worlds,
+        **by_world,
     )
 
 
-def _over_worlds(model: RockMeanGP, risk: Risk) -> bool:
+def over_worlds(model: RockMeanGP, risk: Risk) -> bool:
     """Whether worlds are looked at one by one: their own landscapes count by scales that the common one does not know."""
     return risk != "mean" or model.settings.own_landscapes
 
@@ -96,7 +96,7 @@ def maximise(model: RockMeanGP, acquisition: AcquisitionFunction, seed: int) -> 
     """
     d = model.space.dimension
     discrete = model.space.discrete_dimensions
-    points = _starting_points(model, seed)
+    points = starting_points(model, seed)
     if discrete:
         points = np.array([model.space.snap(x) for x in points])
     starts = model.inputs(points).unsqueeze(1)
@@ -134,11 +134,13 @@ def _best_flown(model: RockMeanGP, count: int) -> Floats:
     return seen[np.argsort(-mean)[:count]]
 
 
-def _starting_points(model: RockMeanGP, seed: int) -> Floats:
+def starting_points(
+    model: RockMeanGP, seed: int, everywhere_count: int = GLOBAL_POINTS, count: int = LOCAL_POINTS
+) -> Floats:
     """(global + local points, d) unit positions."""
-    d, count = model.space.dimension, LOCAL_POINTS
+    d = model.space.dimension
     cube = torch.stack([torch.zeros(d), torch.ones(d)]).to(torch.float64)
-    everywhere = draw_sobol_samples(cube, GLOBAL_POINTS, 1, seed=seed).squeeze(1).numpy()
+    everywhere = draw_sobol_samples(cube, everywhere_count, 1, seed=seed).squeeze(1).numpy()
     best = _best_flown(model, LOCAL_BEST)
     best = best[np.arange(count) % len(best)]
     rng = np.random.default_rng(seed)

@@ -42,7 +42,7 @@ from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.inactive import Inactive, inactive_parameters
 from tuner.recommendation.recommendation import Recommendation, recommend
-from tuner.samplers.base import Sampler, SamplerSettings
+from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.registry import make_sampler
 from tuner.surrogate.kernel import Feature
@@ -62,21 +62,22 @@ def sampler_of(settings: CampaignSettings, learned: EarlierMissions | None = Non
     UserError
         The sampler cannot handle the search space.
     """
-    return make_sampler(
-        settings.sampler,
-        SamplerSettings(
-            settings.space,
-            settings.default_values(),
-            settings.worlds,
-            settings.seed,
-            settings.initial_size(),
-            settings.replicates,
-            settings.risk,
-            learned,
-            settings.second is not None,
-            settings.budget,
-            trusted_default=True,
-        ),
+    return make_sampler(settings.sampler, _sampler_settings(settings, learned))
+
+
+def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | None) -> SamplerSettings:
+    return SamplerSettings(
+        settings.space,
+        settings.default_values(),
+        settings.worlds,
+        settings.seed,
+        settings.initial_size(),
+        settings.replicates,
+        settings.risk,
+        learned,
+        settings.second is not None,
+        settings.budget,
+        trusted_default=True,
     )
 
 
@@ -288,6 +289,16 @@ class Campaign:
     def propose(self, trials: Sequence[TrialRecord], known: int) -> Proposal:
         """The sampler's next mission after the first ``known`` trials; the others count as in flight."""
         return self._sampler.ask(self.history(trials[:known]), self.ledger.pending(trials, known))
+
+    def propose_many(
+        self, trials: Sequence[TrialRecord], reserved: Sequence[Proposal], count: int
+    ) -> list[Proposal]:
+        """``count`` missions more, after ``trials`` and proposals ``reserved`` that have not been entered yet."""
+        asked = _sampler_settings(self.settings, self.learned)
+        history, flying = self.history(trials), self.ledger.pending(trials, len(trials))
+        for proposal in reserved:
+            flying.append(in_flight(asked, history, flying, proposal))
+        return ask_many(self._sampler, asked, history, flying, count)
 
     def recommended_config(self) -> Configuration:
         """The recommendation as a complete mission configuration, under no condition.

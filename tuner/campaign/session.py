@@ -5,10 +5,11 @@ from __future__ import annotations
 import collections
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Literal
 
 from nbv.errors import UserError
+from tuner.campaign.ahead import FROM_WORKERS, ProposalsAhead
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignSummary, EventKind
 from tuner.campaign.ledger import TrialRecord
@@ -18,6 +19,7 @@ from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
 from tuner.missions.long_runs import exclusive, stop_signals
 from tuner.problem.blocks import next_block
 from tuner.problem.objective import dotted
+from tuner.problem.observations import Proposal
 from tuner.recommendation.recommendation import Recommendation
 
 # So many failures in a row mean that something is wrong with the set-up, not with the configurations.
@@ -56,6 +58,7 @@ def fly_campaign(
                 return session.fly(stop)
             finally:
                 executor.cancel_all()
+                session.ahead.close()
     except DATABASE_ERRORS as error:
         cause = str(error.__cause__ or error).strip().partition("\n")[0]
         raise UserError(
@@ -90,6 +93,7 @@ class _Session:
         self._last_failure = ""
         self._lost = 0  # missions that the machine ended, which stay open
         self._in_flight: dict[str, TrialRecord] = {}
+        self.ahead = ProposalsAhead(campaign)
 
     def fly(self, stop: threading.Event) -> CampaignSummary:
         again = self._recover()
@@ -112,6 +116,9 @@ class _Session:
                 if trial is None:
                     break
                 self._launch(trial)
+            if not self._in_flight and self.ahead.thinking:
+                self.ahead.wait(_POLL_S)
+                continue
             if not self._in_flight and not stop.is_set():
                 if self._lost:
                     message = (
@@ -125,7 +132,8 @@ class _Session:
                     self._campaign.front()
                 self._emit("done", recommendation=summary.recommendation)
                 return summary
-            for outcome in self._executor.wait_any(_POLL_S):
+            free = self.ahead.thinking and len(self._in_flight) < self._executor.capacity
+            for outcome in self._executor.wait_any(_POLL_S / 10 if free else _POLL_S):
                 self._finish(outcome)
 
     def _recover(self) -> collections.deque[TrialRecord]:
@@ -146,7 +154,11 @@ class _Session:
         trials = self._ledger.trials()
         if len(trials) >= self._settings.budget:
             return None
-        known = trials
+        known, workers = trials, self._executor.capacity
+        if self._settings.in_step is None and workers >= FROM_WORKERS:
+            started = time.monotonic()
+            ahead = self.ahead.next(trials, workers)
+            return None if ahead is None else self._start(trials, ahead, time.monotonic() - started)
         if self._settings.in_step is not None:
             known = trials[: max(0, len(trials) + 1 - self._settings.in_step)]
             if any(t.state == "running" for t in known):
@@ -155,6 +167,9 @@ class _Session:
         proposal = self._campaign.propose(trials, len(known))
         ask_s = time.monotonic() - started
         self._ask_s += ask_s
+        return self._start(trials, proposal, ask_s)
+
+    def _start(self, trials: Sequence[TrialRecord], proposal: Proposal, ask_s: float) -> TrialRecord:
         world, replicate = next_block(self._settings.worlds, self._settings.replicates, trials, proposal)
         digest = self._settings.config(proposal.values, world.condition).digest()
         trial = self._ledger.start(proposal, world, replicate, digest, self._settings.seed)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from tuner.problem.blocks import next_block
 from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.options import Risk
 from tuner.problem.search_space import SearchSpace, Values
@@ -74,3 +75,30 @@ def initial_proposal(settings: SamplerSettings, number: int, sampler: str) -> Pr
         return Proposal(dict(settings.default), {"sampler": sampler, "phase": "default"})
     why = {"sampler": sampler, "phase": "initial design", "point": number - 1}
     return Proposal(sobol_point(settings.space, settings.seed, number - 1), why)
+
+
+def in_flight(
+    settings: SamplerSettings, history: Sequence[Observation], flying: Sequence[Pending], proposal: Proposal
+) -> Pending:
+    """A proposal as the next one sees it."""
+    number = asks(history, flying)
+    world, replicate = next_block(settings.worlds, settings.replicates, [*history, *flying], proposal)
+    return Pending(number, proposal.values, world.rock, replicate, proposal.memory, world.condition)
+
+
+def ask_many(
+    sampler: Sampler,
+    settings: SamplerSettings,
+    history: Sequence[Observation],
+    pending: Sequence[Pending],
+    count: int,
+) -> list[Proposal]:
+    """``count`` proposals, each knowing those before; at once where the sampler can."""
+    if (at_once := getattr(sampler, "ask_many", None)) is not None:
+        found: list[Proposal] = at_once(history, pending, count)
+        return found
+    proposals, flying = list[Proposal](), list(pending)
+    for _ in range(count):
+        proposals.append(sampler.ask(history, flying))
+        flying.append(in_flight(settings, history, flying, proposals[-1]))
+    return proposals

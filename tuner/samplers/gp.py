@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from tuner.acquisition.draws import draw_best
 from tuner.acquisition.front import propose_for_front, two_models
 from tuner.acquisition.propose import propose
 from tuner.problem.blocks import next_block
 from tuner.problem.observations import Observation, Pending, Proposal
+from tuner.problem.search_space import Values
 from tuner.problem.worlds import rocks_of
-from tuner.samplers.base import SamplerSettings, asks, derived_seed, initial_proposal
+from tuner.samplers.base import SamplerSettings, asks, derived_seed, in_flight, initial_proposal
 from tuner.samplers.design import near_default, places_for_earlier, sobol_point, stays_near_default
 from tuner.samplers.verification import BEGINS, verification
 from tuner.surrogate.forward_check import PREDICTED
@@ -20,6 +23,8 @@ from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
 
 MIN_FEASIBLE_FOR_MODEL = 2
+MAX_JOINT = 24  # missions in flight that an acquisition looks at jointly: its cost grows with their cube
+SEQUENTIAL = 4  # of a batch: a proposal takes a third of a second, a drawn one next to nothing
 
 
 @dataclass(frozen=True)
@@ -38,33 +43,91 @@ class GPSampler:
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
         """The maximiser of the acquisition, or the next point of the initial design."""
-        s, number = self.settings, asks(history, pending)
+        return self.ask_many(history, pending, 1)[0]
+
+    def ask_many(
+        self, history: Sequence[Observation], pending: Sequence[Pending], count: int
+    ) -> list[Proposal]:
+        """``count`` missions by one model: some by the acquisition, the others drawn, and with many in flight all.
+
+        Those by the acquisition, at most `SEQUENTIAL`, know those before.
+        """
+        s, proposals, flying = self.settings, list[Proposal](), list(pending)
         feasible = [o for o in history if o.feasible]
-        if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
-            return self._design(number)
-        seed = derived_seed(s.seed, number)
-        flying = [p.values for p in pending]
-        if s.two_objectives and sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL:
-            models = two_models(
-                s.space, feasible, s.worlds, seed, self.model or surrogate_settings(s.space, s.risk)
-            )
-            values, figures = propose_for_front(models, flying, seed)
-            return Proposal(values, {"sampler": self.name, "phase": "front", **figures})
-        feature = None if s.earlier is None else s.earlier.feature
-        own = self.model or surrogate_settings(s.space, s.risk)
-        model = RockMeanGP(s.space, feasible, s.worlds, seed, own, feature)
-        values, figures = propose(model, flying, seed, s.risk)
-        if self.verify and s.budget is not None and number >= BEGINS * s.budget:
-            gain, last = figures["expected_gain"], number >= s.budget - len(rocks_of(s.worlds)) * s.replicates
-            again = verification(model, history, pending, s.replicates, gain, s.risk, last=last)
-            if again is not None:
-                return _predicted(model, dataclasses.replace(again, why={**figures, **again.why}))
-        proposal = Proposal(values, {"sampler": self.name, "phase": "model", **figures})
-        world, replicate = next_block(s.worlds, s.replicates, [*history, *pending], proposal)
-        placed = dataclasses.replace(
-            proposal, rock=world.rock, condition=world.condition, replicate=replicate
+        model: RockMeanGP | None = None
+        modelled, drawn = 0, list[Values]()
+        while len(proposals) < count:
+            number = asks(history, flying)
+            if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
+                proposal = self._design(number)
+            elif s.two_objectives and sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL:
+                proposal = self._for_front(feasible, flying, number)
+            else:
+                if model is None:
+                    feature = None if s.earlier is None else s.earlier.feature
+                    own, seed = (
+                        self.model or surrogate_settings(s.space, s.risk),
+                        derived_seed(s.seed, number),
+                    )
+                    model = RockMeanGP(s.space, feasible, s.worlds, seed, own, feature)
+                if modelled < SEQUENTIAL and len(flying) <= MAX_JOINT:
+                    proposal = self._by_acquisition(model, history, flying, number)
+                else:
+                    drawn = drawn or draw_best(
+                        model, count - len(proposals), derived_seed(s.seed, number), s.risk
+                    )
+                    proposal = self._drawn(model, history, flying, number, drawn.pop())
+                modelled += 1
+            proposals.append(proposal)
+            flying.append(in_flight(s, history, flying, proposal))
+        return proposals
+
+    def _for_front(self, feasible: Sequence[Observation], flying: Sequence[Pending], number: int) -> Proposal:
+        s, seed = self.settings, derived_seed(self.settings.seed, number)
+        models = two_models(
+            s.space, feasible, s.worlds, seed, self.model or surrogate_settings(s.space, s.risk)
         )
-        return _predicted(model, placed)
+        values, figures = propose_for_front(models, [p.values for p in flying], seed)
+        return Proposal(values, {"sampler": self.name, "phase": "front", **figures})
+
+    def _by_acquisition(
+        self, model: RockMeanGP, history: Sequence[Observation], flying: Sequence[Pending], number: int
+    ) -> Proposal:
+        s = self.settings
+        values, figures = propose(model, [p.values for p in flying], derived_seed(s.seed, number), s.risk)
+        again = self._verified(model, history, flying, number, figures["expected_gain"])
+        if again is not None:
+            return _predicted(model, dataclasses.replace(again, why={**figures, **again.why}))
+        proposal = Proposal(values, {"sampler": self.name, "phase": "model", **figures})
+        return _predicted(model, _placed(s, history, flying, proposal))
+
+    def _drawn(
+        self,
+        model: RockMeanGP,
+        history: Sequence[Observation],
+        flying: Sequence[Pending],
+        number: int,
+        values: Values,
+    ) -> Proposal:
+        again = self._verified(model, history, flying, number, math.inf)
+        if again is not None:
+            return _predicted(model, again)
+        proposal = Proposal(values, {"sampler": self.name, "phase": "model", "drawn": True})
+        return _predicted(model, _placed(self.settings, history, flying, proposal))
+
+    def _verified(
+        self,
+        model: RockMeanGP,
+        history: Sequence[Observation],
+        flying: Sequence[Pending],
+        number: int,
+        gain: float,
+    ) -> Proposal | None:
+        s = self.settings
+        if not self.verify or s.budget is None or number < BEGINS * s.budget:
+            return None
+        last = number >= s.budget - len(rocks_of(s.worlds)) * s.replicates
+        return verification(model, history, flying, s.replicates, gain, s.risk, last=last)
 
     def _design(self, number: int) -> Proposal:
         s, rank = self.settings, number // 2 - 1
@@ -85,6 +148,13 @@ class GPSampler:
             values = near_default(s.space, s.default, s.seed, number // 2)
             return Proposal(values, {**why, "near": "default", "point": number // 2})
         return Proposal(sobol_point(s.space, s.seed, rank), {**why, "point": rank})
+
+
+def _placed(
+    s: SamplerSettings, history: Sequence[Observation], flying: Sequence[Pending], proposal: Proposal
+) -> Proposal:
+    world, replicate = next_block(s.worlds, s.replicates, [*history, *flying], proposal)
+    return dataclasses.replace(proposal, rock=world.rock, condition=world.condition, replicate=replicate)
 
 
 def _predicted(model: RockMeanGP, proposal: Proposal) -> Proposal:

@@ -188,10 +188,9 @@ class DaskExecutor:
         """Let go of everything; ends a cluster that was started for this executor."""
         self.cancel_all()
         cluster = self._client.cluster
-        with contextlib.suppress(OSError, TimeoutError):
-            self._client.close(timeout=_RECONNECT_S)
-        if cluster is not None:
-            cluster.close(timeout=_RECONNECT_S)
+        for end in (self._client.close, *([] if cluster is None else [cluster.close])):
+            with contextlib.suppress(OSError, TimeoutError):
+                end(timeout=_RECONNECT_S)
 
     @property
     def in_flight(self) -> tuple[str, ...]:

@@ -1,0 +1,228 @@
+"""How campaigns grow with workers: the product's own coordinator, ledger and executor, missions replaced by waits.
+
+    OMP_NUM_THREADS=1 python benchmarks/scaling.py busy --workers 8 64 512 [--seconds 20] --out FILE.csv
+    OMP_NUM_THREADS=1 python benchmarks/scaling.py dask [--missions 40] --out FILE.csv
+    OMP_NUM_THREADS=1 python benchmarks/scaling.py value [--missions 256] [--seeds 10] --out FILE.csv
+
+``busy``: a campaign of sampler gp (``gate_and_weights``, six rocks) on a real Dask scheduler, of whose workers every thread is a
+slot. A slot waits in proportion to the photographs of measured missions (``field_missions.csv``), ``--seconds`` in the mean, and
+answers with a synthetic score. The share is of all slots, from when all have flown to when the last mission is launched: the
+slots' own times.
+``dask``: the same geometric campaign, two workers, by local processes and by a local Dask cluster, in turns; wall and CPU seconds.
+``value``: how good the recommendation is with 64 missions in flight against 2, on Hartmann-6 in 10 dimensions on four rocks; batches
+as a campaign with so many workers makes them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import heapq
+import json
+import os
+import resource
+import statistics
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+ROOT = Path(__file__).resolve().parent.parent
+sys.path[:0] = [str(ROOT), str(ROOT / "benchmarks")]
+
+import numpy as np  # noqa: E402
+from distributed import Client, LocalCluster  # noqa: E402
+
+from tuner.campaign.ahead import MAX_BATCH, SHARE  # noqa: E402
+from tuner.campaign.begin import begin_campaign  # noqa: E402
+from tuner.campaign.session import fly_campaign  # noqa: E402
+from tuner.campaign.settings import CampaignSettings  # noqa: E402
+from tuner.missions.cluster import worker  # noqa: E402
+from tuner.missions.cluster.executor import DaskExecutor  # noqa: E402
+from tuner.missions.executors import LocalProcessExecutor  # noqa: E402
+from tuner.problem.observations import Observation, Pending  # noqa: E402
+from tuner.problem.space_files import load_search_space  # noqa: E402
+from tuner.samplers.base import SamplerSettings, ask_many, in_flight  # noqa: E402
+from tuner.samplers.registry import make_sampler  # noqa: E402
+from tuner.surrogate.model import RockMeanGP  # noqa: E402
+
+ROCKS = ("boulder", "slab", "waist", "vesicular", "cavern", "breccia")
+PROCESSES = 4  # of workers; their threads are the slots
+
+
+def measured(mean_s: float) -> list[float]:
+    """Durations in proportion to the photographs of measured missions."""
+    with (ROOT / "docs/results/data/field_missions.csv").open() as file:
+        images = [float(row["images"]) for row in csv.DictReader(file)]
+    return [mean_s * count / statistics.mean(images) for count in images]
+
+
+class Waits:
+    """What workers do instead of flying."""
+
+    def __init__(self, durations: list[float]) -> None:
+        self.durations = durations
+
+    def __call__(self, order: dict[str, Any]) -> dict[str, Any]:
+        job, begin = order["job"], time.time()
+        rng = np.random.default_rng(int(job["id"]))
+        time.sleep(rng.choice(self.durations))
+        gate = job["config"]["gate"]
+        score = 80 - 20 * (gate["budget_fraction"] - 0.4) ** 2 + rng.normal()
+        timings = {"begin": begin, "end": time.time()}
+        outcome = {
+            "job_id": job["id"],
+            "status": "ok",
+            "metrics": {"observable": {"f_score_48mm": score}},
+            "costs": {"flight_time_s": 300.0},
+            "timings_s": timings,
+            "wall_s": timings["end"] - begin,
+        }
+        with tempfile.TemporaryDirectory() as empty:
+            return {"outcome": outcome, "files": worker.packed(Path(empty))}
+
+
+def busy(workers: int, seconds: float, rounds: int) -> dict[str, Any]:
+    """One row."""
+    waits, missions = Waits(measured(seconds)), max(rounds * workers, 64)
+    worker.fly = waits  # type: ignore[assignment]
+    space = load_search_space("gate_and_weights")
+    with tempfile.TemporaryDirectory() as home:
+        settings = CampaignSettings("scaling", space, ROCKS, missions, 2, runner="geometric")
+        campaign = begin_campaign(Path(home) / "run", settings)
+        count = min(PROCESSES, workers)
+        cluster = LocalCluster(
+            n_workers=count,
+            threads_per_worker=workers // count,
+            host="127.0.0.1",
+            dashboard_address=None,
+            silence_logs=50,
+        )
+        began = time.process_time()
+        with DaskExecutor(Client(cluster, set_as_default=False)) as executor:
+            summary = fly_campaign(campaign, executor)
+        used = time.process_time() - began
+        times = sorted((t.timings_s["begin"], t.timings_s["end"]) for t in campaign.trials())
+    first, last = times[workers - 1][0], times[-1][0]
+    inside = sum(max(0.0, min(end, last) - max(begin, first)) for begin, end in times)
+    return {
+        "what": "busy",
+        "workers": workers,
+        "missions": missions,
+        "share": round(inside / (workers * (last - first)), 3),
+        "missions_per_s": round(sum(first < b <= last for b, _ in times) / (last - first), 2),
+        "first_round_s": round(first - times[0][0], 1),
+        "coordinator_cpu_ms": round(1000 * used / missions, 1),
+        "elapsed_s": round(summary.elapsed_s, 1),
+        "memory_gb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20, 2),
+    }
+
+
+def against_local(missions: int, repeats: int) -> list[dict[str, Any]]:
+    """Rows of both executors, in turns."""
+    space, rows = load_search_space("gate_and_weights"), []
+    for repeat in range(repeats):
+        for name in ("local", "dask") if repeat % 2 else ("dask", "local"):
+            with tempfile.TemporaryDirectory() as home:
+                settings = CampaignSettings(
+                    "two", space, ROCKS[:3], missions, 2, runner="geometric", sampler="sobol"
+                )
+                campaign = begin_campaign(Path(home) / "run", settings)
+                if name == "local":
+                    executor: Any = LocalProcessExecutor(2, preload=("geometric",))
+                else:
+                    cluster = LocalCluster(
+                        2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=50
+                    )
+                    executor = DaskExecutor(Client(cluster, set_as_default=False))
+                with executor:
+                    fly_campaign(campaign, executor)  # begins with whatever imports take
+                ends = sorted(t.finished for t in campaign.trials() if t.finished)
+                warm = (ends[-1] - ends[len(ends) // 4]).total_seconds()
+                wall = sum(t.wall_s for t in campaign.trials()[len(ends) // 4 :])
+                rows.append(
+                    {
+                        "what": name,
+                        "seed": repeat,
+                        "missions": missions,
+                        "warm_s": round(warm, 2),
+                        "wall_s": round(wall, 2),
+                    }
+                )
+                print(rows[-1], flush=True)
+    return rows
+
+
+def value(width: int, missions: int, seed: int) -> dict[str, Any]:
+    """Regret of what is best by the posterior mean after ``missions``, ``width`` in flight."""
+    from optimiser_problems import make_problem
+
+    problem = make_problem("four-rocks:0.3", seed, Path("unused"))
+    settings = SamplerSettings(
+        problem.space, problem.default, problem.rocks, seed, 20, problem.replicates, budget=None
+    )
+    sampler, rng = make_sampler("gp", settings), np.random.default_rng(seed)
+    history: list[Observation] = []
+    flying: dict[int, tuple[float, Pending]] = {}
+    queue: list[tuple[float, int]] = []
+    number, clock = 0, 0.0
+    while len(history) < missions:
+        free = min(width - len(flying), missions - number)
+        if free >= (1 if width < 8 else min(width // SHARE, MAX_BATCH)) or (free and not flying):
+            pending = [p for _, p in flying.values()]
+            for proposal in ask_many(sampler, settings, history, pending, free):
+                mission = in_flight(settings, history, [p for _, p in flying.values()], proposal)
+                end = clock + float(rng.lognormal(0.0, 0.3))
+                flying[number] = (end, mission)
+                heapq.heappush(queue, (end, number))
+                number += 1
+        clock, ended = heapq.heappop(queue)
+        p = flying.pop(ended)[1]
+        y = problem.fly(dict(p.values), p.rock, p.replicate).value
+        history.append(Observation(ended, p.values, p.rock, p.replicate, y, y))
+    model = RockMeanGP(problem.space, history, problem.rocks, seed)
+    flown = [dict(o.values) for o in history]
+    found = problem.truth(flown[model.best_first(flown)[0]])
+    return {"what": "value", "workers": width, "missions": missions, "seed": seed, "value": round(found, 4)}
+
+
+def main() -> None:
+    """Command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("part", choices=("busy", "dask", "value"))
+    parser.add_argument("--workers", type=int, nargs="+", default=[8, 64, 512])
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--rounds", type=int, default=4)
+    parser.add_argument("--missions", type=int)
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--out", type=Path, required=True)
+    options = parser.parse_args()
+    rows: list[dict[str, Any]] = []
+
+    def keep(row: dict[str, Any]) -> None:
+        rows.append(row)
+        print(json.dumps(row), flush=True)
+        with options.out.open("w", newline="") as file:
+            writer = csv.DictWriter(file, list(dict.fromkeys(key for r in rows for key in r)))
+            writer.writeheader()
+            writer.writerows(rows)
+
+    if options.part == "busy":
+        for workers in options.workers:
+            keep(busy(workers, options.seconds, options.rounds))
+    elif options.part == "dask":
+        for row in against_local(options.missions or 40, options.seeds):
+            keep(row)
+    else:
+        for seed in range(options.seeds):
+            for width in (64, 2):
+                keep(value(width, options.missions or 256, seed))
+
+
+if __name__ == "__main__":
+    main()

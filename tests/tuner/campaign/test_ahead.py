@@ -1,0 +1,79 @@
+"""Many workers: proposals are made ahead, in batches."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+import synthetic
+from fake_campaigns import settings
+
+from tuner.campaign import ahead
+from tuner.campaign.begin import begin_campaign
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.session import fly_campaign
+from tuner.missions.executors import InProcessExecutor
+from tuner.missions.job import MissionOutcome
+from tuner.problem.observations import Observation
+from tuner.samplers.base import SamplerSettings
+from tuner.samplers.gp import GPSampler
+
+
+class Wide(InProcessExecutor):
+    """Many workers that end one at a time."""
+
+    capacity = 16
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.most = 0
+
+    def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
+        self.most = max(self.most, len(self.in_flight))
+        return super().wait_any(timeout_s)
+
+
+def test_a_wide_campaign_flies_its_budget_with_every_proposal_once(tmp_path: Path) -> None:
+    campaign = begin_campaign(tmp_path, settings(budget=30, initial=10, replicates=3))
+    executor = Wide()
+    assert fly_campaign(campaign, executor).stopped == "budget"
+    trials = campaign.trials()
+    assert [t.state for t in trials] == ["complete"] * 30 and executor.most >= 8
+    modelled = [t for t in trials if t.why["phase"] == "model"]
+    assert modelled and all("predicted" in t.memory for t in modelled)
+    keys = [tuple(t.values.values()) for t in trials if t.why["phase"] != "verification"]
+    assert len(set(keys)) == len(keys)
+    assert Wide.capacity >= ahead.FROM_WORKERS
+
+
+def test_what_fails_while_asking_ahead_ends_the_campaign(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    campaign = begin_campaign(tmp_path, settings(budget=30))
+    where = []
+
+    def fail(self: Campaign, *arguments: object) -> None:
+        where.append(threading.current_thread())
+        raise RuntimeError("no model today")
+
+    monkeypatch.setattr(Campaign, "propose_many", fail)
+    with pytest.raises(RuntimeError, match="no model today"):
+        fly_campaign(campaign, Wide())
+    assert where[0] is not threading.main_thread()
+
+
+def test_a_batch_is_good_and_its_members_differ() -> None:
+    sampler = GPSampler(SamplerSettings(synthetic.SPACE, synthetic.DEFAULT, ("r0", "r1"), 0, 4, budget=None))
+    rng, history = np.random.default_rng(0), []
+    for i in range(24):
+        values = synthetic.SPACE.from_unit(rng.uniform(size=2))
+        y = synthetic.true_value(values) + 0.02 * rng.normal()
+        history.append(Observation(i, values, f"r{i % 2}", 0, y, y))
+    batch = sampler.ask_many(history, [], 24)
+    assert batch[0] == sampler.ask(history, [])
+    assert len({tuple(p.values.values()) for p in batch}) == 24
+    drawn = [synthetic.true_value(p.values) for p in batch if p.why.get("drawn")]
+    assert len(drawn) == 20 and np.mean(drawn) > np.mean([o.outcome for o in history]) + 0.1
+    assert {p.rock for p in batch} == {"r0", "r1"}

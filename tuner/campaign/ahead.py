@@ -1,0 +1,58 @@
+"""Proposals made ahead, in a thread, while missions fly: with many workers somebody is always free.
+
+What is ahead has not been entered: a campaign that ends forgets it and asks again.
+"""
+
+from __future__ import annotations
+
+import collections
+import concurrent.futures
+from collections.abc import Sequence
+
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.ledger import TrialRecord
+from tuner.problem.observations import Proposal
+
+FROM_WORKERS = 8  # with fewer a proposal is made when its worker is free, knowing all that has ended
+SHARE = 4  # of the workers' number: proposals of one batch, and as many are kept
+MAX_BATCH = 256
+
+
+class ProposalsAhead:
+    """A queue of proposals that refills itself."""
+
+    def __init__(self, campaign: Campaign) -> None:
+        self._campaign = campaign
+        self._ready: collections.deque[Proposal] = collections.deque()
+        self._thread = concurrent.futures.ThreadPoolExecutor(1)
+        self._asked: concurrent.futures.Future[list[Proposal]] | None = None
+
+    def next(self, trials: Sequence[TrialRecord], workers: int) -> Proposal | None:
+        """The next proposal after ``trials``; None where the budget is used, or while there is none yet (`thinking`)."""
+        self._collect()
+        batch = max(2, min(workers // SHARE, MAX_BATCH))
+        left = self._campaign.settings.budget - len(trials) - len(self._ready)
+        if self._asked is None and left > 0 and len(self._ready) < batch:
+            self._asked = self._thread.submit(
+                self._campaign.propose_many, list(trials), list(self._ready), min(batch, left)
+            )
+        return self._ready.popleft() if self._ready else None
+
+    @property
+    def thinking(self) -> bool:
+        """Whether a batch has been asked for and not been taken up."""
+        return self._asked is not None
+
+    def wait(self, timeout_s: float) -> None:
+        """Until it is made, or so long."""
+        if self._asked is not None:
+            concurrent.futures.wait([self._asked], timeout_s)
+
+    def close(self) -> None:
+        """Forget what is ahead; a batch that is being made is waited for, some seconds."""
+        self._thread.shutdown(wait=True, cancel_futures=True)
+
+    def _collect(self) -> None:
+        if self._asked is not None and self._asked.done():
+            asked, self._asked = self._asked, None
+            self._ready.extend(asked.result())
