@@ -35,7 +35,7 @@ class Wide(InProcessExecutor):
         return super().wait_any(timeout_s)
 
 
-def test_a_wide_campaign_flies_its_budget_with_every_proposal_once(tmp_path: Path) -> None:
+def test_a_wide_campaign_flies_every_proposal_once(tmp_path: Path) -> None:
     campaign = begin_campaign(tmp_path, settings(budget=30, initial=10, replicates=3))
     executor = Wide()
     assert fly_campaign(campaign, executor).stopped == "budget"
@@ -48,7 +48,7 @@ def test_a_wide_campaign_flies_its_budget_with_every_proposal_once(tmp_path: Pat
     assert Wide.capacity >= ahead.FROM_WORKERS
 
 
-def test_what_fails_while_asking_ahead_ends_the_campaign(
+def test_a_failure_while_asking_ahead_ends_the_campaign(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     campaign = begin_campaign(tmp_path, settings(budget=30))
