@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import json
 from enum import StrEnum
 from pathlib import Path
@@ -92,48 +91,22 @@ def _missions(run: Path) -> Any:
 
 
 def _yaml(run: Path, to: Format, onto: Path | None) -> tuple[str, list[str]]:
-    from adapters.photogrammetry_nbv import read_file, write_mission, write_scoring, write_text
     from tuner.campaign.campaign import Campaign
     from tuner.problem.search_space import ours
+    from tuner.report.campaign.vehicle_files import authors_file, header
 
     campaign = Campaign.open(run, read_only=True)
-    config = campaign.recommended_config()
-    header = _header(campaign)
-    if to is Format.ours:
-        from tuner.commands.config import commented_yaml
-        from tuner.missions.external import ExternalConfig
+    config, best = campaign.recommended_config(), campaign.recommendation(save=False)
+    if to is not Format.ours:
+        return authors_file(campaign, config, to.value, best, onto)
+    from tuner.commands.config import commented_yaml
+    from tuner.missions.external import ExternalConfig
 
-        if isinstance(config, ExternalConfig):
-            lines = yaml.safe_dump(dict(config.values), sort_keys=False).splitlines()
-        else:
-            lines = commented_yaml(ours(config))
-        return "\n".join([*(f"# {line}" for line in header), *lines]) + "\n", []
-    theirs = read_file(onto, to.value) if onto is not None else None
-    write = write_scoring if to is Format.scoring else write_mission
-    values, remarks = write(ours(config), theirs)
-    lost = [str(remark) for remark in remarks]
-    head = [*header, *(f"does not transfer: {text}" for text in lost)]
-    return write_text(values, to.value, "\n".join(head)), lost
-
-
-def _header(campaign: Any) -> list[str]:
-    from nbv.provenance import git_revision, versions
-
-    s = campaign.settings
-    lines = [
-        f"gatetune {versions().get('gatetune', 'unknown')}, revision {git_revision()}, "
-        f"{datetime.date.today().isoformat()}",
-        f"campaign {s.name}: space {s.space.name}, {len(s.rocks)} rocks, {s.budget} missions, "
-        f"fidelity {s.runner}, metric {s.objective.metric}",
-    ]
-    result = campaign.recommendation(save=False)
-    if result is not None:
-        low, high = result.improvement_interval_95
-        lines.append(
-            f"posterior mean against the default on the training rocks: {result.improvement:+.2f} "
-            f"[{low:+.2f}, {high:+.2f}] (95 %)"
-        )
-    return lines
+    if isinstance(config, ExternalConfig):
+        lines = yaml.safe_dump(dict(config.values), sort_keys=False).splitlines()
+    else:
+        lines = commented_yaml(ours(config))
+    return "\n".join([*(f"# {line}" for line in header(campaign, best)), *lines]) + "\n", []
 
 
 def _plan(run: Path, home: str) -> tuple[str, list[str]]:

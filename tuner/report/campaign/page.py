@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import yaml
 
@@ -18,6 +20,18 @@ from tuner.evaluation.flying import EvaluationRun
 from tuner.missions.registry import GEOMETRIC_NOTE, ignored_by, is_geometric
 from tuner.problem.search_space import SearchSpace
 from tuner.recommendation.recommendation import Recommendation
+from tuner.report.campaign.answers import (
+    at_edge,
+    gate_answer,
+    measure_text,
+    next_answer,
+    pairs,
+    sure_answer,
+    use_answer,
+    use_values,
+)
+from tuner.report.campaign.drawings import clouds_picture, gate_drawing, pairs_drawing
+from tuner.report.campaign.explorer import explorer_data, mission_link
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.campaign.front import front_context
 from tuner.report.campaign.illustrations import (
@@ -31,16 +45,15 @@ from tuner.report.campaign.provenance import command_note, provenance_rows, repr
 from tuner.report.campaign.rows import (
     cost_rows,
     failure_rows,
-    inline_values,
     key_figures,
     parameter_row,
     rock_rows,
     trial_row,
 )
 from tuner.report.campaign.shown import linked_pages
+from tuner.report.campaign.vehicle_files import MISSION, SCORING, authors_file
 from tuner.report.comparison.page import comparison_context
 from tuner.report.labels import (
-    decimals_for,
     format_number,
     metric_label,
     parameter_label,
@@ -55,7 +68,6 @@ FIGURES_DIRECTORY = "figures"
 # Coverage of 95 % intervals below which the page says that they are too narrow.
 POOR_COVERAGE = 0.85
 MIN_MISSIONS_FOR_COVERAGE = 12
-EDGE = 0.005  # of the searched range: nearer to a bound counts as at it
 
 
 def write_campaign_report(campaign: Campaign, evaluation: EvaluationRun | None = None) -> Path:
@@ -85,45 +97,23 @@ def write_campaign_report(campaign: Campaign, evaluation: EvaluationRun | None =
     if evaluation is not None:
         comparison = comparison_context(evaluation, figures, metric=facts.settings.objective.metric)
     try:
-        context = _context(facts, figures)
+        context = _context(facts, figures, evaluated=evaluation is not None)
     except OSError as error:
         raise UserError(f"cannot write {figures}: {error.strerror}; choose another directory") from error
     return write_page(campaign.directory / REPORT_FILE, "campaign.html.j2", comparison=comparison, **context)
 
 
-def campaign_headline(
-    recommendation: Recommendation, metric: str, difference_unit: str, default: str = "paper’s default"
-) -> str:
-    """One honest sentence: better, worse, or no difference detected, with the 95 % interval."""
-    low, high = recommendation.improvement_interval_95
-    digits = decimals_for(recommendation.improvement_sd)
-    how = (
-        f"improvement {with_unit(recommendation.improvement, difference_unit, digits, signed=True)} "
-        f"(95 % interval {format_number(low, digits, signed=True)} to {format_number(high, digits, signed=True)})"
-    )
-    if recommendation.values == recommendation.default_values:
-        return f"The {default} is itself the recommendation: nothing flown so far is believed to be better."
-    kind = verdict(recommendation.improvement_interval_95)
-    if kind == "better":
-        return f"The recommended configuration is better than the {default} in {metric}: {how}."
-    if kind == "worse":
-        return f"The recommended configuration is worse than the {default} in {metric}: {how}."
-    return (
-        f"No difference detected between the recommended configuration and the {default} in {metric}: {how}."
-    )
-
-
-def recommended_yaml(recommendation: Recommendation, space: SearchSpace) -> str:
-    """The recommended values as parameter paths, seven significant digits."""
-    recommended = space.complete(recommendation.values)
-    values = {k: float(f"{v:.7g}") if isinstance(v, float) else v for k, v in recommended.items()}
-    return yaml.safe_dump(values, sort_keys=False)
+def values_yaml(values: Mapping[str, Any], space: SearchSpace) -> str:
+    """A configuration's values as parameter paths, seven significant digits."""
+    complete = space.complete(values)
+    shown = {k: float(f"{v:.7g}") if isinstance(v, float) else v for k, v in complete.items()}
+    return yaml.safe_dump(shown, sort_keys=False)
 
 
 # -- what the template needs ---------------------------------------------------------------------------------
 
 
-def _context(facts: CampaignFacts, figures: Path) -> dict[str, Any]:
+def _context(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[str, Any]:
     s, label = facts.settings, facts.label
     best = facts.recommendation
     rocks = ", ".join(facts.rock_names.values())
@@ -134,7 +124,6 @@ def _context(facts: CampaignFacts, figures: Path) -> dict[str, Any]:
         "subtitle": f"{s.space.dimension} parameters of the search space “{s.space.name}” tuned for "
         f"{label.full} ({s.objective.direction}d) on {len(s.rocks)} "
         f"{'rock' if len(s.rocks) == 1 else 'rocks'}: {rocks}{_under_conditions(facts)}",
-        "headline": _headline(facts),
         "warnings": _warnings(facts),
         "kpis": key_figures(facts),
         "recommended": best is not None,
@@ -148,7 +137,7 @@ def _context(facts: CampaignFacts, figures: Path) -> dict[str, Any]:
         "costs": cost_rows(facts),
         "failures": failure_rows(facts),
         "twin_name": metric_label(facts.twin.metric).name if facts.twin else "",
-        "trials": [trial_row(facts, t) for t in facts.trials],
+        "trials": [(mission_link(facts, t), trial_row(facts, t)) for t in facts.trials],
         "command": reproduce_command(facts.campaign),
         "command_note": command_note(facts.campaign),
         "provenance": provenance,
@@ -163,16 +152,64 @@ def _context(facts: CampaignFacts, figures: Path) -> dict[str, Any]:
         "top": [],
         "model_text": "",
         "front": front_context(facts, figures),
-        "mission_figures": [history(facts, figures)],
+        "mission_figures": [],
+        "script_figures": [history(facts, figures)],
+        "explorer": explorer_data(facts),
         "model_figures": [],
         "rock_checks": [],
         "cost_figures": compute_time(facts, figures),
         "walks": linked_pages(facts.campaign),
+        **_answers(facts, figures, evaluated=evaluated),
     }
     if best is not None:
         context |= _recommended_context(facts, best, figures)
         context["mission_figures"].append(running_recommendation(facts, figures))
+        drawn = {item.name: item for item in context["model_figures"]}
+        context["model_figures"] = [item for name, item in drawn.items() if name != "slices"]
+        context["script_figures"].append(drawn["slices"])
     return context
+
+
+def _answers(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[str, Any]:
+    """The first screen."""
+    best = facts.recommendation
+    gate, rows = gate_answer(facts)
+    why, command = next_answer(facts, evaluated=evaluated)
+    differs = best is not None and best.values != best.default_values
+    return {
+        "measure": measure_text(facts),
+        "verdict_kind": verdict(best.improvement_interval_95).split()[0] if best and differs else "",
+        "use": use_answer(facts),
+        "sure": sure_answer(facts),
+        "pairs": "" if best is None else pairs_drawing(pairs(facts, best), facts.label.axis, facts.digits),
+        "gate": gate,
+        "gate_strip": gate_drawing(rows),
+        "next_why": why,
+        "next_command": command,
+        "clouds": clouds_picture(facts.campaign.directory, figures),
+        "no_clouds": "Nothing has flown whole yet: the default and the recommended mission are flown once more when the "
+        "campaign ends.",
+        "files": [] if best is None else _files(facts, best),
+    }
+
+
+def _files(facts: CampaignFacts, best: Recommendation) -> list[dict[str, Any]]:
+    """The configuration to use as files, each with what does not transfer."""
+    s, values = facts.settings, use_values(facts)
+    written = [("configuration.yaml", values_yaml(values, s.space), list[str]())]
+    if s.mission is None:
+        config = s.config(values)
+        written += [(n, *authors_file(facts.campaign, config, n, best)) for n in (SCORING, MISSION)]
+    return [
+        {
+            "name": name,
+            "text": text,
+            "address": f"data:text/yaml;charset=utf-8,{quote(text)}",
+            "lost": lost,
+            "note": "everything transfers",
+        }
+        for name, text, lost in written
+    ]
 
 
 def _earlier_text(facts: CampaignFacts) -> str:
@@ -214,7 +251,7 @@ def _under_conditions(facts: CampaignFacts) -> str:
 def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Path) -> dict[str, Any]:
     label, s = facts.label, facts.settings
     assert facts.model is not None
-    text = recommended_yaml(best, s.space)
+    text = values_yaml(best.values, s.space)
     sets = " ".join(f"--set {shlex.quote(f'{k}={v}')}" for k, v in yaml.safe_load(text).items())
     last = s.conditions[-1].name
     condition = "" if last == IDEAL else f"--condition {shlex.quote(last)}"
@@ -265,44 +302,12 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Pa
     }
 
 
-def _headline(facts: CampaignFacts) -> dict[str, Any]:
-    best, label, s = facts.recommendation, facts.label, facts.settings
-    rocks = ", ".join(facts.rock_names.values())
-    if best is None:
-        return {
-            "kind": "worse",
-            "verdict": f"No recommendation: none of the {facts.status.finished} finished missions succeeded.",
-            "sentences": [facts.stop_reason, "The reasons are listed under Costs."],
-        }
-    kind = verdict(best.improvement_interval_95) if best.values != best.default_values else ""
-    low, high = best.interval_95
-    sentences = [
-        f"Tuned: {s.space.dimension} parameters ({s.space.description.rstrip('.') or s.space.name}), for {label.full}, "
-        f"on {rocks}." + (f" Recommended: {inline_values(best.values)}." if s.space.dimension <= 3 else ""),
-        f"Posterior mean over the training rocks {with_unit(best.mean, label.unit, facts.digits)} "
-        f"(95 % interval {format_number(low, facts.digits)} to {format_number(high, facts.digits)}), the {facts.default_name} "
-        f"{with_unit(best.default_mean, label.unit, facts.digits)}. Probability that the recommendation beats the default: "
-        f"{_percent(best.probability_better_than_default)}.",
-        "These figures are the surrogate’s, on the rocks that were tuned on, for the configuration picked as the best "
-        "of those flown; they lean towards optimism. `gatetune evaluate` measures the recommendation on held-out rocks.",
-    ]
-    if is_geometric(s.runner):
-        sentences.append(
-            f"{GEOMETRIC_NOTE} They rank configurations and do not measure them: `gatetune evaluate` flies the "
-            "recommendation with photographs."
-        )
-    if ignored := ignored_by(s.runner, s.conditions):
-        sentences.append(ignored)
-    return {
-        "kind": kind.split()[0] if kind else "",
-        "verdict": campaign_headline(best, label.full, label.difference_unit, facts.default_name),
-        "sentences": sentences,
-    }
-
-
 def _warnings(facts: CampaignFacts) -> list[str]:
-    best = facts.recommendation
+    best, s = facts.recommendation, facts.settings
     out = []
+    if is_geometric(s.runner):
+        ignored = ignored_by(s.runner, s.conditions)
+        out.append(f"{GEOMETRIC_NOTE} They rank configurations and do not measure them. {ignored}")
     if facts.status.remaining and best is not None:
         out.append(f"The campaign is not finished. {facts.stop_reason}")
     if best is None:
@@ -318,22 +323,14 @@ def _warnings(facts: CampaignFacts) -> list[str]:
             f"The model’s 95 % intervals held only {100 * coverage:.0f} % of the left-out missions: read all "
             "intervals on this page as too narrow."
         )
-    edges = [
-        parameter_label(p.path).name
-        for p in facts.settings.space.parameters
-        if p.kind != "categorical" and not EDGE < p.to_unit(best.values[p.path]) < 1 - EDGE
-    ]
+    edges = [parameter_label(path).name for path in at_edge(facts, best.values)]
     if edges:
         out.append(
             f"Recommended at the edge of the searched range: {', '.join(edges)}. Where such a parameter matters (see "
             "below), a wider range may hold something better."
         )
+    if (degraded := sum(t.status == "degraded" for t in facts.trials)) > 0.2 * facts.status.finished:
+        out.append(f"{degraded} of {facts.status.finished} finished missions were degraded; see Costs.")
     if facts.status.failed > 0.2 * facts.status.finished:
         out.append(f"{facts.status.failed} of {facts.status.finished} finished missions failed; see Costs.")
     return out
-
-
-def _percent(share: float) -> str:
-    if share > 0.999:
-        return "above 99.9 %"
-    return "below 0.1 %" if share < 0.001 else f"{100 * share:.1f} %"

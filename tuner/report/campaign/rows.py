@@ -22,7 +22,7 @@ def key_figures(facts: CampaignFacts) -> list[tuple[str, str]]:
     st = facts.status
     return [
         (f"{st.finished} of {st.budget}", "missions finished"),
-        (str(st.failed), "of them failed"),
+        (f"{st.failed}, {_degraded(facts)}", "of them failed, degraded"),
         (duration(st.mission_wall_s), "computing, summed over missions"),
         (duration(st.flight_time_s), "simulated flight"),
         (_distance(st.path_length_m), "flown"),
@@ -81,7 +81,11 @@ def cost_rows(facts: CampaignFacts) -> list[list[str]]:
     st = facts.status
     done = max(1, st.finished)
     return [
-        ["missions", f"{st.finished} ({st.complete} successful, {st.failed} failed)", ""],
+        [
+            "missions",
+            f"{st.finished} ({st.complete} successful, {_degraded(facts)} of them degraded; {st.failed} failed)",
+            "",
+        ],
         ["compute time", duration(st.mission_wall_s), duration(st.mission_wall_s / done)],
         ["simulated flight time", duration(st.flight_time_s), duration(st.flight_time_s / done)],
         ["distance flown", _distance(st.path_length_m), _distance(st.path_length_m / done)],
@@ -90,26 +94,32 @@ def cost_rows(facts: CampaignFacts) -> list[list[str]]:
 
 
 def failure_rows(facts: CampaignFacts) -> list[list[str]]:
-    """Failed missions by reason, the commonest first: how many, on which rocks, the last one's message."""
-    groups: dict[str, list[TrialRecord]] = collections.defaultdict(list)
+    """Failed and degraded missions by reason, the commonest first: how many, on which rocks, the last one's message."""
+    groups: dict[tuple[str, str], list[TrialRecord]] = collections.defaultdict(list)
     for t in facts.trials:
-        if t.state == "failed":
-            groups[t.reason or "unknown"].append(t)
+        if t.state == "failed" or t.status == "degraded":
+            outcome = "failed" if t.state == "failed" else "degraded"
+            groups[t.reason or "unknown", outcome].append(t)
     separator = "; " if facts.several_conditions else ", "
     return [
         [
             reason,
+            outcome,
             str(len(group)),
             separator.join(sorted({facts.world_name(t.world) for t in group})),
             group[-1].message,
         ]
-        for reason, group in sorted(groups.items(), key=lambda item: -len(item[1]))
+        for (reason, outcome), group in sorted(groups.items(), key=lambda item: -len(item[1]))
     ]
 
 
 def trial_row(facts: CampaignFacts, t: TrialRecord) -> list[str]:
     """One mission: where it flew, what it measured, its configuration."""
-    outcome = {"running": "in flight", "complete": t.status or "ok", "failed": f"failed: {t.reason}"}[t.state]
+    outcome = {
+        "running": "in flight",
+        "complete": " ".join(filter(None, (t.status or "ok", t.reason))),
+        "failed": f"failed: {t.reason}",
+    }[t.state]
     return [
         str(t.number + 1),
         str(t.why.get("phase", "")),
@@ -142,6 +152,10 @@ def _twin_mean(facts: CampaignFacts, trials: list[TrialRecord]) -> list[str]:
 def _mean(values: Sequence[float | None]) -> float | None:
     known = [value for value in values if value is not None]
     return sum(known) / len(known) if known else None
+
+
+def _degraded(facts: CampaignFacts) -> int:
+    return sum(t.state == "complete" and t.status == "degraded" for t in facts.trials)
 
 
 def _photographs(facts: CampaignFacts) -> str:

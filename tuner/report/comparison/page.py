@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import collections
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
 from nbv.provenance import versions
-from tuner.evaluation.baselines import TUNED
+from tuner.evaluation.baselines import TUNED, TUNED_POOL_RANDOM
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import ComparisonTable, comparison_table
 from tuner.evaluation.flying import EvaluationRun
@@ -125,7 +125,7 @@ def comparison_context(
     rows: Sequence[MetricRow] | None = None,
 ) -> dict[str, Any]:
     """Everything the template ``comparison_body.html.j2`` shows."""
-    strategies = tuple(run.plan.strategies)
+    strategies = _in_order(run.plan.strategies)
     if reference is None:
         reference = "hyb-h" if "hyb-h" in strategies else strategies[0]
     if rows is not None:
@@ -139,6 +139,7 @@ def comparison_context(
     return {
         "sentences": _sentences(leading, others),
         "warnings": _warnings(run, tables[0]),
+        "measure": _measure(run, headline.key),
         "strategies": [strategy_row(run, name) for name in strategies],
         "reference": strategy_label(reference),
         "others": [strategy_label(name) for name in others],
@@ -168,9 +169,25 @@ def comparison_context(
     }
 
 
+def _in_order(strategies: Iterable[str]) -> tuple[str, ...]:
+    """As planned, chance in the tuned pool beside chance in the default's."""
+    names = list(strategies)
+    if TUNED_POOL_RANDOM in names and "random" in names:
+        names.remove(TUNED_POOL_RANDOM)
+        names.insert(names.index("random") + 1, TUNED_POOL_RANDOM)
+    return tuple(names)
+
+
+def _measure(run: EvaluationRun, metric: str) -> str:
+    """Which surface, fidelity and condition the verdict is of."""
+    names = [condition.name for condition in run.plan.conditions]
+    where = f"{'conditions' if len(names) > 1 else 'condition'} {', '.join(names)}"
+    return f"{metric_label(metric).full}; {run.plan.runner} missions; {where}; {len(run.plan.rocks)} rocks."
+
+
 def _under(run: EvaluationRun, condition: str, reference: str, headline: MetricRow) -> dict[str, Any]:
     """The headline metric under one condition: every strategy, and its difference from the reference."""
-    strategies = tuple(run.plan.strategies)
+    strategies = _in_order(run.plan.strategies)
     own = [r for r in run.records if r.condition == condition]
     table = comparison_table(own, strategies, reference, None, (headline,))
     row = table.rows[0]
@@ -290,7 +307,7 @@ def _difference_rows(table: ComparisonTable, name: str) -> dict[str, Any]:
 def _figures(
     run: EvaluationRun, table: ComparisonTable, headline: MetricRow, figures: Path | None, surface: Surface
 ) -> list[Illustration]:
-    strategies, several = tuple(run.plan.strategies), len(run.plan.conditions) > 1
+    strategies, several = _in_order(run.plan.strategies), len(run.plan.conditions) > 1
     out = []
     forest = forest_figure(table)
     if forest is not None:

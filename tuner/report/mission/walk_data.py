@@ -86,7 +86,7 @@ def walk_of(run: Path, rock: str | None = None) -> Walk:
         steps.append(
             {**_step(step.pop("label"), len(state.visited_m), now), "model": len(models) - 1, **step}
         )
-    final, dense = _final_model(run), _dense(run)
+    final, dense = _final_model(run), measured_cloud(run)
     missing_mm = _missing_mm(world, dense[0] if dense is not None else final.points_m if final else None)
     end = _step("end of the mission", len(views), float(flight["flight_time_s"]))
     if final is not None:
@@ -260,7 +260,7 @@ def _final_model(run: Path) -> SparseModel | None:
     )
 
 
-def _dense(run: Path) -> tuple[Floats, np.ndarray | None] | None:
+def measured_cloud(run: Path) -> tuple[Floats, np.ndarray | None] | None:
     """The cloud that was measured."""
     for name in ("cleaned.ply", "dense.ply"):
         if (run / name).is_file():

@@ -1,0 +1,161 @@
+"""The first screen of the campaign's page: each answer in constructed states."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import fake_campaigns
+import pytest
+
+from nbv.mission.result import IterationRecord
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.ledger import TrialRecord
+from tuner.problem.space_files import load_search_space
+from tuner.recommendation.sparsest import Sparsest
+from tuner.report.campaign.answers import (
+    EQUAL,
+    gate_rows,
+    gate_words,
+    measure_text,
+    next_answer,
+    pairs,
+    sure_answer,
+    use_answer,
+)
+from tuner.report.campaign.drawings import gate_drawing, pairs_drawing
+from tuner.report.campaign.facts import CampaignFacts
+from tuner.report.campaign.rows import failure_rows, key_figures
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    space = load_search_space("gate")
+    return fake_campaigns.run(tmp_path_factory.mktemp("c") / "run", space=space, sampler="sobol", budget=6)
+
+
+def facts_of(campaign: Campaign, runner: str = "photogrammetric", **changes: Any) -> CampaignFacts:
+    """Of the campaign, with ``changes`` of its recommendation."""
+    facts = CampaignFacts(campaign)
+    best = facts.recommendation
+    assert best is not None
+    facts.__dict__["recommendation"] = dataclasses.replace(best, **changes)
+    facts.settings = dataclasses.replace(facts.settings, runner=runner)
+    return facts
+
+
+def other(facts: CampaignFacts) -> TrialRecord:
+    return next(t for t in facts.trials if t.values != facts.default)
+
+
+def better(campaign: Campaign, runner: str = "photogrammetric", **changes: Any) -> CampaignFacts:
+    """A configuration that flew once is recommended, and believed to be better."""
+    values = other(CampaignFacts(campaign)).values
+    gain = {"improvement": 3.0, "improvement_sd": 0.5, "improvement_interval_95": (2.0, 4.0)}
+    return facts_of(campaign, runner, values=values, sparsest=None, **{**gain, **changes})
+
+
+def sparse(values: dict[str, Any], kept: tuple[str, ...]) -> Sparsest:
+    return Sparsest(values, kept, 1.0, -0.1, (-0.3, 0.1), 2.9, (2.0, 4.0), 0.5)
+
+
+def record(iteration: int, scorer: str, *views: str) -> IterationRecord:
+    fields = {f.name: None for f in dataclasses.fields(IterationRecord)}
+    top = {name: {"candidate": view} for name, view in zip(("covis", "b-aware"), views)}
+    return IterationRecord(**{**fields, "iteration": iteration, "scorer": scorer, "top": top})  # type: ignore[arg-type]
+
+
+def test_a_gain_never_flown_side_by_side_is_predicted(campaign: Campaign) -> None:
+    facts = better(campaign)
+    shown = pairs(facts, facts.recommendation)  # type: ignore[arg-type]
+    assert all(p.default is None or p.recommended is None for p in shown)
+    said = sure_answer(facts)
+    assert "is better than" in said[0] and said[1].startswith("Predicted, not flown")
+    assert "gatetune confirm" in next_answer(facts, evaluated=False)[1]
+
+
+def test_pairs_that_flew_are_counted(campaign: Campaign) -> None:
+    facts = better(campaign)
+    best = facts.recommendation
+    default = next(t for t in facts.trials if t.values == facts.default)
+    paired = dataclasses.replace(other(facts), rock=default.rock, replicate=default.replicate, raw=7.0)
+    facts.trials = [default, paired]
+    (pair,) = pairs(facts, best)  # type: ignore[arg-type]
+    assert (pair.default, pair.recommended) == (default.raw, 7.0)
+    assert "Flown side by side on 1 of 2 rocks (1 pair)" in sure_answer(facts)[1]
+    drawing = pairs_drawing([pair], "F", 2)
+    assert drawing.count("<circle") == 4 and "recommended 7.00" in drawing  # a pair, and the key
+
+
+def test_a_geometric_gain_is_called_a_prediction(campaign: Campaign) -> None:
+    facts = better(campaign, runner="geometric")
+    assert sure_answer(facts)[0].startswith("Predicted by the low-fidelity simulator: the recommended")
+    assert "low-fidelity simulator" in measure_text(facts)
+    assert "prediction" in next_answer(facts, evaluated=False)[0]
+    assert "low-fidelity" not in measure_text(better(campaign))
+
+
+def test_the_fewest_changes_are_used_and_not_flown_said(campaign: Campaign) -> None:
+    first, second = CampaignFacts(campaign).settings.space.paths[:2]
+    facts = better(campaign)
+    values = {**facts.default, first: 0.77}
+    facts = better(campaign, sparsest=sparse(values, (first,)))
+    answer = use_answer(facts)
+    assert [row[1] for row in answer["kept"]] == [first] and "0.77" in answer["sentence"]
+    assert second not in answer["sentence"] and "d95" in answer["rest"]
+    assert any("Predicted, not flown" in note for note in answer["notes"])
+
+
+def test_where_nothing_is_needed_the_default_is_used(campaign: Campaign) -> None:
+    facts = better(campaign)
+    facts = better(
+        campaign, sparsest=sparse(facts.default, ()), improvement_interval_95=(-0.1, 0.1), noise_sd=0.5
+    )
+    answer = use_answer(facts)
+    assert answer["kept"] == [] and "Use the paper’s default" in answer["sentence"]
+    why, command = next_answer(facts, evaluated=False)
+    assert why.startswith("Stop") and command == ""
+
+
+def test_what_next_follows_the_state(campaign: Campaign) -> None:
+    facts = better(campaign)
+    assert next_answer(facts, evaluated=True)[1] == ""
+    path = facts.settings.space.paths[0]
+    at_bound = {**facts.default, path: facts.settings.space.parameters[0].high}
+    edge = better(campaign, sparsest=sparse(at_bound, (path,)))
+    assert "widened.yaml" in next_answer(edge, evaluated=False)[1]
+    facts.status = dataclasses.replace(facts.status, budget=10)
+    assert "campaign resume" in next_answer(facts, evaluated=False)[1]
+
+
+def test_a_gate_that_never_switched_is_said() -> None:
+    records = [record(i, "b-aware", "a", "b") for i in range(4)]
+    text = gate_words(records, ["b-aware"] * 4, "Hyb-H", 1)
+    assert text == "The gate (Hyb-H) never switched: B-aware chose all 4 views of 1 mission."
+
+
+def test_switches_and_equal_choices_are_counted() -> None:
+    trace = [record(0, "covis", "a", "b"), record(1, "b-aware", "a", "a"), record(2, "b-aware", "a", "b")]
+    (row,) = gate_rows([("slab r0", trace)])
+    assert row.choices == ("covis", EQUAL, "b-aware")
+    text = gate_words(trace, row.choices, "Hyb-H", 1)
+    assert "switched in 50 % of its steps" in text and "B-aware 67 %" in text
+    assert "In 33 % both scorers had the same best view" in text
+    drawn = gate_drawing([row])
+    assert all(f">{letter}<" in drawn for letter in "CB=")
+
+
+def test_degraded_missions_stand_beside_failed_ones(campaign: Campaign) -> None:
+    facts = CampaignFacts(campaign)
+    hurt = dataclasses.replace(facts.trials[0], status="degraded", reason="images_lost", message="3 images")
+    facts.trials = [hurt, *facts.trials[1:]]
+    assert ("0, 1", "of them failed, degraded") in key_figures(facts)
+    assert failure_rows(facts) == [["images_lost", "degraded", "1", hurt.rock, "3 images"]]
+
+
+def test_where_all_failed_nothing_is_recommended(tmp_path: Path) -> None:
+    facts = CampaignFacts(fake_campaigns.run(tmp_path / "run", rocks=("fail",), budget=20))
+    assert use_answer(facts)["sentence"].startswith("Nothing yet: none of the 8")
+    why, command = next_answer(facts, evaluated=False)
+    assert "seed_model_failed" in why and "campaign resume" in command

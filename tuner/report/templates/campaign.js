@@ -1,0 +1,161 @@
+"use strict";
+(() => {
+  const data = JSON.parse(document.getElementById("explorer-data").textContent);
+  const SVG = "http://www.w3.org/2000/svg";
+  const BLUE = "#0072B2", INK = "#1d2329", SOFT = "#59636e", LINE = "#d9dee3", RED = "#D55E00";
+  const CIVIDIS = [[0, 34, 78], [53, 69, 108], [102, 105, 112], [148, 142, 119], [200, 184, 102], [254, 232, 56]];
+  const filter = document.getElementById("rock-filter"), tip = document.getElementById("tip");
+  const text = (v) => (v === null || v === undefined ? "–" : v.toFixed(data.digits).replace("-", "−"));
+
+  const el = (name, attributes, parent, content) => {
+    const node = document.createElementNS(SVG, name);
+    for (const key in attributes) node.setAttribute(key, attributes[key]);
+    if (content !== undefined) node.textContent = content;
+    if (parent) parent.appendChild(node);
+    return node;
+  };
+  const tint = (t) => {
+    const at = Math.min(0.9999, Math.max(0, t)) * (CIVIDIS.length - 1), i = Math.floor(at), f = at - i;
+    return `rgb(${CIVIDIS[i].map((c, k) => Math.round(c + f * (CIVIDIS[i + 1][k] - c))).join(",")})`;
+  };
+  const shownTrials = () => data.trials.filter((t) => !filter.value || t.where === filter.value);
+  const range = (values) => {
+    let low = Math.min(...values), high = Math.max(...values);
+    if (!(high > low)) { low -= 1; high += 1; }
+    const room = 0.06 * (high - low);
+    return [low - room, high + room];
+  };
+  const canvas = (id, height, least = 330) => {
+    const box = document.getElementById(id), room = Math.min(1032, box.clientWidth || 1032), width = Math.max(least, room);
+    box.textContent = "";
+    return [el("svg", { viewBox: `0 0 ${width} ${height}`, style: width > room ? `width: ${width}px` : "width: 100%", class: "drawing", role: "img",
+      "aria-label": box.dataset.label }, box), width];
+  };
+  const about = (t) => `mission ${t.n}, ${t.where}, replicate ${t.rep}: ${t.raw === null ? t.state : text(t.raw)}` +
+    (t.raw !== null && t.state !== "ok" ? ` (${t.state})` : "") + ` · ${t.why}` +
+    data.parameters.map((p, i) => `\n${p.short} ${t.v[i]} ${p.unit}`).join("");
+  const say = (node, words) => {
+    node.addEventListener("mousemove", (e) => {
+      tip.textContent = words; tip.hidden = false;
+      tip.style.left = `${Math.min(e.pageX + 12, scrollX + innerWidth - tip.offsetWidth - 8)}px`;
+      tip.style.top = `${e.pageY + 14}px`;
+    });
+    node.addEventListener("mouseleave", () => { tip.hidden = true; });
+  };
+  const linked = (parent, t) => {
+    const g = t.href ? el("a", { href: t.href.split("/").map(encodeURIComponent).join("/") }, parent) : el("g", {}, parent);
+    say(g, about(t));
+    return g;
+  };
+
+  function history() {
+    const [svg, width] = canvas("history", 250), trials = shownTrials();
+    const values = trials.filter((t) => t.raw !== null).map((t) => t.raw);
+    if (!values.length) { el("text", { x: 8, y: 20 }, svg, "no successful mission here"); return; }
+    const [low, high] = range(values), last = Math.max(...data.trials.map((t) => t.n));
+    const x = (n) => 52 + (width - 68) * (n - 1) / Math.max(1, last - 1), y = (v) => 205 - 190 * (v - low) / (high - low);
+    for (let k = 0; k <= 4; k++) {
+      const v = low + k * (high - low) / 4;
+      el("line", { x1: 46, x2: width - 8, y1: y(v), y2: y(v), stroke: LINE }, svg);
+      el("text", { x: 42, y: y(v) + 4, "text-anchor": "end", class: "soft" }, svg, text(v));
+    }
+    el("text", { x: 52, y: 243, class: "soft" }, svg, `mission 1 to ${last}; ${data.axis}`);
+    for (const t of trials) {
+      const g = linked(svg, t);
+      if (t.raw === null) el("path", { d: `M${x(t.n) - 4} 216l8 8m0 -8l-8 8`, stroke: RED, "stroke-width": 2, fill: "none" }, g);
+      else if (t.best) el("circle", { cx: x(t.n), cy: y(t.raw), r: 6, fill: BLUE }, g);
+      else if (t.default) el("circle", { cx: x(t.n), cy: y(t.raw), r: 5, fill: "#fff", stroke: "#000", "stroke-width": 1.8 }, g);
+      else el("circle", { cx: x(t.n), cy: y(t.raw), r: 3.5, fill: SOFT }, g);
+    }
+  }
+
+  function parallel() {
+    const n = data.parameters.length, [svg, width] = canvas("parallel", 270, 76 * (n + 1));
+    const trials = shownTrials().filter((t) => t.adj !== null);
+    if (!trials.length) return;
+    const [low, high] = range(trials.map((t) => t.adj));
+    const x = (i) => 34 + (width - 68) * i / n, y = (u) => 225 - 175 * u;
+    const share = (t) => (t.adj - low) / (high - low);
+    for (const t of [...trials].sort((a, b) => data.sign * (a.adj - b.adj))) {
+      const g = linked(svg, t);
+      const d = [...t.u, share(t)].map((u, i) => `${i ? "L" : "M"}${x(i)} ${y(u)}`).join("");
+      el("path", { d, fill: "none", stroke: "transparent", "stroke-width": 8 }, g);
+      el("path", { d, fill: "none", stroke: tint(data.sign > 0 ? share(t) : 1 - share(t)), "stroke-width": t.best ? 4 : 1.4,
+        opacity: t.best ? 1 : 0.75, class: "strand" }, g);
+    }
+    const axes = [...data.parameters, { short: "outcome", ticks: [[0, text(low)], [1, text(high)]] }];
+    axes.forEach((p, i) => {
+      el("line", { x1: x(i), x2: x(i), y1: y(0), y2: y(1), stroke: INK }, svg);
+      const name = el("text", { x: x(i), y: i % 2 ? 18 : 34, "text-anchor": "middle" }, svg, p.short);
+      el("title", {}, name, p.name || data.axis);
+      for (const [u, label] of p.ticks) {
+        el("text", { x: x(i), y: u < 0.5 ? y(u) + 14 : y(u) - 4, "text-anchor": "middle", class: "soft" }, svg, label);
+      }
+    });
+    el("text", { x: 4, y: 264, class: "soft" }, svg, "bright: good; thick: recommended; outcomes have their rock's difference taken out");
+  }
+
+  function slices() {
+    const box = document.getElementById("slices"), trials = shownTrials().filter((t) => t.adj !== null);
+    box.textContent = "";
+    if (!data.slices.length) return;
+    const all = data.slices.flatMap((s) => s.mean.flatMap((m, i) => [m - 1.96 * s.sd[i], m + 1.96 * s.sd[i]]));
+    const [low, high] = range([...all, ...trials.map((t) => t.adj)]);
+    data.slices.forEach((s, k) => {
+      const p = data.parameters[k];
+      const svg = el("svg", { viewBox: "0 0 320 190", class: "drawing slice", role: "img", "aria-label": `slice along ${p.name}` }, box);
+      const x = (u) => 46 + 262 * u, y = (v) => 150 - 125 * (v - low) / (high - low);
+      el("text", { x: 46, y: 14 }, svg, p.name + (p.unit ? ` (${p.unit})` : ""));
+      for (const v of [low, (low + high) / 2, high]) {
+        el("line", { x1: 46, x2: 308, y1: y(v), y2: y(v), stroke: LINE }, svg);
+        el("text", { x: 42, y: y(v) + 4, "text-anchor": "end", class: "soft" }, svg, text(v));
+      }
+      const edge = (sign) => s.mean.map((m, i) => [x(s.u[i]), y(m + sign * 1.96 * s.sd[i])]);
+      if (p.choices) {
+        s.mean.forEach((m, i) => {
+          el("line", { x1: x(s.u[i]), x2: x(s.u[i]), y1: edge(1)[i][1], y2: edge(-1)[i][1], stroke: BLUE, "stroke-width": 3, opacity: 0.4 }, svg);
+          el("circle", { cx: x(s.u[i]), cy: y(m), r: 4, fill: BLUE }, svg);
+        });
+      } else {
+        el("polygon", { points: [...edge(1), ...edge(-1).reverse()].join(" "), fill: BLUE, opacity: 0.16 }, svg);
+        el("polyline", { points: s.mean.map((m, i) => `${x(s.u[i])},${y(m)}`).join(" "), fill: "none", stroke: BLUE, "stroke-width": 2 }, svg);
+      }
+      el("line", { x1: x(data.best[k]), x2: x(data.best[k]), y1: 22, y2: 152, stroke: INK, "stroke-dasharray": "4 3" }, svg);
+      for (const [u, label] of p.ticks) {
+        el("text", { x: x(u), y: 166, "text-anchor": u < 0.1 ? "start" : u > 0.9 ? "end" : "middle", class: "soft" }, svg, label);
+      }
+      const hit = el("rect", { x: 46, y: 20, width: 262, height: 134, fill: "transparent" }, svg);
+      for (const t of trials) {
+        el("circle", { cx: x(t.u[k]), cy: y(t.adj), r: t.best ? 4.5 : 2.5, fill: t.best ? BLUE : SOFT, opacity: 0.7 }, linked(svg, t));
+      }
+      const reading = el("text", { x: 46, y: 184, class: "soft" }, svg, " ");
+      hit.addEventListener("mousemove", (e) => {
+        const at = svg.getBoundingClientRect(), u = ((e.clientX - at.left) / at.width * 320 - 46) / 262;
+        let i = 0;
+        s.u.forEach((v, j) => { if (Math.abs(v - u) < Math.abs(s.u[i] - u)) i = j; });
+        reading.textContent = `at ${s.v[i]}: ${text(s.mean[i])} (95 %: ${text(s.mean[i] - 1.96 * s.sd[i])} to ${text(s.mean[i] + 1.96 * s.sd[i])})`;
+      });
+    });
+  }
+
+  const draw = () => { history(); parallel(); slices(); };
+  for (const where of [...new Set(data.trials.map((t) => t.where))]) {
+    const option = document.createElement("option");
+    option.value = option.textContent = where;
+    filter.appendChild(option);
+  }
+  filter.addEventListener("change", draw);
+  addEventListener("resize", draw);
+  for (const button of document.querySelectorAll("button[data-copy]")) {
+    button.addEventListener("click", async () => {
+      const wanted = document.getElementById(button.dataset.copy).textContent;
+      try { await navigator.clipboard.writeText(wanted); } catch {
+        const area = document.body.appendChild(document.createElement("textarea"));
+        area.value = wanted; area.select(); document.execCommand("copy"); area.remove();
+      }
+      button.textContent = "copied";
+      setTimeout(() => { button.textContent = button.dataset.label; }, 1500);
+    });
+  }
+  draw();
+})();
