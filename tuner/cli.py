@@ -31,7 +31,7 @@ from tuner.commands import (  # noqa: E402
     rocks,
     studies,
 )
-from tuner.commands.console import errors, output  # noqa: E402
+from tuner.commands.console import errors, output, speak  # noqa: E402
 
 EXIT_UNEXPECTED = 70  # EX_SOFTWARE
 
@@ -56,11 +56,18 @@ def options(
     ] = False,
 ) -> None:
     """Tune hybrid next-best-view planning with Bayesian optimisation on real photogrammetry missions."""
+    speak("all")
 
 
 app.add_typer(campaign.app, name="campaign", help="Job 1: run, resume and look at a GP tuning campaign.")
 app.command(name="evaluate", help="Job 2: the tuned configuration against the baselines on held-out rocks.")(
     evaluate.evaluate
+)
+app.command(name="confirm", help="Did my rock gain? The recommendation against the default, flown afresh.")(
+    evaluate.confirm
+)
+app.command(name="metrics", help="What can be tuned for: every metric, its unit and direction.")(
+    config.metrics
 )
 app.command(name="reproduce", help="Job 3: the paper's default configuration in the layout of its Table I.")(
     reproduce.reproduce

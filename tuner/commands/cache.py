@@ -17,7 +17,10 @@ GIB = 2**30
 
 @app.command()
 def info() -> None:
-    """Where the store is, and what it holds."""
+    """Where the store is, and what it holds.
+
+    Example: gatetune cache info
+    """
     store = Store()
     table = Table(title=str(store.root))
     for column in ("kind", "entries", "MiB"):
@@ -37,13 +40,19 @@ def prune(
         float, typer.Option(help="Keep at most this much, most recently used first; 0 empties.")
     ],
 ) -> None:
-    """Remove the least recently used entries."""
+    """Remove the least recently used entries.
+
+    Example: gatetune cache prune --max-gib 5
+    """
     removed, freed = Store().prune(int(max_gib * GIB))
     output.print(f"removed {removed} entries, {freed / 2**20:.1f} MiB")
 
 
 @app.command()
 def verify() -> None:
-    """Check every entry's checksum; damaged ones are removed and will be made anew."""
+    """Check every entry's checksum; damaged ones are removed and will be made anew.
+
+    Example: gatetune cache verify
+    """
     checked, damaged = Store().verify()
     output.print(f"checked {checked} entries, removed {damaged} damaged")

@@ -9,25 +9,37 @@ import typer
 
 from nbv.config import IDEAL
 from nbv.errors import UserError
-from tuner.commands.campaign_display import CampaignProgress, show_front, show_recommendation
+from tuner.commands.campaign_display import (
+    CampaignProgress,
+    event_line,
+    show_front,
+    show_recommendation,
+    show_verdict,
+)
 from tuner.commands.console import (
+    JSON_HELP,
+    QUIET_HELP,
     cluster_executor,
     local_executor,
     output,
     parse_overrides,
     seconds,
+    speak,
+    spoken,
     under_conditions,
 )
 from tuner.commands.mission import progress_bar
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
+    from tuner.campaign.events import CampaignEvent
     from tuner.missions.cluster.executor import DaskExecutor
     from tuner.missions.executors import LocalProcessExecutor
 
 app = typer.Typer(no_args_is_help=True)
 
 LARGE = 1000  # missions
+LEAST_BETWEEN, UPDATES = 8, 6  # missions between two looks at the best so far, and looks per campaign
 RUNS = Path("runs")
 _WHAT, _MISSION, _LONG, _WHERE = "What is tuned", "How missions fly", "How long, how it searches", "Execution"
 
@@ -183,11 +195,16 @@ def run(
             "--resume-if-present", help="Go on if the directory holds it already.", rich_help_panel=_WHERE
         ),
     ] = False,
+    quiet: Annotated[bool, typer.Option("--quiet", help=QUIET_HELP, rich_help_panel=_WHERE)] = False,
+    as_json: Annotated[bool, typer.Option("--json", help=JSON_HELP, rich_help_panel=_WHERE)] = False,
 ) -> None:
     """Run a campaign: the paper's defaults, an initial design, then a GP proposes; one mission per trial.
 
     Experts' options are fields of the settings file.
+
+    Example: gatetune campaign run --name mine --rock mine --budget 32
     """
+    speak("json" if as_json else "quiet" if quiet else "all")
     from tuner.campaign.settings_file import SETTINGS_FILE
     from tuner.commands.campaign_settings import asked_fields, asked_settings
     from tuner.missions.registry import refuse_code_of_file
@@ -220,7 +237,18 @@ def run(
     output.print(f"campaign {fields['name']} in {directory}")  # before anything that takes seconds to load
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
         output.print("it is there already: going on with it")
-        return resume(directory, workers, None, timeout_s, executor, scheduler, unencrypted, fidelity)
+        return resume(
+            directory,
+            workers,
+            None,
+            timeout_s,
+            executor,
+            scheduler,
+            unencrypted,
+            fidelity,
+            quiet=quiet,
+            as_json=as_json,
+        )
     refuse_code_of_file(str(fields.get("runner") or ""), fidelity, str(settings))
     asked = asked_settings(fields, str(settings or "command line"))
     from tuner.campaign.begin import begin_campaign
@@ -248,8 +276,14 @@ def resume(
             help="URL of the database with the ledger, to go on with a campaign of another machine here."
         ),
     ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", help=QUIET_HELP)] = False,
+    as_json: Annotated[bool, typer.Option("--json", help=JSON_HELP)] = False,
 ) -> None:
-    """Go on with an interrupted campaign; only the missions that were in flight are flown again."""
+    """Go on with an interrupted campaign; only the missions that were in flight are flown again.
+
+    Example: gatetune campaign resume runs/mine --missions 64
+    """
+    speak("json" if as_json else "quiet" if quiet else "all")
     output.print(f"campaign in {directory}")  # before what takes seconds to load
     if ledger is not None:
         from tuner.campaign.begin import adopt_campaign
@@ -267,9 +301,13 @@ def resume(
 
 @app.command()
 def status(directory: Annotated[Path, typer.Argument(help="A campaign's run directory.")]) -> None:
-    """Counts, costs and the recommendation so far; safe while the campaign runs."""
+    """Counts, costs and the recommendation so far; safe while the campaign runs.
+
+    Example: gatetune campaign status runs/mine
+    """
     output.print(f"campaign in {directory}")
     from tuner.campaign.campaign import Campaign
+    from tuner.missions.registry import is_geometric
 
     campaign = Campaign.open(directory, read_only=True)
     facts = campaign.status()
@@ -288,8 +326,16 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
         )
     for reason, count in facts.failures.items():
         output.print(f"  failed {count} times: {reason}")
-    show_recommendation(campaign.recommendation(save=False), of_paper=campaign.settings.mission is None)
+    show_recommendation(
+        campaign.recommendation(save=False),
+        of_paper=campaign.settings.mission is None,
+        geometric=is_geometric(campaign.settings.runner),
+    )
     show_front(campaign)
+
+
+def _echo(event: CampaignEvent) -> None:
+    typer.echo(event_line(event))
 
 
 def fly(
@@ -301,7 +347,7 @@ def fly(
     """Run or resume, with live progress, and end in the report; ``where`` as the three options of that name."""
     from tuner.campaign.session import fly_campaign
     from tuner.campaign.shipped import SHIPPED
-    from tuner.missions.registry import ignored_by
+    from tuner.missions.registry import ignored_by, is_geometric
     from tuner.report.campaign.page import REPORT_FILE, write_campaign_report
     from tuner.report.campaign.shown import fly_shown_missions, shown_jobs, write_mission_pages
 
@@ -329,13 +375,21 @@ def fly(
             )
         )
     with executor, progress_bar() as bar:
-        summary = fly_campaign(campaign, executor, CampaignProgress(bar, settings))
+        show = _echo if spoken() == "json" else CampaignProgress(bar, settings)
+        every = max(LEAST_BETWEEN, settings.budget // UPDATES)
+        summary = fly_campaign(campaign, executor, show, recommend_every=every)
         if summary.stopped == "budget" and shown_jobs(campaign):
             bar.console.print("flying the default and the recommendation once more, to show them whole")
             fly_shown_missions(campaign, executor)
     write_mission_pages(campaign)
-    show_recommendation(summary.recommendation, of_paper=settings.mission is None)
-    show_front(campaign)
+    of_paper, geometric = settings.mission is None, is_geometric(settings.runner)
+    if spoken() == "quiet":
+        speak("all")
+        if summary.recommendation is not None:
+            show_verdict(summary.recommendation, of_paper=of_paper, geometric=geometric)
+    else:
+        show_recommendation(summary.recommendation, of_paper=of_paper, geometric=geometric)
+        show_front(campaign)
     output.print(
         f"{summary.message}; {seconds(summary.elapsed_s)}, of which the sampler {seconds(summary.ask_s)}"
     )

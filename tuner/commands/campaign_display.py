@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any
 
-from rich.markup import escape
 from rich.table import Table
 
-from tuner.commands.console import output
+from nbv.mission.result import json_ready
+from tuner.commands.console import output, seconds
 
 if TYPE_CHECKING:
     from rich.progress import Progress
@@ -19,42 +20,105 @@ if TYPE_CHECKING:
     from tuner.recommendation.sparsest import Sparsest
 
 
+LINE = 80  # columns of a mission's line
+_INITIALS = {"covis": "C", "b_aware": "B", "matchable": "M"}  # whose weight it is
+
+
 class CampaignProgress:
-    """A line per mission and one bar."""
+    """A line per mission and one bar: how far, what failed, what is left, the best so far, what flies now."""
 
     def __init__(self, progress: Progress, settings: CampaignSettings) -> None:
         self._progress, self._settings = progress, settings
-        self._task = progress.add_task("campaign", total=settings.budget)
-        self._in_flight = 0
+        self._task = progress.add_task(f"0/{settings.budget}", total=settings.budget)
+        self._flying: dict[int, str] = {}
+        self._began: int | None = None  # missions finished in earlier sessions
+        self._failed = 0
+        self._best = ""
 
     def __call__(self, event: CampaignEvent) -> None:
-        if event.kind == "launched":
-            self._in_flight += 1
-        elif event.kind in ("finished", "failed") and event.trial is not None:
-            self._in_flight = max(0, self._in_flight - 1)
-            self._progress.console.print(self._line(event), markup=True)
-        elif event.kind == "lost" and event.trial is not None:
-            self._in_flight = max(0, self._in_flight - 1)
+        trial = event.trial
+        if self._began is None:
+            self._began = event.finished
+        if trial is not None and event.kind == "launched":
+            self._flying[trial.number] = f"{trial.world.label} r{trial.replicate}"
+        elif trial is not None and event.kind in ("finished", "failed", "lost"):
+            self._flying.pop(trial.number, None)
+            self._failed += event.kind == "failed"
             self._progress.console.print(
-                f"#{event.trial.number:03d} {event.trial.rock} lost: {event.message}"
+                mission_line(event, self._settings), highlight=False, soft_wrap=True, markup=False
             )
         elif event.kind in ("interrupted", "stopped"):
             self._progress.console.print(f"{event.kind}: {event.message}", style="yellow")
+        elif event.kind == "recommendation" and event.recommendation is not None:
+            low, high = event.recommendation.interval_95
+            self._best = f", best {event.recommendation.mean:.1f} ({low:.1f} to {high:.1f})"
         self._progress.update(
-            self._task,
-            completed=event.finished,
-            description=f"{event.finished}/{event.budget}, {self._in_flight} in flight",
+            self._task, completed=event.finished, description=self._status(event, self._began)
         )
 
-    def _line(self, event: CampaignEvent) -> str:
-        trial = event.trial
-        assert trial is not None
-        values = " ".join(f"{path.split('.')[-1]}={_short(value)}" for path, value in trial.values.items())
-        if event.kind == "failed":
-            outcome = f"[red]failed: {escape(trial.reason)}[/] {escape(event.message)}"
-        else:
-            outcome = f"{self._settings.objective.metric.split('.')[-1]} [bold]{trial.raw:6.2f}[/]"
-        return f"#{trial.number:03d} {escape(trial.world.label):<12} r{trial.replicate} {outcome}  {trial.wall_s:4.0f} s  [dim]{escape(values)}[/]"
+    def _status(self, event: CampaignEvent, began: int) -> str:
+        flown, left = event.finished - began, event.budget - event.finished
+        rest = f", {seconds(event.elapsed_s / flown * left)} left" if flown and left else ""
+        failed = f", {self._failed} failed" if self._failed else ""
+        now = f", flies {', '.join(self._flying.values())}" if self._flying else ""
+        return f"{event.finished}/{event.budget}{failed}{rest}{self._best}{now}"
+
+
+def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:
+    """One mission in at most `LINE` columns: ``#012 slab r1  94.57  13 s  C.nov 1.2 B.nov 0.4 …``."""
+    trial = event.trial
+    assert trial is not None
+    if event.kind == "lost":
+        outcome = f"lost: {event.message}"
+    elif event.kind == "failed":
+        outcome = f"failed: {trial.reason} {event.message}"
+    else:
+        mark = " degraded" if trial.status == "degraded" else ""
+        default = settings.default_values()
+        changed = [
+            f"{_initial(path)} {_short(value)}"
+            for path, value in trial.values.items()
+            if value != default.get(path)
+        ]
+        outcome = f"{trial.raw:7.2f}{mark} {trial.wall_s:4.0f} s  {' '.join(changed) or 'the default'}"
+    line = f"#{trial.number + 1:03d} {trial.world.label:<12} r{trial.replicate} {' '.join(outcome.split(chr(10)))}"
+    return line if len(line) <= LINE else f"{line[: LINE - 1]}…"
+
+
+def event_line(event: CampaignEvent) -> str:
+    """The event as one JSON object, for scripts."""
+    fields: dict[str, Any] = {
+        "event": event.kind,
+        "elapsed_s": round(event.elapsed_s, 3),
+        "finished": event.finished,
+        "budget": event.budget,
+    }
+    if event.message:
+        fields["message"] = event.message
+    if (t := event.trial) is not None:
+        fields |= {
+            "mission": t.number + 1,
+            "rock": t.rock,
+            "condition": t.condition,
+            "replicate": t.replicate,
+        }
+        fields |= {"values": t.values, "value": t.raw, "status": t.status, "reason": t.reason}
+        fields |= {"wall_s": t.wall_s, "directory": t.directory}
+    if (best := event.recommendation) is not None:
+        fields["recommendation"] = {
+            "values": best.values,
+            "mean": best.mean,
+            "interval_95": best.interval_95,
+            "improvement": best.improvement,
+            "improvement_interval_95": best.improvement_interval_95,
+        }
+    return json.dumps(json_ready(fields))
+
+
+def _initial(path: str) -> str:
+    section, _, rest = path.partition(".")
+    name = rest.rpartition(".")[2] or path
+    return f"{_INITIALS[section]}.{name}" if section in _INITIALS else name
 
 
 def _short(value: Any) -> str:
@@ -101,11 +165,14 @@ def sparsest_text(found: Sparsest, whose: str = "paper's ") -> str:
     return f"use: {values}{back}"
 
 
-def show_recommendation(recommendation: Recommendation | None, *, of_paper: bool = True) -> None:
-    """The recommended values beside the defaults, and what the difference is worth."""
+def show_recommendation(
+    recommendation: Recommendation | None, *, of_paper: bool = True, geometric: bool = False
+) -> None:
+    """The verdict and what to use, then the values beside the defaults."""
     if recommendation is None:
         output.print("no recommendation yet: no mission has succeeded")
         return
+    show_verdict(recommendation, of_paper=of_paper, geometric=geometric)
     table = Table(title="Recommendation (best posterior mean among what has flown often enough)")
     for column in ("parameter", "paper" if of_paper else "default", "recommended"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
@@ -120,20 +187,25 @@ def show_recommendation(recommendation: Recommendation | None, *, of_paper: bool
         end_section=True,
     )
     output.print(table)
-    low, high = recommendation.improvement_interval_95
-    whose = "paper's " if of_paper else ""
-    output.print(
-        f"improvement over the {whose}defaults {recommendation.improvement:+.2f} "
-        f"(calibrated 95 % interval {low:+.2f} to {high:+.2f}) on the training rocks, by the surrogate; "
-        "`gatetune evaluate` measures it on held-out rocks"
-    )
     for why in dict.fromkeys(silent.values()):
         output.print(f"no effect: {', '.join(p for p in silent if silent[p] == why)}: {why}")
-    if recommendation.sparsest is not None:
-        output.print(sparsest_text(recommendation.sparsest, whose))
     found = recommendation.calibration
     if found["coverage_95"] is not None:
         output.print(
             f"{100 * found['coverage_95']:.0f} % of {found['missions']:.0f} missions lay inside the 95 % intervals "
             "predicted before they were flown; the intervals above are wider by what that taught (calibrated)"
         )
+
+
+def show_verdict(recommendation: Recommendation, *, of_paper: bool, geometric: bool) -> None:
+    """What the recommendation is worth against the default, and what of it to use."""
+    low, high = recommendation.improvement_interval_95
+    whose = "paper's " if of_paper else ""
+    by = "predicted by the low-fidelity simulator" if geometric else "by the surrogate"
+    output.print(
+        f"improvement over the {whose}defaults {recommendation.improvement:+.2f} "
+        f"(calibrated 95 % interval {low:+.2f} to {high:+.2f}) on the training rocks, {by}; "
+        "`gatetune evaluate` measures it on held-out rocks"
+    )
+    if recommendation.sparsest is not None:
+        output.print(sparsest_text(recommendation.sparsest, whose))

@@ -70,6 +70,7 @@ def compare(
     from tuner.evaluation.comparison import comparison_table
     from tuner.evaluation.flying import run_evaluation
     from tuner.report import write_comparison_report
+    from tuner.report.comparison.page import leading_verdict
     from tuner.report.comparison.tables import (
         PAPER_NOT_COMPARABLE,
         comparison_terminal_table,
@@ -84,6 +85,12 @@ def compare(
     )
     with executor, progress_bar() as bar:
         run = run_evaluation(plan, directory, executor, ComparisonProgress(bar, metric))
+    if mission is None or mission.score is not None:
+        rows = None
+    else:
+        rows = mission_file_rows(mission.objective, run.records)
+    if sentence := leading_verdict(run, reference, metric, rows):
+        output.print(sentence, style="bold")
     several = len(plan.conditions) > 1
     for condition in plan.conditions if several else ():
         own = [r for r in run.records if r.condition == condition.name]
@@ -94,11 +101,11 @@ def compare(
         )
     if several:
         output.print("over all conditions:")
-    if mission is None or mission.score is not None:
-        rows, name = None, "Dense cloud against ground truth"
+    if rows is None:
+        name = "Dense cloud against ground truth"
         table = comparison_table(run.records, tuple(plan.strategies), reference)
     else:
-        rows, name = mission_file_rows(mission.objective, run.records), "Metrics and costs"
+        name = "Metrics and costs"
         table = comparison_table(run.records, tuple(plan.strategies), reference, None, rows)
     output.print(comparison_terminal_table(table, title=name, paper=paper), markup=True)
     if (differences := difference_terminal_table(table)) is not None:

@@ -7,9 +7,10 @@ from typing import Annotated, Any
 
 import typer
 import yaml
+from rich.table import Table
 
 from nbv.config import PRESETS, MissionConfig, Parameter, parameters
-from tuner.commands.console import PRESET_NAMES, mission_config
+from tuner.commands.console import PRESET_NAMES, mission_config, output
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -22,11 +23,34 @@ def show(
     """The complete configuration of a preset as YAML, with every value's unit, meaning and source as a comment.
 
     Every key is a parameter path. Sources: text (the paper), code (the authors' public code), ours.
+
+    Example: gatetune config show --preset campaign
     """
     config = mission_config(preset, set_ or [])
     typer.echo(f"# {PRESETS[preset].purpose}")
     for line in commented_yaml(config):
         typer.echo(line)
+
+
+def metrics() -> None:
+    """Every metric that `--metric` takes. Put `observable.` or `whole.` before the name: the surface it is of.
+
+    Example: gatetune campaign run --metric observable.completeness_48mm
+    """
+    from nbv.evaluation.registry import METRICS
+
+    table = Table(title="--metric SURFACE.NAME, SURFACE observable or whole")
+    for column in ("name", "what it is", "unit", "better"):
+        table.add_column(column, no_wrap=column == "name")
+    for metric in METRICS.values():
+        better = "larger" if metric.larger_is_better else "smaller"
+        table.add_row(metric.key.replace("{t}", "T"), metric.label.replace("{t}", "T"), metric.unit, better)
+    thresholds = ", ".join(f"{t:g}" for t in MissionConfig().evaluation.thresholds_mm)
+    output.print(table)
+    output.print(f"T: a threshold in mm, one of {thresholds} (evaluation.thresholds_mm)")
+    output.print(
+        "costs: --second-metric costs.flight_time_s, costs.path_length_m, costs.images, costs.wall_s"
+    )
 
 
 def commented_yaml(config: MissionConfig) -> list[str]:

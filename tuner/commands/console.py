@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from rich.console import Console
 
@@ -24,6 +26,35 @@ errors = Console(stderr=True, markup=False, emoji=False)
 _SCORING_S = 900.0
 PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
 CONDITION_HELP = "World to fly in: a name of conditions/, or a YAML file."
+
+
+Spoken = Literal["all", "quiet", "json"]
+QUIET_HELP = "Only the verdict and where the report is."
+JSON_HELP = "One JSON object per event, and nothing else."
+_SLOW_S = 1.5
+_spoken: list[Spoken] = ["all"]
+
+
+def speak(how: Spoken) -> None:
+    """What commands print from here on; every command begins with "all"."""
+    _spoken[0] = how
+    output.quiet = how != "all"
+
+
+def spoken() -> Spoken:
+    """As `speak` set it."""
+    return _spoken[0]
+
+
+@contextlib.contextmanager
+def said_if_slow(text: str) -> Iterator[None]:
+    """Print ``text`` where what is inside takes longer than a moment."""
+    timer = threading.Timer(_SLOW_S, output.print, (text,))
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:
@@ -89,8 +120,9 @@ def rock_arguments(rocks: list[str]) -> list[str]:
     from nbv.cache import Store
     from nbv.rocks import load_rock
 
-    for rock in rocks:
-        load_rock(rock, Store())
+    for number, rock in enumerate(rocks, 1):
+        with said_if_slow(f"making rock {rock} ({number} of {len(rocks)}); it is kept for later"):
+            load_rock(rock, Store())
     return [str(Path(rock).resolve()) if Path(rock).is_file() else rock for rock in rocks]
 
 

@@ -43,7 +43,10 @@ class Finding:
 
 
 def doctor() -> None:
-    """Check interpreter, libraries, OpenGL, CUDA, cores, memory, disk and store; say what each finding means."""
+    """Check interpreter, libraries, OpenGL, CUDA, cores, memory, disk and store; say what each finding means.
+
+    Example: gatetune doctor
+    """
     marks = {"ok": "[green]ok  [/]", "note": "[yellow]note[/]", "bad": "[red]BAD [/]"}
     findings = []
     for check in CHECKS:

@@ -52,7 +52,10 @@ def evaluate(
     timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/evaluation).")] = None,
 ) -> None:
-    """Fly the recommended configuration and the baselines on held-out rocks; print Table I with intervals."""
+    """Fly the recommended configuration and the baselines on held-out rocks; print Table I with intervals.
+
+    Example: gatetune evaluate runs/mine --replicates 3
+    """
     output.print(f"evaluating the recommendation of {campaign}")  # before what takes seconds to load
     from tuner.campaign.campaign import Campaign
     from tuner.commands.rock_choice import unseen_rocks
@@ -97,6 +100,65 @@ def evaluate(
         reference=reference,
         title=f"{source.settings.name}: tuned against baselines on held-out rocks",
         paper=False,
+    )
+
+
+def confirm(
+    campaign: Annotated[Path, typer.Argument(help="The campaign's run directory.")],
+    rocks: Annotated[
+        list[str] | None,
+        typer.Option("--rock", help="Training rock, repeatable (default: all of the campaign's)."),
+    ] = None,
+    replicates: Annotated[int, typer.Option(help="Per rock, none of them flown by the campaign.")] = 4,
+    workers: Annotated[
+        int | None, typer.Option(help="Missions side by side (default: one per core).")
+    ] = None,
+    timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
+    out: Annotated[
+        Path | None, typer.Option(help="Directory (default: CAMPAIGN/confirmation-ROCKS).")
+    ] = None,
+) -> None:
+    """Fly the recommendation and the default on training rocks with fresh replicates; say whether the rocks gained.
+
+    Example: gatetune confirm runs/mine --rock mine
+    """
+    output.print(f"confirming the recommendation of {campaign}")  # before what takes seconds to load
+    from tuner.campaign.campaign import Campaign
+    from tuner.evaluation.baselines import TUNED
+    from tuner.evaluation.plan import EvaluationPlan
+    from tuner.missions.registry import DEFAULT_RUNNER
+
+    source = Campaign.open(campaign, read_only=True)
+    s = source.settings
+    known = {Path(rock).stem: rock for rock in s.rocks}
+    chosen = [known.get(Path(rock).stem, rock) for rock in rocks or s.rocks]
+    for rock in chosen:
+        if rock not in s.rocks:
+            raise UserError(
+                f"{campaign} was not tuned on {rock!r}; name one of {', '.join(known)}, or use evaluate"
+            )
+    tuned, default = source.recommended_config(), s.config(s.default_values())
+    if tuned.digest() == default.digest():
+        raise UserError(f"{campaign} recommends the default itself; there is nothing to confirm")
+    plan = EvaluationPlan(
+        {TUNED: tuned, "default": default},
+        tuple(chosen),
+        replicates,
+        first_replicate=s.replicates,
+        runner=s.runner if s.mission is not None else DEFAULT_RUNNER,
+        conditions=s.conditions,
+    )
+    names = "-".join(Path(rock).stem for rock in chosen)
+    compare(
+        plan,
+        out or campaign / f"confirmation-{names}",
+        workers=workers,
+        timeout_s=timeout_s,
+        metric=s.objective.metric,
+        reference="default",
+        title=f"{s.name}: the recommendation against the default on training rocks, fresh replicates",
+        paper=False,
+        mission=s.mission,
     )
 
 

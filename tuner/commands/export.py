@@ -52,7 +52,10 @@ def export(
         str | None, typer.Option(help="For plan: LATITUDE,LONGITUDE[,ALTITUDE] of take-off.")
     ] = None,
 ) -> None:
-    """Write the recommendation as a file with a header that says where it is from and what does not transfer, or a table."""
+    """Write the recommendation as a file with a header that says where it is from and what does not transfer, or a table.
+
+    Example: gatetune export runs/mine --to scoring.yaml
+    """
     if (to is Format.plan) != (home is not None):
         raise UserError("--home LATITUDE,LONGITUDE belongs to --to plan, and plan needs it")
     if to.value in TABLES:

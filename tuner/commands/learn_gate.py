@@ -23,7 +23,10 @@ def learn_gate(
     max_depth: Annotated[int, typer.Option(help="Of the decision tree.")] = 3,
     seed: Annotated[int, typer.Option(help="Breaks ties between equally good splits.")] = 0,
 ) -> None:
-    """Train the learned gate from what the oracle thought of both scorers' choices; cross-validated by rock."""
+    """Train the learned gate from what the oracle thought of both scorers' choices; cross-validated by rock.
+
+    Example: gatetune learn-gate runs/mine --out policy.json
+    """
     from tuner.studies.gate_learning import describe_tree, gate_decisions, judged_by, without_rocks
     from tuner.studies.gate_learning import learn_gate as learn
     from tuner.studies.missions_as_data import find_missions

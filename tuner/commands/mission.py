@@ -83,7 +83,10 @@ def run(
     ] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace a finished mission in that directory.")] = False,
 ) -> None:
-    """Fly one complete mission and print its metrics."""
+    """Fly one complete mission and print its metrics.
+
+    Example: gatetune mission run --rock slab --gate hyb-h
+    """
     config = mission_config(preset, set_ or [], gate, condition)
     world = Path(rock).stem if config.condition == IDEAL else f"{Path(rock).stem}-{config.condition}"
     directory = out or Path("runs") / f"mission-{world}-{config.gate.kind}-{replicate}"
@@ -135,7 +138,10 @@ def explain(
     ] = None,
     top: Annotated[int, typer.Option(help="Rows to show.")] = 10,
 ) -> None:
-    """Score one planning state again: every candidate's terms, and why the chosen one won."""
+    """Score one planning state again: every candidate's terms, and why the chosen one won.
+
+    Example: gatetune mission explain runs/mission-slab-hyb-h-0 --iteration 3
+    """
     from tuner.report.mission.explain import explain_state
 
     for item in explain_state(mission, iteration, preset, parse_overrides(set_ or []), top):
@@ -150,7 +156,10 @@ def figures(
     rock: Annotated[str, typer.Option(help="Catalogue name or mesh file that they were flown on.")],
     out: Annotated[Path, typer.Option(help="Directory of the PNG files.")] = Path("figures"),
 ) -> None:
-    """The paper's figures: trajectory, sector completeness, error overlay, pipeline states."""
+    """The paper's figures: trajectory, sector completeness, error overlay, pipeline states.
+
+    Example: gatetune mission figures runs/mission-slab-hyb-h-0 --rock slab
+    """
     from nbv.cache import Store
     from nbv.errors import UserError
     from nbv.mission.result import MissionResult
@@ -187,7 +196,10 @@ def view(
         Path | None, typer.Option(help="Also write RUN as a recording for Rerun's viewer (extra `viewer`).")
     ] = None,
 ) -> None:
-    """A page to walk around in, which opens without a server: rock, clouds, cameras, pool and path, capture by capture."""
+    """A page to walk around in, which opens without a server: rock, clouds, cameras, pool and path, capture by capture.
+
+    Example: gatetune mission view runs/mission-slab-hyb-h-0
+    """
     from tuner.campaign.settings_file import SETTINGS_FILE
     from tuner.report import write_mission_recording, write_mission_view
 
@@ -224,7 +236,10 @@ def init(
     folder: Annotated[Path, typer.Argument(help="A new or empty folder.")],
     shell: Annotated[bool, typer.Option("--shell", help="In shell instead of Python.")] = False,
 ) -> None:
-    """Write a working skeleton of a mission of your own, which packs real data with `xz`."""
+    """Write a working skeleton of a mission of your own, which packs real data with `xz`.
+
+    Example: gatetune mission init my-mission
+    """
     from tuner.missions.external.skeleton_files import write_skeleton
 
     for path in write_skeleton(folder, shell=shell):
@@ -233,7 +248,10 @@ def init(
 
 @app.command()
 def check(mission: Annotated[Path, typer.Argument(help="A mission file.")]) -> None:
-    """Try a mission of your own: twice its default, a failure, a time-out, the clean-up; a verdict each."""
+    """Try a mission of your own: twice its default, a failure, a time-out, the clean-up; a verdict each.
+
+    Example: gatetune mission check my-mission/mission.yaml
+    """
     import tempfile
 
     from tuner.missions.external import load_mission_file

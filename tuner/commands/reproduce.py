@@ -38,7 +38,10 @@ def reproduce(
     timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 7200.0,
     out: Annotated[Path, typer.Option(help="Directory.")] = Path("runs/reproduce"),
 ) -> None:
-    """Fly the paper's default configuration for its strategies and two references; print its Table I beside the paper's numbers."""
+    """Fly the paper's default configuration for its strategies and two references; print its Table I beside the paper's numbers.
+
+    Example: gatetune reproduce --replicates 3
+    """
     output.print(f"reproducing Table I with preset {preset}")  # before what takes seconds to load
     from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
     from tuner.evaluation.plan import EvaluationPlan

@@ -17,7 +17,10 @@ app = typer.Typer(no_args_is_help=True)
 
 @app.command("list")
 def list_(split: Annotated[str | None, typer.Option(help="train, held-out or extra.")] = None) -> None:
-    """The catalogue: procedural rocks and the ones you imported."""
+    """The catalogue: procedural rocks and the ones you imported.
+
+    Example: gatetune rocks list --split train
+    """
     from nbv.rocks import list_rocks
 
     table = Table()
@@ -34,7 +37,10 @@ def show(
     rock: Annotated[str, typer.Argument(help="Catalogue name or path of a mesh.")],
     image: Annotated[Path | None, typer.Option(help="Also render a contact sheet into this PNG.")] = None,
 ) -> None:
-    """Size, area, overhangs and what the importer changed; with --image, a picture."""
+    """Size, area, overhangs and what the importer changed; with --image, a picture.
+
+    Example: gatetune rocks show slab --image slab.png
+    """
     from nbv.cache import Store
     from nbv.rocks import describe, load_rock
 
@@ -71,7 +77,10 @@ def import_(
     up: Annotated[str, typer.Option(help="The file's up axis: auto, x, y, z, -x, -y or -z.")] = "auto",
     force: Annotated[bool, typer.Option(help="Replace a rock of the same name.")] = False,
 ) -> None:
-    """Bring your own rock into the catalogue; says what it changed."""
+    """Bring your own rock into the catalogue; says what it changed.
+
+    Example: gatetune rocks import scan.glb --name mine --up z
+    """
     from nbv.rocks import import_mesh, save_imported
 
     checked: dict[str, Any] = {"split": split, "up": up}  # import_mesh refuses other words

@@ -53,7 +53,7 @@ def better(campaign: Campaign, runner: str = "photogrammetric", **changes: Any) 
     """A configuration that flew once is recommended, and believed to be better."""
     values = other(CampaignFacts(campaign)).values
     gain = {"improvement": 3.0, "improvement_sd": 0.5, "improvement_interval_95": (2.0, 4.0)}
-    return facts_of(campaign, runner, values=values, sparsest=None, **{**gain, **changes})
+    return facts_of(campaign, runner, values=values, **{"sparsest": None, **gain, **changes})
 
 
 def sparse(values: dict[str, Any], kept: tuple[str, ...]) -> Sparsest:
@@ -98,8 +98,7 @@ def test_a_geometric_gain_is_called_a_prediction(campaign: Campaign) -> None:
 
 def test_the_fewest_changes_are_used_and_not_flown_said(campaign: Campaign) -> None:
     first, second = CampaignFacts(campaign).settings.space.paths[:2]
-    facts = better(campaign)
-    values = {**facts.default, first: 0.77}
+    values = {**CampaignFacts(campaign).default, first: 0.77}
     facts = better(campaign, sparsest=sparse(values, (first,)))
     answer = use_answer(facts)
     assert [row[1] for row in answer["kept"]] == [first] and "0.77" in answer["sentence"]
@@ -108,10 +107,8 @@ def test_the_fewest_changes_are_used_and_not_flown_said(campaign: Campaign) -> N
 
 
 def test_where_nothing_is_needed_the_default_is_used(campaign: Campaign) -> None:
-    facts = better(campaign)
-    facts = better(
-        campaign, sparsest=sparse(facts.default, ()), improvement_interval_95=(-0.1, 0.1), noise_sd=0.5
-    )
+    default = CampaignFacts(campaign).default
+    facts = better(campaign, sparsest=sparse(default, ()), improvement_interval_95=(-0.1, 0.1), noise_sd=0.5)
     answer = use_answer(facts)
     assert answer["kept"] == [] and "Use the paper’s default" in answer["sentence"]
     why, command = next_answer(facts, evaluated=False)

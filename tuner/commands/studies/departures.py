@@ -41,7 +41,10 @@ def departures(
     out: Out = Path("runs/departures"),
     report_only: ReportOnly = False,
 ) -> None:
-    """What does each departure of the authors' public code do to the outcome? One at a time, paired."""
+    """What does each departure of the authors' public code do to the outcome? One at a time, paired.
+
+    Example: gatetune study departures --fidelity geometric
+    """
     from tuner.missions.registry import with_oracle
     from tuner.studies.departures import DEPARTURES, DepartureSettings, analyse
     from tuner.studies.departures.report import departures_table, write_departures_report

@@ -55,7 +55,10 @@ def noise(
     out: Out = Path("runs/noise"),
     report_only: ReportOnly = False,
 ) -> None:
-    """Does the objective tell configurations apart? Variance by configuration, rock and replicate."""
+    """Does the objective tell configurations apart? Variance by configuration, rock and replicate.
+
+    Example: gatetune study noise --rock slab
+    """
     from tuner.problem.space_files import load_search_space
     from tuner.studies.noise import NoiseSettings, analyse
     from tuner.studies.noise.report import noise_table, write_noise_report

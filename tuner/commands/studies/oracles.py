@@ -48,7 +48,10 @@ def oracles(
     out: Out = Path("runs/oracles"),
     report_only: ReportOnly = False,
 ) -> None:
-    """When does the oracle count a sample as covered? Every reading of the paper, and what it gains."""
+    """When does the oracle count a sample as covered? Every reading of the paper, and what it gains.
+
+    Example: gatetune study oracles --rock slab
+    """
     from tuner.missions.registry import with_oracle
     from tuner.studies.oracles import OracleSettings, analyse
     from tuner.studies.oracles.report import oracles_table, write_oracles_report
@@ -84,7 +87,10 @@ def oracle_states(
     ] = None,
     out: Annotated[Path, typer.Option(help="Markdown file of the table.")] = Path("oracle_states.md"),
 ) -> None:
-    """What every oracle would have preferred on the same planning states."""
+    """What every oracle would have preferred on the same planning states.
+
+    Example: gatetune study oracle-states runs/mission-slab-hyb-h-0
+    """
     from nbv.mission.run_directory import write_atomic
     from tuner.studies.oracles.report import states_markdown, states_table
     from tuner.studies.oracles.states import judge

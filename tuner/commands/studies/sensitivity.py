@@ -33,7 +33,10 @@ def sensitivity(
     seed: Annotated[int, typer.Option(help="Of fit and sampling.")] = 0,
     out: Annotated[Path | None, typer.Option(help="Directory (default: RUN/sensitivity).")] = None,
 ) -> None:
-    """Which parameters matter: Sobol indices on the surrogate, beside fANOVA and PED-ANOVA."""
+    """Which parameters matter: Sobol indices on the surrogate, beside fANOVA and PED-ANOVA.
+
+    Example: gatetune study sensitivity runs/mine
+    """
     from tuner.problem.objective import DEFAULT_METRIC
     from tuner.problem.space_files import load_search_space
     from tuner.studies.missions_as_data import campaign_data, is_campaign, mission_data

@@ -43,7 +43,10 @@ def transfer(
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/transfer).")] = None,
     report_only: ReportOnly = False,
 ) -> None:
-    """Does what was tuned hold in another world? Rank correlation, regret, paired differences."""
+    """Does what was tuned hold in another world? Rank correlation, regret, paired differences.
+
+    Example: gatetune study transfer runs/mine --condition field
+    """
     from tuner.studies.transfer import TransferSettings, analyse, worlds
     from tuner.studies.transfer.report import pairs_table, transfer_table, write_transfer_report
 

@@ -203,6 +203,18 @@ def _under(run: EvaluationRun, condition: str, reference: str, headline: MetricR
     }
 
 
+def leading_verdict(
+    run: EvaluationRun, reference: str | None, metric: str, rows: Sequence[MetricRow] | None = None
+) -> str:
+    """The sentence that the page leads with; empty where there is nothing to compare."""
+    strategies = tuple(run.plan.strategies)
+    against = reference or ("hyb-h" if "hyb-h" in strategies else strategies[0])
+    row = metric_row(metric) if rows is None else rows[0]
+    leading = comparison_table(run.records, strategies, against, None, (row,))
+    found = _sentences(leading, [name for name in strategies if name != against])
+    return found[0]["text"] if found else ""
+
+
 _SURFACE_NOTES = {
     "whole": "Against the complete reference surface, underside included, as in the paper.",
     "observable": "Against the part of the reference surface that at least two reachable cameras can see: nobody can win "
@@ -368,4 +380,10 @@ def _sectors(
     return dict(found), centers
 
 
-__all__ = ["PAPER_TABLE_I", "comparison_context", "comparison_markdown", "write_comparison_report"]
+__all__ = [
+    "PAPER_TABLE_I",
+    "comparison_context",
+    "comparison_markdown",
+    "leading_verdict",
+    "write_comparison_report",
+]

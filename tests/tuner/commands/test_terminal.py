@@ -1,0 +1,79 @@
+"""What the terminal says of a campaign: lines, events for scripts, verdicts, examples."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+import fake_campaigns
+import pytest
+import typer
+
+from tuner.campaign.events import CampaignEvent
+from tuner.campaign.ledger import TrialRecord
+from tuner.campaign.settings import CampaignSettings
+from tuner.cli import app
+from tuner.commands import evaluate
+from tuner.commands.campaign_display import LINE, event_line, mission_line
+from tuner.evaluation.plan import EvaluationPlan
+from tuner.problem.space_files import load_search_space
+
+SETTINGS: CampaignSettings = fake_campaigns.settings(space=load_search_space("gate_and_weights"))
+
+
+def event(kind: Any = "finished", **changes: Any) -> CampaignEvent:
+    values = dict.fromkeys(SETTINGS.space.paths, 0.123456)
+    fields: dict[str, Any] = {"state": "complete", "values": values, "rock": "a", "replicate": 1}
+    fields |= {"directory": "d", "why": {}, "memory": {}, "raw": 81.234, "status": "ok", "wall_s": 13.0}
+    return CampaignEvent(kind, 2.0, 3, 9, TrialRecord(number=11, **{**fields, **changes}))
+
+
+def test_a_mission_has_one_line_that_tells_scorers_apart() -> None:
+    line = mission_line(event(), SETTINGS)
+    assert len(line) <= LINE and line.startswith("#012 a ")
+    assert "81.23" in line and "C.nov 0.123" in line
+    few = {**SETTINGS.default_values(), "b_aware.weights.nov": 0.5}
+    assert mission_line(event(values=few), SETTINGS).endswith("B.nov 0.5")
+    assert mission_line(event(values=SETTINGS.default_values()), SETTINGS).endswith("the default")
+    assert "degraded" in mission_line(event(status="degraded"), SETTINGS)
+    failed = mission_line(event("failed", raw=None, reason="lost", message="long\n" * 40), SETTINGS)
+    assert "failed: lost" in failed and len(failed) <= LINE and "\n" not in failed
+
+
+def test_an_event_is_one_json_object() -> None:
+    tree = json.loads(event_line(event(raw=float("nan"))))
+    assert tree["event"] == "finished" and tree["mission"] == 12 and tree["budget"] == 9
+    assert tree["value"] is None and set(tree["values"]) == set(SETTINGS.space.paths)
+
+
+def test_metrics_are_listed(gatetune: Any) -> None:
+    code, out, _ = gatetune("metrics")
+    assert code == 0 and "f_score_Tmm" in out and "completeness_Tmm" in out and "48" in out
+
+
+def test_confirm_flies_both_with_replicates_nobody_has_flown(
+    gatetune: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    space = load_search_space("gate")
+    run = fake_campaigns.run(tmp_path / "run", space=space, sampler="sobol", budget=8, replicates=2)
+    plans: list[EvaluationPlan] = []
+    monkeypatch.setattr(evaluate, "compare", lambda plan, *_, **__: plans.append(plan))
+    code, _, err = gatetune("confirm", run.directory, "--rock", "a", "--replicates", 3)
+    assert code == 0, err
+    (plan,) = plans
+    assert list(plan.strategies) == ["tuned", "default"] and plan.rocks == ("a",)
+    assert {job.replicate for job in plan.jobs(tmp_path)} == {2, 3, 4}
+    code, _, err = gatetune("confirm", run.directory, "--rock", "elsewhere")
+    assert code == 2 and "was not tuned on 'elsewhere'" in err
+
+
+def test_every_command_shows_an_example() -> None:
+    def leaves(command: click.Command, path: str) -> list[str]:
+        if isinstance(command, click.Group):
+            return [x for name, c in command.commands.items() for x in leaves(c, f"{path} {name}")]
+        shown = f"Example: {path} " in f"{command.help} " or f"Example: {path}" in str(command.help)
+        return [] if shown else [path]
+
+    assert leaves(typer.main.get_command(app), "gatetune") == []
