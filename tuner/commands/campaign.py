@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from nbv.config import IDEAL
 from nbv.errors import UserError
 from tuner.commands.campaign_display import (
     CampaignProgress,
-    event_line,
+    echo_event,
+    show_counts,
     show_front,
     show_recommendation,
     show_verdict,
@@ -32,7 +32,6 @@ from tuner.commands.mission import progress_bar
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
-    from tuner.campaign.events import CampaignEvent
     from tuner.missions.cluster.executor import DaskExecutor
     from tuner.missions.executors import LocalProcessExecutor
 
@@ -310,32 +309,13 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
     from tuner.missions.registry import is_geometric
 
     campaign = Campaign.open(directory, read_only=True)
-    facts = campaign.status()
-    output.print(
-        f"{facts.name}: {facts.finished} of {facts.budget} missions "
-        f"({facts.failed} failed, {facts.running} open); "
-        f"{seconds(facts.mission_wall_s)} of computing, {seconds(facts.flight_time_s)} of simulated flight"
-    )
-    output.print(
-        "missions per rock: " + ", ".join(f"{rock} {count}" for rock, count in facts.per_rock.items())
-    )
-    if list(facts.per_condition) != [IDEAL]:
-        output.print(
-            "missions per condition: "
-            + ", ".join(f"{name} {count}" for name, count in facts.per_condition.items())
-        )
-    for reason, count in facts.failures.items():
-        output.print(f"  failed {count} times: {reason}")
+    show_counts(campaign.status())
     show_recommendation(
         campaign.recommendation(save=False),
         of_paper=campaign.settings.mission is None,
         geometric=is_geometric(campaign.settings.runner),
     )
     show_front(campaign)
-
-
-def _echo(event: CampaignEvent) -> None:
-    typer.echo(event_line(event))
 
 
 def fly(
@@ -375,7 +355,7 @@ def fly(
             )
         )
     with executor, progress_bar() as bar:
-        show = _echo if spoken() == "json" else CampaignProgress(bar, settings)
+        show = echo_event if spoken() == "json" else CampaignProgress(bar, settings)
         every = max(LEAST_BETWEEN, settings.budget // UPDATES)
         summary = fly_campaign(campaign, executor, show, recommend_every=every)
         if summary.stopped == "budget" and shown_jobs(campaign):

@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
+import typer
 from rich.table import Table
 
+from nbv.config import IDEAL
 from nbv.mission.result import json_ready
 from tuner.commands.console import output, seconds
 
@@ -14,7 +16,7 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from tuner.campaign.campaign import Campaign
-    from tuner.campaign.events import CampaignEvent
+    from tuner.campaign.events import CampaignEvent, CampaignStatus
     from tuner.campaign.settings import CampaignSettings
     from tuner.recommendation.recommendation import Recommendation
     from tuner.recommendation.sparsest import Sparsest
@@ -113,6 +115,30 @@ def event_line(event: CampaignEvent) -> str:
             "improvement_interval_95": best.improvement_interval_95,
         }
     return json.dumps(json_ready(fields))
+
+
+def echo_event(event: CampaignEvent) -> None:
+    """Print `event_line`."""
+    typer.echo(event_line(event))
+
+
+def show_counts(facts: CampaignStatus) -> None:
+    """Missions, failures and costs so far."""
+    output.print(
+        f"{facts.name}: {facts.finished} of {facts.budget} missions "
+        f"({facts.failed} failed, {facts.running} open); "
+        f"{seconds(facts.mission_wall_s)} of computing, {seconds(facts.flight_time_s)} of simulated flight"
+    )
+    output.print(
+        "missions per rock: " + ", ".join(f"{rock} {count}" for rock, count in facts.per_rock.items())
+    )
+    if list(facts.per_condition) != [IDEAL]:
+        output.print(
+            "missions per condition: "
+            + ", ".join(f"{name} {count}" for name, count in facts.per_condition.items())
+        )
+    for reason, count in facts.failures.items():
+        output.print(f"  failed {count} times: {reason}")
 
 
 def _initial(path: str) -> str:

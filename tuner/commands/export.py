@@ -58,6 +58,7 @@ def export(
     """
     if (to is Format.plan) != (home is not None):
         raise UserError("--home LATITUDE,LONGITUDE belongs to --to plan, and plan needs it")
+    output.print(f"exporting {to.value} of {run}", soft_wrap=True)  # before what takes seconds to load
     if to.value in TABLES:
         from tuner.report.records import write_records
 

@@ -81,6 +81,7 @@ def import_(
 
     Example: gatetune rocks import scan.glb --name mine --up z
     """
+    output.print(f"importing {mesh}")  # before what takes seconds to load
     from nbv.rocks import import_mesh, save_imported
 
     checked: dict[str, Any] = {"split": split, "up": up}  # import_mesh refuses other words
