@@ -25,11 +25,13 @@ sys.path[:0] = [str(DOCS.parent), str(DOCS.parent / "benchmarks")]  # this check
 COMMAND_ORDER = (
     "campaign",
     "evaluate",
+    "confirm",
     "reproduce",
     "export",
     "mission",
     "rocks",
     "config",
+    "metrics",
     "cache",
     "doctor",
 )

@@ -68,7 +68,6 @@ def main() -> None:
         ).stdout
         run = given or Path(folder) / "runs" / "mine"
         photograph(run / "report.html", (1200, 1750), IMAGES / "campaign_page.png")
-        photograph(run / "report.html", (420, 1300), IMAGES / "campaign_page_narrow.png")
         shown = [f"$ gatetune {' '.join(words[:2])} ...", *said.splitlines()[-LINES:]]
         terminal = Path(folder) / "terminal.html"
         terminal.write_text(TERMINAL.format(html.escape("\n".join(shown))))

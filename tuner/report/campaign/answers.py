@@ -82,7 +82,7 @@ def use_answer(facts: CampaignFacts) -> dict[str, Any]:
     kept = [p.path for p in space.parameters if values[p.path] != facts.default[p.path]]
     missions = len(flown(facts, values))
     if not kept:
-        sentence = f"Use the {facts.default_name}: nothing flown so far is believed to be better."
+        sentence = f"Use the {facts.default_name}: nothing tuned is known to be worth more."
     else:
         text = ", ".join(f"{parameter_label(p).name} = {_value(values, p)}" for p in kept)
         if len(kept) > FEW:
