@@ -44,6 +44,9 @@ def test_a_stable_name_is_documented_and_typed(name: str) -> None:
     assert inspect.isclass(thing) or signature.return_annotation is not inspect.Signature.empty
 
 
+EVENTS: list[tuple[str, float | None]] = []
+
+
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> tuner.Campaign:
     return tuner.tune(
@@ -56,7 +59,12 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> tuner.Campaign:
         runner="geometric",
         learn_from=["nothing"],
         workers=1,
+        on_event=lambda e: EVENTS.append((e.kind, e.trial.raw)) if e.kind == "finished" and e.trial else None,
     )
+
+
+def test_a_callback_hears_of_every_mission(campaign: tuner.Campaign) -> None:
+    assert [("finished", trial.raw) for trial in campaign.trials()] == EVENTS
 
 
 def test_a_campaign_becomes_a_frame(campaign: tuner.Campaign) -> None:
