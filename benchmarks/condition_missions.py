@@ -1,8 +1,9 @@
-"""How many missions under a condition end with a model? Seeds and a few captures; the dense stage is cut short.
+"""How many missions under a condition end with a cloud? Seeds and a few captures; the dense stage is cut short.
 
     OMP_NUM_THREADS=1 python benchmarks/condition_missions.py --condition field --replicates 0 1 2 --out field.csv
 
-One row per mission, Hyb-H at preset ``campaign`` with 4 captures, on all procedural rocks. Goes on where a file ends.
+One row per mission, Hyb-H at preset ``campaign`` with 4 captures, on all procedural rocks; the cloud is not
+compared with the rock, which would take half of the time. Goes on where a file ends.
 """
 
 from __future__ import annotations
@@ -10,16 +11,19 @@ from __future__ import annotations
 import argparse
 import csv
 from pathlib import Path
+from typing import Any
 
 from nbv.config import load_condition, preset, under
-from nbv.photogrammetric import run_photogrammetric_mission
+from nbv.mission.fidelity import MissionContext
+from nbv.mission.flying import fly_mission
+from nbv.photogrammetric.mission import PhotogrammetricFidelity
 from nbv.rocks.recipes import RECIPES
+from nbv.types import Cloud
 
 SHORT = {
     "stop.adaptive_budget": 4,
     "dense.neighbours": 1,
     "dense.agreeing_views": 2,
-    "evaluation.gt_samples": 1000,
 }
 HEAD = (
     "condition",
@@ -31,6 +35,18 @@ HEAD = (
     "registered images",
     "alignment rms (m)",
 )
+
+
+class Unmeasured(PhotogrammetricFidelity):
+    """A mission with photographs whose cloud is only counted."""
+
+    def __init__(self, context: MissionContext) -> None:
+        super().__init__(context)
+        self.oracle = None
+
+    def measure(self, cloud: Cloud) -> dict[str, Any]:
+        """How many points there are."""
+        return {"points": len(cloud)}
 
 
 def main() -> None:
@@ -53,7 +69,7 @@ def main() -> None:
             for rock in RECIPES:
                 if (rock, replicate) in done:
                     continue
-                result = run_photogrammetric_mission(config, rock, replicate)
+                result = fly_mission(Unmeasured, config, rock, replicate)
                 rms_m = f"{result.trace[-1].alignment_rms_m:.3f}" if result.trace else ""
                 images = (int(result.costs["images"]), int(result.costs["registered_images"]))
                 rows.writerow(

@@ -32,6 +32,7 @@ _GLOBAL_CHANGE = 5e-4
 _GUARDED_POSE_INLIERS, _GUARDED_POSE_INLIER_RATIO = 15, 0.15
 # For seeds that are left over after that, each pose compared with telemetry before it is kept.
 _JUDGED_POSE_INLIERS, _JUDGED_POSE_INLIER_RATIO, _JUDGED_POSE_TRIALS = 6, 0.05, 10
+_ENOUGH_SEEDS = 0.75  # share of them; points that came with the rest once hid a target
 
 Judge = Callable[[pycolmap.Reconstruction, int], str]
 """Given the model and the image just registered: "" to keep it, otherwise why its pose is wrong."""
@@ -149,8 +150,8 @@ class IncrementalModel:
     def bootstrap(self, judge: JudgeSeed = lambda reconstruction: "", judge_pose: Judge | None = None) -> str:
         """Build the seed model from all images so far; returns "" or why there is none.
 
-        Up to three initial pairs are tried until ``judge`` accepts the model. With ``judge_pose`` what then is left over
-        is tried once more, with few matches and with points that only two images see.
+        Up to three initial pairs are tried until ``judge`` accepts the model. With ``judge_pose``, where more than a
+        quarter is left over it is tried once more, with few matches and with points that only two images see.
         """
         pycolmap.set_random_seed(_SEED)
         with self.timer("mapping"):
@@ -164,7 +165,7 @@ class IncrementalModel:
                 mapper.end_reconstruction(True)
                 break
             self._grow(mapper)
-            if judge_pose is not None and reconstruction.num_reg_images() < len(self.names):
+            if judge_pose and reconstruction.num_reg_images() < _ENOUGH_SEEDS * len(self.names):
                 self._join(mapper, judge_pose)
             reason = judge(reconstruction)
             # Discarding frees the rejected model's images for the next initial pair.

@@ -87,8 +87,9 @@ def test_twenty_matches_are_enough_where_telemetry_guards():
 
 @pytest.mark.parametrize("turned_deg, joins", [(0.0, True), (40.0, False)])
 def test_few_shared_points_join_a_seed_whose_turn_fits(turned_deg, joins):
-    """Of 20 matches 11 are with one seed alone, so that 9 points are there to register by."""
+    """Of 20 matches 11 are with one seed alone, so that 9 points are there to register by. Four seeds see nothing."""
     world = LabelledPoints(SEEDS)
+    world.blind = {1, 4, 7, 10}
     last, neighbour = 15, 14
     shared = np.intersect1d(world.labels[last], world.labels[neighbour])
     kept = shared[np.linspace(0, len(shared) - 1, 20).astype(int)]
@@ -109,4 +110,4 @@ def test_few_shared_points_join_a_seed_whose_turn_fits(turned_deg, joins):
     captures[last] = dataclasses.replace(SEEDS[last], camera_from_world=pose)
     sparse = SparseReconstructor(CAMERA, CONFIG, TARGET, world, TELEMETRY_LEVELS["rtk"])
     sparse.bootstrap(captures)
-    assert len(sparse.world_camera_poses()) == 15 + joins
+    assert len(sparse.world_camera_poses()) == 11 + joins
