@@ -60,25 +60,27 @@ def options(
 
 
 app.add_typer(campaign.app, name="campaign", help="Job 1: run, resume and look at a GP tuning campaign.")
-app.command(name="evaluate", help="Job 2: the tuned configuration against the baselines on held-out rocks.")(
-    evaluate.evaluate
-)
-app.command(name="confirm", help="Did my rock gain? The recommendation against the default, flown afresh.")(
-    evaluate.confirm
-)
-app.command(name="metrics", help="What can be tuned for: every metric, its unit and direction.")(
+app.command(
+    name="evaluate", short_help="Job 2: the tuned configuration against the baselines on held-out rocks."
+)(evaluate.evaluate)
+app.command(
+    name="confirm", short_help="Did my rock gain? The recommendation against the default, flown afresh."
+)(evaluate.confirm)
+app.command(name="metrics", short_help="What can be tuned for: every metric, its unit and direction.")(
     config.metrics
 )
-app.command(name="reproduce", help="Job 3: the paper's default configuration in the layout of its Table I.")(
-    reproduce.reproduce
-)
-app.command(name="export", help="The recommendation as files for the vehicle.")(export.export)
+app.command(
+    name="reproduce", short_help="Job 3: the paper's default configuration in the layout of its Table I."
+)(reproduce.reproduce)
+app.command(name="export", short_help="The recommendation as files for the vehicle.")(export.export)
 app.add_typer(studies.app, name="study", help="How noisy the objective is; what it depends on.")
-app.command(name="learn-gate", help="Train the learned gate from missions' logs.")(learn_gate.learn_gate)
+app.command(name="learn-gate", short_help="Train the learned gate from missions' logs.")(
+    learn_gate.learn_gate
+)
 app.add_typer(mission.app, name="mission", help="Fly one mission; explain its decisions; draw its figures.")
 app.add_typer(rocks.app, name="rocks", help="List, show and import rocks.")
 app.add_typer(cache.app, name="cache", help="The store of photographs, features, pairs and seed models.")
-app.command(name="doctor", help="Is this machine fit for missions, and what mends it?")(doctor.doctor)
+app.command(name="doctor", short_help="Is this machine fit for missions, and what mends it?")(doctor.doctor)
 app.add_typer(config.app, name="config", help="Presets, parameter paths and search spaces.")
 
 

@@ -35,7 +35,7 @@ def show(
 def metrics() -> None:
     """Every metric that `--metric` takes. Put `observable.` or `whole.` before the name: the surface it is of.
 
-    Example: gatetune campaign run --metric observable.completeness_48mm
+    Example: gatetune metrics, then gatetune campaign run --metric observable.completeness_48mm
     """
     from nbv.evaluation.registry import METRICS
 
