@@ -3,7 +3,8 @@
 Facts about their keys come from the public repository ``photogrammetry_nbv`` at commit b8e106c; nothing of its code is here.
 """
 
-from adapters.photogrammetry_nbv.files import read_file, write_text
+from adapters.photogrammetry_nbv.configuring import FUNCTION, configuration, files_beside
+from adapters.photogrammetry_nbv.files import read_file, write_mission_folder, write_text
 from adapters.photogrammetry_nbv.keys import FILES, MISSION, SCORING
 from adapters.photogrammetry_nbv.reading import read_mission, read_scoring
 from adapters.photogrammetry_nbv.remarks import Remark
@@ -11,13 +12,17 @@ from adapters.photogrammetry_nbv.writing import write_mission, write_scoring
 
 __all__ = [
     "FILES",
+    "FUNCTION",
     "MISSION",
     "SCORING",
     "Remark",
+    "configuration",
+    "files_beside",
     "read_file",
     "read_mission",
     "read_scoring",
     "write_mission",
+    "write_mission_folder",
     "write_scoring",
     "write_text",
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,25 @@ def write_text(values: Mapping[str, Any], kind: str, header: str = "") -> str:
         tree = {part: tree}
     comment = "".join(f"# {line}".rstrip() + "\n" for line in header.splitlines())
     return comment + yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=100)
+
+
+def write_mission_folder(folder: Path) -> list[Path]:
+    """Write the mission file of their stack into a new or empty folder; what was written.
+
+    Raises
+    ------
+    UserError
+        There is something in ``folder``, or it cannot be written.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UserError(f"{folder} is not an empty folder; choose another one")
+    text = resources.files(__package__).joinpath("mission", "mission.yaml").read_text("utf-8")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "mission.yaml").write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UserError(f"cannot write to {folder}: {error.strerror}; choose another folder") from error
+    return [folder / "mission.yaml"]
 
 
 def _flat(tree: Mapping[Any, Any], prefix: str, known: set[str]) -> dict[str, Any]:

@@ -71,7 +71,8 @@ SCORING = (
     _kept("hybrid.oracle.gt_mesh_path", "", "the true surface is the rock's own here"),
     Key("hybrid.oracle.n_gt_samples", 30000, "gate.oracle_samples"),
     Key("hybrid.oracle.coverage_threshold_m", 0.02, "gate.oracle_threshold_m"),
-    _kept("hybrid.oracle.quality_credit_weight", None, "only their later code (f3120ba) has it"),
+    # Only their later code (f3120ba) reads it, and takes 0.5 where it is missing.
+    Key("hybrid.oracle.quality_credit_weight", 0.0, "gate.oracle_quality_weight"),
     _kept(
         "hybrid.learned_switch.policy_json_path", "", "their policies have other features and another schema"
     ),

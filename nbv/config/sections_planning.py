@@ -265,6 +265,12 @@ class GateConfig(Section):
     oracle_samples: int = text(30_000, "III-B", "samples of the true surface that Hyb-O counts")
     oracle_threshold_m: float = text(0.02, "III-B", "distance at which a sample is covered")
     oracle_matchable_views: int = ours(3, "views that must see a sample where coverage is matchable")
+    oracle_quality_weight: float = code(
+        0.0,
+        "scoring.yaml of f3120ba: 0.5",
+        "how much of a scorer's own main term Hyb-O adds to the share of samples; above 0, ties go by margin",
+        added=True,
+    )
     learned_policy: str = ours("", "path of a policy for the learned gate; empty: the one that ships")
 
     def __post_init__(self) -> None:
@@ -274,3 +280,4 @@ class GateConfig(Section):
         self._need_at_least(100, "oracle_samples")
         self._need_positive("oracle_threshold_m")
         self._need_at_least(2, "oracle_matchable_views")
+        self._need_at_least(0, "oracle_quality_weight")

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from nbv.gates.base import Gate, GateInputs
 from nbv.gates.ground_truth import GroundTruthOracle, oracle_rewards
 from nbv.scorers import B_AWARE, COVIS
@@ -14,6 +16,9 @@ from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
 @dataclass(frozen=True)
 class OracleGate(Gate):
     """Covis or the geometry scorer (B-aware), whichever's top candidate covers more uncovered ground-truth samples; ties go to Covis.
+
+    With ``gate.oracle_quality_weight`` (the first author's later code, f3120ba) a reward is the share of the uncovered
+    samples plus that weight times the scorer's own main term, and ties go to the scorer that prefers its best by more.
 
     It compares two candidates only and looks one step ahead, so it is not a ceiling (see
     `nbv.gates.greedy_oracle`). Reads the ground truth.
@@ -29,11 +34,17 @@ class OracleGate(Gate):
         return cls(given.truth, given.config.gate.geometry_scorer)
 
     def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
-        """The geometry scorer if and only if its reward is strictly larger."""
+        """The geometry scorer where its reward is larger; of a tie `gate.oracle_quality_weight` says more."""
         covis, geometry = COVIS.name, self.geometry_scorer
         both = {name: rankings[name] for name in (covis, geometry)}
         rewards = oracle_rewards(self.oracle, state, pool, both)
-        chosen = geometry if rewards[geometry] > rewards[covis] else covis
+        worth, tied = rewards, covis
+        if weight := self.oracle.config.gate.oracle_quality_weight:
+            left = max(1, int(np.count_nonzero(~self.oracle.coverage(state).covered)))
+            worth = {n: rewards[n] / left + weight * float(r.terms["main"][r.top]) for n, r in both.items()}
+            tied = geometry if _margin(both[geometry]) > _margin(both[covis]) else covis
+        tie = worth[geometry] == worth[covis]
+        chosen = tied if tie else max(worth, key=worth.__getitem__)
         reason = (
             f"ground truth: {covis} would gain {rewards[covis]:g}, {geometry} {rewards[geometry]:g} samples"
         )
@@ -41,6 +52,12 @@ class OracleGate(Gate):
             "ground_truth": True,
             "coverage": self.oracle.config.gate.oracle_coverage,
             "oracle_rewards": rewards,
-            "tie": rewards[covis] == rewards[geometry],
+            "tie": tie,
         }
         return GateDecision(rankings[chosen], reason, details)
+
+
+def _margin(ranking: Ranking) -> float:
+    """By how much the best candidate is better than the next."""
+    best = ranking.scores[ranking.order[:2]]
+    return float(best[0] - best[-1])

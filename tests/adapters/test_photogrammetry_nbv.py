@@ -43,6 +43,7 @@ OTHER_SCORING = {
     "hybrid.heuristic.knn_p95_threshold": 0.2,
     "hybrid.oracle.n_gt_samples": 20000,
     "hybrid.oracle.coverage_threshold_m": 0.03,
+    "hybrid.oracle.quality_credit_weight": 0.5,
 }
 OTHER_MISSION = {
     "seed_radius_m": 5.0,

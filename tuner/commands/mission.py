@@ -235,14 +235,18 @@ def _view_campaign(directory: Path) -> None:
 def init(
     folder: Annotated[Path, typer.Argument(help="A new or empty folder.")],
     shell: Annotated[bool, typer.Option("--shell", help="In shell instead of Python.")] = False,
+    upstream: Annotated[
+        bool, typer.Option("--photogrammetry-nbv", help="The mission file of the authors' stack instead.")
+    ] = False,
 ) -> None:
     """Write a working skeleton of a mission of your own, which packs real data with `xz`.
 
     Example: gatetune mission init my-mission
     """
+    from adapters.photogrammetry_nbv import write_mission_folder
     from tuner.missions.external.skeleton_files import write_skeleton
 
-    for path in write_skeleton(folder, shell=shell):
+    for path in write_mission_folder(folder) if upstream else write_skeleton(folder, shell=shell):
         output.print(f"wrote {path}")
 
 

@@ -11,7 +11,7 @@ from gate_states import pool, rankings, state
 
 from nbv.config import MissionConfig
 from nbv.gates import GroundTruthOracle, make_gate, oracle_rewards
-from nbv.types import CandidatePool
+from nbv.types import CandidatePool, Ranking
 
 RADIUS = 0.8
 
@@ -22,11 +22,13 @@ def config(coverage: str, kind: str = "hyb-o") -> MissionConfig:
     )
 
 
-def oracle(coverage: str) -> GroundTruthOracle:
+def _ball() -> tuple[np.ndarray, np.ndarray]:
     ball = trimesh.creation.icosphere(subdivisions=4, radius=RADIUS)
-    return GroundTruthOracle(
-        np.asarray(ball.vertices) + np.array([0, 0, 0.8]), np.asarray(ball.faces), config(coverage)
-    )
+    return np.asarray(ball.vertices) + np.array([0, 0, 0.8]), np.asarray(ball.faces)
+
+
+def oracle(coverage: str) -> GroundTruthOracle:
+    return GroundTruthOracle(*_ball(), config(coverage))
 
 
 def opposite_pool() -> CandidatePool:
@@ -117,6 +119,44 @@ def test_the_papers_code_is_degenerate() -> None:
     decision = make_gate(config("paper-code"), oracle=o).decide(s, p, rankings(0, 1, 2))
     assert decision.ranking.scorer == "covis"
     assert decision.details["oracle_rewards"] == {"covis": 0.0, "b-aware": 0.0}
+
+
+def test_the_later_code_credits_a_scorers_own_term() -> None:
+    """Its oracle is as blind, but what B-aware promises counts, and ties go to the clearer preference (f3120ba)."""
+    later = config("paper-code").with_values({"gate.oracle_quality_weight": 0.5})
+    o, p = GroundTruthOracle(*_ball(), later), opposite_pool()
+
+    def decide(covis: float, b_aware: float, runner_up: float) -> tuple[str, bool]:
+        tops = {
+            name: Ranking(name, np.array([top, 1 - top]), np.array(scores), {"main": np.array([own, own])})
+            for name, top, own, scores in (
+                ("covis", 0, covis, [1.0, 0.9]),
+                ("b-aware", 1, b_aware, [runner_up, 1.0]),
+            )
+        }
+        decision = make_gate(later, oracle=o).decide(state(), p, tops)
+        assert decision.details["oracle_rewards"] == {"covis": 0.0, "b-aware": 0.0}
+        return decision.ranking.scorer, decision.details["tie"]
+
+    assert decide(0.95, 0.9, 0.0) == ("covis", False)
+    assert decide(0.9, 0.95, 1.0) == ("b-aware", False)
+    assert decide(0.9, 0.9, 0.5) == ("b-aware", True)
+    assert decide(0.9, 0.9, 0.95) == ("covis", True)
+
+
+def test_the_later_code_weighs_shares_against_the_term() -> None:
+    """All of what is left (0.6 of the ball) against 0.5 of a main term that is 1 higher."""
+    later = config("reconstruction").with_values({"gate.oracle_quality_weight": 0.5})
+    o, p = GroundTruthOracle(*_ball(), later), opposite_pool()
+    east = state(points=o.samples_m[o.samples_m[:, 0] > 0])  # covis's side is done
+    tops = rankings(0, 1, 2)
+    for name, own in (("covis", 1.0), ("b-aware", 0.0)):
+        tops[name].terms["main"] = np.full(2, own)
+    rewards = oracle_rewards(o, east, p, tops)
+    share = (rewards["b-aware"] - rewards["covis"]) / np.count_nonzero(~o.coverage(east).covered)
+    chosen = make_gate(later, oracle=o).decide(east, p, tops).ranking.scorer
+    assert chosen == ("b-aware" if share > 0.5 else "covis")
+    assert 0.1 < share < 1.0
 
 
 def test_matchable_needs_views_at_matchable_angles() -> None:

@@ -89,7 +89,10 @@ def test_azimuth_and_elevation_describe_the_position() -> None:
         assert np.rad2deg(np.arcsin(d[2] / np.linalg.norm(d))) == pytest.approx(v.elevation_deg)
 
 
-@pytest.mark.parametrize(("name", "altitude", "spacing"), [("paper", 170, 163), ("paper-code", 112, 105)])
+@pytest.mark.parametrize(
+    ("name", "altitude", "spacing"),
+    [("paper", 170, 163), ("paper-code", 112, 105), ("paper-code-2026-06", 112, 105)],
+)
 def test_pool_counts(name: str, altitude: int, spacing: int) -> None:
     pool = candidate_pool(preset(name), VEHICLE, NOWHERE)
     assert pool.counts == {

@@ -5,9 +5,18 @@ from __future__ import annotations
 import datetime
 from pathlib import Path
 
-from adapters.photogrammetry_nbv import read_file, write_mission, write_scoring, write_text
+from adapters.photogrammetry_nbv import (
+    FUNCTION,
+    configuration,
+    files_beside,
+    read_file,
+    write_mission,
+    write_scoring,
+    write_text,
+)
 from nbv.provenance import git_revision, versions
 from tuner.campaign.campaign import Campaign
+from tuner.missions.external import ExternalConfig
 from tuner.problem.search_space import Configuration, ours
 from tuner.recommendation.recommendation import Recommendation
 
@@ -33,9 +42,13 @@ def authors_file(
     Raises
     ------
     UserError
-        The campaign's missions are not ours; ``onto`` cannot be read.
+        The campaign's missions are neither ours nor theirs; ``onto`` cannot be read.
     """
     theirs = read_file(onto, name) if onto is not None else None
+    if isinstance(config, ExternalConfig) and config.mission.function == FUNCTION:  # their own mission
+        mission = config.mission
+        theirs = theirs or files_beside(mission.folder)[name]
+        config = configuration(config.values, mission.instances[0].facts.get("set", {}), mission.folder)
     values, remarks = (write_scoring if name == SCORING else write_mission)(ours(config), theirs)
     lost = [str(remark) for remark in remarks]
     lines = [*header(campaign, best), *(f"does not transfer: {text}" for text in lost)]
