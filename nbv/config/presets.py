@@ -57,9 +57,9 @@ PRESETS = {
         "the same of the first author's later repository: other seed rings, an oracle that credits a scorer's own term",
         "code",
         {
-            **_PAPER_CODE,
+            # It stops at either criterion again, as the paper does.
+            **{path: value for path, value in _PAPER_CODE.items() if path != "stop.criterion"},
             "seed.ring_elevations_deg": (12.0, 19.0, 27.0, 34.0),
-            "stop.criterion": "both",
             "gate.oracle_quality_weight": 0.5,
         },
     ),

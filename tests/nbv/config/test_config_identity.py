@@ -12,7 +12,7 @@ from nbv.errors import UserError
 
 ADDED_SINCE_VERSION_1 = {
     "flight": ("planning_s", "mass_kg", "rotor_diameter_m", "propulsion_efficiency"),
-    "gate": ("geometry_scorer",),
+    "gate": ("geometry_scorer", "oracle_quality_weight"),
     "scene": ("sun_elevation_deg", "sun_azimuth_deg", "mitsuba_samples", "mitsuba_depth"),
     "seed": ("count", "rings", "lowest_deg", "span_deg", "start_bearing_deg"),
     "stop": ("max_photographs", "min_gain_percent"),
