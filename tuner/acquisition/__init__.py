@@ -11,14 +11,19 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from tuner.acquisition.front import propose_for_front
     from tuner.acquisition.propose import maximise
+    from tuner.acquisition.within import Within, propose_within
 
 __all__ = [
+    "Within",
     "maximise",
     "propose_for_front",
+    "propose_within",
 ]
 _FILES = {
+    "Within": "within",
     "maximise": "propose",
     "propose_for_front": "front",
+    "propose_within": "within",
 }
 
 

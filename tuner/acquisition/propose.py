@@ -89,14 +89,17 @@ def over_worlds(model: RockMeanGP, risk: Risk) -> bool:
     return risk != "mean" or model.settings.own_landscapes
 
 
-def maximise(model: RockMeanGP, acquisition: AcquisitionFunction, seed: int) -> tuple[Floats, float]:
+def maximise(
+    model: RockMeanGP, acquisition: AcquisitionFunction, seed: int, near: Floats | None = None
+) -> tuple[Floats, float]:
     """Best (d,) unit position, exactly a configuration, and its acquisition value.
 
-    Starts are the best of many global and local points, tried without gradients.
+    Starts are the best of many global points and of local ones, near the (n, d) positions ``near`` (None: those flown with
+    the best posterior means), tried without gradients.
     """
     d = model.space.dimension
     discrete = model.space.discrete_dimensions
-    points = starting_points(model, seed)
+    points = starting_points(model, seed, near_to=near)
     if discrete:
         points = np.array([model.space.snap(x) for x in points])
     starts = model.inputs(points).unsqueeze(1)
@@ -135,13 +138,17 @@ def _best_flown(model: RockMeanGP, count: int) -> Floats:
 
 
 def starting_points(
-    model: RockMeanGP, seed: int, everywhere_count: int = GLOBAL_POINTS, count: int = LOCAL_POINTS
+    model: RockMeanGP,
+    seed: int,
+    everywhere_count: int = GLOBAL_POINTS,
+    count: int = LOCAL_POINTS,
+    near_to: Floats | None = None,
 ) -> Floats:
     """(global + local points, d) unit positions."""
     d = model.space.dimension
     cube = torch.stack([torch.zeros(d), torch.ones(d)]).to(torch.float64)
     everywhere = draw_sobol_samples(cube, everywhere_count, 1, seed=seed).squeeze(1).numpy()
-    best = _best_flown(model, LOCAL_BEST)
+    best = _best_flown(model, LOCAL_BEST) if near_to is None else near_to
     best = best[np.arange(count) % len(best)]
     rng = np.random.default_rng(seed)
     smallest, largest = LOCAL_SD

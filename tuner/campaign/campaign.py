@@ -27,6 +27,7 @@ from nbv.foreign import RESULT_BYTES, read_json, read_text
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import write_atomic
 from tuner.acquisition.front import FrontPoint, flown_in_both, pareto_front, two_models
+from tuner.acquisition.within import Within
 from tuner.campaign.events import CampaignStatus
 from tuner.campaign.ledger import Ledger, TrialRecord
 from tuner.campaign.settings import CampaignSettings
@@ -78,6 +79,7 @@ def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | Non
         settings.second is not None,
         settings.budget,
         trusted_default=True,
+        at_least=settings.at_least,
     )
 
 
@@ -243,7 +245,8 @@ class Campaign:
     ) -> Recommendation | None:
         """What would be recommended after ``history``; ``simplify``: with the sparsest configuration beside it."""
         s = self.settings
-        return recommend(
+        within, front = self._second(history) if simplify or s.limit is not None else (None, [])
+        result = recommend(
             s.space,
             history,
             s.worlds,
@@ -251,13 +254,26 @@ class Campaign:
             s.objective,
             s.seed,
             replicates=s.replicates,
-            only_verified=s.sampler == "gp" and s.second is None,
+            only_verified=s.sampler == "gp" and (s.second is None or s.limit is not None),
             settings=surrogate_settings(s.space, s.risk),
             risk=s.risk,
             feature=self._feature(),
             find_inactive=self._inactive if simplify else None,
             simplify=simplify,
+            within=within,
         )
+        return None if result is None else dataclasses.replace(result, front=front)
+
+    def _second(self, history: Sequence[Observation]) -> tuple[Within | None, list[FrontPoint]]:
+        """What the second objective's missions say: the limit where there is one, and the Pareto front."""
+        s = self.settings
+        both = [o for o in history if o.outcome is not None and o.second is not None]
+        if s.second is None or not both:
+            return None, []
+        models = two_models(s.space, both, s.worlds, s.seed, surrogate_settings(s.space, s.risk))
+        objectives = (s.objective, s.second)
+        within = None if s.at_least is None else Within(models[1], s.at_least)
+        return within, pareto_front(flown_in_both(models, objectives), objectives)
 
     def _inactive(self, values: Mapping[str, Any], numbers: Sequence[int]) -> list[Inactive]:
         """What of a configuration changed no choice in its missions; nothing where their documents are gone."""

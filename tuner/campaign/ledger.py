@@ -75,7 +75,11 @@ class TrialRecord:
 
     def measured(self, objective: Objective) -> float | None:
         """An objective's metric, perhaps another than the campaign's; None while flying, where it failed or has none."""
-        return objective.outcome(self.status, self.metrics)[0] if self.state == "complete" else None
+        return (
+            objective.outcome(self.status, {**self.metrics, "costs": self.costs})[0]
+            if self.state == "complete"
+            else None
+        )
 
 
 class Ledger:
@@ -200,7 +204,7 @@ class Ledger:
         frozen = self._study.get_trials(deepcopy=False)[number]
         if frozen.state.is_finished():
             raise ValueError(f"trial {number} is finished already")
-        value, why_not = self._objective.outcome(outcome.status, outcome.metrics)
+        value, why_not = self._objective.outcome(outcome.status, {**outcome.metrics, "costs": outcome.costs})
         attributes = {
             "status": outcome.status,
             "reason": outcome.reason or (why_not if value is None else ""),

@@ -213,7 +213,11 @@ class _Session:
     def _require_metric(self, outcome: MissionOutcome) -> None:
         """Before any mission has the metric: `UserError` where one of a mission file ended well without it."""
         mission, objective = self._settings.mission, self._settings.objective
-        if mission is None or outcome.status == "failed" or objective.measure(outcome.metrics) is not None:
+        if (
+            mission is None
+            or outcome.status == "failed"
+            or objective.measure({**outcome.metrics, "costs": outcome.costs}) is not None
+        ):
             return
         if not any(t.state == "complete" for t in self._ledger.trials()):
             there = ", ".join(dotted(outcome.metrics)) or "none"

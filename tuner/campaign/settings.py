@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import dataclasses
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,12 +14,14 @@ from nbv.config import IDEAL, IDEAL_CONDITION, Condition, preset, require_distin
 from nbv.errors import UserError
 from nbv.foreign import require
 from nbv.mission.runner import Keep
+from nbv.viewpoints import seed_viewpoints
 from tuner.missions.external import MissionFile, external_config
 from tuner.missions.registry import DEFAULT_RUNNER, EXTERNAL, check_runner
 from tuner.problem.blocks import MAX_MISSIONS, MAX_REPLICATES
 from tuner.problem.objective import Objective
 from tuner.problem.options import RISKS, Risk
-from tuner.problem.search_space import Configuration, SearchSpace, Values
+from tuner.problem.quality_at_cost import COUNTS
+from tuner.problem.search_space import Configuration, SearchSpace, Values, ours
 from tuner.problem.worlds import World, worlds_over
 from tuner.samplers.design import initial_design_size
 from tuner.samplers.registry import (
@@ -51,6 +55,7 @@ class CampaignSettings:
     storage: str | None = None  # None: study.journal in the run directory
     risk: Risk = "mean"  # over the training worlds: tune their mean, or the worst of them
     second: Objective | None = None  # search the front between the objective and this one
+    limit: float | None = None  # of the second objective: the best within it, instead of the front
     learn_from: tuple[str, ...] = ()  # run directories of earlier campaigns, see tuner.campaign.transfer
     # A proposal knows every earlier mission but the last in_step - 1, whichever of those have ended: the same campaign
     # with any number of workers (of which in_step have work). None: it knows what has ended, so that nobody waits.
@@ -90,6 +95,7 @@ class CampaignSettings:
             raise UserError(f"unknown sampler {self.sampler!r}; there are {', '.join(ALL_SAMPLER_NAMES)}")
         self.default_values()  # the space must fit the preset
         self._check_conditions()
+        self._check_limit()
 
     def _check_mission(self) -> None:
         if (self.runner == EXTERNAL) != (self.mission is not None):
@@ -140,6 +146,51 @@ class CampaignSettings:
             raise UserError(
                 f"risk measure {self.risk} is over rocks and conditions; name at least two of either"
             )
+
+    def _check_limit(self) -> None:
+        if self.limit is None:
+            return
+        if self.second is None:
+            raise UserError(
+                "a limit is of a second objective; name one, as in --objective f_score@photographs<=21"
+            )
+        if (
+            self.second.metric not in COUNTS
+            or self.second.direction != "minimise"
+            or self.mission is not None
+        ):
+            return
+        seeds, least = self._fewest_photographs()
+        if self.limit < seeds:
+            raise UserError(
+                f"the limit of {self.limit:g} photographs is below the {seeds} seeds that every configuration here has; "
+                "raise it, or tune or --set the seed phase"
+            )
+        if self.limit < least:
+            raise UserError(
+                f"the limit of {self.limit:g} photographs is below the {least} that every configuration here takes; "
+                "raise it, or tune or --set stop.adaptive_budget"
+            )
+
+    def _fewest_photographs(self) -> tuple[int, int]:
+        """``(seeds, photographs)`` at the ends of what is tuned of the seed phase and of the stopping rule."""
+        tuned = [p for p in self.space.parameters if p.path.partition(".")[0] in ("seed", "stop")]
+        default, found = self.default_values(), []
+        for ends in itertools.islice(itertools.product(*(p.ends for p in tuned)), 256):
+            with contextlib.suppress(UserError):  # ends that exclude one another
+                config = ours(self.config({**default, **{p.path: end for p, end in zip(tuned, ends)}}))
+                seeds = len(seed_viewpoints(config))
+                found.append(
+                    (seeds, seeds + config.stop.adaptive_budget * (config.stop.criterion == "budget"))
+                )
+        return min(seeds for seeds, _ in found), min(photographs for _, photographs in found)
+
+    @property
+    def at_least(self) -> float | None:
+        """The limit as an outcome of the second objective, larger is better; a count may have half a one more."""
+        if self.second is None or self.limit is None:
+            return None
+        return self.second.sign * self.limit - (0.5 if self.second.metric in COUNTS else 0.0)
 
     @property
     def worlds(self) -> tuple[World, ...]:
@@ -199,6 +250,7 @@ class CampaignSettings:
             "storage": self.storage,
             "risk": self.risk,
             "second": None if self.second is None else dataclasses.asdict(self.second),
+            "limit": self.limit,
             "learn_from": list(self.learn_from),
             "in_step": self.in_step,
             "conditions": {condition.name: condition.to_dict() for condition in self.conditions},

@@ -18,6 +18,7 @@ from tuner.missions.external import MissionFile, load_mission_file
 from tuner.missions.external.configuration import same_mission_file
 from tuner.missions.registry import EXTERNAL
 from tuner.problem.objective import Objective, direction_of
+from tuner.problem.quality_at_cost import asked_objective
 from tuner.problem.space_files import load_search_space, space_from_dict
 
 SETTINGS_FILE = "campaign.yaml"
@@ -33,8 +34,9 @@ FIELDS = {
     "mission": "a mission file, which says what is not said here; null: our own missions",
     "preset": "mission preset",
     "overrides": "parameter paths and values laid over the preset",
-    "objective": "a metric's path, or {metric, direction: maximise or minimise}",
+    "objective": "as `--objective`, or {metric, direction: maximise or minimise}",
     "second": "the same, of a second objective; null: none",
+    "limit": "of the second objective, at most where less is better, at least where more is; null: the front between both",
     "risk": "as `--risk`",
     "learn_from": "as `--learn-from`; an empty list: none",
     "sampler": "as `--sampler`",
@@ -80,10 +82,17 @@ def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
         fields["conditions"] = _conditions(tree["conditions"], source)
     if tree.get("overrides"):
         fields["overrides"] = dict(tree["overrides"])
-    if tree.get("objective") is not None:
+    if isinstance(tree.get("objective"), str):
+        asked = asked_objective(tree["objective"])
+        fields |= {"objective": asked.objective, "second": asked.second, "limit": asked.limit}
+    elif tree.get("objective") is not None:
         fields["objective"] = _objective(tree["objective"], source)
     if tree.get("second") is not None:
         fields["second"] = _objective(tree["second"], source)
+    if tree.get("limit") is not None:
+        if isinstance(tree["limit"], bool) or not isinstance(tree["limit"], (int, float)):
+            raise UserError(f"{source}: limit is {tree['limit']!r}; it must be a number: {FIELDS['limit']}")
+        fields["limit"] = float(tree["limit"])
     return CampaignSettings(**fields)
 
 

@@ -106,14 +106,13 @@ def run(
             rich_help_panel=_WHAT,
         ),
     ] = None,
-    metric: Annotated[
-        str | None,
-        typer.Option(help="Metric to tune (default: observable.f_score_48mm).", rich_help_panel=_WHAT),
-    ] = None,
-    second_metric: Annotated[
+    objective: Annotated[
         str | None,
         typer.Option(
-            help="Also optimise this, e.g. costs.flight_time_s, and list the Pareto front.",
+            "--objective",
+            "--metric",
+            help="What is tuned for: a metric (default: observable.f_score_48mm); f_score@photographs<=21, its best at a cost; "
+            "photographs@f_score>=97, the least cost; f_score@photographs, the Pareto front. Also seconds, energy.",
             rich_help_panel=_WHAT,
         ),
     ] = None,
@@ -214,8 +213,7 @@ def run(
         "rocks": rocks,
         "conditions": conditions,
         "mission": str(mission) if mission else None,
-        "objective": metric,
-        "second": second_metric,
+        "objective": objective,
         "risk": risk,
         "preset": preset,
         "runner": fidelity,
@@ -306,15 +304,10 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
     """
     output.print(f"campaign in {directory}")
     from tuner.campaign.campaign import Campaign
-    from tuner.missions.registry import is_geometric
 
     campaign = Campaign.open(directory, read_only=True)
     show_counts(campaign.status())
-    show_recommendation(
-        campaign.recommendation(save=False),
-        of_paper=campaign.settings.mission is None,
-        geometric=is_geometric(campaign.settings.runner),
-    )
+    show_recommendation(campaign.recommendation(save=False), campaign.settings)
     show_front(campaign)
 
 
@@ -368,7 +361,7 @@ def fly(
         if summary.recommendation is not None:
             show_verdict(summary.recommendation, of_paper=of_paper, geometric=geometric)
     else:
-        show_recommendation(summary.recommendation, of_paper=of_paper, geometric=geometric)
+        show_recommendation(summary.recommendation, settings)
         show_front(campaign)
     output.print(
         f"{summary.message}; {seconds(summary.elapsed_s)}, of which the sampler {seconds(summary.ask_s)}"

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
     from tuner.campaign.events import CampaignEvent, CampaignStatus
     from tuner.campaign.settings import CampaignSettings
-    from tuner.recommendation.recommendation import Recommendation
+    from tuner.recommendation.next_rock import NextRock
+    from tuner.recommendation.recommendation import Recommendation, SecondObjective
     from tuner.recommendation.sparsest import Sparsest
 
 
@@ -156,7 +157,7 @@ def show_front(campaign: Campaign) -> None:
     from tuner.report.labels import parameter_label
 
     second, points = campaign.settings.second, campaign.front(save=False)
-    if second is None:
+    if second is None or campaign.settings.limit is not None:
         return
     if not points:
         output.print(
@@ -191,10 +192,40 @@ def sparsest_text(found: Sparsest, whose: str = "paper's ") -> str:
     return f"use: {values}{back}"
 
 
-def show_recommendation(
-    recommendation: Recommendation | None, *, of_paper: bool = True, geometric: bool = False
-) -> None:
+def next_rock_lines(found: NextRock) -> list[str]:
+    """The gain on a rock nobody has flown, and what is known of how rocks differ."""
+    low, high = found.interval_95
+    lines = [f"on a rock nobody has flown: {found.gain:+.2f} (95 % interval {low:+.2f} to {high:+.2f})"]
+    if found.against:
+        lines.append(
+            f"training rocks disagree: it is probably worse than the default on {', '.join(found.against)}"
+        )
+    if found.more_rocks is None:
+        lines.append("no number of rocks that anybody would fly tells the mean gain from 0")
+    elif found.more_rocks:
+        lines.append(f"the mean gain over such rocks would be told from 0 with {found.more_rocks} more rocks")
+    return lines
+
+
+def limit_text(found: SecondObjective, settings: CampaignSettings) -> str:
+    """One line on the second objective and its limit."""
+    second = settings.second
+    assert second is not None
+    asked = f"{second.metric} {'<=' if second.direction == 'minimise' else '>='} {settings.limit:g}"
+    has = f"{second.metric} {second.sign * found.mean:.2f} ± {found.sd:.2f}"
+    if found.kept:
+        return f"asked for {asked}: {has} (kept with a probability of {100 * found.probability:.0f} %)"
+    return (
+        f"no configuration flown keeps {asked}: the likeliest, shown above, has {has}; ask for less, or search further "
+        "with gatetune campaign resume --missions"
+    )
+
+
+def show_recommendation(recommendation: Recommendation | None, settings: CampaignSettings) -> None:
     """The verdict and what to use, then the values beside the defaults."""
+    from tuner.missions.registry import is_geometric
+
+    of_paper, geometric = settings.mission is None, is_geometric(settings.runner)
     if recommendation is None:
         output.print("no recommendation yet: no mission has succeeded")
         return
@@ -213,6 +244,11 @@ def show_recommendation(
         end_section=True,
     )
     output.print(table)
+    if recommendation.limit is not None:
+        output.print(limit_text(recommendation.limit, settings))
+    if recommendation.next_rock is not None:
+        for line in next_rock_lines(recommendation.next_rock):
+            output.print(line)
     for why in dict.fromkeys(silent.values()):
         output.print(f"no effect: {', '.join(p for p in silent if silent[p] == why)}: {why}")
     found = recommendation.calibration

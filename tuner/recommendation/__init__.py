@@ -11,24 +11,29 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from tuner.recommendation.eligible import may_be_recommended
     from tuner.recommendation.inactive import Inactive, inactive_parameters
+    from tuner.recommendation.next_rock import NextRock, next_rock
     from tuner.recommendation.recommendation import Recommendation, recommend
     from tuner.recommendation.sparsest import Sparsest, sparsest
 
 __all__ = [
     "Inactive",
+    "NextRock",
     "Recommendation",
     "Sparsest",
     "inactive_parameters",
     "may_be_recommended",
+    "next_rock",
     "recommend",
     "sparsest",
 ]
 _FILES = {
     "Inactive": "inactive",
+    "NextRock": "next_rock",
     "Recommendation": "recommendation",
     "Sparsest": "sparsest",
     "inactive_parameters": "inactive",
     "may_be_recommended": "eligible",
+    "next_rock": "next_rock",
     "recommend": "recommendation",
     "sparsest": "sparsest",
 }

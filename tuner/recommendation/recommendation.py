@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from nbv.config import IDEAL
+from tuner.acquisition.front import FrontPoint
+from tuner.acquisition.within import Within
 from tuner.problem.configurations import configuration_key
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
@@ -16,6 +18,7 @@ from tuner.problem.search_space import SearchSpace
 from tuner.problem.worlds import Place, World
 from tuner.recommendation.eligible import may_be_recommended
 from tuner.recommendation.inactive import Inactive
+from tuner.recommendation.next_rock import NextRock, next_rock
 from tuner.recommendation.sparsest import Sparsest, sparsest
 from tuner.surrogate.forward_check import calibration
 from tuner.surrogate.kernel import Feature
@@ -58,6 +61,17 @@ class RockRow:
 
 
 @dataclass(frozen=True)
+class SecondObjective:
+    """The second objective at the recommended configuration, where it has a limit."""
+
+    kept: bool  # whether any configuration flown can be taken to keep the limit: then this one
+    mean: float  # as the model sees it, oriented so that larger is better
+    sd: float
+    probability: float  # that the limit is kept
+    at_least: float  # the limit, oriented alike
+
+
+@dataclass(frozen=True)
 class Recommendation:
     """The evaluated configuration with the best posterior mean, not the luckiest observation.
 
@@ -94,6 +108,9 @@ class Recommendation:
     calibration: dict[str, float | None]  # how missions were predicted before they were flown
     sparsest: Sparsest | None = None  # None: nobody asked
     inactive: list[Inactive] = field(default_factory=list)
+    next_rock: NextRock | None = None  # None: nobody asked
+    limit: SecondObjective | None = None
+    front: list[FrontPoint] = field(default_factory=list)  # where there is a second objective
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
@@ -111,6 +128,9 @@ class Recommendation:
                 "per_rock": [RockRow(**row) for row in tree["per_rock"]],
                 "sparsest": None if tree["sparsest"] is None else Sparsest.from_dict(tree["sparsest"]),
                 "inactive": [Inactive(**found) for found in tree["inactive"]],
+                "next_rock": None if tree["next_rock"] is None else NextRock.from_dict(tree["next_rock"]),
+                "limit": None if tree["limit"] is None else SecondObjective(**tree["limit"]),
+                "front": [FrontPoint(**point) for point in tree["front"]],
             }
         )
 
@@ -130,6 +150,7 @@ def recommend(
     feature: Feature | None = None,
     find_inactive: FindInactive | None = None,
     simplify: bool = False,
+    within: Within | None = None,
 ) -> Recommendation | None:
     """The recommendation after ``observations``; None before the first feasible one.
 
@@ -145,7 +166,9 @@ def recommend(
     risk
         The measure over worlds that is meant by the mean everywhere in the result.
     simplify
-        Whether to look for the sparsest configuration, which takes another surrogate.
+        Whether to look for the sparsest configuration and at the next rock, which takes two further surrogates.
+    within
+        A limit of a second objective: only what keeps it may be recommended. Where nothing flown does, what is likeliest to.
     find_inactive
         Looks at the choices of the missions that flew a configuration; None: nothing is known of them.
     """
@@ -163,6 +186,13 @@ def recommend(
         allowed = may_be_recommended(space, observations, configurations, places, replicates, default)
     # Where even the default has failed there is nothing better than what has not.
     chosen: Sequence[int] = [i for i, may in enumerate(allowed) if may] or range(len(configurations))
+    kept = True
+    if within is not None:
+        keeps = within.keeps(configurations)
+        every = range(len(configurations))
+        chosen = [i for i in chosen if keeps[i] and allowed[i]] or [i for i in every if keeps[i]]
+        kept = bool(chosen)
+        chosen = chosen or [int(within.probability(configurations).argmax())]
     if len(configurations) > JOINT:  # of many only the best, by their means, are looked at jointly
         configurations = [configurations[i] for i in chosen]
         best_first = model.best_first(configurations, risk)[: max(TOP, JOINT // len(model.worlds))]
@@ -194,7 +224,7 @@ def recommend(
     gain, gain_sd = belief.difference(best, reference)
     own = evaluated[configuration_key(space, configurations[best])]
     inactive = find_inactive(configurations[best], [o.number for o in own]) if find_inactive else []
-    simple = None
+    simple, elsewhere = None, None
     if simplify:
         # Its missions would have been the same with these at the default: that is where they count.
         free = {found.path: default[found.path] for found in inactive if found.default_is_the_same}
@@ -209,7 +239,10 @@ def recommend(
         if free or not model.settings.sparse:
             sparse = dataclasses.replace(model.settings, sparse=True)
             of_few = RockMeanGP(space, few, places, seed, sparse, feature)
-        simple = sparsest(of_few, {**configurations[best], **free}, default, calibrated, sign, risk)
+        simple = sparsest(of_few, {**configurations[best], **free}, default, calibrated, sign, risk, within)
+        departing = dataclasses.replace(model.settings, own_landscapes=True)
+        of_rocks = RockMeanGP(space, feasible, places, seed, departing, feature)
+        elsewhere = next_rock(of_rocks, configurations[best], default, calibrated)
     return Recommendation(
         values=configurations[best],
         mean=mean,
@@ -236,7 +269,15 @@ def recommend(
         calibration=calibrated.to_dict(),
         sparsest=simple,
         inactive=inactive,
+        next_rock=elsewhere,
+        limit=None if within is None else _second_objective(within, configurations[best], kept),
     )
+
+
+def _second_objective(within: Within, values: Mapping[str, Any], kept: bool) -> SecondObjective:
+    (mean,), (sd,) = within.belief([values])
+    (probability,) = within.probability([values])
+    return SecondObjective(kept, float(mean), float(sd), float(probability), within.at_least)
 
 
 def _rock_row(

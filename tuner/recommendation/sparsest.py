@@ -18,6 +18,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from tuner.acquisition.within import Within
 from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
 from tuner.surrogate.forward_check import Calibration
@@ -58,6 +59,7 @@ def sparsest(
     calibrated: Calibration,
     sign: float = 1.0,
     risk: Risk = "mean",
+    within: Within | None = None,
 ) -> Sparsest:
     """Take parameters of ``best`` back to ``default``, by the criterion above.
 
@@ -67,6 +69,8 @@ def sparsest(
         A surrogate with the sparse prior, oriented so that larger is better.
     sign
         Of the objective: +1 where larger is better. For ``mean`` alone.
+    within
+        A limit that the result has to keep, too.
     """
     space, margin = model.space, model.noise_sd
     current: Values = dict(best)
@@ -74,11 +78,12 @@ def sparsest(
         moved = [path for path in space.paths if current[path] != default[path]]
         steps = [{**current, path: default[path]} for path in moved]
         belief = model.posterior([best, *steps], risk)
+        keeps = [True] * len(steps) if within is None else within.keeps(steps)
         allowed = []
         for i in range(1, len(steps) + 1):
             mean, sd = belief.difference(i, 0)
             unlikely = calibrated.probability_positive(mean + margin, sd) >= 1.0 - RISK_OF_LOSS
-            if mean >= -EXPECTED_LOSS * margin and (unlikely or sd <= 1e-12):
+            if keeps[i - 1] and mean >= -EXPECTED_LOSS * margin and (unlikely or sd <= 1e-12):
                 allowed.append((mean, i))
         if not allowed:
             break

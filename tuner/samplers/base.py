@@ -54,6 +54,7 @@ class SamplerSettings:
     two_objectives: bool = False  # sampler gp: search the front between the objective and the second one
     budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
     trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it
+    at_least: float | None = None  # of the second objective, larger is better: a limit instead of the front
 
     @property
     def worlds(self) -> tuple[World, ...]:

@@ -11,6 +11,7 @@ from typing import Any
 from tuner.acquisition.draws import draw_best
 from tuner.acquisition.front import propose_for_front, two_models
 from tuner.acquisition.propose import propose
+from tuner.acquisition.within import Within, propose_within
 from tuner.problem.blocks import next_block
 from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.search_space import Values
@@ -61,7 +62,7 @@ class GPSampler:
             if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
                 proposal = self._design(number)
             elif s.two_objectives and sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL:
-                proposal = self._for_front(feasible, flying, number)
+                proposal = self._for_both(history, feasible, flying, number)
             else:
                 if model is None:
                     feature = None if s.earlier is None else s.earlier.feature
@@ -82,20 +83,38 @@ class GPSampler:
             flying.append(in_flight(s, history, flying, proposal))
         return proposals
 
-    def _for_front(self, feasible: Sequence[Observation], flying: Sequence[Pending], number: int) -> Proposal:
+    def _for_both(
+        self,
+        history: Sequence[Observation],
+        feasible: Sequence[Observation],
+        flying: Sequence[Pending],
+        number: int,
+    ) -> Proposal:
+        """For the front between the objectives, or the best within the limit of the second."""
         s, seed = self.settings, derived_seed(self.settings.seed, number)
         models = two_models(
             s.space, feasible, s.worlds, seed, self.model or surrogate_settings(s.space, s.risk)
         )
+        if s.at_least is not None:
+            return self._by_acquisition(models[0], history, flying, number, Within(models[1], s.at_least))
         values, figures = propose_for_front(models, [p.values for p in flying], seed)
         return Proposal(values, {"sampler": self.name, "phase": "front", **figures})
 
     def _by_acquisition(
-        self, model: RockMeanGP, history: Sequence[Observation], flying: Sequence[Pending], number: int
+        self,
+        model: RockMeanGP,
+        history: Sequence[Observation],
+        flying: Sequence[Pending],
+        number: int,
+        within: Within | None = None,
     ) -> Proposal:
-        s = self.settings
-        values, figures = propose(model, [p.values for p in flying], derived_seed(s.seed, number), s.risk)
-        again = self._verified(model, history, flying, number, figures["expected_gain"])
+        s, configurations = self.settings, [p.values for p in flying]
+        seed = derived_seed(s.seed, number)
+        if within is None:
+            values, figures = propose(model, configurations, seed, s.risk)
+        else:
+            values, figures = propose_within(model, within, configurations, seed)
+        again = self._verified(model, history, flying, number, figures["expected_gain"], within)
         if again is not None:
             return _predicted(model, dataclasses.replace(again, why={**figures, **again.why}))
         proposal = Proposal(values, {"sampler": self.name, "phase": "model", **figures})
@@ -122,12 +141,13 @@ class GPSampler:
         flying: Sequence[Pending],
         number: int,
         gain: float,
+        within: Within | None = None,
     ) -> Proposal | None:
         s = self.settings
         if not self.verify or s.budget is None or number < BEGINS * s.budget:
             return None
         last = number >= s.budget - len(rocks_of(s.worlds)) * s.replicates
-        return verification(model, history, flying, s.replicates, gain, s.risk, last=last)
+        return verification(model, history, flying, s.replicates, gain, s.risk, last=last, within=within)
 
     def _design(self, number: int) -> Proposal:
         s, rank = self.settings, number // 2 - 1

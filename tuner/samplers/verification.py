@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
+from tuner.acquisition.within import Within
 from tuner.problem.blocks import next_block
 from tuner.problem.configurations import Block, blocks_flown, configuration_key, distinct_configurations
 from tuner.problem.observations import Observation, Pending, Proposal
@@ -31,6 +32,7 @@ def verification(
     risk: Risk = "mean",
     *,
     last: bool = False,
+    within: Within | None = None,
 ) -> Proposal | None:
     """The favourite on a block it has not flown, if that is worth more than exploring.
 
@@ -44,6 +46,8 @@ def verification(
         What the best mission of the search promises, objective's unit.
     last
         Whether to verify whatever exploring promises.
+    within
+        A limit that the favourite has to keep.
 
     Returns
     -------
@@ -53,6 +57,10 @@ def verification(
     if expected_gain >= model.noise_sd and not last:
         return None
     configurations = distinct_configurations(model.space, model.observations)
+    if within is not None:
+        configurations = [v for v, kept in zip(configurations, within.keeps(configurations)) if kept]
+        if not configurations:
+            return None
     if len(configurations) > JOINT:
         configurations = [configurations[i] for i in model.best_first(configurations, risk)[:TOP]]
     values = configurations[int(model.posterior(configurations, risk).mean.argmax())]

@@ -80,7 +80,7 @@ class CampaignFacts:
         self.campaign = campaign
         self.settings: CampaignSettings = campaign.settings
         self.trials: list[TrialRecord] = campaign.trials()
-        self.observations: list[Observation] = campaign.ledger.history(self.trials)
+        self.observations: list[Observation] = campaign.history(self.trials)
         self.status: CampaignStatus = campaign.status()
         self.label: MetricLabel = metric_label(self.settings.objective.metric)
         if (mission := self.settings.mission) is not None:

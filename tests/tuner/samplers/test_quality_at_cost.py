@@ -1,0 +1,129 @@
+"""Quality at a cost: what may be asked for, what is flown for it, what is recommended."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import fake_campaigns
+import numpy as np
+import pytest
+
+from nbv.errors import UserError
+from tuner.acquisition.front import two_models
+from tuner.acquisition.within import Within, propose_within
+from tuner.problem.objective import Objective
+from tuner.problem.observations import Observation
+from tuner.problem.quality_at_cost import asked_objective
+from tuner.problem.search_space import Values
+from tuner.problem.space_files import space_from_dict
+from tuner.recommendation.recommendation import Recommendation, recommend
+
+PHOTOGRAPHS = Objective("costs.images", "minimise")
+
+
+def test_the_forms_of_an_objective() -> None:
+    assert asked_objective("f_score").second is None
+    front = asked_objective("completeness@energy")
+    assert front.second == Objective("costs.energy_wh", "minimise") and front.limit is None
+    best = asked_objective("observable.f_score_16mm@photographs<=21")
+    assert (best.objective.metric, best.second, best.limit) == ("observable.f_score_16mm", PHOTOGRAPHS, 21.0)
+    least = asked_objective("photographs@f_score >= 97.5")
+    assert least.objective == PHOTOGRAPHS and least.second == Objective() and least.limit == 97.5
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("f_score@photographs>=21", "costs.images is minimised; write <="),
+        ("photographs@f_score<=97", "is maximised; write >="),
+        ("f_score@f_score", "the same metric twice"),
+        ("f_score@photographs<=1e", "'1e' is no number"),
+        ("f_score at 21", "is not understood; write f_score, f_score@photographs"),
+        ("f_score@costs.beauty", "no cost 'costs.beauty'; there are costs.images"),
+        ("f_score@beauty", "more or less of 'beauty' is better"),
+    ],
+)
+def test_what_is_no_objective_is_one_line(text: str, message: str) -> None:
+    with pytest.raises(UserError, match=message):
+        asked_objective(text)
+
+
+SPACE = space_from_dict(
+    {
+        "name": "few",
+        "base": {"gate.kind": "hyb-h", "stop.criterion": "budget"},
+        "parameters": {
+            "stop.adaptive_budget": {"kind": "int", "low": 2, "high": 12, "default": 8},
+            "pool.max_altitude_m": {"low": 1.45, "high": 4.0, "default": 4.0},
+        },
+    },
+    "test_quality_at_cost.py",
+)
+settings = functools.partial(fake_campaigns.settings, space=SPACE, sampler="gp", second=PHOTOGRAPHS)
+
+
+def test_a_limit_that_no_mission_can_keep_is_refused() -> None:
+    seeds = settings()._fewest_photographs()[0]
+    with pytest.raises(UserError, match=f"limit of {seeds - 1} photographs is below the {seeds} seeds"):
+        settings(limit=seeds - 1.0)
+    with pytest.raises(UserError, match=f"limit of {seeds + 1} photographs is below the {seeds + 2} that"):
+        settings(limit=seeds + 1.0)
+    assert settings(limit=seeds + 2.0).at_least == -(seeds + 2.5)
+    with pytest.raises(UserError, match="a limit is of a second objective"):
+        settings(second=None, limit=40.0)
+
+
+def fly(number: int, values: Values, rng: np.random.Generator) -> Observation:
+    """More photographs are better, and the second parameter u is best at 0.3."""
+    photographs = 24.0 + values["stop.adaptive_budget"]
+    u = SPACE.to_unit(values)[1]
+    y = 80.0 + photographs / 4 - 10 * (u - 0.3) ** 2 + 0.1 * rng.normal()
+    return Observation(number, values, f"r{number % 2}", 0, y, y, second=-photographs)
+
+
+def campaign(limit: float, missions: int) -> list[Observation]:
+    rng = np.random.default_rng(0)
+    history = [fly(i, SPACE.from_unit(u), rng) for i, u in enumerate(rng.random((8, 2)))]
+    for i in range(8, missions):
+        models = two_models(SPACE, history, ("r0", "r1"), i)
+        values, _ = propose_within(models[0], Within(models[1], -limit - 0.5), [], i)
+        history.append(fly(i, values, rng))
+    return history
+
+
+def advise(history: list[Observation], at_least: float, *, least_cost: bool = False) -> Recommendation:
+    objective = Objective()
+    if least_cost:  # the other way round
+        objective = PHOTOGRAPHS
+        history = [dataclasses.replace(o, outcome=o.second, second=o.outcome) for o in history]
+    models = two_models(SPACE, history, ("r0", "r1"), 0)
+    default = SPACE.default(fake_campaigns.settings(space=SPACE).base_config())
+    within = Within(models[1], at_least)
+    result = recommend(
+        SPACE, history, ("r0", "r1"), default, objective, only_verified=False, simplify=True, within=within
+    )
+    assert result is not None and result.sparsest is not None
+    return result
+
+
+def test_best_quality_within_a_number_of_photographs() -> None:
+    history = campaign(limit=30, missions=13)
+    searched = [24 + o.values["stop.adaptive_budget"] for o in history[8:]]
+    assert max(searched) <= 31 and searched.count(30) >= 2  # at the limit, where it is best
+    result = advise(history, -30.5)
+    assert result.values["stop.adaptive_budget"] <= 6 and result.limit is not None and result.limit.kept
+    assert abs(SPACE.to_unit(result.values)[1] - 0.3) < 0.2
+    assert result.sparsest is not None and result.sparsest.values["stop.adaptive_budget"] <= 6
+    assert Recommendation.from_dict(result.to_dict()) == result
+
+
+def test_least_cost_of_a_quality_and_one_out_of_reach() -> None:
+    rng = np.random.default_rng(1)
+    history = [fly(i, SPACE.from_unit(u), rng) for i, u in enumerate(rng.random((24, 2)))]
+    result = advise(history, 87.0, least_cost=True)
+    assert result.limit is not None and result.limit.kept and result.limit.mean >= 87.0
+    cheaper = [o for o in history if -(o.second or 0.0) < result.mean - 1]
+    assert cheaper and np.mean([o.outcome for o in cheaper]) < 87.0
+    never = advise(history, 99.0, least_cost=True)
+    assert never.limit is not None and not never.limit.kept and never.limit.probability < 0.05

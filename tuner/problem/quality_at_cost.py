@@ -1,0 +1,75 @@
+"""Two objectives in one text: ``f_score@photographs<=21``.
+
+- ``f_score``: one objective;
+- ``f_score@photographs<=21``: the best quality at no more than so much of a cost;
+- ``photographs@f_score>=97``: the least cost of a quality that is asked for;
+- ``f_score@photographs``: the Pareto front between both.
+
+A name is a metric's path, or one of `SHORT`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from nbv.errors import UserError
+from tuner.problem.objective import DEFAULT_METRIC, Objective, direction_of
+
+SHORT = {
+    "f_score": DEFAULT_METRIC,
+    "completeness": "observable.completeness_48mm",
+    "photographs": "costs.images",
+    "seconds": "costs.flight_time_s",
+    "energy": "costs.energy_wh",
+}
+COUNTS = ("costs.images", "costs.registered_images")
+COSTS = (*COUNTS, "costs.flight_time_s", "costs.path_length_m", "costs.energy_wh", "costs.wall_s")
+_FORM = re.compile(
+    r"(?P<first>[\w.]+)(\s*@\s*(?P<second>[\w.]+)(\s*(?P<sign><=|>=)\s*(?P<limit>[-+.\deE]+))?)?", re.ASCII
+)
+
+
+@dataclass(frozen=True)
+class AskedObjective:
+    """What such a text asks for."""
+
+    objective: Objective
+    second: Objective | None = None
+    limit: float | None = None  # of the second: at most where less is better, at least where more is
+
+
+def asked_objective(text: str) -> AskedObjective:
+    """The meaning of a text; ``UserError`` in one line where it has none."""
+    found = _FORM.fullmatch(text.strip())
+    if found is None:
+        raise UserError(
+            f"objective {text!r} is not understood; write f_score, f_score@photographs, f_score@photographs<=21 "
+            "or photographs@f_score>=97"
+        )
+    first = _objective(found["first"])
+    if found["second"] is None:
+        return AskedObjective(first)
+    second = _objective(found["second"])
+    if first == second:
+        raise UserError(f"objective {text!r} has the same metric twice; name a quality and a cost")
+    if found["sign"] is None:
+        return AskedObjective(first, second)
+    right = "<=" if second.direction == "minimise" else ">="
+    if found["sign"] != right:
+        raise UserError(f"objective {text!r}: {second.metric} is {second.direction}d; write {right}")
+    try:
+        limit = float(found["limit"])
+    except ValueError:
+        limit = math.nan
+    if not math.isfinite(limit):
+        raise UserError(f"objective {text!r}: {found['limit']!r} is no number")
+    return AskedObjective(first, second, limit)
+
+
+def _objective(name: str) -> Objective:
+    metric = SHORT.get(name, name)
+    if metric.startswith("costs.") and metric not in COSTS:
+        raise UserError(f"a mission has no cost {metric!r}; there are {', '.join(COSTS)}")
+    return Objective(metric, direction_of(metric))
