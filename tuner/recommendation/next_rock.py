@@ -28,7 +28,7 @@ from tuner.surrogate.model import RockMeanGP, moments
 
 PRIOR_ROCKS = 2  # what the prior of the departures is worth
 AGAINST = 0.8  # probability of a loss from which on a training rock disagrees
-MOST_ROCKS = 200
+MOST_ROCKS = 50
 
 
 @dataclass(frozen=True)

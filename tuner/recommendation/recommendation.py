@@ -108,7 +108,7 @@ class Recommendation:
     calibration: dict[str, float | None]  # how missions were predicted before they were flown
     sparsest: Sparsest | None = None  # None: nobody asked
     inactive: list[Inactive] = field(default_factory=list)
-    next_rock: NextRock | None = None  # None: nobody asked
+    next_rock: NextRock | None = None  # None: nobody asked, or it is the default
     limit: SecondObjective | None = None
     front: list[FrontPoint] = field(default_factory=list)  # where there is a second objective
 
@@ -240,9 +240,10 @@ def recommend(
             sparse = dataclasses.replace(model.settings, sparse=True)
             of_few = RockMeanGP(space, few, places, seed, sparse, feature)
         simple = sparsest(of_few, {**configurations[best], **free}, default, calibrated, sign, risk, within)
-        departing = dataclasses.replace(model.settings, own_landscapes=True)
-        of_rocks = RockMeanGP(space, feasible, places, seed, departing, feature)
-        elsewhere = next_rock(of_rocks, configurations[best], default, calibrated)
+        if configurations[best] != dict(default):
+            departing = dataclasses.replace(model.settings, own_landscapes=True)
+            of_rocks = RockMeanGP(space, feasible, places, seed, departing, feature)
+            elsewhere = next_rock(of_rocks, configurations[best], default, calibrated)
     return Recommendation(
         values=configurations[best],
         mean=mean,

@@ -26,6 +26,9 @@ from tuner.problem.observations import Observation
 from tuner.surrogate.numerics import NORMAL_95
 
 PRIOR_COUNT = 5.0
+# A count of photographs is the same in the first missions and then is not: what was certain is wrong by any number of
+# standard deviations, and no later interval would say anything again.
+LARGEST_Z = 8.0
 # In a mission's memory: the mean and the standard deviation predicted of its outcome, objective's unit.
 PREDICTED = "predicted"
 
@@ -87,7 +90,8 @@ def calibration(history: Sequence[Observation]) -> Calibration:
     predicted = [
         (o.outcome, *_prediction(o)) for o in history if o.outcome is not None and PREDICTED in o.memory
     ]
-    return Calibration(np.array([(outcome - mean) / sd for outcome, mean, sd in predicted]))
+    z = np.array([(outcome - mean) / sd for outcome, mean, sd in predicted])
+    return Calibration(np.clip(z, -LARGEST_Z, LARGEST_Z))
 
 
 def _prediction(mission: Observation) -> tuple[float, float]:
