@@ -119,7 +119,7 @@ def test_best_quality_within_a_number_of_photographs() -> None:
     assert Recommendation.from_dict(result.to_dict()) == result
 
 
-def test_a_count_that_surprised_leaves_intervals_that_say_something() -> None:
+def test_a_surprise_in_a_count_does_not_end_all_intervals() -> None:
     """Six missions with as many photographs each, then one with more: the model was certain, and wrong."""
     told = Observation(6, SPACE.from_unit([1.0, 0.5]), "r0", 0, -36.0, memory={"predicted": [-32.0, 1e-6]})
     low, high = calibration([told]).interval_95(0.0, 0.1)
