@@ -14,7 +14,6 @@ from nbv.config import IDEAL, IDEAL_CONDITION, Condition, preset, require_distin
 from nbv.errors import UserError
 from nbv.foreign import require
 from nbv.mission.runner import Keep
-from nbv.viewpoints import seed_viewpoints
 from tuner.missions.external import MissionFile, external_config
 from tuner.missions.registry import DEFAULT_RUNNER, EXTERNAL, check_runner
 from tuner.problem.blocks import MAX_MISSIONS, MAX_REPLICATES
@@ -175,15 +174,14 @@ class CampaignSettings:
     def _fewest_photographs(self) -> tuple[int, int]:
         """``(seeds, photographs)`` at the ends of what is tuned of the seed phase and of the stopping rule."""
         tuned = [p for p in self.space.parameters if p.path.partition(".")[0] in ("seed", "stop")]
-        default, found = self.default_values(), []
+        default, found = self.default_values(), list[tuple[int, int]]()
         for ends in itertools.islice(itertools.product(*(p.ends for p in tuned)), 256):
             with contextlib.suppress(UserError):  # ends that exclude one another
                 config = ours(self.config({**default, **{p.path: end for p, end in zip(tuned, ends)}}))
-                seeds = len(seed_viewpoints(config))
-                found.append(
-                    (seeds, seeds + config.stop.adaptive_budget * (config.stop.criterion == "budget"))
-                )
-        return min(seeds for seeds, _ in found), min(photographs for _, photographs in found)
+                seeds, stop = config.seed.total, config.stop
+                may_end_early = stop.criterion != "budget" or stop.min_gain_percent > 0
+                found.append((seeds, seeds + (0 if may_end_early else config.adaptive_budget)))
+        return min((n for n, _ in found), default=0), min((n for _, n in found), default=0)
 
     @property
     def at_least(self) -> float | None:

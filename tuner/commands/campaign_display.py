@@ -201,9 +201,11 @@ def next_rock_lines(found: NextRock) -> list[str]:
             f"training rocks disagree: it is probably worse than the default on {', '.join(found.against)}"
         )
     if found.more_rocks is None:
-        lines.append("no number of rocks that anybody would fly tells the mean gain from 0")
+        lines.append("even 50 training rocks would not tell the mean gain over such rocks from 0")
     elif found.more_rocks:
-        lines.append(f"the mean gain over such rocks would be told from 0 with {found.more_rocks} more rocks")
+        lines.append(
+            f"{found.more_rocks} more training rocks would tell the mean gain over such rocks from 0, if it is as believed"
+        )
     return lines
 
 
