@@ -46,6 +46,7 @@ class Draw:
     max_pair_angle_deg: float
     rock_sha256: str
     replicate: int
+    ground_from_above: bool = False  # ground features: the ground looks alike from everywhere
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,10 @@ def _drawn(world: GeometricWorld, draw: Draw) -> Landmarks:
     contrast = world.landmark_contrast[:n]
     low = np.where(on_rock, features.rock_match_deg[0], features.ground_match_deg[0])
     high = np.where(on_rock, features.rock_match_deg[1], features.ground_match_deg[1])
-    limit_deg = np.minimum(low + (high - low) * reach**2, draw.max_pair_angle_deg)
+    limit_deg = low + (high - low) * reach**2
+    if draw.ground_from_above:
+        limit_deg = np.where(on_rock, limit_deg, 180.0)
+    limit_deg = np.minimum(limit_deg, draw.max_pair_angle_deg)
     far = np.arange(n) >= world.n_near
     return Landmarks(
         world=world,

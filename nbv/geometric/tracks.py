@@ -70,6 +70,17 @@ class Tracks:
         self._labels[landmarks, m] = label
         return int(matched.sum())
 
+    def shared(self) -> Ints:
+        """(V, V) landmarks that two views detect and match with each other directly."""
+        counts = np.zeros((self.n_views, self.n_views), dtype=np.int64)
+        detected = self._labels[:, : self.n_views] >= 0
+        for a in range(self.n_views):
+            for b in range(a):
+                both = np.flatnonzero(detected[:, a] & detected[:, b])
+                cosine = np.einsum("ij,ij->i", self._directions[a, both], self._directions[b, both])
+                counts[a, b] = counts[b, a] = np.count_nonzero(cosine >= self._cosine_limit[both])
+        return counts
+
     def drop_last(self) -> None:
         """Take the detections of the view added last out again; tracks that it has joined stay joined."""
         self.n_views -= 1

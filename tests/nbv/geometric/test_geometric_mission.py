@@ -181,6 +181,24 @@ def test_too_few_shared_landmarks_are_a_recorded_failure(config):
     assert (result.status, result.reason, result.metrics) == ("failed", "seed_model_failed", {})
 
 
+@pytest.mark.parametrize(
+    ("seeds", "ground_features", "status"), [(12, 0, "failed"), (16, 0, "ok"), (8, 2000, "ok")]
+)
+def test_seeds_that_sift_cannot_hold_together_fail(config, seeds, ground_features, status):
+    """As photogrammetry has it on this rock."""
+    ring = {"seed.ring_elevations_deg": [20.0], "seed.ring_azimuth_counts": [seeds]}
+    few = {**ring, "sparse.min_registered_seeds": 6, "sparse.ground_features": ground_features}
+    assert run_geometric_mission(config.with_values(few), ROCK).status == status
+
+
+def test_the_seed_layout_leaves_the_observable_surface(config, rock, world):
+    values = {"seed.count": 8, "sparse.ground_features": 2000, "sparse.min_registered_seeds": 6}
+    other = load_world(rock, config.with_values(values))
+    np.testing.assert_array_equal(other.observable, world.observable)
+    assert other.viewpoint_ids[:9] == (*(f"seed_{k:02d}" for k in range(8)), "cand_000")
+    assert len(other.sample_seen) == len(other.landmark_seen) == len(other.viewpoint_ids)
+
+
 def test_the_whole_cloud_includes_far_ground(config):
     near = run_geometric_mission(config, ROCK).trace[0]
     far = run_geometric_mission(config.with_values({"stop.knn_region": "all"}), ROCK).trace[0]
