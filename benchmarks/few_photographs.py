@@ -35,9 +35,9 @@ ARMS: dict[str, dict[str, Any]] = {
     "few-21-matchable": {**FEW, "stop.max_photographs": 21, "gate.kind": "matchable"},
     "few-21-of-8": {**FEW, "seed.count": 8, "stop.max_photographs": 21},
     "few-21-of-16": {**FEW, "seed.count": 16, "stop.max_photographs": 21},
-    "few-32": {**FEW, "stop.max_photographs": 32},
-    "few-32-matchable": {**FEW, "stop.max_photographs": 32, "gate.kind": "matchable"},
-    "few-32-random": {**FEW, "stop.max_photographs": 32, "gate.kind": "random"},
+    "few-32": {**FEW, "seed.count": 16, "stop.max_photographs": 32},
+    "few-32-matchable": {**FEW, "seed.count": 16, "stop.max_photographs": 32, "gate.kind": "matchable"},
+    "few-32-random": {**FEW, "seed.count": 16, "stop.max_photographs": 32, "gate.kind": "random"},
 }
 METRICS = ("f_score_16mm", "f_score_48mm", "completeness_16mm", "completeness_48mm")
 HEAD = (

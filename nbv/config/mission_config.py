@@ -80,14 +80,10 @@ class MissionConfig:
 
     def _require_seeds_that_register(self) -> None:
         """Layouts of ``seed.count`` that cannot become a model, or leave nothing to plan, are refused before a flight."""
-        seeds, stop = self.seed, self.stop
-        if stop.max_photographs and stop.max_photographs <= seeds.total:
-            raise UserError(
-                f"stop.max_photographs {stop.max_photographs} leaves no capture after {seeds.total} seeds; allow more "
-                "photographs, or fewer seeds (seed.count)"
-            )
+        seeds = self.seed
         if not seeds.count:
             return
+        _ = self.adaptive_budget
         if seeds.count < self.sparse.min_registered_seeds:
             raise UserError(
                 f"seed.count {seeds.count} is below sparse.min_registered_seeds {self.sparse.min_registered_seeds}: "
@@ -103,10 +99,19 @@ class MissionConfig:
 
     @property
     def adaptive_budget(self) -> int:
-        """Captures after the seeds: ``stop.adaptive_budget``, or what ``stop.max_photographs`` leaves."""
-        stop = self.stop
-        left = stop.max_photographs - self.seed.total if stop.max_photographs else stop.adaptive_budget
-        return min(stop.adaptive_budget, left)
+        """Captures after the seeds: ``stop.adaptive_budget``, or what ``stop.max_photographs`` leaves.
+
+        `UserError` where that is nothing.
+        """
+        seeds, stop = self.seed.total, self.stop
+        if not stop.max_photographs:
+            return stop.adaptive_budget
+        if stop.max_photographs <= seeds:
+            raise UserError(
+                f"stop.max_photographs {stop.max_photographs} leaves no capture after {seeds} seeds; allow more "
+                "photographs, or fewer seeds (seed.count)"
+            )
+        return min(stop.adaptive_budget, stop.max_photographs - seeds)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain nested dictionary (tuples become lists), ready for JSON or YAML."""

@@ -116,8 +116,7 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
     if (around := _neighbours(rock, config, store)) is not None:
         inputs.append(list(around.key))
     if config.seed.count:
-        free = replace(config.stop, max_photographs=0)
-        rings = replace(config, seed=replace(config.seed, count=0), stop=free)
+        rings = replace(config, seed=replace(config.seed, count=0))
         return with_seeds(load_world(rock, rings, store), rock, config, around)
     arrays = remember(
         store,
