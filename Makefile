@@ -11,6 +11,7 @@ help:
 	@echo "make tune        set up, run a small GP campaign on real missions, write runs/$(RUN)/report.html"
 	@echo "make test        set up, check the code, run all tests"
 	@echo "make fast-test   the tests that take less than a second or two each"
+	@echo "make fuzz        MINUTES=5 of damaged files through every parser, and the command line; runs/fuzz/fuzz.csv"
 	@echo "make lint        ruff, mypy, import-linter"
 	@echo "make docs        build the documentation into site/"
 	@echo "make wheel-test  build sdist and wheel; run the three jobs from the wheel in an empty environment"
@@ -29,6 +30,9 @@ test: setup lint
 
 fast-test: setup
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -m "not slow"
+
+fuzz: setup
+	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/fuzz.py
 
 lint: setup
 	$(BIN)/ruff check .

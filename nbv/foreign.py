@@ -7,6 +7,8 @@ caller names. What passes needs no further care but what it means.
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import io
 import json
 import os
@@ -30,6 +32,7 @@ TREE_NODES = 50_000
 RESULT_NODES = 5_000_000
 TREE_DEPTH = 40
 _INT_BOUND = 2**63
+SEAL = "checksum"  # in documents of our own, of all the rest
 _SafeLoader: type[Any] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -144,8 +147,8 @@ def read_yaml(path: Path) -> Any:
     return parse_yaml(read_text(path), str(path))
 
 
-def parse_json(text: str, source: str, nodes: int = TREE_NODES) -> Any:
-    """The tree in ``text``.
+def parse_json(text: str, source: str, nodes: int = TREE_NODES, *, finite: bool = False) -> Any:
+    """The tree in ``text``; ``finite``: without NaN and Infinity, which Python reads and JSON does not have.
 
     Raises
     ------
@@ -153,7 +156,7 @@ def parse_json(text: str, source: str, nodes: int = TREE_NODES) -> Any:
         Not JSON, or beyond a limit; names ``source``.
     """
     try:
-        tree = json.loads(text)
+        tree = json.loads(text, parse_constant=functools.partial(_not_finite, source) if finite else None)
     except (ValueError, RecursionError) as error:
         raise UserError(f"{source} is not valid JSON: {_first_line(error)}") from error
     _check_tree(tree, source, nodes)
@@ -268,5 +271,28 @@ def _check_tree(tree: Any, source: str, nodes: int) -> None:
     require(count, nodes, f"{source}: the number of nodes")
 
 
+def _not_finite(source: str, name: str) -> float:
+    raise UserError(f"{source} holds {name}; every number must be finite, a missing one is left out")
+
+
 def _first_line(error: BaseException) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0]
+
+
+def sealed(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """``tree``, of JSON's kinds of values, with a checksum of the rest under `SEAL`."""
+    plain = json.loads(json.dumps({key: value for key, value in tree.items() if key != SEAL}))
+    return {**plain, SEAL: seal_of(plain)}
+
+
+def require_seal(tree: Any, source: str) -> None:
+    """`UserError` where ``tree`` has a checksum and it is not that of the rest; older documents have none."""
+    if isinstance(tree, dict) and SEAL in tree:
+        rest = {key: value for key, value in tree.items() if key != SEAL}
+        if seal_of(rest) != tree[SEAL]:
+            raise UserError(f"{source} was changed since it was written (its checksum differs); restore it")
+
+
+def seal_of(tree: Any) -> str:
+    """Checksum of a tree as JSON reads it back."""
+    return hashlib.sha256(json.dumps(tree, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

@@ -12,8 +12,7 @@ import yaml
 
 from adapters.photogrammetry_nbv.keys import FILES
 from nbv.errors import UserError
-
-_LARGEST_FILE_BYTES = 1_000_000
+from nbv.foreign import read_yaml
 
 
 def read_file(path: Path, kind: str) -> dict[str, Any]:
@@ -26,12 +25,7 @@ def read_file(path: Path, kind: str) -> dict[str, Any]:
     """
     if not path.is_file():
         raise UserError(f"{path} is not a file; name a {kind} of photogrammetry_nbv")
-    if path.stat().st_size > _LARGEST_FILE_BYTES:
-        raise UserError(f"{path} has more than {_LARGEST_FILE_BYTES} bytes; that is no {kind}")
-    try:
-        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
-        raise UserError(f"{path} is not YAML ({str(error).splitlines()[0]}); mend it") from error
+    tree = read_yaml(path)
     prefix, keys = FILES[kind]
     for part in prefix:
         tree = tree.get(part) if isinstance(tree, dict) else None

@@ -20,7 +20,7 @@ from typing import Any
 
 from nbv.config import SCORERS, MissionConfig
 from nbv.errors import UserError
-from nbv.foreign import read_json
+from nbv.foreign import parse_json, read_json
 from nbv.gates.base import Gate, GateInputs
 from nbv.gates.features import FEATURE_NAMES, gate_features
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
@@ -29,7 +29,7 @@ from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
 def shipped_policy() -> dict[str, Any]:
     """The policy that comes with the package: its tree, what it was trained on, how it fared."""
     text = resources.files("nbv.gates").joinpath("policies", "default.json").read_text(encoding="utf-8")
-    policy: dict[str, Any] = json.loads(text)
+    policy: dict[str, Any] = parse_json(text, "the policy that comes with the package")
     return policy
 
 

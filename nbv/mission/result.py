@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from nbv.config import IDEAL
 from nbv.errors import UserError
-from nbv.foreign import RESULT_BYTES, RESULT_NODES, parse_json, read_text
+from nbv.foreign import RESULT_BYTES, RESULT_NODES, SEAL, parse_json, read_text, require_seal, sealed
 
 SCHEMA_VERSION = 1
 
@@ -90,28 +90,30 @@ class MissionResult:
         return float(node)
 
     def to_json(self) -> str:
-        """JSON text; non-finite numbers become null."""
-        return json.dumps(json_ready(asdict(self)), indent=1)
+        """JSON text with a checksum; non-finite numbers become null."""
+        return json.dumps(sealed(json_ready(asdict(self))), indent=1)
 
     @staticmethod
-    def from_json(text: str) -> MissionResult:
-        """Parse ``to_json``'s text.
+    def from_json(text: str, source: str = "the mission result") -> MissionResult:
+        """Parse ``to_json``'s text; ``source`` names it in messages.
 
         Raises
         ------
         UserError
-            Not a mission result, or one of another schema version.
+            Not a mission result, one of another schema version, or changed since it was written.
         """
         try:
-            tree = parse_json(text, "the mission result", RESULT_NODES)
+            tree = parse_json(text, source, RESULT_NODES)
+            require_seal(tree, source)
+            tree.pop(SEAL, None)
             if tree["schema_version"] != SCHEMA_VERSION:
                 raise UserError(
                     f"mission result has schema version {tree['schema_version']}, this version reads {SCHEMA_VERSION}"
                 )
             tree["trace"] = [IterationRecord(**record) for record in tree["trace"]]
             return MissionResult(**tree)
-        except (ValueError, KeyError, TypeError) as error:
-            raise UserError(f"not a mission result: {error}") from error
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise UserError(f"{source} is not a mission result: {error}") from error
 
     @staticmethod
     def load(path: Path) -> MissionResult:
@@ -119,7 +121,7 @@ class MissionResult:
         file = path / "mission.json" if path.is_dir() else path
         if not file.is_file():
             raise UserError(f"{path} holds no mission.json; name a mission directory")
-        return MissionResult.from_json(read_text(file, RESULT_BYTES))
+        return MissionResult.from_json(read_text(file, RESULT_BYTES), str(file))
 
 
 def json_ready(value: Any) -> Any:

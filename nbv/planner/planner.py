@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
+from nbv.foreign import read_yaml
 from nbv.gates import Gate, make_gate
 from nbv.geometry.knn import knn_statistics
 from nbv.scorers import expected_gain_percent, rank_candidates
@@ -72,10 +72,7 @@ class Planner:
     @classmethod
     def from_yaml(cls, path: Path) -> Planner:
         """The planner that a YAML file of a whole configuration describes; ``UserError`` if it cannot be read."""
-        try:
-            tree = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
-        except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-            raise UserError(f"{path} is not a readable YAML file: {error}") from error
+        tree = read_yaml(Path(path))
         if not isinstance(tree, dict):
             raise UserError(f"{path} holds no configuration; gatetune export --to gatetune.yaml writes one")
         return cls(config_from_dict(tree))

@@ -9,7 +9,6 @@ import logging
 import os
 import re
 import tempfile
-import zipfile
 from pathlib import Path
 from typing import cast
 
@@ -17,12 +16,23 @@ import numpy as np
 
 from nbv.cache import home
 from nbv.errors import UserError
+from nbv.foreign import read_npz
 from nbv.rocks.recipes import RECIPES
 from nbv.rocks.rock import SPLITS, Rock, RockInfo, Split, make_rock
 
 log = logging.getLogger(__name__)
 
 _FORMAT = 1
+_LABELS = {"split": ("U", 0), "difficulty": ("U", 0)}
+_CONTENT = {
+    "format": ("iu", 0),
+    "name": ("U", 0),
+    "vertices_m": ("f", 2),
+    "faces": ("iu", 2),
+    "albedo": ("fu", 2),
+    "notes": ("U", 1),
+    "sha256": ("U", 0),
+}
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 
 
@@ -128,22 +138,23 @@ def read_rock(path: Path) -> Rock:
         The file is truncated, altered or of another format.
     """
     try:
-        with np.load(path, allow_pickle=False) as data:
-            if int(data["format"]) != _FORMAT:
-                raise DamagedRockError(f"{path} has format {int(data['format'])}, not {_FORMAT}")
-            rock = make_rock(
-                str(data["name"]),
-                data["vertices_m"],
-                data["faces"],
-                data["albedo"],
-                split=_split(str(data["split"])),
-                difficulty=str(data["difficulty"]),
-                notes=tuple(str(note) for note in data["notes"]),
-            )
-            expected = str(data["sha256"])
+        path.stat()
+        data = read_npz(path, {**_LABELS, **_CONTENT})
+        if int(data["format"]) != _FORMAT:
+            raise DamagedRockError(f"{path} has format {int(data['format'])}, not {_FORMAT}")
+        rock = make_rock(
+            str(data["name"]),
+            data["vertices_m"],
+            data["faces"],
+            data["albedo"],
+            split=_split(str(data["split"])),
+            difficulty=str(data["difficulty"]),
+            notes=tuple(str(note) for note in data["notes"]),
+        )
+        expected = str(data["sha256"])
     except FileNotFoundError:
         raise
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, TypeError) as error:
+    except (UserError, OSError, ValueError, IndexError, TypeError) as error:
         raise DamagedRockError(f"{path} cannot be read: {error}") from error
     if rock.sha256 != expected:
         raise DamagedRockError(f"{path} does not have the content it was written with")
@@ -153,11 +164,12 @@ def read_rock(path: Path) -> Rock:
 def read_labels(path: Path) -> tuple[Split, str]:
     """Split and difficulty of the rock at ``path``, without reading its mesh; errors as `read_rock`."""
     try:
-        with np.load(path, allow_pickle=False) as data:
-            return _split(str(data["split"])), str(data["difficulty"])
+        path.stat()
+        data = read_npz(path, _LABELS)
+        return _split(str(data["split"])), str(data["difficulty"])
     except FileNotFoundError:
         raise
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    except (UserError, OSError, ValueError) as error:
         raise DamagedRockError(f"{path} cannot be read: {error}") from error
 
 

@@ -192,7 +192,7 @@ def test_what_cannot_be_said_there_is_reported(change, key):
     [
         ("scorer: {weights: {novelti: 1}}", "did you mean weights.novelty"),
         ("scorers: {}", "has no mapping scorer"),
-        ("scorer: [1", "not YAML"),
+        ("scorer: [1", "mend the YAML"),
         ("scorer: {weights: {novelty: much}}", "must be a number"),
         ("scorer: {name: my_own}", "has no counterpart"),
         ("scorer: {min_track_length: 2.5}", "whole number"),

@@ -93,3 +93,37 @@ def test_every_marker_of_the_layers_is_a_room() -> None:
     layered = [c for c in contracts if c["type"] == "layers" and "containers" in c]
     assert {c["containers"][0] for c in layered} == {"nbv", "tuner"}
     assert all(c["exhaustive"] for c in layered)
+
+
+# Files that read what this program wrote for itself: pipes between its processes, its store, its own defaults.
+OWN_WORDS = {
+    "adapters/mavlink",
+    "nbv/cache",
+    "nbv/config/conditions.py",
+    "nbv/config/mission_config.py",
+    "nbv/foreign.py",
+    "tuner/missions/executors.py",
+    "tuner/missions/external/call.py",
+    "tuner/missions/external/skeleton_files.py",
+    "tuner/missions/server.py",
+    "tuner/samplers/peers.py",
+}
+
+
+def test_foreign_files_cross_one_boundary() -> None:
+    parsers = {
+        "json.load",
+        "json.loads",
+        "yaml.load",
+        "yaml.safe_load",
+        "np.load",
+        "pickle.load",
+        "pickle.loads",
+    }
+    found = []
+    for path in (p for package in ("nbv", "tuner", "adapters") for p in (ROOT / package).rglob("*.py")):
+        name = path.relative_to(ROOT).as_posix()
+        if not any(name.startswith(own) for own in OWN_WORDS):
+            calls = (n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call))
+            found += [f"{name}:{c.lineno}" for c in calls if ast.unparse(c.func) in parsers]
+    assert found == [], "nbv.foreign has limits on size, depth, types and time"

@@ -10,11 +10,12 @@ from pathlib import Path
 import yaml
 
 from nbv.errors import UserError
+from nbv.foreign import parse_yaml, require_seal, sealed
 from nbv.mission.run_directory import write_atomic
 from tuner.campaign.campaign import LEARNED_FILE, Campaign, sampler_of
 from tuner.campaign.ledger import Ledger, kept_files
 from tuner.campaign.settings import CampaignSettings
-from tuner.campaign.settings_file import FORMAT_VERSION, SETTINGS_FILE, read_settings
+from tuner.campaign.settings_file import FORMAT_VERSION, SETTINGS_FILE, read_settings, write_settings
 from tuner.campaign.transfer import learn_from
 from tuner.samplers.registry import require_sampler
 
@@ -35,7 +36,7 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
             f"{directory} already holds {what}; resume it with `gatetune campaign resume {directory}` "
             "or choose another directory"
         )
-    if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
+    if directory.exists() and (not directory.is_dir() or not all(map(_is_leftover, directory.iterdir()))):
         raise UserError(f"{directory} exists and is not an empty directory; choose another directory")
     learned = None
     if settings.learn_from:
@@ -46,6 +47,17 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
     try:
         directory.mkdir(parents=True, exist_ok=True)
         identity = uuid.uuid4().hex
+        tree = {
+            "format": FORMAT_VERSION,
+            "id": identity,
+            "created": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
+            "base_config_digest": settings.base_config().digest(),
+            "settings": settings.to_dict(),
+        }
+        if learned is not None:
+            write_atomic(directory / LEARNED_FILE, learned.to_json())
+        # Before the ledger: killed between the two, it is a campaign without missions, which a resume goes on with.
+        write_settings(directory, tree)
         try:
             ledger = Ledger(
                 directory,
@@ -57,24 +69,17 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
                 create=True,
             )
         except UserError:
+            for name in (SETTINGS_FILE, LEARNED_FILE):
+                (directory / name).unlink(missing_ok=True)
             if not was_there:
                 with contextlib.suppress(OSError):  # not empty: somebody else's
                     directory.rmdir()
             raise
-        tree = {
-            "format": FORMAT_VERSION,
-            "id": identity,
-            "created": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
-            "base_config_digest": settings.base_config().digest(),
-            "settings": settings.to_dict(),
-        }
         elsewhere = {**tree, "settings": {**settings.to_dict(), "storage": None}}
-        files = {SETTINGS_FILE: yaml.safe_dump(elsewhere, sort_keys=False, allow_unicode=True)}
+        files = {SETTINGS_FILE: yaml.safe_dump(sealed(elsewhere), sort_keys=False, allow_unicode=True)}
         if learned is not None:
             files[LEARNED_FILE] = learned.to_json()
-            write_atomic(directory / LEARNED_FILE, learned.to_json())
         ledger.keep_files(files)
-        write_atomic(directory / SETTINGS_FILE, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
     except OSError as error:
         raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error
     return Campaign(directory, settings, ledger)
@@ -93,12 +98,21 @@ def adopt_campaign(directory: Path, storage: str) -> None:
     if (directory / SETTINGS_FILE).exists():
         return
     files = kept_files(storage, directory.resolve().name, directory)
-    tree = yaml.safe_load(files.pop(SETTINGS_FILE))
+    tree = parse_yaml(files.pop(SETTINGS_FILE), f"{SETTINGS_FILE} in {storage}")
+    require_seal(tree, f"{SETTINGS_FILE} in {storage}")
     tree["settings"]["storage"] = storage
     try:
         directory.mkdir(parents=True, exist_ok=True)
         if LEARNED_FILE in files:
             write_atomic(directory / LEARNED_FILE, files[LEARNED_FILE])
-        write_atomic(directory / SETTINGS_FILE, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
+        write_settings(directory, tree)
     except OSError as error:
         raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error
+
+
+def _is_leftover(path: Path) -> bool:
+    """Whether a campaign that was killed before it had its ``campaign.yaml`` left this file."""
+    temporary = path.name.startswith(".") and path.name.endswith(".tmp")
+    return path.name == LEARNED_FILE or (
+        temporary and any(f in path.name for f in (LEARNED_FILE, SETTINGS_FILE))
+    )

@@ -6,13 +6,10 @@ import dataclasses
 import datetime
 from pathlib import Path
 
-import yaml
-
 from nbv.errors import UserError
 from nbv.foreign import read_yaml
-from nbv.mission.run_directory import write_atomic
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.settings_file import SETTINGS_FILE
+from tuner.campaign.settings_file import SETTINGS_FILE, write_settings
 from tuner.missions.long_runs import exclusive
 
 
@@ -43,7 +40,7 @@ def extend_campaign(directory: Path, budget: int, runner: str | None = None) -> 
             tree["settings"] = settings.to_dict()
             when = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
             tree.setdefault("extensions", []).append({"when": when, "from": old.budget, "to": budget})
-            write_atomic(path, yaml.safe_dump(tree, sort_keys=False, allow_unicode=True))
+            write_settings(directory, tree)
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}; make room, then resume") from error
     return Campaign.open(directory, runner=runner)

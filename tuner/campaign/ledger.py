@@ -20,8 +20,17 @@ from optuna.trial import TrialState, create_trial
 
 from nbv.config import IDEAL
 from nbv.errors import UserError
+from nbv.foreign import seal_of
 from tuner.campaign.coordinator_lock import coordinator_lock
-from tuner.campaign.storage import JOURNAL_FILE, journal_path, one_writer, open_storage
+from tuner.campaign.seals import (
+    ENDED,
+    ENTERED,
+    ending_seal,
+    entry_seal,
+    require_all_there,
+    require_trial,
+)
+from tuner.campaign.storage import JOURNAL_FILE, journal_path, one_writer, open_storage, reachable
 from tuner.missions.job import MissionOutcome
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Pending, Proposal
@@ -67,6 +76,8 @@ class TrialRecord:
     started: datetime.datetime | None = None
     finished: datetime.datetime | None = None
     condition: str = IDEAL
+    code: str = ""  # digest of what flies it, see `tuner.campaign.same_world`; empty in ledgers of before
+    rock_sha256: str = ""  # of the rock that was flown; empty while running, and where no mission said so
 
     @property
     def world(self) -> World:
@@ -124,20 +135,25 @@ class Ledger:
         self._objective = objective
         self._distributions = distributions(space)
         self._ended: dict[int, TrialRecord] = {}
+        self._campaign_id = campaign_id
         self._journal = journal_path(storage, directory)
-        shown = storage or str(directory / JOURNAL_FILE)
-        self._storage = open_storage(storage, directory, must_exist=not create, heal=not read_only)
+        self._shown = shown = storage or str(directory / JOURNAL_FILE)
+        # A campaign that was killed before its first mission may not have a ledger yet, or half of one.
+        begun = not create and (read_only or (directory / "missions").exists())
+        self._storage = open_storage(storage, directory, must_exist=begun, heal=not read_only)
+        identity = {
+            "metric": objective.metric,
+            "search_space": space.to_dict(),
+            _CAMPAIGN_ID: campaign_id,  # the last: without it the study is half made
+        }
         try:
-            if create:
-                direction = "maximize" if objective.direction == "maximise" else "minimize"
-                self._study = optuna.create_study(
-                    study_name=study_name, storage=self._storage, direction=direction
-                )
-                self._study.set_user_attr(_CAMPAIGN_ID, campaign_id)
-                self._study.set_user_attr("metric", objective.metric)
-                self._study.set_user_attr("search_space", space.to_dict())
-            else:
-                self._study = optuna.load_study(study_name=study_name, storage=self._storage)
+            with reachable(shown):
+                self._study = self._open_study(study_name, create=create, begun=begun)
+                found = self._study.user_attrs
+                if create or (not begun and _CAMPAIGN_ID not in found and not self._study.get_trials()):
+                    for key, content in identity.items():
+                        self._study.set_user_attr(key, content)
+                    found = self._study.user_attrs
         except optuna.exceptions.DuplicatedStudyError as error:
             raise UserError(
                 f"{shown} already holds a study {study_name!r}; choose another campaign name or storage"
@@ -147,14 +163,31 @@ class Ledger:
                 f"{shown} holds no study {study_name!r}; the ledger was moved or never made: "
                 "restore it, or start a new campaign"
             ) from error
-        if not create and self._study.user_attrs.get(_CAMPAIGN_ID) != campaign_id:
+        if found.get(_CAMPAIGN_ID) != campaign_id:
             raise UserError(
                 f"the study {study_name!r} in {shown} belongs to another campaign; "
                 "choose another name or storage"
             )
-
+        for key, content in identity.items():
+            if key in found and seal_of(found[key]) != seal_of(content):
+                raise UserError(
+                    f"the ledger {shown} has another {key.replace('_', ' ')} than the campaign's settings: one of them was "
+                    "changed; restore it from a copy"
+                )
+        if not create:
+            require_all_there(lambda: len(self.trials()), directory, shown)
         engine = getattr(self._storage, "engine", None)
         self._lock = None if engine is None else coordinator_lock(engine, study_name)
+
+    def _open_study(self, name: str, *, create: bool, begun: bool) -> optuna.Study:
+        try:
+            if not create:
+                return optuna.load_study(study_name=name, storage=self._storage)
+        except KeyError:
+            if begun:
+                raise
+        direction = "maximize" if self._objective.direction == "maximise" else "minimize"
+        return optuna.create_study(study_name=name, storage=self._storage, direction=direction)
 
     # -- writing ---------------------------------------------------------------------------------------------
 
@@ -168,11 +201,23 @@ class Ledger:
         return contextlib.nullcontext() if self._lock is None else self._lock.held()
 
     def start(
-        self, proposal: Proposal, world: World, replicate: int, config_digest: str, seed: int
+        self,
+        proposal: Proposal,
+        world: World,
+        replicate: int,
+        config_digest: str,
+        seed: int,
+        code: str = "",
     ) -> TrialRecord:
         """Enter a mission that is about to fly, in one write."""
-        if self._lock is not None:
-            self._lock.require()
+        with reachable(self._shown):
+            if self._lock is not None:
+                self._lock.require()
+            return self._start(proposal, world, replicate, config_digest, seed, code)
+
+    def _start(
+        self, proposal: Proposal, world: World, replicate: int, config_digest: str, seed: int, code: str
+    ) -> TrialRecord:
         number = len(self._study.get_trials(deepcopy=False))
         attributes = {
             "rock": world.rock,
@@ -182,9 +227,11 @@ class Ledger:
             "config_digest": config_digest,
             "directory": mission_directory(number, world, replicate),
             "why": proposal.why,
+            "code": code,
         }
         if proposal.memory:
             attributes["memory"] = proposal.memory
+        attributes[ENTERED] = entry_seal(self._campaign_id, number, proposal.values, attributes)
         trial = create_trial(
             state=TrialState.RUNNING,
             params=dict(proposal.values),
@@ -199,8 +246,12 @@ class Ledger:
 
     def finish(self, number: int, outcome: MissionOutcome) -> TrialRecord:
         """Enter how a mission ended; once per mission."""
-        if self._lock is not None:
-            self._lock.require()
+        with reachable(self._shown):
+            if self._lock is not None:
+                self._lock.require()
+            return self._finish(number, outcome)
+
+    def _finish(self, number: int, outcome: MissionOutcome) -> TrialRecord:
         frozen = self._study.get_trials(deepcopy=False)[number]
         if frozen.state.is_finished():
             raise ValueError(f"trial {number} is finished already")
@@ -214,7 +265,10 @@ class Ledger:
             "timings_s": outcome.timings_s,
             "wall_s": round(outcome.wall_s, 3),
             "feasible": value is not None,
+            "rock_sha256": outcome.rock_sha256,
         }
+        if ENTERED in frozen.user_attrs:
+            attributes[ENDED] = ending_seal(frozen.user_attrs[ENTERED], value, attributes)
         for key, content in attributes.items():  # before tell: finished trials are frozen
             self._storage.set_trial_user_attr(frozen._trial_id, key, content)
         if value is None:
@@ -232,11 +286,13 @@ class Ledger:
 
     def trials(self) -> list[TrialRecord]:
         """All missions in trial order."""
-        return [self._known(trial) for trial in self._study.get_trials(deepcopy=False)]
+        with reachable(self._shown):
+            return [self._known(trial) for trial in self._study.get_trials(deepcopy=False)]
 
     def _known(self, trial: optuna.trial.FrozenTrial) -> TrialRecord:
         """Of a finished trial the record made before: it is never touched again."""
         if (record := self._ended.get(trial.number)) is None:
+            require_trial(trial, self._campaign_id, self._shown)
             record = _record(trial)
             if record.state != "running":
                 self._ended[trial.number] = record
@@ -309,4 +365,6 @@ def _record(trial: optuna.trial.FrozenTrial) -> TrialRecord:
         started=trial.datetime_start,
         finished=trial.datetime_complete,
         condition=a.get("condition", IDEAL),  # ledgers of before there were conditions
+        code=a.get("code", ""),
+        rock_sha256=a.get("rock_sha256", ""),
     )

@@ -13,6 +13,7 @@ from tuner.campaign.ahead import FROM_WORKERS, ProposalsAhead
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignSummary, EventKind
 from tuner.campaign.ledger import TrialRecord
+from tuner.campaign.same_world import SameWorld
 from tuner.campaign.storage import DATABASE_ERRORS
 from tuner.missions.executors import Executor
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
@@ -33,6 +34,7 @@ def fly_campaign(
     on_event: Callable[[CampaignEvent], None] | None = None,
     *,
     recommend_every: int = 0,
+    accept_changes: bool = False,
 ) -> CampaignSummary:
     """Fly missions until the budget is used, Ctrl-C or SIGTERM; also resumes.
 
@@ -44,14 +46,16 @@ def fly_campaign(
     ----------
     recommend_every
         Emit a "recommendation" event (and save it) after every so many finished missions; 0: only at the end.
+    accept_changes
+        Go on where rocks or the missions' code changed since the last session.
 
     Raises
     ------
     UserError
-        The campaign is running elsewhere; a mission met a user's mistake (its trial stays open, so a resume
+        The campaign is running elsewhere, or in another world than before; a mission met a user's mistake (its trial stays open, so a resume
         flies it again); the ledger cannot be written.
     """
-    session = _Session(campaign, executor, on_event or (lambda event: None), recommend_every)
+    session = _Session(campaign, executor, on_event or (lambda event: None), recommend_every, accept_changes)
     try:
         with exclusive(campaign.directory), campaign.ledger.exclusive(), stop_signals() as stop:
             try:
@@ -79,6 +83,7 @@ class _Session:
         executor: Executor,
         on_event: Callable[[CampaignEvent], None],
         recommend_every: int,
+        accept_changes: bool,
     ) -> None:
         self._campaign = campaign
         self._settings = campaign.settings
@@ -93,6 +98,12 @@ class _Session:
         self._last_failure = ""
         self._lost = 0  # missions that the machine ended, which stay open
         self._in_flight: dict[str, TrialRecord] = {}
+        self._world = SameWorld(
+            campaign.directory,
+            campaign.settings.runner,
+            campaign.trials(),
+            accept=accept_changes or campaign.status().finished >= campaign.settings.budget,
+        )
         self.ahead = ProposalsAhead(campaign)
 
     def fly(self, stop: threading.Event) -> CampaignSummary:
@@ -172,7 +183,7 @@ class _Session:
     def _start(self, trials: Sequence[TrialRecord], proposal: Proposal, ask_s: float) -> TrialRecord:
         world, replicate = next_block(self._settings.worlds, self._settings.replicates, trials, proposal)
         digest = self._settings.config(proposal.values, world.condition).digest()
-        trial = self._ledger.start(proposal, world, replicate, digest, self._settings.seed)
+        trial = self._ledger.start(proposal, world, replicate, digest, self._settings.seed, self._world.code)
         self._emit("proposed", trial, ask_s=ask_s)
         return trial
 
@@ -226,6 +237,7 @@ class _Session:
             )
 
     def _enter(self, trial: TrialRecord, outcome: MissionOutcome) -> None:
+        self._world.require(trial, outcome.rock_sha256)
         record = self._ledger.finish(trial.number, outcome)
         self._finished += 1
         if record.state == "failed":

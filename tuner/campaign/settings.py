@@ -14,6 +14,7 @@ from nbv.config import IDEAL, IDEAL_CONDITION, Condition, preset, require_distin
 from nbv.errors import UserError
 from nbv.foreign import require
 from nbv.mission.runner import Keep
+from tuner.campaign.storage import require_no_password
 from tuner.missions.external import MissionFile, external_config
 from tuner.missions.registry import DEFAULT_RUNNER, EXTERNAL, check_runner
 from tuner.problem.blocks import MAX_MISSIONS, MAX_REPLICATES
@@ -88,6 +89,7 @@ class CampaignSettings:
         if self.keep not in ("summary", "all"):
             raise UserError(f"keep is {self.keep!r}; it must be summary or all")
         check_runner(self.runner)
+        require_no_password(self.storage)
         self._check_mission()
         self._check_options()
         if self.sampler not in ALL_SAMPLER_NAMES:

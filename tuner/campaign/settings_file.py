@@ -10,9 +10,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from nbv.config import Condition, condition_from_dict, load_conditions
 from nbv.errors import UserError
-from nbv.foreign import read_yaml
+from nbv.foreign import read_yaml, require_seal, sealed
+from nbv.mission.run_directory import write_atomic
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.external import MissionFile, load_mission_file
 from tuner.missions.external.configuration import same_mission_file
@@ -188,9 +191,16 @@ def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
     try:
         tree = read_yaml(path)
         _check_format(tree, path)
+        require_seal(tree, str(path))
         return tree["settings"], tree["id"], tree["base_config_digest"]
     except (KeyError, TypeError) as error:
         raise UserError(f"{path} is not a campaign's settings ({error!r}); restore the file") from error
+
+
+def write_settings(directory: Path, tree: Mapping[str, Any]) -> None:
+    """``campaign.yaml`` with a checksum; ``OSError`` where it cannot be written."""
+    text = yaml.safe_dump(sealed(tree), sort_keys=False, allow_unicode=True)
+    write_atomic(directory / SETTINGS_FILE, text)
 
 
 def _check_format(tree: Mapping[str, Any], path: Path) -> None:

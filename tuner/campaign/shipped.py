@@ -6,11 +6,11 @@ rocks, and the command that flew it; ``benchmarks/ship_missions.py`` writes it f
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 from nbv.errors import UserError
+from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
@@ -64,7 +64,7 @@ def _read(space: SearchSpace, objective: Objective) -> dict[str, Any] | None:
     path = DIRECTORY / f"{space.name}.json"
     if not path.is_file():
         return None
-    tree: dict[str, Any] = json.loads(path.read_text())
+    tree: dict[str, Any] = read_json(path, RESULT_BYTES, RESULT_NODES)
     asked = (list(space.paths), objective.metric, objective.direction)
     if asked != (tree["paths"], tree["metric"], tree["direction"]):
         return None

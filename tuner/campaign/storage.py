@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import gc
+import os
+import urllib.parse
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +16,9 @@ from optuna.storages.journal import JournalFileBackend, JournalRedisBackend
 from sqlalchemy.exc import SQLAlchemyError
 
 from nbv.errors import UserError
+
+PASSWORD_VARIABLE = "GATETUNE_STORAGE_PASSWORD"
+_OF_DATABASES = {"sqlalchemy", "redis", "sqlite3", "psycopg2", "psycopg", "pymysql", "MySQLdb"}
 
 JOURNAL_FILE = "study.journal"
 # Of a database that goes away.
@@ -37,16 +42,73 @@ def open_storage(
         raise UserError(
             f"unknown storage {storage!r}; give an Optuna storage URL such as sqlite:///missions.db or journal:PATH"
         )
+    require_no_password(storage)
+    url = _with_password(storage)
     try:
         if storage.startswith("redis"):
-            backend = JournalRedisBackend(storage)
+            backend = JournalRedisBackend(url)
             return JournalStorage(backend)
-        return optuna.storages.RDBStorage(storage)
+        return optuna.storages.RDBStorage(url)
     except Exception as error:  # SQLAlchemy, drivers and redis each raise families of their own
-        first = str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__
         raise UserError(
-            f"cannot open storage {storage!r}: {first}; check the URL, driver and server"
-        ) from error
+            f"cannot open storage {storage!r}: {_first_line(error)}; check the URL, driver and server"
+        ) from None  # what it comes from may show the password
+
+
+def require_no_password(storage: str | None) -> None:
+    """`UserError`, which does not show it, where a storage's URL holds a password: settings are kept and shown."""
+    if storage is None or "://" not in storage:
+        return
+    try:
+        parts = urllib.parse.urlsplit(storage)
+        found = parts.password or any("pass" in k.lower() for k, _ in urllib.parse.parse_qsl(parts.query))
+    except ValueError:
+        found = "@" in storage
+    if found:
+        raise UserError(
+            f"the storage's URL holds a password, and settings are kept and shown: leave it out and set {PASSWORD_VARIABLE} "
+            "in the environment, also for a resume"
+        )
+
+
+def _with_password(storage: str) -> str:
+    password = os.environ.get(PASSWORD_VARIABLE, "")
+    scheme, _, rest = storage.partition("://")
+    if not password or scheme.startswith("sqlite"):
+        return storage
+    user, at, place = rest.rpartition("@")
+    return (
+        f"{scheme}://{user.removesuffix(':')}:{urllib.parse.quote(password, safe='')}@{place if at else rest}"
+    )
+
+
+@contextlib.contextmanager
+def reachable(shown: str) -> Iterator[None]:
+    """A database that does not answer, or a ledger whose lines do not make sense, as one `UserError`.
+
+    What was in flight stays open in the ledger, and a resume flies it again or enters it.
+    """
+    try:
+        yield
+    except optuna.exceptions.DuplicatedStudyError:
+        raise
+    except Exception as error:
+        kind = type(error).__module__.partition(".")[0]
+        if not isinstance(error, optuna.exceptions.StorageInternalError) and kind not in _OF_DATABASES:
+            raise
+        cause = error.__cause__ or error
+        raise UserError(
+            f"the ledger's database {shown} does not answer ({_first_line(cause)}); mend it, then resume: finished missions "
+            "are kept"
+        ) from None
+
+
+def _first_line(error: BaseException) -> str:
+    lines = str(error).strip().splitlines() or [type(error).__name__]
+    password = os.environ.get(PASSWORD_VARIABLE, "")
+    for secret in (password, urllib.parse.quote(password, safe="")):
+        lines[0] = lines[0].replace(secret, "***") if secret else lines[0]
+    return lines[0]
 
 
 def journal_path(storage: str | None, directory: Path) -> Path | None:
@@ -94,8 +156,12 @@ def _journal(path: Path, must_exist: bool, heal: bool) -> optuna.storages.BaseSt
             return JournalStorage(JournalFileBackend(str(path)))
     except OSError as error:
         raise UserError(f"cannot open the ledger {path}: {error.strerror}; make it writable") from error
-    except ValueError as error:
-        raise UserError(f"the ledger {path} is damaged ({error}); restore it from a copy") from error
+    except UserError:
+        raise
+    except Exception as error:  # Optuna's own of lines that are torn, lost, doubled or changed
+        raise UserError(
+            f"the ledger {path} is damaged ({_first_line(error)}); restore it from a copy"
+        ) from error
 
 
 @contextlib.contextmanager

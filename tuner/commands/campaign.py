@@ -245,6 +245,7 @@ def run(
             fidelity,
             quiet=quiet,
             as_json=as_json,
+            accept_changes=False,
         )
     refuse_code_of_file(str(fields.get("runner") or ""), fidelity, str(settings))
     asked = asked_settings(fields, str(settings or "command line"))
@@ -273,6 +274,9 @@ def resume(
             help="URL of the database with the ledger, to go on with a campaign of another machine here."
         ),
     ] = None,
+    accept_changes: Annotated[
+        bool, typer.Option("--accept-changes", help="Rocks or code changed since: go on all the same.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help=QUIET_HELP)] = False,
     as_json: Annotated[bool, typer.Option("--json", help=JSON_HELP)] = False,
 ) -> None:
@@ -293,7 +297,7 @@ def resume(
         campaign = Campaign.open(directory, runner=fidelity)
     else:
         campaign = extend_campaign(directory, missions, fidelity)
-    fly(campaign, workers, timeout_s, (executor, scheduler, unencrypted))
+    fly(campaign, workers, timeout_s, (executor, scheduler, unencrypted), accept_changes=accept_changes)
 
 
 @app.command()
@@ -316,6 +320,8 @@ def fly(
     workers: int | None,
     timeout_s: float,
     where: tuple[str, str | None, bool] = ("local", None, False),
+    *,
+    accept_changes: bool = False,
 ) -> None:
     """Run or resume, with live progress, and end in the report; ``where`` as the three options of that name."""
     from tuner.campaign.session import fly_campaign
@@ -350,7 +356,7 @@ def fly(
     with executor, progress_bar() as bar:
         show = echo_event if spoken() == "json" else CampaignProgress(bar, settings)
         every = max(LEAST_BETWEEN, settings.budget // UPDATES)
-        summary = fly_campaign(campaign, executor, show, recommend_every=every)
+        summary = fly_campaign(campaign, executor, show, recommend_every=every, accept_changes=accept_changes)
         if summary.stopped == "budget" and shown_jobs(campaign):
             bar.console.print("flying the default and the recommendation once more, to show them whole")
             fly_shown_missions(campaign, executor)

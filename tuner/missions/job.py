@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from nbv.errors import UserError
-from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json
+from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json, require_seal
 from nbv.mission.run_directory import write_atomic
 from nbv.mission.runner import Keep
 from tuner.missions.external.configuration import configuration_from_dict
@@ -78,6 +79,7 @@ class MissionOutcome:
     timings_s: dict[str, Any] = field(default_factory=dict)
     wall_s: float = 0.0
     directory: str = ""
+    rock_sha256: str = ""  # of the rock that was flown, where the mission says so
 
     @property
     def lost(self) -> bool:
@@ -88,11 +90,11 @@ class MissionOutcome:
 def collect_outcome(job: MissionJob, wall_s: float | None = None) -> MissionOutcome | None:
     """The outcome that a worker left in the job's directory; None when the mission did not finish.
 
-    A ``mission.json`` of another configuration or replicate is not this mission's.
+    A ``mission.json`` of another configuration, condition, rock or replicate is not this mission's, nor one that was changed
+    since it was written.
     """
     tree = _read_json(job.directory / RESULT_FILE)
-    this = (job.config.digest(), job.replicate)
-    if tree is not None and (tree.get("config_digest"), tree.get("replicate")) == this:
+    if tree is not None and _is_of(tree, job):
         costs = tree.get("costs") or {}
         return MissionOutcome(
             job.id,
@@ -104,6 +106,7 @@ def collect_outcome(job: MissionJob, wall_s: float | None = None) -> MissionOutc
             tree.get("timings_s") or {},
             float(wall_s if wall_s is not None else costs.get("wall_s") or 0.0),
             str(job.directory),
+            str((tree.get("provenance") or {}).get("rock_sha256") or ""),
         )
     tree = _read_json(job.directory / ERROR_FILE)
     if tree is not None and tree.get("job_id") == job.id:
@@ -128,9 +131,21 @@ def clear_traces(job: MissionJob) -> None:
         (job.directory / name).unlink(missing_ok=True)
 
 
+def _is_of(tree: Mapping[str, Any], job: MissionJob) -> bool:
+    if (tree.get("config_digest"), tree.get("replicate")) != (job.config.digest(), job.replicate):
+        return False
+    condition = getattr(job.config, "condition", None)
+    if condition is not None and tree.get("condition", condition) != condition:
+        return False
+    # A mesh file's rock has a name of its own: its content is compared by the campaign.
+    is_name = os.sep not in job.rock and not Path(job.rock).suffix
+    return not is_name or tree.get("rock", job.rock) == job.rock
+
+
 def _read_json(path: Path) -> dict[str, Any] | None:
     try:
         tree = read_json(path, RESULT_BYTES, RESULT_NODES)
+        require_seal(tree, str(path))
     except UserError:
         return None
     return tree if isinstance(tree, dict) else None

@@ -24,6 +24,7 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.tree import DecisionTreeClassifier
 
 from nbv.errors import UserError
+from nbv.foreign import parse_json
 from nbv.gates.features import FEATURE_NAMES
 from nbv.gates.learned import check_policy
 from nbv.mission.run_directory import write_atomic
@@ -210,7 +211,7 @@ class LearnedPolicy:
     def save(self, path: Path) -> None:
         """Write the policy file; ``UserError`` if that is not possible."""
         text = json.dumps(self.to_dict(), indent=1)
-        check_policy(json.loads(text), str(path))
+        check_policy(parse_json(text, str(path)), str(path))
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(path, text + "\n")

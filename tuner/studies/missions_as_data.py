@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from nbv.config import MissionConfig, config_from_dict, parameter_paths
 from nbv.errors import UserError
+from nbv.foreign import read_yaml
 from nbv.mission.result import MissionResult
 from tuner.campaign.campaign import Campaign
 from tuner.problem.objective import DEFAULT_METRIC, Objective
@@ -20,7 +19,6 @@ from tuner.problem.search_space import SearchSpace, value_at
 from tuner.report.labels import metric_label
 
 # libyaml where PyYAML was built with it: hundreds of configurations are read.
-_YAML_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 @dataclass(frozen=True)
@@ -64,12 +62,7 @@ def find_missions(directories: Sequence[Path]) -> list[FlownMission]:
             if file.parent.resolve() in found:
                 continue
             path = file.parent / "config.yaml"
-            try:
-                config = config_from_dict(yaml.load(path.read_text(), Loader=_YAML_LOADER))
-            except (OSError, yaml.YAMLError) as error:
-                raise UserError(
-                    f"cannot read {path}: {error}; restore it or leave the mission out"
-                ) from error
+            config = config_from_dict(read_yaml(path))
             found[file.parent.resolve()] = FlownMission(file.parent, config, MissionResult.load(file))
     return list(found.values())
 

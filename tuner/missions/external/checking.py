@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import functools
-import json
 from importlib import resources
 from typing import Any
 
 import jsonschema
 
 from nbv.errors import UserError
+from nbv.foreign import parse_json
 
 KINDS = ("mission", "request", "result")
 
@@ -18,7 +18,7 @@ KINDS = ("mission", "request", "result")
 def schema(kind: str) -> dict[str, Any]:
     """The published schema of ``mission``, ``request`` or ``result``."""
     text = resources.files(__package__).joinpath("schemas", f"{kind}.schema.json").read_text(encoding="utf-8")
-    tree: dict[str, Any] = json.loads(text)
+    tree: dict[str, Any] = parse_json(text, f"schema {kind}")
     return tree
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from nbv.errors import UserError
+from nbv.foreign import RESULT_NODES, parse_json, read_text
 from nbv.mission.run_directory import write_atomic
 from tuner.missions.external.checking import check, schema
 from tuner.missions.external.mission_file import MissionFile
@@ -123,27 +124,13 @@ def read_result(path: Path) -> Result:
         mission's own folder: one line.
     """
     try:
-        if path.stat().st_size > _LARGEST_RESULT_BYTES:
-            raise UserError(
-                f"{path} has more than {_LARGEST_RESULT_BYTES} bytes; leave big things in files of their own"
-            )
-        text = path.read_text(encoding="utf-8")
-    except FileNotFoundError as error:
+        path.stat()
+    except OSError as error:
         raise UserError(f"no result: the mission ended without writing {path}") from error
-    except (OSError, UnicodeDecodeError) as error:
-        raise UserError(f"{path} cannot be read: {error}") from error
+    text = read_text(path, _LARGEST_RESULT_BYTES)
     if not text.strip():
         raise UserError(f"{path} is empty; write it under another name, then rename it")
-    try:
-        tree = json.loads(text, parse_constant=_no_constant)
-    except _NotFiniteError as error:
-        raise UserError(
-            f"{path} holds {error}; every number must be finite, a missing one is left out"
-        ) from error
-    except (ValueError, RecursionError) as error:
-        raise UserError(
-            f"{path} is not JSON ({error}); write it under another name, then rename it"
-        ) from error
+    tree = parse_json(text, str(path), RESULT_NODES, finite=True)
     check(tree, "result", str(path))
     for name, value in _numbers(tree.get("metrics", {}), "metrics"):
         if not math.isfinite(value):  # 1e999
@@ -162,14 +149,6 @@ def read_result(path: Path) -> Result:
         tree.get("cloud"),
         Failure(failure["of"], failure["reason"], failure.get("message", "")) if failure else None,
     )
-
-
-class _NotFiniteError(ValueError):
-    """NaN or Infinity, which JSON does not have."""
-
-
-def _no_constant(name: str) -> float:
-    raise _NotFiniteError(name)
 
 
 def _numbers(tree: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, float]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from nbv.cache import Store
 from nbv.config import MissionConfig, preset
 from nbv.errors import MissionFailure
 from nbv.evaluation import evaluate_cloud
+from nbv.foreign import read_bytes
 from nbv.geometry.frames import Similarity, align_umeyama
 from nbv.rocks import load_rock
 from nbv.types import Floats, PointCloud
@@ -56,8 +58,7 @@ def _read_points(path: Path) -> Floats:
     try:
         if path.stat().st_size > MAX_CLOUD_BYTES:
             raise MissionFailure("cloud_too_large", f"{path} has more than {MAX_CLOUD_BYTES} bytes")
-        with path.open("rb") as file:
-            loaded = trimesh.load(file, file_type="ply", process=False)
+        loaded = trimesh.load(io.BytesIO(read_bytes(path, MAX_CLOUD_BYTES)), file_type="ply", process=False)
         points = np.asarray(loaded.vertices, dtype=float)
     except MissionFailure:
         raise

@@ -12,6 +12,7 @@ import yaml
 
 from nbv.config import IDEAL
 from nbv.errors import UserError
+from nbv.foreign import parse_yaml
 from nbv.provenance import versions
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
@@ -252,7 +253,9 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Pa
     label, s = facts.label, facts.settings
     assert facts.model is not None
     text = values_yaml(best.values, s.space)
-    sets = " ".join(f"--set {shlex.quote(f'{k}={v}')}" for k, v in yaml.safe_load(text).items())
+    sets = " ".join(
+        f"--set {shlex.quote(f'{k}={v}')}" for k, v in parse_yaml(text, "the recommendation").items()
+    )
     last = s.conditions[-1].name
     condition = "" if last == IDEAL else f"--condition {shlex.quote(last)}"
     base = " ".join(f"--set {shlex.quote(f'{k}={v}')}" for k, v in {**s.overrides, **s.space.base}.items())

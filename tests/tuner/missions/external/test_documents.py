@@ -155,13 +155,13 @@ def test_a_failure_says_whose_it_is(tmp_path):
     ("content", "says"),
     [
         ("", "is empty"),
-        ('{"schema": "gatetune.result/1", "sta', "is not JSON"),
+        ('{"schema": "gatetune.result/1", "sta', "is not valid JSON"),
         ('{"schema": "gatetune.result/1", "status": "ok", "metrics": {"f": NaN}}', "holds NaN"),
         (
             '{"schema": "gatetune.result/1", "status": "ok", "metrics": {"f": 1e999}}',
             "metrics.f is not a finite",
         ),
-        ("[" * 100_000, "is not JSON"),
+        ("[" * 100_000, "is not valid JSON"),
         ("[]", "is not of type 'object'"),
         ({**OK, "schema": "gatetune.result/2"}, "schema gatetune.result/2; this version reads"),
         ({**OK, "metrics": {"f": "good"}}, "metrics"),

@@ -81,7 +81,7 @@ def test_a_result_becomes_a_mission(tmp_path):
     ("way", "says"),
     [
         ("nothing", "ended without writing"),
-        ("half", "is not JSON"),
+        ("half", "is not valid JSON"),
         ("nan", "holds NaN"),
         ("newer", "this version reads"),
         ("killed", "ended by SIGKILL"),

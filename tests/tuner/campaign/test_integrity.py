@@ -1,0 +1,207 @@
+"""A ledger, a result or a world that was changed outside is noticed and named; a half-made campaign is gone on with."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import fake_campaigns
+import pytest
+
+import tuner.campaign.begin as beginning
+from nbv.errors import UserError
+from nbv.mission.result import MissionResult
+from tuner.campaign import same_world
+from tuner.campaign.begin import begin_campaign
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.session import fly_campaign
+from tuner.campaign.storage import PASSWORD_VARIABLE, open_storage
+from tuner.missions.executors import InProcessExecutor
+from tuner.missions.job import MissionJob, collect_outcome
+
+RUNNER = fake_campaigns.RUNNER
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory) -> Path:
+    directory = tmp_path_factory.mktemp("flown") / "run"
+    fake_campaigns.run(directory, sampler="sobol", budget=5)
+    return directory
+
+
+@pytest.fixture
+def copy(flown, tmp_path) -> Path:
+    return Path(shutil.copytree(flown, tmp_path / "run"))
+
+
+def facts(directory: Path) -> list[tuple]:
+    trials = Campaign.open(directory, runner=RUNNER).trials()
+    return [(t.number, t.state, t.raw, t.values, t.rock, t.replicate, t.metrics, t.reason) for t in trials]
+
+
+def test_every_lost_line_is_named_or_changes_nothing(copy):
+    journal = copy / "study.journal"
+    lines, before = journal.read_text().splitlines(keepends=True), facts(copy)
+    named = 0
+    for k in range(len(lines)):
+        journal.write_text("".join(lines[:k] + lines[k + 1 :]))
+        try:
+            left = facts(copy)
+        except UserError as error:
+            named += "ledger" in str(error) and len(str(error).splitlines()) == 1
+            continue
+        # What is left open is entered again from the mission's own document.
+        assert all(a == b or a[1] == "running" for a, b in zip(left, before, strict=True)), lines[k]
+    assert named > len(lines) * 0.7
+
+
+def test_doubled_lines_are_named_or_change_nothing(copy):
+    journal = copy / "study.journal"
+    lines, before = journal.read_text().splitlines(keepends=True), facts(copy)
+    for k in range(len(lines)):
+        journal.write_text("".join(lines[: k + 1] + lines[k:]))
+        try:
+            assert facts(copy) == before
+        except UserError as error:
+            assert "ledger" in str(error)
+
+
+def test_flipped_bytes_are_named_or_change_nothing(copy):
+    journal = copy / "study.journal"
+    content, before = journal.read_bytes(), facts(copy)
+    for place in range(7, len(content), 211):
+        journal.write_bytes(content[:place] + bytes([content[place] ^ 1]) + content[place + 1 :])
+        try:
+            left = facts(copy)
+        except UserError:
+            continue
+        assert all(a == b or a[1] == "running" for a, b in zip(left, before, strict=True)), place
+
+
+def test_a_ledger_cut_in_half_is_named(copy):
+    journal = copy / "study.journal"
+    lines = journal.read_text().splitlines(keepends=True)
+    journal.write_text("".join(lines[: len(lines) // 2]))
+    with pytest.raises(UserError, match=r"knows nothing of missions/0003.*its end was lost"):
+        Campaign.open(copy, runner=RUNNER)
+
+
+def test_changed_settings_are_named(copy):
+    path = copy / "campaign.yaml"
+    path.write_text(path.read_text().replace("budget: 5", "budget: 6"))
+    with pytest.raises(UserError, match=r"campaign\.yaml was changed since it was written"):
+        Campaign.open(copy, runner=RUNNER)
+
+
+def test_a_changed_result_is_not_believed(copy):
+    campaign = Campaign.open(copy, runner=RUNNER)
+    trial = campaign.trials()[0]
+    directory = copy / trial.directory
+    config = campaign.settings.config(trial.values)
+
+    def job(**changes):
+        fields = {"config": config, "rock": trial.rock, "replicate": trial.replicate, **changes}
+        return MissionJob(id="0000", directory=directory, **fields)
+
+    assert collect_outcome(job()) is not None
+    assert collect_outcome(job(rock="b" if trial.rock == "a" else "a")) is None
+    assert collect_outcome(job(replicate=7)) is None
+    tree = json.loads((directory / "mission.json").read_text())
+    tree["metrics"]["score"] = 0.99
+    (directory / "mission.json").write_text(json.dumps(tree))
+    assert collect_outcome(job()) is None
+    with pytest.raises(UserError, match=r"mission\.json was changed since it was written"):
+        MissionResult.load(directory)
+
+
+def open_last(directory: Path) -> None:
+    """As if the campaign was killed during its last mission."""
+    journal = directory / "study.journal"
+    lines = journal.read_text().splitlines(keepends=True)
+    last = max(k for k, line in enumerate(lines) if json.loads(line)["op_code"] == 4)
+    journal.write_text("".join(lines[: last + 1]))
+
+
+def test_changed_code_is_asked_about(copy, monkeypatch):
+    open_last(copy)
+    monkeypatch.setattr(same_world, "code_of", lambda runner: "another")
+    with pytest.raises(UserError, match=r"the code of its missions changed after trial 4.*--accept-changes"):
+        fly_campaign(Campaign.open(copy, runner=RUNNER), InProcessExecutor())
+    campaign = Campaign.open(copy, runner=RUNNER)
+    assert fly_campaign(campaign, InProcessExecutor(), accept_changes=True).status.finished == 5
+
+
+def test_a_changed_rock_is_asked_about(copy):
+    def another(trial, sha):
+        world = same_world.SameWorld(copy, RUNNER, campaign.trials(), accept=False)
+        world.require(trial, "1" * 64)
+        world.require(trial, "")  # a mission that failed before it met the rock
+        world.require(trial, sha)
+
+    campaign = Campaign.open(copy, runner=RUNNER)
+    trial = campaign.trials()[0]
+    another(trial, "1" * 64)
+    with pytest.raises(UserError, match=f"rock {trial.rock} is another one since trial 0"):
+        another(trial, "2" * 64)
+
+
+@pytest.mark.parametrize("at", ["Ledger", "write_settings", "set_user_attr"])
+def test_a_campaign_killed_while_it_is_made_goes_on(at, tmp_path, monkeypatch):
+    asked, directory = fake_campaigns.settings(sampler="sobol", budget=2), tmp_path / "run"
+
+    def die(*_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        if at == "set_user_attr":
+            patch.setattr("optuna.Study.set_user_attr", die)
+        else:
+            patch.setattr(beginning, at, die)
+        with pytest.raises(KeyboardInterrupt):
+            begin_campaign(directory, asked)
+    (directory / ".campaign.yaml.1.tmp").touch()
+    if (directory / "campaign.yaml").is_file():
+        campaign = Campaign.open(directory, runner=RUNNER)
+    else:
+        campaign = begin_campaign(directory, asked)
+    assert fly_campaign(campaign, InProcessExecutor()).status.complete == 2
+
+
+@pytest.mark.parametrize(
+    "url", ["redis://:s3cret@h/0", "postgresql://u:s3cret@h/d", "mysql://h/d?password=s3cret"]
+)
+def test_a_password_in_a_storage_url_is_refused_unseen(url):
+    with pytest.raises(UserError, match=PASSWORD_VARIABLE) as caught:
+        fake_campaigns.settings(storage=url)
+    assert "s3cret" not in str(caught.value)
+
+
+def test_a_password_of_the_environment_is_used_and_not_shown(monkeypatch):
+    given = []
+
+    def refuse(url):
+        given.append(url)
+        raise RuntimeError(f"cannot connect to {url} with s3/cret")
+
+    monkeypatch.setenv(PASSWORD_VARIABLE, "s3/cret")
+    monkeypatch.setattr("tuner.campaign.storage.JournalRedisBackend", refuse)
+    with pytest.raises(UserError) as caught:
+        open_storage("redis://h:6379/0", Path())
+    assert given == ["redis://:s3%2Fcret@h:6379/0"]
+    assert "cret" not in str(caught.value) and caught.value.__cause__ is None
+
+
+def test_a_locked_database_in_flight_is_one_line(tmp_path):
+    import sqlite3
+
+    file = tmp_path / "missions.db"
+    asked = fake_campaigns.settings(sampler="sobol", budget=3, storage=f"sqlite:///{file}?timeout=0.1")
+    campaign = begin_campaign(tmp_path / "run", asked)
+    with sqlite3.connect(file) as holder:
+        holder.execute("BEGIN EXCLUSIVE")
+        with pytest.raises(UserError, match=r"does not answer .*locked.*resume"):
+            fly_campaign(campaign, InProcessExecutor())
+        holder.rollback()
+    again = Campaign.open(tmp_path / "run", runner=RUNNER)
+    assert fly_campaign(again, InProcessExecutor()).status.complete == 3

@@ -1,0 +1,69 @@
+"""Whether a campaign goes on in the world it began in: the same code of the missions, the same rocks.
+
+Every trial carries the digest of the code that flies it and, once it has ended, its rock's content hash. What differs from
+the last trial of its kind is named and asked about; a campaign must not mix two worlds without a word.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.util
+from collections.abc import Sequence
+from pathlib import Path
+
+from nbv.cache import code_digest
+from nbv.errors import UserError
+from tuner.campaign.ledger import TrialRecord
+from tuner.missions.registry import runner_module
+
+ACCEPT = "--accept-changes"
+
+
+@functools.cache
+def code_of(runner: str) -> str:
+    """Digest of the code of a runner's missions with all it imports of ``nbv``; of a runner of others its own file."""
+    module = runner_module(runner)
+    if module.partition(".")[0] == "nbv":
+        return code_digest(module)
+    try:
+        found = importlib.util.find_spec(module)
+        content = Path(found.origin).read_bytes() if found is not None and found.origin else b""
+    except (ImportError, ValueError, OSError):  # each mission will meet it and say so
+        content = b""
+    return hashlib.sha256(content).hexdigest()[:32]
+
+
+class SameWorld:
+    """What a session compares its missions with; ``accept``: changes since the last session are wanted."""
+
+    def __init__(self, directory: Path, runner: str, trials: Sequence[TrialRecord], *, accept: bool) -> None:
+        self._directory = directory
+        self._rocks: dict[str, tuple[str, int]] = {}
+        self.code = code_of(runner)
+        if accept:
+            return
+        known = [t for t in trials if t.code]
+        if known and known[-1].code != self.code:
+            self._ask(f"the code of its missions changed after trial {known[-1].number}")
+        for trial in trials:
+            self._remember(trial.rock, trial.rock_sha256, trial.number)
+
+    def require(self, trial: TrialRecord, rock_sha256: str) -> None:
+        """`UserError` where the mission of ``trial`` met another rock than those before it under that name."""
+        before, number = self._rocks.get(trial.rock, (rock_sha256, 0))
+        if rock_sha256 and before != rock_sha256:
+            self._ask(
+                f"rock {trial.rock} is another one since trial {number} (content {before[:12]} then, {rock_sha256[:12]} now)"
+            )
+        self._remember(trial.rock, rock_sha256, trial.number)
+
+    def _remember(self, rock: str, sha256: str, number: int) -> None:
+        if sha256:
+            self._rocks[rock] = (sha256, number)
+
+    def _ask(self, what: str) -> None:
+        raise UserError(
+            f"{what}: its ledger would mix two worlds; restore what it was, or go on all the same with "
+            f"`gatetune campaign resume {self._directory} {ACCEPT}`"
+        )
