@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from adapters.photogrammetry_nbv.workspace import best_model, sparse_model
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
+from nbv.foreign import expanded, read_yaml
 from nbv.gates import make_gate
 from nbv.geometry.frames import wrap_angle
 from nbv.geometry.knn import knn_statistics
@@ -61,9 +61,10 @@ def load_config(scorer: Mapping[str, Any]) -> MissionConfig:
     if not name:
         raise UserError(f"name a gatetune.yaml: scorer.gatetune_config in scoring.yaml, or {CONFIG_VARIABLE}")
     try:
-        return config_from_dict(yaml.safe_load(Path(name).expanduser().read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        raise UserError(f"{name} cannot be read: {str(error).splitlines()[0]}") from error
+        tree = read_yaml(expanded(name))
+    except UserError as error:
+        raise UserError(f"{name} cannot be read: {error}") from error
+    return config_from_dict(tree)
 
 
 class _Planner:

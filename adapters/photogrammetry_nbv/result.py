@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 import trimesh
 
 from adapters.photogrammetry_nbv.workspace import best_model, camera_centers
+from nbv.foreign import parse_json
 from nbv.types import Floats
 
 _ROCK_HEIGHT_M = 1.6  # of an imported mesh (`nbv.rocks.import_mesh`)
@@ -39,7 +39,9 @@ def read_run(
     MissionUnfinishedError
         No camera that COLMAP registered has its telemetry.
     """
-    rock_ned = json.loads((run / "phase2_manifest.json").read_text(encoding="utf-8"))["rock_center_ned_m"]
+    rock_ned = parse_json((run / "phase2_manifest.json").read_text(encoding="utf-8"), "phase2_manifest.json")[
+        "rock_center_ned_m"
+    ]
     reported = _reported(
         run, rock_ned, float(stack.get("camera_up_m", 0)), float(stack.get("camera_forward_m", 0))
     )
@@ -71,7 +73,7 @@ def _reported(run: Path, rock_ned: Mapping[str, float], up_m: float, forward_m: 
     """
     centers = {}
     for path in sorted(run.glob("*/metadata/*.json")):
-        entry = json.loads(path.read_text(encoding="utf-8"))
+        entry = parse_json(path.read_text(encoding="utf-8"), str(path))
         at, heading = entry.get("vehicle_position_ned_m"), entry.get("vehicle_heading_rad", 0.0)
         if at is None:  # the local position had dropped out
             continue
