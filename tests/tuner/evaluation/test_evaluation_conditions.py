@@ -56,7 +56,7 @@ def test_every_strategy_flies_every_world_and_is_paired(tmp_path: Path) -> None:
 def test_its_page_has_a_row_per_condition(tmp_path: Path) -> None:
     run = evaluated(tmp_path / "out", replicates=1)
     page = write_comparison_report(run, tmp_path / "page", metric=F48.key).read_text()
-    rows = page.split('<table id="conditions">')[1].split("</table>")[0]
+    rows = page.split('id="conditions">')[1].split("</table>")[0]
     assert rows.count("<tr><td>") == 2 and "<td>field</td>" in rows
     assert "ideal, field" in page
     ideal = evaluated(tmp_path / "ideal", conditions=TWO[:1], replicates=1)

@@ -14,7 +14,7 @@ from rich.console import Console
 from nbv.errors import UserError
 from tuner.evaluation.comparison import comparison_table
 from tuner.report import write_comparison_report
-from tuner.report.comparison.page import comparison_context
+from tuner.report.comparison.page import comparison_context, in_order
 from tuner.report.comparison.tables import (
     PAPER_NOT_COMPARABLE,
     cell,
@@ -184,3 +184,15 @@ def test_everything_failed(tmp_path: Path) -> None:
 def test_reference_must_be_evaluated(tmp_path: Path) -> None:
     with pytest.raises(UserError, match="reference 'hyb-o' was not evaluated"):
         write_comparison_report(made_run({"covis": 60.0}), tmp_path, reference="hyb-o")
+
+
+def test_the_page_leads_with_one_verdict_then_table_one(tmp_path: Path) -> None:
+    levels = {"tuned": 70.0, "random-tuned-pool": 58.0, "hyb-h": 60.0, "random": 50.0}
+    page = write_comparison_report(made_run({k: v for k, v in levels.items() if "pool" not in k}), tmp_path)
+    source = page.read_text()
+    assert source.count('id="verdict"') == 1
+    verdict, table = source.index('id="verdict"'), source.index("Whole surface</h3>")
+    assert verdict < table < source.index("What was flown")
+    assert "Tuned is better than Hyb-H" in source[verdict:table]
+    assert "condition ideal" in source[verdict:table] and "Random views" not in source[verdict:table]
+    assert in_order(levels) == ("tuned", "hyb-h", "random", "random-tuned-pool")

@@ -125,7 +125,7 @@ def comparison_context(
     rows: Sequence[MetricRow] | None = None,
 ) -> dict[str, Any]:
     """Everything the template ``comparison_body.html.j2`` shows."""
-    strategies = _in_order(run.plan.strategies)
+    strategies = in_order(run.plan.strategies)
     if reference is None:
         reference = "hyb-h" if "hyb-h" in strategies else strategies[0]
     if rows is not None:
@@ -169,7 +169,7 @@ def comparison_context(
     }
 
 
-def _in_order(strategies: Iterable[str]) -> tuple[str, ...]:
+def in_order(strategies: Iterable[str]) -> tuple[str, ...]:
     """As planned, chance in the tuned pool beside chance in the default's."""
     names = list(strategies)
     if TUNED_POOL_RANDOM in names and "random" in names:
@@ -187,7 +187,7 @@ def _measure(run: EvaluationRun, metric: str) -> str:
 
 def _under(run: EvaluationRun, condition: str, reference: str, headline: MetricRow) -> dict[str, Any]:
     """The headline metric under one condition: every strategy, and its difference from the reference."""
-    strategies = _in_order(run.plan.strategies)
+    strategies = in_order(run.plan.strategies)
     own = [r for r in run.records if r.condition == condition]
     table = comparison_table(own, strategies, reference, None, (headline,))
     row = table.rows[0]
@@ -319,7 +319,7 @@ def _difference_rows(table: ComparisonTable, name: str) -> dict[str, Any]:
 def _figures(
     run: EvaluationRun, table: ComparisonTable, headline: MetricRow, figures: Path | None, surface: Surface
 ) -> list[Illustration]:
-    strategies, several = _in_order(run.plan.strategies), len(run.plan.conditions) > 1
+    strategies, several = in_order(run.plan.strategies), len(run.plan.conditions) > 1
     out = []
     forest = forest_figure(table)
     if forest is not None:
