@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
@@ -14,12 +13,12 @@ from nbv.geometric.completeness import DenseModel, sample_probability
 from nbv.geometric.landmarks import Draw, FeatureModel, landmarks_of
 from nbv.geometric.tracks import Tracks
 from nbv.geometric.world import GeometricWorld
-from nbv.types import Capture, Floats, Ints, PointCloud, SparseModel, UpdateReport
+from nbv.types import Capture, Floats, PointCloud, SparseModel, UpdateReport
 
 MIN_TRIANGULATION_ANGLE_DEG = 1.5  # COLMAP's default
-# Landmarks that two seeds share where SIFT alone holds them together. Rings of 12 and 14 seeds at 20 degrees do not
-# register, those of 16, 18 and 24 and the paper's do (boulder, vesicular): neighbours share 51 to 63 and from 69 on.
-LINK_LANDMARKS = 66
+# Landmarks that a seed shares with all others, pair by pair, where SIFT alone holds it. Rings of 12 and 14 seeds at 20
+# degrees do not register, those of 16, 18 and 24 do (boulder, vesicular): 172 to 246 and from 272 on.
+HELD_LANDMARKS = 258
 
 
 @dataclass(frozen=True)
@@ -120,7 +119,11 @@ class GeometricReconstructor:
         _, _, views = tracks.points(2)
         shared = np.bincount(views, minlength=len(captures))
         good = np.flatnonzero(shared >= self._config.sparse.min_inliers).tolist()
-        held = len(captures) if self._config.sparse.ground_features else _largest_part(tracks.shared())
+        held = (
+            len(captures)
+            if self._config.sparse.ground_features
+            else int((tracks.shared().sum(axis=1) >= HELD_LANDMARKS).sum())
+        )
         if held < self._config.sparse.min_registered_seeds:
             raise MissionFailure(
                 "seed_model_failed",
@@ -218,9 +221,3 @@ class GeometricReconstructor:
         if not likely.any():
             raise MissionFailure("empty_dense_cloud", "no surface sample is likely to be reconstructed")
         return PointCloud(self._world.samples_m[likely], None, self._world.sample_normals[likely])
-
-
-def _largest_part(shared: Ints) -> int:
-    """Of views that share so many landmarks (V, V), how many hang together by pairs of `LINK_LANDMARKS`."""
-    _, part = connected_components(shared >= LINK_LANDMARKS, directed=False)
-    return int(np.bincount(part).max())
