@@ -188,7 +188,7 @@ def test_seeds_that_sift_cannot_hold_together_fail(config, seeds, ground_feature
     """As photogrammetry has it on this rock."""
     ring = {"seed.ring_elevations_deg": [20.0], "seed.ring_azimuth_counts": [seeds]}
     few = {**ring, "sparse.min_registered_seeds": 6, "sparse.ground_features": ground_features}
-    few["dense.agreeing_views"] = 3
+    few["stop.adaptive_budget"] = 8
     assert run_geometric_mission(config.with_values(few), ROCK).status == status
 
 
