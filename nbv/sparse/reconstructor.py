@@ -35,6 +35,7 @@ _STATE_ARRAYS = {
     "keypoints": ("f", 2),
     "descriptors": ("u", 2),
     "counts": ("i", 1),
+    "ground_counts": ("i", 1),
     "pair_ids": ("i", 2),
     "pair_configs": ("i", 1),
     "pair_counts": ("i", 1),
