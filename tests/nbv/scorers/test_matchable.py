@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from nbv.config import MissionConfig, preset
 from nbv.gates.ground_truth import GroundTruthOracle
+from nbv.geometry.visibility import lifted
 from nbv.scorers import rank_candidates
 from nbv.scorers.matchable import SAMPLES, matchable_repair, proxy_surface, sees
 from nbv.types import PlanningState
@@ -97,6 +98,7 @@ def test_equal_to_the_oracle_on_the_same_surface(seed: int, visited: int, need: 
     hull = trimesh.convex.convex_hull(points)
     oracle = GroundTruthOracle(hull.vertices, hull.faces, mission)
     oracle.samples_m, oracle.normals = proxy.samples_m, proxy.normals
+    oracle._starts_m = lifted(proxy.samples_m, proxy.normals)
     views = np.stack([view(rng.uniform(0, 360), rng.uniform(5, 60)) for _ in range(visited + 6)])
     state = PlanningState(None, views[:visited], visited, view(0.0), 0.0, 0, 8, 0.1, 0)  # type: ignore[arg-type]
     coverage = oracle.coverage(state)
