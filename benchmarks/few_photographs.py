@@ -2,7 +2,7 @@
 
     OMP_NUM_THREADS=1 python benchmarks/few_photographs.py --rocks arch fin --out few.csv [--arms paper-64 few-21]
 
-One row per mission: preset `campaign` with 3 agreeing views, F-score and completeness at 16 and 48 mm (observable
+Prints each arm's paired differences, t intervals over rocks. One row per mission: preset `campaign` with 3 agreeing views, F-score and completeness at 16 and 48 mm (observable
 surface). Goes on where a file ends.
 """
 
@@ -12,6 +12,9 @@ import argparse
 import csv
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from scipy import stats
 
 from nbv.config import MissionConfig, load_condition, preset, under
 from nbv.photogrammetric import run_photogrammetric_mission
@@ -59,8 +62,38 @@ def configuration(arm: str, condition: str) -> MissionConfig:
     return under(preset("campaign"), load_condition(condition)).with_values({**THREE_VIEWS, **ARMS[arm]})
 
 
+PAIRS = (
+    ("few-21-of-16", "paper-64"),
+    ("few-32", "paper-64"),
+    ("few-32", "hyb-h-32"),
+    ("few-32", "few-32-random"),
+)
+
+
+def tell(out: Path) -> None:
+    """Means of the rocks that every arm flew, and paired differences with 95 % intervals over these rocks."""
+    with out.open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["f_score_48mm"]]
+    for condition in dict.fromkeys(row["condition"] for row in rows):
+        of = {(r["rock"], r["arm"]): r for r in rows if r["condition"] == condition}
+        arms = dict.fromkeys(arm for _, arm in of)
+        rocks = [r for r in dict.fromkeys(rock for rock, _ in of) if all((r, arm) in of for arm in arms)]
+        print(condition, ", ".join(rocks))
+        for arm in arms:
+            columns = ("photographs", "flight (s)", *METRICS)
+            print(f"  {arm}", *(f"{np.mean([float(of[r, arm][c]) for r in rocks]):.2f}" for c in columns))
+        for one, other in PAIRS:
+            if not {one, other} <= set(arms) or len(rocks) < 2:
+                continue
+            for metric in METRICS:
+                gain = np.array([float(of[r, one][metric]) - float(of[r, other][metric]) for r in rocks])
+                half = stats.t.ppf(0.975, len(gain) - 1) * gain.std(ddof=1) / len(gain) ** 0.5
+                mean = gain.mean()
+                print(f"  {one} - {other}, {metric}: {mean:+.2f} [{mean - half:+.2f}, {mean + half:+.2f}]")
+
+
 def main() -> None:
-    """Fly what is not in the file yet."""
+    """Fly what is not in the file yet, then tell."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--rocks", nargs="+", required=True)
     parser.add_argument("--conditions", nargs="+", default=["ideal", "field"])
@@ -90,6 +123,7 @@ def main() -> None:
                     scores = [f"{found[name]:.2f}" if name in found else "" for name in METRICS]
                     rows.writerow([*key, result.status, result.reason, *(round(x) for x in flown), *scores])
                     file.flush()
+    tell(arguments.out)
 
 
 if __name__ == "__main__":

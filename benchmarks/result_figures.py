@@ -163,6 +163,25 @@ def renderer_order(data: Path) -> plt.Figure:
     return figure
 
 
+def fewer_photographs(data: Path) -> plt.Figure:
+    """F-score at 16 mm against the number of photographs, a line per rock."""
+    rows = read(data, "third_of_the_photographs")
+    figure, axes = plt.subplots(figsize=(6, 3.6))
+    for k, rock in enumerate(dict.fromkeys(row["rock"] for row in rows)):
+        of = {row["arm"]: row for row in rows if row["rock"] == rock}
+        few = [of[arm] for arm in ("few-21-of-16", "few-32") if arm in of]
+        paper = [of[arm] for arm in ("hyb-h-32", "paper-64") if arm in of]
+        for arms, style, colour in ((few, "o-", BLUE), (paper, "s--", ORANGE)):
+            x, y = ([float(row[c]) for row in arms] for c in ("photographs", "f_score_16mm"))
+            name = "pool below 2.1 m, 16 seeds" if style == "o-" else "Hyb-H, paper's values, 24 seeds"
+            axes.plot(x, y, style, color=colour, alpha=0.7, markersize=4, label=None if k else name)
+    axes.set_xlabel("photographs")
+    axes.set_ylabel("F-score @ 16 mm (%)")
+    axes.legend(fontsize=8, loc="lower right")
+    axes.grid(alpha=0.3)
+    return figure
+
+
 def oracle_coverage(data: Path) -> plt.Figure:
     """Gain over Covis of switching and of choosing greedily, by reading of coverage."""
     column = "F-score @ 48 mm (points)"
@@ -251,6 +270,7 @@ FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
         warm_start,
         conditions,
         renderer_order,
+        fewer_photographs,
         oracle_coverage,
         learned_gate,
         visibility,
