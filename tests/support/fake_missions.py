@@ -82,6 +82,7 @@ def fake_mission(
         status="ok",
         reason="",
         message="",
+        condition=getattr(config, "condition", "ideal"),
         config_digest=config.digest(),
         rock=rock,
         replicate=replicate,

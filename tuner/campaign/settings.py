@@ -14,7 +14,6 @@ from nbv.config import IDEAL, IDEAL_CONDITION, Condition, preset, require_distin
 from nbv.errors import UserError
 from nbv.foreign import require
 from nbv.mission.runner import Keep
-from tuner.campaign.storage import require_no_password
 from tuner.missions.external import MissionFile, external_config
 from tuner.missions.registry import DEFAULT_RUNNER, EXTERNAL, check_runner
 from tuner.problem.blocks import MAX_MISSIONS, MAX_REPLICATES
@@ -22,6 +21,7 @@ from tuner.problem.objective import Objective
 from tuner.problem.options import RISKS, Risk
 from tuner.problem.quality_at_cost import COUNTS
 from tuner.problem.search_space import Configuration, SearchSpace, Values, ours
+from tuner.problem.secrets import require_no_password
 from tuner.problem.worlds import World, worlds_over
 from tuner.samplers.design import initial_design_size
 from tuner.samplers.registry import (

@@ -16,8 +16,8 @@ from optuna.storages.journal import JournalFileBackend, JournalRedisBackend
 from sqlalchemy.exc import SQLAlchemyError
 
 from nbv.errors import UserError
+from tuner.problem.secrets import PASSWORD_VARIABLE, require_no_password
 
-PASSWORD_VARIABLE = "GATETUNE_STORAGE_PASSWORD"
 _OF_DATABASES = {"sqlalchemy", "redis", "sqlite3", "psycopg2", "psycopg", "pymysql", "MySQLdb"}
 
 JOURNAL_FILE = "study.journal"
@@ -53,22 +53,6 @@ def open_storage(
         raise UserError(
             f"cannot open storage {storage!r}: {_first_line(error)}; check the URL, driver and server"
         ) from None  # what it comes from may show the password
-
-
-def require_no_password(storage: str | None) -> None:
-    """`UserError`, which does not show it, where a storage's URL holds a password: settings are kept and shown."""
-    if storage is None or "://" not in storage:
-        return
-    try:
-        parts = urllib.parse.urlsplit(storage)
-        found = parts.password or any("pass" in k.lower() for k, _ in urllib.parse.parse_qsl(parts.query))
-    except ValueError:
-        found = "@" in storage
-    if found:
-        raise UserError(
-            f"the storage's URL holds a password, and settings are kept and shown: leave it out and set {PASSWORD_VARIABLE} "
-            "in the environment, also for a resume"
-        )
 
 
 def _with_password(storage: str) -> str:

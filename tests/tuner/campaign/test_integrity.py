@@ -16,9 +16,10 @@ from tuner.campaign import same_world
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
-from tuner.campaign.storage import PASSWORD_VARIABLE, open_storage
+from tuner.campaign.storage import open_storage
 from tuner.missions.executors import InProcessExecutor
 from tuner.missions.job import MissionJob, collect_outcome
+from tuner.problem.secrets import PASSWORD_VARIABLE
 
 RUNNER = fake_campaigns.RUNNER
 

@@ -127,7 +127,7 @@ def test_a_bad_settings_file_is_named(gatetune, tmp_path, text, says):
 
 
 def test_options_beat_the_settings_file_which_beats_the_defaults(gatetune, monkeypatch, tmp_path):
-    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_: None)
+    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_, **__: None)
     (tmp_path / "mine.yaml").write_text(
         "name: mine\nbudget: 20\nrocks: [slab]\nin_step: 2\noverrides: {gate.kind: hyb-o, stop.adaptive_budget: 9}\n"
         "second: costs.flight_time_s\n"
@@ -193,7 +193,7 @@ def test_what_nobody_foresaw_is_one_line_and_a_log(gatetune, monkeypatch, gatetu
 
 
 def test_a_name_that_looks_like_markup_is_shown_as_it_is(gatetune, monkeypatch):
-    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_: None)
+    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_, **__: None)
     assert gatetune(*RUN, "--name", "[bold]x[]")[0] == 0
     code, out, err = gatetune("campaign", "status", "runs/[bold]x[]")
     assert code == 0 and "[bold]x[]: 0 of 64 missions" in out, err
@@ -202,7 +202,7 @@ def test_a_name_that_looks_like_markup_is_shown_as_it_is(gatetune, monkeypatch):
 def test_a_file_chooses_no_code(gatetune, monkeypatch, tmp_path):
     (tmp_path / "foreign.py").write_text("raise SystemExit('run')")
     (tmp_path / "mine.yaml").write_text("runner: foreign:fly\nrocks: [boulder]\n")
-    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_: None)
+    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_, **__: None)
     code, _, err = gatetune("campaign", "run", "mine.yaml")
     assert code == 2 and "--fidelity foreign:fly" in err
     code, _, err = gatetune("campaign", "run", "mine.yaml", "--fidelity", "foreign:fly")
@@ -215,7 +215,7 @@ def test_a_file_chooses_no_code(gatetune, monkeypatch, tmp_path):
 
 
 def test_every_setting_is_a_field_of_the_file(gatetune, monkeypatch, tmp_path):
-    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_: None)
+    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_, **__: None)
     assert gatetune(*RUN)[0] == 0
     found = yaml.safe_load((tmp_path / "runs/campaign/campaign.yaml").read_text())["settings"]
     assert set(found) == set(FIELDS)
