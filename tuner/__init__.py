@@ -3,8 +3,9 @@
 The names below are the stable ones; they are loaded when they are asked for.
 """
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import lazy_loader
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
@@ -23,20 +24,13 @@ __all__ = [
     "reproduce",
     "tune",
 ]
-_FILES = {
-    "Campaign": "campaign.campaign",
-    "CampaignSettings": "campaign.settings",
-    "EvaluationRun": "evaluation.flying",
-    "Recommendation": "recommendation.recommendation",
-    "evaluate": "jobs",
-    "frame": "jobs",
-    "reproduce": "jobs",
-    "tune": "jobs",
-}
-
-
-def __getattr__(name: str) -> Any:
-    # A room is loaded by the import of it; `tuner.evaluation` stays the room.
-    if name not in _FILES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_FILES[name]}"), name)
+__getattr__, __dir__, _ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "campaign.campaign": ["Campaign"],
+        "campaign.settings": ["CampaignSettings"],
+        "evaluation.flying": ["EvaluationRun"],
+        "recommendation.recommendation": ["Recommendation"],
+        "jobs": ["evaluate", "frame", "reproduce", "tune"],
+    },
+)

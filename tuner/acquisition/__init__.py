@@ -5,8 +5,9 @@ Names are loaded when they are asked for: what only names a setting need not wai
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import lazy_loader
 
 if TYPE_CHECKING:
     from tuner.acquisition.front import propose_for_front
@@ -19,15 +20,11 @@ __all__ = [
     "propose_for_front",
     "propose_within",
 ]
-_FILES = {
-    "Within": "within",
-    "maximise": "propose",
-    "propose_for_front": "front",
-    "propose_within": "within",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _FILES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_FILES[name]}"), name)
+__getattr__, __dir__, _ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "within": ["Within", "propose_within"],
+        "propose": ["maximise"],
+        "front": ["propose_for_front"],
+    },
+)

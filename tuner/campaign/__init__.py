@@ -5,8 +5,9 @@ Names are loaded when they are asked for: a program that only names a campaign's
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import lazy_loader
 
 if TYPE_CHECKING:
     from tuner.campaign.begin import begin_campaign
@@ -26,19 +27,14 @@ __all__ = [
     "extend_campaign",
     "fly_campaign",
 ]
-_FILES = {
-    "Campaign": "campaign",
-    "CampaignEvent": "events",
-    "CampaignSettings": "settings",
-    "CampaignStatus": "events",
-    "CampaignSummary": "events",
-    "begin_campaign": "begin",
-    "extend_campaign": "extension",
-    "fly_campaign": "session",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _FILES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_FILES[name]}"), name)
+__getattr__, __dir__, _ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "campaign": ["Campaign"],
+        "events": ["CampaignEvent", "CampaignStatus", "CampaignSummary"],
+        "settings": ["CampaignSettings"],
+        "begin": ["begin_campaign"],
+        "extension": ["extend_campaign"],
+        "session": ["fly_campaign"],
+    },
+)

@@ -5,8 +5,9 @@ Names are loaded when they are asked for: what only names a setting need not wai
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import lazy_loader
 
 if TYPE_CHECKING:
     from tuner.recommendation.eligible import may_be_recommended
@@ -26,20 +27,13 @@ __all__ = [
     "recommend",
     "sparsest",
 ]
-_FILES = {
-    "Inactive": "inactive",
-    "NextRock": "next_rock",
-    "Recommendation": "recommendation",
-    "Sparsest": "sparsest",
-    "inactive_parameters": "inactive",
-    "may_be_recommended": "eligible",
-    "next_rock": "next_rock",
-    "recommend": "recommendation",
-    "sparsest": "sparsest",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _FILES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_FILES[name]}"), name)
+__getattr__, __dir__, _ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "inactive": ["Inactive", "inactive_parameters"],
+        "next_rock": ["NextRock", "next_rock"],
+        "recommendation": ["Recommendation", "recommend"],
+        "sparsest": ["Sparsest", "sparsest"],
+        "eligible": ["may_be_recommended"],
+    },
+)

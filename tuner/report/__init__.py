@@ -5,8 +5,9 @@ Names are loaded when they are asked for: drawing needs matplotlib, which takes 
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import lazy_loader
 
 if TYPE_CHECKING:
     from tuner.report.campaign.page import write_campaign_report
@@ -22,16 +23,13 @@ __all__ = [
     "write_mission_recording",
     "write_mission_view",
 ]
-_FILES = {
-    "write_campaign_report": "campaign.page",
-    "write_comparison_report": "comparison.page",
-    "write_mission_figures": "mission.figures",
-    "write_mission_recording": "mission.recording",
-    "write_mission_view": "mission.walk",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _FILES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_FILES[name]}"), name)
+__getattr__, __dir__, _ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "campaign.page": ["write_campaign_report"],
+        "comparison.page": ["write_comparison_report"],
+        "mission.figures": ["write_mission_figures"],
+        "mission.recording": ["write_mission_recording"],
+        "mission.walk": ["write_mission_view"],
+    },
+)

@@ -5,8 +5,9 @@ Names are loaded when they are asked for: what only names a setting need not wai
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import lazy_loader
 
 if TYPE_CHECKING:
     from tuner.samplers.base import Sampler, SamplerSettings
@@ -19,15 +20,11 @@ __all__ = [
     "SamplerSettings",
     "make_sampler",
 ]
-_FILES = {
-    "EarlierMissions": "earlier_missions",
-    "Sampler": "base",
-    "SamplerSettings": "base",
-    "make_sampler": "registry",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _FILES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_FILES[name]}"), name)
+__getattr__, __dir__, _ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "earlier_missions": ["EarlierMissions"],
+        "base": ["Sampler", "SamplerSettings"],
+        "registry": ["make_sampler"],
+    },
+)

@@ -5,8 +5,9 @@ Names are loaded when they are asked for: what only names a setting need not wai
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import lazy_loader
 
 if TYPE_CHECKING:
     from tuner.surrogate.forward_check import Calibration, calibration
@@ -22,17 +23,12 @@ __all__ = [
     "calibration",
     "surrogate_settings",
 ]
-_FILES = {
-    "Calibration": "forward_check",
-    "Posterior": "posterior",
-    "RockMeanGP": "model",
-    "SurrogateSettings": "settings",
-    "calibration": "forward_check",
-    "surrogate_settings": "settings",
-}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _FILES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_FILES[name]}"), name)
+__getattr__, __dir__, _ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "forward_check": ["Calibration", "calibration"],
+        "posterior": ["Posterior"],
+        "model": ["RockMeanGP"],
+        "settings": ["SurrogateSettings", "surrogate_settings"],
+    },
+)

@@ -6,18 +6,15 @@ of its own (`tuner.missions.executors.LocalProcessExecutor`) with its own store,
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import lazy_loader
 
 if TYPE_CHECKING:
     from tuner.missions.cluster.connect import dask_executor
     from tuner.missions.cluster.executor import DaskExecutor
 
 __all__ = ["DaskExecutor", "dask_executor"]
-_FILES = {"DaskExecutor": "executor", "dask_executor": "connect"}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _FILES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f"{__name__}.{_FILES[name]}"), name)
+__getattr__, __dir__, _ = lazy_loader.attach(
+    __name__, submod_attrs={"executor": ["DaskExecutor"], "connect": ["dask_executor"]}
+)
