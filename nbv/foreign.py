@@ -120,6 +120,25 @@ def read_text(path: Path, limit_bytes: int = TEXT_BYTES) -> str:
         raise UserError(f"cannot read {path}: not UTF-8 ({error.reason} at byte {error.start})") from error
 
 
+def write_new_folder(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]:
+    """Write files by name into a new or empty folder of the user's; what was written.
+
+    Raises
+    ------
+    UserError
+        There is something in ``folder``, or it cannot be written.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UserError(f"{folder} is not an empty folder; choose another one")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in contents.items():
+            (folder / name).write_bytes(content.encode() if isinstance(content, str) else content)
+    except OSError as error:
+        raise UserError(f"cannot write to {folder}: {error.strerror}; choose another folder") from error
+    return [folder / name for name in contents]
+
+
 def parse_yaml(text: str, source: str) -> Any:
     """The tree in ``text``; keys given twice are refused.
 

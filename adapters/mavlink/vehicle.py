@@ -105,6 +105,7 @@ class MavsdkFlight:
         """Arm and climb to the take-off altitude."""
         up = self._above_home()
         self._refuse_outside(up)
+        self._wait_for_position()
         heading = float(heading_to(up, self._target_m))
         self._set_point(self._home_m, heading)  # PX4 wants a stream of set points before it goes offboard
         self._do("arm", self._action.arm)
@@ -157,13 +158,25 @@ class MavsdkFlight:
     def _go(self, goal_m: Floats, heading_rad: float) -> None:
         started, before = time.monotonic(), self.position_m
         self._set_point(goal_m, heading_rad)
-        while np.abs(self.position_m - goal_m).max() > self._settings.arrival_tolerance_m:
+        while (
+            not np.abs(self.position_m - goal_m).max() <= self._settings.arrival_tolerance_m
+        ):  # NaN is nowhere
             self._guard()
             if time.monotonic() - started > self._limits.leg_limit_s:
                 self._end("stuck", f"not there after {self._limits.leg_limit_s:g} s")
             time.sleep(_POLL_S)
         self.flight_time_s += time.monotonic() - started
         self.path_length_m += float(np.linalg.norm(self.position_m - before))
+
+    def _wait_for_position(self) -> None:
+        """MAVSDK says NaN until the first message has come."""
+        started = time.monotonic()
+        while np.isnan(self.position_m).any():
+            if time.monotonic() - started > self._limits.leg_limit_s:
+                raise MissionFailure(
+                    "no_position", f"the autopilot gives no position in {self._limits.leg_limit_s:g} s"
+                )
+            time.sleep(_POLL_S)
 
     def _guard(self) -> None:
         if self._abort():
@@ -173,6 +186,8 @@ class MavsdkFlight:
                 "taken_over", "the autopilot has left offboard control: a pilot, or a failsafe of its own"
             )
         height, radius = self._where(self.position_m)
+        if math.isnan(height + radius):
+            self._end("position_lost", "the autopilot does not know where it is")
         slack = self._settings.arrival_tolerance_m
         if radius > self._limits.radius_m + slack or height > self._limits.max_height_m + slack:
             self._end("fence_left", f"{radius:.1f} m from home, {height:.1f} m above it")

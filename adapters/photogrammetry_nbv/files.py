@@ -12,7 +12,7 @@ import yaml
 
 from adapters.photogrammetry_nbv.keys import FILES
 from nbv.errors import UserError
-from nbv.foreign import read_yaml
+from nbv.foreign import read_yaml, write_new_folder
 
 
 def read_file(path: Path, kind: str) -> dict[str, Any]:
@@ -65,15 +65,8 @@ def write_mission_folder(folder: Path) -> list[Path]:
     UserError
         There is something in ``folder``, or it cannot be written.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UserError(f"{folder} is not an empty folder; choose another one")
     text = resources.files(__package__).joinpath("mission", "mission.yaml").read_text("utf-8")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "mission.yaml").write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise UserError(f"cannot write to {folder}: {error.strerror}; choose another folder") from error
-    return [folder / "mission.yaml"]
+    return write_new_folder(folder, {"mission.yaml": text})
 
 
 def _flat(tree: Mapping[Any, Any], prefix: str, known: set[str]) -> dict[str, Any]:

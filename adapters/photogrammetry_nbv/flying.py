@@ -20,10 +20,12 @@ from adapters.photogrammetry_nbv.stack import Stack, StackError, running
 from adapters.photogrammetry_nbv.writing import write_mission, write_scoring
 from nbv.config import MissionConfig
 from nbv.errors import UserError
+from nbv.foreign import MIB, read_bytes
 
 NODE = "node"  # the program that flies
 _START_LIMIT_S = 300.0
 _POLL_S = 0.2
+_LARGEST_LOG_BYTES = 256 * MIB  # of one program; a mission's log of theirs has some 100 kB
 
 
 def fly(request: dict[str, Any]) -> dict[str, Any]:
@@ -34,6 +36,10 @@ def fly(request: dict[str, Any]) -> dict[str, Any]:
     stack = facts.get("stack")
     if not isinstance(stack, dict) or NODE not in stack.get("start", {}):
         return _failure("machine", "no_stack", "the instance has no stack.start.node: what shall be started?")
+    try:
+        files_beside(Path.cwd())
+    except UserError as error:  # the same for every configuration: it says nothing about this one
+        return _failure("machine", "their_files", str(error))
     try:
         config = configuration(request["configuration"], facts.get("set", {}), Path.cwd())
         files = write_files(config, stack, request.get("resources", {}), output, Path.cwd())
@@ -110,6 +116,8 @@ def _watch(programs: Stack, runs: Path, config: MissionConfig, stack: Mapping[st
             raise StackError(
                 f"{name} ended with status {status} in the middle of the mission; see {programs.log(name)}"
             )
+        if flooded := programs.flooded(_LARGEST_LOG_BYTES):
+            raise StackError(f"{flooded} floods its log; lower its log level; see {programs.log(flooded)}")
         if run is None and time.monotonic() > deadline:
             raise StackError(
                 f"nothing moves: the node made no folder in {runs}; run px4-sitl-doctor; see {programs.log(NODE)}"
@@ -125,7 +133,7 @@ def _complete(final: Path) -> bool:
 
 def _require_full(run: Path, log: Path, config: MissionConfig) -> None:
     """That the mission ended because it was done; their node says which in its log alone."""
-    said = log.read_text(encoding="utf-8", errors="replace")
+    said = read_bytes(log, 2 * _LARGEST_LOG_BYTES).decode(errors="replace")
     wanted, taken = config.stop.adaptive_budget, len([*(run / "adaptive" / "images").glob("*.*")])
     if "No feasible candidates" in said:
         raise MissionUnfinishedError("configuration", "no_candidates", f"after {taken} photographs")

@@ -20,7 +20,7 @@ from nbv.errors import UserError
 from nbv.foreign import expanded, read_yaml
 from nbv.gates import make_gate
 from nbv.geometry.frames import wrap_angle
-from nbv.geometry.knn import knn_statistics
+from nbv.planner import density_d95_m
 from nbv.scorers import rank_candidates
 from nbv.types import CandidatePool, Floats, PlanningState
 
@@ -113,14 +113,6 @@ class _Planner:
         positions = self._ours(there, context)
         named = {str(v.get("image_file", "")): p for v, p in zip(visited, positions)}
         model = sparse_model(best_model(Path(context.colmap_workspace)), named)
-        stop = self._config.stop
-        knn = knn_statistics(
-            model.points_m,
-            k=stop.knn_neighbours,
-            region=stop.knn_region,
-            target_m=self._config.target_m,
-            box_half_extent_m=self._config.shared.box_half_extent_m,
-        )
         return PlanningState(
             model=model,
             visited_m=positions,
@@ -129,6 +121,6 @@ class _Planner:
             vehicle_heading_rad=float(wrap_angle(math.pi / 2 - context.current_yaw_rad)),
             captures_used=context.images_used,
             adaptive_budget=context.image_budget,
-            d95_m=knn.d95_m,
+            d95_m=density_d95_m(model, self._config),
             iteration=context.current_iteration,
         )

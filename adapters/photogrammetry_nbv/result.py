@@ -11,7 +11,8 @@ import numpy as np
 import trimesh
 
 from adapters.photogrammetry_nbv.workspace import best_model, camera_centers
-from nbv.foreign import parse_json
+from nbv.errors import UserError
+from nbv.foreign import parse_json, read_text
 from nbv.types import Floats
 
 _ROCK_HEIGHT_M = 1.6  # of an imported mesh (`nbv.rocks.import_mesh`)
@@ -37,14 +38,9 @@ def read_run(
     Raises
     ------
     MissionUnfinishedError
-        No camera that COLMAP registered has its telemetry.
+        No camera that COLMAP registered has its telemetry, or what they wrote cannot be read.
     """
-    rock_ned = parse_json((run / "phase2_manifest.json").read_text(encoding="utf-8"), "phase2_manifest.json")[
-        "rock_center_ned_m"
-    ]
-    reported = _reported(
-        run, rock_ned, float(stack.get("camera_up_m", 0)), float(stack.get("camera_forward_m", 0))
-    )
+    reported = _reported(run, float(stack.get("camera_up_m", 0)), float(stack.get("camera_forward_m", 0)))
     if "mesh_scale" in facts:
         reported = _onto_our_mesh(reported, folder / facts["mesh"], float(facts["mesh_scale"]), target_m)
     estimated = camera_centers(best_model(run / "colmap"))
@@ -66,25 +62,38 @@ def read_run(
     return {"path": str(path), "cameras": cameras}, cost
 
 
-def _reported(run: Path, rock_ned: Mapping[str, float], up_m: float, forward_m: float) -> dict[str, Floats]:
+def _reported(run: Path, up_m: float, forward_m: float) -> dict[str, Floats]:
     """By image file: the camera's centre (3,), east, north, up, from below the rock's centre.
 
     Theirs is where the vehicle was, north, east, down from take-off; the camera sits above and before it.
     """
-    centers = {}
-    for path in sorted(run.glob("*/metadata/*.json")):
-        entry = parse_json(path.read_text(encoding="utf-8"), str(path))
-        at, heading = entry.get("vehicle_position_ned_m"), entry.get("vehicle_heading_rad", 0.0)
-        if at is None:  # the local position had dropped out
-            continue
-        centers[entry["image_file"]] = np.array(
-            [
-                at["y"] - rock_ned["y"] + forward_m * math.sin(heading),
-                at["x"] - rock_ned["x"] + forward_m * math.cos(heading),
-                up_m - at["z"],
-            ]
-        )
+    path, centers = run / "phase2_manifest.json", {}
+    try:
+        rock = _tree(path)["rock_center_ned_m"]
+        north, east = float(rock["x"]), float(rock["y"])
+        for path in sorted(run.glob("*/metadata/*.json")):
+            entry = _tree(path)
+            at, heading = entry.get("vehicle_position_ned_m"), float(entry.get("vehicle_heading_rad", 0.0))
+            if at is None:  # the local position had dropped out
+                continue
+            centers[str(entry["image_file"])] = np.array(
+                [
+                    float(at["y"]) - east + forward_m * math.sin(heading),
+                    float(at["x"]) - north + forward_m * math.cos(heading),
+                    up_m - float(at["z"]),
+                ]
+            )
+    except UserError as error:
+        raise MissionUnfinishedError("machine", "unreadable_run", str(error)) from error
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise MissionUnfinishedError(
+            "machine", "unreadable_run", f"{path} is not as theirs are: {type(error).__name__}: {error}"
+        ) from error
     return centers
+
+
+def _tree(path: Path) -> Any:
+    return parse_json(read_text(path), str(path), finite=True)
 
 
 def _onto_our_mesh(

@@ -50,6 +50,10 @@ class Stack:
         """What the program has printed."""
         return self._logs / f"{name}.log"
 
+    def flooded(self, limit_bytes: int) -> str | None:
+        """A program that has printed more than that."""
+        return next((n for n in self._running if self.log(n).stat().st_size > limit_bytes), None)
+
     def ended(self) -> dict[str, int]:
         """Exit statuses of the programs that do not run any more."""
         return {name: code for name, p in self._running.items() if (code := p.poll()) is not None}

@@ -49,6 +49,17 @@ class Plan:
         return self.pool.viewpoint(self.decision.ranking.top)
 
 
+def density_d95_m(model: SparseModel, config: MissionConfig) -> float:
+    """Of the sparse points that ``stop`` counts: the 95th percentile of the distance to the k-th neighbour (m)."""
+    return knn_statistics(
+        model.points_m,
+        k=config.stop.knn_neighbours,
+        region=config.stop.knn_region,
+        target_m=config.target_m,
+        box_half_extent_m=config.shared.box_half_extent_m,
+    ).d95_m
+
+
 class Planner:
     """Plans the next view of Phase 2 from what the vehicle knows.
 
@@ -105,13 +116,6 @@ class Planner:
         """
         visited = np.asarray(visited_m, dtype=float).reshape(-1, 3)
         stop = self.config.stop
-        knn = knn_statistics(
-            model.points_m,
-            k=stop.knn_neighbours,
-            region=stop.knn_region,
-            target_m=self.config.target_m,
-            box_half_extent_m=self.config.shared.box_half_extent_m,
-        )
         used = len(visited) - n_seeds
         state = PlanningState(
             model=model,
@@ -121,7 +125,7 @@ class Planner:
             vehicle_heading_rad=vehicle_heading_rad,
             captures_used=used,
             adaptive_budget=self.config.adaptive_budget,
-            d95_m=knn.d95_m,
+            d95_m=density_d95_m(model, self.config),
             iteration=used,
         )
         if stop.criterion in ("both", "knn") and state.d95_m <= stop.knn_threshold_m:

@@ -26,8 +26,10 @@ def mission_file(folder, fault="", fixed=None, agent=None):
 def fly(tmp_path, monkeypatch):
     """Fly in this process; `tests/tuner/commands/test_authors_page.py` flies through the contract."""
 
-    def fly(fault="", values=None, **changes):
+    def fly(fault="", values=None, their_scoring="", **changes):
         mission = mission_file(tmp_path, fault, **changes)
+        if their_scoring:
+            (mission.folder / "scoring.yaml").write_text(their_scoring)
         monkeypatch.chdir(mission.folder)
         monkeypatch.setenv("GATETUNE_MISSION", str(tmp_path))
         with take_slot(mission, tmp_path / "slots", 1.0) as slot:
@@ -65,9 +67,12 @@ def test_a_mission_is_flown_and_its_cloud_aligned(fly, tmp_path):
         ("lands", "1 of 3 adaptive photographs"),
         ("dense", "dense reconstruction failed"),
         ("silent", "nothing moves: .* run px4-sitl-doctor"),
+        ("half", "phase2_manifest.json is not valid JSON"),
+        ("floods", "node floods its log"),
     ],
 )
-def test_what_the_machine_did_says_nothing_of_a_mission(fly, fault, says):
+def test_what_the_machine_did_says_nothing_of_a_mission(fly, monkeypatch, fault, says):
+    monkeypatch.setattr(flying, "_LARGEST_LOG_BYTES", 100_000)
     failure = fly(fault)["failure"]
     assert failure["of"] == "machine" and re.search(says, failure["message"])
     assert "\n" not in failure["message"]
@@ -76,6 +81,19 @@ def test_what_the_machine_did_says_nothing_of_a_mission(fly, fault, says):
 def test_a_program_that_is_not_there_is_one_line(fly):
     failure = fly(agent="MicroXRCEAgent-not-here udp4")["failure"]
     assert failure["of"] == "machine" and failure["message"].startswith("cannot start agent")
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("scorer: {weights: {novlty: 1}}", "did you mean weights.novelty"),
+        ("scorer: [", "mend the YAML"),
+        ("score: {}", "has no mapping scorer"),
+    ],
+)
+def test_a_mistake_in_their_files_is_no_configurations(fly, tmp_path, text, says):
+    failure = fly(their_scoring=text)["failure"]
+    assert failure["of"] == "machine" and says in failure["message"] and "\n" not in failure["message"]
 
 
 def test_no_candidate_is_the_configurations_fault(fly):

@@ -56,6 +56,16 @@ def test_it_takes_off_views_captures_and_lands(vehicle):
     assert flight.flight_time_s > 0.1 and flight.path_length_m > 5
 
 
+def test_it_arms_only_where_it_knows_where_it_is(vehicle):
+    flight, there = vehicle(position_after_s=0.8)
+    flight.take_off()
+    assert there.armed and flight.position_m[2] > 1
+    flight, there = vehicle(limits=Limits(leg_limit_s=0.2), position_after_s=60.0)
+    with pytest.raises(MissionFailure, match="no position") as failure:
+        flight.take_off()
+    assert failure.value.reason == "no_position" and not there.armed
+
+
 @pytest.mark.parametrize("at", [(40.0, 0.0, 2.0), (3.0, 0.0, 0.2), (3.0, 0.0, 30.0)])
 def test_a_target_outside_the_fence_is_not_flown_to(vehicle, at):
     flight, _ = vehicle()

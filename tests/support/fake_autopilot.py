@@ -18,13 +18,14 @@ OFFBOARD, LAND = (6, 0), (4, 6)  # PX4's main and sub modes
 class FakeAutopilot:
     """Flies in a thread; ``commands`` has the numbers of what it was told, ``deaf`` those that it denies."""
 
-    def __init__(self, port, speed_m_s=40.0, deaf=()):
+    def __init__(self, port, speed_m_s=40.0, deaf=(), position_after_s=0.0):
         self.link = mavutil.mavlink_connection(
             f"udpout:127.0.0.1:{port}", source_system=1, source_component=1, dialect="common"
         )
         self.at, self.yaw, self.goal, self.mode = [0.0, 0.0, 0.0], 0.0, None, (4, 3)
         self.armed, self.heard, self.speed_m_s, self.deaf = False, 0.0, speed_m_s, deaf
         self.commands, self.pushed, self.lowest_m = [], None, math.inf
+        self.position_after_ms = 1000 * position_after_s
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._fly, daemon=True)
         self._thread.start()
@@ -109,7 +110,8 @@ class FakeAutopilot:
             self.lowest_m = min(self.lowest_m, -self.at[2])
 
     def _tell(self, ms):
-        self.link.mav.local_position_ned_send(ms, *self.at, 0.0, 0.0, 0.0)
+        if ms >= self.position_after_ms:
+            self.link.mav.local_position_ned_send(ms, *self.at, 0.0, 0.0, 0.0)
         degrees = math.degrees(self.yaw) % 360
         self.link.mav.global_position_int_send(
             ms, 473977420, 85455940, 488000, int(-1000 * self.at[2]), 0, 0, 0, int(100 * degrees) % 36000

@@ -124,7 +124,10 @@ def node(arguments):
     for i, (elevation, k, n) in enumerate(views):
         photograph("seed", i, f"ring_{i:02d}", math.radians(elevation), 2 * math.pi * k / n)
     manifest = {"rock_center_ned_m": dict(zip("xyz", rock))}
-    (run / "phase2_manifest.json").write_text(json.dumps(manifest))
+    (run / "phase2_manifest.json").write_text(json.dumps(manifest)[: 20 if fault == "half" else None])
+    if fault == "floods":  # a log level of debug
+        print("debug " * 100_000, flush=True)
+        hang()
     if fault == "campaign":  # a fault of each kind, one after the other
         with Path("flown").open("a+") as count:
             count.write(".")

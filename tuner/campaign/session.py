@@ -96,7 +96,7 @@ class _Session:
         self._finished = 0
         self._failures_in_row = 0
         self._last_failure = ""
-        self._lost = 0  # missions that the machine ended, which stay open
+        self._lost, self._last_lost = 0, ""  # missions that the machine ended, which stay open
         self._in_flight: dict[str, TrialRecord] = {}
         self._world = SameWorld(
             campaign.directory,
@@ -133,7 +133,7 @@ class _Session:
             if not self._in_flight and not stop.is_set():
                 if self._lost:
                     message = (
-                        f"{self._lost} missions were ended by the machine, the last with {self._last_failure}; they are not "
+                        f"{self._lost} missions were ended by the machine, the last with {self._last_lost}; they are not "
                         "counted, and flown again by a resume"
                     )
                     self._emit("stopped", message=message)
@@ -212,6 +212,7 @@ class _Session:
         if outcome.lost:  # the trial stays open: neither counted nor learned from
             self._lost += 1
             self._note_failure(outcome.reason, outcome.message)
+            self._last_lost = self._last_failure
             self._emit("lost", trial, message=f"{outcome.reason}: {outcome.message}")
             return
         self._require_metric(outcome)

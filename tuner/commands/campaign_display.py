@@ -72,7 +72,7 @@ def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:
     trial = event.trial
     assert trial is not None
     if event.kind == "lost":
-        outcome = f"lost: {event.message}"
+        outcome = f"lost: {event.message.removeprefix('machine_error: ').removeprefix('no_result: ')}"
     elif event.kind == "failed":
         outcome = f"failed: {trial.reason} {event.message}"
     else:

@@ -126,21 +126,21 @@ def read_result(path: Path) -> Result:
     try:
         path.stat()
     except OSError as error:
-        raise UserError(f"no result: the mission ended without writing {path}") from error
+        raise UserError(f"no {path.name}") from error
     text = read_text(path, _LARGEST_RESULT_BYTES)
     if not text.strip():
-        raise UserError(f"{path} is empty; write it under another name, then rename it")
-    tree = parse_json(text, str(path), RESULT_NODES, finite=True)
-    check(tree, "result", str(path))
+        raise UserError(f"{path.name} is empty; write it under another name, then rename it")
+    tree = parse_json(text, path.name, RESULT_NODES, finite=True)
+    check(tree, "result", path.name)
     for name, value in _numbers(tree.get("metrics", {}), "metrics"):
         if not math.isfinite(value):  # 1e999
-            raise UserError(f"{path}: {name} is not a finite number")
+            raise UserError(f"{path.name}: {name} is not a finite number")
     inside = [*tree.get("artefacts", {}).items()]
     if "cloud" in tree:
         inside.append(("cloud.path", tree["cloud"]["path"]))
     for name, relative in inside:
         if not (path.parent / relative).resolve().is_relative_to(path.parent.resolve()):
-            raise UserError(f"{path}: {name} is {relative!r}, outside the mission's own folder")
+            raise UserError(f"{path.name}: {name} is {relative!r}, outside the mission's own folder")
     failure = tree.get("failure")
     return Result(
         tree.get("metrics", {}),

@@ -15,6 +15,7 @@ from tuner.missions.external.process import Ended, end_marked, run_command
 
 LOG_FILE = "mission.log"
 _CALL = Path(__file__).with_name("call.py")
+_LAST_BYTES, _LAST_LETTERS = 4096, 160
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ def fly_request(request: Request, time_limit_s: float | None = None) -> Flown:
     try:
         return Flown(ended, read_result(request.result_path))
     except UserError as error:
-        how = f"{error}; {_how_it_ended(ended)}; see {log}"
+        how = f"{error}; {_how_it_ended(ended)}{_last_words(log)}; see {log}"
     if ended.timed_out:
         late = Failure("configuration", "timeout", f"not done after {limit_s:g} s; see {log}")
         return Flown(ended, Result(failure=late))
@@ -78,9 +79,18 @@ def _command(request: Request, path: Path) -> list[str]:
 
 def _how_it_ended(ended: Ended) -> str:
     if ended.status >= 0:
-        return f"it ended with status {ended.status}"
+        return f"ended with status {ended.status}"
     known = {number.value: number.name for number in signal.Signals}
-    return f"it was ended by {known.get(-ended.status, f'signal {-ended.status}')}"
+    return f"ended by {known.get(-ended.status, f'signal {-ended.status}')}"
+
+
+def _last_words(log: Path) -> str:
+    """The last line that it printed: most programs say there what was wrong."""
+    with log.open("rb") as file:
+        file.seek(max(0, log.stat().st_size - _LAST_BYTES))
+        lines = file.read().decode(errors="replace").split("\n")
+    said = ["".join(c for c in line if c.isprintable()).strip() for line in lines]
+    return next((f": {line[:_LAST_LETTERS]!r}" for line in reversed(said) if line), "")
 
 
 def tidy(request: Request, result: Result) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib import cbook
 
-from nbv.errors import UserError
+from nbv.foreign import write_new_folder
 
 _RUN = {
     False: "function: fly:fly              # module:function in this folder, or a command: [./fly.sh]",
@@ -28,23 +28,14 @@ def write_skeleton(folder: Path, *, shell: bool = False) -> list[Path]:
     UserError
         There is something in ``folder``, or it cannot be written.
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UserError(f"{folder} is not an empty folder; choose another one")
     source = resources.files(__package__).joinpath("skeleton")
     name = "fly.sh" if shell else "fly.py"
-    texts = {
+    contents: dict[str, str | bytes] = {
         "mission.yaml": source.joinpath("mission.yaml").read_text("utf-8").replace("RUN", _RUN[shell]),
         name: source.joinpath(name).read_text("utf-8"),
+        **_measurements(),
     }
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for file, text in texts.items():
-            (folder / file).write_text(text, encoding="utf-8")
-        for file, content in _measurements().items():
-            (folder / file).write_bytes(content)
-    except OSError as error:
-        raise UserError(f"cannot write to {folder}: {error.strerror}; choose another folder") from error
-    return sorted(folder.iterdir())
+    return write_new_folder(folder, contents)
 
 
 def _measurements() -> dict[str, bytes]:

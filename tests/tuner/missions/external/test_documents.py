@@ -177,5 +177,5 @@ def test_a_mistake_in_a_result_is_one_line(tmp_path, content, says):
 
 
 def test_no_result_is_one_line(tmp_path):
-    with pytest.raises(UserError, match="ended without writing"):
+    with pytest.raises(UserError, match=r"no result\.json"):
         read_result(tmp_path / "result.json")

@@ -80,7 +80,7 @@ def test_a_result_becomes_a_mission(tmp_path):
 @pytest.mark.parametrize(
     ("way", "says"),
     [
-        ("nothing", "ended without writing"),
+        ("nothing", "no result.json; ended with status 0"),
         ("half", "is not valid JSON"),
         ("nan", "holds NaN"),
         ("newer", "this version reads"),
