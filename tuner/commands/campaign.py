@@ -19,16 +19,19 @@ from tuner.commands.campaign_display import (
 from tuner.commands.console import (
     JSON_HELP,
     QUIET_HELP,
+    beating,
     cluster_executor,
+    load,
     local_executor,
     output,
     parse_overrides,
+    progress_bar,
     seconds,
     speak,
     spoken,
     under_conditions,
+    working,
 )
-from tuner.commands.mission import progress_bar
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
@@ -248,6 +251,7 @@ def run(
             accept_changes=False,
         )
     refuse_code_of_file(str(fields.get("runner") or ""), fidelity, str(settings))
+    load("tuner.campaign.session")
     asked = asked_settings(fields, str(settings or "command line"))
     from tuner.campaign.begin import begin_campaign
 
@@ -290,6 +294,7 @@ def resume(
         from tuner.campaign.begin import adopt_campaign
 
         adopt_campaign(directory, ledger)
+    load("tuner.campaign.session")
     from tuner.campaign.campaign import Campaign
     from tuner.campaign.extension import extend_campaign
 
@@ -307,6 +312,7 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
     Example: gatetune campaign status runs/mine
     """
     output.print(f"campaign in {directory}")
+    load("tuner.campaign.session")
     from tuner.campaign.campaign import Campaign
 
     campaign = Campaign.open(directory, read_only=True)
@@ -353,14 +359,20 @@ def fly(
                 else ""
             )
         )
-    with executor, progress_bar() as bar:
-        show = echo_event if spoken() == "json" else CampaignProgress(bar, settings)
-        every = max(LEAST_BETWEEN, settings.budget // UPDATES)
-        summary = fly_campaign(campaign, executor, show, recommend_every=every, accept_changes=accept_changes)
+    with executor:
+        with progress_bar() as bar:
+            progress = CampaignProgress(bar, settings, campaign.directory)
+            show = echo_event if spoken() == "json" else progress
+            every = max(LEAST_BETWEEN, settings.budget // UPDATES)
+            with beating(progress.tick):
+                summary = fly_campaign(
+                    campaign, executor, show, recommend_every=every, accept_changes=accept_changes
+                )
         if summary.stopped == "budget" and shown_jobs(campaign):
-            bar.console.print("flying the default and the recommendation once more, to show them whole")
-            fly_shown_missions(campaign, executor)
-    write_mission_pages(campaign)
+            with working("flying the default and the recommendation once more, to show them whole"):
+                fly_shown_missions(campaign, executor)
+    with working("writing the pages to walk around in"):
+        write_mission_pages(campaign)
     of_paper, geometric = settings.mission is None, is_geometric(settings.runner)
     if spoken() == "quiet":
         speak("all")
@@ -376,7 +388,9 @@ def fly(
     if summary.status.finished > LARGE and summary.status.finished == before and report.is_file():
         output.print(f"report, as it was: {report}")  # of many missions it takes a minute
     elif summary.status.finished:
-        output.print(f"report: {write_campaign_report(campaign)}")
+        with working("writing the report"):
+            write_campaign_report(campaign)
+        output.print(f"report: {report}")
     if summary.stopped == "interrupted":
         output.print(f"go on with: gatetune campaign resume {campaign.directory}")
         raise typer.Exit(130)

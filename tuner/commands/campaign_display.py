@@ -10,9 +10,11 @@ from rich.table import Table
 
 from nbv.config import IDEAL
 from nbv.mission.result import json_ready
-from tuner.commands.console import output, seconds
+from tuner.commands.console import Aloft, Pace, output, seconds
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from rich.progress import Progress
 
     from tuner.campaign.campaign import Campaign
@@ -28,43 +30,55 @@ _INITIALS = {"covis": "C", "b_aware": "B", "matchable": "M"}  # whose weight it 
 
 
 class CampaignProgress:
-    """A line per mission and one bar: how far, what failed, what is left, the best so far, what flies now."""
+    """A line per mission and one bar: how far, what failed, what is left, the best so far, what flies now.
 
-    def __init__(self, progress: Progress, settings: CampaignSettings) -> None:
-        self._progress, self._settings = progress, settings
+    Where no bar can be drawn the same is said in lines.
+    """
+
+    def __init__(self, progress: Progress, settings: CampaignSettings, directory: Path) -> None:
+        self._progress, self._settings, self._directory = progress, settings, directory
         self._task = progress.add_task(f"0/{settings.budget}", total=settings.budget)
-        self._flying: dict[int, str] = {}
+        self._aloft, self._pace = Aloft(), Pace()
         self._began: int | None = None  # missions finished in earlier sessions
         self._failed = 0
-        self._best = ""
+        self._counts, self._best = f"0/{settings.budget}", ""
 
     def __call__(self, event: CampaignEvent) -> None:
         trial = event.trial
         if self._began is None:
             self._began = event.finished
         if trial is not None and event.kind == "launched":
-            self._flying[trial.number] = f"{trial.world.label} r{trial.replicate}"
+            label = f"{trial.world.label} r{trial.replicate}"
+            self._aloft.took_off(str(trial.number), label, self._directory / trial.directory)
         elif trial is not None and event.kind in ("finished", "failed", "lost"):
-            self._flying.pop(trial.number, None)
+            self._aloft.landed(str(trial.number))
             self._failed += event.kind == "failed"
-            self._progress.console.print(
-                mission_line(event, self._settings), highlight=False, soft_wrap=True, markup=False
-            )
+            self._print(mission_line(event, self._settings))
         elif event.kind in ("interrupted", "stopped"):
             self._progress.console.print(f"{event.kind}: {event.message}", style="yellow")
         elif event.kind == "recommendation" and event.recommendation is not None:
             low, high = event.recommendation.interval_95
             self._best = f", best {event.recommendation.mean:.1f} ({low:.1f} to {high:.1f})"
-        self._progress.update(
-            self._task, completed=event.finished, description=self._status(event, self._began)
-        )
+        self._counts = self._counted(event, self._began)
+        self._progress.update(self._task, completed=event.finished)
+        self.tick()
 
-    def _status(self, event: CampaignEvent, began: int) -> str:
+    def tick(self) -> None:
+        """Say what goes on; may be called from any thread."""
+        text = f"{self._counts}{self._best}{self._aloft}"
+        self._progress.update(self._task, description=text)
+        if not self._progress.console.is_terminal and self._pace.due:
+            self._print(text)
+
+    def _print(self, line: str) -> None:
+        self._pace.said()
+        self._progress.console.print(line, highlight=False, soft_wrap=True, markup=False)
+
+    def _counted(self, event: CampaignEvent, began: int) -> str:
         flown, left = event.finished - began, event.budget - event.finished
         rest = f", {seconds(event.elapsed_s / flown * left)} left" if flown and left else ""
         failed = f", {self._failed} failed" if self._failed else ""
-        now = f", flies {', '.join(self._flying.values())}" if self._flying else ""
-        return f"{event.finished}/{event.budget}{failed}{rest}{self._best}{now}"
+        return f"{event.finished}/{event.budget}{failed}{rest}"
 
 
 def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:

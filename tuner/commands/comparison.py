@@ -10,8 +10,17 @@ from typing import TYPE_CHECKING, Any
 import typer
 from rich.markup import escape
 
-from tuner.commands.console import local_executor, output, seconds, under_conditions
-from tuner.commands.mission import progress_bar
+from tuner.commands.console import (
+    Aloft,
+    Pace,
+    beating,
+    local_executor,
+    output,
+    progress_bar,
+    seconds,
+    under_conditions,
+    working,
+)
 from tuner.problem.worlds import World
 
 if TYPE_CHECKING:
@@ -23,21 +32,24 @@ if TYPE_CHECKING:
 
 
 class ComparisonProgress:
-    """A line per mission and one bar."""
+    """A line per mission and one bar, or lines where none can be drawn."""
 
     def __init__(self, progress: Progress, metric: str) -> None:
         self._progress, self._metric = progress, metric
         self._task = progress.add_task("missions", total=None)
+        self._counts, self._aloft, self._pace = "0", Aloft(), Pace()
 
     def __call__(self, event: EvaluationEvent) -> None:
-        self._progress.update(
-            self._task,
-            total=event.total,
-            completed=event.finished,
-            description=f"{event.finished}/{event.total}",
-        )
-        if event.job is None or event.outcome is None:
+        self._counts = f"{event.finished}/{event.total}"
+        self._progress.update(self._task, total=event.total, completed=event.finished)
+        self.tick()
+        if event.job is None:
             return
+        world = World(Path(event.job.rock).stem, event.job.config.condition)
+        if event.outcome is None:
+            label = f"{world.label} r{event.job.replicate}"
+            return self._aloft.took_off(event.job.id, label, event.job.directory)
+        self._aloft.landed(event.job.id)
         if event.kind == "failed":
             text = f"[red]failed: {escape(event.outcome.reason)}[/] {escape(event.outcome.message)}"
         else:
@@ -46,12 +58,20 @@ class ComparisonProgress:
                 value = value[part]
             text = f"{self._metric.split('.')[-1]} [bold]{value:6.2f}[/]"
         strategy = event.job.id.split("/")[0]
-        world = World(Path(event.job.rock).stem, event.job.config.condition)
+        self._pace.said()
         self._progress.console.print(
             f"{strategy:<14} {escape(world.label):<16} r{event.job.replicate} {text}  "
             f"{event.outcome.wall_s:4.0f} s",
             markup=True,
         )
+
+    def tick(self) -> None:
+        """Say what flies now; may be called from any thread."""
+        text = f"{self._counts}{self._aloft}"
+        self._progress.update(self._task, description=text)
+        if not self._progress.console.is_terminal and self._pace.due:
+            self._pace.said()
+            self._progress.console.print(text, soft_wrap=True)
 
 
 def compare(
@@ -84,7 +104,9 @@ def compare(
         f"{plan.missions} missions, {executor.capacity} workers"
     )
     with executor, progress_bar() as bar:
-        run = run_evaluation(plan, directory, executor, ComparisonProgress(bar, metric))
+        show = ComparisonProgress(bar, metric)
+        with beating(show.tick):
+            run = run_evaluation(plan, directory, executor, show)
     if mission is None or mission.score is not None:
         rows = None
     else:
@@ -112,16 +134,17 @@ def compare(
         output.print(differences, markup=True)
     if paper:
         output.print(PAPER_NOT_COMPARABLE)
-    report = write_comparison_report(
-        run,
-        directory,
-        title=title,
-        reference=reference,
-        metric=metric,
-        paper=paper,
-        command=f"gatetune {shlex.join(sys.argv[1:])}",
-        rows=rows,
-    )
+    with working("writing the report"):
+        report = write_comparison_report(
+            run,
+            directory,
+            title=title,
+            reference=reference,
+            metric=metric,
+            paper=paper,
+            command=f"gatetune {shlex.join(sys.argv[1:])}",
+            rows=rows,
+        )
     output.print(f"{seconds(run.elapsed_s)}; report: {report}")
     for reason, times in run.failures.items():
         output.print(f"failed {times} times: {reason}", style="red")

@@ -1,19 +1,23 @@
-"""The two rich consoles and small formatting helpers that commands share."""
+"""The two rich consoles, what is said while something takes long, and small helpers that commands share."""
 
 from __future__ import annotations
 
 import contextlib
+import importlib
 import os
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from nbv.config import IDEAL, PRESETS, Condition, MissionConfig, load_condition, preset, under
 from nbv.errors import UserError
 from nbv.foreign import parse_yaml
+from tuner.missions.now import doing_now
 
 if TYPE_CHECKING:
     from tuner.missions.cluster.executor import DaskExecutor
@@ -31,7 +35,8 @@ CONDITION_HELP = "World to fly in: a name of conditions/, or a YAML file."
 Spoken = Literal["all", "quiet", "json"]
 QUIET_HELP = "Only the verdict and where the report is."
 JSON_HELP = "One JSON object per event, and nothing else."
-_SLOW_S = 1.5
+_SLOW_S, _PACE_S, _BEAT_S = 1.5, 4.0, 0.5
+_NAMED = 2  # missions in flight that a line names
 _spoken: list[Spoken] = ["all"]
 
 
@@ -46,15 +51,109 @@ def spoken() -> Spoken:
     return _spoken[0]
 
 
+def progress_bar() -> Progress:
+    """The bar that all commands use."""
+    return Progress(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=output)
+
+
 @contextlib.contextmanager
-def said_if_slow(text: str) -> Iterator[None]:
-    """Print ``text`` where what is inside takes longer than a moment."""
-    timer = threading.Timer(_SLOW_S, output.print, (text,))
-    timer.start()
+def beating(tick: Callable[[], None]) -> Iterator[None]:
+    """Call ``tick`` twice a second, from a thread, while what is inside goes on."""
+    over = threading.Event()
+
+    def beat() -> None:
+        while not over.wait(_BEAT_S):
+            tick()
+
+    thread = threading.Thread(target=beat, daemon=True)
+    thread.start()
     try:
         yield
     finally:
-        timer.cancel()
+        over.set()
+        thread.join()
+
+
+class Pace:
+    """When a line is due where no bar can be drawn: after so many seconds of silence, later after a longer one."""
+
+    def __init__(self, first_s: float | None = None) -> None:
+        self._began = self._said = time.monotonic()
+        self._first_s = _PACE_S if first_s is None else first_s
+
+    def said(self) -> None:
+        """Somebody said something."""
+        self._said = time.monotonic()
+
+    @property
+    def due(self) -> bool:
+        """Whether it was silent for long."""
+        now = time.monotonic()
+        return now - self._said > (self._first_s if self._said == self._began else _pace_s(now - self._began))
+
+    @property
+    def elapsed_s(self) -> float:
+        """Since the beginning."""
+        return time.monotonic() - self._began
+
+
+def _pace_s(elapsed_s: float) -> float:
+    return max(_PACE_S, elapsed_s / 60)
+
+
+@contextlib.contextmanager
+def working(text: str) -> Iterator[None]:
+    """Say what goes on, and for how long: a clock in a terminal, else lines where it takes longer than a moment."""
+    if output.is_terminal and not output.quiet:
+        clock = Progress(
+            TextColumn("{task.description}"), TimeElapsedColumn(), console=output, transient=True
+        )
+        with clock:
+            clock.add_task(text, total=None)
+            yield
+        return
+    pace = Pace(_SLOW_S)
+
+    def tick() -> None:
+        if pace.due:
+            output.print(f"{text}, {seconds(pace.elapsed_s)}", soft_wrap=True)
+            pace.said()
+
+    with beating(tick):
+        yield
+
+
+def load(module: str) -> None:
+    """Import what takes seconds to load, and say so where it does."""
+    with working("loading libraries"):
+        importlib.import_module(module)
+
+
+class Aloft:
+    """The missions in flight and what each is doing, as text."""
+
+    def __init__(self) -> None:
+        self._flights: dict[str, tuple[str, Path]] = {}
+
+    def took_off(self, key: str, label: str, directory: Path) -> None:
+        """A mission, and where its line is."""
+        self._flights[key] = (label, directory)
+
+    def landed(self, key: str) -> None:
+        """It is over."""
+        self._flights.pop(key, None)
+
+    def __str__(self) -> str:
+        """``, flies slab r0 (photograph 3/24), fin r1 (seed model) and 6 more``; empty where none is."""
+        flights = list(self._flights.values())
+        if not flights:
+            return ""
+        named = [
+            f"{label} ({doing})" if (doing := doing_now(directory)) else label
+            for label, directory in flights[:_NAMED]
+        ]
+        more = f" and {len(flights) - _NAMED} more" if len(flights) > _NAMED else ""
+        return f", flies {', '.join(named)}{more}"
 
 
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:
@@ -121,7 +220,7 @@ def rock_arguments(rocks: list[str]) -> list[str]:
     from nbv.rocks import load_rock
 
     for number, rock in enumerate(rocks, 1):
-        with said_if_slow(f"making rock {rock} ({number} of {len(rocks)}); it is kept for later"):
+        with working(f"making rock {rock} ({number} of {len(rocks)}); it is kept for later"):
             load_rock(rock, Store())
     return [str(Path(rock).resolve()) if Path(rock).is_file() else rock for rock in rocks]
 

@@ -12,7 +12,7 @@ import typer
 from nbv.config import IDEAL, Condition, load_conditions
 from nbv.errors import UserError
 from tuner.commands.comparison import compare
-from tuner.commands.console import output
+from tuner.commands.console import load, output
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
@@ -57,6 +57,7 @@ def evaluate(
     Example: gatetune evaluate runs/mine --replicates 3
     """
     output.print(f"evaluating the recommendation of {campaign}")  # before what takes seconds to load
+    load("tuner.campaign.campaign")
     from tuner.campaign.campaign import Campaign
     from tuner.commands.rock_choice import unseen_rocks
     from tuner.evaluation.baselines import EVALUATION_BASELINES, baseline_configs, tuned_configs
@@ -123,6 +124,7 @@ def confirm(
     Example: gatetune confirm runs/mine --rock mine
     """
     output.print(f"confirming the recommendation of {campaign}")  # before what takes seconds to load
+    load("tuner.campaign.campaign")
     from tuner.campaign.campaign import Campaign
     from tuner.evaluation.baselines import TUNED
     from tuner.evaluation.plan import EvaluationPlan

@@ -14,7 +14,7 @@ from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json, read_yaml
 from nbv.mission.run_directory import write_atomic
-from tuner.commands.console import output
+from tuner.commands.console import load, output, working
 
 TABLES = ("csv", "json", "parquet")
 
@@ -65,11 +65,14 @@ def export(
         written = write_records(_missions(run), out or run / f"missions.{to.value}", to.value)
         output.print(f"wrote {written}", markup=False, soft_wrap=True)
         return
+    if to is not Format.plan:
+        load("tuner.campaign.campaign")
     if to is Format.optuna:
         from tuner.campaign.campaign import Campaign
         from tuner.report.dashboard import write_dashboard
 
-        files = write_dashboard(Campaign.open(run, read_only=True), out or run / "dashboard")
+        with working("writing the study and its artefacts"):
+            files = write_dashboard(Campaign.open(run, read_only=True), out or run / "dashboard")
         output.print(f"wrote {files.journal}; look at it: {files.command}", markup=False, soft_wrap=True)
         return
     path = out or run / ("route.plan" if to is Format.plan else to.value)

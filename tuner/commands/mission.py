@@ -7,17 +7,20 @@ from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import Progress
 from rich.table import Table
 
 from nbv.config import IDEAL
 from tuner.commands.console import (
     CONDITION_HELP,
     PRESET_NAMES,
+    load,
     mission_config,
     output,
     parse_overrides,
+    progress_bar,
     seconds,
+    working,
 )
 
 app = typer.Typer(no_args_is_help=True)
@@ -63,11 +66,6 @@ class MissionProgress:
             update(self._task, advance=1, description="finished")
 
 
-def progress_bar() -> Progress:
-    """The bar that all commands use."""
-    return Progress(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=output)
-
-
 @app.command()
 def run(
     rock: Annotated[str, typer.Option(help="Catalogue name (see `gatetune rocks list`) or path of a mesh.")],
@@ -90,11 +88,14 @@ def run(
     config = mission_config(preset, set_ or [], gate, condition)
     world = Path(rock).stem if config.condition == IDEAL else f"{Path(rock).stem}-{config.condition}"
     directory = out or Path("runs") / f"mission-{world}-{config.gate.kind}-{replicate}"
+    output.print(f"mission on {rock} in {directory}", soft_wrap=True)  # before what takes seconds to load
+    load("nbv.photogrammetric")
     from nbv.cache import Store
     from nbv.photogrammetric import run_photogrammetric_mission
     from nbv.rocks import load_rock
 
-    load_rock(rock, Store())  # a mistake shows before the progress bar
+    with working(f"making rock {rock}"):
+        load_rock(rock, Store())  # a mistake shows before the progress bar
     with progress_bar() as bar:
         result = run_photogrammetric_mission(
             config, rock, replicate, directory, overwrite=overwrite, log=MissionProgress(bar)
@@ -207,9 +208,10 @@ def view(
         return _view_campaign(run)
     runs = [run] if other is None else [run, other]
     page = out or run / ("view.html" if other is None else f"view-beside-{other.resolve().name}.html")
-    written = [write_mission_view(runs, page, rock)]
-    if rrd is not None:
-        written.append(write_mission_recording(run, rrd, rock))
+    with working("writing the page"):
+        written = [write_mission_view(runs, page, rock)]
+        if rrd is not None:
+            written.append(write_mission_recording(run, rrd, rock))
     for path in written:
         size_mb = path.stat().st_size / 1e6
         output.print(f"wrote {path} ({size_mb:.1f} MB)", markup=False, highlight=False, soft_wrap=True)
@@ -223,12 +225,16 @@ def _view_campaign(directory: Path) -> None:
 
     campaign = Campaign.open(directory, read_only=True)
     output.print(f"campaign in {directory}: flying what is not there yet", soft_wrap=True)
-    with local_executor(campaign.settings.runner, None, 3600.0, campaign.settings.mission) as executor:
+    s = campaign.settings
+    with local_executor(s.runner, None, 3600.0, s.mission) as executor, working("flying"):
         fly_shown_missions(campaign, executor)
-    pages = write_mission_pages(campaign)
+    with working("writing the pages"):
+        pages = write_mission_pages(campaign)
     for page in pages:
         output.print(f"{page.label}: {page.path}", markup=False, highlight=False, soft_wrap=True)
-    output.print(f"report: {write_campaign_report(campaign)}", soft_wrap=True)
+    with working("writing the report"):
+        report = write_campaign_report(campaign)
+    output.print(f"report: {report}", soft_wrap=True)
 
 
 @app.command()

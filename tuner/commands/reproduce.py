@@ -9,7 +9,7 @@ import typer
 
 from nbv.config import IDEAL, PRESETS, load_conditions
 from tuner.commands.comparison import compare
-from tuner.commands.console import CONDITION_HELP, mission_config, output, rock_arguments
+from tuner.commands.console import CONDITION_HELP, load, mission_config, output, rock_arguments
 
 
 def reproduce(
@@ -43,6 +43,7 @@ def reproduce(
     Example: gatetune reproduce --replicates 3
     """
     output.print(f"reproducing Table I with preset {preset}")  # before what takes seconds to load
+    load("tuner.evaluation.baselines")
     from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
     from tuner.evaluation.plan import EvaluationPlan
 

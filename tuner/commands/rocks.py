@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 
 from nbv.errors import UserError
-from tuner.commands.console import output
+from tuner.commands.console import load, output, working
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -82,11 +82,13 @@ def import_(
     Example: gatetune rocks import scan.glb --name mine --up z
     """
     output.print(f"importing {mesh}")  # before what takes seconds to load
+    load("nbv.rocks")
     from nbv.rocks import import_mesh, save_imported
 
     checked: dict[str, Any] = {"split": split, "up": up}  # import_mesh refuses other words
-    subject = import_mesh(mesh, name=name, height_m=height_m, **checked)
-    save_imported(subject, force=force)
+    with working(f"preparing {mesh.name}"):
+        subject = import_mesh(mesh, name=name, height_m=height_m, **checked)
+        save_imported(subject, force=force)
     output.print(f"imported {subject.name} ({subject.split}): {len(subject.faces)} faces")
     for note in subject.notes:
         output.print(f"  - {note}")

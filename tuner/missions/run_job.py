@@ -9,6 +9,7 @@ from typing import Any
 from nbv.errors import MissionFailure, UserError
 from nbv.mission.run_directory import write_atomic
 from tuner.missions.job import RESULT_FILE, MissionJob, record_failure
+from tuner.missions.now import log_of
 from tuner.missions.registry import resolve_runner
 
 _FULL = {errno.ENOSPC, errno.EDQUOT}
@@ -31,8 +32,13 @@ def run_job(tree: dict[str, Any]) -> int:
     directory = job.directory
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        runner = resolve_runner(job.runner)
-        result = runner(job.config, job.rock, job.replicate, directory, keep=job.keep)
+        runner, now = resolve_runner(job.runner), log_of(job.runner, directory)
+        options = {} if now is None else {"log": now}
+        try:
+            result = runner(job.config, job.rock, job.replicate, directory, keep=job.keep, **options)
+        finally:
+            if now is not None:
+                now.end()
         if not (directory / RESULT_FILE).exists():
             write_atomic(directory / RESULT_FILE, result.to_json())
         return 0

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +16,10 @@ from tuner.campaign.events import CampaignEvent
 from tuner.campaign.ledger import TrialRecord
 from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
-from tuner.commands import evaluate
-from tuner.commands.campaign_display import LINE, event_line, mission_line
+from tuner.commands import console, evaluate
+from tuner.commands.campaign_display import LINE, CampaignProgress, event_line, mission_line
 from tuner.evaluation.plan import EvaluationPlan
+from tuner.missions.now import Now
 from tuner.problem.space_files import load_search_space
 
 SETTINGS: CampaignSettings = fake_campaigns.settings(space=load_search_space("gate_and_weights"))
@@ -45,6 +48,34 @@ def test_an_event_is_one_json_object() -> None:
     tree = json.loads(event_line(event(raw=float("nan"))))
     assert tree["event"] == "finished" and tree["mission"] == 12 and tree["budget"] == 9
     assert tree["value"] is None and set(tree["values"]) == set(SETTINGS.space.paths)
+
+
+def test_a_pipe_hears_what_takes_long(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(console, "_SLOW_S", 0.05)
+    monkeypatch.setattr(console, "_BEAT_S", 0.02)
+    with console.working("at once"):
+        pass
+    with console.working("writing the report"):
+        time.sleep(0.3)
+    assert capsys.readouterr().out == "writing the report, 0 s\n"
+
+
+def test_a_pipe_hears_what_flies(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(console, "_PACE_S", -1.0)  # always due
+    (tmp_path / "2").mkdir()
+    Now(tmp_path / "2")("dense", {})
+    show = CampaignProgress(console.progress_bar(), SETTINGS, tmp_path)
+    for number in (1, 2, 3):
+        launched = event("launched").trial
+        assert launched is not None
+        trial = replace(launched, number=number, directory=f"{number}")
+        show(CampaignEvent("launched", 1.0, 0, 9, trial))
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last == "0/9, flies a r1, a r1 (dense cloud) and 1 more"
 
 
 def test_metrics_are_listed(gatetune: Any) -> None:

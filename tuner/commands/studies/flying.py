@@ -10,8 +10,7 @@ import typer
 
 from nbv.errors import UserError
 from tuner.commands.comparison import ComparisonProgress
-from tuner.commands.console import output, rock_arguments
-from tuner.commands.mission import progress_bar
+from tuner.commands.console import beating, output, progress_bar, rock_arguments
 from tuner.commands.rock_choice import refuse_held_out
 
 if TYPE_CHECKING:
@@ -66,7 +65,9 @@ def fly_study(
         LocalProcessExecutor(count, timeout_s=timeout_s, preload=runners) as executor,
         progress_bar() as bar,
     ):
-        return fly(settings, directory, executor, ComparisonProgress(bar, metric))
+        show = ComparisonProgress(bar, metric)
+        with beating(show.tick):
+            return fly(settings, directory, executor, show)
 
 
 def end_study(failures: dict[str, int], missions: int, expected: int, report: Path, complete: bool) -> None:

@@ -1,0 +1,56 @@
+"""What a mission in flight is doing: a line in its directory, for who waits for it."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Any
+
+from tuner.missions.registry import DEFAULT_RUNNER
+
+NOW_FILE = "now"
+_LONGEST = 40  # characters that are read
+
+
+class Now:
+    """A `nbv.mission.runner.Log` that keeps one line up to date; a directory that cannot be written has none."""
+
+    def __init__(self, directory: Path) -> None:
+        self._file = directory / NOW_FILE
+        self._seeds = self._budget = 0
+
+    def __call__(self, event: str, facts: dict[str, Any]) -> None:
+        """Write what comes after the event."""
+        if event == "start":
+            self._seeds, self._budget = facts["seeds"], facts["budget"]
+            self._write("scene")
+        elif event == "seed":
+            done = facts["index"] + 1
+            self._write(f"photograph {done}/{self._seeds}" if done < self._seeds else "seed model")
+        elif event in ("seed-model", "capture"):
+            self._write(f"view {facts.get('iteration', -1) + 2}/{self._budget}")
+        elif event in ("dense", "metrics"):
+            self._write({"dense": "dense cloud", "metrics": "errors"}[event])
+
+    def _write(self, text: str) -> None:
+        with contextlib.suppress(OSError):
+            self._file.write_text(text)
+
+    def end(self) -> None:
+        """Remove the line."""
+        with contextlib.suppress(OSError):
+            self._file.unlink()
+
+
+def log_of(runner: str, directory: Path) -> Now | None:
+    """What follows a mission of this runner; None for those that take a second, and those that are not ours."""
+    return Now(directory) if runner == DEFAULT_RUNNER else None
+
+
+def doing_now(directory: Path) -> str:
+    """The line of the mission in ``directory``; empty where there is none."""
+    try:
+        with (directory / NOW_FILE).open() as file:
+            return file.read(_LONGEST)
+    except (OSError, UnicodeDecodeError):
+        return ""
