@@ -209,18 +209,8 @@ def sparsest_text(found: Sparsest, whose: str = "paper's ") -> str:
 def next_rock_lines(found: NextRock) -> list[str]:
     """The gain on a rock nobody has flown, and what is known of how rocks differ."""
     low, high = found.interval_95
-    lines = [f"on a rock nobody has flown: {found.gain:+.2f} (95 % interval {low:+.2f} to {high:+.2f})"]
-    if found.against:
-        lines.append(
-            f"training rocks disagree: it is probably worse than the default on {', '.join(found.against)}"
-        )
-    if found.more_rocks is None:
-        lines.append("even 50 training rocks would not tell the mean gain over such rocks from 0")
-    elif found.more_rocks:
-        lines.append(
-            f"{found.more_rocks} more training rocks would tell the mean gain over such rocks from 0, if it is as believed"
-        )
-    return lines
+    gain = f"on a rock nobody has flown: {found.gain:+.2f} (95 % interval {low:+.2f} to {high:+.2f})"
+    return [gain, *found.warnings()]
 
 
 def limit_text(found: SecondObjective, settings: CampaignSettings) -> str:

@@ -1,21 +1,25 @@
 """What the recommendation gains on a rock that nobody has flown.
 
 The mean over the training rocks is known ever better; how a configuration's gain differs from rock to rock is not. Here
-the surrogate has both: a common landscape, and a departure of each rock from it, exchangeable between rocks. A new rock has a
-departure of its own, so its gain over the default has the mean of the common landscape and the variances of both:
+the surrogate has both: a common landscape, and a departure of each rock from it, exchangeable between rocks. Rocks also
+differ in their scale s, by which all that configurations do there is larger or smaller: where there is little to lose there
+is little to gain. A new rock has a departure and a scale of its own, so its gain s (z + d) over the default has the mean of
+the common landscape and
 
-    sd^2 = sd_common^2 + sd_between^2
+    sd^2 = sd_common^2 + sd_between^2,    sd_between^2 = s^2 [sd_d^2 + tau^2 (z^2 + sd_z^2 + sd_d^2)]
 
-The second is known from as many rocks as were flown: the interval is Student's t with `PRIOR_ROCKS` degrees of freedom more
-than rocks less one, as in the prediction of the next draw from a normal distribution whose variance is unknown (Gelman et al.,
-Bayesian Data Analysis, 3rd ed., section 3.2).
+tau is the standard deviation of log s over the training rocks, with a prior worth `PRIOR_ROCKS` rocks: a few missions do not
+tell a rock's scale, and the surrogate's are drawn together. What differs between rocks is known from as many as were flown: the
+interval is Student's t with `PRIOR_ROCKS` degrees of freedom more than rocks less one, as in the prediction of the next
+draw from a normal distribution whose variance is unknown (Gelman et al., Bayesian Data Analysis, 3rd ed., section 3.2).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,7 +30,8 @@ from tuner.problem.worlds import rocks_of
 from tuner.surrogate.forward_check import Calibration
 from tuner.surrogate.model import RockMeanGP, moments
 
-PRIOR_ROCKS = 2  # what the prior of the departures is worth
+PRIOR_ROCKS = 2  # what the priors of the departures and of the scales are worth
+SCALE_SPREAD = 0.5  # sd of the logarithm of rocks' scales before any is known
 AGAINST = 0.8  # probability of a loss from which on a training rock disagrees
 MOST_ROCKS = 50
 
@@ -43,6 +48,25 @@ class NextRock:
     more_rocks: (
         int | None
     )  # until the mean gain over such rocks would be told from 0, if it is as believed; None: too many
+
+    def warnings(self) -> list[str]:
+        """Where training rocks disagree, and how many more would settle it: a sentence each, none where all is well."""
+        said = []
+        if self.against:
+            names = ", ".join(Path(rock).stem for rock in self.against)
+            said.append(f"Training rocks disagree: it is probably worse than the default on {names}.")
+        if self.more_rocks is None:
+            said.append(
+                f"Not even {MOST_ROCKS} training rocks would tell the mean gain over such rocks from 0."
+            )
+        elif self.more_rocks:
+            more = (
+                "1 more training rock" if self.more_rocks == 1 else f"{self.more_rocks} more training rocks"
+            )
+            said.append(
+                f"With {more} the mean gain over such rocks would be told from 0, if it is as believed."
+            )
+        return said
 
     @staticmethod
     def from_dict(tree: Mapping[str, Any]) -> NextRock:
@@ -68,8 +92,9 @@ def next_rock(
     common = model.inputs(unit)
     elsewhere = common.clone()
     elsewhere[:, model.space.dimension] = len(rocks) + len(model.observations)  # a rock like no other
-    mean, sd = gain(elsewhere, model.mean_scale)
+    mean, with_departure = gain(elsewhere, model.mean_scale)
     _, common_sd = gain(common, model.mean_scale)
+    sd = math.sqrt(with_departure**2 + _scale_variance(model, rocks) * (mean**2 + with_departure**2))
     between = math.sqrt(max(0.0, sd**2 - common_sd**2))
     on = {
         rock: [
@@ -92,6 +117,16 @@ def next_rock(
         against=against,
         more_rocks=_more_rocks(abs(mean), common_sd, between, len(rocks)),
     )
+
+
+def _scale_variance(model: RockMeanGP, rocks: Sequence[str]) -> float:
+    """tau^2 above."""
+    logs = [
+        np.mean([math.log(model.standardiser.scale(w)) for w in model.worlds if w.rock == rock])
+        for rock in rocks
+    ]
+    squares = float(np.var(logs)) * len(logs)
+    return (PRIOR_ROCKS * SCALE_SPREAD**2 + squares) / (PRIOR_ROCKS + len(logs) - 1)
 
 
 def _more_rocks(gain: float, common_sd: float, between: float, rocks: int) -> int | None:

@@ -40,10 +40,20 @@ def test_where_rocks_disagree_the_interval_says_so() -> None:
     agree = stated([2.0, 2.1, 1.9, 2.0])
     assert found.against == ("r1",) and found.per_rock["r1"] < -1
     assert found.interval_95[0] < -1.0 and found.interval_95[1] > 1.6
-    assert found.between_rocks_sd > 2 * agree.between_rocks_sd
+    assert found.between_rocks_sd / found.gain > 2 * agree.between_rocks_sd / agree.gain
     assert found.more_rocks is None or found.more_rocks > 2
+    disagree, more = found.warnings()
+    assert (
+        "worse than the default on r1" in disagree and "more training rocks" in more and not agree.warnings()
+    )
 
 
 def test_one_rock_says_little_of_the_next() -> None:
     one, six = stated([2.0]), stated([2.0, 2.1, 1.9, 2.0, 2.05, 1.95])
     assert np.ptp(one.interval_95) > 2 * np.ptp(six.interval_95)
+
+
+def test_rocks_of_many_scales_are_all_inside() -> None:
+    found = stated([0.7, 0.7, 0.7, 3.3, 3.3, 3.3])
+    assert found.against == ()  # all gain, in proportion to what there is to gain
+    assert found.interval_95[0] < 0.8 * 0.7 and found.interval_95[1] > 0.8 * 3.3

@@ -13,6 +13,7 @@ from nbv.mission.result import IterationRecord
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.ledger import TrialRecord
 from tuner.problem.space_files import load_search_space
+from tuner.recommendation.next_rock import NextRock
 from tuner.recommendation.sparsest import Sparsest
 from tuner.report.campaign.answers import (
     EQUAL,
@@ -86,6 +87,13 @@ def test_pairs_that_flew_are_counted(campaign: Campaign) -> None:
     assert "Flown side by side on 1 of 2 rocks (1 pair)" in sure_answer(facts)[1]
     drawing = pairs_drawing([pair], "F", 2)
     assert drawing.count("<circle") == 4 and "recommended 7.00" in drawing  # a pair, and the key
+
+
+def test_the_next_rock_is_said_and_where_rocks_disagree(campaign: Campaign) -> None:
+    elsewhere = NextRock(0.5, (-1.0, 2.0), 0.6, {"a": 2.0, "b": -1.0}, ("rocks/b.obj",), 7)
+    said = sure_answer(better(campaign, next_rock=elsewhere))[-1]
+    assert "nobody has flown: +0.50 points (95 % interval −1.00 to +2.00)" in said
+    assert "worse than the default on b." in said and "With 7 more training rocks" in said
 
 
 def test_a_geometric_gain_is_called_a_prediction(campaign: Campaign) -> None:

@@ -199,6 +199,12 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
         "The interval is calibrated and of the surrogate, on the rocks that were tuned on, for the best of those flown: it leans "
         "towards optimism."
     )
+    if (elsewhere := best.next_rock) is not None:
+        digits = _digits(elsewhere.interval_95)
+        low, high = (format_number(v, digits, signed=True) for v in elsewhere.interval_95)
+        gain = with_unit(elsewhere.gain, unit, digits, signed=True)
+        text = f"On a rock nobody has flown: {gain} (95 % interval {low} to {high})."
+        said.append(" ".join([text, *elsewhere.warnings()]))
     return said
 
 
