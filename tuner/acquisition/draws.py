@@ -15,10 +15,11 @@ from tuner.acquisition.propose import over_worlds, starting_points
 from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
 from tuner.surrogate.model import RockMeanGP
-from tuner.surrogate.numerics import numerics
+from tuner.surrogate.numerics import numerics, tensor
 from tuner.surrogate.risk import risk_of
 
 GLOBAL_POINTS, LOCAL_POINTS = 256, 1024
+_FAILS = 1e6  # standard deviations: worse than all that works
 
 
 def draw_best(model: RockMeanGP, count: int, seed: int, risk: Risk = "mean") -> list[Values]:
@@ -32,6 +33,12 @@ def draw_best(model: RockMeanGP, count: int, seed: int, risk: Risk = "mean") -> 
                 draws = risk_of(WorldOutcomes(model).posterior(inputs).rsample(torch.Size([count])), risk)
             else:
                 draws = model.model.posterior(inputs).rsample(torch.Size([count]))[..., 0]
+        if (
+            model.feasibility is not None
+        ):  # each draw has one opinion on what works: a point's own would let some of many through
+            chance = model.feasibility.log_chance(tensor(points)).exp()
+            with manual_seed(seed):
+                draws[torch.rand(count, 1, dtype=chance.dtype) > chance] -= _FAILS
         chosen: list[int] = []
         for draw in draws:
             if len(chosen) < len(points):

@@ -53,10 +53,16 @@ def two_models(
     seed: int,
     settings: SurrogateSettings | None = None,
 ) -> tuple[RockMeanGP, RockMeanGP]:
-    """One surrogate per objective, on the missions that have both. ``ValueError`` where there are none."""
-    both = [o for o in observations if o.outcome is not None and o.second is not None]
+    """One surrogate per objective, on the missions that have both, or failed. ``ValueError`` where there are none."""
+    both = [o for o in observations if o.outcome is None or o.second is not None]
     first = RockMeanGP(space, both, places, seed, settings)
-    second = RockMeanGP(space, [replace(o, outcome=o.second) for o in both], places, seed, settings)
+    second = RockMeanGP(
+        space,
+        [replace(o, outcome=None if o.outcome is None else o.second) for o in both],
+        places,
+        seed,
+        settings,
+    )
     return first, second
 
 

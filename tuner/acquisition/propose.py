@@ -21,6 +21,7 @@ from tuner.acquisition.over_rocks import WorldOutcomes
 from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
 from tuner.surrogate.condensed import EXACT_MISSIONS
+from tuner.surrogate.feasibility import Feasibility
 from tuner.surrogate.model import RockMeanGP, moments
 from tuner.surrogate.numerics import numerics
 from tuner.surrogate.risk import risk_of
@@ -94,10 +95,12 @@ def maximise(
 ) -> tuple[Floats, float]:
     """Best (d,) unit position, exactly a configuration, and its acquisition value.
 
-    Starts are the best of many global points and of local ones, near the (n, d) positions ``near`` (None: those flown with
+    Values are logarithms: where missions have failed, the probability that one ends well is a factor. Starts are the best of many global points and of local ones, near the (n, d) positions ``near`` (None: those flown with
     the best posterior means), tried without gradients.
     """
     d = model.space.dimension
+    if model.feasibility is not None:
+        acquisition = _OfWhatWorks(acquisition, model.feasibility, d)
     discrete = model.space.discrete_dimensions
     points = starting_points(model, seed, near_to=near)
     if discrete:
@@ -127,6 +130,20 @@ def maximise(
         if float(score) > best_score:
             best, best_score = position[0, :d].numpy(), float(score)
     return best, best_score
+
+
+class _OfWhatWorks(AcquisitionFunction):
+    """The logarithm of an acquisition value times the probability that the mission ends well (Gardner et al., ICML 2014)."""
+
+    def __init__(self, acquisition: AcquisitionFunction, feasibility: Feasibility, dimension: int) -> None:
+        super().__init__(acquisition.model)
+        self._acquisition, self._feasibility, self._dimension = acquisition, feasibility, dimension
+
+    def forward(self, X: torch.Tensor) -> torch.Tensor:
+        """(b,) of (b, 1, inputs)."""
+        chance = self._feasibility.log_chance(X[..., 0, : self._dimension])
+        value: torch.Tensor = self._acquisition(X) + chance
+        return value
 
 
 def _best_flown(model: RockMeanGP, count: int) -> Floats:

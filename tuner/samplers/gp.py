@@ -62,7 +62,7 @@ class GPSampler:
             if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
                 proposal = self._design(number)
             elif s.two_objectives and sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL:
-                proposal = self._for_both(history, feasible, flying, number)
+                proposal = self._for_both(history, flying, number)
             else:
                 if model is None:
                     feature = None if s.earlier is None else s.earlier.feature
@@ -70,7 +70,7 @@ class GPSampler:
                         self.model or surrogate_settings(s.space, s.risk),
                         derived_seed(s.seed, number),
                     )
-                    model = RockMeanGP(s.space, feasible, s.worlds, seed, own, feature)
+                    model = RockMeanGP(s.space, history, s.worlds, seed, own, feature)
                 if modelled < SEQUENTIAL and len(flying) <= MAX_JOINT:
                     proposal = self._by_acquisition(model, history, flying, number)
                 else:
@@ -86,14 +86,13 @@ class GPSampler:
     def _for_both(
         self,
         history: Sequence[Observation],
-        feasible: Sequence[Observation],
         flying: Sequence[Pending],
         number: int,
     ) -> Proposal:
         """For the front between the objectives, or the best within the limit of the second."""
         s, seed = self.settings, derived_seed(self.settings.seed, number)
         models = two_models(
-            s.space, feasible, s.worlds, seed, self.model or surrogate_settings(s.space, s.risk)
+            s.space, history, s.worlds, seed, self.model or surrogate_settings(s.space, s.risk)
         )
         if s.at_least is not None:
             return self._by_acquisition(models[0], history, flying, number, Within(models[1], s.at_least))

@@ -149,6 +149,11 @@ def mission_kernel(
     return kernel
 
 
+def landscape_kernel(ordered: Sequence[int], categorical: Sequence[int]) -> Kernel:
+    """s^2 m alone, with its priors; columns as for `mission_kernel`."""
+    return _scaled(_landscape(ordered, categorical, None), *VARIANCE)
+
+
 def _landscape(ordered: Sequence[int], categorical: Sequence[int], tau: float | None) -> Kernel:
     factors: list[Kernel] = []
     if ordered:

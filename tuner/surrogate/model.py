@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import collections
 import dataclasses
+import functools
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -43,6 +44,7 @@ from tuner.problem.search_space import SearchSpace
 from tuner.problem.standardise import RockStandardiser
 from tuner.problem.worlds import Place, World, conditions_of, rocks_of, worlds_of
 from tuner.surrogate.condensed import CondensedGP, condensed, drawn, posterior_means
+from tuner.surrogate.feasibility import Feasibility
 from tuner.surrogate.fit import fitted
 from tuner.surrogate.kernel import (
     MEAN_LEVEL,
@@ -75,7 +77,7 @@ class RockMeanGP:
     space
         The search space.
     observations
-        Finished missions; failed ones are left out. At least one must be feasible.
+        Finished missions; failed ones tell the search alone, by `feasibility`. At least one must be feasible.
     places
         The training worlds over which the mean is taken; a rock alone is that rock under ``ideal``.
     seed
@@ -116,6 +118,8 @@ class RockMeanGP:
                 observed, outcomes, shrink_centres=False, blocks=flown if self._models_blocks else None
             )
         self.unit = np.array([space.to_unit(o.values) for o in feasible])  # (n, d)
+        self._failed = [space.to_unit(o.values) for o in observations if o.outcome is None]
+        self._seed = seed
         self.targets = self.standardiser.standardise(observed, outcomes)  # (n,)
         self._rock_index = _levels(rocks_of(known))
         self._condition_index = _levels(conditions_of(known))
@@ -125,6 +129,13 @@ class RockMeanGP:
         columns = np.array([self.levels(world, self._block_index[world, k]) for world, k in flown])
         with numerics(seed):
             self.model, self.uses_feature = self._fit(np.column_stack([self.unit, columns]), feature)
+
+    @functools.cached_property
+    def feasibility(self) -> Feasibility | None:
+        """Where missions end well; None where none has failed."""
+        if not self._failed:
+            return None
+        return Feasibility(self.space, self.unit, np.array(self._failed), self._seed)
 
     def _fit(self, x: Floats, feature: Feature | None) -> tuple[SingleTaskGP, bool]:
         """The fitted model, with the feature where the missions prefer it so."""

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 import pytest
 import synthetic
 
 from nbv.errors import UserError
+from tuner.acquisition.draws import draw_best
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Pending
 from tuner.recommendation.recommendation import recommend
 from tuner.samplers.registry import SAMPLER_NAMES, make_sampler
+from tuner.surrogate.model import RockMeanGP
 
 
 @pytest.mark.parametrize("name", SAMPLER_NAMES)
@@ -55,6 +60,36 @@ def test_failed_missions_do_not_poison_the_model() -> None:
         make_sampler("gp", synthetic.sampler_settings(0, 4)).ask(only_failed, []).why["phase"]
         == "initial design"
     )
+
+
+def failed(number: int, values: Mapping[str, Any]) -> Observation:
+    return Observation(number, dict(values), "r0", 0, None, None, "timeout")
+
+
+def test_what_has_failed_is_not_proposed_again() -> None:
+    history, sampler = (
+        synthetic.random_design(12, 0.02, 0),
+        make_sampler("gp", synthetic.sampler_settings(0, 4)),
+    )
+    asked = []
+    for number in range(12, 15):
+        values = sampler.ask(history, []).values
+        asked.append(synthetic.SPACE.to_unit(values))
+        history.append(failed(number, values))
+    assert min(np.linalg.norm(a - b) for i, a in enumerate(asked) for b in asked[:i]) > 0.1
+
+
+def test_many_at_once_stay_away_from_what_fails() -> None:
+    """Every mission above half of the first parameter, where the best is, has failed."""
+    fails = [o for o in synthetic.random_design(24, 0.02, 1) if synthetic.SPACE.to_unit(o.values)[0] > 0.5]
+    works = [o for o in synthetic.random_design(24, 0.02, 2) if synthetic.SPACE.to_unit(o.values)[0] <= 0.5]
+    history = [*works, *(failed(100 + i, o.values) for i, o in enumerate(fails))]
+    model = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
+    positions = np.array([synthetic.SPACE.to_unit(v) for v in draw_best(model, 12, 0)])
+    assert (positions[:, 0] < 0.6).all()
+    blind = RockMeanGP(synthetic.SPACE, works, synthetic.ROCKS)
+    positions = np.array([synthetic.SPACE.to_unit(v) for v in draw_best(blind, 12, 0)])
+    assert (positions[:, 0] > 0.6).mean() > 0.2
 
 
 @pytest.mark.slow
