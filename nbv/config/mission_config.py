@@ -6,6 +6,7 @@ The defaults are preset ``paper``; every field says where its default comes from
 from __future__ import annotations
 
 import dataclasses
+import functools
 import hashlib
 import json
 import typing
@@ -115,7 +116,11 @@ class MissionConfig:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain nested dictionary (tuples become lists), ready for JSON or YAML."""
-        return typing.cast(dict[str, Any], json.loads(json.dumps(dataclasses.asdict(self))))
+        return typing.cast(dict[str, Any], json.loads(self._text))
+
+    @functools.cached_property
+    def _text(self) -> str:
+        return json.dumps(dataclasses.asdict(self))
 
     def digest(self) -> str:
         """First 16 hex digits of the SHA-256 of the canonical JSON form.
@@ -138,6 +143,8 @@ class MissionConfig:
         UserError
             A path or level does not exist, or a value has the wrong type or range.
         """
+        if not values:
+            return self
         tree, values = self.to_dict(), dict(values)
         if isinstance(level := values.get("telemetry"), str):
             del values["telemetry"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -82,6 +83,7 @@ PRESETS = {
 }
 
 
+@functools.cache
 def preset(name: str) -> MissionConfig:
     """The preset called ``name``; ``UserError`` if there is none."""
     if name not in PRESETS:

@@ -102,6 +102,7 @@ OWN_WORDS = {
     "nbv/config/conditions.py",
     "nbv/config/mission_config.py",
     "nbv/foreign.py",
+    "tuner/campaign/storage.py",
     "tuner/missions/executors.py",
     "tuner/missions/external/call.py",
     "tuner/missions/external/skeleton_files.py",

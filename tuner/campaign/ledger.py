@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import contextlib
 import datetime
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -30,7 +31,7 @@ from tuner.campaign.seals import (
     require_all_there,
     require_trial,
 )
-from tuner.campaign.storage import JOURNAL_FILE, journal_path, one_writer, open_storage, reachable
+from tuner.campaign.storage import JOURNAL_FILE, Journal, journal_path, one_writer, open_storage, reachable
 from tuner.missions.job import MissionOutcome
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Pending, Proposal
@@ -79,7 +80,7 @@ class TrialRecord:
     code: str = ""  # digest of what flies it, see `tuner.campaign.same_world`; empty in ledgers of before
     rock_sha256: str = ""  # of the rock that was flown; empty while running, and where no mission said so
 
-    @property
+    @functools.cached_property
     def world(self) -> World:
         """Where it is flown."""
         return World(self.rock, self.condition)
@@ -134,7 +135,7 @@ class Ledger:
         self._space = space
         self._objective = objective
         self._distributions = distributions(space)
-        self._ended: dict[int, TrialRecord] = {}
+        self._known: dict[int, tuple[optuna.trial.FrozenTrial, TrialRecord]] = {}
         self._campaign_id = campaign_id
         self._journal = journal_path(storage, directory)
         self._shown = shown = storage or str(directory / JOURNAL_FILE)
@@ -199,6 +200,19 @@ class Ledger:
         if self._journal is not None:
             return one_writer(self._journal)
         return contextlib.nullcontext() if self._lock is None else self._lock.held()
+
+    @contextlib.contextmanager
+    def together(self) -> Iterator[None]:
+        """Enter several missions, or their ends, in one synchronised write; they count when the context has ended.
+
+        A database takes them one by one.
+        """
+        storage = self._storage
+        with (
+            reachable(self._shown),
+            storage.together() if isinstance(storage, Journal) else contextlib.nullcontext(),
+        ):
+            yield
 
     def start(
         self,
@@ -269,13 +283,12 @@ class Ledger:
         }
         if ENTERED in frozen.user_attrs:
             attributes[ENDED] = ending_seal(frozen.user_attrs[ENTERED], value, attributes)
-        for key, content in attributes.items():  # before tell: finished trials are frozen
-            self._storage.set_trial_user_attr(frozen._trial_id, key, content)
-        if value is None:
-            self._study.tell(number, state=TrialState.FAIL)
-        else:
-            self._study.tell(number, value)
-        return _record(self._study.get_trials(deepcopy=False)[number])
+        state, values = (TrialState.FAIL, None) if value is None else (TrialState.COMPLETE, [value])
+        with self.together():
+            for key, content in attributes.items():  # before its state: finished trials are frozen
+                self._storage.set_trial_user_attr(frozen._trial_id, key, content)
+            self._storage.set_trial_state_values(frozen._trial_id, state, values)
+        return _record(self._storage.get_trial(frozen._trial_id))
 
     def keep_files(self, files: Mapping[str, str]) -> None:
         """Keep the run directory's first files beside the missions of a database, for a coordinator on another machine."""
@@ -287,16 +300,15 @@ class Ledger:
     def trials(self) -> list[TrialRecord]:
         """All missions in trial order."""
         with reachable(self._shown):
-            return [self._known(trial) for trial in self._study.get_trials(deepcopy=False)]
+            return [self._record(trial) for trial in self._study.get_trials(deepcopy=False)]
 
-    def _known(self, trial: optuna.trial.FrozenTrial) -> TrialRecord:
-        """Of a finished trial the record made before: it is never touched again."""
-        if (record := self._ended.get(trial.number)) is None:
+    def _record(self, trial: optuna.trial.FrozenTrial) -> TrialRecord:
+        """The one made before where the trial is the same still: finished ones are never touched again."""
+        known = self._known.get(trial.number)
+        if known is None or (known[0] is not trial and known[1].state == "running"):
             require_trial(trial, self._campaign_id, self._shown)
-            record = _record(trial)
-            if record.state != "running":
-                self._ended[trial.number] = record
-        return record
+            known = self._known[trial.number] = (trial, _record(trial))
+        return known[1]
 
     def history(self, trials: Sequence[TrialRecord] | None = None) -> list[Observation]:
         """Finished missions as the samplers and the surrogate see them."""

@@ -77,7 +77,12 @@ def _seal(*parts: Any) -> str:
 
 def _plain(value: Any) -> Any:
     """``value`` as every storage gives it back: whole numbers may come back as floats, tuples as lists."""
-    if isinstance(value, Mapping):
+    kind = type(value)
+    if (
+        kind is str or kind is float or kind is bool or value is None
+    ):  # most are: asking a `Mapping` takes longer
+        return value
+    if kind is dict or isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, Sequence) and not isinstance(value, str):
         return [_plain(item) for item in value]

@@ -21,11 +21,13 @@ from tuner.missions.long_runs import exclusive, stop_signals
 from tuner.problem.blocks import next_block
 from tuner.problem.objective import dotted
 from tuner.problem.observations import Proposal
+from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
 
 # So many failures in a row mean that something is wrong with the set-up, not with the configurations.
 MAX_CONSECUTIVE_FAILURES = 8
 _POLL_S = 0.5
+_TOGETHER = 32  # missions entered in one write at most: the first of them waits for the others
 
 
 def fly_campaign(
@@ -98,6 +100,7 @@ class _Session:
         self._last_failure = ""
         self._lost, self._last_lost = 0, ""  # missions that the machine ended, which stay open
         self._in_flight: dict[str, TrialRecord] = {}
+        self._configs: dict[int, Configuration] = {}  # of trials entered and not launched yet
         self._world = SameWorld(
             campaign.directory,
             campaign.settings.runner,
@@ -122,11 +125,9 @@ class _Session:
                 )
                 self._emit("stopped", message=message)
                 return self._summary("failing", message)
-            while len(self._in_flight) < self._executor.capacity and not stop.is_set():
-                trial = again.popleft() if again else self._next_trial()
-                if trial is None:
-                    break
-                self._launch(trial)
+            while batch := self._next_trials(again, stop):
+                for trial in batch:
+                    self._launch(trial)
             if not self._in_flight and self.ahead.thinking:
                 self.ahead.wait(_POLL_S)
                 continue
@@ -144,8 +145,7 @@ class _Session:
                 self._emit("done", recommendation=summary.recommendation)
                 return summary
             free = self.ahead.thinking and len(self._in_flight) < self._executor.capacity
-            for outcome in self._executor.wait_any(_POLL_S / 10 if free else _POLL_S):
-                self._finish(outcome)
+            self._land(self._executor.wait_any(_POLL_S / 10 if free else _POLL_S))
 
     def _recover(self) -> collections.deque[TrialRecord]:
         """Enter missions that finished but were not told; return those to fly again."""
@@ -156,19 +156,36 @@ class _Session:
             if trial.state == "running":
                 outcome = collect_outcome(self._job(trial))
                 if outcome is not None and outcome.reason != "user_error" and not outcome.lost:
-                    self._enter(trial, outcome)
+                    self._count(self._enter(trial, outcome))
                 else:
                     again.append(trial)
         return again
+
+    def _next_trials(self, again: collections.deque[TrialRecord], stop: threading.Event) -> list[TrialRecord]:
+        """The next to launch, entered together: several where proposals are made ahead."""
+        batch: list[TrialRecord] = []
+        with self._ledger.together():
+            while len(batch) < (_TOGETHER if self._asks_ahead else 1) and not stop.is_set():
+                if len(self._in_flight) + len(batch) >= self._executor.capacity:
+                    break
+                trial = again.popleft() if again else self._next_trial()
+                if trial is None:
+                    break
+                batch.append(trial)
+        return batch
+
+    @property
+    def _asks_ahead(self) -> bool:
+        return self._settings.in_step is None and self._executor.capacity >= FROM_WORKERS
 
     def _next_trial(self) -> TrialRecord | None:
         trials = self._ledger.trials()
         if len(trials) >= self._settings.budget:
             return None
-        known, workers = trials, self._executor.capacity
-        if self._settings.in_step is None and workers >= FROM_WORKERS:
+        known = trials
+        if self._asks_ahead:
             started = time.monotonic()
-            ahead = self.ahead.next(trials, workers)
+            ahead = self.ahead.next(trials, self._executor.capacity)
             return None if ahead is None else self._start(trials, ahead, time.monotonic() - started)
         if self._settings.in_step is not None:
             known = trials[: max(0, len(trials) + 1 - self._settings.in_step)]
@@ -182,15 +199,18 @@ class _Session:
 
     def _start(self, trials: Sequence[TrialRecord], proposal: Proposal, ask_s: float) -> TrialRecord:
         world, replicate = next_block(self._settings.worlds, self._settings.replicates, trials, proposal)
-        digest = self._settings.config(proposal.values, world.condition).digest()
-        trial = self._ledger.start(proposal, world, replicate, digest, self._settings.seed, self._world.code)
+        config = self._settings.config(proposal.values, world.condition)
+        trial = self._ledger.start(
+            proposal, world, replicate, config.digest(), self._settings.seed, self._world.code
+        )
+        self._configs[trial.number] = config
         self._emit("proposed", trial, ask_s=ask_s)
         return trial
 
-    def _job(self, trial: TrialRecord) -> MissionJob:
+    def _job(self, trial: TrialRecord, config: Configuration | None = None) -> MissionJob:
         return MissionJob(
             id=f"{trial.number:04d}",
-            config=self._settings.config(trial.values, trial.condition),
+            config=config or self._settings.config(trial.values, trial.condition),
             rock=trial.rock,
             replicate=trial.replicate,
             directory=self._campaign.directory / trial.directory,
@@ -199,12 +219,19 @@ class _Session:
         )
 
     def _launch(self, trial: TrialRecord) -> None:
-        job = self._job(trial)
+        job = self._job(trial, self._configs.pop(trial.number, None))
         self._executor.submit(job)
         self._in_flight[job.id] = trial
         self._emit("launched", trial)
 
-    def _finish(self, outcome: MissionOutcome) -> None:
+    def _land(self, outcomes: Sequence[MissionOutcome]) -> None:
+        """Enter all that have come, then count them: what counts is on disk."""
+        with self._ledger.together():
+            records = [record for outcome in outcomes if (record := self._finish(outcome)) is not None]
+        for record in records:
+            self._count(record)
+
+    def _finish(self, outcome: MissionOutcome) -> TrialRecord | None:
         trial = self._in_flight.pop(outcome.job_id)
         if outcome.reason == "user_error":
             # Every other mission would meet it too: stop, and leave the trial open for the resume.
@@ -214,9 +241,9 @@ class _Session:
             self._note_failure(outcome.reason, outcome.message)
             self._last_lost = self._last_failure
             self._emit("lost", trial, message=f"{outcome.reason}: {outcome.message}")
-            return
+            return None
         self._require_metric(outcome)
-        self._enter(trial, outcome)
+        return self._enter(trial, outcome)
 
     def _note_failure(self, reason: str, message: str) -> None:
         self._failures_in_row += 1
@@ -237,9 +264,11 @@ class _Session:
                 f"{mission.path}: a mission ended without metric {objective.metric!r}, which it is tuned for; it has {there}"
             )
 
-    def _enter(self, trial: TrialRecord, outcome: MissionOutcome) -> None:
+    def _enter(self, trial: TrialRecord, outcome: MissionOutcome) -> TrialRecord:
         self._world.require(trial, outcome.rock_sha256)
-        record = self._ledger.finish(trial.number, outcome)
+        return self._ledger.finish(trial.number, outcome)
+
+    def _count(self, record: TrialRecord) -> None:
         self._finished += 1
         if record.state == "failed":
             self._note_failure(record.reason, record.message)

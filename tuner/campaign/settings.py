@@ -5,12 +5,13 @@ from __future__ import annotations
 import collections
 import contextlib
 import dataclasses
+import functools
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from nbv.config import IDEAL, IDEAL_CONDITION, Condition, preset, require_distinct, under
+from nbv.config import IDEAL, IDEAL_CONDITION, Condition, MissionConfig, preset, require_distinct, under
 from nbv.errors import UserError
 from nbv.foreign import require
 from nbv.mission.runner import Keep
@@ -201,14 +202,17 @@ class CampaignSettings:
         """The mission configuration on which conditions and tuned values are laid."""
         if self.mission is not None:
             return external_config(self.mission)
+        return self._base
+
+    @functools.cached_property
+    def _base(self) -> MissionConfig:
         return self.space.base_config(preset(self.preset).with_values(self.overrides))
 
     def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> Configuration:
         """The mission configuration at tuned ``values``, under one of the campaign's conditions or none."""
         if self.mission is not None:
             return external_config(self.mission, values)
-        base = self.space.base_config(preset(self.preset).with_values(self.overrides))
-        config = base.with_values(self.space.complete(values))
+        config = self._base.with_values(self.space.complete(values))
         named = {c.name: c for c in self.conditions}
         return config if condition == IDEAL else under(config, named[condition])
 

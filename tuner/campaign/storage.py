@@ -5,14 +5,16 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import gc
+import json
 import os
 import urllib.parse
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import optuna
 from optuna.storages import JournalStorage
-from optuna.storages.journal import JournalFileBackend, JournalRedisBackend
+from optuna.storages.journal import BaseJournalBackend, JournalFileBackend, JournalRedisBackend
 from sqlalchemy.exc import SQLAlchemyError
 
 from nbv.errors import UserError
@@ -23,6 +25,65 @@ _OF_DATABASES = {"sqlalchemy", "redis", "sqlite3", "psycopg2", "psycopg", "pymys
 JOURNAL_FILE = "study.journal"
 # Of a database that goes away.
 DATABASE_ERRORS = (optuna.exceptions.StorageInternalError, SQLAlchemyError)
+
+
+class Journal(JournalStorage):
+    """Optuna's journal, of which several records may be appended at once, and no snapshot is unpickled."""
+
+    def __init__(self, backend: BaseJournalBackend) -> None:
+        self._records = _Records(backend)
+        super().__init__(self._records)
+
+    def together(self) -> contextlib.AbstractContextManager[None]:
+        """What is written inside is seen by this process at once, and on disk when the context ends: in one synchronised write."""
+        return self._records.together()
+
+
+class _Records(BaseJournalBackend):
+    """Of another backend, less the snapshots that Optuna pickles into a Redis."""
+
+    def __init__(self, backend: BaseJournalBackend) -> None:
+        self._backend = backend
+        self._held: list[dict[str, Any]] | None = None
+        self._first = self._seen = 0  # number of the first record held; how many of them have been read
+
+    def append_logs(self, logs: list[dict[str, Any]]) -> None:
+        """Append, or hold."""
+        if self._held is None:
+            self._backend.append_logs(logs)
+        else:
+            self._held += json.loads(json.dumps(logs))
+
+    def read_logs(self, log_number_from: int) -> Iterator[dict[str, Any]]:
+        """Records from a number on: those held where some are."""
+        if self._held is None or not self._seen:
+            self._first = log_number_from
+            for record in self._backend.read_logs(log_number_from):
+                self._first += 1
+                yield record
+        if self._held is None:
+            return
+        new, self._seen = self._held[self._seen :], len(self._held)
+        yield from new
+
+    @contextlib.contextmanager
+    def together(self) -> Iterator[None]:
+        """See `Journal`; inside another one it is part of that."""
+        if self._held is not None:
+            yield
+            return
+        self._held, self._seen = [], 0
+        try:
+            yield
+        finally:
+            held, self._held = self._held, None
+            if held:
+                self._backend.append_logs(held)
+                # Read back: a backend knows where records lie that it has read, and nobody else may have written.
+                if list(self._backend.read_logs(self._first)) != held:
+                    raise UserError(
+                        "another process writes to this campaign's study; let only one run at a time"
+                    )
 
 
 def open_storage(
@@ -46,8 +107,7 @@ def open_storage(
     url = _with_password(storage)
     try:
         if storage.startswith("redis"):
-            backend = JournalRedisBackend(url)
-            return JournalStorage(backend)
+            return Journal(JournalRedisBackend(url))
         return optuna.storages.RDBStorage(url)
     except Exception as error:  # SQLAlchemy, drivers and redis each raise families of their own
         raise UserError(
@@ -137,7 +197,7 @@ def _journal(path: Path, must_exist: bool, heal: bool) -> optuna.storages.BaseSt
                 # Nobody writes now: a lock file here was left by a killed process.
                 path.with_name(path.name + ".lock").unlink(missing_ok=True)
         with _without_collector():
-            return JournalStorage(JournalFileBackend(str(path)))
+            return Journal(JournalFileBackend(str(path)))
     except OSError as error:
         raise UserError(f"cannot open the ledger {path}: {error.strerror}; make it writable") from error
     except UserError:

@@ -40,6 +40,8 @@ def next_block(
     The world visited least (ties: list order), so worlds are taken in turn; in it the replicate used least among
     those this configuration has not flown there. A configuration that has flown them all gets a fresh number.
     """
+    if proposal.world is not None and proposal.replicate is not None:
+        return proposal.world, proposal.replicate
     visits = collections.Counter(t.world for t in missions)
     world = proposal.world or min(worlds_of(worlds), key=lambda place: visits[place])
     if proposal.replicate is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -33,7 +34,7 @@ class Observation:
         """Whether the mission produced the objective's metric."""
         return self.outcome is not None
 
-    @property
+    @functools.cached_property
     def world(self) -> World:
         """Where it was flown."""
         return World(self.rock, self.condition)
@@ -50,7 +51,7 @@ class Pending:
     memory: Mapping[str, Any] = field(default_factory=dict)
     condition: str = IDEAL
 
-    @property
+    @functools.cached_property
     def world(self) -> World:
         """Where it is flown."""
         return World(self.rock, self.condition)

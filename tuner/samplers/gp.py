@@ -56,7 +56,7 @@ class GPSampler:
         s, proposals, flying = self.settings, list[Proposal](), list(pending)
         feasible = [o for o in history if o.feasible]
         model: RockMeanGP | None = None
-        modelled, drawn = 0, list[Values]()
+        modelled, drawn, from_draws = 0, list[Values](), list[int]()
         while len(proposals) < count:
             number = asks(history, flying)
             if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
@@ -78,9 +78,14 @@ class GPSampler:
                         model, count - len(proposals), derived_seed(s.seed, number), s.risk
                     )
                     proposal = self._drawn(model, history, flying, number, drawn.pop())
+                    from_draws.append(len(proposals))
                 modelled += 1
             proposals.append(proposal)
             flying.append(in_flight(s, history, flying, proposal))
+        if model is not None and from_draws:
+            predicted = _predicted(model, [proposals[i] for i in from_draws])
+            for i, proposal in zip(from_draws, predicted, strict=True):
+                proposals[i] = proposal
         return proposals
 
     def _for_both(
@@ -115,9 +120,9 @@ class GPSampler:
             values, figures = propose_within(model, within, configurations, seed)
         again = self._verified(model, history, flying, number, figures["expected_gain"], within)
         if again is not None:
-            return _predicted(model, dataclasses.replace(again, why={**figures, **again.why}))
+            return _predicted(model, [dataclasses.replace(again, why={**figures, **again.why})])[0]
         proposal = Proposal(values, {"sampler": self.name, "phase": "model", **figures})
-        return _predicted(model, _placed(s, history, flying, proposal))
+        return _predicted(model, [_placed(s, history, flying, proposal)])[0]
 
     def _drawn(
         self,
@@ -129,9 +134,9 @@ class GPSampler:
     ) -> Proposal:
         again = self._verified(model, history, flying, number, math.inf)
         if again is not None:
-            return _predicted(model, again)
+            return again
         proposal = Proposal(values, {"sampler": self.name, "phase": "model", "drawn": True})
-        return _predicted(model, _placed(self.settings, history, flying, proposal))
+        return _placed(self.settings, history, flying, proposal)
 
     def _verified(
         self,
@@ -176,11 +181,13 @@ def _placed(
     return dataclasses.replace(proposal, rock=world.rock, condition=world.condition, replicate=replicate)
 
 
-def _predicted(model: RockMeanGP, proposal: Proposal) -> Proposal:
-    """With what the model predicts of the mission, so that it can be told how well it did."""
-    assert proposal.world is not None
-    mean, sd = model.predict_mission(proposal.values, proposal.world, proposal.replicate)
-    return dataclasses.replace(proposal, memory={PREDICTED: [mean, sd]})
+def _predicted(model: RockMeanGP, proposals: Sequence[Proposal]) -> list[Proposal]:
+    """With what the model predicts of the missions, so that it can be told how well it did."""
+    missions = [(p.values, p.world, p.replicate) for p in proposals if p.world is not None]
+    return [
+        dataclasses.replace(proposal, memory={PREDICTED: [mean, sd]})
+        for proposal, (mean, sd) in zip(proposals, model.predict_missions(missions), strict=True)
+    ]
 
 
 def make_gp_sampler(name: str, settings: SamplerSettings) -> GPSampler:

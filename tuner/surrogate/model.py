@@ -252,12 +252,23 @@ class RockMeanGP:
         None, is a block like the others whose offset is not known.
         """
         (world,) = worlds_of([place])
+        return self.predict_missions([(values, world, replicate)])[0]
+
+    def predict_missions(
+        self, missions: Sequence[tuple[Mapping[str, Any], World, int | None]]
+    ) -> list[tuple[float, float]]:
+        """`predict_mission` of each of several."""
         with torch.no_grad():
-            x = self.inputs(self.space.to_unit(values)[None], world, self.block_level(world, replicate))
-            centre, covariance = moments(self.model.posterior(x, observation_noise=True))
-            mean, sd = float(centre[0]), math.sqrt(float(covariance[0, 0]))
-        scale = self.standardiser.scale(world)
-        return self.standardiser.centre(world) + scale * mean, scale * sd
+            x = [
+                self.inputs(self.space.to_unit(values)[None], world, self.block_level(world, replicate))
+                for values, world, replicate in missions
+            ]
+            means, covariance = moments(self.model.posterior(torch.cat(x), observation_noise=True))
+        found = []
+        for (_, world, _), mean, variance in zip(missions, means, covariance.diagonal()):
+            scale = self.standardiser.scale(world)
+            found.append((self.standardiser.centre(world) + scale * float(mean), scale * math.sqrt(variance)))
+        return found
 
     def predict_in_world(self, values: Mapping[str, Any], place: Place) -> float:
         """Posterior mean outcome of one configuration in one known world, in the objective's unit."""

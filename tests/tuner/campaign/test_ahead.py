@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import optuna
 import pytest
 import synthetic
 from fake_campaigns import settings
+from optuna.storages.journal import BaseJournalBackend, JournalFileBackend
+from optuna.storages.journal._base import BaseJournalSnapshot
 
+from nbv.errors import UserError
 from tuner.campaign import ahead
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
+from tuner.campaign.storage import Journal
 from tuner.missions.executors import InProcessExecutor
 from tuner.missions.job import MissionOutcome
 from tuner.problem.observations import Observation
@@ -77,3 +84,42 @@ def test_a_batch_is_good_and_its_members_differ() -> None:
     drawn = [synthetic.true_value(p.values) for p in batch if p.why.get("drawn")]
     assert len(drawn) == 20 and np.mean(drawn) > np.mean([o.outcome for o in history]) + 0.1
     assert {p.rock for p in batch} == {"r0", "r1"}
+
+
+def test_what_is_written_together_is_synchronised_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, synchronised, really = tmp_path / "study.journal", [], os.fsync
+    storage, other = (Journal(JournalFileBackend(str(path))) for _ in range(2))
+    study = optuna.create_study(study_name="s", storage=storage)
+    monkeypatch.setattr(os, "fsync", lambda file: synchronised.append(really(file)))
+    optuna.load_study(study_name="s", storage=other).set_user_attr("note", "a dashboard's")
+    before = path.read_bytes()
+    with storage.together():
+        for i in range(3):
+            study.add_trial(optuna.trial.create_trial(value=i, user_attrs={"rock": "slab"}))
+        assert path.read_bytes() == before and len(study.trials) == 3
+    assert len(synchronised) == 2
+    assert study.trials == optuna.load_study(study_name="s", storage=other).trials
+    study.set_user_attr("more", 1)
+    assert study.user_attrs == {"note": "a dashboard's", "more": 1}
+    with pytest.raises(UserError, match="another process writes"), storage.together():
+        study.set_user_attr("one", 1)
+        other.set_study_user_attr(0, "two", 2)
+
+
+def test_a_redis_that_holds_a_pickle_runs_nothing() -> None:
+    class Redis(BaseJournalBackend, BaseJournalSnapshot):
+        def read_logs(self, log_number_from: int) -> list[dict[str, Any]]:
+            return []
+
+        def append_logs(self, logs: list[dict[str, Any]]) -> None:
+            raise AssertionError
+
+        def save_snapshot(self, snapshot: bytes) -> None:
+            raise AssertionError
+
+        def load_snapshot(self) -> bytes:
+            return b"cos\nabort\n(tR."  # os.abort()
+
+    assert Journal(Redis()).get_all_studies() == []

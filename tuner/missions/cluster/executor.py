@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import logging
 import queue
 import time
@@ -112,24 +113,34 @@ class DaskExecutor:
         """Outcomes that arrived within ``timeout_s``."""
         deadline = time.monotonic() + timeout_s
         ready: list[MissionOutcome] = []
-        while self._flights:
-            try:
-                left = 0.0 if ready else max(0.0, deadline - time.monotonic())
-                job_id, future = self._done.get(timeout=left) if left else self._done.get_nowait()
-            except queue.Empty:
+        while self._flights and not ready:
+            done = self._ended(max(0.0, deadline - time.monotonic()))
+            if not done:
                 break
-            flight = self._flights.get(job_id)
-            if flight is None or flight.future is not future:
-                continue  # of a flight that was given up
-            if (outcome := self._landed(flight)) is not None:
-                ready.append(outcome)
+            answers = self._answers([flight.future for flight in done])
+            landed = [self._landed(flight, *answer) for flight, answer in zip(done, answers)]
+            ready = [outcome for outcome in landed if outcome is not None]
         return ready
 
-    def _landed(self, flight: _Flight) -> MissionOutcome | None:
+    def _ended(self, timeout_s: float) -> list[_Flight]:
+        """All flights that have ended, waiting so long for the first; those that were given up are left out."""
+        found: list[_Flight] = []
+        deadline = time.monotonic() + timeout_s
+        with contextlib.suppress(queue.Empty):
+            while True:
+                left = 0.0 if found else max(0.0, deadline - time.monotonic())
+                job_id, future = self._done.get(timeout=left) if left else self._done.get_nowait()
+                flight = self._flights.get(job_id)
+                if flight is not None and flight.future is future:
+                    found.append(flight)
+        return found
+
+    def _landed(
+        self, flight: _Flight, answer: dict[str, Any] | None, reason: str, message: str
+    ) -> MissionOutcome | None:
         """The outcome; None where the mission goes up again."""
         job, wall_s = flight.job, time.monotonic() - flight.since
         del self._flights[job.id]
-        answer, reason, message = self._answer(flight.future)
         if answer is not None and "refused" in answer:
             return failed_outcome(job, "user_error", answer["refused"])
         if answer is not None and "needs" in answer:
@@ -147,6 +158,15 @@ class DaskExecutor:
             self._send(job, flight.number + 1)
             return None
         return outcome
+
+    def _answers(self, futures: list[Future]) -> list[tuple[dict[str, Any] | None, str, str]]:
+        """Of each what the worker said, or why it said nothing; fetched together where all is well."""
+        if len(futures) > 1 and all(future.status == "finished" for future in futures):
+            with contextlib.suppress(Exception):  # one by one they say which it was
+                fetch = functools.partial(self._client.gather, futures, asynchronous=True)
+                answers = self._client.sync(fetch, callback_timeout=_RECONNECT_S)
+                return [(answer, "", "") for answer in answers]
+        return [self._answer(future) for future in futures]
 
     def _answer(self, future: Future) -> tuple[dict[str, Any] | None, str, str]:
         """What the worker said, or why it said nothing."""
