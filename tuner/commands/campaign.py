@@ -84,7 +84,7 @@ def run(
         str | None,
         typer.Option(
             help="Search space: gate, gate_and_weights (default), paper_ten, gate_weights_and_pool, full, beyond_paper, "
-            "few_photographs, or a YAML file.",
+            "few_photographs, photographs, or a YAML file.",
             rich_help_panel=_WHAT,
         ),
     ] = None,

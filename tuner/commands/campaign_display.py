@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from tuner.campaign.events import CampaignEvent, CampaignStatus
     from tuner.campaign.settings import CampaignSettings
     from tuner.recommendation.next_rock import NextRock
-    from tuner.recommendation.recommendation import Recommendation, SecondObjective
+    from tuner.recommendation.recommendation import Recommendation
     from tuner.recommendation.sparsest import Sparsest
 
 
@@ -97,7 +97,9 @@ def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:
             for path, value in trial.values.items()
             if value != default.get(path)
         ]
-        outcome = f"{trial.raw:7.2f}{mark} {trial.wall_s:4.0f} s  {' '.join(changed) or 'the default'}"
+        second = trial.measured(settings.second) if settings.second else None
+        also = f" at {second:.1f}" if second is not None else ""
+        outcome = f"{trial.raw:7.2f}{also}{mark} {trial.wall_s:4.0f} s  {' '.join(changed) or 'the default'}"
     line = f"#{trial.number + 1:03d} {trial.world.label:<12} r{trial.replicate} {' '.join(outcome.split(chr(10)))}"
     return line if len(line) <= LINE else f"{line[: LINE - 1]}…"
 
@@ -213,23 +215,10 @@ def next_rock_lines(found: NextRock) -> list[str]:
     return [gain, *found.warnings()]
 
 
-def limit_text(found: SecondObjective, settings: CampaignSettings) -> str:
-    """One line on the second objective and its limit."""
-    second = settings.second
-    assert second is not None
-    asked = f"{second.metric} {'<=' if second.direction == 'minimise' else '>='} {settings.limit:g}"
-    has = f"{second.metric} {second.sign * found.mean:.2f} ± {found.sd:.2f}"
-    if found.kept:
-        return f"asked for {asked}: {has} (kept with a probability of {100 * found.probability:.0f} %)"
-    return (
-        f"no configuration flown keeps {asked}: the likeliest, shown above, has {has}; ask for less, or search further "
-        "with gatetune campaign resume --missions"
-    )
-
-
 def show_recommendation(recommendation: Recommendation | None, settings: CampaignSettings) -> None:
     """The verdict and what to use, then the values beside the defaults."""
     from tuner.missions.registry import is_geometric
+    from tuner.report.campaign.answers import limit_text
 
     of_paper, geometric = settings.mission is None, is_geometric(settings.runner)
     if recommendation is None:
@@ -251,7 +240,8 @@ def show_recommendation(recommendation: Recommendation | None, settings: Campaig
     )
     output.print(table)
     if recommendation.limit is not None:
-        output.print(limit_text(recommendation.limit, settings))
+        assert settings.second is not None and settings.limit is not None
+        output.print(limit_text(recommendation.limit, settings.second, settings.limit))
     if recommendation.next_rock is not None:
         for line in next_rock_lines(recommendation.next_rock):
             output.print(line)
@@ -267,11 +257,17 @@ def show_recommendation(recommendation: Recommendation | None, settings: Campaig
 
 def show_verdict(recommendation: Recommendation, *, of_paper: bool, geometric: bool) -> None:
     """What the recommendation is worth against the default, and what of it to use."""
+    from tuner.report.labels import metric_label
+
     low, high = recommendation.improvement_interval_95
     whose = "paper's " if of_paper else ""
     by = "predicted by the low-fidelity simulator" if geometric else "by the surrogate"
+    saved = ""
+    if recommendation.metric.startswith("costs."):
+        name = metric_label(recommendation.metric).axis
+        saved = f"{name}: {recommendation.mean:.1f} in place of {recommendation.default_mean:.1f}; "
     output.print(
-        f"improvement over the {whose}defaults {recommendation.improvement:+.2f} "
+        f"{saved}improvement over the {whose}defaults {recommendation.improvement:+.2f} "
         f"(calibrated 95 % interval {low:+.2f} to {high:+.2f}) on the training rocks, {by}; "
         "`gatetune evaluate` measures it on held-out rocks"
     )

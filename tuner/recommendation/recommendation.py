@@ -69,6 +69,8 @@ class SecondObjective:
     sd: float
     probability: float  # that the limit is kept
     at_least: float  # the limit, oriented alike
+    default_mean: float  # of the default, oriented alike
+    default_sd: float
 
 
 @dataclass(frozen=True)
@@ -271,14 +273,24 @@ def recommend(
         sparsest=simple,
         inactive=inactive,
         next_rock=elsewhere,
-        limit=None if within is None else _second_objective(within, configurations[best], kept),
+        limit=None if within is None else _second_objective(within, configurations[best], default, kept),
     )
 
 
-def _second_objective(within: Within, values: Mapping[str, Any], kept: bool) -> SecondObjective:
-    (mean,), (sd,) = within.belief([values])
+def _second_objective(
+    within: Within, values: Mapping[str, Any], default: Mapping[str, Any], kept: bool
+) -> SecondObjective:
+    means, sds = within.belief([values, default])
     (probability,) = within.probability([values])
-    return SecondObjective(kept, float(mean), float(sd), float(probability), within.at_least)
+    return SecondObjective(
+        kept,
+        float(means[0]),
+        float(sds[0]),
+        float(probability),
+        within.at_least,
+        float(means[1]),
+        float(sds[1]),
+    )
 
 
 def _rock_row(

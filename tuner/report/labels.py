@@ -12,6 +12,14 @@ from nbv.evaluation.registry import find_metric
 
 MISSING = "–"
 SURFACES = {"whole": "whole surface", "observable": "observable surface"}
+COSTS = {
+    "images": ("Photographs", ""),
+    "registered_images": ("Registered photographs", ""),
+    "flight_time_s": ("Flight", "s"),
+    "path_length_m": ("Path", "m"),
+    "energy_wh": ("Energy", "Wh"),
+    "wall_s": ("Computing", "s"),
+}
 VARIANTS = {"gated": "after the ground-truth gate", "ungated": "without ground-truth gate"}
 
 
@@ -78,6 +86,9 @@ def metric_label(path: str) -> MetricLabel:
     Unknown paths are shown as they are, with the unit that their ending tells.
     """
     *prefix, key = path.split(".")
+    if prefix == ["costs"] and key in COSTS:
+        name, unit = COSTS[key]
+        return MetricLabel(name, unit, "", False)
     surface = ", ".join(SURFACES.get(part) or VARIANTS.get(part) or part for part in reversed(prefix))
     floor = "_floor_mm" if key.endswith("_floor_mm") else ""
     if found := find_metric(f"{key.removesuffix(floor)}_mm" if floor else key):

@@ -12,13 +12,16 @@ import pytest
 from nbv.mission.result import IterationRecord
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.ledger import TrialRecord
+from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
 from tuner.recommendation.next_rock import NextRock
+from tuner.recommendation.recommendation import SecondObjective
 from tuner.recommendation.sparsest import Sparsest
 from tuner.report.campaign.answers import (
     EQUAL,
     gate_rows,
     gate_words,
+    limit_text,
     measure_text,
     next_answer,
     pairs,
@@ -28,6 +31,7 @@ from tuner.report.campaign.answers import (
 from tuner.report.campaign.drawings import gate_drawing, pairs_drawing
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.campaign.rows import failure_rows, key_figures
+from tuner.report.labels import metric_label
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +78,21 @@ def test_a_gain_never_flown_side_by_side_is_predicted(campaign: Campaign) -> Non
     said = sure_answer(facts)
     assert "is better than" in said[0] and said[1].startswith("Predicted, not flown")
     assert "gatetune confirm" in next_answer(facts, evaluated=False)[1]
+
+
+def test_photographs_saved_and_quality_kept_are_said(campaign: Campaign) -> None:
+    limit = SecondObjective(True, 98.6, 0.2, 0.97, 98.0, 98.4, 0.1)
+    facts = better(campaign, metric="costs.images", mean=21.0, default_mean=32.0, limit=limit)
+    asked = {"objective": Objective("costs.images", "minimise"), "second": Objective(), "limit": 98.0}
+    facts.settings = dataclasses.replace(facts.settings, sampler="gp", **asked)  # type: ignore[arg-type]
+    facts.label = metric_label("costs.images")
+    first, second, *_ = sure_answer(facts)
+    assert "21.0 in place of 32.0, improvement" in first
+    assert "at least 98.0 %: it has 98.6 % ± 0.2 (probability 97 %), the default 98.4 % ± 0.1." in second
+    missed = limit_text(dataclasses.replace(limit, kept=False), Objective(), 98.0)
+    assert missed.startswith(
+        "No configuration flown keeps F-score @ 48 mm, observable surface at least 98.0 %"
+    )
 
 
 def test_pairs_that_flew_are_counted(campaign: Campaign) -> None:

@@ -16,11 +16,13 @@ from nbv.mission.result import IterationRecord, MissionResult
 from tuner.campaign.ledger import TrialRecord
 from tuner.missions.registry import is_geometric
 from tuner.problem.configurations import configuration_key
-from tuner.recommendation.recommendation import Recommendation
+from tuner.problem.objective import Objective
+from tuner.recommendation.recommendation import Recommendation, SecondObjective
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.labels import (
     decimals_for,
     format_number,
+    metric_label,
     parameter_label,
     parameter_value,
     strategy_label,
@@ -155,6 +157,11 @@ def campaign_headline(
     )
     if recommendation.values == recommendation.default_values:
         return f"The {default} is itself the recommendation: nothing flown so far is believed to be better."
+    if recommendation.metric.startswith("costs."):
+        how = (
+            f"{with_unit(recommendation.mean, difference_unit)} in place of "
+            f"{with_unit(recommendation.default_mean, difference_unit)}, {how}"
+        )
     kind = verdict(recommendation.improvement_interval_95)
     if kind == "better":
         said = f"The recommended configuration is better than the {default} in {metric}: {how}."
@@ -163,6 +170,23 @@ def campaign_headline(
     else:
         said = f"No difference detected between the recommended configuration and the {default} in {metric}: {how}."
     return f"{by}{said[0].lower()}{said[1:]}" if by else said
+
+
+def limit_text(found: SecondObjective, second: Objective, limit: float) -> str:
+    """One sentence on the second objective, its limit, and what the default has of it."""
+    label = metric_label(second.metric)
+    asked = f"{label.full} {'at most' if second.direction == 'minimise' else 'at least'} {with_unit(limit, label.unit, 1)}"
+    has, of_default = (
+        f"{with_unit(second.sign * mean, label.unit, 1)} ± {format_number(sd, 1)}"
+        for mean, sd in ((found.mean, found.sd), (found.default_mean, found.default_sd))
+    )
+    if found.kept:
+        chance = f"probability {100 * found.probability:.0f} %"
+        return f"Asked for {asked}: it has {has} ({chance}), the default {of_default}."
+    return (
+        f"No configuration flown keeps {asked}: the likeliest, shown here, has {has}, the default {of_default}; ask for less, "
+        "or search further with gatetune campaign resume --missions."
+    )
 
 
 def sure_answer(facts: CampaignFacts) -> list[str]:
@@ -179,6 +203,9 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
     unit = facts.label.difference_unit
     by = "Predicted by the low-fidelity simulator: " if is_geometric(facts.settings.runner) else ""
     said = [campaign_headline(best, facts.label.full, unit, facts.default_name, by)]
+    s = facts.settings
+    if best.limit is not None and s.second is not None and s.limit is not None:
+        said.append(limit_text(best.limit, s.second, s.limit))
     both = [p for p in pairs(facts, best) if None not in (p.default, p.recommended)]
     rocks = len({p.place.rsplit(", replicate", 1)[0] for p in both})
     of = len(facts.settings.worlds)
