@@ -14,10 +14,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import stats
 
 from nbv.config import MissionConfig, load_condition, preset, under
 from nbv.photogrammetric import run_photogrammetric_mission
+from tuner.evaluation.statistics import mean_interval
 
 THREE_VIEWS = {"dense.agreeing_views": 3}
 FEW: dict[str, Any] = {
@@ -30,6 +30,13 @@ FEW: dict[str, Any] = {
     "pool.max_altitude_m": 2.1,
     "stop.adaptive_budget": 40,
 }
+TUNED = {
+    "seed.count": 13,
+    "seed.rings": 4,
+    "seed.span_deg": 21.0,
+    "pool.max_altitude_m": 1.541,
+    "stop.max_photographs": 21,
+}
 ARMS: dict[str, dict[str, Any]] = {
     "paper-64": {"stop.adaptive_budget": 40},
     "hyb-h-32": {},
@@ -38,6 +45,9 @@ ARMS: dict[str, dict[str, Any]] = {
     "few-21-matchable": {**FEW, "stop.max_photographs": 21, "gate.kind": "matchable"},
     "few-21-of-8": {**FEW, "seed.count": 8, "stop.max_photographs": 21},
     "few-21-of-16": {**FEW, "seed.count": 16, "stop.max_photographs": 21},
+    # What `make tune` found on its three rocks: the fewest photographs for F-score 98 at 48 mm.
+    "tuned-21": {**FEW, **TUNED},
+    "tuned-21-random": {**FEW, **TUNED, "gate.kind": "random"},
     "few-32": {**FEW, "seed.count": 16, "stop.max_photographs": 32},
     "few-32-matchable": {**FEW, "seed.count": 16, "stop.max_photographs": 32, "gate.kind": "matchable"},
     "few-32-random": {**FEW, "seed.count": 16, "stop.max_photographs": 32, "gate.kind": "random"},
@@ -64,6 +74,9 @@ def configuration(arm: str, condition: str) -> MissionConfig:
 
 PAIRS = (
     ("few-21-of-16", "paper-64"),
+    ("tuned-21", "paper-64"),
+    ("tuned-21", "hyb-h-32"),
+    ("tuned-21", "tuned-21-random"),
     ("few-32", "paper-64"),
     ("few-32", "hyb-h-32"),
     ("few-32", "few-32-random"),
@@ -86,10 +99,10 @@ def tell(out: Path) -> None:
             if not {one, other} <= set(arms) or len(rocks) < 2:
                 continue
             for metric in METRICS:
-                gain = np.array([float(of[r, one][metric]) - float(of[r, other][metric]) for r in rocks])
-                half = stats.t.ppf(0.975, len(gain) - 1) * gain.std(ddof=1) / len(gain) ** 0.5
-                mean = gain.mean()
-                print(f"  {one} - {other}, {metric}: {mean:+.2f} [{mean - half:+.2f}, {mean + half:+.2f}]")
+                gains = {r: [float(of[r, one][metric]) - float(of[r, other][metric])] for r in rocks}
+                gain = mean_interval(gains, "rocks")
+                assert gain is not None
+                print(f"  {one} - {other}, {metric}: {gain.mean:+.2f} [{gain.low:+.2f}, {gain.high:+.2f}]")
 
 
 def main() -> None:

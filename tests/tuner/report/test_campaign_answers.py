@@ -14,6 +14,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.ledger import TrialRecord
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
+from tuner.recommendation.inactive import Inactive
 from tuner.recommendation.next_rock import NextRock
 from tuner.recommendation.recommendation import SecondObjective
 from tuner.recommendation.sparsest import Sparsest
@@ -131,6 +132,11 @@ def test_the_fewest_changes_are_used_and_not_flown_said(campaign: Campaign) -> N
     assert [row[1] for row in answer["kept"]] == [first] and "0.77" in answer["sentence"]
     assert second not in answer["sentence"] and "d95" in answer["rest"]
     assert any("Predicted, not flown" in note for note in answer["notes"])
+    silent = [Inactive(p, "never compared", True) for p in facts.settings.space.paths if p != first]
+    flown_alike = better(
+        campaign, sparsest=sparse({**values, first: other(facts).values[first]}, (first,)), inactive=silent
+    )
+    assert "had changed no choice there" in use_answer(flown_alike)["notes"][-1]
 
 
 def test_where_nothing_is_needed_the_default_is_used(campaign: Campaign) -> None:

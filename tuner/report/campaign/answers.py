@@ -101,7 +101,12 @@ def use_answer(facts: CampaignFacts) -> dict[str, Any]:
             f"The fewest changes that are not worse than the best found: against the recommended configuration "
             f"{with_unit(of.difference, facts.label.difference_unit, facts.digits, signed=True)} ({low} to {high}), by the model."
         )
-    if kept and not missions:
+    put_back = {p for p in space.paths if values[p] != best.values[p]}
+    if kept and not missions and put_back <= {f.path for f in best.inactive if f.default_is_the_same}:
+        notes.append(
+            f"Flown {len(flown(facts, best.values))} times: what went back to the default had changed no choice there."
+        )
+    elif kept and not missions:
         notes.append(
             "Predicted, not flown: no mission flew exactly this configuration; the recommended one, "
             "with all its changes, flew "
