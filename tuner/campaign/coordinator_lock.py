@@ -1,17 +1,20 @@
 """One coordinator per campaign, on whatever machine: a row of the database that holds the ledger, kept alive by a heartbeat.
 
-Times are the database's own. A coordinator that has not been heard of for `TIMEOUT_S` is taken for dead, and another may go
-on in its place; should it come back, it finds the row another's and writes nothing more.
+Times are the database's own. A coordinator that has not been heard of for `TIMEOUT_S` is taken for dead, at once one of this
+machine whose process has ended, and another may go on in its place; should it come back, it finds the row another's and writes
+nothing more.
 """
 
 from __future__ import annotations
 
 import contextlib
+import os
 import socket
 import threading
 import time
 import uuid
 from collections.abc import Iterator
+from pathlib import Path
 
 import sqlalchemy as sa
 
@@ -78,21 +81,22 @@ class CoordinatorLock:
 
     def _take(self) -> None:
         _TABLE.create(self._engine, checkfirst=True)
-        own = {"owner": self._owner, "host": socket.gethostname(), "beat": self._now}
-        dead = (_TABLE.c.study == self._study, _TABLE.c.beat < self._now - TIMEOUT_S)
+        own = {"owner": self._owner, "host": this_process(), "beat": self._now}
+        ours = _TABLE.c.study == self._study
         try:
             with self._engine.begin() as database:
                 database.execute(sa.insert(_TABLE).values(study=self._study, **own))
         except sa.exc.IntegrityError:
             with self._engine.begin() as database:
-                taken = database.execute(sa.update(_TABLE).where(*dead).values(**own)).rowcount
                 row = database.execute(
-                    sa.select(_TABLE.c.host, self._now - _TABLE.c.beat).where(_TABLE.c.study == self._study)
+                    sa.select(_TABLE.c.owner, _TABLE.c.host, self._now - _TABLE.c.beat).where(ours)
                 ).first()
+                owner, host, ago_s = row or ("", "another machine", 0.0)
+                dead = _TABLE.c.owner == owner if _has_ended(host) else _TABLE.c.beat < self._now - TIMEOUT_S
+                taken = database.execute(sa.update(_TABLE).where(ours, dead).values(**own)).rowcount
             if not taken:
-                host, ago_s = row or ("another machine", 0.0)
                 raise UserError(
-                    f"campaign {self._study!r} is being flown on {host} (heard of {ago_s:.0f} s ago); stop it there, or wait "
+                    f"campaign {self._study!r} is being flown on {host.split()[0]} (heard of {ago_s:.0f} s ago); stop it there, or wait "
                     f"until {TIMEOUT_S:.0f} s after it died"
                 ) from None
         self._heard = time.monotonic()
@@ -114,3 +118,33 @@ class CoordinatorLock:
 def coordinator_lock(engine: sa.Engine, study: str) -> CoordinatorLock | None:
     """The lock of a database that several machines may reach; None for a file, whose run directory has a lock."""
     return CoordinatorLock(engine, study) if engine.dialect.name in _NOW else None
+
+
+def this_process() -> str:
+    """Host, and where the system tells: its boot, the space of its process numbers, this process's number and start."""
+    host = socket.gethostname()
+    try:
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+        return f"{host} {boot} {Path('/proc/self/ns/pid').readlink()} {os.getpid()} {_state_and_start(os.getpid())[1]}"
+    except OSError:
+        return host
+
+
+def _has_ended(process: str) -> bool:
+    """Whether `this_process` was said on this machine, by a process that is no more."""
+    theirs, mine = process.split(), this_process().split()
+    if len(theirs) != len(mine) or theirs[1:3] != mine[1:3] or len(mine) == 1:
+        return False
+    try:
+        os.kill(int(theirs[3]), 0)
+        state, start = _state_and_start(int(theirs[3]))
+    except ProcessLookupError:
+        return True
+    except OSError:  # somebody else's
+        return False
+    return start != theirs[4] or state in "ZX"
+
+
+def _state_and_start(pid: int) -> tuple[str, str]:
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return fields[0], fields[19]

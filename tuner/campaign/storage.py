@@ -68,8 +68,8 @@ class _Records(BaseJournalBackend):
 
     @contextlib.contextmanager
     def together(self) -> Iterator[None]:
-        """See `Journal`; inside another one it is part of that."""
-        if self._held is not None:
+        """See `Journal`; inside another one it is part of that. A Redis synchronises nothing, and may hold several campaigns."""
+        if self._held is not None or not isinstance(self._backend, JournalFileBackend):
             yield
             return
         self._held, self._seen = [], 0

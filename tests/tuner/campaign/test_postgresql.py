@@ -88,13 +88,17 @@ def test_a_coordinator_that_dies_is_replaced_elsewhere(
     elsewhere = tmp_path / "elsewhere/night"  # another machine has nothing but the database
     adopt_campaign(elsewhere, url)
     second = Campaign.open(elsewhere, runner=RUNNER)
-    with pytest.raises(UserError, match=r"being flown on .* s after it died"):
+    with monkeypatch.context() as there, pytest.raises(UserError, match=r"flown on \S+ \(.* s after it died"):
+        there.setattr(coordinator_lock, "this_process", lambda: "other boot pid:[1] 1 1")
         fly_campaign(second, InProcessExecutor())
     assert (
         fly_campaign(other, InProcessExecutor()).stopped == "budget"
     )  # a campaign of its own in the same database
-    monkeypatch.setattr(coordinator_lock, "TIMEOUT_S", 0.0)
-    assert fly_campaign(second, InProcessExecutor()).stopped == "budget"
+    with mine.ledger.exclusive(), pytest.raises(UserError, match="being flown on"):
+        fly_campaign(second, InProcessExecutor())  # of this process, which lives
+    assert (
+        fly_campaign(second, InProcessExecutor()).stopped == "budget"
+    )  # the dead one's machine knows at once
     trials = second.trials()
     assert [t.state for t in trials] == ["complete"] * 9 and [t.number for t in trials] == list(range(9))
     flown = list(tmp_path.glob("*/night/missions/*/flown.txt"))
