@@ -139,6 +139,19 @@ def test_the_fewest_changes_are_used_and_not_flown_said(campaign: Campaign) -> N
     assert "had changed no choice there" in use_answer(flown_alike)["notes"][-1]
 
 
+def test_a_guess_is_not_said_to_be_better(campaign: Campaign) -> None:
+    default = CampaignFacts(campaign).default
+    path = CampaignFacts(campaign).settings.space.paths[0]
+    found = sparse({**default, path: 0.77}, (path,))
+    assert "not known" not in use_answer(better(campaign, sparsest=found))["sentence"]
+    found = dataclasses.replace(
+        found, improvement_interval_95=(-0.2, 0.9), difference_interval_95=(-1e-9, 1e-9)
+    )
+    answer = use_answer(better(campaign, sparsest=found, noise_sd=0.5))
+    assert answer["sentence"].endswith("the best guess, not known to be better.")
+    assert "no difference to the recommended" in answer["notes"][0]
+
+
 def test_where_nothing_is_needed_the_default_is_used(campaign: Campaign) -> None:
     default = CampaignFacts(campaign).default
     facts = better(campaign, sparsest=sparse(default, ()), improvement_interval_95=(-0.1, 0.1), noise_sd=0.5)

@@ -292,6 +292,7 @@ def test_two_objectives_have_their_front(tmp_path: Path) -> None:
     assert len(re.findall(r"<tr><td>", section)) == len(front)
     assert f"{front[0].values['gate.budget_fraction']:.4g}" in section
     assert "Completeness @ 48 mm" in text and (tmp_path / "run" / "figures" / "front.png").is_file()
+    assert "maximised) against Completeness" in text and "the best by" in text
 
 
 @pytest.mark.slow

@@ -36,7 +36,7 @@ from tuner.report.labels import (
             "mm",
             False,
         ),
-        ("costs.flight_time_s", "Flight time, costs", "s", False),
+        ("costs.flight_time_s", "Flight", "s", False),
     ],
 )
 def test_metric_labels(path: str, full: str, unit: str, larger: bool) -> None:

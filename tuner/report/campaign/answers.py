@@ -32,6 +32,7 @@ from tuner.report.labels import (
 
 FEW = 3  # changes that a sentence can name
 EDGE = 0.005  # of the searched range: nearer to a bound counts as at it
+_NOTHING = 0.01  # of the noise of a mission
 EQUAL = "="  # both scorers' best view was the same: the gate had no choice
 
 
@@ -90,17 +91,21 @@ def use_answer(facts: CampaignFacts) -> dict[str, Any]:
         if len(kept) > FEW:
             text = f"these {len(kept)} changes"
         sentence = f"Use the {facts.default_name} with {text}."
+        interval = (best.sparsest or best).improvement_interval_95
+        if verdict(interval) != "better":
+            sentence = f"{sentence[:-1]}: the best guess, not known to be better."
     notes = []
     if best.sparsest is not None and kept and values != best.values:
         of = best.sparsest
-        low, high = (
-            format_number(v, _digits(of.difference_interval_95), signed=True)
-            for v in of.difference_interval_95
-        )
-        notes.append(
-            f"The fewest changes that are not worse than the best found: against the recommended configuration "
-            f"{with_unit(of.difference, facts.label.difference_unit, facts.digits, signed=True)} ({low} to {high}), by the model."
-        )
+        low, high = of.difference_interval_95
+        if max(abs(low), abs(high)) < _NOTHING * best.noise_sd:
+            against = "no difference to the recommended configuration"
+        else:
+            digits = _digits(of.difference_interval_95)
+            mean = with_unit(of.difference, facts.label.difference_unit, digits, signed=True)
+            low_high = " to ".join(format_number(v, digits, signed=True) for v in (low, high))
+            against = f"against the recommended configuration {mean} ({low_high})"
+        notes.append(f"The fewest changes that are not worse than the best found: {against}, by the model.")
     put_back = {p for p in space.paths if values[p] != best.values[p]}
     if kept and not missions and put_back <= {f.path for f in best.inactive if f.default_is_the_same}:
         notes.append(
@@ -329,8 +334,9 @@ def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
     edges = [p for p in at_edge(facts, values) if values[p] != facts.default[p]]
     if edges and facts.settings.mission is None:
         names = ", ".join(parameter_label(p).name for p in edges)
+        are = "is at the edge of its range" if len(edges) == 1 else "are at the edges of their ranges"
         return (
-            f"Widen a bound: {names} is at the edge of the searched range. Copy `search_space` of `campaign.yaml` into widened.yaml, widen it there, and search again.",
+            f"Widen a bound: {names} {are}. Copy `search_space` of `campaign.yaml` into widened.yaml, widen it there, and search again.",
             f"gatetune campaign run --space widened.yaml --learn-from {run}",
         )
     if is_geometric(facts.settings.runner):

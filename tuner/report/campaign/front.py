@@ -10,9 +10,32 @@ from matplotlib.figure import Figure
 
 from tuner.acquisition.front import FrontPoint, pareto_front
 from tuner.report.campaign.facts import CampaignFacts
-from tuner.report.labels import decimals_for, format_number, metric_label, parameter_value
+from tuner.report.labels import decimals_for, format_number, metric_label, parameter_value, with_unit
 from tuner.report.style import BLACK, BLUE, GREY, VERMILION, embed, look, new_figure
 from tuner.surrogate.numerics import NORMAL_95
+
+
+def second_text(facts: CampaignFacts) -> str:
+    """What is asked of the second objective, for the page's subtitle; empty where there is none."""
+    second, limit = facts.settings.second, facts.settings.limit
+    if second is None:
+        return ""
+    name = metric_label(second.metric).full
+    if limit is None:
+        return f" against {name} ({second.direction}d)"
+    bound = with_unit(limit, metric_label(second.metric).unit, 0 if limit == int(limit) else 2)
+    return f" with {name} {'at most' if second.direction == 'minimise' else 'at least'} {bound}"
+
+
+def front_note(facts: CampaignFacts) -> list[str]:
+    """That there is a front to choose from; empty with one objective, or a limit."""
+    second = facts.settings.second
+    if second is None or facts.settings.limit is not None:
+        return []
+    return [
+        f"This is the best by {facts.label.name} alone: what it takes in {metric_label(second.metric).name} is below, "
+        'under "Pareto front", with the configurations that take less.'
+    ]
 
 
 def front_context(facts: CampaignFacts, figures: Path) -> dict[str, Any] | None:
@@ -36,6 +59,9 @@ def front_context(facts: CampaignFacts, figures: Path) -> dict[str, Any] | None:
         ),
         "first": one.axis,
         "second": two.axis,
+        "choice": "Which of them to fly is a choice between the two; the recommendation above looks at the first alone."
+        if s.limit is None
+        else "The recommendation above is the best by the first that keeps the limit of the second.",
         "rows": [
             [
                 f"{format_number(p.first, digits[0])} ± {format_number(p.first_sd, digits[0])}",
@@ -79,7 +105,7 @@ def front_figure(facts: CampaignFacts, points: list[FrontPoint], front: list[Fro
         )
         marked = {facts.default_name: (facts.default, "D", BLACK)}
         if facts.recommendation is not None:
-            marked["recommended by the first objective"] = (facts.recommendation.values, "s", VERMILION)
+            marked["recommended"] = (facts.recommendation.values, "s", VERMILION)
         for label, (values, shape, colour) in marked.items():
             at = s.space.to_unit(values)
             own = [p for p in points if np.allclose(s.space.to_unit(p.values), at)]
@@ -94,6 +120,8 @@ def front_figure(facts: CampaignFacts, points: list[FrontPoint], front: list[Fro
                 ls="none",
                 label=label,
             )
+        if s.limit is not None:
+            ax.axvline(s.limit, color=VERMILION, ls="--", lw=1.2, label=f"limit {s.limit:g}")
         ax.set_xlabel(metric_label(s.second.metric).axis)
         ax.set_ylabel(facts.label.axis)
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)

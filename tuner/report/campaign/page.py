@@ -34,7 +34,7 @@ from tuner.report.campaign.answers import (
 from tuner.report.campaign.drawings import clouds_picture, gate_drawing, pairs_drawing
 from tuner.report.campaign.explorer import explorer_data, mission_link
 from tuner.report.campaign.facts import CampaignFacts
-from tuner.report.campaign.front import front_context
+from tuner.report.campaign.front import front_context, front_note, second_text
 from tuner.report.campaign.illustrations import (
     compute_time,
     history,
@@ -123,7 +123,7 @@ def _context(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[st
         "title": f"{s.name} · gatetune campaign",
         "name": f"Campaign {s.name}",
         "subtitle": f"{s.space.dimension} parameters of the search space “{s.space.name}” tuned for "
-        f"{label.full} ({s.objective.direction}d) on {len(s.rocks)} "
+        f"{label.full} ({s.objective.direction}d){second_text(facts)} on {len(s.rocks)} "
         f"{'rock' if len(s.rocks) == 1 else 'rocks'}: {rocks}{_under_conditions(facts)}",
         "warnings": _warnings(facts),
         "kpis": key_figures(facts),
@@ -176,11 +176,13 @@ def _answers(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[st
     best = facts.recommendation
     gate, rows = gate_answer(facts)
     why, command = next_answer(facts, evaluated=evaluated)
+    use = use_answer(facts)
+    use["notes"] += front_note(facts)
     differs = best is not None and best.values != best.default_values
     return {
         "measure": measure_text(facts),
         "verdict_kind": verdict(best.improvement_interval_95).split()[0] if best and differs else "",
-        "use": use_answer(facts),
+        "use": use,
         "sure": sure_answer(facts),
         "pairs": "" if best is None else pairs_drawing(pairs(facts, best), facts.label.axis, facts.digits),
         "gate": gate,

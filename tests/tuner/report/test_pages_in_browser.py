@@ -1,0 +1,51 @@
+"""The three pages in a real browser: no error in its console, and nothing wider than a telephone or a desk's window."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import fake_campaigns
+import pytest
+from browser import needs_chromium, opened
+from made_evaluations import made_run
+
+from nbv.config import preset
+from nbv.geometric import run_geometric_mission
+from tuner.problem.space_files import load_search_space
+from tuner.report import write_campaign_report, write_comparison_report, write_mission_view
+
+WIDTHS = (420, 1200)
+
+
+def campaign_page(folder: Path) -> Path:
+    space = load_search_space("gate")
+    return write_campaign_report(fake_campaigns.run(folder / "run", space=space, sampler="sobol", budget=6))
+
+
+def evaluation_page(folder: Path) -> Path:
+    names = ("tuned", "hyb-h", "hyb-o", "covis", "b-aware", "matchable", "random")
+    run = made_run({name: 60.0 - i for i, name in enumerate(names)}, rocks=("arch", "fin"), replicates=3)
+    return write_comparison_report(run, folder, title="Held out", reference="hyb-h")
+
+
+def mission_page(folder: Path) -> Path:
+    config = preset("campaign").with_values({"stop.adaptive_budget": 2, "evaluation.gt_samples": 2000})
+    run_geometric_mission(config, "slab", 0, folder / "first")
+    return write_mission_view([folder / "first"], folder / "view.html")
+
+
+@needs_chromium
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [campaign_page, evaluation_page, mission_page])
+def test_a_page_opens_without_an_error_at_both_widths(make, tmp_path: Path) -> None:
+    said, needed = opened(make(tmp_path).read_text(), WIDTHS)
+    assert said == []
+    assert set(needed) == set(WIDTHS) and all(needed[width] <= width for width in WIDTHS)
+
+
+@needs_chromium
+@pytest.mark.slow
+def test_errors_and_wide_content_are_noticed() -> None:
+    said, needed = opened("<p style='width: 700px'>wide</p><script>nobody.knows()</script>", WIDTHS)
+    assert len(said) == 2 and all("nobody is not defined" in line for line in said)
+    assert needed[420] > 420 and needed[1200] <= 1200
