@@ -12,6 +12,7 @@ help:
 	@echo "make test        set up, check the code, run all tests"
 	@echo "make fast-test   the tests that take less than a second or two each"
 	@echo "make fuzz        MINUTES=5 of damaged files through every parser, and the command line; runs/fuzz/fuzz.csv"
+	@echo "make faults      MINUTES=5 or COUNT=1000 of kills, stops and failing disks in campaigns; runs/faults/faults.csv"
 	@echo "make lint        ruff, mypy, import-linter"
 	@echo "make docs        build the documentation into site/"
 	@echo "make wheel-test  build sdist and wheel; run the three jobs from the wheel in an empty environment"
@@ -33,6 +34,9 @@ fast-test: setup
 
 fuzz: setup
 	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/fuzz.py
+
+faults: setup
+	$(BIN)/python benchmarks/faults.py
 
 lint: setup
 	$(BIN)/ruff check .

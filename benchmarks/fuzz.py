@@ -28,11 +28,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+os.environ["OMP_NUM_THREADS"] = (
+    "1"  # before numpy and torch are loaded: a process with threads cannot be forked
+)
 ROOT = Path(__file__).resolve().parents[1]
 CORPUS = ROOT / "tests" / "data" / "fuzz"
 TIME_LIMIT_S = 10
 MEMORY_LIMIT = 2 * 2**30
-BATCH = 25
+FIRST_BATCH, TURN_S = 25, 3.0
 OUTCOMES = ("read", "refused", "traceback", "hang", "memory", "died", "escaped")
 TOKENS = [
     *(
@@ -205,7 +208,7 @@ def _command_line(path: Path) -> None:
 
     arguments = [part.decode(errors="surrogateescape") for part in path.read_bytes().split(b"\0")]
     if {"run", "evaluate", "reproduce"} & set(arguments):
-        arguments += ["--rocks", "no-such-rock"] if arguments[0] != "mission" else []
+        arguments += ["--rock", "no-such-rock"] if arguments[0] != "mission" else []
     sys.argv = ["gatetune", *arguments]
     os.chdir(path.parent)
     try:
@@ -231,7 +234,7 @@ ARGUMENTS = [
         "1",
         "--name",
         "x",
-        "--rocks",
+        "--rock",
         "boulder",
         "--seed",
         "1",
@@ -242,16 +245,16 @@ ARGUMENTS = [
     ["mission", "explain", "run"],
     ["mission", "figures", "run"],
     ["rocks", "list"],
-    ["rocks", "show", "boulder"],
+    ["rocks", "show", "no-such-rock"],
     ["rocks", "import", "x.obj", "--name", "x"],
     ["config", "show", "campaign"],
     ["config", "paths"],
     ["export", "run", "--to", "x.yaml"],
-    ["evaluate", "run", "--rocks", "fin"],
+    ["evaluate", "run", "--rock", "fin"],
     ["learn-gate", "run", "--out", "x.json"],
     ["cache", "info"],
     ["cache", "prune", "--max-gb", "1"],
-    ["study", "noise", "--rocks", "x"],
+    ["study", "noise", "--rock", "x"],
     ["--version"],
 ]
 
@@ -499,15 +502,26 @@ def run_batch(target: str, first: int, count: int, folder: Path) -> list[tuple[s
 
 
 def fuzz(targets: list[str], seconds: float, cases: int | None, out: Path | None) -> dict[str, Counter[str]]:
-    """Cases of each target in turn until time or number is used up."""
+    """Cases of each target in turn, of each for the same time, until time or number (``cases`` of each) is used up."""
     table: dict[str, Counter[str]] = {t: Counter() for t in targets}
-    began, first = time.monotonic(), 0
+    spent_s = dict.fromkeys(targets, 0.0)
+    began = time.monotonic()
     seen: set[str] = set()
     with tempfile.TemporaryDirectory() as place:
         make_seeds(Path(place))
-        while (cases is None or first < cases) and (cases is not None or time.monotonic() - began < seconds):
-            count = BATCH if cases is None else min(BATCH, cases - first)
+        with (
+            Path(os.devnull).open("w") as quiet,
+            contextlib.redirect_stdout(quiet),
+            contextlib.redirect_stderr(quiet),
+        ):
+            for target in targets:  # what it imports, once: the children begin with it
+                run_case(target, case(target, 0), Path(place))
+        while cases is not None or time.monotonic() - began < seconds:
             for target in targets:
+                first = sum(table[target].values())
+                count = max(5, min(500, int(TURN_S * first / spent_s[target]))) if first else FIRST_BATCH
+                count = count if cases is None else min(count, cases - first)
+                started = time.monotonic()
                 for outcome, number, what in run_batch(target, first, count, Path(place)):
                     table[target][outcome] += 1
                     if outcome in OUTCOMES[2:]:
@@ -519,9 +533,11 @@ def fuzz(targets: list[str], seconds: float, cases: int | None, out: Path | None
                                 kept = out / "findings" / folder_of(target)
                                 kept.mkdir(parents=True, exist_ok=True)
                                 (kept / str(number)).write_bytes(case(target, number))
-            first += count
+                spent_s[target] += time.monotonic() - started
             if out is not None:
                 write_table(table, out / "fuzz.csv")
+            if cases is not None and all(sum(counts.values()) >= cases for counts in table.values()):
+                break
     return table
 
 

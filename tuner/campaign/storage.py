@@ -14,7 +14,12 @@ from typing import Any
 
 import optuna
 from optuna.storages import JournalStorage
-from optuna.storages.journal import BaseJournalBackend, JournalFileBackend, JournalRedisBackend
+from optuna.storages.journal import (
+    BaseJournalBackend,
+    JournalFileBackend,
+    JournalFileSymlinkLock,
+    JournalRedisBackend,
+)
 from sqlalchemy.exc import SQLAlchemyError
 
 from nbv.errors import UserError
@@ -164,6 +169,14 @@ def journal_path(storage: str | None, directory: Path) -> Path | None:
     return None
 
 
+class _JournalLock(JournalFileSymlinkLock):
+    """Optuna's, which says of any disk that fails that a lock was lost."""
+
+    def release(self) -> None:
+        """``OSError`` where the file system does not let go of it; a resume removes it."""
+        Path(self._lock_file).unlink(missing_ok=True)
+
+
 @contextlib.contextmanager
 def one_writer(path: Path) -> Iterator[None]:
     """Hold a journal for the one campaign that may write to it; the kernel frees it when the process dies.
@@ -197,7 +210,7 @@ def _journal(path: Path, must_exist: bool, heal: bool) -> optuna.storages.BaseSt
                 # Nobody writes now: a lock file here was left by a killed process.
                 path.with_name(path.name + ".lock").unlink(missing_ok=True)
         with _without_collector():
-            return Journal(JournalFileBackend(str(path)))
+            return Journal(JournalFileBackend(str(path), _JournalLock(str(path))))
     except OSError as error:
         raise UserError(f"cannot open the ledger {path}: {error.strerror}; make it writable") from error
     except UserError:

@@ -277,7 +277,7 @@ class LocalProcessExecutor:
             outcome = failed_outcome(job, reason, message, wall_s)
             with contextlib.suppress(OSError):  # so that the directory tells its own story
                 record_failure(job, reason, message)
-        if outcome.lost and flight.number < self._max_flights:
+        if flight.number < outcome.flights(self._max_flights):
             self._again.append(_Flight(job, time.monotonic(), flight.number + 1))
         else:
             self._ready.append(outcome)

@@ -29,6 +29,7 @@ _LOST = {
     "worker_killed",
     "worker_stopped",
 }
+_DOUBTFUL = {"out_of_memory", "worker_died"}  # the machine's or the configuration's: a second flight tells
 
 
 @dataclass(frozen=True)
@@ -85,6 +86,11 @@ class MissionOutcome:
     def lost(self) -> bool:
         """Whether the machine ended it: this says nothing about the configuration, and the mission may be flown again."""
         return self.status == "failed" and self.reason.partition(":")[0] in _LOST
+
+    def flights(self, most: int) -> int:
+        """How many flights in all an end like this one is worth: ``most`` where the machine ended it, two where it may have."""
+        doubtful = self.status == "failed" and self.reason.partition(":")[0] in _DOUBTFUL
+        return most if self.lost else min(2, most) if doubtful else 1
 
 
 def collect_outcome(job: MissionJob, wall_s: float | None = None) -> MissionOutcome | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import traceback
 from typing import Any
@@ -14,6 +15,11 @@ from tuner.missions.registry import resolve_runner
 
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _MACHINE_ERRORS = {
+    errno.EACCES,
+    errno.EPERM,
+    errno.ENODEV,
+    errno.ENXIO,
+    errno.ETIMEDOUT,
     errno.EIO,
     errno.EMFILE,
     errno.ENFILE,
@@ -44,22 +50,29 @@ def run_job(tree: dict[str, Any]) -> int:
         return 0
     except KeyboardInterrupt:
         raise
-    except UserError as error:
-        reason, message = "user_error", str(error)
-    except MissionFailure as error:
-        reason, message = error.reason, error.message
-    except MemoryError:
-        reason, message = "out_of_memory", "the mission ran out of memory"
-    except OSError as error:
-        code = errno.errorcode.get(error.errno or 0, "unknown")
-        kind = "machine_error" if error.errno in _MACHINE_ERRORS else "os_error"
-        reason, message = "disk_full" if error.errno in _FULL else f"{kind}: {code}", str(error)
     except BaseException as error:
-        reason, message = "mission_error", f"{type(error).__name__}: {error}"
-    traceback.print_exc()
+        failed = error
+        reason, message = _reason(error)
     try:
         record_failure(job, reason, message)
     except OSError:
-        traceback.print_exc()
-        return EXIT_NOT_WRITABLE
-    return EXIT_FAILED
+        status = EXIT_NOT_WRITABLE
+    else:
+        status = EXIT_FAILED
+    with contextlib.suppress(OSError):  # the log may lie on the same full disk
+        traceback.print_exception(failed)
+    return status
+
+
+def _reason(error: BaseException) -> tuple[str, str]:
+    if isinstance(error, UserError):
+        return "user_error", str(error)
+    if isinstance(error, MissionFailure):
+        return error.reason, error.message
+    if isinstance(error, MemoryError):
+        return "out_of_memory", "the mission ran out of memory"
+    if isinstance(error, OSError):
+        code = errno.errorcode.get(error.errno or 0, "unknown")
+        kind = "machine_error" if error.errno in _MACHINE_ERRORS else "os_error"
+        return "disk_full" if error.errno in _FULL else f"{kind}: {code}", str(error)
+    return "mission_error", f"{type(error).__name__}: {error}"

@@ -18,6 +18,7 @@ from nbv.config import MissionConfig
 from nbv.errors import UserError
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
+from tuner.missions.run_job import EXIT_NOT_WRITABLE, run_job
 
 
 def job(
@@ -82,10 +83,22 @@ def test_a_server_that_stands_still_is_noticed(tmp_path: Path, monkeypatch: pyte
         assert fly(executor, [])["0000"].status == "ok"
 
 
-@pytest.mark.parametrize("accident", ["kill", "stop"])
+@pytest.mark.parametrize("accident", ["kill", "stop", "abort"])
 def test_what_the_machine_ended_is_flown_again(tmp_path: Path, accident: str) -> None:
     with LocalProcessExecutor(1, 2.0, preload=("fake_missions:fake_mission",)) as executor:
         assert fly(executor, [job(tmp_path, f"once-{accident}")])["0000"].status == "ok"
+
+
+def test_a_full_disk_for_result_and_log_is_the_machine_s(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("tuner.missions.run_job.write_atomic", full)
+    monkeypatch.setattr("tuner.missions.run_job.record_failure", full)
+    monkeypatch.setattr("traceback.print_exception", full)
+    assert run_job(job(tmp_path).to_dict()) == EXIT_NOT_WRITABLE
 
 
 def test_a_mission_that_is_killed_every_time_is_lost(tmp_path: Path) -> None:

@@ -154,7 +154,7 @@ class DaskExecutor:
             outcome = MissionOutcome(**{**answer["outcome"], "directory": str(job.directory)})
         else:
             outcome = failed_outcome(job, reason, message, wall_s)
-        if outcome.lost and flight.number < self._max_flights and self._client.status == "running":
+        if flight.number < outcome.flights(self._max_flights) and self._client.status == "running":
             self._send(job, flight.number + 1)
             return None
         return outcome
