@@ -10,16 +10,25 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
-KINDS = ("coordinator", "coordinator's writes from the Nth on")
+KINDS = ("coordinator's writes from the Nth on",)
 
 
 @pytest.mark.slow
 def test_a_few_faults_do_no_harm(tmp_path: Path) -> None:
     asked = [part for kind in KINDS for part in ("--kind", kind)]
-    command = [sys.executable, "benchmarks/faults.py", "--count", "6", *asked, "--out", str(tmp_path)]
+    command = [
+        sys.executable,
+        "benchmarks/faults.py",
+        "--small",
+        "--count",
+        "4",
+        *asked,
+        "--out",
+        str(tmp_path),
+    ]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     *_, total = csv.DictReader((tmp_path / "faults.csv").open(newline=""))
-    assert int(total["faults"]) >= 6
+    assert int(total["faults"]) >= 3
     for harm in ("traceback", "hang", "lost", "repeated", "charged"):
         assert total[harm] == "0", harm
