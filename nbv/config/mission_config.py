@@ -182,6 +182,8 @@ def config_from_dict(tree: dict[str, Any], base: MissionConfig | None = None) ->
     UserError
         Unknown key or telemetry level, wrong type, or a value out of range.
     """
+    if not isinstance(tree, dict):
+        raise UserError(f"a configuration maps sections to their fields; this is {str(tree)[:60]!r}")
     merged = (base or MissionConfig()).to_dict()
     if isinstance(level := tree.get("telemetry"), str):
         tree = {**tree, "telemetry": dataclasses.asdict(telemetry_level(level))}

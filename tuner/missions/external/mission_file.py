@@ -5,6 +5,7 @@ from __future__ import annotations
 import collections
 import hashlib
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -154,6 +155,8 @@ def _parameter(name: str, entry: Mapping[str, Any], source: str) -> Parameter:
         if "low" not in entry or "high" not in entry or "choices" in entry:
             raise UserError(f"{where}: a {kind} has low and high, and no choices")
         low, high, scale = entry["low"], entry["high"], entry.get("scale", "linear")
+        if not (math.isfinite(low) and math.isfinite(high)):
+            raise UserError(f"{where}: low is {low:g} and high {high:g}; both must be finite")
         if not low < high:
             raise UserError(f"{where}: low is {low:g} and high {high:g}; low must be less")
         if scale == "log" and low <= 0:
