@@ -115,7 +115,7 @@ def _check(tree: Any, source: str) -> None:
         words = {str: "a text", int: "a whole number", list: "a list"}
         if not isinstance(value, kind) or isinstance(value, bool):
             raise UserError(f"{source}: {key} is {value!r}; it must be {words[kind]}: {FIELDS[key]}")
-        if kind is list and (other := [item for item in value if not isinstance(item, str)]):
+        if isinstance(value, list) and (other := [item for item in value if not isinstance(item, str)]):
             raise UserError(f"{source}: {key} holds {other[0]!r}; it must be a list of texts: {FIELDS[key]}")
     if not isinstance(tree.get("overrides") or {}, Mapping):
         raise UserError(
