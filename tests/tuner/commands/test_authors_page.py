@@ -22,7 +22,7 @@ def test_every_command_of_the_page_runs(gatetune, tmp_path):
     file, slowest_s = tmp_path / "lunar/mission.yaml", 0.0
     for words in COMMANDS:
         if words[0] == "campaign":  # now with faults, and a time limit that this machine keeps
-            tree = yaml.safe_load(file.read_text()) | {"time_limit_s": max(4.0, 5 * slowest_s)}
+            tree = yaml.safe_load(file.read_text()) | {"time_limit_s": max(2.5, 4 * slowest_s)}
             tree["instances"][0]["stack"]["environment"]["STAND_IN_FAULT"] = "campaign"
             file.write_text(yaml.safe_dump(tree))
         code, out, err = gatetune(*words)
@@ -37,7 +37,7 @@ def test_every_command_of_the_page_runs(gatetune, tmp_path):
         ("failed", "timeout"),
         ("failed", "no_candidates"),
     ]
-    assert (tmp_path / "lunar/flown").read_text() == "." * 9  # eight missions, and one again that had crashed
+    assert (tmp_path / "lunar/flown").read_text() == "." * 7  # six missions, and one again that had crashed
     # Without any failure the stand-in is best at 0.2; the default, 1.2, loses a third of the rock.
     best = campaign.recommendation(save=False)
     assert 0.05 < best.values["covis.weights.nov"] < 0.7 and best.improvement > 10
