@@ -31,7 +31,7 @@ os.environ["OMP_NUM_THREADS"] = (
     "1"  # before numpy and torch are loaded: a process with threads cannot be forked
 )
 ROOT = Path(__file__).resolve().parents[1]
-BUDGET, MOST_SESSIONS, LIMIT_S = 12, 40, 60.0
+BUDGET, MOST_SESSIONS, LIMIT_S = 24, 60, 60.0
 COLUMNS = (
     "faults",
     "campaigns",
@@ -122,8 +122,8 @@ def computing_s(pid: int) -> float:
 class Flight:
     """One campaign in a folder of its own, on whatever file system, and its record outside."""
 
-    def __init__(self, place: Path, run: Path, rng: random.Random, small: bool) -> None:
-        self.place, self.run, self.rng, self.small = place, run, rng, small
+    def __init__(self, place: Path, run: Path, rng: random.Random, *, small: bool, report: bool) -> None:
+        self.place, self.run, self.rng, self.report = place, run, rng, report
         budget = self.budget = 4 if small else BUDGET
         self.record = place / "record"
         self.settings = place / "settings.yaml"
@@ -179,7 +179,7 @@ class Flight:
             import tuner.campaign.campaign as looked_at
 
             looked_at.recommend = lambda *_, **__: None  # the model takes longer than all the rest
-            if self.small:
+            if not self.report:
                 import tuner.report.campaign.page as page
 
                 page.write_campaign_report = lambda campaign: (campaign.directory / "report.html").touch()
@@ -244,7 +244,7 @@ class Flight:
                 return True
         return False
 
-    def moment(self, session: Session, most: int = 12) -> None:
+    def moment(self, session: Session, most: int = 8) -> None:
         """Any moment of a session: of its first second, or between and in its missions."""
         if self.rng.random() < 0.2:
             self.wait(session, self.rng.uniform(0, 1))
@@ -352,7 +352,7 @@ def fly_one(kind: str, number: int, most: int | None = None, *, small: bool = Fa
     place = Path(tempfile.mkdtemp(prefix="faults-"))
     os.environ["GATETUNE_HOME"] = str(HOME)
     with own_disk(place / "disk", kind) as disk:
-        flight = Flight(place, disk / "run", rng, small)
+        flight = Flight(place, disk / "run", rng, small=small, report=not small and number % 5 == 0)
         try:
             for _ in range(MOST_SESSIONS):
                 if flight.done() or (most is not None and flight.faults >= most):
@@ -417,7 +417,7 @@ def main() -> int:
     )
     parser.add_argument("--kind", action="append", choices=list(KINDS))
     parser.add_argument("--only", help="KIND:NUMBER: this campaign")
-    parser.add_argument("--small", action="store_true", help="4 missions a campaign, no report: a test")
+    parser.add_argument("--small", action="store_true", help="4 missions a campaign, never a report: a test")
     parser.add_argument("--first", type=int, default=0, help="number of the first campaigns")
     parser.add_argument("--out", type=Path, default=Path("runs") / "faults")
     given = parser.parse_args()
