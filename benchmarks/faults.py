@@ -128,7 +128,7 @@ class Flight:
         self.record = place / "record"
         self.settings = place / "settings.yaml"
         self.settings.write_text(SETTINGS.format(budget=budget))
-        self.faults = 0
+        self.faults, self.done = 0, False
         self.verdicts: Counter[str] = Counter()
         self.told: list[str] = []
         self.aborted: set[str] = set()  # missions that were ended by a signal as of their own
@@ -266,6 +266,7 @@ class Flight:
             time.sleep(1)
             self.told.append(f"hang: {session.output.read_text(errors='replace')[-2500:]}")
         verdict = session.verdict()
+        self.done |= session.status == 0  # no other end says that the budget is used
         if session.status is None:
             kill_all(session.pid)
             os.waitpid(session.pid, 0)
@@ -282,10 +283,6 @@ class Flight:
             text = session.output.read_text(errors="replace") + (log.read_text() if log.is_file() else "")
             self.told.append(f"{verdict}: {text[-2500:]}")
             log.unlink(missing_ok=True)
-
-    def done(self) -> bool:
-        """Whether the budget is used, as far as the files tell."""
-        return (self.run / "report.html").is_file()
 
     def finish(self) -> None:
         """To the end without a fault, and the verdict of the record."""
@@ -355,7 +352,7 @@ def fly_one(kind: str, number: int, most: int | None = None, *, small: bool = Fa
         flight = Flight(place, disk / "run", rng, small=small, report=not small and number % 5 == 0)
         try:
             for _ in range(MOST_SESSIONS):
-                if flight.done() or (most is not None and flight.faults >= most):
+                if flight.done or (most is not None and flight.faults >= most):
                     break
                 KINDS[kind](flight)
             flight.finish()

@@ -90,6 +90,10 @@ def read_mesh_file(path: Path, notes: list[str]) -> Soup:
     for index, (part, transform) in enumerate(parts):
         local_faces = np.asarray(part.faces, dtype=np.int64)
         local = np.asarray(part.vertices, dtype=float)
+        if local.ndim != 2 or local.shape[1] != 3:
+            raise UserError(
+                f"mesh file {str(path)!r} has vertices of other than 3 coordinates; export it again"
+            )
         if local_faces.min() < 0 or local_faces.max() >= len(local):
             raise UserError(f"mesh file {str(path)!r} has faces that name vertices it does not hold")
         one, values = _skin(part, linear_colors, notes)

@@ -23,7 +23,7 @@ from typing import Any
 
 from nbv.config import MissionConfig, parameter_paths
 from nbv.errors import UserError
-from nbv.foreign import parse_yaml, read_text, require
+from nbv.foreign import is_file, parse_yaml, read_text, require
 from tuner.problem.search_space import Parameter, SearchSpace
 
 MAX_PARAMETERS = 100
@@ -59,7 +59,7 @@ def load_search_space(name_or_path: str | Path) -> SearchSpace:
     text = str(name_or_path)
     named = available_search_spaces()
     path = named[text] if text in named else Path(text)
-    if text not in named and not (path.suffix in (".yaml", ".yml") or path.exists()):
+    if text not in named and not (path.suffix in (".yaml", ".yml") or is_file(path)):
         raise UserError(
             f"unknown search space {text!r}; there are {', '.join(named) or 'none'}, or give a YAML file"
         )

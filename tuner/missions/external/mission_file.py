@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from nbv.errors import UserError
-from nbv.foreign import parse_yaml, read_bytes
+from nbv.foreign import is_file, parse_yaml, read_bytes
 from tuner.missions.external.checking import check
 from tuner.problem.objective import Direction, Objective
 from tuner.problem.search_space import Parameter, SearchSpace, Values
@@ -96,7 +96,7 @@ def load_mission_file(path: Path) -> MissionFile:
     """
     path = path.resolve()
     source = str(path)
-    if not path.is_file():
+    if not is_file(path):
         raise UserError(f"{source} is not a file; gatetune mission init writes a skeleton")
     content = read_bytes(path)
     try:
