@@ -1,77 +1,150 @@
-"""Pictures of the campaign's page and of the terminal for the documents: python docs/make_screenshots.py
+"""Pictures of page, viewer, dashboard and terminal for the documents: python docs/make_screenshots.py
 
-Runs a small campaign of geometric missions in a temporary folder (a minute), photographs its page with headless
-Chromium, and what the terminal said.
+Flies a small campaign with photographs in a temporary folder (a few minutes) and takes pictures in headless Chromium. Each
+picture holds a digest of the files that decide how what it shows looks; a test compares it. After a change of those
+that does not show, ``--same`` renews the digests alone.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import html
 import io
 import os
 import shutil
+import socket
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
-IMAGES = Path(__file__).resolve().parent / "images"
+ROOT = Path(__file__).resolve().parents[1]
+IMAGES = ROOT / "docs" / "images"
+TEMPLATES = "tuner/report/templates"
+MADE_FROM = {  # picture: what decides how it looks
+    "campaign_page": [f"{TEMPLATES}/{name}" for name in ("campaign.html.j2", "campaign.js", "page.html.j2")],
+    "mission_view": [f"{TEMPLATES}/{name}" for name in ("walk.html.j2", "walk.js")],
+    "dashboard": ["tuner/report/dashboard.py"],
+    "terminal": ["tuner/commands/campaign_display.py"],
+}
+DIGEST = "made from"  # the text in a picture that holds the digest
 CAMPAIGN = (
-    "campaign run --name mine --fidelity geometric --space gate_weights_and_pool --set stop.adaptive_budget=12 "
-    "--rock slab --rock vesicular --rock cavern --budget 30 --learn-from nothing --workers 1"
+    "campaign run --name mine --space gate_weights_and_pool --rock slab --rock vesicular --budget 12 --keep all "
+    "--learn-from nothing"
 )
-LINES, WIDTH, COLOURS = 34, 80, 64
+LINES, WIDTH = 34, 80
 TERMINAL = (
     "<meta charset=utf-8><body style='margin:0;background:#12161b;color:#e6e6e6'><pre style='margin:18px;"
     'font:15px/1.35 "DejaVu Sans Mono",monospace\'>{}</pre>'
 )
+OPTIONS = ["--headless", "--no-sandbox", "--hide-scrollbars"]
+GRAPHICS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
-def photograph(page: Path, size: tuple[int, int], target: Path) -> None:
-    """Photograph a local page; few colours, so that the file stays small."""
+def digest(name: str) -> str:
+    """Of the files that a picture is made from."""
+    found = hashlib.sha256()
+    for file in MADE_FROM[name]:
+        found.update((ROOT / file).read_bytes())
+    return found.hexdigest()[:16]
+
+
+def save(image: Image.Image, name: str) -> None:
+    """With few colours, so that the file stays small, and the digest."""
+    notes = PngInfo()
+    notes.add_text(DIGEST, digest(name))
+    buffer = io.BytesIO()
+    image.save(buffer, "PNG", optimize=True, pnginfo=notes)
+    (IMAGES / f"{name}.png").write_bytes(buffer.getvalue())
+    print(f"wrote {IMAGES / name}.png ({len(buffer.getvalue()) / 1000:.0f} kB)")
+
+
+def photograph(address: str, size: tuple[int, int], name: str, colours: int = 64, wait_s: int = 5) -> None:
+    """Photograph a page."""
     chromium = shutil.which("chromium") or shutil.which("google-chrome")
     if chromium is None:
         sys.exit("needs Chromium: apt-get install chromium")
     with tempfile.TemporaryDirectory() as folder:
         picture = Path(folder) / "page.png"
-        command = [chromium, "--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"]
-        command += ["--virtual-time-budget=4000", f"--window-size={size[0]},{size[1]}"]
-        subprocess.run(
-            [*command, f"--screenshot={picture}", page.resolve().as_uri()], check=True, capture_output=True
-        )
-        small = Image.open(picture).convert("RGB").quantize(COLOURS)
-    buffer = io.BytesIO()
-    small.save(buffer, "PNG", optimize=True)
-    target.write_bytes(buffer.getvalue())
-    print(f"wrote {target} ({len(buffer.getvalue()) / 1000:.0f} kB)")
+        command = [chromium, *OPTIONS, *GRAPHICS, f"--virtual-time-budget={1000 * wait_s}"]
+        command += [f"--window-size={size[0]},{size[1]}", f"--screenshot={picture}", address]
+        subprocess.run(command, check=True, capture_output=True, timeout=300)
+        image = Image.open(picture).convert("RGB").quantize(colours, Image.Quantize.MAXCOVERAGE)
+    save(image, name)
+
+
+def gatetune(words: list[str], folder: Path) -> str:
+    """What the command says on standard output, without a terminal."""
+    command = [sys.executable, "-m", "tuner.cli", *words]
+    environment = {**os.environ, "COLUMNS": str(WIDTH)}
+    return subprocess.run(
+        command, cwd=folder, env=environment, stdout=subprocess.PIPE, text=True, check=True
+    ).stdout
+
+
+def photograph_terminal(said: str, words: list[str], folder: Path) -> None:
+    """The last lines of what a command said."""
+    shown = [f"$ gatetune {' '.join(words[:2])} ...", *said.splitlines()[-LINES:]]
+    page = folder / "terminal.html"
+    page.write_text(TERMINAL.format(html.escape("\n".join(shown))))
+    photograph(page.as_uri(), (800, 24 + 21 * (len(shown) + 1)), "terminal")
+
+
+def photograph_dashboard(run: Path, folder: Path) -> None:
+    """The campaign in optuna-dashboard: its own server, the study's first page."""
+    gatetune(["export", str(run), "--to", "optuna", "--out", str(folder / "dashboard")], folder)
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    command = [Path(sys.executable).with_name("optuna-dashboard"), folder / "dashboard" / "study.journal"]
+    command += ["--artifact-dir", folder / "dashboard" / "artifacts", "--port", str(port)]
+    server = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        for _ in range(240):
+            with socket.socket() as probe:
+                if probe.connect_ex(("127.0.0.1", port)) == 0:
+                    break
+            time.sleep(0.5)
+        photograph(f"http://127.0.0.1:{port}/dashboard/studies/0", (1300, 1000), "dashboard", 96, wait_s=30)
+    finally:
+        server.terminate()
+        server.wait()
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--run", type=Path, help="A finished campaign's folder: fly none, and show its status."
-    )
-    given = parser.parse_args().run
-    with tempfile.TemporaryDirectory() as folder:
-        environment = {**os.environ, "COLUMNS": str(WIDTH)}
-        words = ["campaign", "status", str(given.resolve())] if given else CAMPAIGN.split()
-        said = subprocess.run(
-            [sys.executable, "-m", "tuner.cli", *words],
-            cwd=folder,
-            env=environment,
-            capture_output=True,
-            text=True,
-            check=True,
-        ).stdout
-        run = given or Path(folder) / "runs" / "mine"
-        photograph(run / "report.html", (1200, 1750), IMAGES / "campaign_page.png")
-        shown = [f"$ gatetune {' '.join(words[:2])} ...", *said.splitlines()[-LINES:]]
-        terminal = Path(folder) / "terminal.html"
-        terminal.write_text(TERMINAL.format(html.escape("\n".join(shown))))
-        photograph(terminal, (800, 24 + 21 * (len(shown) + 1)), IMAGES / "terminal.png")
+    parser.add_argument("--run", type=Path, help="A finished campaign with missions kept whole: fly none.")
+    parser.add_argument("--only", choices=list(MADE_FROM), help="This picture alone; needs --run.")
+    parser.add_argument("--same", action="store_true", help="What is shown looks as before: new digests.")
+    arguments = parser.parse_args()
+    if arguments.same:
+        for name in MADE_FROM:
+            save(Image.open(IMAGES / f"{name}.png"), name)
+        return
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        words = CAMPAIGN.split()
+        if arguments.run:
+            words = ["campaign", "status", str(arguments.run.resolve())]
+        said = gatetune(words, folder)
+        run = arguments.run.resolve() if arguments.run else folder / "runs" / "mine"
+        pictures = {
+            "campaign_page": lambda: photograph(
+                (run / "report.html").as_uri(), (1200, 1750), "campaign_page"
+            ),
+            "mission_view": lambda: photograph(
+                f"{(run / 'shown' / 'view.html').as_uri()}#step=28", (1300, 820), "mission_view", 224
+            ),
+            "dashboard": lambda: photograph_dashboard(run, folder),
+            "terminal": lambda: photograph_terminal(said, words, folder),
+        }
+        for name in [arguments.only] if arguments.only else MADE_FROM:
+            pictures[name]()
 
 
 if __name__ == "__main__":
