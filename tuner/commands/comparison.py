@@ -47,7 +47,7 @@ class ComparisonProgress:
             return
         world = World(Path(event.job.rock).stem, event.job.config.condition)
         if event.outcome is None:
-            label = f"{world.label} r{event.job.replicate}"
+            label = f"{event.job.id.split('/')[0]} {world.label} r{event.job.replicate}"
             return self._aloft.took_off(event.job.id, label, event.job.directory)
         self._aloft.landed(event.job.id)
         if event.kind == "failed":
@@ -100,7 +100,7 @@ def compare(
 
     executor = local_executor(plan.runner, workers, timeout_s, mission)
     output.print(
-        f"{len(plan.strategies)} strategies on {len(plan.rocks)} rocks x {plan.replicates} replicates{under_conditions(plan.conditions)}: "
+        f"{len(plan.strategies)} strategies on {len(plan.rocks)} {'rock' if len(plan.rocks) == 1 else 'rocks'} x {plan.replicates} replicates{under_conditions(plan.conditions)}: "
         f"{plan.missions} missions, {executor.capacity} workers"
     )
     with executor, progress_bar() as bar:

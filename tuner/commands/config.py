@@ -38,6 +38,7 @@ def metrics() -> None:
     Example: gatetune metrics, then gatetune campaign run --metric observable.completeness_48mm
     """
     from nbv.evaluation.registry import METRICS
+    from tuner.problem.quality_at_cost import COSTS, SHORT
 
     table = Table(title="--metric SURFACE.NAME, SURFACE observable or whole")
     for column in ("name", "what it is", "unit", "better"):
@@ -49,7 +50,8 @@ def metrics() -> None:
     output.print(table)
     output.print(f"T: a threshold in mm, one of {thresholds} (evaluation.thresholds_mm)")
     output.print(
-        "costs: --second-metric costs.flight_time_s, costs.path_length_m, costs.images, costs.wall_s"
+        f"costs, as in --objective 'f_score@photographs<=21': {', '.join(name for name, path in SHORT.items() if path in COSTS)}; "
+        f"or {', '.join(COSTS)}"
     )
 
 

@@ -252,7 +252,8 @@ def _sentences(leading: ComparisonTable, others: Sequence[str]) -> list[dict[str
             else "too few missions for an interval"
         )
         gain = with_unit(gain_interval(d, row.metric)[0], label.difference_unit, 1, signed=True)
-        how = f"improvement {gain} ({bounds}; {d.pairs} paired missions on {d.interval.rocks} rocks)"
+        rocks = "rock" if d.interval.rocks == 1 else "rocks"
+        how = f"improvement {gain} ({bounds}; {d.pairs} paired missions on {d.interval.rocks} {rocks})"
         text = {
             "better": f"{strategy_label(name)} is better than {reference} in {label.full}: {how}.",
             "worse": f"{strategy_label(name)} is worse than {reference} in {label.full}: {how}.",
