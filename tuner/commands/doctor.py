@@ -17,7 +17,7 @@ from typing import Literal
 
 import typer
 
-from tuner.commands.console import output
+from tuner.commands.console import output, working
 
 GIB = 2**30
 WORKER_GIB = 1.5  # of memory, for a mission with photographs
@@ -28,6 +28,7 @@ _SYSTEM = {
     "libEGL.so.1": "libegl1",
     "libGL.so.1": "libgl1",
     "libX11.so.6": "libx11-6",
+    "libudev.so.1": "libudev1",
     "libgomp.so.1": "libgomp1",
 }
 _CONSTRAINTS = Path(__file__).resolve().parents[2] / "constraints.txt"  # a clone has it, a wheel has not
@@ -50,7 +51,9 @@ def doctor() -> None:
     marks = {"ok": "[green]ok  [/]", "note": "[yellow]note[/]", "bad": "[red]BAD [/]"}
     findings = []
     for check in CHECKS:
-        for finding in check():
+        with working(f"checking {check.__name__.replace('_', ' ')}"):
+            found = list(check())
+        for finding in found:
             findings.append(finding)
             output.print(marks[finding.verdict], end=" ", markup=True)
             output.print(finding.what, markup=False, highlight=False, soft_wrap=True)
