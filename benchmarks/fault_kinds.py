@@ -24,13 +24,15 @@ _DEADLY = (signal.SIGKILL, signal.SIGABRT, signal.SIGSEGV, signal.SIGTERM)
 
 def coordinator(flight: Flight) -> None:
     """Killed, aborted, asked to end or stopped for a while, at any moment from its first."""
-    rng, session = flight.rng, flight.start()
-    flight.moment(session)
-    number = rng.choice([*_DEADLY, signal.SIGINT, signal.SIGSTOP, signal.SIGKILL, signal.SIGKILL])
-    flight.faults += send(None if session.ended() else session.pid, number)
-    if number == signal.SIGSTOP:
-        flight.wait(session, rng.uniform(0.1, 1.5))
-        send(session.pid, signal.SIGCONT)
+    rng, session, number = flight.rng, flight.start(), signal.SIGSTOP
+    while number == signal.SIGSTOP and not session.ended():
+        flight.moment(session)
+        number = rng.choice([*_DEADLY, signal.SIGINT, signal.SIGSTOP, signal.SIGKILL, signal.SIGKILL])
+        flight.faults += send(None if session.ended() else session.pid, number)
+        if number == signal.SIGSTOP:
+            flight.verdicts["went_on"] += 1
+            flight.wait(session, rng.uniform(0.1, 1.5))
+            send(session.pid, signal.SIGCONT)
     flight.close(session)
 
 
@@ -40,7 +42,8 @@ def _met(flight: Flight, session: Session, find: Callable[[], int | None]) -> No
     while not session.ended() and time.monotonic() - session.began < 60:
         flight.moment(session, 6)
         pid, number = find(), rng.choice([*_DEADLY, signal.SIGSTOP, signal.SIGSTOP])
-        if number in (signal.SIGABRT, signal.SIGSEGV) and _aborted_before(flight, pid):
+        aborts = number in (signal.SIGABRT, signal.SIGSEGV) and pid != session.server()
+        if aborts and _aborted_before(flight, pid):
             continue  # twice the same end of its own is the configuration's by design
         if send(pid, number):
             flight.faults += 1
@@ -52,12 +55,13 @@ def _met(flight: Flight, session: Session, find: Callable[[], int | None]) -> No
 
 
 def _aborted_before(flight: Flight, pid: int | None) -> bool:
+    """Or nobody knows which mission it is: it has just been started."""
     with contextlib.suppress(OSError):
         log = str(Path(f"/proc/{pid}/fd/1").readlink())
-        before = log in flight.aborted
-        flight.aborted.add(log)
-        return before
-    return pid is None
+        if log.endswith("worker.log") and log not in flight.aborted:
+            flight.aborted.add(log)
+            return False
+    return True
 
 
 def server(flight: Flight) -> None:
@@ -83,24 +87,29 @@ def stopped_server_and_killed_coordinator(flight: Flight) -> None:
 
 
 def _failing(flight: Flight, *, lasting: bool, everywhere: bool) -> None:
-    rng = flight.rng
-    at, error, asked = rng.randrange(1, 100), rng.choice(failing_calls.ERRORS), [0, 0]
+    rng, error, session = flight.rng, 0, None
+    left = rng.randrange(1, 100)  # calls to the next that fails
 
     def decide(pid: int, name: str, path: str) -> int:
-        if not everywhere and pid != session.pid:
+        nonlocal left, error
+        if session is None or (not everywhere and pid != session.pid):
             return 0
-        asked[0] += 1
-        if asked[0] < at or (asked[1] and not lasting):
-            return 0
-        asked[1] += 1
+        left -= 1
+        if left > 0 or (lasting and left < 0):
+            return error if lasting else 0
+        error = rng.choice(failing_calls.ERRORS)
+        flight.faults += 1
+        flight.verdicts["went_on"] += 1
+        if not lasting:
+            left = rng.randrange(1, 100)
         return error
 
-    session = None
-    session = flight.start(decide=lambda *call: decide(*call) if session is not None else 0)
-    flight.close(session)
-    flight.faults += bool(asked[1])
-    if not asked[1]:
-        flight.verdicts[session.verdict()] -= 1  # it was over before its turn came
+    before = flight.faults
+    session = flight.start(decide=decide)
+    flight.close(session, fault=False)
+    if flight.faults > before:  # the last is the one that ended it
+        flight.verdicts["went_on"] -= 1
+        flight.verdicts[session.verdict()] += session.verdict() not in ("hang", "traceback")
 
 
 def coordinator_cannot_write_once(flight: Flight) -> None:
@@ -119,18 +128,19 @@ def anybody_cannot_write(flight: Flight) -> None:
 
 
 def full_disk(flight: Flight) -> None:
-    """A small file system of its own is filled to the last byte while missions fly, and emptied afterwards."""
+    """A small file system of its own is filled to the last byte while missions fly, and emptied after a while."""
     session, filler = flight.start(), flight.run.parent / "filler"
-    flight.moment(session)
-    if not session.ended():
+    while not session.ended():
+        flight.moment(session)
         with contextlib.suppress(OSError), filler.open("wb", buffering=0) as file:
-            while True:
+            while not session.ended():
                 file.write(bytes(4096))
         flight.faults += 1
-        if not flight.wait(session, flight.rng.uniform(0.2, 4)):
-            filler.unlink()  # room comes back in flight
+        flight.verdicts["went_on"] += 1
+        flight.wait(session, flight.rng.uniform(0.2, 4))
+        filler.unlink(missing_ok=True)
+    flight.verdicts["went_on"] -= 1
     flight.close(session)
-    filler.unlink(missing_ok=True)
 
 
 def read_only_disk(flight: Flight) -> None:
@@ -153,20 +163,23 @@ def _fly_a_little(flight: Flight) -> None:
 
 
 def memory(flight: Flight) -> None:
-    """Coordinator, server or mission may not grow any more."""
-    rng, session = flight.rng, flight.start()
-    find = rng.choice([lambda: session.pid, session.server, session.worker])
-    flight.moment(session)
-    while not flight.wait(session, 0.02):
-        pid = find()
+    """Coordinator or mission may not grow any more (what the server may not, no mission after it may)."""
+    rng, session, limited = flight.rng, flight.start(), set[int]()
+    while not session.ended():
+        flight.moment(session)
+        pid = session.pid if rng.random() < 0.3 else session.worker()
+        if pid != session.pid and _aborted_before(flight, pid):
+            continue
         with contextlib.suppress(OSError):
-            if pid is not None:
+            if pid is not None and pid not in limited:
                 used = int(Path(f"/proc/{pid}/statm").read_text().split()[0]) * resource.getpagesize()
                 limit = used + rng.choice([0, 2**20, 2**24])
                 resource.prlimit(pid, resource.RLIMIT_AS, (limit, limit))
+                limited.add(pid)
                 flight.faults += 1
-                break
-    flight.close(session)
+                flight.verdicts["went_on"] += 1
+    flight.verdicts["went_on"] -= bool(limited)
+    flight.close(session, fault=bool(limited))
 
 
 def clock(flight: Flight) -> None:

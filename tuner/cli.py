@@ -34,6 +34,8 @@ from tuner.commands import (  # noqa: E402
 from tuner.commands.console import errors, output, speak  # noqa: E402
 
 EXIT_UNEXPECTED = 70  # EX_SOFTWARE
+# Python's, the loader's, PyTorch's and C++'s words
+_NO_MEMORY = ("annot allocate memory", "can't allocate memory", "failed to map segment", "std::bad_alloc")
 
 app = typer.Typer(
     name="gatetune",
@@ -106,6 +108,9 @@ def main() -> None:
     except Exception as error:
         if isinstance(error, OSError) and error.filename is not None:
             _say(f"{error.strerror}: {error.filename}")
+            sys.exit(2)
+        if isinstance(error, MemoryError) or any(said in str(error) for said in _NO_MEMORY):
+            _say("memory ran out; free some, or ask for fewer workers, then go on: what has ended is kept")
             sys.exit(2)
         log = _keep_traceback()
         where = f"; the details are in {log}" if log else ""

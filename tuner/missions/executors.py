@@ -120,6 +120,7 @@ class _Flight:
     job: MissionJob
     since: float  # of submission, then of the start
     number: int = 1  # among the flights of this job
+    doubted: bool = False  # one of them ended by what may have been the machine
     pid: int | None = None  # once started
     timed_out: bool = False
     stopped: bool = False  # when it was killed for taking too long, somebody had stopped it
@@ -277,8 +278,9 @@ class LocalProcessExecutor:
             outcome = failed_outcome(job, reason, message, wall_s)
             with contextlib.suppress(OSError):  # so that the directory tells its own story
                 record_failure(job, reason, message)
-        if flight.number < outcome.flights(self._max_flights):
-            self._again.append(_Flight(job, time.monotonic(), flight.number + 1))
+        if outcome.again(flight.number, self._max_flights, doubted=flight.doubted):
+            doubted = flight.doubted or outcome.doubtful
+            self._again.append(_Flight(job, time.monotonic(), flight.number + 1, doubted))
         else:
             self._ready.append(outcome)
 

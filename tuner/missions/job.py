@@ -29,7 +29,7 @@ _LOST = {
     "worker_killed",
     "worker_stopped",
 }
-_DOUBTFUL = {"out_of_memory", "worker_died"}  # the machine's or the configuration's: a second flight tells
+_DOUBTFUL = {"out_of_memory", "worker_died"}
 
 
 @dataclass(frozen=True)
@@ -87,10 +87,17 @@ class MissionOutcome:
         """Whether the machine ended it: this says nothing about the configuration, and the mission may be flown again."""
         return self.status == "failed" and self.reason.partition(":")[0] in _LOST
 
-    def flights(self, most: int) -> int:
-        """How many flights in all an end like this one is worth: ``most`` where the machine ended it, two where it may have."""
-        doubtful = self.status == "failed" and self.reason.partition(":")[0] in _DOUBTFUL
-        return most if self.lost else min(2, most) if doubtful else 1
+    @property
+    def doubtful(self) -> bool:
+        """Whether machine or configuration may have ended it."""
+        return self.status == "failed" and self.reason.partition(":")[0] in _DOUBTFUL
+
+    def again(self, flight: int, most: int, *, doubted: bool) -> bool:
+        """Whether to fly it once more after its ``flight``-th: the machine ended it, ``most`` times in all, or may have for once.
+
+        ``doubted``: an earlier flight ended `doubtful` too; then it is the configuration's.
+        """
+        return (self.lost and flight < most) or (self.doubtful and not doubted and most > 1)
 
 
 def collect_outcome(job: MissionJob, wall_s: float | None = None) -> MissionOutcome | None:

@@ -31,6 +31,7 @@ _RECONNECT_S = 10.0
 class _Flight:
     job: MissionJob
     number: int
+    doubted: bool
     since: float
     future: Future
 
@@ -86,7 +87,7 @@ class DaskExecutor:
         clear_traces(job)
         self._send(job, 1)
 
-    def _send(self, job: MissionJob, number: int) -> None:
+    def _send(self, job: MissionJob, number: int, *, doubted: bool = False) -> None:
         order = {
             "job": job.to_dict(),
             "rock_sha256": self._rock(job)[0],
@@ -95,7 +96,7 @@ class DaskExecutor:
         }
         # A key of its own: Dask would take an equal mission for the same one.
         future = self._client.submit(worker.fly, order, key=f"{job.id}-{uuid.uuid4().hex}", pure=False)
-        self._flights[job.id] = _Flight(job, number, time.monotonic(), future)
+        self._flights[job.id] = _Flight(job, number, doubted, time.monotonic(), future)
         future.add_done_callback(lambda done: self._done.put((job.id, done)))
 
     def _rock(self, job: MissionJob) -> tuple[str, bytes]:
@@ -147,15 +148,16 @@ class DaskExecutor:
             sha256, content = self._rock(job)
             with contextlib.suppress(OSError):  # the worker has gone meanwhile
                 self._client.run(worker.keep_rock, sha256, content, workers=[answer["worker"]])
-            self._send(job, flight.number)
+            self._send(job, flight.number, doubted=flight.doubted)
             return None
         if answer is not None:
             worker.unpacked(answer["files"], job.directory, RESULT_FILE)
             outcome = MissionOutcome(**{**answer["outcome"], "directory": str(job.directory)})
         else:
             outcome = failed_outcome(job, reason, message, wall_s)
-        if flight.number < outcome.flights(self._max_flights) and self._client.status == "running":
-            self._send(job, flight.number + 1)
+        again = outcome.again(flight.number, self._max_flights, doubted=flight.doubted)
+        if again and self._client.status == "running":
+            self._send(job, flight.number + 1, doubted=flight.doubted or outcome.doubtful)
             return None
         return outcome
 
