@@ -182,7 +182,11 @@ def _measure(run: EvaluationRun, metric: str) -> str:
     """Which surface, fidelity and condition the verdict is of."""
     names = [condition.name for condition in run.plan.conditions]
     where = f"{'conditions' if len(names) > 1 else 'condition'} {', '.join(names)}"
-    return f"{metric_label(metric).full}; {run.plan.runner} missions; {where}; {len(run.plan.rocks)} rocks."
+    return f"{metric_label(metric).full}; {run.plan.runner} missions; {where}; {_rocks(len(run.plan.rocks))}."
+
+
+def _rocks(count: int) -> str:
+    return "1 rock" if count == 1 else f"{count} rocks"
 
 
 def _under(run: EvaluationRun, condition: str, reference: str, headline: MetricRow) -> dict[str, Any]:
@@ -252,8 +256,7 @@ def _sentences(leading: ComparisonTable, others: Sequence[str]) -> list[dict[str
             else "too few missions for an interval"
         )
         gain = with_unit(gain_interval(d, row.metric)[0], label.difference_unit, 1, signed=True)
-        rocks = "rock" if d.interval.rocks == 1 else "rocks"
-        how = f"improvement {gain} ({bounds}; {d.pairs} paired missions on {d.interval.rocks} {rocks})"
+        how = f"improvement {gain} ({bounds}; {d.pairs} paired missions on {_rocks(d.interval.rocks)})"
         text = {
             "better": f"{strategy_label(name)} is better than {reference} in {label.full}: {how}.",
             "worse": f"{strategy_label(name)} is worse than {reference} in {label.full}: {how}.",
@@ -280,9 +283,7 @@ def _warnings(run: EvaluationRun, table: ComparisonTable) -> list[str]:
             "A strategy that fails where others succeed is worse than its means say."
         )
     if len(run.plan.rocks) < 3:
-        out.append(
-            f"Only {len(run.plan.rocks)} {'rock' if len(run.plan.rocks) == 1 else 'rocks'}: nothing here speaks for other rocks."
-        )
+        out.append(f"Only {_rocks(len(run.plan.rocks))}: nothing here speaks for other rocks.")
     return out
 
 
