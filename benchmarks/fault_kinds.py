@@ -259,8 +259,9 @@ def damaged_file(flight: Flight) -> None:
     flight.faults += 1
     if path.name == "mission.json":
         flight.damaged.add(path.parent.name)
-    session = flight.start()
-    flight.moment(session)
+    session, lines = flight.start(), flight.lines()
+    flight.wait(session, 60, stop=lambda: flight.lines() > lines)  # it names the damage, or flies
+    flight.moment(session, 4)
     send(None if session.ended() else session.pid, signal.SIGKILL)
     flight.close(session)
     if session.status not in (0, -signal.SIGKILL):

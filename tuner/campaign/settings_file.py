@@ -192,6 +192,8 @@ def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
         )
     try:
         tree = read_yaml(path)
+        if not isinstance(tree, Mapping):
+            raise UserError(f"{path} is empty or no campaign's settings; restore the file")
         _check_format(tree, path)
         require_seal(tree, str(path))
         return tree["settings"], tree["id"], tree["base_config_digest"]
