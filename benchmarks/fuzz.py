@@ -139,7 +139,7 @@ def _policy(path: Path) -> None:
     from nbv.gates.learned import LearnedGate  # noqa: F401  the kind must be known
     from nbv.gates.registry import make_gate
 
-    make_gate(preset("campaign").with_values({"gate.kind": "learned", "gate.policy": str(path)}))
+    make_gate(preset("campaign").with_values({"gate.kind": "learned", "gate.learned_policy": str(path)}))
 
 
 def _state(path: Path) -> None:
@@ -297,6 +297,8 @@ def make_seeds(folder: Path) -> None:
     import yaml
     from PIL import Image
 
+    from adapters.photogrammetry_nbv.files import write_text
+    from adapters.photogrammetry_nbv.keys import FILES
     from nbv.cache import Store
     from nbv.config import preset
     from nbv.gates.learned import shipped_policy
@@ -321,7 +323,9 @@ def make_seeds(folder: Path) -> None:
     SEEDS["configuration"] = [yaml.safe_dump(preset("campaign").to_dict()).encode()]
     write_skeleton(folder / "skeleton")
     SEEDS["mission file"] = [p.read_bytes() for p in sorted((folder / "skeleton").glob("*.yaml"))]
-    SEEDS["authors' file"] = [b"gate:\n  d95: 0.1\n", b"a: {b: 1}\n"]
+    kind = next(iter(FILES))
+    theirs = {key.path: key.default for key in FILES[kind][1] if key.default is not None}
+    SEEDS["authors' file"] = [write_text(theirs, kind).encode()]
     SEEDS["result.json"] = [
         b'{"schema": "gatetune.result/1", "status": "ok", "metrics": {"score": 0.5, "a": {"b": 1}}, "cost": {"energy_j": 1.5}}',
         b'{"schema": "gatetune.result/1", "status": "failed", "failure": {"of": "configuration", "reason": "x"}}',
