@@ -76,7 +76,12 @@ class PoolConfig(Section):
     min_altitude_m: float = ours(
         1.3, "lowest candidate", why="the code's 1.5 drops the 10° ring, which the text has"
     )
-    max_altitude_m: float = code(20.0, "mission file", "highest candidate", label="altitude limit")
+    max_altitude_m: float = code(
+        20.0,
+        "mission file",
+        "highest candidate; where the target has to be found and no ring about it passes below, the lowest that may be flown",
+        label="altitude limit",
+    )
     max_travel_m: float = code(40.0, "mission file", "farthest candidate from the vehicle")
     min_spacing_m: float = code(0.3, "candidate filter", "least distance between candidates")
     revisit_exclusion_m: float = code(0.6, "mission file", "least distance to an adaptive capture")

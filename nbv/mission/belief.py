@@ -8,11 +8,13 @@ from nbv.config import MissionConfig
 from nbv.geometry.target import find_target
 from nbv.random_streams import keyed_rng
 from nbv.types import SparseModel
+from nbv.viewpoints import raw_candidates
 
 LOWEST_TARGET_M = 0.3  # nobody believes the target's centre to lie deeper
 # Beyond the target's longest half extent. Never less than configured: in hard light the seed model shows a part of the
 # target, and a crop about that part cuts the rest off.
 BOX_MARGIN_M, CROP_MARGIN_M = 1.0, 0.5
+ROUNDING_M = 1e-6
 
 
 def believed(config: MissionConfig, rock_sha256: str, replicate: int) -> MissionConfig:
@@ -41,15 +43,32 @@ def located(config: MissionConfig, model: SparseModel) -> MissionConfig | None:
     half_m = found.half_extent_m
     if not config.telemetry.is_exact:
         config = above_ground(config, found.ground_m)
+    return reaching_a_ring(
+        dataclasses.replace(
+            config,
+            target_m=found.center_m,
+            shared=dataclasses.replace(
+                config.shared, box_half_extent_m=max(config.shared.box_half_extent_m, half_m + BOX_MARGIN_M)
+            ),
+            dense=dataclasses.replace(
+                config.dense, crop_half_width_m=max(config.dense.crop_half_width_m, half_m + CROP_MARGIN_M)
+            ),
+        )
+    )
+
+
+def reaching_a_ring(config: MissionConfig) -> MissionConfig:
+    """``config`` whose pool's ceiling lets the lowest ring pass that may be flown.
+
+    Rings stand about the found target. A ceiling that was tuned for "as low as one may fly" lies a hand above the lowest
+    ring; where the target is found a little higher, or the ring now lies below the lowest flight, nothing would be left.
+    """
+    pool = config.pool
+    flyable = [z for z in (v.position_m[2] for v in raw_candidates(config)) if z >= pool.min_altitude_m]
+    if not flyable or min(flyable) <= pool.max_altitude_m:
+        return config
     return dataclasses.replace(
-        config,
-        target_m=found.center_m,
-        shared=dataclasses.replace(
-            config.shared, box_half_extent_m=max(config.shared.box_half_extent_m, half_m + BOX_MARGIN_M)
-        ),
-        dense=dataclasses.replace(
-            config.dense, crop_half_width_m=max(config.dense.crop_half_width_m, half_m + CROP_MARGIN_M)
-        ),
+        config, pool=dataclasses.replace(pool, max_altitude_m=min(flyable) + ROUNDING_M)
     )
 
 
