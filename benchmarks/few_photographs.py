@@ -3,7 +3,7 @@
     OMP_NUM_THREADS=1 python benchmarks/few_photographs.py --rocks arch fin --out few.csv [--arms paper-64 few-21]
 
 Prints each arm's paired differences, t intervals over rocks. One row per mission: preset `campaign` with 3 agreeing views, F-score and completeness at 16 and 48 mm (observable
-surface). Goes on where a file ends.
+surface; registered where telemetry errs). Goes on where a file ends.
 """
 
 from __future__ import annotations
@@ -84,25 +84,30 @@ PAIRS = (
 
 
 def tell(out: Path) -> None:
-    """Means of the rocks that every arm flew, and paired differences with 95 % intervals over these rocks."""
+    """Each arm's means, and paired differences over common rocks and replicates with 95 % intervals over rocks."""
     with out.open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["f_score_48mm"]]
     for condition in dict.fromkeys(row["condition"] for row in rows):
-        of = {(r["rock"], r["arm"]): r for r in rows if r["condition"] == condition}
-        arms = dict.fromkeys(arm for _, arm in of)
-        rocks = [r for r in dict.fromkeys(rock for rock, _ in of) if all((r, arm) in of for arm in arms)]
-        print(condition, ", ".join(rocks))
+        of = {(r["rock"], r["replicate"], r["arm"]): r for r in rows if r["condition"] == condition}
+        arms = dict.fromkeys(arm for _, _, arm in of)
         for arm in arms:
+            own = [row for (*_, a), row in of.items() if a == arm]
             columns = ("photographs", "flight (s)", *METRICS)
-            print(f"  {arm}", *(f"{np.mean([float(of[r, arm][c]) for r in rocks]):.2f}" for c in columns))
+            shown = " ".join(f"{np.mean([float(row[c]) for row in own]):.2f}" for c in columns)
+            print(f"{condition} {arm}, {len(own)} missions: {shown}")
         for one, other in PAIRS:
-            if not {one, other} <= set(arms) or len(rocks) < 2:
-                continue
+            places = [(rock, k) for rock, k, arm in of if arm == one and (rock, k, other) in of]
             for metric in METRICS:
-                gains = {r: [float(of[r, one][metric]) - float(of[r, other][metric])] for r in rocks}
-                gain = mean_interval(gains, "rocks")
-                assert gain is not None
-                print(f"  {one} - {other}, {metric}: {gain.mean:+.2f} [{gain.low:+.2f}, {gain.high:+.2f}]")
+                gains: dict[str, list[float]] = {}
+                for rock, k in places:
+                    gain = float(of[rock, k, one][metric]) - float(of[rock, k, other][metric])
+                    gains.setdefault(rock, []).append(gain)
+                if len(gains) < 2 or (found := mean_interval(gains, "rocks")) is None:
+                    continue
+                print(
+                    f"  {one} - {other}, {metric}: {found.mean:+.2f} [{found.low:+.2f}, {found.high:+.2f}], "
+                    f"{len(places)} pairs"
+                )
 
 
 def main() -> None:
@@ -131,7 +136,10 @@ def main() -> None:
                     result = run_photogrammetric_mission(
                         configuration(arm, condition), rock, arguments.replicate
                     )
-                    costs, found = result.costs, result.metrics.get("observable", {})
+                    costs, found = (
+                        result.costs,
+                        result.metrics.get("registered", result.metrics).get("observable", {}),
+                    )
                     flown = (costs["images"], costs["registered_images"], costs["flight_time_s"])
                     scores = [f"{found[name]:.2f}" if name in found else "" for name in METRICS]
                     rows.writerow([*key, result.status, result.reason, *(round(x) for x in flown), *scores])

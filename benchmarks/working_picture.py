@@ -1,10 +1,9 @@
 """The README's picture: one held-out rock at the paper's values and at the tuned ones.
 
-    gatetune campaign run --name picture --space gate_weights_and_pool --fidelity geometric --budget 72 \
-        --rock slab --rock vesicular --rock cavern --rock breccia
-    gatetune mission run --rock mushroom --out runs/mushroom-paper
-    gatetune mission run --rock mushroom --out runs/mushroom-tuned --set PATH=VALUE ...   # as recommended
-    python benchmarks/working_picture.py --rock mushroom runs/mushroom-paper runs/mushroom-tuned
+gatetune campaign run --quick --name tune    # what `make tune` flies; it recommends the values below
+gatetune mission run --rock mushroom --set dense.agreeing_views=3 --out runs/mushroom-paper
+gatetune mission run --rock mushroom --set dense.agreeing_views=3 --set PATH=VALUE ... --out runs/mushroom-tuned
+python benchmarks/working_picture.py --rock mushroom runs/mushroom-paper runs/mushroom-tuned
 """
 
 from __future__ import annotations
@@ -43,12 +42,11 @@ def surface_samples(name: str) -> tuple[np.ndarray, np.ndarray]:
     return (1 - u) * a + u * (1 - v) * b + u * v * c, normals[face] / areas[face, None]
 
 
-def views(run: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Positions of the seeds (24, 3) and of the views that were chosen (N, 3)."""
+def views(run: Path) -> np.ndarray:
+    """(N, 3) positions of the seeds, then of the views that were chosen."""
     state, pool = load_state(sorted((run / "states").glob("*.npz"))[-1])
     last = json.loads((run / "mission.json").read_text())["trace"][-1]["chosen"]
-    chosen = [*state.visited_m[state.n_seeds :], pool.viewpoint(pool.ids.index(last)).position_m]
-    return state.visited_m[: state.n_seeds], np.array(chosen)
+    return np.array([*state.visited_m, pool.viewpoint(pool.ids.index(last)).position_m])
 
 
 def main() -> None:
@@ -74,21 +72,20 @@ def main() -> None:
         photo.imshow(imread(sorted((args.runs[1] / "images").glob("*.png"))[-1]))
         photo.set_title("a photograph of the simulated flight")
         photo.axis("off")
-        seeds, tuned = views(args.runs[1])
-        _, paper = views(args.runs[0])
-        side.plot(seeds @ right, seeds[:, 2], ".", color="black", ms=3, label="seed views")
+        paper, tuned = (views(run) for run in args.runs)
         edge = {"mec": "black", "mew": 0.5}
-        side.plot(tuned @ right, tuned[:, 2], "o", color=BLUE, ms=9, label="tuned", **edge)
-        side.plot(paper @ right, paper[:, 2], "^", color=VERMILION, ms=5, label="paper's values", **edge)
+        side.plot(paper @ right, paper[:, 2], "^", color=VERMILION, ms=5, label="paper's plan", **edge)
+        side.plot(tuned @ right, tuned[:, 2], "o", color=BLUE, ms=5, label="tuned", **edge)
         side.plot((points @ right)[::60], points[::60, 2], ",", color="#8d8d8d")
         side.set_aspect("equal")
         side.set_ylim(0, 4.2)
         side.set_xlabel("m")
-        side.set_title("views, from the side")
+        side.set_title("where they were taken")
         side.legend(
             loc="upper center", bbox_to_anchor=(0.5, -0.3), ncols=3, handletextpad=0.1, columnspacing=0.8
         )
-        for axes, run, title in zip(surfaces, args.runs, ("paper's values", "tuned")):
+        counts = [f"paper: {len(paper)} photographs", f"tuned: {len(tuned)} photographs"]
+        for axes, run, title in zip(surfaces, args.runs, counts):
             metrics = json.loads((run / "mission.json").read_text())["metrics"]["observable"]
             missing_mm = 1000.0 * cKDTree(read_ply(run / "cleaned.ply").points_m).query(points)[0]
             shown = axes.scatter(
@@ -103,7 +100,7 @@ def main() -> None:
             )
             axes.set_aspect("equal")
             axes.axis("off")
-            axes.set_title(f"{title}: F-score {metrics['f_score_48mm']:.1f} %")
+            axes.set_title(f"{title}\nF-score {metrics['f_score_48mm']:.1f} %")
         bar = figure.colorbar(shown, ax=surfaces, extend="max", fraction=0.04, pad=0.02, shrink=0.8)
         bar.set_label("missing: distance to cloud (mm)")
         for axes in (photo, *surfaces):
