@@ -374,7 +374,8 @@ def fly(
     with working("writing the pages to walk around in"):
         write_mission_pages(campaign)
     of_paper, geometric = settings.mission is None, is_geometric(settings.runner)
-    if spoken() == "quiet":
+    quiet = spoken() == "quiet"
+    if quiet:
         speak("all")
         if summary.recommendation is not None:
             show_verdict(summary.recommendation, of_paper=of_paper, geometric=geometric)
@@ -388,7 +389,7 @@ def fly(
     if summary.status.finished > LARGE and summary.status.finished == before and report.is_file():
         output.print(f"report, as it was: {report}")  # of many missions it takes a minute
     elif summary.status.finished:
-        with working("writing the report"):
+        with working("writing the report", silent=quiet):
             write_campaign_report(campaign)
         output.print(f"report: {report}")
     if summary.stopped == "interrupted":

@@ -102,9 +102,12 @@ def _pace_s(elapsed_s: float) -> float:
 
 
 @contextlib.contextmanager
-def working(text: str) -> Iterator[None]:
+def working(text: str, *, silent: bool = False) -> Iterator[None]:
     """Say what goes on, and for how long: a clock in a terminal, else lines where it takes longer than a moment."""
-    if output.is_terminal and not output.quiet:
+    if silent or output.quiet:
+        yield
+        return
+    if output.is_terminal:
         clock = Progress(
             TextColumn("{task.description}"), TimeElapsedColumn(), console=output, transient=True
         )

@@ -57,6 +57,8 @@ def test_a_pipe_hears_what_takes_long(
     monkeypatch.setattr(console, "_BEAT_S", 0.02)
     with console.working("at once"):
         pass
+    with console.working("nobody asked", silent=True):
+        time.sleep(0.2)
     with console.working("writing the report"):
         time.sleep(0.3)
     assert capsys.readouterr().out == "writing the report, 0 s\n"
