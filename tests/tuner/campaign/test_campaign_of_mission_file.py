@@ -52,6 +52,7 @@ def test_a_campaign_flies_reports_and_knows_its_file(gatetune, toy):
     assert trials[0].values == {"gain": 0.0, "mode": "bad"} and trials[0].raw == 2.0
     page = (toy / "runs/toy/report.html").read_text()
     assert "toy.yaml" in page and "paper’s default" not in page and "gatetune mission run" not in page
+    assert "What did the gate do" not in page and "simulated flight" not in page
     assert gatetune("campaign", "status", "runs/toy")[0] == 0
 
     assert "not ours" in gatetune("export", "runs/toy", "--to", "scoring.yaml")[2]

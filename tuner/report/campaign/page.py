@@ -127,6 +127,7 @@ def _context(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[st
         f"{'rock' if len(s.rocks) == 1 else 'rocks'}: {rocks}{_under_conditions(facts)}",
         "warnings": _warnings(facts),
         "kpis": key_figures(facts),
+        "ours": s.mission is None,
         "recommended": best is not None,
         "parameters": [parameter_row(facts, p) for p in s.space.parameters],
         "default_name": facts.default_name,

@@ -14,7 +14,8 @@ from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.labels import format_number, parameter_label, parameter_value
 from tuner.report.pages import duration
 
-_KEY_FIGURES_OF_ANY_MISSION = 4  # the others are of flights and photographs
+_KEY_FIGURES_OF_ANY_MISSION = 3  # the others are of flights and photographs
+_COSTS_OF_ANY_MISSION = 2  # likewise
 
 
 def key_figures(facts: CampaignFacts) -> list[tuple[str, str]]:
@@ -90,7 +91,7 @@ def cost_rows(facts: CampaignFacts) -> list[list[str]]:
         ["simulated flight time", duration(st.flight_time_s), duration(st.flight_time_s / done)],
         ["distance flown", _distance(st.path_length_m), _distance(st.path_length_m / done)],
         [_photographs(facts), f"{st.images:.0f}", f"{st.images / done:.1f}"],
-    ]
+    ][: None if facts.settings.mission is None else _COSTS_OF_ANY_MISSION]
 
 
 def failure_rows(facts: CampaignFacts) -> list[list[str]]:

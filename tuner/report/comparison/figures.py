@@ -62,7 +62,7 @@ def forest_figure(table: ComparisonTable) -> Figure | None:
             ax.grid(False, axis="y")
             unit = "points" if row.metric.unit == "%" else row.metric.unit
             ax.set_title(_short_title(row.metric))
-            ax.set_xlabel(f"improvement ({unit})")
+            ax.set_xlabel(f"improvement ({unit})" if unit else "improvement")
             ax.locator_params(axis="x", nbins=4)
         for ax in axes.ravel()[len(table.rows) :]:
             ax.set_visible(False)

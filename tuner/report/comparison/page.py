@@ -142,6 +142,7 @@ def comparison_context(
         "measure": _measure(run, headline.key),
         "strategies": [strategy_row(run, name) for name in strategies],
         "reference": strategy_label(reference),
+        "ours": rows is None,
         "others": [strategy_label(name) for name in others],
         "tables": [
             {
@@ -164,7 +165,7 @@ def comparison_context(
         "comparisons": len(others) * len(tables[0].rows) * len(tables),
         "paper": PAPER_NOT_COMPARABLE if paper else "",
         "floor": FLOOR_NOTE if any(row.floor is not None for t in tables for row in t.rows) else "",
-        "figures": _figures(run, tables[0], headline, figures, surfaces[0]),
+        "figures": _figures(run, tables[0], headline, figures, surfaces[0] if rows is None else None),
         "provenance": provenance_rows(run),
     }
 
@@ -319,7 +320,11 @@ def _difference_rows(table: ComparisonTable, name: str) -> dict[str, Any]:
 
 
 def _figures(
-    run: EvaluationRun, table: ComparisonTable, headline: MetricRow, figures: Path | None, surface: Surface
+    run: EvaluationRun,
+    table: ComparisonTable,
+    headline: MetricRow,
+    figures: Path | None,
+    surface: Surface | None,
 ) -> list[Illustration]:
     strategies, several = in_order(run.plan.strategies), len(run.plan.conditions) > 1
     out = []
@@ -331,8 +336,8 @@ def _figures(
                 forest,
                 "differences",
                 f"Forest plots: paired improvement of every strategy over {strategy_label(table.reference)}, one panel per metric.",
-                f"Paired improvement over {strategy_label(table.reference)} on common (rock, replicate) pairs with 95 % intervals, "
-                f"{surface} surface; right of zero is better in every panel, whatever the metric’s direction.",
+                f"Paired improvement over {strategy_label(table.reference)} on common (rock, replicate) pairs with 95 % intervals"
+                f"{f', {surface} surface' if surface else ''}; right of zero is better in every panel, whatever the metric’s direction.",
                 figures,
                 title=f"Differences from {strategy_label(table.reference)}",
             )
@@ -366,14 +371,14 @@ def _figures(
 
 
 def _sectors(
-    records: Sequence[EvaluationRecord], strategies: Sequence[str], surface: Surface
+    records: Sequence[EvaluationRecord], strategies: Sequence[str], surface: Surface | None
 ) -> tuple[dict[str, list[list[float | None]]], list[float]]:
     found: dict[str, list[list[float | None]]] = collections.defaultdict(list)
     centers: list[float] = []
     for name in strategies:
         for r in records:
             metrics = r.outcome.metrics
-            values = metrics.get(surface, {}).get(SECTOR_KEY)
+            values = metrics.get(surface, {}).get(SECTOR_KEY) if surface else None
             here = metrics.get("sector_centers_deg")
             if r.strategy == name and r.outcome.status != "failed" and values and here:
                 centers = centers or list(here)
