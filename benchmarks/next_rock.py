@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import csv
 import dataclasses
+import itertools
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -40,6 +41,7 @@ SEEDS, WIDTH = ("d95_m", "box_points", "mean_spacing_m", "mean_track_length"), 0
 CONFIGURATIONS, REPLICATES = 48, 2
 BUDGET, OF_DEFAULT = 64, 4
 SIZES, FIXED_SEEDS = (1, 2, 4, 8, 12), 12
+JUDGED_SIZES, JUDGED_SEEDS = (4, 8, 12), 8
 METRIC = "observable.f_score_48mm"
 HEAD = ("space", "configuration", "rock", "replicate", "f_score_48mm")
 Bank = dict[tuple[int, str, int], float]  # configuration, rock, replicate; nan: failed
@@ -167,13 +169,32 @@ def campaigns(bank_file: Path, out: Path, spaces: list[str]) -> None:
         for training in (QUICK_ROCKS, training_rocks()):
             rows += [play(bank, space, training, seed, drawn=False) for seed in range(FIXED_SEEDS)]
         print(f"{space}: played", flush=True)
-    with out.open("w", newline="") as file:
+    write(out, rows, "w")
+    summary(rows)
+
+
+def judged(bank_file: Path, out: Path, spaces: list[str], on: list[str]) -> None:
+    """Append campaigns on some of the other rocks that are judged on these alone."""
+    rows = []
+    for space, size, seed in itertools.product(spaces, JUDGED_SIZES, range(JUDGED_SEEDS)):
+        bank = {(i, rock, k): value for own, i, rock, k, value in read(bank_file) if own == space}
+        rest = np.random.default_rng([seed, size]).permutation(sorted({r for _, r, _ in bank} - set(on)))
+        training = [str(r) for r in rest[:size]]
+        kept = {key: value for key, value in bank.items() if key[1] in (*training, *on)}
+        rows.append(play(kept, space, training, seed) | {"training": f"drawn, judged on {len(on)} others"})
+    write(out, rows, "a")
+    summary(rows)
+
+
+def write(out: Path, rows: list[dict[str, Any]], mode: str) -> None:
+    """To a CSV file, or after what it has."""
+    with out.open(mode, newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
+        if mode == "w":
+            writer.writeheader()
         writer.writerows(
             {k: f"{v:.3f}" if isinstance(v, float) else v for k, v in row.items()} for row in rows
         )
-    summary(rows)
 
 
 def seeds(space: str, rocks: list[str]) -> dict[str, np.ndarray]:
@@ -230,6 +251,7 @@ def main() -> None:
     parser.add_argument("what", choices=("fly", "play", "rule"))
     parser.add_argument("--bank", type=Path, required=True)
     parser.add_argument("--rock", action="append", default=[], help="further rock file to fly on")
+    parser.add_argument("--judge", nargs="+", default=[], help="with play: rocks that no campaign trains on")
     parser.add_argument("--space", nargs="+", choices=SPACES, default=[*SPACES])
     parser.add_argument("--out", type=Path, default=Path("next_rock.csv"))
     arguments = parser.parse_args()
@@ -238,6 +260,8 @@ def main() -> None:
     elif arguments.what == "rule":
         for space in arguments.space:
             rule(arguments.bank, arguments.rock, space)
+    elif arguments.judge:
+        judged(arguments.bank, arguments.out, arguments.space, arguments.judge)
     else:
         campaigns(arguments.bank, arguments.out, arguments.space)
 
