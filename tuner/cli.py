@@ -34,8 +34,11 @@ from tuner.commands import (  # noqa: E402
 from tuner.commands.console import errors, output, speak  # noqa: E402
 
 EXIT_UNEXPECTED = 70  # EX_SOFTWARE
-# Python's, the loader's, PyTorch's and C++'s words
-_NO_MEMORY = ("annot allocate memory", "can't allocate memory", "failed to map segment", "std::bad_alloc")
+# Words of the system, PyTorch, the loader, C++ and Python.
+_NO_MEMORY = (
+    *("annot allocate memory", "can't allocate memory", "failed to map segment", "std::bad_alloc"),
+    "can't start new thread",
+)
 
 app = typer.Typer(
     name="gatetune",

@@ -276,3 +276,15 @@ def test_patchmatch_is_chosen_where_there_is_cuda(gatetune, monkeypatch, cuda, a
     code, out, err = gatetune("config", "show", *(f"--set=dense.backend={name}" for name in asked))
     assert code == 0, err
     assert re.search(rf"backend: {flown} ", out) and ("has CUDA" in out) == (cuda and not asked)
+
+
+@pytest.mark.parametrize("error", [MemoryError(), RuntimeError("can't start new thread")])
+def test_memory_that_ran_out_is_one_line(error, monkeypatch, capsys):
+    def run_out() -> None:
+        raise error
+
+    monkeypatch.setattr("tuner.cli.app", run_out)
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert "memory ran out" in capsys.readouterr().err
