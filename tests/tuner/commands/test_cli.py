@@ -11,6 +11,7 @@ import yaml
 
 from nbv.config import config_from_dict, preset
 from tuner.campaign.settings_file import FIELDS
+from tuner.cli import main
 
 RUN = ["campaign", "run", "--rock", "boulder"]
 
