@@ -173,6 +173,7 @@ class Flight:
             os.environ["FAULTS_RECORD"] = str(self.record)
             import tuner.missions.executors as executors
 
+            executors._START_GRACE_S = 30.0  # a server may be stopped while it starts
             executors._SILENCE_LIMIT_S = executors._SILENCE_LIMIT_AFTER_KILL_S = (
                 3.0  # a minute: too long to wait for here
             )
