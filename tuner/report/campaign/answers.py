@@ -363,8 +363,8 @@ def measure_text(facts: CampaignFacts) -> str:
     """What every number of the page is: metric with surface, fidelity, condition."""
     s = facts.settings
     if s.mission is not None:
-        fidelity = "missions of your mission file"
-    elif is_geometric(s.runner):
+        return f"{facts.label.full}; missions of your mission file, whose instances are called rocks here"
+    if is_geometric(s.runner):
         fidelity = "predicted by the low-fidelity simulator (geometric missions, no photographs)"
     else:
         fidelity = f"{s.runner} missions"
