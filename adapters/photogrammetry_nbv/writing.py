@@ -105,7 +105,15 @@ def write_mission(
 ) -> tuple[Values, list[Remark]]:
     """A ``unified_mission.yaml`` (flat) that does what ``config`` does; keys that we do not have are as in ``theirs``."""
     values, remarks = _direct(config, MISSION, theirs)
-    values["ring_image_count"] = sum(config.seed.ring_azimuth_counts)
+    values["ring_image_count"] = config.seed.total
+    if config.seed.count:
+        remarks += _seeds_of_one_turn(config, values)
+    remarks += _few_seeds(config)
+    if config.stop.max_photographs:
+        left = max(0, config.stop.max_photographs - config.seed.total)
+        values["image_budget"] = min(values["image_budget"], left)
+    if config.stop.min_gain_percent:
+        remarks.append(Remark("stop.min_gain_percent", "theirs does not ask what the next view would add"))
     values["seed_planner_mode"], values["phase2_planner_mode"] = "stratified", "hybrid"
     east_m, north_m = (t - h for t, h in zip(config.target_m[:2], config.flight.home_m[:2]))
     values["rock_center_x"], values["rock_center_y"] = north_m, east_m
@@ -119,6 +127,26 @@ def write_mission(
     if config.stop.criterion != "budget":
         remarks.append(Remark("stop.knn_threshold_m", UNITS_OF_KNN))
     return {key.path: values[key.path] for key in MISSION}, remarks
+
+
+def _seeds_of_one_turn(config: MissionConfig, values: Values) -> list[Remark]:
+    """Seeds that take elevations in turn, as rings with as many views; an elevation that none takes is left out."""
+    layout_deg = config.seed.layout_deg[: config.seed.count]
+    counts = [
+        len(range(ring, config.seed.count, len(config.seed.layout_deg))) for ring in range(len(layout_deg))
+    ]
+    values["seed_elevation_rings_deg"], values["seed_azimuth_counts"] = list(layout_deg), counts
+    if len(counts) == 1 and not config.seed.start_bearing_deg:
+        return []
+    text = f"{config.seed.count} seeds on one turn are written as rings of {counts}: other azimuths"
+    return [Remark("seed.count", text)]
+
+
+def _few_seeds(config: MissionConfig) -> list[Remark]:
+    if not config.sparse.ground_features:
+        return []
+    text = "theirs matches photographs as they are: seeds 30 degrees and more apart may not register"
+    return [Remark("sparse.ground_features", text)]
 
 
 def _direct(

@@ -221,3 +221,16 @@ def test_the_header_is_comment():
     assert text.startswith("# campaign x\n# ± 0.2\n") and yaml.safe_load(text) == {
         "scorer": {"name": "covisibility"}
     }
+
+
+def test_seeds_of_one_turn_are_written_as_rings() -> None:
+    """13 seeds on four elevations, not the 24 of the paper's rings; what is lost is said."""
+    few = {"seed.count": 13, "seed.rings": 4, "seed.lowest_deg": 15.0, "seed.span_deg": 21.0}
+    config = preset("campaign").with_values(
+        {**few, "sparse.ground_features": 2000, "stop.max_photographs": 18}
+    )
+    written, remarks = write_mission(config)
+    assert written["seed_elevation_rings_deg"] == [15.0, 22.0, 29.0, 36.0]
+    assert written["seed_azimuth_counts"] == [4, 3, 3, 3] and written["ring_image_count"] == 13
+    assert written["image_budget"] == 5  # and 13 seeds make 18
+    assert {remark.key for remark in remarks} >= {"seed.count", "sparse.ground_features"}
