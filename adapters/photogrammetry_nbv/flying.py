@@ -134,7 +134,7 @@ def _complete(final: Path) -> bool:
 def _require_full(run: Path, log: Path, config: MissionConfig) -> None:
     """That the mission ended because it was done; their node says which in its log alone."""
     said = read_bytes(log, 2 * _LARGEST_LOG_BYTES).decode(errors="replace")
-    wanted, taken = config.stop.adaptive_budget, len([*(run / "adaptive" / "images").glob("*.*")])
+    wanted, taken = config.adaptive_budget, len([*(run / "adaptive" / "images").glob("*.*")])
     if "No feasible candidates" in said:
         raise MissionUnfinishedError("configuration", "no_candidates", f"after {taken} photographs")
     if taken < wanted and "Stopping:" not in said:

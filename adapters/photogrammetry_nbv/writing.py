@@ -109,9 +109,7 @@ def write_mission(
     if config.seed.count:
         remarks += _seeds_of_one_turn(config, values)
     remarks += _few_seeds(config)
-    if config.stop.max_photographs:
-        left = max(0, config.stop.max_photographs - config.seed.total)
-        values["image_budget"] = min(values["image_budget"], left)
+    values["image_budget"] = config.adaptive_budget
     if config.stop.min_gain_percent:
         remarks.append(Remark("stop.min_gain_percent", "theirs does not ask what the next view would add"))
     values["seed_planner_mode"], values["phase2_planner_mode"] = "stratified", "hybrid"
@@ -123,7 +121,7 @@ def write_mission(
     values["max_altitude_ned"] = -config.pool.min_altitude_m
     values["stopping_criterion"] = CRITERION_OF_OURS[config.stop.criterion]
     values["position_tolerance_z"] = values["position_tolerance_xy"]
-    values["max_image_budget"] = max(values["max_image_budget"], config.stop.adaptive_budget)
+    values["max_image_budget"] = max(values["max_image_budget"], config.adaptive_budget)
     if config.stop.criterion != "budget":
         remarks.append(Remark("stop.knn_threshold_m", UNITS_OF_KNN))
     return {key.path: values[key.path] for key in MISSION}, remarks

@@ -9,7 +9,7 @@ import trimesh
 
 from adapters.photogrammetry_nbv import flying, read_file, write_mission_folder
 from adapters.photogrammetry_nbv.flying import configuration, write_files
-from adapters.photogrammetry_nbv.result import _onto_our_mesh
+from adapters.photogrammetry_nbv.result import MissionUnfinishedError, _onto_our_mesh
 from nbv.geometry.frames import align_umeyama
 from tuner.missions.external import Request, external_config, load_mission_file, take_slot
 from tuner.missions.external.process import _marked
@@ -99,6 +99,19 @@ def test_a_mistake_in_their_files_is_no_configurations(fly, tmp_path, text, says
 def test_no_candidate_is_the_configurations_fault(fly):
     failure = fly(fixed={"pool.max_travel_m": 0.01})["failure"]
     assert (failure["of"], failure["reason"]) == ("configuration", "no_candidates")
+
+
+@pytest.mark.parametrize(("most", "says"), [(28, "dense"), (29, "4 of 5 adaptive photographs")])
+def test_what_max_photographs_leaves_is_a_whole_mission(tmp_path, most, says):
+    images = tmp_path / "adaptive/images"
+    images.mkdir(parents=True)
+    for number in range(4):
+        (images / f"{number}.png").touch()
+    log = tmp_path / "log"
+    log.touch()
+    config = configuration({}, {"stop.max_photographs": most}, tmp_path)  # 24 are seeds
+    with pytest.raises(MissionUnfinishedError, match=says):
+        flying._require_full(tmp_path, log, config)
 
 
 def test_the_second_vehicle_has_topics_of_its_own(tmp_path):
