@@ -10,7 +10,7 @@ from rich.table import Table
 
 from nbv.config import IDEAL
 from nbv.mission.result import json_ready
-from tuner.commands.console import Aloft, Pace, output, seconds
+from tuner.commands.console import FlightProgress, output, seconds
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -29,19 +29,16 @@ LINE = 80  # columns of a mission's line
 _INITIALS = {"covis": "C", "b_aware": "B", "matchable": "M"}  # whose weight it is
 
 
-class CampaignProgress:
-    """A line per mission and one bar: how far, what failed, what is left, the best so far, what flies now.
-
-    Where no bar can be drawn the same is said in lines.
-    """
+class CampaignProgress(FlightProgress):
+    """A line per mission and one bar: how far, what failed, what is left, the best so far, what flies now."""
 
     def __init__(self, progress: Progress, settings: CampaignSettings, directory: Path) -> None:
-        self._progress, self._settings, self._directory = progress, settings, directory
-        self._task = progress.add_task(f"0/{settings.budget}", total=settings.budget)
-        self._aloft, self._pace = Aloft(), Pace()
+        super().__init__(progress, settings.budget)
+        self._settings, self._directory = settings, directory
         self._began: int | None = None  # missions finished in earlier sessions
         self._failed = 0
-        self._counts, self._best = f"0/{settings.budget}", ""
+        self._best = ""
+        self.counts = f"0/{settings.budget}"
 
     def __call__(self, event: CampaignEvent) -> None:
         trial = event.trial
@@ -49,36 +46,24 @@ class CampaignProgress:
             self._began = event.finished
         if trial is not None and event.kind == "launched":
             label = f"{trial.world.label} r{trial.replicate}"
-            self._aloft.took_off(str(trial.number), label, self._directory / trial.directory)
+            self.took_off(str(trial.number), label, self._directory / trial.directory)
         elif trial is not None and event.kind in ("finished", "failed", "lost"):
-            self._aloft.landed(str(trial.number))
+            self.landed(str(trial.number))
             self._failed += event.kind == "failed"
-            self._print(mission_line(event, self._settings))
+            self.say(mission_line(event, self._settings))
         elif event.kind in ("interrupted", "stopped"):
-            self._progress.console.print(f"{event.kind}: {event.message}", style="yellow")
+            self.progress.console.print(f"{event.kind}: {event.message}", style="yellow")
         elif event.kind == "recommendation" and event.recommendation is not None:
             low, high = event.recommendation.interval_95
             self._best = f", best {event.recommendation.mean:.1f} ({low:.1f} to {high:.1f})"
-        self._counts = self._counted(event, self._began)
-        self._progress.update(self._task, completed=event.finished)
-        self.tick()
-
-    def tick(self) -> None:
-        """Say what goes on; may be called from any thread."""
-        text = f"{self._counts}{self._best}{self._aloft}"
-        self._progress.update(self._task, description=text)
-        if not self._progress.console.is_terminal and self._pace.due:
-            self._print(text)
-
-    def _print(self, line: str) -> None:
-        self._pace.said()
-        self._progress.console.print(line, highlight=False, soft_wrap=True, markup=False)
+        self.counts = self._counted(event, self._began)
+        self.reached(event.finished, event.budget)
 
     def _counted(self, event: CampaignEvent, began: int) -> str:
         flown, left = event.finished - began, event.budget - event.finished
         rest = f", {seconds(event.elapsed_s / flown * left)} left" if flown and left else ""
         failed = f", {self._failed} failed" if self._failed else ""
-        return f"{event.finished}/{event.budget}{failed}{rest}"
+        return f"{event.finished}/{event.budget}{failed}{rest}{self._best}"
 
 
 def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:

@@ -11,8 +11,7 @@ import typer
 from rich.markup import escape
 
 from tuner.commands.console import (
-    Aloft,
-    Pace,
+    FlightProgress,
     beating,
     local_executor,
     output,
@@ -31,25 +30,24 @@ if TYPE_CHECKING:
     from tuner.missions.external import MissionFile
 
 
-class ComparisonProgress:
-    """A line per mission and one bar, or lines where none can be drawn."""
+class ComparisonProgress(FlightProgress):
+    """A line per mission and one bar."""
 
     def __init__(self, progress: Progress, metric: str) -> None:
-        self._progress, self._metric = progress, metric
-        self._task = progress.add_task("missions", total=None)
-        self._counts, self._aloft, self._pace = "0", Aloft(), Pace()
+        super().__init__(progress, None)
+        self._metric = metric
 
     def __call__(self, event: EvaluationEvent) -> None:
-        self._counts = f"{event.finished}/{event.total}"
-        self._progress.update(self._task, total=event.total, completed=event.finished)
-        self.tick()
+        self.counts = f"{event.finished}/{event.total}"
+        self.reached(event.finished, event.total)
         if event.job is None:
             return
         world = World(Path(event.job.rock).stem, event.job.config.condition)
+        strategy = event.job.id.split("/")[0]
         if event.outcome is None:
-            label = f"{event.job.id.split('/')[0]} {world.label} r{event.job.replicate}"
-            return self._aloft.took_off(event.job.id, label, event.job.directory)
-        self._aloft.landed(event.job.id)
+            label = f"{strategy} {world.label} r{event.job.replicate}"
+            return self.took_off(event.job.id, label, event.job.directory)
+        self.landed(event.job.id)
         if event.kind == "failed":
             text = f"[red]failed: {escape(event.outcome.reason)}[/] {escape(event.outcome.message)}"
         else:
@@ -57,21 +55,11 @@ class ComparisonProgress:
             for part in self._metric.split("."):
                 value = value[part]
             text = f"{self._metric.split('.')[-1]} [bold]{value:6.2f}[/]"
-        strategy = event.job.id.split("/")[0]
-        self._pace.said()
-        self._progress.console.print(
+        self.say(
             f"{strategy:<14} {escape(world.label):<16} r{event.job.replicate} {text}  "
             f"{event.outcome.wall_s:4.0f} s",
             markup=True,
         )
-
-    def tick(self) -> None:
-        """Say what flies now; may be called from any thread."""
-        text = f"{self._counts}{self._aloft}"
-        self._progress.update(self._task, description=text)
-        if not self._progress.console.is_terminal and self._pace.due:
-            self._pace.said()
-            self._progress.console.print(text, soft_wrap=True)
 
 
 def compare(

@@ -53,7 +53,12 @@ def spoken() -> Spoken:
 
 def progress_bar() -> Progress:
     """The bar that all commands use."""
-    return Progress(TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), console=output)
+    return Progress(_description(), BarColumn(), TimeElapsedColumn(), console=output)
+
+
+def _description() -> TextColumn:
+    """Of a bar; a rock's file may have any name."""
+    return TextColumn("{task.description}", markup=False)
 
 
 @contextlib.contextmanager
@@ -108,9 +113,7 @@ def working(text: str, *, silent: bool = False) -> Iterator[None]:
         yield
         return
     if output.is_terminal:
-        clock = Progress(
-            TextColumn("{task.description}"), TimeElapsedColumn(), console=output, transient=True
-        )
+        clock = Progress(_description(), TimeElapsedColumn(), console=output, transient=True)
         with clock:
             clock.add_task(text, total=None)
             yield
@@ -132,21 +135,41 @@ def load(module: str) -> None:
         importlib.import_module(module)
 
 
-class Aloft:
-    """The missions in flight and what each is doing, as text."""
+class FlightProgress:
+    """One bar, or lines where none can be drawn: how far it is, and what the missions in flight are doing."""
 
-    def __init__(self) -> None:
+    def __init__(self, progress: Progress, total: int | None) -> None:
+        self.progress, self.counts = progress, ""
+        self._task = progress.add_task("missions", total=total)
         self._flights: dict[str, tuple[str, Path]] = {}
+        self._pace = Pace()
 
     def took_off(self, key: str, label: str, directory: Path) -> None:
-        """A mission, and where its line is."""
+        """A mission, and where it says what it is doing."""
         self._flights[key] = (label, directory)
 
     def landed(self, key: str) -> None:
         """It is over."""
         self._flights.pop(key, None)
 
-    def __str__(self) -> str:
+    def reached(self, finished: int, total: int) -> None:
+        """So many missions."""
+        self.progress.update(self._task, completed=finished, total=total)
+        self.tick()
+
+    def tick(self) -> None:
+        """Say what goes on; may be called from any thread."""
+        text = f"{self.counts}{self._aloft()}"
+        self.progress.update(self._task, description=text)
+        if not self.progress.console.is_terminal and self._pace.due:
+            self.say(text)
+
+    def say(self, line: str, *, markup: bool = False) -> None:
+        """A line of its own."""
+        self._pace.said()
+        self.progress.console.print(line, highlight=False, soft_wrap=True, markup=markup)
+
+    def _aloft(self) -> str:
         """``, flies slab r0 (photograph 3/24), fin r1 (seed model) and 6 more``; empty where none is."""
         flights = list(self._flights.values())
         if not flights:

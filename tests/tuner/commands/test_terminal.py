@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import time
 from dataclasses import replace
@@ -11,6 +12,7 @@ from typing import Any
 import fake_campaigns
 import pytest
 import typer
+from rich.console import Console
 
 from tuner.campaign.events import CampaignEvent
 from tuner.campaign.ledger import TrialRecord
@@ -78,6 +80,14 @@ def test_a_pipe_hears_what_flies(
         show(CampaignEvent("launched", 1.0, 0, 9, trial))
     last = capsys.readouterr().out.splitlines()[-1]
     assert last == "0/9, flies a r1, a r1 (dense cloud) and 1 more"
+
+
+def test_a_rocks_name_is_no_markup(monkeypatch: pytest.MonkeyPatch) -> None:
+    screen = Console(force_terminal=True, width=80, file=io.StringIO())
+    monkeypatch.setattr(console, "output", screen)
+    with console.working("making rock [/]odd.obj"), console.progress_bar() as bar:
+        bar.add_task("[/]odd r0")
+    assert "[/]odd r0" in screen.file.getvalue()  # type: ignore[attr-defined]
 
 
 def test_metrics_are_listed(gatetune: Any) -> None:
