@@ -25,6 +25,8 @@ MIN_POINTS = 10  # of a target. With this and `_COMPANION_M` 10 of 11 training r
 MIN_HALF_EXTENT_M, MAX_HALF_EXTENT_M = 0.2, 2.5
 _TRIALS = 400
 _SHIFTS = 20
+_CELL_M = 0.1  # of the cells that bound votes
+_BATCH = 64  # points whose votes are counted at a time
 _COMPANION_M = 0.3  # a point farther from any other is taken for a wrong match
 
 
@@ -77,10 +79,7 @@ def find_target(points_m: Floats, aim_m: tuple[float, float, float] | Floats) ->
 
 def _densest(places_m: Floats, heights_m: Floats, aim_m: Floats) -> NDArray[np.bool_]:
     """(K,) the points (K, 2) within `RADIUS_M` of the place that most height votes for."""
-    tree = cKDTree(places_m)
-    votes = np.array([heights_m[near].sum() for near in tree.query_ball_point(places_m, RADIUS_M)])
-    votes *= np.exp(-0.5 * (np.linalg.norm(places_m - aim_m, axis=1) / AIM_SD_M) ** 2)
-    center = places_m[votes.argmax()]
+    center = places_m[_most_votes(places_m, heights_m, aim_m)]
     for _ in range(_SHIFTS):
         members = np.linalg.norm(places_m - center, axis=1) <= RADIUS_M
         moved = np.average(places_m[members], axis=0, weights=heights_m[members])
@@ -88,6 +87,36 @@ def _densest(places_m: Floats, heights_m: Floats, aim_m: Floats) -> NDArray[np.b
             break
         center = moved
     return np.asarray(np.linalg.norm(places_m - center, axis=1) <= RADIUS_M)
+
+
+def _most_votes(places_m: Floats, heights_m: Floats, aim_m: Floats) -> int:
+    """The first of the points (K, 2) with most votes: heights (K,) within `RADIUS_M`, times how near the aim it is.
+
+    In a dense cloud nearly every point is within reach of every other. So votes are first bounded from above by cells,
+    and only counted, highest bound first, until no other bound reaches the best count.
+    """
+    nearness = np.exp(-0.5 * (np.linalg.norm(places_m - aim_m, axis=1) / AIM_SD_M) ** 2)
+    cells, cell_of = np.unique(np.floor(places_m / _CELL_M), axis=0, return_inverse=True)
+    cell_of = cell_of.reshape(-1)
+    reach_m = (
+        RADIUS_M + 1.001 * np.sqrt(2.0) * _CELL_M
+    )  # two points are nearer than their cells by half a diagonal each
+    near_cells = cKDTree(cells * _CELL_M).query_ball_point(cells * _CELL_M, reach_m)
+    cell_heights_m = np.bincount(cell_of, weights=heights_m)
+    bounds = np.array([cell_heights_m[near].sum() for near in near_cells])[cell_of] * nearness * (1 + 1e-9)
+    tree, best_vote, best = cKDTree(places_m), -np.inf, len(places_m)
+    order = np.argsort(-bounds, kind="stable")
+    for start in range(0, len(order), _BATCH):
+        batch = order[start : start + _BATCH]
+        if bounds[batch[0]] < best_vote:
+            break
+        reached = tree.query_ball_point(places_m[batch], RADIUS_M)
+        votes = np.array([heights_m[near].sum() for near in reached]) * nearness[batch]
+        vote = votes.max()
+        first = int(batch[votes == vote].min())
+        if vote > best_vote or (vote == best_vote and first < best):
+            best_vote, best = vote, first
+    return best
 
 
 def _ground(points: Floats) -> tuple[Floats, float] | None:
