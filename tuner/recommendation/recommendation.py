@@ -241,7 +241,9 @@ def recommend(
         if free or not model.settings.sparse:
             sparse = dataclasses.replace(model.settings, sparse=True)
             of_few = RockMeanGP(space, few, places, seed, sparse, feature)
-        simple = sparsest(of_few, {**configurations[best], **free}, default, calibrated, sign, risk, within)
+        simple = sparsest(
+            of_few, {**configurations[best], **free}, default, calibrated, sign, risk, within, model
+        )
         if configurations[best] != dict(default):
             departing = dataclasses.replace(model.settings, own_landscapes=True)
             of_rocks = RockMeanGP(space, feasible, places, seed, departing, feature)

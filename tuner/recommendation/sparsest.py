@@ -60,6 +60,7 @@ def sparsest(
     sign: float = 1.0,
     risk: Risk = "mean",
     within: Within | None = None,
+    doubter: RockMeanGP | None = None,
 ) -> Sparsest:
     """Take parameters of ``best`` back to ``default``, by the criterion above.
 
@@ -71,6 +72,8 @@ def sparsest(
         Of the objective: +1 where larger is better. For ``mean`` alone.
     within
         A limit that the result has to keep, too.
+    doubter
+        The surrogate that made the recommendation: what it holds to be a loss, with its 95 % interval, is none to give up.
     """
     space, margin = model.space, model.noise_sd
     current: Values = dict(best)
@@ -78,11 +81,14 @@ def sparsest(
         moved = [path for path in space.paths if current[path] != default[path]]
         steps = [{**current, path: default[path]} for path in moved]
         belief = model.posterior([best, *steps], risk)
+        doubts = None if doubter is None else doubter.posterior([best, *steps], risk)
         keeps = [True] * len(steps) if within is None else within.keeps(steps)
         allowed = []
         for i in range(1, len(steps) + 1):
             mean, sd = belief.difference(i, 0)
             unlikely = calibrated.probability_positive(mean + margin, sd) >= 1.0 - RISK_OF_LOSS
+            if doubts is not None and calibrated.interval_95(*doubts.difference(i, 0))[1] < 0.0:
+                continue
             if keeps[i - 1] and mean >= -EXPECTED_LOSS * margin and (unlikely or sd <= 1e-12):
                 allowed.append((mean, i))
         if not allowed:

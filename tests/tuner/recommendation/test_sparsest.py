@@ -66,6 +66,12 @@ def test_where_nothing_matters_everything_goes_back() -> None:
     assert found.kept == () and found.values == DEFAULT and found.improvement == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_stated_gain_is_never_given_up_whole() -> None:
+    result = advise(gain=0.0, seed=0)  # one of six such campaigns believes in a gain that is not there
+    assert result.improvement_interval_95[0] > 0.0
+    assert result.sparsest is not None and result.sparsest.kept
+
+
 # -- parameters without effect -----------------------------------------------------------------------------------
 
 
