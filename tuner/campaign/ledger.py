@@ -103,7 +103,7 @@ class Ledger:
         The campaign's run directory, which holds the default storage.
     storage
         None for ``study.journal`` in ``directory``; otherwise an Optuna storage: an SQLAlchemy URL such as
-        ``sqlite:///missions.db``, ``redis://...``, or ``journal:PATH``.
+        ``sqlite:///missions.db``, or ``journal:PATH``.
     study_name, campaign_id
         The study's name, and the identity that tells it from another campaign of the same name.
     space, objective

@@ -8,35 +8,31 @@ import gc
 import json
 import os
 import urllib.parse
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from pathlib import Path
 from typing import Any
 
 import optuna
 from optuna.storages import JournalStorage
-from optuna.storages.journal import (
-    BaseJournalBackend,
-    JournalFileBackend,
-    JournalFileSymlinkLock,
-    JournalRedisBackend,
-)
+from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
 from sqlalchemy.exc import SQLAlchemyError
 
 from nbv.errors import UserError
 from tuner.problem.secrets import PASSWORD_VARIABLE, require_no_password
 
-_OF_DATABASES = {"sqlalchemy", "redis", "sqlite3", "psycopg2", "psycopg", "pymysql", "MySQLdb"}
+_OF_DATABASES = {"sqlalchemy", "sqlite3", "psycopg2", "psycopg", "pymysql", "MySQLdb"}
 
 JOURNAL_FILE = "study.journal"
+_AT_ONCE_BYTES = 1 << 16  # of a journal, parsed at once
 # Of a database that goes away.
 DATABASE_ERRORS = (optuna.exceptions.StorageInternalError, SQLAlchemyError)
 
 
 class Journal(JournalStorage):
-    """Optuna's journal, of which several records may be appended at once, and no snapshot is unpickled."""
+    """Optuna's journal, of which several records may be appended at once, and thousands be read in a second."""
 
-    def __init__(self, backend: BaseJournalBackend) -> None:
-        self._records = _Records(backend)
+    def __init__(self, path: Path) -> None:
+        self._records = _Records(path)
         super().__init__(self._records)
 
     def together(self) -> contextlib.AbstractContextManager[None]:
@@ -44,26 +40,27 @@ class Journal(JournalStorage):
         return self._records.together()
 
 
-class _Records(BaseJournalBackend):
-    """Of another backend, less the snapshots that Optuna pickles into a Redis."""
+class _Records(JournalFileBackend):
+    """Optuna's file, which remembers where one record begins, the next, and parses many lines at once."""
 
-    def __init__(self, backend: BaseJournalBackend) -> None:
-        self._backend = backend
+    def __init__(self, path: Path) -> None:
+        super().__init__(str(path), _JournalLock(str(path)))
+        self._next = (0, 0)  # number of the record that was not read yet, and where in the file it begins
         self._held: list[dict[str, Any]] | None = None
         self._first = self._seen = 0  # number of the first record held; how many of them have been read
 
     def append_logs(self, logs: list[dict[str, Any]]) -> None:
         """Append, or hold."""
         if self._held is None:
-            self._backend.append_logs(logs)
+            super().append_logs(logs)
         else:
             self._held += json.loads(json.dumps(logs))
 
-    def read_logs(self, log_number_from: int) -> Iterator[dict[str, Any]]:
+    def read_logs(self, log_number_from: int) -> Generator[dict[str, Any], None, None]:
         """Records from a number on: those held where some are."""
         if self._held is None or not self._seen:
             self._first = log_number_from
-            for record in self._backend.read_logs(log_number_from):
+            for record in self._of_file(log_number_from):
                 self._first += 1
                 yield record
         if self._held is None:
@@ -73,8 +70,8 @@ class _Records(BaseJournalBackend):
 
     @contextlib.contextmanager
     def together(self) -> Iterator[None]:
-        """See `Journal`; inside another one it is part of that. A Redis synchronises nothing, and may hold several campaigns."""
-        if self._held is not None or not isinstance(self._backend, JournalFileBackend):
+        """See `Journal`; inside another one it is part of that."""
+        if self._held is not None:
             yield
             return
         self._held, self._seen = [], 0
@@ -83,12 +80,35 @@ class _Records(BaseJournalBackend):
         finally:
             held, self._held = self._held, None
             if held:
-                self._backend.append_logs(held)
-                # Read back: a backend knows where records lie that it has read, and nobody else may have written.
-                if list(self._backend.read_logs(self._first)) != held:
+                self.append_logs(held)
+                # Read back: nobody else may have written.
+                if list(self._of_file(self._first)) != held:
                     raise UserError(
                         "another process writes to this campaign's study; let only one run at a time"
                     )
+
+    def _of_file(self, number: int) -> Iterator[dict[str, Any]]:
+        """Records from ``number`` on; a last line without its end is one that somebody is writing.
+
+        Raises
+        ------
+        ValueError
+            A line is no record.
+        """
+        count, place = self._next if number == self._next[0] else (0, 0)
+        with Path(self._file_path).open("rb") as file:
+            file.seek(place)
+            whole = True
+            while whole and (lines := file.readlines(_AT_ONCE_BYTES)):
+                if not (whole := lines[-1].endswith(b"\n")):
+                    lines.pop()
+                records = json.loads(b"[" + b",".join(lines) + b"]")
+                if len(records) != len(lines):
+                    raise ValueError("a line of it is not one record")
+                skipped = max(0, number - count)
+                count, place = count + len(lines), place + sum(map(len, lines))
+                self._next = (count, place)
+                yield from records[skipped:]
 
 
 def open_storage(
@@ -108,13 +128,16 @@ def open_storage(
         raise UserError(
             f"unknown storage {storage!r}; give an Optuna storage URL such as sqlite:///missions.db or journal:PATH"
         )
+    if storage.startswith("redis"):
+        raise UserError(
+            "a ledger in Redis may forget missions, and two coordinators on it are not noticed; "
+            "use PostgreSQL: postgresql+psycopg://USER@HOST/DB"
+        )
     require_no_password(storage)
     url = _with_password(storage)
     try:
-        if storage.startswith("redis"):
-            return Journal(JournalRedisBackend(url))
         return optuna.storages.RDBStorage(url)
-    except Exception as error:  # SQLAlchemy, drivers and redis each raise families of their own
+    except Exception as error:  # SQLAlchemy and drivers each raise families of their own
         raise UserError(
             f"cannot open storage {storage!r}: {_first_line(error)}; check the URL, driver and server"
         ) from None  # what it comes from may show the password
@@ -210,7 +233,7 @@ def _journal(path: Path, must_exist: bool, heal: bool) -> optuna.storages.BaseSt
                 # Nobody writes now: a lock file here was left by a killed process.
                 path.with_name(path.name + ".lock").unlink(missing_ok=True)
         with _without_collector():
-            return Journal(JournalFileBackend(str(path), _JournalLock(str(path))))
+            return Journal(path)
     except OSError as error:
         raise UserError(f"cannot open the ledger {path}: {error.strerror}; make it writable") from error
     except UserError:

@@ -203,7 +203,6 @@ def next_rock_lines(found: NextRock) -> list[str]:
 def show_recommendation(recommendation: Recommendation | None, settings: CampaignSettings) -> None:
     """The verdict and what to use, then the values beside the defaults."""
     from tuner.missions.registry import is_geometric
-    from tuner.report.campaign.answers import limit_text
 
     of_paper, geometric = settings.mission is None, is_geometric(settings.runner)
     if recommendation is None:
@@ -225,6 +224,8 @@ def show_recommendation(recommendation: Recommendation | None, settings: Campaig
     )
     output.print(table)
     if recommendation.limit is not None:
+        from tuner.report.campaign.answers import limit_text  # a second to load, with what draws
+
         assert settings.second is not None and settings.limit is not None
         output.print(limit_text(recommendation.limit, settings.second, settings.limit))
     if recommendation.next_rock is not None:

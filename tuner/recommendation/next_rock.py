@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from scipy.stats import t as student_t
+from scipy import special
 
 from tuner.problem.worlds import rocks_of
 from tuner.surrogate.forward_check import Calibration
@@ -109,7 +109,7 @@ def next_rock(
         for rock, found in on.items()
         if calibrated.probability_positive(-own[rock], max(s for _, s in found)) >= AGAINST
     )
-    half = float(student_t.ppf(0.975, len(rocks) - 1 + PRIOR_ROCKS)) * sd
+    half = float(special.stdtrit(len(rocks) - 1 + PRIOR_ROCKS, 0.975)) * sd
     return NextRock(
         gain=mean,
         interval_95=(mean - half, mean + half),
@@ -134,6 +134,6 @@ def _more_rocks(gain: float, common_sd: float, between: float, rocks: int) -> in
     """Until the 95 % interval of the mean gain excludes 0; its variance falls with the number of rocks."""
     for count in range(rocks, MOST_ROCKS + 1):
         sd = max(common_sd * math.sqrt(rocks / count), between / math.sqrt(count))
-        if float(student_t.ppf(0.975, count - 1 + PRIOR_ROCKS)) * sd < gain:
+        if float(special.stdtrit(count - 1 + PRIOR_ROCKS, 0.975)) * sd < gain:
             return count - rocks
     return None

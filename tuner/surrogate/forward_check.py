@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import t as student_t
+from scipy import special
 
 from nbv.errors import UserError
 from nbv.types import Floats
@@ -46,7 +46,7 @@ def half_widths_95(z: Floats) -> Floats:
     Before each of (n,) standardised residuals, by those before it, and after the last.
     """
     factors = widening(z)
-    widths: Floats = student_t.ppf(0.975, PRIOR_COUNT + np.arange(len(factors))) * factors
+    widths: Floats = special.stdtrit(PRIOR_COUNT + np.arange(len(factors)), 0.975) * factors
     return widths
 
 
@@ -70,7 +70,7 @@ class Calibration:
         if sd <= 1e-12:
             return 0.5
         factor = float(widening(self.z)[-1])
-        return float(student_t.cdf(mean / (factor * sd), PRIOR_COUNT + len(self.z)))
+        return float(special.stdtr(PRIOR_COUNT + len(self.z), mean / (factor * sd)))
 
     def to_dict(self) -> dict[str, float | None]:
         """The figures for a report; shares are None before the first prediction."""

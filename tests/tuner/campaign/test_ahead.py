@@ -5,18 +5,17 @@ from __future__ import annotations
 import os
 import threading
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import optuna
 import pytest
 import synthetic
 from fake_campaigns import settings
-from optuna.storages.journal import BaseJournalBackend, JournalFileBackend
-from optuna.storages.journal._base import BaseJournalSnapshot
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
 
 from nbv.errors import UserError
-from tuner.campaign import ahead
+from tuner.campaign import ahead, storage
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
@@ -90,7 +89,7 @@ def test_what_is_written_together_is_synchronised_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, synchronised, really = tmp_path / "study.journal", [], os.fsync
-    storage, other = (Journal(JournalFileBackend(str(path))) for _ in range(2))
+    storage, other = (Journal(path) for _ in range(2))
     study = optuna.create_study(study_name="s", storage=storage)
     monkeypatch.setattr(os, "fsync", lambda file: synchronised.append(really(file)))
     optuna.load_study(study_name="s", storage=other).set_user_attr("note", "a dashboard's")
@@ -108,18 +107,18 @@ def test_what_is_written_together_is_synchronised_once(
         other.set_study_user_attr(0, "two", 2)
 
 
-def test_a_redis_that_holds_a_pickle_runs_nothing() -> None:
-    class Redis(BaseJournalBackend, BaseJournalSnapshot):
-        def read_logs(self, log_number_from: int) -> list[dict[str, Any]]:
-            return []
-
-        def append_logs(self, logs: list[dict[str, Any]]) -> None:
-            raise AssertionError
-
-        def save_snapshot(self, snapshot: bytes) -> None:
-            raise AssertionError
-
-        def load_snapshot(self) -> bytes:
-            return b"cos\nabort\n(tR."  # os.abort()
-
-    assert Journal(Redis()).get_all_studies() == []
+def test_a_long_journal_is_read_as_optuna_reads_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "study.journal"
+    study = optuna.create_study(study_name="s", storage=Journal(path))
+    monkeypatch.setattr(storage, "_AT_ONCE_BYTES", 500)
+    for i in range(5):
+        study.add_trial(optuna.trial.create_trial(value=i, user_attrs={"rock": "slab ü\u2028" * i}))
+    watching = optuna.load_study(study_name="s", storage=Journal(path))
+    with path.open("ab") as file:  # somebody is writing
+        file.write(b'{"op_code":')
+    theirs = optuna.load_study(study_name="s", storage=JournalStorage(JournalFileBackend(str(path))))
+    assert watching.trials == theirs.trials == study.trials and len(study.trials) == 5
+    for line in (b'8},{"op_code":8}\n', b"8\n"):
+        path.write_bytes(path.read_bytes() + line)
+        with pytest.raises(ValueError):
+            _ = watching.trials

@@ -453,7 +453,6 @@ def test_any_optuna_storage(tmp_path: Path) -> None:
         "nosuchdb://host/db",
         "sqlite:////no/such/dir/x.db",
         "journal:/no/such/dir/x.journal",
-        "redis://127.0.0.1:1/0",
     ],
 )
 def test_storage_that_cannot_be_used(tmp_path: Path, storage: str) -> None:

@@ -201,11 +201,16 @@ def test_a_password_of_the_environment_is_used_and_not_shown(monkeypatch):
         raise RuntimeError(f"cannot connect to {url} with s3/cret")
 
     monkeypatch.setenv(PASSWORD_VARIABLE, "s3/cret")
-    monkeypatch.setattr("tuner.campaign.storage.JournalRedisBackend", refuse)
+    monkeypatch.setattr("optuna.storages.RDBStorage", refuse)
     with pytest.raises(UserError) as caught:
-        open_storage("redis://h:6379/0", Path())
-    assert given == ["redis://:s3%2Fcret@h:6379/0"]
+        open_storage("postgresql+psycopg://u@h/d", Path())
+    assert given == ["postgresql+psycopg://u:s3%2Fcret@h/d"]
     assert "cret" not in str(caught.value) and caught.value.__cause__ is None
+
+
+def test_a_ledger_in_redis_is_refused_for_postgresql():
+    with pytest.raises(UserError, match="use PostgreSQL: postgresql"):
+        open_storage("redis://h:6379/0", Path())
 
 
 def test_a_locked_database_in_flight_is_one_line(tmp_path):
