@@ -87,7 +87,7 @@ def settings_page() -> str:
         "`gatetune campaign run runs/first/campaign.yaml --name second --seed 1`.",
         "",
         "    name: shale",
-        "    search_space: gate_weights_and_pool",
+        "    search_space: beyond_paper",
         "    rocks: [slab, scans/shale.obj]",
         "    budget: 96",
         "    overrides: {stop.adaptive_budget: 12}",

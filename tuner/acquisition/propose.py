@@ -95,8 +95,9 @@ def maximise(
 ) -> tuple[Floats, float]:
     """Best (d,) unit position, exactly a configuration, and its acquisition value.
 
-    Values are logarithms: where missions have failed, the probability that one ends well is a factor. Starts are the best of many global points and of local ones, near the (n, d) positions ``near`` (None: those flown with
-    the best posterior means), tried without gradients.
+    Values are logarithms: where missions have failed, the probability that one ends well is a factor. Starts are the best
+    of many global points and of local ones, near the (n, d) positions ``near`` (None: those flown with the best posterior
+    means), tried without gradients.
     """
     d = model.space.dimension
     if model.feasibility is not None:

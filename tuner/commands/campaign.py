@@ -83,7 +83,7 @@ def run(
     space: Annotated[
         str | None,
         typer.Option(
-            help="Search space: gate, gate_and_weights (default), paper_ten, gate_weights_and_pool, full, beyond_paper, "
+            help="Search space: gate, gate_and_weights, paper_ten, gate_weights_and_pool (default), full, beyond_paper, "
             "few_photographs, photographs, or a YAML file.",
             rich_help_panel=_WHAT,
         ),
