@@ -332,7 +332,7 @@ def fly(
     """Run or resume, with live progress, and end in the report; ``where`` as the three options of that name."""
     from tuner.campaign.session import fly_campaign
     from tuner.campaign.shipped import SHIPPED
-    from tuner.missions.registry import ignored_by, is_geometric
+    from tuner.missions.registry import ignored_by
     from tuner.report.campaign.page import REPORT_FILE, write_campaign_report
     from tuner.report.campaign.shown import fly_shown_missions, shown_jobs, write_mission_pages
 
@@ -344,7 +344,8 @@ def fly(
         kind = "dask" if where[0] == "local" else where[0]
         executor = cluster_executor(kind, where[1], workers, timeout_s, unencrypted=where[2])
     output.print(
-        f"{settings.name}: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}; "
+        f"{settings.name}: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}"
+        f"{', the worst of them' if settings.risk == 'worst' else ''}; "
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "
         f"{executor.capacity} workers"
     )
@@ -373,12 +374,11 @@ def fly(
                 fly_shown_missions(campaign, executor)
     with working("writing the pages to walk around in"):
         write_mission_pages(campaign)
-    of_paper, geometric = settings.mission is None, is_geometric(settings.runner)
     quiet = spoken() == "quiet"
     if quiet:
         speak("all")
         if summary.recommendation is not None:
-            show_verdict(summary.recommendation, of_paper=of_paper, geometric=geometric)
+            show_verdict(summary.recommendation, settings)
     else:
         show_recommendation(summary.recommendation, settings)
         show_front(campaign)

@@ -187,10 +187,9 @@ def sparsest_text(found: Sparsest, whose: str = "paper's ") -> str:
         return f"use: the {whose}defaults; nothing tuned is known to be worth more ({costs})"
     values = ", ".join(f"{path} {_short(found.values[path])}" for path in found.kept)
     rest = len(found.values) - len(found.kept)
-    back = (
-        f" (the other {rest} go back to the {whose}values; {costs})" if rest else " (all of them are needed)"
-    )
-    return f"use: {values}{back}"
+    others = "the other goes" if rest == 1 else f"the other {rest} go"
+    back = f"{others} back to the {whose}values; {costs}" if rest else "all of them are needed"
+    return f"use: {values} ({back})"
 
 
 def next_rock_lines(found: NextRock) -> list[str]:
@@ -202,15 +201,12 @@ def next_rock_lines(found: NextRock) -> list[str]:
 
 def show_recommendation(recommendation: Recommendation | None, settings: CampaignSettings) -> None:
     """The verdict and what to use, then the values beside the defaults."""
-    from tuner.missions.registry import is_geometric
-
-    of_paper, geometric = settings.mission is None, is_geometric(settings.runner)
     if recommendation is None:
         output.print("no recommendation yet: no mission has succeeded")
         return
-    show_verdict(recommendation, of_paper=of_paper, geometric=geometric)
+    show_verdict(recommendation, settings)
     table = Table(title="Recommendation (best posterior mean among what has flown often enough)")
-    for column in ("parameter", "paper" if of_paper else "default", "recommended"):
+    for column in ("parameter", "paper" if settings.mission is None else "default", "recommended"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
     silent = {found.path: found.why for found in recommendation.inactive}
     for path, value in recommendation.values.items():
@@ -241,20 +237,22 @@ def show_recommendation(recommendation: Recommendation | None, settings: Campaig
         )
 
 
-def show_verdict(recommendation: Recommendation, *, of_paper: bool, geometric: bool) -> None:
+def show_verdict(recommendation: Recommendation, settings: CampaignSettings) -> None:
     """What the recommendation is worth against the default, and what of it to use."""
+    from tuner.missions.registry import is_geometric
     from tuner.report.labels import metric_label
 
     low, high = recommendation.improvement_interval_95
-    whose = "paper's " if of_paper else ""
-    by = "predicted by the low-fidelity simulator" if geometric else "by the surrogate"
+    whose = "paper's " if settings.mission is None else ""
+    by = "predicted by the low-fidelity simulator" if is_geometric(settings.runner) else "by the surrogate"
+    where = "the worst of the training rocks" if settings.risk == "worst" else "the training rocks"
     saved = ""
     if recommendation.metric.startswith("costs."):
         name = metric_label(recommendation.metric).axis
         saved = f"{name}: {recommendation.mean:.1f} in place of {recommendation.default_mean:.1f}; "
     output.print(
         f"{saved}improvement over the {whose}defaults {recommendation.improvement:+.2f} "
-        f"(calibrated 95 % interval {low:+.2f} to {high:+.2f}) on the training rocks, {by}; "
+        f"(calibrated 95 % interval {low:+.2f} to {high:+.2f}) on {where}, {by}; "
         "`gatetune evaluate` measures it on held-out rocks"
     )
     if recommendation.sparsest is not None:

@@ -48,7 +48,7 @@ class NextRock:
     against: tuple[str, ...]  # training rocks that the recommendation probably makes worse
     more_rocks: (
         int | None
-    )  # until the mean gain over such rocks would be told from 0, if it is as believed; None: too many
+    )  # that tell the mean gain over such rocks from 0, if it is as large as believed; None: too many
 
     def warnings(self) -> list[str]:
         """Where training rocks disagree, and how many more would settle it: a sentence each, none where all is well."""
@@ -64,9 +64,7 @@ class NextRock:
             more = (
                 "1 more training rock" if self.more_rocks == 1 else f"{self.more_rocks} more training rocks"
             )
-            said.append(
-                f"With {more} the mean gain over such rocks would be told from 0, if it is as believed."
-            )
+            said.append(f"{more} would tell the mean gain over such rocks from 0, if it is as large as that.")
         return said
 
     @staticmethod

@@ -113,7 +113,7 @@ def test_the_next_rock_is_said_and_where_rocks_disagree(campaign: Campaign) -> N
     elsewhere = NextRock(0.5, (-1.0, 2.0), 0.6, {"a": 2.0, "b": -1.0}, ("rocks/b.obj",), 7)
     said = sure_answer(better(campaign, next_rock=elsewhere))[-1]
     assert "nobody has flown: +0.50 points (95 % interval −1.00 to +2.00)" in said
-    assert "worse than the default on b." in said and "With 7 more training rocks" in said
+    assert "worse than the default on b." in said and "7 more training rocks would tell" in said
 
 
 def test_a_geometric_gain_is_called_a_prediction(campaign: Campaign) -> None:
@@ -121,7 +121,10 @@ def test_a_geometric_gain_is_called_a_prediction(campaign: Campaign) -> None:
     assert sure_answer(facts)[0].startswith("Predicted by the low-fidelity simulator: the recommended")
     assert "low-fidelity simulator" in measure_text(facts)
     assert "prediction" in next_answer(facts, evaluated=False)[0]
-    assert "low-fidelity" not in measure_text(better(campaign))
+    plain = better(campaign)
+    assert "low-fidelity" not in measure_text(plain) and "worst" not in measure_text(plain)
+    plain.settings = dataclasses.replace(plain.settings, sampler="gp", risk="worst")
+    assert "of the worst rock and condition" in measure_text(plain)
 
 
 def test_the_fewest_changes_are_used_and_not_flown_said(campaign: Campaign) -> None:

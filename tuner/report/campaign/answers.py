@@ -369,7 +369,8 @@ def measure_text(facts: CampaignFacts) -> str:
     else:
         fidelity = f"{s.runner} missions"
     names = [condition.name for condition in s.conditions]
-    return f"{facts.label.full}; {fidelity}; {'conditions' if len(names) > 1 else 'condition'} {', '.join(names)}"
+    worst = "; means and gains are of the worst rock and condition" if s.risk == "worst" else ""
+    return f"{facts.label.full}; {fidelity}; {'conditions' if len(names) > 1 else 'condition'} {', '.join(names)}{worst}"
 
 
 def _value(values: Mapping[str, Any], path: str) -> str:

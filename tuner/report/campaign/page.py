@@ -124,7 +124,8 @@ def _context(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[st
         "name": f"Campaign {s.name}",
         "subtitle": f"{s.space.dimension} parameters of the search space “{s.space.name}” tuned for "
         f"{label.full} ({s.objective.direction}d){second_text(facts)} on {len(s.rocks)} "
-        f"{'rock' if len(s.rocks) == 1 else 'rocks'}: {rocks}{_under_conditions(facts)}",
+        f"{'rock' if len(s.rocks) == 1 else 'rocks'}: {rocks}{_under_conditions(facts)}"
+        f"{', the worst of these' if s.risk == 'worst' else ''}",
         "warnings": _warnings(facts),
         "kpis": key_figures(facts),
         "ours": s.mission is None,
