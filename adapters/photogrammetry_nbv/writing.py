@@ -38,6 +38,7 @@ def write_scoring(
     UserError
         The gate, or a scorer, does not exist there.
     """
+    config = _with_the_flying_scorers_weights(config)
     values, remarks = _direct(config, SCORING, theirs)
     values["name"], mode = _scorer(config)
     if mode is not None:
@@ -83,6 +84,17 @@ def _scorer(config: MissionConfig) -> tuple[str, str | None]:
         return HYBRID, MODE_OF_GATE[kind]
     known = ", ".join((*SCORER_OF_GATE, *MODE_OF_GATE))
     raise UserError(f"gate {kind!r} does not exist in photogrammetry_nbv; what can be written is {known}")
+
+
+def _with_the_flying_scorers_weights(config: MissionConfig) -> MissionConfig:
+    """Where one scorer flies alone, the weights that both share there are its own."""
+    alone = {"covis": ("covis", "b_aware"), "b-aware": ("b_aware", "covis")}.get(config.gate.kind)
+    if alone is None:
+        return config
+    flies, idle = alone
+    return config.with_values(
+        {f"{idle}.weights.{name}": getattr(getattr(config, flies).weights, name) for name in _SHARED}
+    )
 
 
 def _geometry_weight(config: MissionConfig) -> tuple[float, list[Remark]]:

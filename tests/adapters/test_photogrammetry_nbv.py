@@ -172,6 +172,15 @@ def test_weights_in_proportion_are_written_exactly():
     assert not [remark for remark in remarks if remark.key == "b_aware.weights"]
 
 
+@pytest.mark.parametrize(("kind", "flies"), [("covis", "covis"), ("b-aware", "b_aware")])
+def test_a_scorer_that_flies_alone_has_the_shared_weights(kind, flies):
+    tuned = {"gate.kind": kind, f"{flies}.weights.nov": 0.05, f"{flies}.weights.ang": 1.7}
+    written, remarks = write_scoring(preset("paper").with_values(tuned))
+    assert not remarks
+    back = ours(read_scoring(written)[0])
+    assert getattr(back, flies) == getattr(preset("paper").with_values(tuned), flies)
+
+
 @pytest.mark.parametrize(
     ("change", "key"),
     [
