@@ -2,7 +2,8 @@
 
     OMP_NUM_THREADS=1 python benchmarks/scaling.py busy --workers 8 64 512 [--seconds 20] --out FILE.csv
     OMP_NUM_THREADS=1 python benchmarks/scaling.py dask [--missions 40] --out FILE.csv
-    OMP_NUM_THREADS=1 python benchmarks/scaling.py value [--missions 256] [--seeds 10] --out FILE.csv
+    OMP_NUM_THREADS=1 python benchmarks/scaling.py value [--workers 64 2] [--problem four-rocks:0.3] [--missions 256] [--seeds 10] --out FILE.csv
+    OMP_NUM_THREADS=1 python benchmarks/scaling.py growth [--missions 12000] --out FILE.csv
 
 ``busy``: a campaign of sampler gp (``gate_and_weights``, six rocks) on a real Dask scheduler, of whose workers every thread is a
 slot. A slot waits in proportion to the photographs of measured missions (``field_missions.csv``), ``--seconds`` in the mean, and
@@ -10,13 +11,17 @@ answers with a synthetic score. The share is of all slots, from when all have fl
 slots' own times.
 ``dask``: the same geometric campaign, two workers, by local processes and by a local Dask cluster, in turns; wall and CPU seconds.
 ``value``: how good the recommendation is with 64 missions in flight against 2, on Hartmann-6 in 10 dimensions on four rocks; batches
-as a campaign with so many workers makes them.
+as a campaign with so many workers makes them; ``geometric`` on the low-fidelity simulator.
+``growth``: memory and disk for a mission, from a third of a campaign to its end. Of the coordinator with missions that take no
+time and have 40 metrics more, so that a campaign of days passes in minutes; then of everything with real geometric missions, a
+twentieth as many.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import gc
 import heapq
 import json
 import os
@@ -38,11 +43,13 @@ from distributed import Client, LocalCluster  # noqa: E402
 
 from tuner.campaign.ahead import MAX_BATCH, SHARE  # noqa: E402
 from tuner.campaign.begin import begin_campaign  # noqa: E402
+from tuner.campaign.events import CampaignEvent  # noqa: E402
 from tuner.campaign.session import fly_campaign  # noqa: E402
 from tuner.campaign.settings import CampaignSettings  # noqa: E402
 from tuner.missions.cluster import worker  # noqa: E402
 from tuner.missions.cluster.executor import DaskExecutor  # noqa: E402
 from tuner.missions.executors import LocalProcessExecutor  # noqa: E402
+from tuner.missions.job import MissionJob, MissionOutcome  # noqa: E402
 from tuner.problem.observations import Observation, Pending  # noqa: E402
 from tuner.problem.space_files import load_search_space  # noqa: E402
 from tuner.samplers.base import SamplerSettings, ask_many, in_flight  # noqa: E402
@@ -156,11 +163,82 @@ def against_local(missions: int, repeats: int) -> list[dict[str, Any]]:
     return rows
 
 
-def value(width: int, missions: int, seed: int) -> dict[str, Any]:
+class Instant:
+    """An executor whose missions take no time."""
+
+    capacity = 2
+
+    def __init__(self) -> None:
+        self._jobs: list[MissionJob] = []
+
+    def submit(self, job: MissionJob) -> None:
+        """Flown."""
+        self._jobs.append(job)
+
+    def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
+        """All."""
+        jobs, self._jobs = self._jobs, []
+        return [self._outcome(job) for job in jobs]
+
+    def cancel_all(self) -> None:
+        """Nothing flies."""
+        self._jobs = []
+
+    def _outcome(self, job: MissionJob) -> MissionOutcome:
+        rng = np.random.default_rng(int(job.id))
+        more = {f"metric_{i}": float(v) for i, v in enumerate(rng.uniform(size=40))}
+        metrics = {"observable": {"f_score_48mm": float(rng.normal(80, 5))}, "more": more}
+        costs, timings = {"flight_time_s": 300.0, "images": 20.0}, {"begin": 0.0, "end": 1.0}
+        return MissionOutcome(job.id, "ok", metrics=metrics, costs=costs, timings_s=timings, wall_s=1.0)
+
+
+def kilobytes(process: int) -> int:
+    """Memory of its own, and its share of what it shares."""
+    lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
+
+
+def growth(executor: Any, missions: int) -> dict[str, Any]:
+    """One row: kB for a mission after the first third."""
+    marks: dict[int, list[int]] = {}
+    with tempfile.TemporaryDirectory() as home:
+        settings = CampaignSettings(
+            "growth",
+            load_search_space("gate_and_weights"),
+            ROCKS[:3],
+            missions,
+            2,
+            runner="geometric",
+            sampler="sobol",
+        )
+        campaign = begin_campaign(Path(home) / "run", settings)
+
+        def note(event: CampaignEvent) -> None:
+            if event.kind == "finished" and event.finished in (missions // 3, missions):
+                gc.collect()
+                server = getattr(executor, "_server", None)
+                disk = sum(f.stat().st_blocks for f in Path(home).rglob("*")) // 2
+                flown = [kilobytes(os.getpid()), 0 if server is None else kilobytes(server.pid), disk]
+                marks[event.finished] = flown
+
+        fly_campaign(campaign, executor, note)
+    first, last = marks[missions // 3], marks[missions]
+    each = [round((b - a) / (missions - missions // 3), 2) for a, b in zip(first, last)]
+    return {
+        "what": f"growth, {type(executor).__name__}",
+        "missions": missions,
+        "memory_gb": round(last[0] / 2**20, 3),
+        "coordinator_kb": each[0],
+        "server_kb": each[1],
+        "disk_kb": each[2],
+    }
+
+
+def value(name: str, width: int, missions: int, seed: int) -> dict[str, Any]:
     """Regret of what is best by the posterior mean after ``missions``, ``width`` in flight."""
     from optimiser_problems import make_problem
 
-    problem = make_problem("four-rocks:0.3", seed, Path("unused"))
+    problem = make_problem(name, seed, Path(tempfile.gettempdir()) / "scaling_value")
     settings = SamplerSettings(
         problem.space, problem.default, problem.rocks, seed, 20, problem.replicates, budget=None
     )
@@ -186,7 +264,13 @@ def value(width: int, missions: int, seed: int) -> dict[str, Any]:
     model = RockMeanGP(problem.space, history, problem.rocks, seed)
     flown = [dict(o.values) for o in history]
     found = problem.truth(flown[model.best_first(flown)[0]])
-    return {"what": "value", "workers": width, "missions": missions, "seed": seed, "value": round(found, 4)}
+    return {
+        "what": f"value, {name}",
+        "workers": width,
+        "missions": missions,
+        "seed": seed,
+        "value": round(found, 4),
+    }
 
 
 def main() -> None:
@@ -194,8 +278,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("part", choices=("busy", "dask", "value"))
-    parser.add_argument("--workers", type=int, nargs="+", default=[8, 64, 512])
+    parser.add_argument("part", choices=("busy", "dask", "value", "growth"))
+    parser.add_argument("--workers", type=int, nargs="+")
+    parser.add_argument("--problem", default="four-rocks:0.3")
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--rounds", type=int, default=4)
     parser.add_argument("--missions", type=int)
@@ -213,15 +298,20 @@ def main() -> None:
             writer.writerows(rows)
 
     if options.part == "busy":
-        for workers in options.workers:
+        for workers in options.workers or (8, 64, 512):
             keep(busy(workers, options.seconds, options.rounds))
     elif options.part == "dask":
         for row in against_local(options.missions or 40, options.seeds):
             keep(row)
+    elif options.part == "growth":
+        missions = options.missions or 12_000
+        keep(growth(Instant(), missions))
+        with LocalProcessExecutor(2, preload=("geometric",)) as executor:
+            keep(growth(executor, missions // 20))
     else:
         for seed in range(options.seeds):
-            for width in (64, 2):
-                keep(value(width, options.missions or 256, seed))
+            for width in options.workers or (64, 2):
+                keep(value(options.problem, width, options.missions or 256, seed))
 
 
 if __name__ == "__main__":

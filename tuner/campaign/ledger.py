@@ -136,6 +136,7 @@ class Ledger:
         self._objective = objective
         self._distributions = distributions(space)
         self._known: dict[int, tuple[optuna.trial.FrozenTrial, TrialRecord]] = {}
+        self._alone = False  # while nobody else may write, what is known is all there is
         self._campaign_id = campaign_id
         self._journal = journal_path(storage, directory)
         self._shown = shown = storage or str(directory / JOURNAL_FILE)
@@ -150,6 +151,7 @@ class Ledger:
         try:
             with reachable(shown):
                 self._study = self._open_study(study_name, create=create, begun=begun)
+                self._study_id = self._storage.get_study_id_from_name(study_name)
                 found = self._study.user_attrs
                 if create or (not begun and _CAMPAIGN_ID not in found and not self._study.get_trials()):
                     for key, content in identity.items():
@@ -192,14 +194,23 @@ class Ledger:
 
     # -- writing ---------------------------------------------------------------------------------------------
 
-    def exclusive(self) -> contextlib.AbstractContextManager[None]:
+    @contextlib.contextmanager
+    def exclusive(self) -> Iterator[None]:
         """Hold the ledger while this campaign flies; ``UserError`` where another coordinator does.
 
         A journal is for one campaign; a database for several, each with one coordinator, on whatever machine.
         """
         if self._journal is not None:
-            return one_writer(self._journal)
-        return contextlib.nullcontext() if self._lock is None else self._lock.held()
+            held: contextlib.AbstractContextManager[None] = one_writer(self._journal)
+        else:
+            held = contextlib.nullcontext() if self._lock is None else self._lock.held()
+        with held:
+            self.trials()
+            self._alone = True
+            try:
+                yield
+            finally:
+                self._alone = False
 
     @contextlib.contextmanager
     def together(self) -> Iterator[None]:
@@ -232,7 +243,7 @@ class Ledger:
     def _start(
         self, proposal: Proposal, world: World, replicate: int, config_digest: str, seed: int, code: str
     ) -> TrialRecord:
-        number = len(self._study.get_trials(deepcopy=False))
+        number = len(self.trials())
         attributes = {
             "rock": world.rock,
             "condition": world.condition,
@@ -252,8 +263,7 @@ class Ledger:
             distributions=self._distributions,
             user_attrs=attributes,
         )
-        self._study.add_trial(trial)
-        record = _record(self._study.get_trials(deepcopy=False)[-1])
+        record = self._record(self._storage.get_trial(self._storage.create_new_trial(self._study_id, trial)))
         if record.number != number or record.directory != attributes["directory"]:
             raise UserError("another process writes to this campaign's study; let only one run at a time")
         return record
@@ -266,7 +276,8 @@ class Ledger:
             return self._finish(number, outcome)
 
     def _finish(self, number: int, outcome: MissionOutcome) -> TrialRecord:
-        frozen = self._study.get_trials(deepcopy=False)[number]
+        self.trials()
+        frozen = self._known[number][0]
         if frozen.state.is_finished():
             raise ValueError(f"trial {number} is finished already")
         value, why_not = self._objective.outcome(outcome.status, {**outcome.metrics, "costs": outcome.costs})
@@ -288,7 +299,7 @@ class Ledger:
             for key, content in attributes.items():  # before its state: finished trials are frozen
                 self._storage.set_trial_user_attr(frozen._trial_id, key, content)
             self._storage.set_trial_state_values(frozen._trial_id, state, values)
-        return _record(self._storage.get_trial(frozen._trial_id))
+        return self._record(self._storage.get_trial(frozen._trial_id))
 
     def keep_files(self, files: Mapping[str, str]) -> None:
         """Keep the run directory's first files beside the missions of a database, for a coordinator on another machine."""
@@ -299,6 +310,8 @@ class Ledger:
 
     def trials(self) -> list[TrialRecord]:
         """All missions in trial order."""
+        if self._alone:
+            return [record for _, record in self._known.values()]
         with reachable(self._shown):
             return [self._record(trial) for trial in self._study.get_trials(deepcopy=False)]
 
@@ -307,6 +320,7 @@ class Ledger:
         known = self._known.get(trial.number)
         if known is None or (known[0] is not trial and known[1].state == "running"):
             require_trial(trial, self._campaign_id, self._shown)
+            trial.distributions = self._distributions  # the same of all: kept once
             known = self._known[trial.number] = (trial, _record(trial))
         return known[1]
 

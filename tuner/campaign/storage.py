@@ -7,6 +7,7 @@ import fcntl
 import gc
 import json
 import os
+import sys
 import urllib.parse
 from collections.abc import Generator, Iterator
 from pathlib import Path
@@ -54,7 +55,7 @@ class _Records(JournalFileBackend):
         if self._held is None:
             super().append_logs(logs)
         else:
-            self._held += json.loads(json.dumps(logs))
+            self._held += json.loads(json.dumps(logs), object_pairs_hook=_keys_once)
 
     def read_logs(self, log_number_from: int) -> Generator[dict[str, Any], None, None]:
         """Records from a number on: those held where some are."""
@@ -109,6 +110,11 @@ class _Records(JournalFileBackend):
                 count, place = count + len(lines), place + sum(map(len, lines))
                 self._next = (count, place)
                 yield from records[skipped:]
+
+
+def _keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Thousands of missions have the same metrics: their names are kept once."""
+    return {sys.intern(key): value for key, value in pairs}
 
 
 def open_storage(
