@@ -14,6 +14,9 @@ from scipy.spatial import cKDTree
 
 from nbv.types import Floats, Ints
 
+_LEAF = 32  # points in a leaf of a tree
+_LEAF_FOR_ONE = 128  # where one neighbour is asked for: half the time of 32 for a cloud half a metre off
+
 
 def nearest_neighbours(
     points_m: Floats, queries_m: Floats, k: int = 1, within_m: float = np.inf
@@ -28,11 +31,11 @@ def nearest_neighbours(
         (Q, k) each, nearest first; (Q,) for ``k = 1``. Infinite and N where there is none nearer than ``within_m``,
         which saves the search for it.
     """
-    tree = cKDTree(points_m, leafsize=32)
+    tree = cKDTree(points_m, leafsize=_LEAF if k > 1 else _LEAF_FOR_ONE)
     if queries_m is points_m:
         order = tree.indices
     else:
-        order = cKDTree(queries_m, leafsize=32, balanced_tree=False, compact_nodes=False).indices
+        order = cKDTree(queries_m, leafsize=_LEAF, balanced_tree=False, compact_nodes=False).indices
     sorted_distances, sorted_indices = tree.query(
         queries_m[order], k=k, distance_upper_bound=within_m, workers=1
     )

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from nbv.config import CameraConfig, DenseConfig
+from nbv.dense import patchmatch_runs
 from nbv.dense.colmap_workspace import fuse_with_colmap, read_depth_maps, write_depth_maps, write_images
 from nbv.dense.consistency import check_consistency, choose_witnesses
 from nbv.dense.fusion import fuse
@@ -175,10 +176,8 @@ def test_patchmatch_without_cuda_names_the_remedy():
 
 @pytest.mark.slow
 def test_patchmatch_with_cuda_agrees_with_the_closed_form(scene):
-    import pycolmap
-
-    if not pycolmap.has_cuda:
-        pytest.skip("needs a pycolmap with CUDA: pip install 'gatetune[cuda]'")
+    if not patchmatch_runs():
+        pytest.skip("needs an NVIDIA GPU and a pycolmap with CUDA: pip install 'gatetune[cuda]'")
     config = dataclasses.replace(CONFIG, backend="patchmatch")
     cloud, report = reconstruct_dense(scene.images, scene.poses, scene.camera, TARGET, config)
     assert report.backend == "patchmatch"
