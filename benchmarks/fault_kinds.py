@@ -268,6 +268,27 @@ def damaged_file(flight: Flight) -> None:
         copy.replace(path)
 
 
+def store_entry(flight: Flight) -> None:
+    """While missions fly, entries of the store they share are torn, flipped, emptied or put under another's name."""
+    rng, session, store = flight.rng, flight.start(), Path(os.environ["GATETUNE_HOME"]) / "store" / "faults"
+    while not session.ended():
+        flight.moment(session, 3)
+        with contextlib.suppress(OSError, IndexError, ValueError):  # nothing there yet, or just removed
+            path, other = rng.choices(sorted(p for p in store.glob("*/*") if p.name[0] != "."), k=2)
+            data = bytearray(path.read_bytes())
+            way = rng.choice(["flip", "flip", "tear", "empty", "swap"])
+            if way == "flip":
+                data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+            elif way == "swap":
+                data = bytearray(other.read_bytes())
+            else:
+                del data[0 if way == "empty" else rng.randrange(len(data)) :]
+            path.write_bytes(data)
+            flight.faults += 1
+            flight.verdicts["went_on"] += 1
+    flight.close(session, fault=False)
+
+
 KINDS: dict[str, Callable[[Flight], None]] = {
     "coordinator": coordinator,
     "server": server,
@@ -282,6 +303,7 @@ KINDS: dict[str, Callable[[Flight], None]] = {
     "clock": clock,
     "two coordinators": two_coordinators,
     "damaged file": damaged_file,
+    "store entry": store_entry,
 }
 _OWN_DISK = ("full disk", "read-only disk")
 

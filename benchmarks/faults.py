@@ -305,6 +305,8 @@ class Flight:
         for event, name, score in events:
             if event == "began" and name in ended and name not in self.damaged:
                 self._count("repeated", name)
+            if event == "untrue":
+                self._count("lost", f"{name} had a damaged entry from the store")
             if event == "ended":
                 ended.add(name)
             if event == "ending":

@@ -1,7 +1,8 @@
-"""The mission of `make faults`: it takes a tenth of a second and says in a file of its own what it did.
+"""The mission of `make faults`: it takes a tenth of a second, or FAULTS_SECONDS, and says in a file of its own what it did.
 
 One line per event, appended in one write to the file FAULTS_RECORD, which lies outside the run directory: ``began``, ``ending``
-just before ``mission.json`` is there, ``ended`` just after. The campaign never sees that file.
+just before ``mission.json`` is there, ``ended`` just after; ``untrue`` where the store gave it something else than was put
+there. The campaign never sees that file.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nbv.cache import Store, remember_json
 from nbv.config import MissionConfig
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import write_atomic
@@ -28,7 +30,12 @@ def fly(
     what = f"{directory.name} {score!r}"
     record("began", what)
     filled = np.ones(NEEDS)
-    time.sleep(random.uniform(0.02, 0.15))
+    kept = remember_json(
+        Store(), "faults", lambda: _kept(rock, replicate), code="nbv.cache.store", inputs=(rock, replicate)
+    )
+    if kept != _kept(rock, replicate):
+        record("untrue", what)
+    time.sleep(float(os.environ.get("FAULTS_SECONDS") or random.uniform(0.02, 0.15)))
     with (directory / "cloud.bin").open("wb") as file:
         file.write(filled[:1024].tobytes())
     result = MissionResult(
@@ -49,6 +56,12 @@ def fly(
     record("ended", what)
     time.sleep(random.uniform(0, 0.02))
     return result
+
+
+def _kept(rock: str, replicate: int) -> list[float]:
+    """What a mission has from the store: some kilobytes."""
+    draws = random.Random(f"{rock} {replicate}")
+    return [draws.random() for _ in range(500)]
 
 
 def record(event: str, what: str) -> None:

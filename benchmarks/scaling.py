@@ -1,7 +1,7 @@
 """How campaigns grow with workers: the product's own coordinator, ledger and executor, missions replaced by waits.
 
     OMP_NUM_THREADS=1 python benchmarks/scaling.py busy --workers 8 64 512 [--seconds 20] --out FILE.csv
-    OMP_NUM_THREADS=1 python benchmarks/scaling.py dask [--missions 40] --out FILE.csv
+    OMP_NUM_THREADS=1 python benchmarks/scaling.py dask [--missions 40] [--seconds 5] --out FILE.csv
     OMP_NUM_THREADS=1 python benchmarks/scaling.py value [--workers 64 2] [--problem four-rocks:0.3] [--missions 256] [--seeds 10] --out FILE.csv
     OMP_NUM_THREADS=1 python benchmarks/scaling.py growth [--missions 12000] --out FILE.csv
 
@@ -9,7 +9,8 @@
 slot. A slot waits in proportion to the photographs of measured missions (``field_missions.csv``), ``--seconds`` in the mean, and
 answers with a synthetic score. The share is of all slots, from when all have flown to when the last mission is launched: the
 slots' own times.
-``dask``: the same geometric campaign, two workers, by local processes and by a local Dask cluster, in turns; wall and CPU seconds.
+``dask``: the same campaign, two workers, by local processes and by a local Dask cluster, in turns; wall and CPU seconds. Its
+missions are geometric, or take ``--seconds`` in which they compute nothing.
 ``value``: how good the recommendation is with 64 missions in flight against 2, on Hartmann-6 in 10 dimensions on four rocks; batches
 as a campaign with so many workers makes them; ``geometric`` on the low-fidelity simulator.
 ``growth``: memory and disk for a mission, from a third of a campaign to its end. Of the coordinator with missions that take no
@@ -128,18 +129,24 @@ def busy(workers: int, seconds: float, rounds: int) -> dict[str, Any]:
     }
 
 
-def against_local(missions: int, repeats: int) -> list[dict[str, Any]]:
+def against_local(missions: int, repeats: int, seconds: float | None) -> list[dict[str, Any]]:
     """Rows of both executors, in turns."""
     space, rows = load_search_space("gate_and_weights"), []
+    runner = "geometric" if seconds is None else "faults_mission:fly"
+    os.environ |= {
+        "FAULTS_SECONDS": str(seconds),
+        "FAULTS_RECORD": os.devnull,
+        "PYTHONPATH": f"{ROOT}:{ROOT / 'benchmarks'}",
+    }
     for repeat in range(repeats):
         for name in ("local", "dask") if repeat % 2 else ("dask", "local"):
             with tempfile.TemporaryDirectory() as home:
                 settings = CampaignSettings(
-                    "two", space, ROCKS[:3], missions, 2, runner="geometric", sampler="sobol"
+                    "two", space, ROCKS[:3], missions, 2, runner=runner, sampler="sobol"
                 )
                 campaign = begin_campaign(Path(home) / "run", settings)
                 if name == "local":
-                    executor: Any = LocalProcessExecutor(2, preload=("geometric",))
+                    executor: Any = LocalProcessExecutor(2, preload=(runner,))
                 else:
                     cluster = LocalCluster(
                         2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=50
@@ -153,6 +160,7 @@ def against_local(missions: int, repeats: int) -> list[dict[str, Any]]:
                 rows.append(
                     {
                         "what": name,
+                        "seconds": seconds,
                         "seed": repeat,
                         "missions": missions,
                         "warm_s": round(warm, 2),
@@ -281,7 +289,7 @@ def main() -> None:
     parser.add_argument("part", choices=("busy", "dask", "value", "growth"))
     parser.add_argument("--workers", type=int, nargs="+")
     parser.add_argument("--problem", default="four-rocks:0.3")
-    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--seconds", type=float)
     parser.add_argument("--rounds", type=int, default=4)
     parser.add_argument("--missions", type=int)
     parser.add_argument("--seeds", type=int, default=10)
@@ -299,9 +307,9 @@ def main() -> None:
 
     if options.part == "busy":
         for workers in options.workers or (8, 64, 512):
-            keep(busy(workers, options.seconds, options.rounds))
+            keep(busy(workers, options.seconds or 20.0, options.rounds))
     elif options.part == "dask":
-        for row in against_local(options.missions or 40, options.seeds):
+        for row in against_local(options.missions or 40, options.seeds, options.seconds):
             keep(row)
     elif options.part == "growth":
         missions = options.missions or 12_000
