@@ -4,6 +4,9 @@ An entry is a dictionary of arrays under (kind, key). Entries are written to a t
 reader sees a whole entry or none, and two processes that fill the same entry leave one of two equal files. Every
 entry carries a checksum of its kind, its key and its content: one that is damaged or lies under another's name is
 noticed, removed and made anew by whoever needs it.
+
+Machines may share a folder besides, ``$GATETUNE_SHARED_STORE``: what a store does not have is looked for there and kept, and
+what it is given is put there too. Nothing removes what is old from it.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ from nbv.errors import UserError
 from nbv.foreign import expanded
 
 _MAGIC = b"gatetune-entry-2"
+_HEAD_BYTES = len(_MAGIC) + hashlib.sha256().digest_size
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
 DEFAULT_MAX_BYTES = 10 * 2**30
 _PRUNE_EVERY_PUTS = 500
@@ -52,43 +56,64 @@ class KindInfo:
 
 
 class Store:
-    """Entries under ``root``; at most about ``max_bytes`` of them, least recently used go first."""
+    """Entries under ``root``; at most about ``max_bytes`` of them, least recently used go first.
+
+    Without a root it is the user's, and what ``$GATETUNE_SHARED_STORE`` holds is taken from there.
+    """
 
     def __init__(self, root: Path | None = None, max_bytes: int = DEFAULT_MAX_BYTES) -> None:
         self.root = root if root is not None else home() / "store"
         self.max_bytes = max_bytes
         self._puts = 0
+        shared = os.environ.get("GATETUNE_SHARED_STORE") if root is None else None
+        self._shared = Store(expanded(shared)) if shared else None
 
     def get(self, kind: str, key: str) -> Arrays | None:
         """The entry, or ``None`` if it is absent or not what was put there (then it is removed)."""
+        data = self._read(kind, key)
+        if data is None and self._shared is not None:
+            data = self._shared._read(kind, key)
+            if data is not None:
+                self._keep(kind, key, data)
+        return None if data is None else _unpack(data)
+
+    def put(self, kind: str, key: str, arrays: Arrays) -> None:
+        """Write the entry. A full or read-only disk costs the entry, never the caller's result."""
+        data = _pack(kind, key, arrays)
+        self._keep(kind, key, data)
+        if self._shared is not None:
+            self._shared._write(kind, key, data)
+
+    def _keep(self, kind: str, key: str, data: bytes) -> None:
+        self._write(kind, key, data)
+        self._puts += 1
+        if self._puts % _PRUNE_EVERY_PUTS == 0:
+            self.prune(self.max_bytes)
+
+    def _read(self, kind: str, key: str) -> bytes | None:
         path = self._path(kind, key)
         try:
             data = path.read_bytes()
         except OSError:
             return None
-        arrays = _unpack(kind, key, data)
-        if arrays is None:
-            path.unlink(missing_ok=True)
-            return None
-        with contextlib.suppress(OSError):  # another process may have pruned it
-            os.utime(path)  # recently used
-        return arrays
+        sound = _is_sound(kind, key, data)
+        with contextlib.suppress(OSError):  # another process may have pruned it, or nobody may write there
+            if sound:
+                os.utime(path)  # recently used
+            else:
+                path.unlink()
+        return data if sound else None
 
-    def put(self, kind: str, key: str, arrays: Arrays) -> None:
-        """Write the entry. A full or read-only disk costs the entry, never the caller's result."""
+    def _write(self, kind: str, key: str, data: bytes) -> None:
         path = self._path(kind, key)
         temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            temporary.write_bytes(_pack(kind, key, arrays))
+            temporary.write_bytes(data)
             temporary.replace(path)
         except OSError:
             with contextlib.suppress(OSError):
                 temporary.unlink(missing_ok=True)
-            return
-        self._puts += 1
-        if self._puts % _PRUNE_EVERY_PUTS == 0:
-            self.prune(self.max_bytes)
 
     def info(self) -> list[KindInfo]:
         """Number and size of the entries, by kind."""
@@ -129,7 +154,7 @@ class Store:
             except FileNotFoundError:
                 continue
             checked += 1
-            if _payload(path.relative_to(self.root).parts[0], path.name, data) is None:
+            if not _is_sound(path.relative_to(self.root).parts[0], path.name, data):
                 path.unlink(missing_ok=True)
                 damaged += 1
         return checked, damaged
@@ -156,20 +181,14 @@ def _pack(kind: str, key: str, arrays: Arrays) -> bytes:
     return b"".join((_MAGIC, _checksum(kind, key, payload), payload))
 
 
-def _unpack(kind: str, key: str, data: bytes) -> Arrays | None:
-    payload = _payload(kind, key, data)
-    if payload is None:
-        return None
-    with np.load(io.BytesIO(payload), allow_pickle=False) as entry:
+def _unpack(data: bytes) -> Arrays:
+    with np.load(io.BytesIO(memoryview(data)[_HEAD_BYTES:]), allow_pickle=False) as entry:
         return {name: entry[name] for name in entry.files}
 
 
-def _payload(kind: str, key: str, data: bytes) -> memoryview | None:
-    """What was put under (kind, key), if that is what ``data`` holds."""
-    start = len(_MAGIC) + hashlib.sha256().digest_size
-    payload = memoryview(data)[start:]
-    sound = data[:start] == _MAGIC + _checksum(kind, key, payload)
-    return payload if sound else None
+def _is_sound(kind: str, key: str, data: bytes) -> bool:
+    """Whether it is what was put under (kind, key)."""
+    return data[:_HEAD_BYTES] == _MAGIC + _checksum(kind, key, memoryview(data)[_HEAD_BYTES:])
 
 
 def _checksum(kind: str, key: str, payload: memoryview) -> bytes:

@@ -117,3 +117,40 @@ def test_an_unwritable_store_costs_the_entry_not_the_result(tmp_path):
     store = Store(blocked / "store")
     store.put("photos", "ab", {"i": np.zeros(3)})
     assert not (blocked / "store").exists()
+
+
+def test_machines_fill_their_stores_from_a_shared_folder(tmp_path, monkeypatch):
+    stores, photo = [], {"pixels": np.arange(50)}
+    monkeypatch.setenv("GATETUNE_SHARED_STORE", str(tmp_path / "shared"))
+    for machine in ("one", "two", "three"):
+        monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / machine))
+        stores.append(Store())
+    stores[0].put("photos", "ab12", photo)
+    shared = tmp_path / "shared/photos/ab/ab12"
+    for way in ("read", "alone"):
+        np.testing.assert_array_equal(stores[1].get("photos", "ab12")["pixels"], photo["pixels"])
+        if way == "read":  # from now on it has its own
+            shared.write_bytes(shared.read_bytes()[:-1])
+    assert stores[2].get("photos", "ab12") is None and not shared.exists()  # damaged: removed, made anew
+    stores[2].put("photos", "ab12", photo)
+    assert shared.read_bytes() == file_of(stores[2], "ab12").read_bytes()
+    assert Store(tmp_path / "own").get("photos", "ab12") is None
+
+
+def test_a_shared_folder_that_nobody_may_write_still_fills(tmp_path, monkeypatch):
+    Store(tmp_path / "shared").put("photos", "ab12", {"pixels": np.arange(5)})
+    monkeypatch.setenv("GATETUNE_SHARED_STORE", str(tmp_path / "shared"))
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
+
+    def refuse(*_, **__):
+        raise PermissionError
+
+    store = Store()
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "utime", refuse)
+        assert store.get("photos", "ab12") is not None
+        damaged = file_of(Store(tmp_path / "shared"), "ab12")
+        damaged.write_bytes(b"other")
+        file_of(store, "ab12").unlink()
+        patch.setattr(type(damaged), "unlink", refuse)
+        assert store.get("photos", "ab12") is None
