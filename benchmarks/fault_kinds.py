@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import importlib.util
 import os
 import random
 import resource
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -16,7 +18,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import failing_calls
-from faults import Flight, Session, send
+from faults import Flight, Session, kill_all, send
 
 DISK_BYTES = 3_000_000
 _DEADLY = (signal.SIGKILL, signal.SIGABRT, signal.SIGSEGV, signal.SIGTERM)
@@ -289,6 +291,86 @@ def store_entry(flight: Flight) -> None:
     flight.close(session, fault=False)
 
 
+@contextlib.contextmanager
+def _cluster(flight: Flight) -> Iterator[tuple[str, Callable[[str, int], None], Callable[[], None]]]:
+    """A scheduler and two workers with a way each, and the coordinator's: its address, what holds, opens or cuts a
+    way, and what begins workers where there is none."""
+    here = Path(__file__).parent
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    environment = {
+        **os.environ,
+        "PYTHONPATH": f"{here.parent}:{here}",
+        "FAULTS_RECORD": str(flight.record),
+        "DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "5s",
+        "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0",
+    }
+    python = [sys.executable, "-P"]
+
+    def dask(what: str, *options: str) -> subprocess.Popen[bytes]:
+        command = [*python, "-m", f"distributed.cli.dask_{what}", "--no-dashboard", *options]
+        return subprocess.Popen(command, env=environment, stderr=subprocess.DEVNULL)
+
+    scheduler = dask("scheduler", "--host", "127.0.0.1", "--port", str(port))
+    network = subprocess.Popen(
+        [*python, str(here / "fault_network.py"), str(port), "3"],
+        text=True,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+    )
+    assert network.stdin is not None and network.stdout is not None
+    ports = network.stdout.readline().split()
+    workers: dict[str, subprocess.Popen[bytes]] = {}
+
+    def do(what: str, way: int) -> None:
+        print(what, way, file=network.stdin, flush=True)
+
+    def begin_workers() -> None:
+        for way in ports[1:]:  # one that was cut off ends itself
+            if way not in workers or workers[way].poll() is not None:
+                folder = str(flight.place / f"worker_{way}")
+                own = ("--nthreads", "1", "--no-nanny", "--local-directory", folder)
+                workers[way] = dask("worker", f"tcp://127.0.0.1:{way}", *own)
+
+    deadline = time.monotonic() + 60
+    while time.monotonic() < deadline and socket.socket().connect_ex(("127.0.0.1", port)):
+        time.sleep(0.1)
+    try:
+        yield f"tcp://127.0.0.1:{ports[0]}", do, begin_workers
+    finally:
+        for process in (network, scheduler, *workers.values()):
+            kill_all(process.pid)
+            process.wait()
+
+
+def cluster_cut_off(flight: Flight) -> None:
+    """The way of a worker, or of the coordinator, to a Dask scheduler is cut, or held for a moment or until it is given up."""
+    rng = flight.rng
+    with _cluster(flight) as (address, do, begin_workers):
+        begin_workers()
+        session = flight.start(more=("--scheduler", address))
+        while not session.ended() and time.monotonic() - session.began < 120:
+            flight.moment(session, 6)
+            way, what = rng.choice([0, 1, 2, 1, 2]), rng.choice(["cut", "hold", "hold"])
+            if session.ended():
+                break
+            do(what, way)
+            flight.faults += 1
+            flight.verdicts["went_on"] += 1
+            flight.excuse_in_flight()
+            if what == "hold":
+                flight.wait(session, rng.choice([rng.uniform(0.1, 2), rng.uniform(6, 9)]))
+                flight.excuse_in_flight()
+                do("open", way)
+            begin_workers()
+        while not session.ended() and time.monotonic() - session.began < 240:
+            flight.wait(session, 2)
+            begin_workers()
+        flight.close(session, fault=False)
+        flight.excuse_in_flight()
+
+
 KINDS: dict[str, Callable[[Flight], None]] = {
     "coordinator": coordinator,
     "server": server,
@@ -304,6 +386,7 @@ KINDS: dict[str, Callable[[Flight], None]] = {
     "two coordinators": two_coordinators,
     "damaged file": damaged_file,
     "store entry": store_entry,
+    "cluster cut off": cluster_cut_off,
 }
 _OWN_DISK = ("full disk", "read-only disk")
 
@@ -312,6 +395,8 @@ def possible(kind: str) -> bool:
     """Whether this system and this user can do it."""
     if "write" in kind:
         return failing_calls.possible()
+    if "cluster" in kind:
+        return importlib.util.find_spec("distributed") is not None
     return kind not in _OWN_DISK or os.geteuid() == 0
 
 

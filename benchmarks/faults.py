@@ -23,9 +23,15 @@ import sys
 import tempfile
 import time
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nbv.errors import UserError
+
+if TYPE_CHECKING:
+    from tuner.campaign.ledger import TrialRecord
 
 os.environ["OMP_NUM_THREADS"] = (
     "1"  # before numpy and torch are loaded: a process with threads cannot be forked
@@ -142,15 +148,16 @@ class Flight:
         *,
         before: Callable[[], None] | None = None,
         decide: Callable[[int, str, str], int] | None = None,
+        more: Sequence[str] = (),
     ) -> Session:
-        """The command; ``before`` happens in its process, ``decide`` as in `FailingCalls`."""
+        """The command, with ``more`` options; ``before`` happens in its process, ``decide`` as in `FailingCalls`."""
         self._sessions += 1
         output = self.place / f"output_{self._sessions}"
         output.touch()
         ours, theirs = socket.socketpair()
         pid = os.fork()
         if not pid:
-            self._become(output, theirs, before, asks=decide is not None)
+            self._become(output, theirs, before, more, asks=decide is not None)
         theirs.close()
         session = Session(pid, output)
         if decide is not None:
@@ -161,7 +168,13 @@ class Flight:
         return session
 
     def _become(
-        self, output: Path, channel: socket.socket, before: Callable[[], None] | None, *, asks: bool
+        self,
+        output: Path,
+        channel: socket.socket,
+        before: Callable[[], None] | None,
+        more: Sequence[str],
+        *,
+        asks: bool,
     ) -> None:
         code = 99
         try:
@@ -208,6 +221,7 @@ class Flight:
                 "3",
                 "--resume-if-present",
                 "--quiet",
+                *more,
                 str(self.settings),
             ]
             main()
@@ -302,7 +316,8 @@ class Flight:
         events = [line.split() for line in self.record.read_text().splitlines()]
         known = {Path(t.directory).name: t for t in trials if t.state != "running"}
         ended, flown = set(), set()
-        for event, name, score in events:
+        for event, where, score in events:
+            name = self._name(where, trials)
             if event == "began" and name in ended and name not in self.damaged:
                 self._count("repeated", name)
             if event == "untrue":
@@ -319,6 +334,19 @@ class Flight:
                 self._count("charged", f"{name}: {trial.reason} {trial.message}")
         if len(known) != self.budget:
             self._count("lost", f"{len(known)} of {self.budget} missions")
+
+    def _name(self, where: str, trials: Sequence[TrialRecord]) -> str:
+        """A mission's directory by that in which it flew: workers of a cluster have folders of their own."""
+        kind, _, rest = where.partition("-")
+        return Path(trials[int(rest.split("-")[0])].directory).name if kind == "mission" else where
+
+    def excuse_in_flight(self) -> None:
+        """What the ledger does not have yet may fly again: its worker is cut off."""
+        from tuner.campaign.campaign import Campaign
+
+        with contextlib.suppress(UserError):  # not begun yet
+            trials = Campaign.open(self.run, read_only=True).trials()
+            self.damaged |= {Path(t.directory).name for t in trials if t.state == "running"}
 
     def _count(self, what: str, told: str) -> None:
         self.verdicts[what] += 1
