@@ -156,18 +156,18 @@ def summary(rows: list[dict[str, Any]]) -> None:
         )
 
 
-def campaigns(bank_file: Path, out: Path, spaces: list[str]) -> None:
+def campaigns(bank_file: Path, out: Path, spaces: list[str], most: int) -> None:
     """Play all campaigns: as many of each size as there are rocks, each left out of one; then on what the product tunes on."""
     rows = []
     for space in spaces:
         bank = {(i, rock, k): value for own, i, rock, k, value in read(bank_file) if own == space}
         rocks = sorted({rock for _, rock, _ in bank})
         for size in (*SIZES, len(rocks) - 1):
-            for seed, left_out in enumerate(rocks):
+            for seed, left_out in enumerate(rocks[:most]):
                 rest = np.random.default_rng(seed).permutation([r for r in rocks if r != left_out])
                 rows.append(play(bank, space, [str(r) for r in rest[:size]], seed))
         for training in (QUICK_ROCKS, training_rocks()):
-            rows += [play(bank, space, training, seed, drawn=False) for seed in range(FIXED_SEEDS)]
+            rows += [play(bank, space, training, seed, drawn=False) for seed in range(min(most, FIXED_SEEDS))]
         print(f"{space}: played", flush=True)
     write(out, rows, "w")
     summary(rows)
@@ -253,6 +253,7 @@ def main() -> None:
     parser.add_argument("--rock", action="append", default=[], help="further rock file to fly on")
     parser.add_argument("--judge", nargs="+", default=[], help="with play: rocks that no campaign trains on")
     parser.add_argument("--space", nargs="+", choices=SPACES, default=[*SPACES])
+    parser.add_argument("--most", type=int, default=1000, help="campaigns of each kind at most")
     parser.add_argument("--out", type=Path, default=Path("next_rock.csv"))
     arguments = parser.parse_args()
     if arguments.what == "fly":
@@ -263,7 +264,7 @@ def main() -> None:
     elif arguments.judge:
         judged(arguments.bank, arguments.out, arguments.space, arguments.judge)
     else:
-        campaigns(arguments.bank, arguments.out, arguments.space)
+        campaigns(arguments.bank, arguments.out, arguments.space, arguments.most)
 
 
 if __name__ == "__main__":

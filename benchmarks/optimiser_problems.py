@@ -12,7 +12,8 @@ A problem is made for one seed (``make_problem(name, seed)``) and is a pure func
     Hartmann-6 in 10 dimensions on four rocks with their own shift (up to 0.08), scale and offset; noise 0.1 per
     mission, ``:BLOCK_SD`` the offset that all missions on one (rock, replicate) share.
 ``geometric``
-    Missions of the geometric fidelity at the campaign preset; ``:SPACE`` is the search space.
+    Missions of the geometric fidelity at the campaign preset; ``:SPACE`` is the search space, ``:SPACE:PRICE`` what a
+    photograph costs in points. Space ``photographs`` has the dense stage of ``make tune``.
 """
 
 from __future__ import annotations
@@ -271,6 +272,7 @@ class GeometricProblem:
     memo: Memo
     rocks: tuple[str, ...] = ROCKS
     metric: str = "observable.f_score_48mm"
+    price: float = 0.0  # points a photograph
     budget: int = 64
     replicates: int = 2
     best: float | None = None
@@ -281,12 +283,14 @@ class GeometricProblem:
 
     def __post_init__(self) -> None:
         from nbv.config import preset
+        from tuner.commands.campaign_settings import QUICK
         from tuner.problem.space_files import load_search_space
 
         self.space = load_search_space(self.space_name)
-        self._base = self.space.base_config(preset("campaign"))
+        overrides = QUICK["overrides"] if self.space_name == QUICK["search_space"] else {}
+        self._base = self.space.base_config(preset("campaign")).with_values(overrides)
         self.default = self.space.default(self._base)
-        self.name = f"geometric:{self.space_name}"
+        self.name = f"geometric:{self.space_name}" + (f":{self.price:g}" if self.price else "")
 
     def metrics(self, values: Values, rock: str, replicate: int) -> dict[str, Any] | None:
         """``{"metrics": ..., "costs": ...}`` of one mission; None where it failed."""
@@ -303,16 +307,19 @@ class GeometricProblem:
             if result.status == "failed":
                 return None
             kept = {k: v for k, v in result.metrics["observable"].items() if isinstance(v, float)}
-            return {"observable": kept, "flight_time_s": result.costs["flight_time_s"]}
+            costs = {key: result.costs[key] for key in ("flight_time_s", "images")}
+            return {"observable": kept, **costs}
 
         return self.memo.get(f"{config.digest()}/{Path(rock).stem}/{replicate}", fly)
 
     def fly(self, values: Values, rock: str, replicate: int) -> Flight:
-        """The metric, in percent."""
+        """The metric, in percent, less what the photographs cost."""
         outcome = self.metrics(values, rock, replicate)
         group, name = self.metric.split(".")
         # A campaign's replicates differ between seeds, as another campaign's would.
-        return Flight(None if outcome is None else float(outcome[group][name]))
+        if outcome is None:
+            return Flight(None)
+        return Flight(float(outcome[group][name]) - self.price * float(outcome["images"]))
 
     def truth(self, values: Values) -> float:
         """Mean over rocks of fresh replicates; a failed mission counts as 0."""
@@ -339,8 +346,14 @@ def make_problem(
     if kind == "four-rocks":
         return FourRocks(seed, float(option or 0.0), **limit)
     if kind == "geometric":
+        space, _, price = option.partition(":")
         return GeometricProblem(
-            option or "gate_and_weights", seed, Memo(memo, source_digest()), tuple(rocks), **limit
+            space or "gate_and_weights",
+            seed,
+            Memo(memo, source_digest()),
+            tuple(rocks),
+            price=float(price or 0.0),
+            **limit,
         )
     noise = float(option or 0.1)
     at = np.random.default_rng([seed, 3]).uniform(0.25, 0.75, 10)

@@ -355,7 +355,7 @@ _TRUSTED_DEFAULT = (
 
 def applicable(name: str, problem: str) -> bool:
     """Whether a strategy makes sense, and is another one than its plain variant, on a problem."""
-    if name.startswith("cmaes") and problem == "geometric:full":
+    if name.startswith("cmaes") and problem in ("geometric:full", "geometric:few_photographs"):
         return False  # categorical parameters
     if name in _TRUSTED_DEFAULT:
         return problem.startswith("geometric")
