@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, SparseConfig
 from nbv.sparse.camera import CAMERA_ID, colmap_camera
+from nbv.sparse.correspondences import pairs_near
 from nbv.sparse.matching import VerifiedPair
 from nbv.sparse.timing import StageTimer
 
@@ -60,26 +61,6 @@ def mapping_options(config: SparseConfig) -> pycolmap.IncrementalPipelineOptions
     options.ba_global_function_tolerance = 1e-6
     options.ba_local_function_tolerance = 1e-6
     return options
-
-
-def pairs_near(
-    pairs: Mapping[tuple[int, int], VerifiedPair], image_ids: Sequence[int]
-) -> dict[tuple[int, int], VerifiedPair]:
-    """Of ``pairs``, those of these images and of the images that they were matched with.
-
-    Registration and triangulation need those of the images themselves; the others let tracks that the new
-    observations join grow and merge. What lies farther is left to the next global adjustment, which sees all
-    pairs. Every image keeps one pair at least, since COLMAP's graph drops images that have none.
-    """
-    own = set(image_ids)
-    near = own | {i for ids in pairs if not own.isdisjoint(ids) for i in ids}
-    chosen = {ids: pair for ids, pair in pairs.items() if not near.isdisjoint(ids)}
-    held = {i for ids in chosen for i in ids}
-    for ids, pair in pairs.items():
-        if not held.issuperset(ids):
-            chosen[ids] = pair
-            held.update(ids)
-    return chosen
 
 
 class IncrementalModel:
@@ -241,13 +222,9 @@ class IncrementalModel:
 
     def _join(self, mapper: pycolmap.IncrementalMapper, judge: Judge) -> None:
         """Grow on by poses from few points: where views are far apart hardly any point is seen by three images."""
-        usual, options = self._mapper_options, self._options.get_mapper()
-        options.abs_pose_min_num_inliers = _JUDGED_POSE_INLIERS
-        options.abs_pose_min_inlier_ratio = _JUDGED_POSE_INLIER_RATIO
-        options.max_reg_trials = _JUDGED_POSE_TRIALS
-        model = mapper.reconstruction
+        usual, model = self._mapper_options, mapper.reconstruction
         held, before = set(model.reg_image_ids()), set(model.point3D_ids())
-        self._mapper_options, self._triangulation.ignore_two_view_tracks = options, False
+        self._mapper_options, self._triangulation.ignore_two_view_tracks = self._for_judged_poses(), False
         with self.timer("mapping"):
             for image_id in sorted(held):
                 mapper.triangulate_image(self._triangulation, image_id)
@@ -260,10 +237,24 @@ class IncrementalModel:
         self._mapper_options, self._triangulation.ignore_two_view_tracks = usual, True
         self._refine_globally(mapper)
 
+    def _for_judged_poses(self) -> pycolmap.IncrementalMapperOptions:
+        options = self._options.get_mapper()
+        options.abs_pose_min_num_inliers = _JUDGED_POSE_INLIERS
+        options.abs_pose_min_inlier_ratio = _JUDGED_POSE_INLIER_RATIO
+        options.max_reg_trials = _JUDGED_POSE_TRIALS
+        return options
+
     # --------------------------------------------------------------------------------------------- update
 
-    def update(self, new_id: int, judge: Judge = lambda reconstruction, image_id: "") -> dict[int, str]:
+    def update(
+        self,
+        new_id: int,
+        judge: Judge = lambda reconstruction, image_id: "",
+        judge_turn: Judge | None = None,
+    ) -> dict[int, str]:
         """Register image ``new_id`` and retry every earlier unregistered image.
+
+        With ``judge_turn`` what is left out is tried again, from few matches; both judges must keep it.
 
         Returns why each image tried was left out, ``{image_id: reason}``; an image that is absent from
         it is registered. Local adjustment after each registration, a global one every
@@ -271,7 +262,6 @@ class IncrementalModel:
         """
         pycolmap.set_random_seed(_SEED)
         self._limit_iterations()
-        reasons: dict[int, str] = {}
         registered = set(self.registered_ids)
         waiting = [new_id] + [i for i in range(1, len(self.names) + 1) if i not in registered | {new_id}]
         is_global = self.captures_since_global + 1 >= self.config.global_ba_interval
@@ -281,17 +271,12 @@ class IncrementalModel:
         with self.timer("mapping"):
             mapper = pycolmap.IncrementalMapper(self._database_cache(pairs))
             mapper.begin_reconstruction(self.reconstruction)
-        progress = True
-        while waiting and progress:  # a new registration can make an earlier image registrable
-            progress = False
-            for image_id in list(waiting):
-                reason = self._try(mapper, image_id, judge)
-                if reason:
-                    reasons[image_id] = reason
-                else:
-                    reasons.pop(image_id, None)
-                    waiting.remove(image_id)
-                    progress = True
+        reasons = self._try_all(mapper, waiting, judge)
+        if reasons and judge_turn:
+            usual, self._mapper_options = self._mapper_options, self._for_judged_poses()
+            left = [image_id for image_id in waiting if image_id in reasons]
+            reasons = self._try_all(mapper, left, lambda model, i: judge(model, i) or judge_turn(model, i))
+            self._mapper_options = usual
         self.captures_since_global += 1
         if is_global:
             self._refine_globally(mapper)
@@ -315,6 +300,23 @@ class IncrementalModel:
     def deregister(self, image_id: int) -> None:
         """Take an image's pose and observations out of the model."""
         self.reconstruction.deregister_frame(image_id)
+
+    def _try_all(
+        self, mapper: pycolmap.IncrementalMapper, image_ids: Sequence[int], judge: Judge
+    ) -> dict[int, str]:
+        """Until no more registers: a new registration can make an earlier image registrable. Returns what was left out."""
+        waiting, reasons, progress = list(image_ids), {}, True
+        while waiting and progress:
+            progress = False
+            for image_id in list(waiting):
+                reason = self._try(mapper, image_id, judge)
+                if reason:
+                    reasons[image_id] = reason
+                else:
+                    reasons.pop(image_id, None)
+                    waiting.remove(image_id)
+                    progress = True
+        return reasons
 
     def _try(self, mapper: pycolmap.IncrementalMapper, image_id: int, judge: Judge) -> str:
         visible = mapper.observation_manager.num_visible_points3D(image_id)

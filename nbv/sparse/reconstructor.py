@@ -176,7 +176,8 @@ class SparseReconstructor:
         before = set(registered_names(self.reconstruction))
         self._take_in([capture])
         new_id = len(self._captures)
-        reasons = self._model.update(new_id, self._judge_pose)
+        judge_turn = None if self.telemetry.is_exact else self._judge_attitude
+        reasons = self._model.update(new_id, self._judge_pose, judge_turn)
         if self._model.captures_since_global == 0:
             self._hold_by_telemetry()
         dropped = self._drop_outliers()

@@ -85,12 +85,8 @@ def test_twenty_matches_are_enough_where_telemetry_guards():
     assert registered == [False, True]
 
 
-@pytest.mark.parametrize("turned_deg, joins", [(0.0, True), (40.0, False)])
-def test_few_shared_points_join_a_seed_whose_turn_fits(turned_deg, joins):
-    """Of 20 matches 11 are with one seed alone, so that 9 points are there to register by. Four seeds see nothing."""
-    world = LabelledPoints(SEEDS)
-    world.blind = {1, 4, 7, 10}
-    last, neighbour = 15, 14
+def share_few(world: LabelledPoints, last: int, neighbour: int) -> None:
+    """Of 20 matches of ``last`` 11 are with ``neighbour`` alone, so that 9 points are there to register by."""
     shared = np.intersect1d(world.labels[last], world.labels[neighbour])
     kept = shared[np.linspace(0, len(shared) - 1, 20).astype(int)]
     alone = kept[np.arange(20) % 20 >= 9]
@@ -103,11 +99,37 @@ def test_few_shared_points_join_a_seed_whose_turn_fits(turned_deg, joins):
                 world.labels[index][~dropped],
                 world.pixels[index][~dropped],
             )
-    captures = list(SEEDS)
-    pose = SEEDS[last].camera_from_world.copy()
-    turn = Rotation.from_euler("y", turned_deg, degrees=True).as_matrix()
-    pose[:3] = turn @ pose[:3]  # about the camera's own centre
-    captures[last] = dataclasses.replace(SEEDS[last], camera_from_world=pose)
+
+
+def turned(capture: Capture, by_deg: float) -> Capture:
+    """Its telemetry, about the camera's own centre."""
+    pose = capture.camera_from_world.copy()
+    pose[:3] = Rotation.from_euler("y", by_deg, degrees=True).as_matrix() @ pose[:3]
+    return dataclasses.replace(capture, camera_from_world=pose)
+
+
+@pytest.mark.parametrize("turned_deg, joins", [(0.0, True), (40.0, False)])
+def test_few_shared_points_join_a_seed_whose_turn_fits(turned_deg, joins):
+    """Four seeds see nothing."""
+    world = LabelledPoints(SEEDS)
+    world.blind = {1, 4, 7, 10}
+    share_few(world, last=15, neighbour=14)
     sparse = SparseReconstructor(CAMERA, CONFIG, TARGET, world, TELEMETRY_LEVELS["rtk"])
-    sparse.bootstrap(captures)
+    sparse.bootstrap([*SEEDS[:15], turned(SEEDS[15], turned_deg)])
     assert len(sparse.world_camera_poses()) == 11 + joins
+
+
+@pytest.mark.parametrize(
+    "level, turned_deg, joins", [("rtk", 0, True), ("rtk", 40, False), ("exact", 0, False)]
+)
+def test_few_shared_points_join_a_later_photograph(level, turned_deg, joins):
+    world = LabelledPoints(SEEDS)
+    share_few(world, last=15, neighbour=14)
+    sparse = SparseReconstructor(CAMERA, CONFIG, TARGET, world, TELEMETRY_LEVELS[level])
+    before = sparse.bootstrap(SEEDS[:15]).model
+    report = sparse.add(turned(SEEDS[15], turned_deg))
+    assert report.registered == joins
+    assert report.model.camera_names == (*before.camera_names, *[SEEDS[15].name] * joins)
+    if joins:
+        errors_m = report.model.camera_centers_m - np.array([c.camera_center_m for c in SEEDS])
+        assert np.linalg.norm(errors_m, axis=1).max() < 0.02

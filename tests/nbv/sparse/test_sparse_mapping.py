@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures
 
 from nbv.errors import MissionFailure, UserError
-from nbv.sparse.correspondences import ComputedCorrespondences
-from nbv.sparse.mapper import pairs_near
+from nbv.sparse.correspondences import ComputedCorrespondences, pairs_near
 from nbv.sparse.reconstructor import SparseReconstructor
 
 SEEDS = ring_captures(12)
