@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+import unittest.mock
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -35,6 +36,7 @@ from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.gp import GPSampler
 from tuner.samplers.peers import available_peers
 from tuner.samplers.registry import make_sampler
+from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
 
 
@@ -121,6 +123,15 @@ class OneRock:
     def recommend(self) -> Values | None:
         """By the common rule."""
         return None
+
+
+class Careless(OneRock):
+    """Ours as it was before failed missions told it where not to search."""
+
+    def ask(self) -> Request:
+        """Without the model of failures."""
+        with unittest.mock.patch.object(RockMeanGP, "feasibility", None):
+            return super().ask()
 
 
 class OurDesign(OneRock):
@@ -333,6 +344,7 @@ STRATEGIES: dict[str, Factory] = {
     "gp+trusting": lambda problem, seed: OneRock(
         GPSampler(settings_of(problem, seed, ours=True), verify=False)
     ),
+    "gp+careless": lambda problem, seed: Careless(make_sampler("gp", settings_of(problem, seed, ours=True))),
     "gp+sobol": lambda problem, seed: OneRock(GPSampler(settings_of(problem, seed))),  # its design before
     "optuna-gp+near": lambda problem, seed: OurDesign(problem, seed, "optuna-gp"),
     "gp+short": gp_variant(initial=8),
@@ -357,6 +369,8 @@ def applicable(name: str, problem: str) -> bool:
     """Whether a strategy makes sense, and is another one than its plain variant, on a problem."""
     if name.startswith("cmaes") and problem in ("geometric:full", "geometric:few_photographs"):
         return False  # categorical parameters
+    if name == "gp+careless":
+        return problem in ("failing", "geometric:few_photographs")
     if name in _TRUSTED_DEFAULT:
         return problem.startswith("geometric")
     one_rock = not problem.startswith(("four-rocks", "geometric"))

@@ -237,7 +237,8 @@ def visibility(data: Path) -> plt.Figure:
 
 def next_rock(data: Path) -> plt.Figure:
     """What campaigns state for a rock nobody has flown, and what they gain on such rocks, by number of training rocks."""
-    drawn = [row for row in read(data, "next_rock") if row["training"] == "drawn"]
+    rows = [row for row in read(data, "next_rock") if row["space"] == "beyond_paper"]
+    drawn = [row for row in rows if row["training"] == "drawn"]
     sizes = list(dict.fromkeys(row["training_rocks"] for row in drawn))
 
     def mean(size: str, column: str) -> float:
