@@ -3,8 +3,8 @@
     OMP_NUM_THREADS=1 python benchmarks/unseen_conditions.py --ideal runs/ideal --worlds runs/worlds \\
         --condition harsh low-sun --rock arch fin cairn spire cleft $HELD_OUT --out runs/unseen --data unseen_conditions.csv
 
-Both campaigns' recommendations, Hyb-H at the paper's values, and random views in the second one's pool. Goes on where it
-stopped. Writes a row per mission and prints paired differences with 95 % intervals over rocks (Student's t).
+Both campaigns' recommendations, Hyb-H at the paper's values, and random views in the second one's pool; with ``--there RUN``
+what a campaign in these very conditions recommends, which bounds what tuning over others can bring. Goes on where it stopped. Writes a row per mission and prints paired differences with 95 % intervals over rocks (Student's t).
 """
 
 from __future__ import annotations
@@ -24,7 +24,8 @@ from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import LocalProcessExecutor
 
 PAPER, IDEAL, WORLDS, CHANCE = "hyb-h", "tuned-ideal", "tuned-conditions", "random-in-its-pool"
-PAIRS = ((WORLDS, IDEAL), (IDEAL, PAPER), (WORLDS, PAPER), (WORLDS, CHANCE))
+THERE = "tuned-there"
+PAIRS = ((WORLDS, IDEAL), (IDEAL, PAPER), (WORLDS, PAPER), (WORLDS, CHANCE), (THERE, IDEAL), (THERE, PAPER))
 METRICS = ("f_score_48mm", "completeness_48mm", "accuracy_48mm", "tt_f_score_48mm", "c2c_mean_mm")
 
 
@@ -33,6 +34,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--ideal", type=Path, required=True)
     parser.add_argument("--worlds", type=Path, required=True)
+    parser.add_argument("--there", type=Path, help="a campaign in the condition itself")
+    parser.add_argument("--strategies", nargs="+", help="of these alone (default: all)")
     parser.add_argument("--condition", nargs="+", required=True)
     parser.add_argument("--rock", nargs="+", required=True)
     parser.add_argument("--replicates", type=int, default=1)
@@ -49,6 +52,10 @@ def main() -> None:
         WORLDS: tuned,
         CHANCE: chance,
     }
+    if arguments.there:
+        configs[THERE] = Campaign.open(arguments.there, read_only=True).recommended_config()
+    if arguments.strategies:
+        configs = {name: configs[name] for name in arguments.strategies}
     plan = EvaluationPlan(
         configs,
         tuple(arguments.rock),
@@ -79,14 +86,12 @@ def main() -> None:
 
 def tell(values: Mapping[tuple[str, str, str], float], conditions: list[str]) -> None:
     """Mean F-score per condition, and paired differences of rock means."""
-    rocks = sorted({rock for _, rock, _ in values})
+    rocks, flown = sorted({rock for _, rock, _ in values}), sorted({strategy for strategy, _, _ in values})
     for group in ([condition] for condition in conditions):
-        means = {
-            s: np.nanmean([values[s, r, group[0]] for r in rocks]) for s in (PAPER, IDEAL, WORLDS, CHANCE)
-        }
+        means = {s: np.nanmean([values[s, r, group[0]] for r in rocks]) for s in flown}
         print(group[0], {name: round(float(mean), 2) for name, mean in means.items()})
     for group in (*([condition] for condition in conditions), conditions):
-        for a, b in PAIRS:
+        for a, b in (pair for pair in PAIRS if set(pair) <= set(flown)):
             per_rock = np.array([np.mean([values[a, r, c] - values[b, r, c] for c in group]) for r in rocks])
             kept = per_rock[np.isfinite(per_rock)]
             half = stats.t.ppf(0.975, len(kept) - 1) * stats.sem(kept)
