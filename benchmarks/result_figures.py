@@ -119,9 +119,10 @@ def conditions(data: Path) -> plt.Figure:
     rows = read(data, "unseen_conditions")
     names = {
         "hyb-h": "Hyb-H, paper's values",
-        "random-in-its-pool": "random views, pool of the last row",
+        "random-in-its-pool": "random views below 3.16 m",
         "tuned-ideal": "tuned in ideal",
         "tuned-conditions": "tuned over conditions",
+        "tuned-there": "tuned in harsh itself",
     }
     worlds = list(dict.fromkeys(row["condition"] for row in rows))
     figure, panels = plt.subplots(1, len(worlds), figsize=(8, 2.8), sharey=True)
@@ -129,6 +130,8 @@ def conditions(data: Path) -> plt.Figure:
         for place, strategy in enumerate(names):
             found = [row for row in rows if (row["strategy"], row["condition"]) == (strategy, world)]
             values = [float(row["f_score_48mm"]) for row in found if row["f_score_48mm"]]
+            if not values:
+                continue
             axes.plot(values, [place] * len(values), "o", color=GREY, alpha=0.5, markersize=4)
             axes.plot(sum(values) / len(values), place, "D", color=BLUE if "tuned" in strategy else ORANGE)
         axes.set_title(world)
