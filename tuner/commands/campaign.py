@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,7 +21,7 @@ from tuner.commands.console import (
     JSON_HELP,
     QUIET_HELP,
     beating,
-    cluster_executor,
+    executor_at,
     load,
     local_executor,
     output,
@@ -35,7 +36,6 @@ from tuner.commands.console import (
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
-    from tuner.missions.cluster.executor import DaskExecutor
     from tuner.missions.executors import LocalProcessExecutor
 
 app = typer.Typer(no_args_is_help=True)
@@ -208,7 +208,7 @@ def run(
     speak("json" if as_json else "quiet" if quiet else "all")
     from tuner.campaign.settings_file import SETTINGS_FILE
     from tuner.commands.campaign_settings import asked_fields, asked_settings
-    from tuner.missions.registry import refuse_code_of_file
+    from tuner.missions.registry import DEFAULT_RUNNER, refuse_code_of_file
 
     given: dict[str, Any] = {
         "name": name,
@@ -237,25 +237,23 @@ def run(
     output.print(f"campaign {fields['name']} in {directory}")  # before anything that takes seconds to load
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
         output.print("it is there already: going on with it")
+        flags: dict[str, Any] = {"quiet": quiet, "as_json": as_json, "accept_changes": False}
         return resume(
-            directory,
-            workers,
-            None,
-            timeout_s,
-            executor,
-            scheduler,
-            unencrypted,
-            fidelity,
-            quiet=quiet,
-            as_json=as_json,
-            accept_changes=False,
+            directory, workers, None, timeout_s, executor, scheduler, unencrypted, fidelity, **flags
         )
-    refuse_code_of_file(str(fields.get("runner") or ""), fidelity, str(settings))
-    load("tuner.campaign.session")
-    asked = asked_settings(fields, str(settings or "command line"))
-    from tuner.campaign.begin import begin_campaign
+    runner = str(fields.get("runner") or DEFAULT_RUNNER)
+    refuse_code_of_file(runner, fidelity, str(settings))
+    with contextlib.ExitStack() as stack:
+        ready = None
+        if executor == "local" and scheduler is None and mission is None:
+            ready = stack.enter_context(local_executor(runner, workers, timeout_s))
+            ready.begin()  # its libraries load beside ours
+        load("tuner.campaign.session")
+        asked = asked_settings(fields, str(settings or "command line"))
+        from tuner.campaign.begin import begin_campaign
 
-    fly(begin_campaign(directory, asked), workers, timeout_s, (executor, scheduler, unencrypted))
+        where = (executor, scheduler, unencrypted)
+        fly(begin_campaign(directory, asked), workers, timeout_s, where, ready=ready)
 
 
 @app.command()
@@ -328,6 +326,7 @@ def fly(
     where: tuple[str, str | None, bool] = ("local", None, False),
     *,
     accept_changes: bool = False,
+    ready: LocalProcessExecutor | None = None,
 ) -> None:
     """Run or resume, with live progress, and end in the report; ``where`` as the three options of that name."""
     from tuner.campaign.session import fly_campaign
@@ -337,12 +336,7 @@ def fly(
     from tuner.report.campaign.shown import fly_shown_missions, shown_jobs, write_mission_pages
 
     settings, before = campaign.settings, campaign.status().finished
-    executor: LocalProcessExecutor | DaskExecutor
-    if where[0] == "local" and where[1] is None:
-        executor = local_executor(settings.runner, workers, timeout_s, settings.mission)
-    else:
-        kind = "dask" if where[0] == "local" else where[0]
-        executor = cluster_executor(kind, where[1], workers, timeout_s, unencrypted=where[2])
+    executor = ready or executor_at(where, settings.runner, workers, timeout_s, settings.mission)
     output.print(
         f"{settings.name}: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}"
         f"{', the worst of them' if settings.risk == 'worst' else ''}; "

@@ -267,7 +267,23 @@ def local_executor(
     return LocalProcessExecutor(min(count, mission.at_once), limit_s, (runner,), mission.retries + 1)
 
 
-def cluster_executor(
+def executor_at(
+    where: tuple[str, str | None, bool],
+    runner: str,
+    workers: int | None,
+    timeout_s: float,
+    mission: MissionFile | None = None,
+) -> LocalProcessExecutor | DaskExecutor:
+    """Processes here or workers elsewhere; ``where`` has the options executor, scheduler and unencrypted."""
+    kind, scheduler, unencrypted = where
+    if kind == "local" and scheduler is None:
+        return local_executor(runner, workers, timeout_s, mission)
+    return _cluster_executor(
+        "dask" if kind == "local" else kind, scheduler, workers, timeout_s, unencrypted=unencrypted
+    )
+
+
+def _cluster_executor(
     where: str, scheduler: str | None, workers: int | None, timeout_s: float, *, unencrypted: bool
 ) -> DaskExecutor:
     """Workers of a Dask scheduler, which is started where none is named.

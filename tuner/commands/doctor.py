@@ -29,6 +29,7 @@ _SYSTEM = {
     "libGL.so.1": "libgl1",
     "libX11.so.6": "libx11-6",
     "libudev.so.1": "libudev1",
+    "libidn2.so.0": "libidn2-0",
     "libgomp.so.1": "libgomp1",
 }
 _CONSTRAINTS = Path(__file__).resolve().parents[2] / "constraints.txt"  # a clone has it, a wheel has not

@@ -33,7 +33,7 @@ from tuner.missions.job import (
     failed_outcome,
     record_failure,
 )
-from tuner.missions.registry import DEFAULT_RUNNER, runner_module
+from tuner.missions.registry import DEFAULT_RUNNER, all_modules
 from tuner.missions.run_job import EXIT_NOT_WRITABLE, run_job
 
 
@@ -160,7 +160,7 @@ class LocalProcessExecutor:
         self.capacity = workers
         self._timeout_s = timeout_s
         self._max_flights = max_flights
-        self._preload = [runner_module(runner) for runner in preload]
+        self._preload = [module for runner in preload for module in all_modules(runner)]
         self._flights: dict[str, _Flight] = {}
         self._again: list[_Flight] = []
         self._ready: list[MissionOutcome] = []
@@ -168,6 +168,10 @@ class LocalProcessExecutor:
         self._server_is_up = False
         self._silent_s = 0.0  # of listening to the server
         self._buffer = b""
+
+    def begin(self) -> None:
+        """Let the server import now, while the caller does other things; otherwise the first mission waits for it."""
+        self._server = self._server or self._start_server()
 
     def submit(self, job: MissionJob) -> None:
         """Start ``job``."""
@@ -236,9 +240,8 @@ class LocalProcessExecutor:
         )
 
     def _order(self, message: dict[str, object]) -> None:
-        if self._server is None:
-            self._server = self._start_server()
-        assert self._server.stdin is not None
+        self.begin()
+        assert self._server is not None and self._server.stdin is not None
         try:
             self._server.stdin.write(json.dumps(message).encode() + b"\n")
             self._server.stdin.flush()
@@ -328,6 +331,8 @@ class LocalProcessExecutor:
         server, self._server = self._server, None
         if server is None:
             return
+        if not (self._server_is_up or self._flights):  # it is still importing, for nobody
+            server.kill()
         assert server.stdin is not None and server.stdout is not None
         with contextlib.suppress(BrokenPipeError):
             server.stdin.close()  # the server kills its missions and ends

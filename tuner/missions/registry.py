@@ -23,6 +23,8 @@ RUNNERS = {
     "several-agreement-levels": "tuner.studies.runner:run_study_mission",
 }
 DEFAULT_RUNNER = "photogrammetric"
+# What their missions import when they need it, and a server before it forks, lest every mission does.
+_IMPORTED_IN_FLIGHT = {"nbv.photogrammetric": ("open3d", "torch"), "nbv.geometric": ("open3d",)}
 EXTERNAL = "external"  # flies the missions of mission files, which are not ours
 
 # The same missions, with an oracle's opinion of every decision in their traces.
@@ -85,6 +87,12 @@ def refuse_code_of_file(runner: str, named: str | None, source: str) -> None:
 def runner_module(runner: str) -> str:
     """The module that a worker imports to fly ``runner``."""
     return RUNNERS.get(runner, runner).partition(":")[0]
+
+
+def all_modules(runner: str) -> tuple[str, ...]:
+    """`runner_module`, and what missions of ``runner`` import as they fly."""
+    module = runner_module(runner)
+    return (module, *_IMPORTED_IN_FLIGHT.get(module, ()))
 
 
 def resolve_runner(runner: str) -> Callable[..., MissionResult]:

@@ -66,6 +66,14 @@ def test_outcomes_come_back_from_processes_of_their_own(tmp_path: Path) -> None:
         assert here.wait_any(0)[0].metrics == outcomes["0000"].metrics
 
 
+def test_a_server_that_began_early_flies_the_first_mission(tmp_path: Path) -> None:
+    with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
+        executor.begin()
+        server = server_of_this_process()
+        assert fly(executor, [job(tmp_path)])["0000"].status == "ok"
+        assert server_of_this_process() == server
+
+
 def test_a_mission_is_flown_again_when_its_server_ends(tmp_path: Path) -> None:
     with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
         executor.submit(job(tmp_path, "once-hang"))
