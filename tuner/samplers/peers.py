@@ -13,11 +13,13 @@ import json
 import os
 import queue
 import subprocess
+import sys
 import tempfile
 import threading
 import weakref
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from importlib.metadata import distributions
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +33,7 @@ from tuner.samplers.base import SamplerSettings, derived_seed, initial_proposal
 
 PEER_NAMES = ("ax", "smac", "hebo")
 OWN_DESIGN = ("smac",)  # these run the initial design themselves
+_DISTRIBUTIONS = {"ax": "ax-platform", "smac": "smac"}  # of the extra `peers`
 PEERS_DIRECTORY_VARIABLE = "GATETUNE_PEERS"  # where the environments are; default: .peers of the clone
 MIN_FEASIBLE = 2
 REPLY_TIMEOUT_S = 900.0
@@ -38,12 +41,12 @@ _CLONE = Path(__file__).resolve().parents[2]
 
 
 def peer_command(name: str) -> list[str]:
-    """Command line of the server of a peer.
+    """Command line of the server of a peer, in its own environment or, with the extra ``peers``, in this one.
 
     Raises
     ------
     UserError
-        Its environment has not been set up.
+        It has not been set up.
     """
     environments = Path(os.environ.get(PEERS_DIRECTORY_VARIABLE) or _CLONE / ".peers")
     python = environments / name / "bin" / "python"
@@ -51,6 +54,8 @@ def peer_command(name: str) -> list[str]:
     if not server.is_file():
         raise UserError(f"sampler {name} needs a clone of the repository; choose gp, or run it from a clone")
     if not (environments / name / ".ready").is_file() or not python.exists():
+        if name in _DISTRIBUTIONS and any(distributions(name=_DISTRIBUTIONS[name])):
+            return [sys.executable, str(server)]
         raise UserError(
             f"sampler {name} needs an environment of its own, which is not there; set it up with "
             f"`python benchmarks/peers/setup.py {name}`"
