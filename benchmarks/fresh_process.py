@@ -116,9 +116,9 @@ def timed_mission(
     return dataclasses.replace(result, costs=costs)
 
 
-def forget_sequences(home: Path) -> None:
+def forget_sequences(home: Path, between_words: str = "-") -> None:
     """Remove from the store what is kept of whole missions; photographs, features, pairs, seed models stay."""
     import shutil
 
     for kind in SEQUENCE_KINDS:
-        shutil.rmtree(home / "store" / kind, ignore_errors=True)
+        shutil.rmtree(home / "store" / kind.replace("-", between_words), ignore_errors=True)

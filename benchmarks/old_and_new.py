@@ -156,6 +156,7 @@ def main() -> None:
                         filled.touch()
                 for turn, code in todo:
                     forget_sequences(homes[code])
+                    forget_sequences(homes[code], "_")  # its kinds were spelt so before 0d2f783
                     flown = fly(trees[code], homes[code], rock, replicate, arguments.condition)
                     out.writerow([*mission, turn, code, *row(flown)])
                     file.flush()
