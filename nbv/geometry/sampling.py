@@ -36,14 +36,15 @@ def sample_surface(vertices_m: Floats, faces: Ints, n: int, seed: int) -> tuple[
     UserError
         The mesh has no area.
     """
-    corners, cross, doubled_area = _triangles(vertices_m, faces)
+    vertices_m, faces = np.asarray(vertices_m, dtype=float), np.asarray(faces)
+    cross, doubled_area = _areas(vertices_m, faces)
     rng = keyed_rng("surface-samples", seed)
     # Inverse-CDF draw; zero-area faces have an empty interval and are never chosen.
     cumulative = np.cumsum(doubled_area)
     chosen = np.searchsorted(cumulative, rng.random(n) * cumulative[-1], side="right")
     chosen = np.minimum(chosen, np.flatnonzero(doubled_area > 0)[-1])
     root, v = np.sqrt(rng.random(n)), rng.random(n)
-    return _points_in(corners[chosen], root, v), cross[chosen] / doubled_area[chosen][:, None]
+    return _points_in(vertices_m[faces[chosen]], root, v), cross[:, chosen].T / doubled_area[chosen][:, None]
 
 
 def sample_surface_evenly(vertices_m: Floats, faces: Ints, n: int, seed: int) -> tuple[Floats, Floats]:
@@ -53,7 +54,8 @@ def sample_surface_evenly(vertices_m: Floats, faces: Ints, n: int, seed: int) ->
     their centres, so that a patch is compact, cut into n parts of equal area. A share of the surface that the samples
     tell scatters less over seeds, since only patches on the border of that part of the surface are drawn by lot.
     """
-    corners, cross, doubled_area = _triangles(vertices_m, faces)
+    corners = np.asarray(vertices_m, dtype=float)[np.asarray(faces)]
+    cross, doubled_area = _areas(vertices_m, faces)
     order = np.argsort(_morton_keys(corners.mean(axis=1)), kind="stable")
     order = order[doubled_area[order] > 0]
     rng = keyed_rng("even-surface-samples", seed)
@@ -64,18 +66,22 @@ def sample_surface_evenly(vertices_m: Floats, faces: Ints, n: int, seed: int) ->
     # How far into its own face a draw lies is uniform, too, and keeps the order within large faces.
     within = 1.0 - (cumulative[place] - at) / doubled_area[chosen]
     root, v = np.sqrt(np.clip(within, 0.0, 1.0)), rng.random(n)
-    return _points_in(corners[chosen], root, v), cross[chosen] / doubled_area[chosen][:, None]
+    return _points_in(corners[chosen], root, v), cross[:, chosen].T / doubled_area[chosen][:, None]
 
 
-def _triangles(vertices_m: Floats, faces: Ints) -> tuple[Floats, Floats, Floats]:
-    """Corners (F, 3, 3), their cross products (F, 3) and twice the areas (F,)."""
-    corners = np.asarray(vertices_m, dtype=float)[np.asarray(faces)]
-    cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    doubled_area = np.linalg.norm(cross, axis=1)
+def _areas(vertices_m: Floats, faces: Ints) -> tuple[Floats, Floats]:
+    """The triangles' cross products (3, F) and twice their areas (F,), a coordinate at a time: half the time."""
+    coordinates = np.asarray(vertices_m, dtype=float).T.copy()
+    first, second, third = np.asarray(faces).T.copy()
+    start = [c[first] for c in coordinates]
+    ax, ay, az = (c[second] - s for c, s in zip(coordinates, start))
+    bx, by, bz = (c[third] - s for c, s in zip(coordinates, start))
+    x, y, z = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    doubled_area = np.sqrt(x * x + y * y + z * z)
     total = doubled_area.sum()
     if not np.isfinite(total) or total <= 0:
         raise UserError("the mesh has no surface area; check that the file holds triangles")
-    return corners, cross, doubled_area
+    return np.stack([x, y, z]), doubled_area
 
 
 def _points_in(corners: Floats, root: Floats, v: Floats) -> Floats:
