@@ -358,17 +358,14 @@ def cluster_cut_off(flight: Flight) -> None:
             do(what, way)
             flight.faults += 1
             flight.verdicts["went_on"] += 1
-            flight.excuse_in_flight()
             if what == "hold":
                 flight.wait(session, rng.choice([rng.uniform(0.1, 2), rng.uniform(6, 9)]))
-                flight.excuse_in_flight()
                 do("open", way)
             begin_workers()
         while not session.ended() and time.monotonic() - session.began < 240:
             flight.wait(session, 2)
             begin_workers()
         flight.close(session, fault=False)
-        flight.excuse_in_flight()
 
 
 KINDS: dict[str, Callable[[Flight], None]] = {

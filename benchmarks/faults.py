@@ -28,8 +28,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nbv.errors import UserError
-
 if TYPE_CHECKING:
     from tuner.campaign.ledger import TrialRecord
 
@@ -315,10 +313,15 @@ class Flight:
         trials = Campaign.open(self.run, read_only=True).trials()
         events = [line.split() for line in self.record.read_text().splitlines()]
         known = {Path(t.directory).name: t for t in trials if t.state != "running"}
+        on_cluster = any(where.startswith("mission-") for _, where, *_ in events)
         ended, flown = set(), set()
-        for event, where, score in events:
+        for event, where, score, when in events:
             name = self._name(where, trials)
-            if event == "began" and name in ended and name not in self.damaged:
+            again = event == "began" and name in ended and name not in self.damaged
+            if again and on_cluster:  # its worker may have been lost before the campaign had it
+                finished = known[name].finished if name in known else None
+                again = finished is not None and float(when) > finished.timestamp()
+            if again:
                 self._count("repeated", name)
             if event == "untrue":
                 self._count("lost", f"{name} had a damaged entry from the store")
@@ -339,14 +342,6 @@ class Flight:
         """A mission's directory by that in which it flew: workers of a cluster have folders of their own."""
         kind, _, rest = where.partition("-")
         return Path(trials[int(rest.split("-")[0])].directory).name if kind == "mission" else where
-
-    def excuse_in_flight(self) -> None:
-        """What the ledger does not have yet may fly again: its worker is cut off."""
-        from tuner.campaign.campaign import Campaign
-
-        with contextlib.suppress(UserError):  # not begun yet
-            trials = Campaign.open(self.run, read_only=True).trials()
-            self.damaged |= {Path(t.directory).name for t in trials if t.state == "running"}
 
     def _count(self, what: str, told: str) -> None:
         self.verdicts[what] += 1

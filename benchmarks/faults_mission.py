@@ -67,5 +67,5 @@ def _kept(rock: str, replicate: int) -> list[float]:
 def record(event: str, what: str) -> None:
     """One whole line, whoever else writes."""
     descriptor = os.open(os.environ["FAULTS_RECORD"], os.O_WRONLY | os.O_APPEND | os.O_CREAT)
-    os.write(descriptor, f"{event} {what}\n".encode())
+    os.write(descriptor, f"{event} {what} {time.time()}\n".encode())
     os.close(descriptor)
