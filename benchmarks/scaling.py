@@ -201,9 +201,9 @@ class Instant:
 
 
 def kilobytes(process: int) -> int:
-    """Memory of its own, and its share of what it shares."""
+    """Memory, with what it shares: the share of a server that forks depends on how many missions fly."""
     lines = Path(f"/proc/{process}/smaps_rollup").read_text().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("Pss:"))
+    return next(int(line.split()[1]) for line in lines if line.startswith("Rss:"))
 
 
 def growth(executor: Any, missions: int) -> dict[str, Any]:

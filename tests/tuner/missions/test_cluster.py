@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import gc
 import json
 import os
 import signal
@@ -125,12 +126,21 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(
     cluster = Cluster(tmp_path, 1)
     try:
         with dask_executor("dask", cluster.address, 1, 60.0) as executor:
+            gc.disable()
             assert fly(executor, [job(tmp_path, str(tmp_path / "own.npz"))])["0000"].status == "ok"
+            deadline = (
+                time.monotonic() + 5
+            )  # a scheduler flies anew what it believes wanted, should a worker be lost
+            while wanted := executor._client.run_on_scheduler(
+                lambda dask_scheduler: list(dask_scheduler.tasks)
+            ):
+                assert time.monotonic() < deadline, wanted
+            gc.enable()
             there = tmp_path / "worker-home/rocks/received" / f"{own.sha256}.npz"
             assert json.loads((tmp_path / "0000" / "mission.json").read_text())["rock"] == str(there)
             assert read_rock(there).sha256 == own.sha256
             monkeypatch.setattr(worker, "identity", lambda runner: {"python": "2.7.18"})
-            refused = fly(executor, [job(tmp_path, "boulder", 1)])["0001"]
+            refused = fly(executor, [job(tmp_path, "boulder", 3)])["0003"]
             assert refused.reason == "user_error"
             assert f"python is {sys.version.split()[0]} on the worker and 2.7.18 here" in refused.message
     finally:

@@ -142,6 +142,7 @@ class DaskExecutor:
         """The outcome; None where the mission goes up again."""
         job, wall_s = flight.job, time.monotonic() - flight.since
         del self._flights[job.id]
+        flight.future.release()  # a scheduler makes anew what is wanted still where a worker is lost
         if answer is not None and "refused" in answer:
             return failed_outcome(job, "user_error", answer["refused"])
         if answer is not None and "needs" in answer:
