@@ -81,7 +81,7 @@ def test_learning_from_them_needs_their_space_and_metric(tmp_path: Path) -> None
 def test_a_campaign_in_their_space_learns_from_them_unless_told(
     gatetune: Gatetune, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], expected: list[str]
 ) -> None:
-    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_: None)
+    monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_, **__: None)
     code, _, err = gatetune(
         "campaign", "run", "--space", "full", "--rock", "waist", "--name", "x", *arguments
     )
