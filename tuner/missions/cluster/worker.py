@@ -12,10 +12,14 @@ import tarfile
 import tempfile
 import threading
 import time
+import uuid
 from pathlib import Path
 from typing import Any
 
-from distributed import get_worker
+from distributed import Worker, get_worker
+from distributed.protocol.pickle import dumps
+from distributed.utils import sync
+from distributed.worker import WORKER_ANY_RUNNING
 
 from nbv.cache import code_digest, home
 from nbv.provenance import MISSION_LIBRARIES, versions
@@ -25,6 +29,8 @@ from tuner.missions.job import MissionJob, MissionOutcome, failed_outcome
 from tuner.missions.registry import runner_module
 
 _POLL_S = 0.2
+_ANSWER_S = 30.0
+_FRESH_S = 2.0  # an older answer says nothing: the scheduler may have given this worker up since
 _own = threading.local()  # one executor per thread of a worker
 
 
@@ -102,8 +108,11 @@ def _flown(job: MissionJob, timeout_s: float) -> MissionOutcome:
             _own.executor.close()
         _own.executor, _own.key = LocalProcessExecutor(1, timeout_s, (job.runner,), max_flights=1), key
     executor: LocalProcessExecutor = _own.executor
-    executor.submit(job)
+    executor.begin()
     task = get_worker().get_current_task()
+    if not _granted(get_worker(), task):
+        return failed_outcome(job, "worker_killed", "the worker that had it was lost")
+    executor.submit(job)
     while True:
         if landed := executor.wait_any(_POLL_S):
             return landed[0]
@@ -112,10 +121,47 @@ def _flown(job: MissionJob, timeout_s: float) -> MissionOutcome:
             return failed_outcome(job, "worker_stopped", "the coordinator no longer wants it")
 
 
+def grant(task: str, address: str, flight: str, dask_scheduler: Any) -> bool:
+    """On the scheduler: whether ``flight`` may begin on the worker at ``address``; said to one flight of a task, ever.
+
+    A scheduler makes anew what lay on a lost worker, whether or not the coordinator has it, and a worker that was cut off
+    would go through all that had been sent to it. Who flies again decides the coordinator alone, by another task.
+    """
+    state = dask_scheduler.tasks.get(task)
+    if state is None or state.processing_on is None or state.processing_on.address != address:
+        return False
+    state.annotations = {"flight": flight, **(state.annotations or {})}
+    return bool(state.annotations["flight"] == flight)
+
+
+def _granted(here: Worker, task: str) -> bool:
+    flight = uuid.uuid4().hex
+
+    async def ask() -> Any:
+        arguments = dumps((task, here.address, flight))
+        return await here.scheduler.run_function(function=dumps(grant), args=arguments)
+
+    while True:
+        asked = time.monotonic()
+        try:
+            answer = sync(here.loop, ask, callback_timeout=_ANSWER_S)
+        except (OSError, TimeoutError):
+            return False  # cut off
+        if not answer["result"]:
+            return False
+        if time.monotonic() - asked < _FRESH_S:
+            return True
+
+
 def _wanted(task: str) -> bool:
-    """Whether the coordinator still waits for this task: Dask does not stop one that runs."""
-    state = get_worker().state.tasks.get(task)
-    return state is not None and state.state in ("executing", "long-running")
+    """Whether the coordinator still waits for this task, and can hear of it: Dask does not stop one that runs."""
+    here = get_worker()
+    state = here.state.tasks.get(task)
+    return (
+        here.status in WORKER_ANY_RUNNING
+        and state is not None
+        and state.state in ("executing", "long-running")
+    )
 
 
 def packed(directory: Path) -> bytes:
