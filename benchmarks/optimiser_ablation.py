@@ -29,7 +29,7 @@ from nbv.types import Floats  # noqa: E402
 from tuner.problem.blocks import next_block  # noqa: E402
 from tuner.problem.objective import Objective  # noqa: E402
 from tuner.problem.observations import Observation  # noqa: E402
-from tuner.recommendation.recommendation import recommend  # noqa: E402
+from tuner.recommendation.choose import recommend  # noqa: E402
 from tuner.samplers.gp import GPSampler  # noqa: E402
 from tuner.surrogate.settings import SurrogateSettings  # noqa: E402
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from botorch.sampling import SobolQMCNormalSampler
 from botorch.utils.multi_objective.hypervolume import infer_reference_point
 from botorch.utils.multi_objective.pareto import is_non_dominated
 
-from nbv.types import Floats
+from tuner.acquisition.pareto import FrontPoint
 from tuner.acquisition.propose import BASELINE, maximise
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
@@ -29,21 +29,6 @@ AT_ONCE = 500  # configurations, of which nothing is asked jointly
 # BoTorch would compile a C++ kernel in the middle of a campaign: minutes without a word on a slow machine, and for
 # ever where an earlier compilation was killed and left its lock. Its Python path gives the same numbers.
 logei._load_attempted = True
-
-
-@dataclass(frozen=True)
-class FrontPoint:
-    """A configuration that no other flown one beats in both objectives, by posterior means over the rocks."""
-
-    values: dict[str, Any]
-    first: float  # metrics' units, as measured
-    first_sd: float
-    second: float
-    second_sd: float
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
-        return asdict(self)
 
 
 def two_models(
@@ -104,9 +89,3 @@ def flown_in_both(
             for values, m, s, n, t in zip(some, one.mean, one.sd, two.mean, two.sd)
         ]
     return sorted(points, key=lambda point: -signs[0] * point.first)
-
-
-def pareto_front(points: Sequence[FrontPoint], objectives: tuple[Objective, Objective]) -> list[FrontPoint]:
-    """Those that no other one dominates, in the same order."""
-    level: Floats = np.array([[p.first, p.second] for p in points]) * [o.sign for o in objectives]
-    return [p for p, own in zip(points, level) if not ((level >= own).all(1) & (level > own).any(1)).any()]

@@ -17,17 +17,22 @@ from __future__ import annotations
 import collections
 import contextlib
 import dataclasses
+import functools
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from nbv.errors import UserError
 from nbv.foreign import RESULT_BYTES, read_json, read_text
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import write_atomic
-from tuner.acquisition.front import FrontPoint, flown_in_both, pareto_front, two_models
-from tuner.acquisition.within import Within
+from tuner import (  # only what is used is loaded: who looks need not wait for torch
+    acquisition,
+    recommendation,
+    surrogate,
+)
+from tuner.acquisition.pareto import FrontPoint, pareto_front
 from tuner.campaign.events import CampaignStatus
 from tuner.campaign.ledger import Ledger, TrialRecord
 from tuner.campaign.settings import CampaignSettings
@@ -42,13 +47,16 @@ from tuner.missions.registry import refuse_code_of_file
 from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.inactive import Inactive, inactive_parameters
-from tuner.recommendation.recommendation import Recommendation, recommend
+from tuner.recommendation.recommendation import Recommendation
 from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.registry import make_sampler
-from tuner.surrogate.kernel import Feature
-from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import surrogate_settings
+
+if TYPE_CHECKING:
+    from tuner.acquisition.within import Within
+    from tuner.surrogate.kernel import Feature
+    from tuner.surrogate.model import RockMeanGP
 
 RECOMMENDATION_FILE = "recommendation.json"
 LEARNED_FILE = "learned_from.json"
@@ -91,7 +99,10 @@ class Campaign:
         self.settings = settings
         self.ledger = ledger
         self.learned = self._read_learned() if settings.learn_from else None
-        self._sampler = sampler_of(settings, self.learned)
+
+    @functools.cached_property
+    def _sampler(self) -> Sampler:
+        return sampler_of(self.settings, self.learned)
 
     # -- the run directory -----------------------------------------------------------------------------------
 
@@ -184,8 +195,10 @@ class Campaign:
         history = [o for o in self.history() if o.outcome is not None and o.second is not None]
         if not history:
             return []
-        models = two_models(s.space, history, s.worlds, s.seed, surrogate_settings(s.space, s.risk))
-        return flown_in_both(models, (s.objective, s.second))
+        models = acquisition.two_models(
+            s.space, history, s.worlds, s.seed, surrogate_settings(s.space, s.risk)
+        )
+        return acquisition.flown_in_both(models, (s.objective, s.second))
 
     def front(self, *, save: bool = True) -> list[FrontPoint]:
         """The Pareto front of the configurations flown; empty where `flown_in_both` is."""
@@ -246,7 +259,7 @@ class Campaign:
         """What would be recommended after ``history``; ``simplify``: with the sparsest configuration beside it."""
         s = self.settings
         within, front = self._second(history) if simplify or s.limit is not None else (None, [])
-        result = recommend(
+        result = recommendation.recommend(
             s.space,
             history,
             s.worlds,
@@ -270,10 +283,10 @@ class Campaign:
         both = [o for o in history if o.outcome is not None and o.second is not None]
         if s.second is None or not both:
             return None, []
-        models = two_models(s.space, both, s.worlds, s.seed, surrogate_settings(s.space, s.risk))
+        models = acquisition.two_models(s.space, both, s.worlds, s.seed, surrogate_settings(s.space, s.risk))
         objectives = (s.objective, s.second)
-        within = None if s.at_least is None else Within(models[1], s.at_least)
-        return within, pareto_front(flown_in_both(models, objectives), objectives)
+        within = None if s.at_least is None else acquisition.Within(models[1], s.at_least)
+        return within, pareto_front(acquisition.flown_in_both(models, objectives), objectives)
 
     def _inactive(self, values: Mapping[str, Any], numbers: Sequence[int]) -> list[Inactive]:
         """What of a configuration changed no choice in its missions; nothing where their documents are gone."""
@@ -298,7 +311,7 @@ class Campaign:
         """
         s = self.settings
         worlds = [world for world in s.worlds if rocks is None or world.rock in rocks]
-        return RockMeanGP(
+        return surrogate.RockMeanGP(
             s.space, history, worlds, s.seed, surrogate_settings(s.space, s.risk), self._feature()
         )
 

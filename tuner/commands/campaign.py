@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True)
 
 LARGE = 1000  # missions
+MODEL = "tuner.samplers.gp"  # takes a second to load; a finished campaign is shown without it
 LEAST_BETWEEN, UPDATES = 8, 6  # missions between two looks at the best so far, and looks per campaign
 RUNS = Path("runs")
 _WHAT, _MISSION, _LONG, _WHERE = "What is tuned", "How missions fly", "How long, how it searches", "Execution"
@@ -248,7 +249,7 @@ def run(
         if executor == "local" and scheduler is None and mission is None:
             ready = stack.enter_context(local_executor(runner, workers, timeout_s))
             ready.begin()  # its libraries load beside ours
-        load("tuner.campaign.session")
+        load(MODEL)
         asked = asked_settings(fields, str(settings or "command line"))
         from tuner.campaign.begin import begin_campaign
 
@@ -310,7 +311,7 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
     Example: gatetune campaign status runs/mine
     """
     output.print(f"campaign in {directory}")
-    load("tuner.campaign.session")
+    load("tuner.campaign.campaign")
     from tuner.campaign.campaign import Campaign
 
     campaign = Campaign.open(directory, read_only=True)
@@ -332,10 +333,12 @@ def fly(
     from tuner.campaign.session import fly_campaign
     from tuner.campaign.shipped import SHIPPED
     from tuner.missions.registry import ignored_by
-    from tuner.report.campaign.page import REPORT_FILE, write_campaign_report
-    from tuner.report.campaign.shown import fly_shown_missions, shown_jobs, write_mission_pages
+    from tuner.report import campaign as pages  # what draws is loaded where it is called
+    from tuner.report.campaign import shown
 
     settings, before = campaign.settings, campaign.status().finished
+    if before < settings.budget:
+        load(MODEL)
     executor = ready or executor_at(where, settings.runner, workers, timeout_s, settings.mission)
     output.print(
         f"{settings.name}: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}"
@@ -363,11 +366,11 @@ def fly(
                 summary = fly_campaign(
                     campaign, executor, show, recommend_every=every, accept_changes=accept_changes
                 )
-        if summary.stopped == "budget" and shown_jobs(campaign):
+        if summary.stopped == "budget" and shown.shown_jobs(campaign):
             with working("flying the default and the recommendation once more, to show them whole"):
-                fly_shown_missions(campaign, executor)
+                shown.fly_shown_missions(campaign, executor)
     with working("writing the pages to walk around in"):
-        write_mission_pages(campaign)
+        shown.write_mission_pages(campaign)
     quiet = spoken() == "quiet"
     if quiet:
         speak("all")
@@ -379,12 +382,12 @@ def fly(
     output.print(
         f"{summary.message}; {seconds(summary.elapsed_s)}, of which the sampler {seconds(summary.ask_s)}"
     )
-    report = campaign.directory / REPORT_FILE
+    report = campaign.directory / shown.REPORT_FILE
     if summary.status.finished > LARGE and summary.status.finished == before and report.is_file():
         output.print(f"report, as it was: {report}")  # of many missions it takes a minute
     elif summary.status.finished:
         with working("writing the report", silent=quiet):
-            write_campaign_report(campaign)
+            pages.write_campaign_report(campaign)
         output.print(f"report: {report}")
     if summary.stopped == "interrupted":
         output.print(f"go on with: gatetune campaign resume {campaign.directory}")

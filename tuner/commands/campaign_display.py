@@ -20,9 +20,7 @@ if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
     from tuner.campaign.events import CampaignEvent, CampaignStatus
     from tuner.campaign.settings import CampaignSettings
-    from tuner.recommendation.next_rock import NextRock
-    from tuner.recommendation.recommendation import Recommendation
-    from tuner.recommendation.sparsest import Sparsest
+    from tuner.recommendation.recommendation import NextRock, Recommendation, Sparsest
 
 
 LINE = 80  # columns of a mission's line

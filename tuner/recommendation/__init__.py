@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
+    from tuner.recommendation.choose import recommend
     from tuner.recommendation.eligible import may_be_recommended
     from tuner.recommendation.inactive import Inactive, inactive_parameters
-    from tuner.recommendation.next_rock import NextRock, next_rock
-    from tuner.recommendation.recommendation import Recommendation, recommend
-    from tuner.recommendation.sparsest import Sparsest, sparsest
+    from tuner.recommendation.next_rock import next_rock
+    from tuner.recommendation.recommendation import NextRock, Recommendation, Sparsest
+    from tuner.recommendation.sparsest import sparsest
 
 __all__ = [
     "Inactive",
@@ -31,9 +32,10 @@ __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "inactive": ["Inactive", "inactive_parameters"],
-        "next_rock": ["NextRock", "next_rock"],
-        "recommendation": ["Recommendation", "recommend"],
-        "sparsest": ["Sparsest", "sparsest"],
+        "choose": ["recommend"],
+        "next_rock": ["next_rock"],
+        "recommendation": ["NextRock", "Recommendation", "Sparsest"],
+        "sparsest": ["sparsest"],
         "eligible": ["may_be_recommended"],
     },
 )

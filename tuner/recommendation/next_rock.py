@@ -19,8 +19,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,51 +26,13 @@ import torch
 from scipy import special
 
 from tuner.problem.worlds import rocks_of
+from tuner.recommendation.recommendation import MOST_ROCKS, NextRock
 from tuner.surrogate.forward_check import Calibration
 from tuner.surrogate.model import RockMeanGP, moments
 
 PRIOR_ROCKS = 2  # what the priors of the departures and of the scales are worth
 SCALE_SPREAD = 0.5  # sd of the logarithm of rocks' scales before any is known
 AGAINST = 0.8  # probability of a loss from which on a training rock disagrees
-MOST_ROCKS = 50
-
-
-@dataclass(frozen=True)
-class NextRock:
-    """The gain over the default on a new rock, metric's unit, positive where the recommendation is better."""
-
-    gain: float
-    interval_95: tuple[float, float]
-    between_rocks_sd: float  # of the gain, from rock to rock
-    per_rock: dict[str, float]  # posterior means of the gain on the training rocks
-    against: tuple[str, ...]  # training rocks that the recommendation probably makes worse
-    more_rocks: (
-        int | None
-    )  # that tell the mean gain over such rocks from 0, if it is as large as believed; None: too many
-
-    def warnings(self) -> list[str]:
-        """Where training rocks disagree, and how many more would settle it: a sentence each, none where all is well."""
-        said = []
-        if self.against:
-            names = ", ".join(Path(rock).stem for rock in self.against)
-            said.append(f"Training rocks disagree: it is probably worse than the default on {names}.")
-        if self.more_rocks is None:
-            said.append(
-                f"Not even {MOST_ROCKS} training rocks would tell the mean gain over such rocks from 0."
-            )
-        elif self.more_rocks:
-            more = (
-                "1 more training rock" if self.more_rocks == 1 else f"{self.more_rocks} more training rocks"
-            )
-            said.append(f"{more} would tell the mean gain over such rocks from 0, if it is as large as that.")
-        return said
-
-    @staticmethod
-    def from_dict(tree: Mapping[str, Any]) -> NextRock:
-        """The inverse of ``dataclasses.asdict``, after JSON too."""
-        return NextRock(
-            **{**tree, "interval_95": tuple(tree["interval_95"]), "against": tuple(tree["against"])}
-        )
 
 
 def next_rock(

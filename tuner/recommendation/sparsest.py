@@ -15,41 +15,17 @@ parameter of six mattered kept three to five, and nothing went back where none d
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 from tuner.acquisition.within import Within
 from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
+from tuner.recommendation.recommendation import Sparsest
 from tuner.surrogate.forward_check import Calibration
 from tuner.surrogate.model import RockMeanGP
 
 EXPECTED_LOSS = 0.25  # of the noise of a mission
 RISK_OF_LOSS = 0.05
-
-
-@dataclass(frozen=True)
-class Sparsest:
-    """The recommended configuration with all parameters but ``kept`` at the default values.
-
-    Differences are in the metric's unit, over the training worlds, positive where this configuration is better, with
-    calibrated 95 % intervals.
-    """
-
-    values: dict[str, Any]
-    kept: tuple[str, ...]  # paths, in the space's order; empty: the default itself
-    mean: float  # posterior mean of the objective
-    difference: float  # to the recommendation
-    difference_interval_95: tuple[float, float]
-    improvement: float  # over the default
-    improvement_interval_95: tuple[float, float]
-    margin: float  # the noise of a mission: a loss above it is unlikely
-
-    @staticmethod
-    def from_dict(tree: Mapping[str, Any]) -> Sparsest:
-        """The inverse of ``dataclasses.asdict``, after JSON too."""
-        pairs = ("kept", "difference_interval_95", "improvement_interval_95")
-        return Sparsest(**{**tree, **{key: tuple(tree[key]) for key in pairs}})
 
 
 def sparsest(

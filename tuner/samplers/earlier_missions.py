@@ -14,19 +14,23 @@ from __future__ import annotations
 import functools
 import json
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nbv.config import IDEAL
 from nbv.foreign import RESULT_NODES, parse_json
 from nbv.types import Floats
+from tuner import surrogate  # loaded when used: a campaign is looked at without torch
 from tuner.problem.configurations import distinct_configurations
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values
 from tuner.problem.worlds import conditions_of, worlds_over
-from tuner.surrogate.landscape import Landscape
-from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import surrogate_settings
+
+if TYPE_CHECKING:
+    from tuner.surrogate.landscape import Landscape
+    from tuner.surrogate.model import RockMeanGP
 
 # Root mean square distance in the unit cube between their configurations in an initial design.
 _APART = 0.15
@@ -49,12 +53,12 @@ class EarlierMissions:
     @functools.cached_property
     def _model(self) -> RockMeanGP:
         worlds = worlds_over(self.rocks, conditions_of(o.world for o in self.observations))
-        return RockMeanGP(self.space, self.observations, worlds, 0, surrogate_settings(self.space))
+        return surrogate.RockMeanGP(self.space, self.observations, worlds, 0, surrogate_settings(self.space))
 
     @functools.cached_property
     def feature(self) -> Landscape | None:
         """g, standardised over the missions flown; None where they are not usable."""
-        return Landscape(self._model) if self.usable else None
+        return surrogate.Landscape(self._model) if self.usable else None
 
     def best(self, count: int) -> list[Values]:
         """The configurations flown with the best g that are apart from each other; at most ``count``."""

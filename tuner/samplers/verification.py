@@ -17,7 +17,7 @@ from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
 from tuner.problem.worlds import World
-from tuner.recommendation.recommendation import JOINT, TOP
+from tuner.recommendation.choose import JOINT, TOP
 from tuner.surrogate.model import RockMeanGP
 
 BEGINS = 2 / 3  # of the budget

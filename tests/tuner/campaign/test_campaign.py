@@ -503,10 +503,22 @@ def test_a_recommendation_is_made_once_for_the_same_missions(
 ) -> None:
     made = run(tmp_path / "run", budget=6).recommend_from
     campaign = Campaign.open(tmp_path / "run", read_only=True)
-    monkeypatch.setattr("tuner.campaign.campaign.recommend", None)
+    monkeypatch.setattr("tuner.recommendation.choose.recommend", None)
     found = campaign.recommendation()  # as status and resume ask
     monkeypatch.undo()
     assert found is not None and found == made(campaign.history())
+
+
+def test_a_finished_campaign_is_looked_at_without_torch(tmp_path: Path) -> None:
+    run(tmp_path / "run", budget=4).recommendation()
+    program = (
+        "import sys, tuner.campaign.session, tuner.report.campaign.shown as shown; from pathlib import Path\n"
+        "c = tuner.campaign.campaign.Campaign.open(Path(sys.argv[1]), read_only=True)\n"
+        "print(c.status().complete, bool(c.recommendation(save=False)), shown.shown_jobs(c), 'torch' in sys.modules)"
+    )
+    called = [sys.executable, "-c", program, str(tmp_path / "run")]
+    found = subprocess.run(called, capture_output=True, text=True, check=True)
+    assert found.stdout.split() == ["4", "True", "[]", "False"]
 
 
 def test_a_campaign_of_an_earlier_version_is_refused_in_one_line(tmp_path: Path) -> None:

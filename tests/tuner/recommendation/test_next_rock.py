@@ -7,7 +7,8 @@ import pytest
 import synthetic
 
 from tuner.problem.observations import Observation
-from tuner.recommendation.next_rock import NextRock, next_rock
+from tuner.recommendation.next_rock import next_rock
+from tuner.recommendation.recommendation import NextRock
 from tuner.surrogate.forward_check import Calibration
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings

@@ -9,8 +9,9 @@ import synthetic
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
+from tuner.recommendation.choose import recommend
 from tuner.recommendation.eligible import may_be_recommended
-from tuner.recommendation.recommendation import Recommendation, recommend
+from tuner.recommendation.recommendation import Recommendation
 
 
 def advise(observations: list[Observation], rocks: tuple[str, ...] = synthetic.ROCKS) -> Recommendation:

@@ -12,8 +12,9 @@ from nbv.mission.result import IterationRecord
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.space_files import space_from_dict
+from tuner.recommendation.choose import recommend
 from tuner.recommendation.inactive import Inactive, inactive_parameters
-from tuner.recommendation.recommendation import Recommendation, recommend
+from tuner.recommendation.recommendation import Recommendation
 
 SPACE = space_from_dict(
     {

@@ -15,9 +15,7 @@ from tuner.campaign.ledger import TrialRecord
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
 from tuner.recommendation.inactive import Inactive
-from tuner.recommendation.next_rock import NextRock
-from tuner.recommendation.recommendation import SecondObjective
-from tuner.recommendation.sparsest import Sparsest
+from tuner.recommendation.recommendation import NextRock, SecondObjective, Sparsest
 from tuner.report.campaign.answers import (
     EQUAL,
     gate_rows,

@@ -15,7 +15,8 @@ import synthetic
 from fake_campaigns import RUNNER
 
 from nbv.errors import UserError
-from tuner.acquisition.front import flown_in_both, pareto_front, propose_for_front, two_models
+from tuner.acquisition.front import flown_in_both, propose_for_front, two_models
+from tuner.acquisition.pareto import pareto_front
 from tuner.acquisition.propose import propose
 from tuner.campaign.campaign import Campaign
 from tuner.problem.objective import Objective

@@ -17,7 +17,8 @@ from tuner.problem.observations import Observation
 from tuner.problem.quality_at_cost import asked_objective
 from tuner.problem.search_space import Values
 from tuner.problem.space_files import space_from_dict
-from tuner.recommendation.recommendation import Recommendation, recommend
+from tuner.recommendation.choose import recommend
+from tuner.recommendation.recommendation import Recommendation
 from tuner.surrogate.forward_check import calibration
 
 PHOTOGRAPHS = Objective("costs.images", "minimise")

@@ -13,7 +13,7 @@ from nbv.errors import UserError
 from tuner.acquisition.draws import draw_best
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Pending
-from tuner.recommendation.recommendation import recommend
+from tuner.recommendation.choose import recommend
 from tuner.samplers.registry import SAMPLER_NAMES, make_sampler
 from tuner.surrogate.model import RockMeanGP
 

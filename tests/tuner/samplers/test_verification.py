@@ -13,7 +13,7 @@ import synthetic
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Pending
 from tuner.problem.search_space import Values
-from tuner.recommendation.recommendation import recommend
+from tuner.recommendation.choose import recommend
 from tuner.samplers.gp import GPSampler
 from tuner.samplers.verification import verification
 from tuner.surrogate.model import RockMeanGP

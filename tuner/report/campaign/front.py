@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from tuner.acquisition.front import FrontPoint, pareto_front
+from tuner.acquisition.pareto import FrontPoint, pareto_front
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.labels import decimals_for, format_number, metric_label, parameter_value, with_unit
 from tuner.report.style import BLACK, BLUE, GREY, VERMILION, embed, look, new_figure

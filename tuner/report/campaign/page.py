@@ -51,7 +51,7 @@ from tuner.report.campaign.rows import (
     rock_rows,
     trial_row,
 )
-from tuner.report.campaign.shown import linked_pages
+from tuner.report.campaign.shown import REPORT_FILE, linked_pages
 from tuner.report.campaign.vehicle_files import MISSION, SCORING, authors_file
 from tuner.report.comparison.page import comparison_context
 from tuner.report.labels import (
@@ -64,7 +64,6 @@ from tuner.report.labels import (
 )
 from tuner.report.pages import write_page
 
-REPORT_FILE = "report.html"
 FIGURES_DIRECTORY = "figures"
 # Coverage of 95 % intervals below which the page says that they are too narrow.
 POOR_COVERAGE = 0.85

@@ -14,7 +14,7 @@ from tuner.missions.job import MissionJob
 from tuner.missions.registry import DEFAULT_RUNNER, is_geometric
 from tuner.report.mission.walk import write_mission_view
 
-SHOWN, PAGE = "shown", "view.html"
+SHOWN, PAGE, REPORT_FILE = "shown", "view.html", "report.html"
 _WAIT_S = 1.0
 
 
