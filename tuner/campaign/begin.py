@@ -17,6 +17,7 @@ from tuner.campaign.ledger import Ledger, kept_files
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import FORMAT_VERSION, SETTINGS_FILE, read_settings, write_settings
 from tuner.campaign.transfer import learn_from
+from tuner.problem.secrets import require_no_password
 from tuner.samplers.registry import require_sampler
 
 
@@ -86,16 +87,22 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
 
 
 def adopt_campaign(directory: Path, storage: str) -> None:
-    """Make the run directory of a campaign whose coordinator was on another machine; nothing where it is there.
+    """Make the run directory of a campaign whose coordinator was on another machine; nothing where that was done.
 
     ``directory`` is named after the campaign; ``storage`` is the database with its ledger.
 
     Raises
     ------
     UserError
-        The database cannot be used or has no such campaign; the directory cannot be written.
+        The database cannot be used or has no such campaign; the directory cannot be written or has another ledger.
     """
+    require_no_password(storage)
     if (directory / SETTINGS_FILE).exists():
+        if (own := read_settings(directory)[0]["storage"]) != storage:
+            raise UserError(
+                f"the ledger of {directory} is {own or 'a file in it'}, not {storage}; leave --ledger out, or name another "
+                "directory"
+            )
         return
     files = kept_files(storage, directory.resolve().name, directory)
     tree = parse_yaml(files.pop(SETTINGS_FILE), f"{SETTINGS_FILE} in {storage}")

@@ -145,7 +145,8 @@ def open_storage(
         return optuna.storages.RDBStorage(url)
     except Exception as error:  # SQLAlchemy and drivers each raise families of their own
         raise UserError(
-            f"cannot open storage {storage!r}: {_first_line(error)}; check the URL, driver and server"
+            f"cannot open storage {storage!r}: {_first_line(error)}; check the URL, driver and server, and a password in "
+            f"the environment's {PASSWORD_VARIABLE}"
         ) from None  # what it comes from may show the password
 
 

@@ -36,6 +36,7 @@ from tuner.commands.console import (
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
+    from tuner.missions.cluster.executor import DaskExecutor
     from tuner.missions.executors import LocalProcessExecutor
 
 app = typer.Typer(no_args_is_help=True)
@@ -245,15 +246,18 @@ def run(
     runner = str(fields.get("runner") or DEFAULT_RUNNER)
     refuse_code_of_file(runner, fidelity, str(settings))
     with contextlib.ExitStack() as stack:
-        ready = None
+        ready: LocalProcessExecutor | DaskExecutor | None = None
         if executor == "local" and scheduler is None and mission is None:
-            ready = stack.enter_context(local_executor(runner, workers, timeout_s))
-            ready.begin()  # its libraries load beside ours
+            ready = local = stack.enter_context(local_executor(runner, workers, timeout_s))
+            local.begin()  # its libraries load beside ours
         load(MODEL)
         asked = asked_settings(fields, str(settings or "command line"))
         from tuner.campaign.begin import begin_campaign
 
         where = (executor, scheduler, unencrypted)
+        if ready is None:  # before anything is written: a wrong address leaves no campaign behind
+            ready = executor_at(where, runner, workers, timeout_s, asked.mission)
+            stack.enter_context(ready)
         fly(begin_campaign(directory, asked), workers, timeout_s, where, ready=ready)
 
 
@@ -327,7 +331,7 @@ def fly(
     where: tuple[str, str | None, bool] = ("local", None, False),
     *,
     accept_changes: bool = False,
-    ready: LocalProcessExecutor | None = None,
+    ready: LocalProcessExecutor | DaskExecutor | None = None,
 ) -> None:
     """Run or resume, with live progress, and end in the report; ``where`` as the three options of that name."""
     from tuner.campaign.session import fly_campaign

@@ -13,12 +13,12 @@ def require_no_password(storage: str | None) -> None:
     """`UserError`, which does not show it, where a storage's URL holds a password: settings are kept and shown."""
     if storage is None or "://" not in storage:
         return
-    try:
-        parts = urllib.parse.urlsplit(storage)
-        found = parts.password or any("pass" in k.lower() for k, _ in urllib.parse.parse_qsl(parts.query))
-    except ValueError:
-        found = "@" in storage
-    if found:
+    # As SQLAlchemy reads it, to which / ? and # before the first @ are part of a password.
+    place = storage.partition("://")[2]
+    user, at, _ = place.partition("@")
+    names = [name.lower() for name, _ in urllib.parse.parse_qsl(place.partition("?")[2])]
+    in_query = any("pass" in name and name != "passfile" for name in names)
+    if in_query or (at and user.partition(":")[2] and not place.startswith("/")):
         raise UserError(
             f"the storage's URL holds a password, and settings are kept and shown: leave it out and set {PASSWORD_VARIABLE} "
             "in the environment, also for a resume"

@@ -185,7 +185,13 @@ def test_a_full_disk_is_named_where_the_ledger_s_lock_goes_too(copy, monkeypatch
 
 
 @pytest.mark.parametrize(
-    "url", ["redis://:s3cret@h/0", "postgresql://u:s3cret@h/d", "mysql://h/d?password=s3cret"]
+    "url",
+    [
+        "redis://:s3cret@h/0",
+        "postgresql://u:s3cret@h/d",
+        "postgresql+psycopg://u:0/s3cret?#@h/d",
+        "mysql://h/d?password=s3cret",
+    ],
 )
 def test_a_password_in_a_storage_url_is_refused_unseen(url):
     with pytest.raises(UserError, match=PASSWORD_VARIABLE) as caught:

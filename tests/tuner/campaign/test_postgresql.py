@@ -87,6 +87,8 @@ def test_a_coordinator_that_dies_is_replaced_elsewhere(
     assert subprocess.run(script, env=environment, timeout=60).returncode == -signal.SIGKILL
     elsewhere = tmp_path / "elsewhere/night"  # another machine has nothing but the database
     adopt_campaign(elsewhere, url)
+    with pytest.raises(UserError, match=r"not postgresql.*leave --ledger out"):
+        adopt_campaign(elsewhere, url + "&connect_timeout=9")  # of another ledger than the directory has
     second = Campaign.open(elsewhere, runner=RUNNER)
     with monkeypatch.context() as there, pytest.raises(UserError, match=r"flown on \S+ \(.* s after it died"):
         there.setattr(coordinator_lock, "this_process", lambda: "other boot pid:[1] 1 1")

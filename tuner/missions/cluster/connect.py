@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ipaddress
 from pathlib import Path
 from typing import Any, Literal
@@ -60,21 +61,35 @@ def dask_executor(
 
 
 def _checked(address: str, unencrypted: bool) -> str:
-    try:
-        parts = urlsplit(address)
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        host = port = None
-    if parts.scheme not in ("tcp", "tls") or not host or not port:
+    scheme, host, port = address.partition("://")[0], None, None
+    with contextlib.suppress(ValueError):
+        host, port = urlsplit(address).hostname, urlsplit(address).port
+    if scheme not in ("tcp", "tls") or not host or not port or "@" in address:
         raise UserError(
             f"--scheduler {address!r} is no address; give tls://HOST:PORT or tcp://127.0.0.1:PORT"
         )
-    if parts.scheme == "tcp" and not unencrypted and not _is_loopback(host):
+    if scheme == "tcp" and not unencrypted and not _is_loopback(host):
         raise UserError(
             f"--scheduler {address}: without TLS anybody who reaches it can run programs on the workers; use tls://, or say "
             "--unencrypted where the network is yours alone"
         )
+    if scheme == "tls":
+        _require_certificates(address)
     return address
+
+
+def _require_certificates(address: str) -> None:
+    """`UserError` where Dask's configuration names none, or no good ones: its client would wait for itself to end."""
+    why = "none are named"
+    try:
+        if Security().get_connection_args("client").get("ssl_context") is not None:
+            return
+    except (OSError, ValueError) as error:  # of files and of what is in them
+        why = str(error)
+    raise UserError(
+        f"--scheduler {address} needs certificates ({why}); name them where Dask looks, distributed.comm.tls: ca-file, "
+        "client.cert and client.key, or DASK_DISTRIBUTED__COMM__TLS__CA_FILE and so on in the environment"
+    )
 
 
 def _is_loopback(host: str) -> bool:
@@ -89,7 +104,7 @@ def _client(to: Any) -> Client:
         return Client(to, timeout=_CONNECT_S, set_as_default=False, name="gatetune")
     except (OSError, TimeoutError, ValueError, TypeError) as error:
         raise UserError(
-            f"no Dask scheduler answers at {to} ({error}); start one with `dask scheduler`"
+            f"no Dask scheduler answers at {to} ({str(error) or type(error).__name__}); start one with `dask scheduler`"
         ) from error
 
 
