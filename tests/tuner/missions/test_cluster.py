@@ -51,10 +51,10 @@ fly_campaign(Campaign.open(Path(directory), runner="fake_missions:fake_mission")
 class Cluster:
     """A scheduler and workers, each a process."""
 
-    def __init__(self, folder: Path, workers: int) -> None:
+    def __init__(self, folder: Path, workers: int, host: str = "127.0.0.1") -> None:
         self._file = folder / f"scheduler-{time.monotonic_ns()}.json"
         self.flights = folder / "flights.txt"
-        options = ["--host", "127.0.0.1", "--port", "0", "--no-dashboard"]
+        options = ["--host", host, "--port", "0", "--no-dashboard"]
         self.scheduler = self._start("scheduler", *options)
         deadline = time.monotonic() + 30
         while not self._file.exists() and time.monotonic() < deadline:
@@ -80,6 +80,7 @@ class Cluster:
 
 def test_no_mission_is_lost_or_entered_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tuner.missions.cluster.executor._RECONNECT_S", 0.5)
+    monkeypatch.setattr("tuner.missions.cluster.connect._CONNECT_S", 3.0)
     cluster = Cluster(tmp_path, 2)
     directory = tmp_path / "run"
     begin_campaign(directory, settings(sampler="sobol", budget=MISSIONS, rocks=("slow", "slow-2")))
@@ -143,6 +144,9 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(
             refused = fly(executor, [job(tmp_path, "boulder", 3)])["0003"]
             assert refused.reason == "user_error"
             assert f"python is {sys.version.split()[0]} on the worker and 2.7.18 here" in refused.message
+        monkeypatch.setattr(worker, "_code", lambda: "another checkout")
+        with pytest.raises(UserError, match=r"code is \w{12} on the scheduler and another checkout here"):
+            dask_executor("dask", cluster.address, 1, 60.0)
     finally:
         cluster.close()
 
@@ -167,3 +171,14 @@ def test_addresses_that_are_refused(address: str, said: str, monkeypatch: pytest
     monkeypatch.setattr("tuner.missions.cluster.connect._CONNECT_S", 0.2)
     with pytest.raises(UserError, match=said):
         dask_executor("dask", address, 1, 60.0)
+
+
+def test_a_scheduler_that_others_reach_is_refused(tmp_path: Path) -> None:
+    cluster = Cluster(tmp_path, 0, host="0.0.0.0")
+    try:
+        reached = f"tcp://127.0.0.1:{cluster.address.rpartition(':')[2]}"
+        with pytest.raises(UserError, match="without TLS; start it"):
+            dask_executor("dask", reached, 1, 60.0)
+        dask_executor("dask", reached, 1, 60.0, unencrypted=True).close()
+    finally:
+        cluster.close()

@@ -13,6 +13,7 @@ from distributed import Client, LocalCluster, Security
 
 from nbv.cache import home
 from nbv.errors import UserError
+from tuner.missions.cluster import worker
 from tuner.missions.cluster.executor import DaskExecutor
 
 Where = Literal["dask", "slurm", "pbs"]
@@ -49,10 +50,21 @@ def dask_executor(
     if scheduler is not None:
         if where != "dask":
             raise UserError(f"--scheduler belongs to --executor dask, not {where}; leave one of them out")
-        return DaskExecutor(_client(_checked(scheduler, unencrypted)), timeout_s)
+        client = _client(_checked(scheduler, unencrypted))
+        try:
+            _check_scheduler(client, scheduler, unencrypted)
+        except BaseException:
+            client.close()
+            raise
+        return DaskExecutor(client, timeout_s)
     if where == "dask":
         cluster: Any = LocalCluster(
-            n_workers=workers, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=50
+            n_workers=workers,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            dashboard_address=None,
+            scheduler_kwargs={"dashboard_address": "127.0.0.1:0"},  # else a warning where 8787 is taken
+            silence_logs=50,
         )
     else:
         cluster = _batch_cluster(where, unencrypted)
@@ -90,6 +102,25 @@ def _require_certificates(address: str) -> None:
         f"--scheduler {address} needs certificates ({why}); name them where Dask looks, distributed.comm.tls: ca-file, "
         "client.cert and client.key, or DASK_DISTRIBUTED__COMM__TLS__CA_FILE and so on in the environment"
     )
+
+
+def _check_scheduler(client: Client, address: str, unencrypted: bool) -> None:
+    """`UserError` where workers of other machines may reach it without TLS, or another program than this runs there."""
+    heard = client.scheduler_info(n_workers=0)["address"]
+    try:
+        _checked(heard, unencrypted)
+    except UserError:
+        raise UserError(
+            f"the scheduler at {address} also listens on {heard}, without TLS; start it with --host 127.0.0.1 or for tls://, or say "
+            "--unencrypted where the network is yours alone"
+        ) from None
+    here = worker.program()
+    try:
+        why = worker.difference(client.run_on_scheduler(worker.program), here, "scheduler")
+    except (ImportError, AttributeError) as error:
+        why = f"it has not this program, gatetune {here['gatetune']} ({error}); install it there"
+    if why:
+        raise UserError(f"the scheduler at {address}: {why}")
 
 
 def _is_loopback(host: str) -> bool:

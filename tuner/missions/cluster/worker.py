@@ -5,7 +5,10 @@ Runs in threads of Dask's workers; nothing but bytes and JSON goes over the netw
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import functools
+import importlib.util
 import io
 import shutil
 import tarfile
@@ -21,7 +24,7 @@ from distributed.protocol.pickle import dumps
 from distributed.utils import sync
 from distributed.worker import WORKER_ANY_RUNNING
 
-from nbv.cache import code_digest, home
+from nbv.cache import digest, home
 from nbv.provenance import MISSION_LIBRARIES, versions
 from nbv.rocks.imported import DamagedRockError, read_rock
 from tuner.missions.executors import LocalProcessExecutor
@@ -34,24 +37,48 @@ _FRESH_S = 2.0  # an older answer says nothing: the scheduler may have given thi
 _own = threading.local()  # one executor per thread of a worker
 
 
-def identity(runner: str) -> dict[str, str]:
-    """What must be the same on coordinator and workers: Python, this program, libraries and the missions' code."""
-    installed = versions()
-    found = {
-        name: installed[name] for name in ("python", "gatetune", *MISSION_LIBRARIES) if name in installed
+def program() -> dict[str, str]:
+    """What must be the same on coordinator, scheduler and workers: Python and this program's files."""
+    found = versions()
+    return {
+        "python": found["python"],
+        "gatetune": found.get("gatetune", "unknown"),
+        "gatetune's code": _code(),
     }
+
+
+@functools.cache
+def _code() -> str:
+    root = Path(__file__).resolve().parents[3]
+    files = sorted(path for package in ("nbv", "tuner") for path in (root / package).rglob("*.py"))
+    return digest(*(part for path in files for part in (str(path.relative_to(root)), path.read_bytes())))[:12]
+
+
+def identity(runner: str) -> dict[str, str]:
+    """What must be the same on coordinator and workers: `program`, the missions' libraries, and a runner's own module."""
+    installed = versions()
+    found = program() | {name: installed[name] for name in MISSION_LIBRARIES if name in installed}
     module = runner_module(runner)
-    if module.startswith("nbv."):
-        found["mission code"] = code_digest(module)[:12]
+    if module.partition(".")[0] not in ("nbv", "tuner"):
+        source = _file_of(module)
+        found[f"module {module}"] = digest(source.read_bytes())[:12] if source else "missing"
     return found
 
 
-def difference(theirs: dict[str, str], ours: dict[str, str]) -> str:
+def _file_of(module: str) -> Path | None:
+    with contextlib.suppress(ImportError, ValueError):
+        spec = importlib.util.find_spec(module)
+        if spec is not None and spec.has_location and spec.origin:
+            return Path(spec.origin)
+    return None
+
+
+def difference(theirs: dict[str, str], ours: dict[str, str], whose: str = "worker") -> str:
     """The first thing in which a worker and the coordinator differ, both named; empty where there is none."""
     for name in {**ours, **theirs}:
         if theirs.get(name) != ours.get(name):
             return (
-                f"{name} is {theirs.get(name, 'missing')} on the worker and {ours.get(name, 'missing')} here; "
+                f"{name} is {theirs.get(name, 'missing')} on the {whose} and {ours.get(name, 'missing')} here; "
                 "install the same on both"
             )
     return ""
