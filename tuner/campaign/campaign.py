@@ -201,12 +201,10 @@ class Campaign:
         return acquisition.flown_in_both(models, (s.objective, s.second))
 
     def front(self, *, save: bool = True) -> list[FrontPoint]:
-        """The Pareto front of the configurations flown; empty where `flown_in_both` is."""
-        points = self.flown_in_both()
-        if self.settings.second is None or not points:
-            return []
-        points = pareto_front(points, (self.settings.objective, self.settings.second))
-        if save:
+        """The Pareto front of the configurations flown, as the recommendation has it; empty where `flown_in_both` is."""
+        found = self.recommendation(save=False)
+        points = [] if found is None else found.front
+        if save and points:
             write_atomic(self.directory / FRONT_FILE, json.dumps([p.to_dict() for p in points], indent=1))
         return points
 

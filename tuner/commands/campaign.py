@@ -320,8 +320,9 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
 
     campaign = Campaign.open(directory, read_only=True)
     show_counts(campaign.status())
-    show_recommendation(campaign.recommendation(save=False), campaign.settings)
-    show_front(campaign)
+    found = campaign.recommendation(save=False)
+    show_recommendation(found, campaign.settings)
+    show_front(found, campaign.settings)
 
 
 def fly(
@@ -382,7 +383,7 @@ def fly(
             show_verdict(summary.recommendation, settings)
     else:
         show_recommendation(summary.recommendation, settings)
-        show_front(campaign)
+        show_front(summary.recommendation, settings)
     output.print(
         f"{summary.message}; {seconds(summary.elapsed_s)}, of which the sampler {seconds(summary.ask_s)}"
     )

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
     from rich.progress import Progress
 
-    from tuner.campaign.campaign import Campaign
     from tuner.campaign.events import CampaignEvent, CampaignStatus
     from tuner.campaign.settings import CampaignSettings
     from tuner.recommendation.recommendation import NextRock, Recommendation, Sparsest
@@ -151,20 +150,20 @@ def _short(value: Any) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
-def show_front(campaign: Campaign) -> None:
+def show_front(recommendation: Recommendation | None, settings: CampaignSettings) -> None:
     """The Pareto front of a campaign with two objectives."""
-    from tuner.report.labels import parameter_label
-
-    second, points = campaign.settings.second, campaign.front(save=False)
-    if second is None or campaign.settings.limit is not None:
+    second, points = settings.second, [] if recommendation is None else recommendation.front
+    if second is None or settings.limit is not None:
         return
+    from tuner.report.labels import parameter_label  # half a second to load, with every metric
+
     if not points:
         output.print(
             f"no front: no mission has both metrics; mission.json lists {second.metric!r}'s neighbours by name"
         )
         return
     table = Table(title="Configurations flown that no other beats in both (posterior means over the rocks)")
-    for metric in (campaign.settings.objective.metric, second.metric):
+    for metric in (settings.objective.metric, second.metric):
         table.add_column(metric.split(".")[-1], justify="right", no_wrap=True)
     table.add_column("configuration")
     for p in points:
@@ -238,7 +237,6 @@ def show_recommendation(recommendation: Recommendation | None, settings: Campaig
 def show_verdict(recommendation: Recommendation, settings: CampaignSettings) -> None:
     """What the recommendation is worth against the default, and what of it to use."""
     from tuner.missions.registry import is_geometric
-    from tuner.report.labels import metric_label
 
     low, high = recommendation.improvement_interval_95
     whose = "paper's " if settings.mission is None else ""
@@ -246,6 +244,8 @@ def show_verdict(recommendation: Recommendation, settings: CampaignSettings) -> 
     where = "the worst of the training rocks" if settings.risk == "worst" else "the training rocks"
     saved = ""
     if recommendation.metric.startswith("costs."):
+        from tuner.report.labels import metric_label
+
         name = metric_label(recommendation.metric).axis
         saved = f"{name}: {recommendation.mean:.1f} in place of {recommendation.default_mean:.1f}; "
     output.print(
