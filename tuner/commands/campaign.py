@@ -13,7 +13,6 @@ from tuner.commands.campaign_display import (
     CampaignProgress,
     echo_event,
     show_counts,
-    show_front,
     show_recommendation,
     show_verdict,
 )
@@ -320,9 +319,7 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
 
     campaign = Campaign.open(directory, read_only=True)
     show_counts(campaign.status())
-    found = campaign.recommendation(save=False)
-    show_recommendation(found, campaign.settings)
-    show_front(found, campaign.settings)
+    show_recommendation(campaign.recommendation(save=False), campaign.settings)
 
 
 def fly(
@@ -383,7 +380,6 @@ def fly(
             show_verdict(summary.recommendation, settings)
     else:
         show_recommendation(summary.recommendation, settings)
-        show_front(summary.recommendation, settings)
     output.print(
         f"{summary.message}; {seconds(summary.elapsed_s)}, of which the sampler {seconds(summary.ask_s)}"
     )

@@ -150,7 +150,7 @@ def _short(value: Any) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
-def show_front(recommendation: Recommendation | None, settings: CampaignSettings) -> None:
+def _show_front(recommendation: Recommendation | None, settings: CampaignSettings) -> None:
     """The Pareto front of a campaign with two objectives."""
     second, points = settings.second, [] if recommendation is None else recommendation.front
     if second is None or settings.limit is not None:
@@ -197,10 +197,15 @@ def next_rock_lines(found: NextRock) -> list[str]:
 
 
 def show_recommendation(recommendation: Recommendation | None, settings: CampaignSettings) -> None:
-    """The verdict and what to use, then the values beside the defaults."""
+    """The verdict and what to use, the values beside the defaults, and the front of two objectives."""
     if recommendation is None:
         output.print("no recommendation yet: no mission has succeeded")
-        return
+    else:
+        _show_values(recommendation, settings)
+    _show_front(recommendation, settings)
+
+
+def _show_values(recommendation: Recommendation, settings: CampaignSettings) -> None:
     show_verdict(recommendation, settings)
     table = Table(title="Recommendation (best posterior mean among what has flown often enough)")
     for column in ("parameter", "paper" if settings.mission is None else "default", "recommended"):
