@@ -8,6 +8,7 @@ nothing more.
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import socket
 import threading
@@ -44,7 +45,7 @@ class CoordinatorLock:
         self._engine, self._study = engine, study
         self._owner = uuid.uuid4().hex
         self._now = sa.cast(sa.literal_column(_NOW[engine.dialect.name]), sa.Double)
-        self._heard = 0.0  # of the row, by this machine's monotonic clock
+        self._heard = 0.0  # of the row, by `_clock_s`
         self._ended = threading.Event()
 
     @contextlib.contextmanager
@@ -70,7 +71,7 @@ class CoordinatorLock:
 
     def require(self) -> None:
         """``UserError`` where another coordinator may have taken over: before every write."""
-        if time.monotonic() - self._heard > TIMEOUT_S / 2 and not self._beat():
+        if _clock_s() - self._heard > TIMEOUT_S / 2 and not self._beat():
             raise UserError(
                 "this coordinator was not heard of for too long, and another one has taken over the campaign; leave it to that"
             )
@@ -99,20 +100,24 @@ class CoordinatorLock:
                     f"campaign {self._study!r} is being flown on {host.split()[0]} (heard of {ago_s:.0f} s ago); stop it there, or wait "
                     f"until {TIMEOUT_S:.0f} s after it died"
                 ) from None
-        self._heard = time.monotonic()
+        self._heard = _clock_s()
 
     def _beat(self) -> bool:
-        began = time.monotonic()
+        began = _clock_s()
         with self._engine.begin() as database:
             kept = database.execute(sa.update(_TABLE).where(*self._mine).values(beat=self._now)).rowcount == 1
-        if kept:
-            self._heard = began
+        self._heard = began if kept else -math.inf
         return kept
 
     def _keep_beating(self) -> None:
         while not self._ended.wait(BEAT_S):
             with contextlib.suppress(sa.exc.SQLAlchemyError):  # `require` tells, should it last
                 self._beat()
+
+
+def _clock_s() -> float:
+    """Goes on while the machine sleeps, which `time.monotonic` does not on Linux."""
+    return time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
 
 
 def coordinator_lock(engine: sa.Engine, study: str) -> CoordinatorLock | None:

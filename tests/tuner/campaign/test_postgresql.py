@@ -119,6 +119,10 @@ def test_a_coordinator_that_was_replaced_writes_nothing(
         fly_campaign(fresh, InProcessExecutor())
         with fresh.ledger.exclusive(), pytest.raises(UserError, match="another one has taken over"):
             stale.ledger.finish(0, None)  # type: ignore[arg-type]
+        # Nor where its own heartbeat was the first to notice.
+        monkeypatch.setattr(coordinator_lock, "TIMEOUT_S", 60.0)
+        with fresh.ledger.exclusive(), pytest.raises(UserError, match="another one has taken over"):
+            stale.ledger.finish(0, None)  # type: ignore[arg-type]
     assert len(fresh.trials()) == 9
 
 
