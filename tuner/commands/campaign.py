@@ -20,6 +20,7 @@ from tuner.commands.console import (
     JSON_HELP,
     QUIET_HELP,
     beating,
+    crew,
     executor_at,
     load,
     local_executor,
@@ -346,7 +347,7 @@ def fly(
         f"{settings.name}: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}"
         f"{', the worst of them' if settings.risk == 'worst' else ''}; "
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "
-        f"{executor.capacity} workers"
+        f"{crew(executor)}"
     )
     if note := ignored_by(settings.runner, settings.conditions):
         output.print(note)
@@ -373,8 +374,7 @@ def fly(
                 shown.fly_shown_missions(campaign, executor)
     with working("writing the pages to walk around in"):
         shown.write_mission_pages(campaign)
-    quiet = spoken() == "quiet"
-    if quiet:
+    if quiet := spoken() == "quiet":
         speak("all")
         if summary.recommendation is not None:
             show_verdict(summary.recommendation, settings)

@@ -126,7 +126,8 @@ def show_counts(facts: CampaignStatus) -> None:
     output.print(
         f"{facts.name}: {facts.finished} of {facts.budget} missions "
         f"({facts.failed} failed, {facts.running} open); "
-        f"{seconds(facts.mission_wall_s)} of computing, {seconds(facts.flight_time_s)} of simulated flight"
+        f"{seconds(facts.mission_wall_s)} of computing"
+        + (f", {seconds(facts.flight_time_s)} of simulated flight" if facts.flight_time_s else "")
     )
     output.print(
         "missions per rock: " + ", ".join(f"{rock} {count}" for rock, count in facts.per_rock.items())
@@ -185,7 +186,7 @@ def sparsest_text(found: Sparsest, whose: str = "paper's ") -> str:
     values = ", ".join(f"{path} {_short(found.values[path])}" for path in found.kept)
     rest = len(found.values) - len(found.kept)
     others = "the other goes" if rest == 1 else f"the other {rest} go"
-    back = f"{others} back to the {whose}values; {costs}" if rest else "all of them are needed"
+    back = f"{others} back to the {whose or 'default '}values; {costs}" if rest else "all of them are needed"
     return f"use: {values} ({back})"
 
 
@@ -247,6 +248,7 @@ def show_verdict(recommendation: Recommendation, settings: CampaignSettings) -> 
     whose = "paper's " if settings.mission is None else ""
     by = "predicted by the low-fidelity simulator" if is_geometric(settings.runner) else "by the surrogate"
     where = "the worst of the training rocks" if settings.risk == "worst" else "the training rocks"
+    where += "" if settings.mission is None else " (instances of the mission file)"
     saved = ""
     if recommendation.metric.startswith("costs."):
         from tuner.report.labels import metric_label

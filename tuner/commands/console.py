@@ -305,6 +305,14 @@ def _cluster_executor(
     return dask_executor(where, scheduler, count, timeout_s, unencrypted=unencrypted)
 
 
+def crew(executor: LocalProcessExecutor | DaskExecutor) -> str:
+    """``2 workers``; where a cluster has none yet, what becomes of the missions."""
+    count = getattr(executor, "workers", executor.capacity)
+    if not count:
+        return "no worker yet: missions wait for the first"
+    return f"{count} worker{'s' if count > 1 else ''}"
+
+
 def seconds(value: float) -> str:
     """``75.2`` as ``1 min 15 s``."""
     if value < 90:

@@ -143,8 +143,8 @@ def gate_decisions(missions: Sequence[FlownMission]) -> GateDecisions:
             rows[key] = (features, rewards, mission.result.rock)  # type: ignore[assignment]
     if not rows:
         raise UserError(
-            "no mission logged features with both oracle rewards; fly missions with this version "
-            "(their mission.json holds features and oracle_rewards in every trace record)"
+            "no mission logged what an oracle would have gained from both scorers; fly missions with photographs, or with "
+            "--fidelity geometric-with-oracle"
         )
     features_, rewards_, rocks = zip(*rows.values())
     return GateDecisions(

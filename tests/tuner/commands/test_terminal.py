@@ -7,6 +7,7 @@ import json
 import time
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import fake_campaigns
@@ -80,6 +81,11 @@ def test_a_pipe_hears_what_flies(
         show(CampaignEvent("launched", 1.0, 0, 9, trial))
     last = capsys.readouterr().out.splitlines()[-1]
     assert last == "0/9, flies a r1, a r1 (dense cloud) and 1 more"
+
+
+def test_a_cluster_without_workers_says_that_missions_wait() -> None:
+    said = [console.crew(SimpleNamespace(workers=n, capacity=max(1, n))) for n in (0, 1, 64)]  # type: ignore[arg-type]
+    assert said == ["no worker yet: missions wait for the first", "1 worker", "64 workers"]
 
 
 def test_a_rocks_name_is_no_markup(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -101,4 +101,4 @@ def oracle_states(
         write_atomic(out, states_markdown(judged))
     except OSError as error:
         raise UserError(f"cannot write {out}: {error.strerror}; choose another --out") from error
-    output.print(out)
+    output.print(f"report: {out}")
