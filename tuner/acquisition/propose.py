@@ -11,12 +11,13 @@ import torch
 from botorch.acquisition import AcquisitionFunction
 from botorch.acquisition.logei import qLogNoisyExpectedImprovement
 from botorch.acquisition.objective import GenericMCObjective
-from botorch.models.model import Model
+from botorch.acquisition.utils import prune_inferior_points
 from botorch.optim import optimize_acqf
 from botorch.sampling import SobolQMCNormalSampler
 from botorch.utils.sampling import draw_sobol_samples
 
 from nbv.types import Floats
+from tuner.acquisition.noisy_improvement import LogNoisyImprovement
 from tuner.acquisition.over_rocks import WorldOutcomes
 from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
@@ -68,20 +69,21 @@ def propose(
 
 def _acquisition(
     model: RockMeanGP, pending: Sequence[Mapping[str, Any]], seed: int, risk: Risk
-) -> qLogNoisyExpectedImprovement:
-    by_world: dict[str, Any] = {}
-    target: Model = model.model
-    if over_worlds(model, risk):
-        target = WorldOutcomes(model)
-        measure = GenericMCObjective(lambda samples, X=None: risk_of(samples, risk))
-        by_world = {"objective": measure, "cache_root": False}
+) -> AcquisitionFunction:
+    baseline = model.inputs(model.promising(BASELINE))
+    flying = model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None
+    if not over_worlds(model, risk):
+        known = prune_inferior_points(model.model, baseline)
+        known = known if flying is None else torch.unique(torch.cat([known, flying]), dim=0)
+        return LogNoisyImprovement(model.model, known, MONTE_CARLO_SAMPLES, seed)
     return qLogNoisyExpectedImprovement(
-        target,
-        X_baseline=model.inputs(model.promising(BASELINE)),
+        WorldOutcomes(model),
+        X_baseline=baseline,
         sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
-        X_pending=model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None,
+        objective=GenericMCObjective(lambda samples, X=None: risk_of(samples, risk)),
+        X_pending=flying,
         prune_baseline=True,
-        **by_world,
+        cache_root=False,
     )
 
 

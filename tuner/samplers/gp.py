@@ -10,7 +10,7 @@ from typing import Any
 
 from tuner.acquisition.draws import draw_best
 from tuner.acquisition.front import propose_for_front, two_models
-from tuner.acquisition.propose import propose
+from tuner.acquisition.propose import over_worlds, propose
 from tuner.acquisition.within import Within, propose_within
 from tuner.problem.blocks import next_block
 from tuner.problem.observations import Observation, Pending, Proposal
@@ -24,8 +24,11 @@ from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
 
 MIN_FEASIBLE_FOR_MODEL = 2
-MAX_JOINT = 24  # missions in flight that an acquisition looks at jointly: its cost grows with their cube
-SEQUENTIAL = 4  # of a batch: a proposal takes a third of a second, a drawn one next to nothing
+MAX_JOINT = (
+    128  # missions in flight up to which an acquisition is asked: a proposal then takes a fifth of a second
+)
+MAX_JOINT_OVER_WORLDS = 24  # where worlds are looked at one by one: its cost grows with their cube
+SEQUENTIAL = 4  # of a batch, or half of it; a drawn proposal takes next to nothing
 
 
 @dataclass(frozen=True)
@@ -49,9 +52,9 @@ class GPSampler:
     def ask_many(
         self, history: Sequence[Observation], pending: Sequence[Pending], count: int
     ) -> list[Proposal]:
-        """``count`` missions by one model: some by the acquisition, the others drawn, and with many in flight all.
+        """``count`` missions by one model: half by the acquisition, each knowing those before, the others drawn.
 
-        Those by the acquisition, at most `SEQUENTIAL`, know those before.
+        With more in flight than `MAX_JOINT` all are drawn.
         """
         s, proposals, flying = self.settings, list[Proposal](), list(pending)
         feasible = [o for o in history if o.feasible]
@@ -71,7 +74,8 @@ class GPSampler:
                         derived_seed(s.seed, number),
                     )
                     model = RockMeanGP(s.space, history, s.worlds, seed, own, feature)
-                if modelled < SEQUENTIAL and len(flying) <= MAX_JOINT:
+                joint = MAX_JOINT_OVER_WORLDS if over_worlds(model, s.risk) else MAX_JOINT
+                if modelled < max(SEQUENTIAL, count // 2) and len(flying) <= joint:
                     proposal = self._by_acquisition(model, history, flying, number)
                 else:
                     drawn = drawn or draw_best(

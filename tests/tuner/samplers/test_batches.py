@@ -1,0 +1,100 @@
+"""Many missions at once: the acquisition's values are BoTorch's, and a batch is half the acquisition's, half drawn."""
+
+import numpy as np
+import pytest
+import synthetic
+import torch
+from botorch.acquisition.logei import qLogNoisyExpectedImprovement
+from botorch.sampling import SobolQMCNormalSampler
+
+from tuner.acquisition.draws import draw_best
+from tuner.acquisition.noisy_improvement import LogNoisyImprovement
+from tuner.acquisition.propose import propose
+from tuner.problem.observations import Pending
+from tuner.problem.search_space import Values
+from tuner.samplers import gp
+from tuner.surrogate import condensed
+from tuner.surrogate.model import RockMeanGP
+
+DRAWS = 4096
+
+
+def positions(count: int, seed: int) -> list[Values]:
+    unit = np.random.default_rng(seed).random((count, 2))
+    return [synthetic.SPACE.from_unit(u) for u in unit]
+
+
+def model_of(count: int) -> RockMeanGP:
+    return RockMeanGP(synthetic.SPACE, synthetic.random_design(count, 0.1, 0), synthetic.ROCKS)
+
+
+@pytest.mark.parametrize("small", [False, True])
+def test_values_are_those_of_botorch(small: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if small:
+        monkeypatch.setattr(condensed, "EXACT_MISSIONS", 30)
+        monkeypatch.setattr(condensed, "FITTED_MISSIONS", 24)
+        monkeypatch.setattr(condensed, "PROMISING", 6)
+    model = model_of(40)
+    baseline = model.inputs(model.promising(12))
+    flying = model.inputs(np.array([synthetic.SPACE.to_unit(v) for v in positions(6, 1)]))
+    everywhere = model.inputs(np.random.default_rng(2).random((200, 2))).unsqueeze(1)
+    theirs = qLogNoisyExpectedImprovement(
+        model.model,
+        baseline,
+        SobolQMCNormalSampler(torch.Size([DRAWS]), seed=0),
+        X_pending=flying,
+        prune_baseline=False,
+    )
+    ours = LogNoisyImprovement(model.model, torch.cat([baseline, flying]), DRAWS, 1)
+    with torch.no_grad():
+        expected, found = theirs(everywhere), ours(everywhere)
+    likely = expected > expected.max() - 3  # fewer draws than that say nothing of the others
+    assert likely.sum() > 10
+    assert found[likely].numpy() == pytest.approx(expected[likely].numpy(), abs=0.15)
+
+
+def test_its_gradient_is_the_differences() -> None:
+    model = model_of(24)
+    ours = LogNoisyImprovement(model.model, model.inputs(model.promising(24)), 64, 0)
+    start = ours(model.inputs(np.random.default_rng(0).random((50, 2))).unsqueeze(1)).argmax()
+    x = model.inputs(np.random.default_rng(0).random((50, 2)))[start].reshape(1, 1, -1)
+    x.requires_grad_(True)
+    (gradient,) = torch.autograd.grad(ours(x).sum(), x)
+    for i in range(2):
+        step = torch.zeros_like(x)
+        step[..., i] = 1e-6
+        with torch.no_grad():
+            difference = (ours(x + step) - ours(x - step)).item() / 2e-6
+        assert gradient[0, 0, i].item() == pytest.approx(difference, rel=1e-3, abs=1e-4)
+
+
+def test_the_same_configuration_in_flight_twice_is_one() -> None:
+    model, twice = model_of(24), positions(1, 3) * 5
+    values, figures = propose(model, twice, 0)
+    assert values != twice[0] and np.isfinite(figures["log_nei"])
+
+
+def test_a_set_by_the_acquisition_promises_more_than_draws() -> None:
+    model = model_of(24)
+    asked: list[Values] = []
+    for number in range(6):
+        asked.append(propose(model, asked, number)[0])
+    flown = model.inputs(model.promising(24))
+
+    def improvement(values: list[Values]) -> float:
+        new = model.inputs(np.array([synthetic.SPACE.to_unit(v) for v in values]))
+        with torch.no_grad():
+            torch.manual_seed(0)
+            draws = model.model.posterior(torch.cat([flown, new])).rsample(torch.Size([DRAWS]))[..., 0]
+        return float((draws.max(dim=1).values - draws[:, : len(flown)].max(dim=1).values).mean())
+
+    assert improvement(asked) > improvement(draw_best(model, 6, 0))
+
+
+@pytest.mark.parametrize(("flying", "by_acquisition"), [(24, 6), (gp.MAX_JOINT + 1, 0)])
+def test_half_a_batch_is_by_the_acquisition(flying: int, by_acquisition: int) -> None:
+    history = synthetic.random_design(24, 0.1, 0)
+    pending = [Pending(24 + i, v, "r0", 0) for i, v in enumerate(positions(flying, 4))]
+    proposals = gp.GPSampler(synthetic.sampler_settings(0, 4)).ask_many(history, pending, 12)
+    assert [("log_nei" in p.why) for p in proposals].count(True) == by_acquisition
+    assert len({tuple(p.values.values()) for p in proposals}) == 12
