@@ -7,15 +7,20 @@ import datetime
 import uuid
 from pathlib import Path
 
-import yaml
-
 from nbv.errors import UserError
-from nbv.foreign import parse_yaml, require_seal, sealed
+from nbv.foreign import parse_yaml, require_seal
 from nbv.mission.run_directory import write_atomic
 from tuner.campaign.campaign import LEARNED_FILE, Campaign, sampler_of
 from tuner.campaign.ledger import Ledger, kept_files
 from tuner.campaign.settings import CampaignSettings
-from tuner.campaign.settings_file import FORMAT_VERSION, SETTINGS_FILE, read_settings, write_settings
+from tuner.campaign.settings_file import (
+    FORMAT_VERSION,
+    SETTINGS_FILE,
+    read_settings,
+    settings_text,
+    without_storage,
+    write_settings,
+)
 from tuner.campaign.transfer import learn_from
 from tuner.problem.secrets import require_no_password
 from tuner.samplers.registry import require_sampler
@@ -76,8 +81,7 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
                 with contextlib.suppress(OSError):  # not empty: somebody else's
                     directory.rmdir()
             raise
-        elsewhere = {**tree, "settings": {**settings.to_dict(), "storage": None}}
-        files = {SETTINGS_FILE: yaml.safe_dump(sealed(elsewhere), sort_keys=False, allow_unicode=True)}
+        files = {SETTINGS_FILE: settings_text(without_storage(tree))}
         if learned is not None:
             files[LEARNED_FILE] = learned.to_json()
         ledger.keep_files(files)

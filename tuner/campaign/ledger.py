@@ -302,9 +302,10 @@ class Ledger:
         return self._record(self._storage.get_trial(frozen._trial_id))
 
     def keep_files(self, files: Mapping[str, str]) -> None:
-        """Keep the run directory's first files beside the missions of a database, for a coordinator on another machine."""
+        """Keep these of the run directory's files beside the missions of a database, for a coordinator on another machine."""
         if self._lock is not None:
-            self._study.set_user_attr(_FILES, dict(files))
+            with reachable(self._shown):
+                self._study.set_user_attr(_FILES, {**self._study.user_attrs.get(_FILES, {}), **files})
 
     # -- reading ---------------------------------------------------------------------------------------------
 

@@ -18,6 +18,7 @@ from nbv.errors import UserError
 from tuner.campaign import coordinator_lock
 from tuner.campaign.begin import adopt_campaign, begin_campaign
 from tuner.campaign.campaign import Campaign
+from tuner.campaign.extension import extend_campaign
 from tuner.campaign.session import fly_campaign
 from tuner.missions.executors import InProcessExecutor
 
@@ -105,6 +106,9 @@ def test_a_coordinator_that_dies_is_replaced_elsewhere(
     assert [t.state for t in trials] == ["complete"] * 9 and [t.number for t in trials] == list(range(9))
     flown = list(tmp_path.glob("*/night/missions/*/flown.txt"))
     assert len(flown) == 9  # three there, six here
+    extend_campaign(elsewhere, 12, RUNNER)
+    adopt_campaign(tmp_path / "third/night", url)
+    assert Campaign.open(tmp_path / "third/night", runner=RUNNER).status().remaining == 3
 
 
 def test_a_coordinator_that_was_replaced_writes_nothing(

@@ -106,7 +106,17 @@ def _require_certificates(address: str) -> None:
 
 def _check_scheduler(client: Client, address: str, unencrypted: bool) -> None:
     """`UserError` where workers of other machines may reach it without TLS, or another program than this runs there."""
-    heard = client.scheduler_info(n_workers=0)["address"]
+    here = worker.program()
+    try:
+        theirs = client.run_on_scheduler(worker.program, callback_timeout=_CONNECT_S)
+        heard = client.scheduler_info(n_workers=0)["address"]
+        why = worker.difference(theirs, here, "scheduler")
+    except (ImportError, AttributeError) as error:
+        why = f"it has not this program, gatetune {here['gatetune']} ({error}); install it there"
+    except (OSError, TimeoutError) as error:
+        why = f"it does not answer ({str(error) or type(error).__name__}); look after it and the network"
+    if why:
+        raise UserError(f"the scheduler at {address}: {why}")
     try:
         _checked(heard, unencrypted)
     except UserError:
@@ -114,13 +124,6 @@ def _check_scheduler(client: Client, address: str, unencrypted: bool) -> None:
             f"the scheduler at {address} also listens on {heard}, without TLS; start it with --host 127.0.0.1 or for tls://, or say "
             "--unencrypted where the network is yours alone"
         ) from None
-    here = worker.program()
-    try:
-        why = worker.difference(client.run_on_scheduler(worker.program), here, "scheduler")
-    except (ImportError, AttributeError) as error:
-        why = f"it has not this program, gatetune {here['gatetune']} ({error}); install it there"
-    if why:
-        raise UserError(f"the scheduler at {address}: {why}")
 
 
 def _is_loopback(host: str) -> bool:

@@ -155,7 +155,8 @@ def grant(task: str, address: str, flight: str, dask_scheduler: Any) -> bool:
     would go through all that had been sent to it. Who flies again decides the coordinator alone, by another task.
     """
     state = dask_scheduler.tasks.get(task)
-    if state is None or state.processing_on is None or state.processing_on.address != address:
+    worker = dask_scheduler.workers.get(dask_scheduler.coerce_address(address))  # it may be given by a name
+    if state is None or worker is None or state.processing_on is not worker:
         return False
     state.annotations = {"flight": flight, **(state.annotations or {})}
     return bool(state.annotations["flight"] == flight)
