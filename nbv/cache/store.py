@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 from nbv.errors import UserError
-from nbv.foreign import expanded
+from nbv.foreign import expanded, read_bytes
 
 _MAGIC = b"gatetune-entry-2"
 _HEAD_BYTES = len(_MAGIC) + hashlib.sha256().digest_size
@@ -93,8 +93,8 @@ class Store:
     def _read(self, kind: str, key: str) -> bytes | None:
         path = self._path(kind, key)
         try:
-            data = path.read_bytes()
-        except OSError:
+            data = read_bytes(path, DEFAULT_MAX_BYTES)
+        except UserError:  # absent, or no file: others may write to a shared folder
             return None
         sound = _is_sound(kind, key, data)
         with contextlib.suppress(OSError):  # another process may have pruned it, or nobody may write there
@@ -150,12 +150,15 @@ class Store:
         checked = damaged = 0
         for path in self._entries():
             try:
-                data = path.read_bytes()
-            except FileNotFoundError:
-                continue
+                data = read_bytes(path, DEFAULT_MAX_BYTES)
+            except UserError:
+                if not path.exists():  # another process pruned it
+                    continue
+                data = b""
             checked += 1
             if not _is_sound(path.relative_to(self.root).parts[0], path.name, data):
-                path.unlink(missing_ok=True)
+                with contextlib.suppress(OSError):  # a folder
+                    path.unlink(missing_ok=True)
                 damaged += 1
         return checked, damaged
 

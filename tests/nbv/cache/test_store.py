@@ -42,6 +42,21 @@ def test_a_damaged_entry_is_noticed_and_can_be_made_anew(tmp_path, damage):
     assert store.get("pairs", "cd34") is not None
 
 
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")])
+def test_what_is_no_file_is_absent_and_made_anew(tmp_path, make):
+    store = Store(tmp_path)
+    store.put("pairs", "cd34", {"m": np.arange(3)})
+    path = file_of(store, "cd34")
+    path.unlink()
+    make(path)
+    assert store.get("pairs", "cd34") is None
+    store.put("pairs", "cd34", {"m": np.arange(3)})
+    assert store.get("pairs", "cd34") is not None
+    path.unlink()
+    make(path)
+    assert store.verify() == (1, 1) and not path.is_symlink() and not path.exists()
+
+
 def test_verify_removes_only_the_damaged(tmp_path):
     store = Store(tmp_path)
     for index in range(5):
