@@ -60,7 +60,7 @@ class DaskExecutor:
         self._done: queue.SimpleQueue[tuple[str, Future]] = queue.SimpleQueue()
         self._rocks: dict[str, tuple[str, bytes]] = {}
         self._counted, self._count = -_COUNTED_EVERY_S, 0
-        for name in ("distributed", "distributed.client"):  # those that have levels of their own
+        for name in ("distributed", "distributed.client", "asyncio"):
             logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters comes back as an outcome
 
     @property
