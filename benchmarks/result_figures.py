@@ -10,7 +10,7 @@ import argparse
 import csv
 from collections.abc import Callable
 from pathlib import Path
-from statistics import mean
+from statistics import mean, stdev
 
 import matplotlib
 
@@ -304,6 +304,32 @@ def speed(data: Path) -> plt.Figure:
     return figure
 
 
+def width(data: Path) -> plt.Figure:
+    """What a campaign has found with 2 and with 64 missions in flight, by missions and by rounds."""
+    rows = [row for row in read(data, "scaling") if row["what"] == "value, four-rocks:0.3"]
+    figure, (by_missions, by_rounds) = plt.subplots(
+        1, 2, figsize=(7.5, 3.0), sharey=True, layout="constrained"
+    )
+    for workers, colour in ((2, BLUE), (64, ORANGE)):
+        found: dict[int, list[float]] = {}
+        for row in rows:
+            if int(row["workers"]) == workers:
+                found.setdefault(int(row["missions"]), []).append(float(row["value"]))
+        missions = sorted(found)
+        means = [mean(found[m]) for m in missions]
+        errors = [stdev(found[m]) / len(found[m]) ** 0.5 for m in missions]
+        for axes, along in ((by_missions, missions), (by_rounds, [m / workers for m in missions])):
+            axes.errorbar(
+                along, means, errors, marker="o", color=colour, label=f"{workers} in flight", capsize=2
+            )
+    by_missions.set(xlabel="missions", ylabel="truth of the recommendation")
+    by_rounds.set(xlabel="time, in durations of a mission", xscale="log")
+    by_missions.legend(frameon=False)
+    for axes in (by_missions, by_rounds):
+        axes.grid(alpha=0.3)
+    return figure
+
+
 FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
     figure.__name__: figure
     for figure in (
@@ -319,6 +345,7 @@ FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
         visibility,
         hausdorff_floor,
         speed,
+        width,
     )
 }
 

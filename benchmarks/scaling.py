@@ -12,7 +12,7 @@ slots' own times.
 ``dask``: the same campaign, two workers, by local processes and by a local Dask cluster, in turns; wall and CPU seconds. Its
 missions are geometric, or take ``--seconds`` in which they compute nothing.
 ``value``: how good the recommendation is with 64 missions in flight against 2, on Hartmann-6 in 10 dimensions on four rocks; batches
-as a campaign with so many workers makes them; ``geometric`` on the low-fidelity simulator.
+as a campaign with so many workers makes them, looked at from half of the missions on; ``geometric`` on the low-fidelity simulator.
 ``growth``: memory and disk for a mission, from a third of a campaign to its end. Of the coordinator with missions that take no
 time and have 40 metrics more, so that a campaign of days passes in minutes; then of everything with real geometric missions, a
 twentieth as many.
@@ -59,6 +59,7 @@ from tuner.surrogate.model import RockMeanGP  # noqa: E402
 
 ROCKS = ("boulder", "slab", "waist", "vesicular", "cavern", "breccia")
 PROCESSES = 4  # of workers; their threads are the slots
+MARKS = (0.5, 0.625, 0.75, 0.875, 1.0)  # of a campaign's missions, where its recommendation is looked at
 
 
 def measured(mean_s: float) -> list[float]:
@@ -242,8 +243,8 @@ def growth(executor: Any, missions: int) -> dict[str, Any]:
     }
 
 
-def value(name: str, width: int, missions: int, seed: int) -> dict[str, Any]:
-    """Regret of what is best by the posterior mean after ``missions``, ``width`` in flight."""
+def value(name: str, width: int, missions: int, seed: int) -> list[dict[str, Any]]:
+    """Rows: the truth of what is best by the posterior mean, at `MARKS` of ``missions``, ``width`` in flight."""
     from optimiser_problems import make_problem
 
     problem = make_problem(name, seed, Path(tempfile.gettempdir()) / "scaling_value")
@@ -255,6 +256,7 @@ def value(name: str, width: int, missions: int, seed: int) -> dict[str, Any]:
     flying: dict[int, tuple[float, Pending]] = {}
     queue: list[tuple[float, int]] = []
     number, clock = 0, 0.0
+    marks: dict[int, dict[str, Any]] = {int(share * missions): {} for share in MARKS}
     while len(history) < missions:
         free = min(width - len(flying), missions - number)
         if free >= (1 if width < 8 else min(width // SHARE, MAX_BATCH)) or (free and not flying):
@@ -269,16 +271,18 @@ def value(name: str, width: int, missions: int, seed: int) -> dict[str, Any]:
         p = flying.pop(ended)[1]
         y = problem.fly(dict(p.values), p.rock, p.replicate).value
         history.append(Observation(ended, p.values, p.rock, p.replicate, y, y))
-    model = RockMeanGP(problem.space, history, problem.rocks, seed)
-    flown = [dict(o.values) for o in history]
-    found = problem.truth(flown[model.best_first(flown)[0]])
-    return {
-        "what": f"value, {name}",
-        "workers": width,
-        "missions": missions,
-        "seed": seed,
-        "value": round(found, 4),
-    }
+        if len(history) in marks:
+            model = RockMeanGP(problem.space, history, problem.rocks, seed)
+            flown = [dict(o.values) for o in history]
+            found = problem.truth(flown[model.best_first(flown)[0]])
+            marks[len(history)] = {
+                "what": f"value, {name}",
+                "workers": width,
+                "missions": len(history),
+                "seed": seed,
+                "value": round(found, 4),
+            }
+    return list(marks.values())
 
 
 def main() -> None:
@@ -319,7 +323,8 @@ def main() -> None:
     else:
         for seed in range(options.seeds):
             for width in options.workers or (64, 2):
-                keep(value(options.problem, width, options.missions or 256, seed))
+                for row in value(options.problem, width, options.missions or 256, seed):
+                    keep(row)
 
 
 if __name__ == "__main__":
