@@ -10,8 +10,10 @@ import numpy as np
 import torch
 from botorch.utils.sampling import manual_seed
 
+from nbv.types import Floats
 from tuner.acquisition.over_rocks import WorldOutcomes
-from tuner.acquisition.propose import over_worlds, starting_points
+from tuner.acquisition.propose import LOCAL_BEST, best_flown, over_worlds, starting_points
+from tuner.acquisition.within import Within
 from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
 from tuner.surrogate.model import RockMeanGP
@@ -20,6 +22,7 @@ from tuner.surrogate.risk import risk_of
 
 GLOBAL_POINTS, LOCAL_POINTS = 256, 1024
 _FAILS = 1e6  # standard deviations: worse than all that works
+_BREAKS = 1e3  # likewise: worse than all that keeps a limit
 
 
 def draw_best(model: RockMeanGP, count: int, seed: int, risk: Risk = "mean") -> list[Values]:
@@ -33,15 +36,51 @@ def draw_best(model: RockMeanGP, count: int, seed: int, risk: Risk = "mean") -> 
                 draws = risk_of(WorldOutcomes(model).posterior(inputs).rsample(torch.Size([count])), risk)
             else:
                 draws = model.model.posterior(inputs).rsample(torch.Size([count]))[..., 0]
-        if (
-            model.feasibility is not None
-        ):  # each draw has one opinion on what works: a point's own would let some of many through
-            chance = model.feasibility.log_chance(tensor(points)).exp()
-            with manual_seed(seed):
-                draws[torch.rand(count, 1, dtype=chance.dtype) > chance] -= _FAILS
-        chosen: list[int] = []
-        for draw in draws:
-            if len(chosen) < len(points):
-                draw[chosen] = -torch.inf
-            chosen.append(int(draw.argmax()))
+        return _distinct(model, points, draws, seed)
+
+
+def draw_of_two(
+    models: tuple[RockMeanGP, RockMeanGP], within: Within | None, count: int, seed: int
+) -> list[Values]:
+    """``count`` configurations, each the best of a draw of both objectives; no two alike.
+
+    Within a limit of the second: the best of the first where the draw keeps it, else what comes nearest. Without one: the
+    best by augmented weights that differ from draw to draw (Knowles, IEEE TEC 2006), so that all of the front is sought.
+    """
+    first = models[0]
+    with numerics(seed), torch.no_grad():
+        if within is None:
+            near = np.concatenate([best_flown(model, LOCAL_BEST // 2) for model in models])
+        else:
+            near = within.promising(first)
+        points = starting_points(first, seed, GLOBAL_POINTS, LOCAL_POINTS, near)
+        points = np.unique([first.space.snap(x) for x in points], axis=0)
+        inputs = first.inputs(points)
+        with manual_seed(seed):
+            one, two = (m.model.posterior(inputs).rsample(torch.Size([count]))[..., 0] for m in models)
+            weights = torch.rand(count, 1, dtype=one.dtype)
+        if within is None:
+            short = [
+                (draw.amax(1, True) - draw) / (draw.amax(1, True) - draw.amin(1, True)) for draw in (one, two)
+            ]
+            draws = -torch.maximum(weights * short[0], (1 - weights) * short[1]) - 0.05 * (
+                short[0] + short[1]
+            )
+        else:
+            draws = torch.where(two >= within.floor(first), one, two - _BREAKS)
+        return _distinct(first, points, draws, seed)
+
+
+def _distinct(model: RockMeanGP, points: Floats, draws: torch.Tensor, seed: int) -> list[Values]:
+    """The best of each draw, (count, points), that none before has and that may work."""
+    if model.feasibility is not None:
+        # Each draw has one opinion on what works: a point's own would let some of many through.
+        chance = model.feasibility.log_chance(tensor(points)).exp()
+        with manual_seed(seed):
+            draws[torch.rand(len(draws), 1, dtype=chance.dtype) > chance] -= _FAILS
+    chosen: list[int] = []
+    for draw in draws:
+        if len(chosen) < len(points):
+            draw[chosen] = -torch.inf
+        chosen.append(int(draw.argmax()))
     return [model.space.from_unit(points[i]) for i in chosen]

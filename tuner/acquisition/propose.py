@@ -149,7 +149,7 @@ class _OfWhatWorks(AcquisitionFunction):
         return value
 
 
-def _best_flown(model: RockMeanGP, count: int) -> Floats:
+def best_flown(model: RockMeanGP, count: int) -> Floats:
     """(count or fewer, d) unit positions with the best posterior means among those flown, best first."""
     seen = model.promising(BASELINE)
     with torch.no_grad():
@@ -168,7 +168,7 @@ def starting_points(
     d = model.space.dimension
     cube = torch.stack([torch.zeros(d), torch.ones(d)]).to(torch.float64)
     everywhere = draw_sobol_samples(cube, everywhere_count, 1, seed=seed).squeeze(1).numpy()
-    best = _best_flown(model, LOCAL_BEST) if near_to is None else near_to
+    best = best_flown(model, LOCAL_BEST) if near_to is None else near_to
     best = best[np.arange(count) % len(best)]
     rng = np.random.default_rng(seed)
     smallest, largest = LOCAL_SD

@@ -52,6 +52,24 @@ class Within:
         """Whether each can be taken to keep the limit."""
         return [bool(p >= SURE) for p in self.probability(configurations)] if configurations else []
 
+    def floor(self, first: RockMeanGP) -> float:
+        """The limit on the second model's common landscape, whose offsets belong to the limit."""
+        second, unit = self.model, np.unique(first.unit, axis=0)
+        mean, _ = self.belief([first.space.from_unit(u) for u in unit])
+        with torch.no_grad():
+            level, _ = moments(second.model.posterior(first.inputs(unit)))
+        return (self.at_least - float(np.mean(mean - second.mean_scale * level))) / second.mean_scale
+
+    def promising(self, first: RockMeanGP) -> Floats:
+        """(few, d) unit positions flown: the best of the first objective that may keep the limit, else the likeliest to."""
+        unit = np.unique(first.unit, axis=0)
+        chance = self.probability([first.space.from_unit(u) for u in unit])
+        with torch.no_grad():
+            own, _ = moments(first.model.posterior(first.inputs(unit)))
+        order = np.lexsort((-own, chance < 0.5)) if (chance >= 0.5).any() else np.argsort(-chance)
+        found: Floats = unit[order[:LOCAL_BEST]]
+        return found
+
 
 def propose_within(
     first: RockMeanGP, within: Within, pending: Sequence[Mapping[str, Any]], seed: int
@@ -65,15 +83,7 @@ def propose_within(
     with numerics(seed):
         unit = np.unique(first.unit, axis=0)
         baseline = first.inputs(unit)
-        flown = [first.space.from_unit(u) for u in unit]
-        mean, _ = within.belief(flown)
-        with torch.no_grad():
-            level, _ = moments(second.model.posterior(baseline))
-        # Landscapes are compared without offsets: what those are worth on average belongs to the limit.
-        floor = (within.at_least - float(np.mean(mean - second.mean_scale * level))) / second.mean_scale
-        chance = within.probability(flown)
-        own, _ = moments(first.model.posterior(baseline))
-        order = np.lexsort((-own, chance < 0.5)) if (chance >= 0.5).any() else np.argsort(-chance)
+        floor = within.floor(first)
         acquisition = qLogNoisyExpectedImprovement(
             ModelListGP(first.model, second.model),
             X_baseline=baseline,
@@ -84,7 +94,7 @@ def propose_within(
             prune_baseline=True,
             cache_root=False,
         )
-        position, score = maximise(first, acquisition, seed, near=unit[order[:LOCAL_BEST]])
+        position, score = maximise(first, acquisition, seed, near=within.promising(first))
     values = first.space.from_unit(position)
     return values, {
         "log_nei": score,

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tuner.acquisition.draws import draw_best
+from tuner.acquisition.draws import draw_best, draw_of_two
 from tuner.acquisition.front import propose_for_front, two_models
 from tuner.acquisition.propose import over_worlds, propose
 from tuner.acquisition.within import Within, propose_within
@@ -28,7 +28,7 @@ MAX_JOINT = (
     128  # missions in flight up to which an acquisition is asked: a proposal then takes a fifth of a second
 )
 MAX_JOINT_OVER_WORLDS = 24  # where worlds are looked at one by one: its cost grows with their cube
-SEQUENTIAL = 4  # of a batch, or half of it; a drawn proposal takes next to nothing
+SEQUENTIAL = 4  # of a batch; half of it where that is more and the acquisition is the fast one. Drawn ones take no time
 
 
 @dataclass(frozen=True)
@@ -58,53 +58,61 @@ class GPSampler:
         """
         s, proposals, flying = self.settings, list[Proposal](), list(pending)
         feasible = [o for o in history if o.feasible]
-        model: RockMeanGP | None = None
+        both = s.two_objectives and sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL
+        models: tuple[RockMeanGP, ...] = ()
+        within: Within | None = None
         modelled, drawn, from_draws = 0, list[Values](), list[int]()
         while len(proposals) < count:
             number = asks(history, flying)
             if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
                 proposal = self._design(number)
-            elif s.two_objectives and sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL:
-                proposal = self._for_both(history, flying, number)
             else:
-                if model is None:
-                    feature = None if s.earlier is None else s.earlier.feature
-                    own, seed = (
-                        self.model or surrogate_settings(s.space, s.risk),
-                        derived_seed(s.seed, number),
-                    )
-                    model = RockMeanGP(s.space, history, s.worlds, seed, own, feature)
-                joint = MAX_JOINT_OVER_WORLDS if over_worlds(model, s.risk) else MAX_JOINT
-                if modelled < max(SEQUENTIAL, count // 2) and len(flying) <= joint:
-                    proposal = self._by_acquisition(model, history, flying, number)
+                if not models:
+                    models = self._models(history, number, both)
+                    if both and s.at_least is not None:
+                        within = Within(models[1], s.at_least)
+                worlds = not both and over_worlds(models[0], s.risk)
+                most = SEQUENTIAL if both or worlds else max(SEQUENTIAL, count // 2)
+                if modelled < most and len(flying) <= (MAX_JOINT_OVER_WORLDS if worlds else MAX_JOINT):
+                    if both and within is None:
+                        proposal = self._for_front((models[0], models[1]), flying, number)
+                    else:
+                        proposal = self._by_acquisition(models[0], history, flying, number, within)
                 else:
-                    drawn = drawn or draw_best(
-                        model, count - len(proposals), derived_seed(s.seed, number), s.risk
-                    )
-                    proposal = self._drawn(model, history, flying, number, drawn.pop())
-                    from_draws.append(len(proposals))
+                    drawn = drawn or self._draws(models, within, count - len(proposals), number)
+                    proposal = self._drawn(models, history, flying, number, drawn.pop(), within)
+                    if proposal.world is not None:
+                        from_draws.append(len(proposals))
                 modelled += 1
             proposals.append(proposal)
             flying.append(in_flight(s, history, flying, proposal))
-        if model is not None and from_draws:
-            predicted = _predicted(model, [proposals[i] for i in from_draws])
+        if from_draws:
+            predicted = _predicted(models[0], [proposals[i] for i in from_draws])
             for i, proposal in zip(from_draws, predicted, strict=True):
                 proposals[i] = proposal
         return proposals
 
-    def _for_both(
-        self,
-        history: Sequence[Observation],
-        flying: Sequence[Pending],
-        number: int,
-    ) -> Proposal:
-        """For the front between the objectives, or the best within the limit of the second."""
+    def _models(self, history: Sequence[Observation], number: int, both: bool) -> tuple[RockMeanGP, ...]:
+        """Of the objective, or one for each of two."""
         s, seed = self.settings, derived_seed(self.settings.seed, number)
-        models = two_models(
-            s.space, history, s.worlds, seed, self.model or surrogate_settings(s.space, s.risk)
-        )
-        if s.at_least is not None:
-            return self._by_acquisition(models[0], history, flying, number, Within(models[1], s.at_least))
+        own = self.model or surrogate_settings(s.space, s.risk)
+        if both:
+            return two_models(s.space, history, s.worlds, seed, own)
+        feature = None if s.earlier is None else s.earlier.feature
+        return (RockMeanGP(s.space, history, s.worlds, seed, own, feature),)
+
+    def _draws(
+        self, models: tuple[RockMeanGP, ...], within: Within | None, count: int, number: int
+    ) -> list[Values]:
+        seed = derived_seed(self.settings.seed, number)
+        if len(models) > 1:
+            return draw_of_two((models[0], models[1]), within, count, seed)
+        return draw_best(models[0], count, seed, self.settings.risk)
+
+    def _for_front(
+        self, models: tuple[RockMeanGP, RockMeanGP], flying: Sequence[Pending], number: int
+    ) -> Proposal:
+        seed = derived_seed(self.settings.seed, number)
         values, figures = propose_for_front(models, [p.values for p in flying], seed)
         return Proposal(values, {"sampler": self.name, "phase": "front", **figures})
 
@@ -130,13 +138,16 @@ class GPSampler:
 
     def _drawn(
         self,
-        model: RockMeanGP,
+        models: tuple[RockMeanGP, ...],
         history: Sequence[Observation],
         flying: Sequence[Pending],
         number: int,
         values: Values,
+        within: Within | None,
     ) -> Proposal:
-        again = self._verified(model, history, flying, number, math.inf)
+        if len(models) > 1 and within is None:
+            return Proposal(values, {"sampler": self.name, "phase": "front", "drawn": True})
+        again = self._verified(models[0], history, flying, number, math.inf, within)
         if again is not None:
             return again
         proposal = Proposal(values, {"sampler": self.name, "phase": "model", "drawn": True})
