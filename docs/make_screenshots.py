@@ -138,7 +138,7 @@ def main() -> None:
                 (run / "report.html").as_uri(), (1200, 1750), "campaign_page"
             ),
             "mission_view": lambda: photograph(
-                f"{(run / 'shown' / 'view.html').as_uri()}#step=28", (1300, 820), "mission_view", 224
+                f"{(run / 'shown' / 'view.html').as_uri()}", (1300, 820), "mission_view", 224
             ),
             "dashboard": lambda: photograph_dashboard(run, folder),
             "terminal": lambda: photograph_terminal(said, words, folder),

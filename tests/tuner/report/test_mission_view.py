@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import needs_chromium, opened
 from PIL import Image
 
 from nbv.config import preset
@@ -97,6 +98,38 @@ def test_two_missions_stand_side_by_side(gatetune, mission: Path, tmp_path: Path
     code, _, err = gatetune("mission", "view", mission, other, "--out", tmp_path / "two.html")
     assert code == 0, err
     assert [facts["name"] for facts in shown(tmp_path / "two.html")] == ["first", "other"]
+
+
+def test_each_side_says_photographs_and_f_score(mission: Path, tmp_path: Path) -> None:
+    (facts,) = shown(write_mission_view([mission], tmp_path / "view.html"))
+    f_score = json.loads((mission / "mission.json").read_text())["metrics"]["observable"]["f_score_48mm"]
+    assert facts["headline"] == f"{24 + BUDGET} photographs, F-score {f_score:.1f} % at 48 mm"
+
+
+_CLICK = """<script>addEventListener("load", () => {
+  const room = rooms[0], { canvas } = room, all = { bubbles: true, pointerId: 1 };
+  canvas.setPointerCapture = () => {}; room.space.draw();
+  console.log("OPENS", step + 1, shown.holes, document.querySelector(".name b").textContent);
+  for (let x = 0; x < canvas.clientWidth; x += 10) for (let y = 0; y < canvas.clientHeight; y += 10) {
+    const i = nearest(room, x, y); if (i == null) continue;
+    const box = canvas.getBoundingClientRect(), at = { ...all, clientX: box.left + x, clientY: box.top + y };
+    canvas.dispatchEvent(new PointerEvent("pointerdown", at)); canvas.dispatchEvent(new PointerEvent("pointerup", at));
+    console.log("PICKED", room.mission.views[i].name, room.side.querySelector("img").alt); return;
+  }
+});</script>"""
+
+
+@needs_chromium
+@pytest.mark.slow
+def test_it_opens_on_the_finished_mission_and_a_click_shows_a_photograph(
+    mission: Path, tmp_path: Path
+) -> None:
+    page = write_mission_view([mission], tmp_path / "view.html").read_text()
+    said, _ = opened(page + _CLICK, (1200,))
+    opens, picked = (next(line for line in said if line.startswith(word)) for word in ("OPENS", "PICKED"))
+    assert opens.startswith(f"OPENS {24 + BUDGET + 1} true {24 + BUDGET} photographs, F-score")
+    name = picked.split()[1]
+    assert picked == f"PICKED {name} photograph {name}"
 
 
 def test_another_rock_is_refused(mission: Path, tmp_path: Path) -> None:

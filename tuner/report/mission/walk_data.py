@@ -105,6 +105,7 @@ def walk_of(run: Path, rock: str | None = None) -> Walk:
         "condition": result.get("condition", IDEAL),
         "fidelity": result["provenance"].get("fidelity", ""),
         "gate": config.gate.kind,
+        "headline": _headline(len(views), result["metrics"]),
         "scores": _scores(result["metrics"]),
         "target": [round(float(v), 4) for v in planned_by.target_m],
         "origin": world.origin_m.tolist(),
@@ -308,6 +309,13 @@ def _scores(metrics: Mapping[str, Any]) -> list[list[str]]:
     ]
 
 
+def _headline(views: int, metrics: Mapping[str, Any]) -> str:
+    """What the mission cost and what it got: the two numbers that a pair of missions is compared by."""
+    said = f"{views} photographs"
+    f_score = metrics.get("observable", {}).get("f_score_48mm")
+    return f"{said}, F-score {f_score:.1f} % at 48 mm" if isinstance(f_score, (int, float)) else said
+
+
 def as_json(walks: list[Walk]) -> str:
     """For a script element: nothing in it can end the element."""
-    return json.dumps([walk.facts for walk in walks], allow_nan=False).replace("</", "<\\/")
+    return json.dumps([walk.facts for walk in walks], allow_nan=False).replace("<", "\\u003c")

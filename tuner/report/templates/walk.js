@@ -3,6 +3,7 @@
 const STEP_M = 0.00025, RAMP = ["#2f7fd0", "#7cc4f2", "#f4f1e4", "#f2b233", "#e0531a"], VIRIDIS = ["#0d1a6b", "#3b4f9a", "#7c7b78", "#bcae6c", "#ffea46"];
 const TERMS = [["main", "#0072B2"], ["nov", "#009E73"], ["move", "#D55E00"], ["ang", "#CC79A7"]];
 const missions = JSON.parse(document.getElementById("data").textContent);
+const HALF_FIELD_RAD = 0.45; // half the vertical field of view
 const camera = { az: -1.0, el: 0.45, far: 6.8, at: [...missions[0].target] };
 const $ = id => document.getElementById(id);
 const el = (tag, html = "", cls = "") => Object.assign(document.createElement(tag), { innerHTML: html, className: cls });
@@ -13,11 +14,12 @@ const unpack = (text, Kind) => new Kind(bytes(text).buffer);
 
 // Which layers there are, and what is shown at first.
 const layers = [
-  ["rock", "true rock", true], ["truth", "ground truth, by distance to the cloud", false], ["holes", "only holes (over 48 mm)", false],
+  ["rock", "true rock", true], ["truth", "ground truth, by distance to the cloud", false], ["holes", "only holes (over 48 mm)", true],
   ["observable", "only the observable surface", false], ["sparse", "sparse cloud", true], ["dense", "dense cloud (at the end)", true],
   ["frusta", "cameras", true], ["photos", "photographs", true], ["pool", "candidate pool", true], ["path", "path", true]];
 const shown = Object.fromEntries(layers.map(([key, , on]) => [key, on]));
 let colouring = "error", scorer = "flown", step = 0;
+const PICK_PX = 24; // a click nearer to a camera than this picks it
 
 // Matrices are columns first, as WebGL wants them.
 const sub = (a, b) => a.map((v, i) => v - b[i]), dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
@@ -33,7 +35,7 @@ function axes(from, to) {
   return [right, cross(right, forward), forward];
 }
 function matrix(aspect) {
-  const [r, u, f] = axes(eye(), camera.at), e = eye(), near = 0.03, far = 200, s = 1 / Math.tan(0.45);
+  const [r, u, f] = axes(eye(), camera.at), e = eye(), near = 0.03, far = 200, s = 1 / Math.tan(HALF_FIELD_RAD);
   const view = [r[0], u[0], -f[0], 0, r[1], u[1], -f[1], 0, r[2], u[2], -f[2], 0, -dot(r, e), -dot(u, e), dot(f, e), 1];
   return product([s / Math.max(aspect, 1) * Math.min(1, aspect) / (aspect < 1 ? aspect : 1), 0, 0, 0, 0, s * (aspect < 1 ? aspect : 1), 0, 0, 0, 0, (far + near) / (near - far), -1, 0, 0, 2 * far * near / (near - far), 0], view);
 }
@@ -143,7 +145,7 @@ class Space {
       let flown = 0; while (flown < this.path.n && this.samples[4 * flown] <= now.t + 1e-6) flown++;
       this.lines(m, this.path.p, 0, flown, [0.86, 0.88, 0.9, 1], gl.LINE_STRIP); this.lines(m, this.path.p, Math.max(0, flown - 1), this.path.n - flown + 1, [0.32, 0.36, 0.4, 1], gl.LINE_STRIP);
     }
-    if (shown.frusta) for (let i = 0; i < now.views; i++) this.lines(m, this.frusta.p, i * 16, 16, mission.views[i].lost ? [0.9, 0.25, 0.2, 1] : i === now.views - 1 && !last ? [1, 1, 1, 1] : i < mission.seeds ? [0.34, 0.7, 0.91, 1] : [0.9, 0.62, 0, 1]);
+    if (shown.frusta) for (let i = 0; i < now.views; i++) this.lines(m, this.frusta.p, i * 16, 16, mission.views[i].lost ? [0.9, 0.25, 0.2, 1] : i === mission.picked || (i === now.views - 1 && !last && mission.picked == null) ? [1, 1, 1, 1] : i < mission.seeds ? [0.34, 0.7, 0.91, 1] : [0.9, 0.62, 0, 1]);
     if (shown.photos && this.photos) { this.use("photos", m); gl.bindTexture(gl.TEXTURE_2D, this.photos.t); this.attribute("photos", "p", this.photos.p, 3, gl.FLOAT, 20, 0); this.attribute("photos", "c", this.photos.p, 2, gl.FLOAT, 20, 12); gl.drawArrays(gl.TRIANGLES, 0, 6 * now.views); }
     if (shown.pool && now.pool) {
       const scores = now.pool.scores[chosenScorer(now)], upload = (values) => { const b = gl.createBuffer(); gl.bindBuffer(gl.ARRAY_BUFFER, b); gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(values), gl.STREAM_DRAW); return b; };
@@ -177,12 +179,12 @@ function curve(mission, key, title, unit) {
   return `<svg viewBox="0 0 340 60" role="img" aria-label="${title}"><polyline fill="none" stroke="#56B4E9" stroke-width="1.6" points="${values.map(([i, v]) => `${x(i).toFixed(1)},${y(v).toFixed(1)}`).join(" ")}"/><line x1="6" x2="256" y1="52" y2="52" stroke="#3c454f"/>${here ? `<circle cx="${x(here[0])}" cy="${y(here[1])}" r="4" fill="#E69F00"/><text x="264" y="30">${here[1].toFixed(1)} ${unit}</text>` : ""}<text class="soft" x="264" y="48">${least.toFixed(0)} to ${most.toFixed(0)}</text></svg>`;
 }
 function tell(mission, side) {
-  const now = mission.steps[Math.min(step, mission.steps.length - 1)], view = mission.views[now.views - 1], facts = [];
+  const now = mission.steps[Math.min(step, mission.steps.length - 1)], last = now.views - 1, picked = mission.picked != null && mission.picked <= last, view = mission.views[picked ? mission.picked : last], facts = [];
   if (now.scorer) facts.push(["scorer", now.scorer], ["why", now.reason], ["candidates", now.pool.ids.length]);
   if (now.registered != null) facts.push(["registered", `${now.registered} of ${now.views} photographs`]);
   if (now.points != null) facts.push(["sparse points", now.points]);
   if (step >= mission.steps.length - 1) facts.push(["status", mission.status + (mission.message ? ": " + mission.message : "")], ...mission.scores);
-  side.innerHTML = `<h2>${safe(now.label)}</h2>` + (view.image ? `<img alt="photograph ${safe(view.name)}" src="data:image/jpeg;base64,${view.image}">` : "") + `<dl><dt>last view</dt><dd>${safe(view.name)}${view.lost ? ", not registered" : ""}</dd>` + facts.map(([k, v]) => `<dt>${safe(k)}</dt><dd>${safe(v)}</dd>`).join("") + "</dl>" +
+  side.innerHTML = `<h2>${safe(now.label)}</h2>` + (view.image ? `<img alt="photograph ${safe(view.name)}" src="data:image/jpeg;base64,${view.image}">` : "") + `<dl><dt>${picked ? "camera picked" : "last view"}</dt><dd>${safe(view.name)}${view.lost ? ", not registered" : ""}</dd>` + facts.map(([k, v]) => `<dt>${safe(k)}</dt><dd>${safe(v)}</dd>`).join("") + "</dl>" +
     (now.pool ? `<h2>Terms of Eq. 1, best candidates of ${safe(chosenScorer(now) || "")}</h2>${bars(now)}` : "") +
     `<h2>d95 of the sparse cloud</h2>${curve(mission, "d95_mm", "d95", "mm")}<h2>Observable surface within 48 mm of the sparse cloud</h2>${curve(mission, "sparse_completeness", "completeness", "%")}`;
 }
@@ -201,10 +203,31 @@ const rooms = missions.map(mission => {
   mission.seeds = mission.steps.filter(s => s.label.startsWith("seed")).length;
   const room = el("section", "", "mission"), space = el("div", "", "space"), canvas = el("canvas"), side = el("div", "", "side"), keys = el("div", "", "keys");
   canvas.setAttribute("aria-label", `mission ${mission.name} in space`);
-  space.append(canvas, el("div", `${safe(mission.name)}<small>${safe([mission.rock, "replicate " + mission.replicate, mission.condition, mission.gate, mission.fidelity].join(" · "))}</small>`, "name"), keys);
+  space.append(canvas, el("div", `${safe(mission.name)}<small>${safe([mission.rock, "replicate " + mission.replicate, mission.condition, mission.gate, mission.fidelity].join(" · "))}</small><b>${safe(mission.headline)}</b>`, "name"), keys);
   room.append(space, side); host.append(room); return { mission, canvas, side, keys };
 });
 for (const room of rooms) try { room.space = new Space(room.mission, room.canvas); } catch (error) { room.canvas.replaceWith(el("p", safe(error.message) + "; the figures beside still work.")); }
+// The rock fills the view at first: the camera stands where its bounding sphere fits.
+function fit() {
+  const [first] = missions, p = unpack(first.mesh.p, Int16Array), low = [Infinity, Infinity, Infinity], high = low.map(v => -v);
+  for (let i = 0; i < p.length; i++) { const v = first.origin[i % 3] + STEP_M * p[i]; low[i % 3] = Math.min(low[i % 3], v); high[i % 3] = Math.max(high[i % 3], v); }
+  if (!p.length) return;
+  camera.at = low.map((v, i) => (v + high[i]) / 2); camera.far = 1.1 * Math.hypot(...sub(high, low)) / 2 / Math.sin(HALF_FIELD_RAD);
+}
+// The camera whose picture stands nearest to a click, among those taken by now; none far from it.
+function nearest(room, x, y) {
+  const { canvas, mission, space } = room, m = matrix(canvas.width / canvas.height), now = mission.steps[Math.min(step, mission.steps.length - 1)];
+  let best = null, least = PICK_PX;
+  for (let i = 0; i < now.views; i++) {
+    const [a, b, c, d] = space.quads[i], mid = [0, 1, 2].map(k => (a[k] + b[k] + c[k] + d[k]) / 4);
+    for (const at of [mission.views[i].at, mid]) {
+      const [u, v, , w] = [0, 1, 2, 3].map(r => m[r] * at[0] + m[4 + r] * at[1] + m[8 + r] * at[2] + m[12 + r]);
+      const gap = w > 0 ? Math.hypot((u / w + 1) / 2 * canvas.clientWidth - x, (1 - v / w) / 2 * canvas.clientHeight - y) : Infinity;
+      if (gap < least) { least = gap; best = i; }
+    }
+  }
+  return best;
+}
 let waiting = false;
 function draw() { if (waiting) return; waiting = true; requestAnimationFrame(() => { waiting = false; for (const room of rooms) if (room.space) room.space.draw(); }); }
 function update() {
@@ -225,14 +248,19 @@ choice("clouds by", [["error", "error"], ["tracks", "track length"], ["photo", "
 choice("scores of", [["flown", "the scorer flown"], ...[...new Set(missions.flatMap(m => m.steps.flatMap(s => s.pool ? Object.keys(s.pool.scores) : [])))].map(n => [n, n])], v => scorer = v);
 
 const fingers = new Map();
+let pressed = null; // where, as long as nothing was dragged
 const turn = (dx, dy) => { camera.az -= dx * 0.007; camera.el = Math.max(-1.5, Math.min(1.55, camera.el + dy * 0.007)); };
 const move = (dx, dy, height) => { const [r, u] = axes(eye(), camera.at), s = camera.far / height; camera.at = add(add(camera.at, r, -dx * s), u, dy * s); };
 const zoom = by => camera.far = Math.max(0.4, Math.min(60, camera.far * by));
-for (const { canvas } of rooms) {
-  canvas.onpointerdown = e => { canvas.setPointerCapture(e.pointerId); fingers.set(e.pointerId, [e.clientX, e.clientY]); };
-  canvas.onpointerup = canvas.onpointercancel = e => fingers.delete(e.pointerId);
+for (const room of rooms) {
+  const { canvas } = room;
+  canvas.onpointerdown = e => { canvas.setPointerCapture(e.pointerId); pressed = fingers.size ? null : [e.offsetX, e.offsetY]; fingers.set(e.pointerId, [e.clientX, e.clientY]); };
+  canvas.onpointercancel = e => fingers.delete(e.pointerId);
+  canvas.onpointerup = e => { fingers.delete(e.pointerId); if (pressed && room.space) { room.mission.picked = nearest(room, ...pressed); update(); } pressed = null; };
   canvas.onpointermove = e => {
     const was = fingers.get(e.pointerId); if (!was) return;
+    if (pressed && Math.hypot(e.offsetX - pressed[0], e.offsetY - pressed[1]) < 4) return;
+    pressed = null;
     const dx = e.clientX - was[0], dy = e.clientY - was[1];
     if (fingers.size === 2) { const other = [...fingers].find(([id]) => id !== e.pointerId)[1], gap = p => Math.hypot(p[0] - other[0], p[1] - other[1]) || 1; zoom(gap(was) / gap([e.clientX, e.clientY])); move(dx / 2, dy / 2, canvas.clientHeight); }
     else if (e.shiftKey || e.buttons === 2) move(dx, dy, canvas.clientHeight); else turn(dx, dy);
@@ -244,4 +272,5 @@ for (const { canvas } of rooms) {
 addEventListener("keydown", e => { if (["INPUT", "SELECT"].includes(e.target.tagName)) return; if (e.key === "ArrowRight") go(step + 1); if (e.key === "ArrowLeft") go(step - 1); });
 addEventListener("resize", draw);
 const wanted = location.hash.match(/step=(\d+)/); // page.html#step=27 opens there
-go(wanted ? +wanted[1] - 1 : Math.min(missions[0].seeds, +slider.max));
+fit();
+go(wanted ? +wanted[1] - 1 : +slider.max);
