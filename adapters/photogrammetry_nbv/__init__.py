@@ -3,6 +3,7 @@
 Facts about their keys come from the public repository ``photogrammetry_nbv`` at commit b8e106c; nothing of its code is here.
 """
 
+from adapters.photogrammetry_nbv.carrying import carried
 from adapters.photogrammetry_nbv.configuring import FUNCTION, configuration, files_beside
 from adapters.photogrammetry_nbv.files import read_file, write_mission_folder, write_text
 from adapters.photogrammetry_nbv.keys import FILES, MISSION, SCORING
@@ -16,6 +17,7 @@ __all__ = [
     "MISSION",
     "SCORING",
     "Remark",
+    "carried",
     "configuration",
     "files_beside",
     "read_file",

@@ -146,7 +146,7 @@ FILES = {
 
 # Their distance scales are never less than this, whatever the file says.
 LEAST_SCALE_M = 1.0
-SCALES = ("shared.d_scale_m", "shared.d_travel_m")
+SCALES = {"shared.d_scale_m": "novelty_distance_scale_m", "shared.d_travel_m": "travel_distance_scale_m"}
 
 # What flies there, by scorer name or by gate mode of the hybrid, and here.
 SCORER_OF_GATE = {"covis": "covisibility", "b-aware": BASELINE_AWARE}

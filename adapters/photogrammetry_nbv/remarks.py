@@ -11,6 +11,7 @@ class Remark:
 
     key: str  # the parameter path or the key that it is about
     text: str  # what is lost, in one line
+    partly: bool = False  # the value is written, though not all that it means here
 
     def __str__(self) -> str:
         return f"{self.key}: {self.text}"

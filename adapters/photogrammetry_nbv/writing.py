@@ -50,14 +50,11 @@ def write_scoring(
         values[f"{BASELINE_AWARE}.{name}"] = values[f"{REPAIR}.{name}"]
     for name in ("track_support", "local_density", "reprojection"):
         values[f"{BASELINE_AWARE}.weakness_weights.{name}"] = values[f"{REPAIR}.weakness_weights.{name}"]
-    for path in SCALES:
-        if _get(config, path) < LEAST_SCALE_M:
-            remarks.append(
-                Remark(
-                    path,
-                    f"{_get(config, path):g} m counts as {LEAST_SCALE_M:g} m there, whatever the file says",
-                )
-            )
+    for path, key in SCALES.items():
+        if (scale_m := _get(config, path)) < LEAST_SCALE_M:
+            values[key] = LEAST_SCALE_M
+            text = f"{scale_m:g} m counts as {LEAST_SCALE_M:g} m there, whatever the file says"
+            remarks.append(Remark(path, text, partly=True))
     if config.gate.kind == "hyb-h":
         remarks.append(Remark("gate.d95_m", UNITS_OF_KNN))
         if config.stop.knn_region != "all":
@@ -103,13 +100,18 @@ def _geometry_weight(config: MissionConfig) -> tuple[float, list[Remark]]:
     Only ratios matter to a ranking, so weights that are Covis's times a factor can be written exactly.
     """
     covis, b_aware = config.covis.weights, config.b_aware.weights
-    pairs = [(getattr(covis, name), getattr(b_aware, name)) for name in _SHARED]
-    scale = next((ours / theirs for ours, theirs in pairs if theirs > 0 and ours > 0), 1.0)
-    if all(math.isclose(ours, scale * theirs, rel_tol=1e-9) for ours, theirs in pairs):
+    pairs = {name: (getattr(covis, name), getattr(b_aware, name)) for name in _SHARED}
+    scale = next((ours / theirs for ours, theirs in pairs.values() if theirs > 0 and ours > 0), 1.0)
+    if all(math.isclose(ours, scale * theirs, rel_tol=1e-9) for ours, theirs in pairs.values()):
         return b_aware.main * scale, []
-    lost = ", ".join(f"{name} {getattr(b_aware, name):g}" for name in _SHARED)
-    text = f"{lost} cannot be written: both scorers share Covis's there (only the main weight is its own)"
-    return b_aware.main, [Remark("b_aware.weights", text)]
+    return b_aware.main, [
+        Remark(
+            f"b_aware.weights.{name}",
+            f"{theirs:g} cannot be written: both scorers share Covis's {ours:g} there",
+        )
+        for name, (ours, theirs) in pairs.items()
+        if ours != theirs
+    ]
 
 
 def write_mission(
@@ -149,7 +151,7 @@ def _seeds_of_one_turn(config: MissionConfig, values: Values) -> list[Remark]:
     if len(counts) == 1 and not config.seed.start_bearing_deg:
         return []
     text = f"{config.seed.count} seeds on one turn are written as rings of {counts}: other azimuths"
-    return [Remark("seed.count", text)]
+    return [Remark("seed.count", text, partly=True)]
 
 
 def _few_seeds(config: MissionConfig) -> list[Remark]:

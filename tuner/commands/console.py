@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import importlib
+import json
 import os
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
+import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from nbv.config import IDEAL, PRESETS, Condition, MissionConfig, load_condition, preset, under
 from nbv.errors import UserError
 from nbv.foreign import parse_yaml
+from nbv.mission.result import json_ready
 from tuner.missions.now import doing_now
 
 if TYPE_CHECKING:
@@ -44,6 +47,14 @@ def speak(how: Spoken) -> None:
     """What commands print from here on; every command begins with "all"."""
     _spoken[0] = how
     output.quiet = how != "all"
+
+
+AsJson = Annotated[bool, typer.Option("--json", help="The same as one JSON document, and nothing else.")]
+
+
+def print_json(document: Any) -> None:
+    """What a command shows, as JSON on standard output."""
+    typer.echo(json.dumps(json_ready(document), indent=1))
 
 
 def spoken() -> Spoken:

@@ -1,6 +1,9 @@
 """The recommendation as files for the vehicle."""
 
+import dataclasses
 import json
+import re
+import urllib.parse
 
 import fake_campaigns
 import pytest
@@ -9,7 +12,9 @@ import yaml
 from adapters.photogrammetry_nbv import read_file, read_mission, read_scoring
 from nbv.config import MissionConfig, config_from_dict, preset
 from nbv.geometric import run_geometric_mission
+from tuner.campaign.campaign import Campaign
 from tuner.problem.space_files import load_search_space
+from tuner.report import write_campaign_report
 
 
 @pytest.fixture(scope="module")
@@ -29,8 +34,80 @@ def test_the_authors_files_say_what_was_recommended(gatetune, campaign):
     }
     wanted, back = campaign.recommended_config(), MissionConfig().with_values(there)
     assert (back.covis, back.b_aware, back.pool) == (wanted.covis, wanted.b_aware, wanted.pool)
-    head = (campaign.directory / "scoring.yaml").read_text().splitlines()[:4]
-    assert "campaign test" in head[1] and "95 %" in head[2] and "does not transfer" in head[3]
+
+
+@pytest.fixture
+def recommends(monkeypatch, campaign, tmp_path):
+    """Let a campaign in a named space recommend ``changes`` of its default; returns its directory."""
+
+    def make(space, changes):
+        found = fake_campaigns.run(
+            tmp_path / "tune", space=load_search_space(space), budget=3, sampler="sobol"
+        )
+        best, default = campaign.recommendation(save=False), found.settings.default_values()
+        fixed = dataclasses.replace(
+            best, values={**default, **changes}, default_values=default, inactive=[], improvement=6.0
+        )
+        monkeypatch.setattr(Campaign, "recommendation", lambda self, *, save=True: fixed)
+        return found.directory
+
+    return make
+
+
+FEWER = {"seed.count": 14, "stop.adaptive_budget": 12, "pool.max_altitude_m": 1.45}
+
+
+def test_photographs_go_into_the_file_that_carries_them(gatetune, recommends):
+    run = recommends("photographs", FEWER)
+    code, _, err = gatetune("export", run, "--to", "scoring.yaml")
+    assert code == 2 and err.count("\n") == 1
+    assert "carries none of the changes" in err and f"gatetune export {run} --to unified_mission.yaml" in err
+    assert not (run / "scoring.yaml").exists()
+    code, out, err = gatetune("export", run, "--to", "unified_mission.yaml")
+    assert code == 0 and "it carries 3 of 3 changes" in out, err
+    written = read_file(run / "unified_mission.yaml", "unified_mission.yaml")
+    assert (sum(written["seed_azimuth_counts"]), written["image_budget"]) == (14, 12)
+    assert written["min_altitude_ned"] == -1.45
+    text = (run / "unified_mission.yaml").read_text()
+    assert "# carries: seed.count 14 (default 24)" in text and "+6.00" in text
+
+
+def test_without_a_format_the_files_are_listed_best_first(gatetune, recommends):
+    run = recommends("photographs", FEWER)
+    code, out, err = gatetune("export", run)
+    assert code == 0, err
+    lines = out.splitlines()
+    assert lines[2:4] == [
+        "unified_mission.yaml carries 3 of 3 changes",
+        "scoring.yaml carries none of the changes",
+    ]
+    assert lines[-1] == f"write the first: gatetune export {run} --to unified_mission.yaml"
+
+
+def test_a_gain_stands_only_where_what_earned_it_is_carried(gatetune, recommends):
+    run = recommends("gate_weights_and_pool", {"covis.weights.nov": 0.5, "pool.max_altitude_m": 1.45})
+    code, out, err = gatetune("export", run, "--to", "scoring.yaml")
+    assert code == 0 and "it carries 1 of 2 changes, not pool.max_altitude_m" in out, err
+    text = (run / "scoring.yaml").read_text()
+    assert "does not carry: pool.max_altitude_m 1.45 (default 4)" in text
+    assert "+6.00" not in text and "1 of 2 changes are worth alone was not measured" in text
+
+
+def test_keeping_the_default_is_said(gatetune, recommends):
+    run = recommends("photographs", {})
+    assert "recommended: keep the default" in gatetune("export", run)[1]
+    code, out, err = gatetune("export", run, "--to", "scoring.yaml")
+    assert code == 0 and "it carries the default" in out, err
+    assert "keep the default" in (run / "scoring.yaml").read_text()
+
+
+def test_the_page_links_the_same_bytes(gatetune, campaign):
+    page = write_campaign_report(campaign).read_text()
+    links = re.findall(r'download="(.*?)" href="data:[^,]*,(.*?)"', page)
+    assert [name for name, _ in links] == ["configuration.yaml", "scoring.yaml", "unified_mission.yaml"]
+    for name, text in links[1:]:
+        assert gatetune("export", campaign.directory, "--to", name)[0] == 0
+        assert (campaign.directory / name).read_text() == urllib.parse.unquote(text)
 
 
 def test_ours_is_the_whole_configuration(gatetune, campaign, tmp_path):
@@ -64,6 +141,7 @@ def test_a_mission_becomes_a_route(gatetune, tmp_path):
     run_geometric_mission(config, "slab", 0, tmp_path / "m")
     code, out, err = gatetune("export", tmp_path / "m", "--to", "plan", "--home", "33.4,-111.9")
     assert code == 0, err
+    assert "26 photographs (24 seeds, then 2 that the planner chose there)" in out
     assert "a fixed route" in out
     items = json.loads((tmp_path / "m" / "route.plan").read_text())["mission"]["items"]
     assert sum(item["command"] == 2000 for item in items) == 26

@@ -52,7 +52,7 @@ from tuner.report.campaign.rows import (
     trial_row,
 )
 from tuner.report.campaign.shown import REPORT_FILE, linked_pages
-from tuner.report.campaign.vehicle_files import MISSION, SCORING, authors_file
+from tuner.report.campaign.vehicle_files import vehicle_files
 from tuner.report.comparison.page import comparison_context
 from tuner.report.labels import (
     format_number,
@@ -200,19 +200,19 @@ def _answers(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[st
 def _files(facts: CampaignFacts, best: Recommendation) -> list[dict[str, Any]]:
     """The configuration to use as files, each with what does not transfer."""
     s, values = facts.settings, use_values(facts)
-    written = [("configuration.yaml", values_yaml(values, s.space), list[str]())]
+    written = [("configuration.yaml", values_yaml(values, s.space), list[str](), "everything")]
     if s.mission is None:
-        config = s.config(values)
-        written += [(n, *authors_file(facts.campaign, config, n, best)) for n in (SCORING, MISSION)]
+        files = vehicle_files(facts.campaign, best)
+        written += [(f.name, f.text, list(f.remarks), f.share) for f in files if f.useful]
     return [
         {
             "name": name,
             "text": text,
             "address": f"data:text/yaml;charset=utf-8,{quote(text)}",
             "lost": lost,
-            "note": "everything transfers",
+            "note": f"carries {share}",
         }
-        for name, text, lost in written
+        for name, text, lost, share in written
     ]
 
 

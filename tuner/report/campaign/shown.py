@@ -15,6 +15,7 @@ from tuner.missions.registry import DEFAULT_RUNNER, is_geometric
 from tuner.report.mission.walk import write_mission_view
 
 SHOWN, PAGE, REPORT_FILE = "shown", "view.html", "report.html"
+RECOMMENDED = f"{SHOWN}/recommended"  # in a campaign's directory
 _WAIT_S = 1.0
 
 

@@ -1,12 +1,16 @@
-"""A campaign's configuration as the authors' files, with a header that says where it is from."""
+"""What a campaign recommends as the authors' files: what each carries, and a header that says so."""
 
 from __future__ import annotations
 
-import datetime
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from adapters.photogrammetry_nbv import (
     FUNCTION,
+    carried,
     configuration,
     files_beside,
     read_file,
@@ -14,60 +18,137 @@ from adapters.photogrammetry_nbv import (
     write_scoring,
     write_text,
 )
+from nbv.config import MissionConfig
+from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
 from tuner.campaign.campaign import Campaign
-from tuner.missions.external import ExternalConfig
-from tuner.problem.search_space import Configuration, ours
+from tuner.problem.search_space import ours
 from tuner.recommendation.recommendation import Recommendation
 
 SCORING, MISSION = "scoring.yaml", "unified_mission.yaml"
 
 
-def authors_file(
-    campaign: Campaign,
-    config: Configuration,
-    name: str,
-    best: Recommendation | None,
-    onto: Path | None = None,
-) -> tuple[str, list[str]]:
-    """`SCORING` or `MISSION` of ``config`` as text, and what of it does not transfer.
+@dataclass(frozen=True)
+class VehicleFile:
+    """One of the authors' files with the recommendation."""
+
+    name: str
+    text: str
+    carried: tuple[str, ...]  # changed parameters that it carries
+    lost: tuple[str, ...]  # those that it does not
+    remarks: tuple[str, ...]  # what cannot be said there, a line each
+
+    @property
+    def useful(self) -> bool:
+        """Whether it carries a change, or there is none to carry."""
+        return bool(self.carried) or not self.lost
+
+    @property
+    def share(self) -> str:
+        """``2 of 3 changes, not pool.max_altitude_m``."""
+        if not self.useful:
+            return "none of the changes"
+        return share_text(len(self.carried), self.lost)
+
+
+def share_text(kept: int, lost: Sequence[str] = ()) -> str:
+    """How many of the changes a file carries, and which it does not."""
+    if not kept and not lost:
+        return "the default"
+    return f"{kept} of {kept + len(lost)} changes" + (f", not {', '.join(lost)}" if lost else "")
+
+
+def vehicle_files(
+    campaign: Campaign, best: Recommendation, onto: Mapping[str, Path] | None = None
+) -> list[VehicleFile]:
+    """Both files of what ``best`` recommends, the one that carries most first.
 
     Parameters
     ----------
-    best
-        What the campaign recommends, for the header.
     onto
-        A file of this kind whose other keys are kept; None: as published.
+        By name a file of that kind whose other keys are kept; others are as published.
 
     Raises
     ------
     UserError
-        The campaign's missions are neither ours nor theirs; ``onto`` cannot be read.
+        The campaign's missions are neither ours nor theirs; a file of ``onto`` cannot be read.
     """
-    theirs = read_file(onto, name) if onto is not None else None
-    if isinstance(config, ExternalConfig) and config.mission.function == FUNCTION:  # their own mission
-        mission = config.mission
-        theirs = theirs or files_beside(mission.folder)[name]
-        config = configuration(config.values, mission.instances[0].facts.get("set", {}), mission.folder)
-    values, remarks = (write_scoring if name == SCORING else write_mission)(ours(config), theirs)
-    lost = [str(remark) for remark in remarks]
-    lines = [*header(campaign, best), *(f"does not transfer: {text}" for text in lost)]
-    return write_text(values, name, "\n".join(lines)), lost
+    build, beside = _builder(campaign)
+    pairs = _changes(build, best)
+    files = []
+    for name, write in ((SCORING, write_scoring), (MISSION, write_mission)):
+        theirs = read_file(onto[name], name) if onto and name in onto else beside.get(name)
+        values, remarks = write(build(best.values), theirs)
+        kept = carried(name, pairs)
+        lost = [path for path in changes(best) if path not in kept]
+        said = tuple(str(remark) for remark in remarks)
+        lines = [*header(campaign, best, kept), *(f"does not transfer: {text}" for text in said)]
+        text = write_text(values, name, "\n".join(lines))
+        files.append(VehicleFile(name, text, tuple(kept), tuple(lost), said))
+    return sorted(files, key=lambda file: -len(file.carried))
 
 
-def header(campaign: Campaign, best: Recommendation | None) -> list[str]:
-    """Where the numbers are from, and what they were worth."""
-    s = campaign.settings
+def changes(best: Recommendation) -> list[str]:
+    """The parameters that ``best`` changes; empty where the answer is to keep the default."""
+    return [path for path, value in best.values.items() if value != best.default_values[path]]
+
+
+def change_text(best: Recommendation, path: str) -> str:
+    """``seed.count 14 (default 24)``."""
+    return f"{path} {_short(best.values[path])} (default {_short(best.default_values[path])})"
+
+
+def header(campaign: Campaign, best: Recommendation, kept: list[str]) -> list[str]:
+    """Where a file is from, which changes it carries, and what they were worth where it carries all of them."""
+    s, changed = campaign.settings, changes(best)
     lines = [
-        f"gatetune {versions().get('gatetune', 'unknown')}, revision {git_revision()}, "
-        f"{datetime.date.today().isoformat()}",
+        f"gatetune {versions().get('gatetune', 'unknown')}, revision {git_revision()}",
         f"campaign {s.name}: space {s.space.name}, {len(s.rocks)} rocks, {s.budget} missions, "
         f"fidelity {s.runner}, metric {s.objective.metric}",
     ]
-    if best is not None:
-        low, high = best.improvement_interval_95
-        lines.append(
-            f"posterior mean against the default on the training rocks: {best.improvement:+.2f} "
-            f"[{low:+.2f}, {high:+.2f}] (95 %)"
+    if not changed:
+        return [*lines, "recommended: keep the default; this file changes nothing of it"]
+    lines += [f"carries: {change_text(best, path)}" for path in kept]
+    silent = {found.path for found in best.inactive}
+    missing = [path for path in changed if path not in kept]
+    lines += [f"does not carry: {change_text(best, path)}" for path in missing]
+    if [path for path in missing if path not in silent]:
+        return [*lines, f"what {len(kept)} of {len(changed)} changes are worth alone was not measured"]
+    low, high = best.improvement_interval_95
+    sure = "" if low == high else f" [{low:+.2f}, {high:+.2f}] (95 %)"
+    return [
+        *lines,
+        f"gain over the default on the training rocks, {best.metric}: {best.improvement:+.2f}{sure}",
+    ]
+
+
+def _short(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _builder(
+    campaign: Campaign,
+) -> tuple[Callable[[Mapping[str, Any]], MissionConfig], dict[str, dict[str, Any]]]:
+    """From tuned values to a configuration of ours, and the authors' files that lie beside a mission of theirs."""
+    mission = campaign.settings.mission
+    if mission is None:
+        return lambda values: ours(campaign.settings.config(values)), {}
+    if mission.function != FUNCTION:
+        raise UserError(
+            f"campaign {campaign.settings.name} is of a mission that is not ours; export it as gatetune.yaml"
         )
-    return lines
+    fixed = mission.instances[0].facts.get("set", {})
+    return functools.partial(configuration, fixed=fixed, folder=mission.folder), files_beside(mission.folder)
+
+
+def _changes(
+    build: Callable[[Mapping[str, Any]], MissionConfig], best: Recommendation
+) -> dict[str, tuple[MissionConfig, MissionConfig]]:
+    """Per changed parameter the recommendation and the same without it; where that is none, the default with and without."""
+    pairs, default = {}, best.default_values
+    for path in changes(best):
+        try:
+            pairs[path] = build(best.values), build({**best.values, path: default[path]})
+        except UserError:
+            pairs[path] = build({**default, path: best.values[path]}), build(default)
+    return pairs
