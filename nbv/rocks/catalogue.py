@@ -10,6 +10,7 @@ from pathlib import Path
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.foreign import expanded, is_file
+from nbv.rocks.families import FAMILIES, generated_name
 from nbv.rocks.imported import DamagedRockError, imported_path, list_imported, read_rock
 from nbv.rocks.importer import import_mesh
 from nbv.rocks.procedural import procedural_rock
@@ -30,7 +31,7 @@ def list_rocks() -> list[RockInfo]:
 
 
 def load_rock(name: str, store: Store | None = None) -> Rock:
-    """The rock called ``name``: procedural, imported, or the path of a mesh file (or of a rock as `write_rock` keeps it).
+    """The rock called ``name``: procedural (``FAMILY-SEED`` too), imported, or the path of a mesh file (or of a rock as `write_rock` keeps it).
 
     A procedural rock takes a few seconds to make; ``store`` keeps it for the next process. A mesh file is imported
     with the defaults of `import_mesh`, and nothing is kept on disk. Rocks stay in this process's memory.
@@ -40,7 +41,7 @@ def load_rock(name: str, store: Store | None = None) -> Rock:
     UserError
         There is no such rock (the message lists the known ones), or the mesh cannot be used.
     """
-    if name in RECIPES:
+    if name in RECIPES or generated_name(name) is not None:
         return _once(name, lambda: procedural_rock(name, store))
     kept = imported_path(name)
     if os.sep not in name and is_file(kept):
@@ -56,7 +57,9 @@ def load_rock(name: str, store: Store | None = None) -> Rock:
     known = [rock.name for rock in list_rocks()]
     close = difflib.get_close_matches(name, known, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
-    raise UserError(f"unknown rock {name!r}; {hint}known: {', '.join(known)}, or the path of a mesh file")
+    raise UserError(
+        f"unknown rock {name!r}; {hint}known: {', '.join(known)}, {next(iter(FAMILIES))}-SEED, or the path of a mesh file"
+    )
 
 
 def loaded_rocks() -> list[Rock]:

@@ -8,6 +8,7 @@ from skimage.measure import marching_cubes
 
 from nbv.cache import Arrays, Store, remember
 from nbv.rocks.albedo import procedural_albedo
+from nbv.rocks.families import generated_name, generated_recipe
 from nbv.rocks.mesh import body_labels, drop_unused_vertices, face_areas, rest_on_ground, vertex_normals
 from nbv.rocks.recipe import Recipe, Shape
 from nbv.rocks.recipes import RECIPES
@@ -20,18 +21,25 @@ _HALF_WIDTH_M, _TOP_M = 1.2, 1.92
 _LEVELS = 3  # blocks of 8, 4, 2 cells
 
 
+def recipe_of(name: str) -> Recipe:
+    """The recipe of a catalogue name, or of ``FAMILY-SEED``. ``KeyError`` where there is none."""
+    drawn = generated_name(name)
+    return RECIPES[name] if drawn is None else generated_recipe(*drawn)
+
+
 def generate_rock(name: str, *, grid_m: float = GRID_M) -> Rock:
-    """Make the procedural rock ``name`` (a key of ``RECIPES``). A pure function of its arguments."""
-    recipe = RECIPES[name]
-    vertices, faces = _surface(recipe, grid_m)
-    vertices, _ = rest_on_ground(vertices, DEFAULT_HEIGHT_M)
+    """Make the procedural rock ``name``, as `recipe_of` knows it. A pure function of its arguments."""
+    recipe = recipe_of(name)
+    # Recipes draw at the default height. Edges grow with the root of the rock's, faces with the rock's.
+    vertices, faces = _surface(recipe, grid_m * float(np.sqrt(DEFAULT_HEIGHT_M / recipe.height_m)))
+    vertices, _ = rest_on_ground(vertices, recipe.height_m)
     albedo = procedural_albedo(vertices, vertex_normals(vertices, faces), recipe.seed, recipe.paint)
     return make_rock(name, vertices, faces, albedo, split=recipe.split, difficulty=recipe.difficulty)
 
 
 def procedural_rock(name: str, store: Store | None = None) -> Rock:
     """`generate_rock`, which takes a few seconds, from ``store`` if it is there."""
-    recipe = RECIPES[name]
+    recipe = recipe_of(name)
 
     def arrays() -> Arrays:
         rock = generate_rock(name)

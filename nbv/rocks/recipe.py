@@ -10,7 +10,7 @@ import numpy as np
 from nbv.rocks import sdf
 from nbv.rocks.albedo import Paint
 from nbv.rocks.noise import octaves
-from nbv.rocks.rock import Split
+from nbv.rocks.rock import DEFAULT_HEIGHT_M, Split
 from nbv.types import Floats
 
 Shape = Callable[[Floats], Floats]  # (N, 3) points in metres -> (N,) signed distance, negative inside
@@ -26,6 +26,7 @@ class Recipe:
     difficulty: str
     shape: Callable[[int], Shape]
     paint: Paint = field(default_factory=Paint)
+    height_m: float = DEFAULT_HEIGHT_M
 
 
 def rough(points: Floats, seed: int, scale: float = 1.0) -> Floats:

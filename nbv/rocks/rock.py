@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from nbv.rocks.mesh import edge_face_counts, face_areas, face_normals, signed_volume
 from nbv.types import Floats, Ints
 
-Split = Literal["train", "held-out", "extra"]
+Split = Literal["train", "validation", "held-out", "extra"]
 SPLITS: tuple[Split, ...] = get_args(Split)
 
 DEFAULT_HEIGHT_M = 1.6

@@ -15,7 +15,7 @@ ROOMS = sorted(
 )
 LONGEST_FILE = 400  # lines
 LONGEST_TEST_NAME = 60  # characters
-MOST_FILES = 16  # in one room
+MOST_FILES = 17  # in one room
 MOST_PUBLIC_NAMES = 16  # of one room
 VOCABULARY = ROOT / "nbv" / "config"  # its sections are what everybody talks in
 NOTHING_OUTSIDE = {ROOT / "tuner" / "commands", ROOT / "tuner" / "studies"}  # used by the command line alone

@@ -1,0 +1,196 @@
+"""Rocks by the hundred: six families, from each of which a seed draws one rock.
+
+A rock is named ``FAMILY-SEED``, such as ``overhang-17``, and made from that name alone. Of every rock are drawn
+
+- height: log-uniform from 0.8 to 3 m;
+- burial: uniform, up to a quarter of the height lies below the ground;
+- tilt: uniform, up to 15 degrees, in any direction;
+- texture: uniform from poor (little contrast, most of it under dust) to rich (clasts and grains on bare rock);
+- relief: uniform from 0.6 to 1.3 of the catalogue's;
+
+and the family's own proportions. Seeds below 10,000 are for training, below 20,000 for validation, the others are held out.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Callable
+
+import numpy as np
+
+from nbv.errors import UserError
+from nbv.rocks import sdf
+from nbv.rocks.albedo import Paint
+from nbv.rocks.recipe import Recipe, Shape, facets, grounded, rough, warp
+from nbv.rocks.rock import DEFAULT_HEIGHT_M, Split
+from nbv.types import Floats
+
+HEIGHT_M = (0.8, 3.0)
+MOST_BURIED, MOST_TILTED_DEG = 0.25, 15.0
+VALIDATION_FROM, HELD_OUT_FROM, SEED_LIMIT = 10_000, 20_000, 1_000_000
+_NAME = re.compile(r"([a-z]+)-(\d{1,9})")
+_Vector = tuple[float, float, float]
+
+
+def _boulder(rng: np.random.Generator, seed: int) -> Shape:
+    half = (rng.uniform(0.45, 0.75), rng.uniform(0.4, 0.65), rng.uniform(0.7, 0.85))
+    turn, edge, planes = rng.uniform(0, 180), rng.uniform(0.12, 0.35), int(rng.integers(6, 15))
+    reach = rng.uniform(0.75, 0.95)
+
+    def shape(p: Floats) -> Floats:
+        body = sdf.box(p, (0, 0, 0.75), half, edge, sdf.rotation(turn))
+        return sdf.intersection(body, facets(p, seed, planes, (0, 0, 0.75), reach), 0.06)
+
+    return shape
+
+
+def _slab(rng: np.random.Generator, seed: int) -> Shape:
+    half = (rng.uniform(0.16, 0.32), rng.uniform(0.5, 0.8), rng.uniform(0.7, 0.9))
+    turn, lean = rng.uniform(0, 180), rng.uniform(5, 35)
+
+    def shape(p: Floats) -> Floats:
+        body = sdf.box(p, (0, 0, 0.65), half, 0.09, sdf.rotation(turn, lean))
+        foot = sdf.ellipsoid(p, (-0.2, 0.05, 0.0), (0.45, 0.45, 0.25))
+        return sdf.union(body, foot, 0.12)
+
+    return shape
+
+
+def _overhang(rng: np.random.Generator, seed: int) -> Shape:
+    neck, foot, cap = rng.uniform(0.25, 0.45), rng.uniform(0.4, 0.65), rng.uniform(0.55, 0.85)
+    thick, off = rng.uniform(0.3, 0.5), rng.uniform(-0.2, 0.2, size=2)
+    turn, nod = rng.uniform(0, 180), rng.uniform(-14, 14)
+
+    def shape(p: Floats) -> Floats:
+        low = sdf.ellipsoid(p, (0, 0, 0.1), (foot, 0.9 * foot, 0.35))
+        stem = sdf.capsule(p, (0, 0, 0.0), (off[0] / 2, off[1] / 2, 1.1), neck)
+        high = sdf.ellipsoid(p, (off[0], off[1], 1.2), (cap, 0.8 * cap, thick), sdf.rotation(turn, nod))
+        return sdf.union(sdf.union(low, stem, 0.12), high, 0.1)
+
+    return shape
+
+
+def _cleft(rng: np.random.Generator, seed: int) -> Shape:
+    body = _boulder(rng, seed)
+    cracks = [
+        (
+            (rng.uniform(-0.3, 0.3), rng.uniform(-0.3, 0.3), rng.uniform(0.7, 1.3)),
+            (rng.uniform(0.04, 0.1), 1.2, rng.uniform(0.35, 0.7)),
+            sdf.rotation(rng.uniform(0, 180), rng.uniform(-15, 15), rng.uniform(-20, 20)),
+        )
+        for _ in range(int(rng.integers(1, 4)))
+    ]
+
+    def shape(p: Floats) -> Floats:
+        d = body(p)
+        for center, half, turn in cracks:
+            d = sdf.subtract(d, sdf.box(p, center, half, 0.03, turn), 0.03)
+        return d
+
+    return shape
+
+
+def _stack(rng: np.random.Generator, seed: int) -> Shape:
+    blocks: list[tuple[_Vector, _Vector, Floats]] = []
+    height, wide = 0.0, rng.uniform(0.55, 0.75)
+    while height < 1.45:
+        half_height = rng.uniform(0.17, 0.34)
+        at = (rng.uniform(-0.12, 0.12), rng.uniform(-0.12, 0.12), height + half_height)
+        half = (wide, wide * rng.uniform(0.7, 1.0), half_height + 0.05)
+        blocks.append((at, half, sdf.rotation(rng.uniform(0, 180), *rng.uniform(-8, 8, size=2))))
+        height += 2 * half_height
+        wide = max(0.22, wide * rng.uniform(0.65, 1.05))
+
+    def shape(p: Floats) -> Floats:
+        return functools.reduce(
+            lambda whole, part: sdf.union(whole, part, 0.05),
+            (sdf.box(p, at, half, 0.08, turn) for at, half, turn in blocks),
+        )
+
+    return shape
+
+
+def _breccia(rng: np.random.Generator, seed: int) -> Shape:
+    lobes = []
+    for k in range(int(rng.integers(2, 5))):
+        bearing = rng.uniform(0, 2 * np.pi)
+        out = 0.0 if k == 0 else rng.uniform(0.25, 0.5)
+        high = rng.uniform(0.7, 0.9) if k == 0 else rng.uniform(0.35, 0.65)
+        at = (out * np.cos(bearing), out * np.sin(bearing), 0.7 * high)
+        size = (rng.uniform(0.35, 0.55), rng.uniform(0.35, 0.55), high)
+        lobes.append((at, size, sdf.rotation(rng.uniform(0, 180), *rng.uniform(-20, 20, size=2))))
+    planes = int(rng.integers(10, 18))
+
+    def shape(p: Floats) -> Floats:
+        d = functools.reduce(
+            lambda whole, part: sdf.union(whole, part, 0.05),
+            (sdf.ellipsoid(p, at, size, turn) for at, size, turn in lobes),
+        )
+        return sdf.intersection(d, facets(p, seed, planes, (0, 0, 0.7), 0.95), 0.03)
+
+    return shape
+
+
+FAMILIES: dict[str, tuple[Callable[[np.random.Generator, int], Shape], str]] = {
+    "boulder": (_boulder, "blocky, nearly convex"),
+    "slab": (_slab, "leaning slab: an underside on one side, narrow edges"),
+    "overhang": (_overhang, "a cap that hides stem and underside"),
+    "cleft": (_cleft, "deep, narrow cracks"),
+    "stack": (_stack, "blocks on one another, with ledges and gaps"),
+    "breccia": (_breccia, "lobes with gaps between them"),
+}
+
+
+def generated_recipe(family: str, seed: int) -> Recipe:
+    """The rock that ``seed`` draws from ``family``.
+
+    Raises
+    ------
+    UserError
+        There is no such family, or the seed is below 0 or too large.
+    """
+    if family not in FAMILIES:
+        raise UserError(f"there is no family {family!r} of rocks; choose from {', '.join(FAMILIES)}")
+    if not 0 <= seed < SEED_LIMIT:
+        raise UserError(f"seed {seed} of family {family!r} is not from 0 to {SEED_LIMIT - 1}")
+    draw, difficulty = FAMILIES[family]
+    # The seed's own stream in each family: families of one seed have nothing in common.
+    rng = np.random.default_rng([seed, *family.encode()])
+    height_m = float(np.exp(rng.uniform(*np.log(HEIGHT_M))))
+    buried_m = rng.uniform(0, MOST_BURIED) * DEFAULT_HEIGHT_M
+    tilt = _tilted(rng.uniform(0, MOST_TILTED_DEG), rng.uniform(0, 360))
+    relief, richness = rng.uniform(0.6, 1.3), rng.uniform()
+    paint = Paint(rng.uniform(0.22, 0.45), richness, 0.15 + 0.6 * richness, 0.75 - 0.6 * richness)
+    noise = int(rng.integers(1, 2**20))
+
+    def shape(_: int) -> Shape:
+        # A copy of the stream, so that the shape is the same however often it is asked for.
+        body = draw(np.random.default_rng([seed, 1, *family.encode()]), noise)
+        pivot = np.array([0.0, 0.0, DEFAULT_HEIGHT_M / 2])
+
+        def distance(p: Floats) -> Floats:
+            standing = (p - pivot) @ tilt + pivot + [0.0, 0.0, buried_m]
+            return grounded(p, body(warp(standing, noise, 0.04, 0.7)) + rough(p, noise, relief))
+
+        return distance
+
+    return Recipe(f"{family}-{seed}", _split_of(seed), noise, difficulty, shape, paint, height_m)
+
+
+def generated_name(name: str) -> tuple[str, int] | None:
+    """``(family, seed)`` where ``name`` is that of a generated rock, such as ``cleft-3``; else None."""
+    found = _NAME.fullmatch(name)
+    return (found[1], int(found[2])) if found and found[1] in FAMILIES else None
+
+
+def _split_of(seed: int) -> Split:
+    if seed < VALIDATION_FROM:
+        return "train"
+    return "validation" if seed < HELD_OUT_FROM else "held-out"
+
+
+def _tilted(angle_deg: float, bearing_deg: float) -> Floats:
+    """(3, 3) rotation by ``angle_deg`` about a horizontal axis."""
+    turn = sdf.rotation(bearing_deg)
+    return turn @ sdf.rotation(0.0, angle_deg) @ turn.T

@@ -1,0 +1,54 @@
+"""Rocks drawn from families: what the stated distribution promises."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from nbv.errors import UserError
+from nbv.rocks import describe, load_rock
+from nbv.rocks.families import FAMILIES, HEIGHT_M, generated_name, generated_recipe
+from nbv.rocks.procedural import generate_rock
+
+COARSE_M = 0.03
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_a_drawn_rock_is_closed_and_stands_on_the_ground(family: str) -> None:
+    rock = generate_rock(f"{family}-5", grid_m=COARSE_M)
+    facts = describe(rock)
+    assert facts.boundary_edges == 0 and facts.volume_m3 is not None and facts.volume_m3 > 0.02
+    assert rock.vertices_m[:, 2].min() == pytest.approx(0.0, abs=1e-9)
+    assert facts.extents_m[2] == pytest.approx(generated_recipe(family, 5).height_m)
+    assert facts.split == "train"
+
+
+def test_a_name_is_one_rock_and_another_seed_another() -> None:
+    first, again, other = (generate_rock(name, grid_m=COARSE_M) for name in ("cleft-1", "cleft-1", "cleft-2"))
+    assert first.sha256 == again.sha256 != other.sha256
+
+
+def test_heights_and_textures_are_spread_as_stated() -> None:
+    recipes = [generated_recipe("boulder", seed) for seed in range(400)]
+    logs = np.log([r.height_m for r in recipes])
+    low, high = np.log(HEIGHT_M)
+    assert low <= logs.min() and logs.max() <= high
+    # Uniform: mean and standard deviation within four standard errors.
+    assert logs.mean() == pytest.approx((low + high) / 2, abs=4 * (high - low) / np.sqrt(12 * 400))
+    assert logs.std() == pytest.approx((high - low) / np.sqrt(12), rel=0.12)
+    assert min(r.paint.clasts for r in recipes) < 0.05 and max(r.paint.clasts for r in recipes) > 0.95
+
+
+def test_splits_are_ranges_of_seeds() -> None:
+    splits = [generated_recipe("slab", seed).split for seed in (0, 9_999, 10_000, 19_999, 20_000)]
+    assert splits == ["train", "train", "validation", "validation", "held-out"]
+
+
+def test_what_is_no_generated_rock_is_said() -> None:
+    assert generated_name("boulder") is None and generated_name("pebble-3") is None
+    with pytest.raises(UserError, match=r"no family 'pebble' of rocks; choose from boulder"):
+        generated_recipe("pebble", 3)
+    with pytest.raises(UserError, match=r"seed -1 .* not from 0"):
+        generated_recipe("slab", -1)
+    with pytest.raises(UserError, match=r"seed 99999999 .* not from 0"):
+        load_rock("slab-99999999")
