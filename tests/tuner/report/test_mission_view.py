@@ -121,9 +121,7 @@ _CLICK = """<script>addEventListener("load", () => {
 
 @needs_chromium
 @pytest.mark.slow
-def test_it_opens_on_the_finished_mission_and_a_click_shows_a_photograph(
-    mission: Path, tmp_path: Path
-) -> None:
+def test_it_opens_finished_and_a_click_shows_a_photograph(mission: Path, tmp_path: Path) -> None:
     page = write_mission_view([mission], tmp_path / "view.html").read_text()
     said, _ = opened(page + _CLICK, (1200,))
     opens, picked = (next(line for line in said if line.startswith(word)) for word in ("OPENS", "PICKED"))
