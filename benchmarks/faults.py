@@ -406,10 +406,10 @@ def prepared() -> Iterator[None]:
         import matplotlib.figure  # noqa: F401
         import torch  # noqa: F401
 
+        import tuner.campaign.asked_settings
         import tuner.campaign.begin
         import tuner.campaign.extension
         import tuner.cli
-        import tuner.commands.campaign_settings
         import tuner.report.campaign.page
         import tuner.report.campaign.shown
         import tuner.surrogate.fit  # noqa: F401

@@ -17,8 +17,8 @@ from typing import Any
 
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
+from tuner.campaign.rock_choice import refuse_held_out
 from tuner.commands.console import rock_arguments
-from tuner.commands.rock_choice import refuse_held_out
 from tuner.evaluation.baselines import baseline
 from tuner.evaluation.comparison import strategy_difference, strategy_interval
 from tuner.evaluation.flying import run_evaluation

@@ -28,7 +28,7 @@ from scipy import stats
 from nbv.config import preset
 from nbv.geometric import run_geometric_mission
 from nbv.rocks import list_rocks
-from tuner.commands.rock_choice import QUICK_ROCKS, training_rocks
+from tuner.campaign.rock_choice import QUICK_ROCKS, training_rocks
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.problem.space_files import load_search_space

@@ -22,8 +22,8 @@ from typing import Any, Protocol
 import numpy as np
 from optimiser_problems import Problem
 
+from tuner.campaign.rock_choice import training_rocks
 from tuner.campaign.shipped import shipped_missions
-from tuner.commands.rock_choice import training_rocks
 from tuner.problem.blocks import next_block
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation

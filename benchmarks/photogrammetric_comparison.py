@@ -25,11 +25,11 @@ from nbv.config import MissionConfig
 from nbv.errors import UserError
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
+from tuner.campaign.rock_choice import QUICK_ROCKS, refuse_held_out
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import SETTINGS_FILE, CampaignSettings
 from tuner.campaign.shipped import SHIPPED
 from tuner.commands.console import rock_arguments
-from tuner.commands.rock_choice import QUICK_ROCKS, refuse_held_out
 from tuner.evaluation.comparison import values_of
 from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.plan import EvaluationPlan

@@ -75,8 +75,8 @@ def commands_page() -> str:
 def settings_page() -> str:
     """Every field of a campaign's settings file, as Markdown."""
     from tuner.campaign import CampaignSettings
+    from tuner.campaign.asked_settings import DEFAULTS
     from tuner.campaign.settings_file import FIELDS
-    from tuner.commands.campaign_settings import DEFAULTS
     from tuner.problem.objective import DEFAULT_METRIC
 
     lines = [

@@ -5,20 +5,20 @@ They fly in processes of their own, so a script needs no ``if __name__ == "__mai
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 from nbv.config import load_conditions, preset
 from nbv.errors import UserError
+from tuner.campaign.asked_settings import DEFAULTS, CampaignFields, asked_settings
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
+from tuner.campaign.rock_choice import rock_arguments, unseen_rocks
 from tuner.campaign.session import fly_campaign
-from tuner.campaign.settings_file import SETTINGS_FILE
-from tuner.commands.campaign_settings import asked_settings
-from tuner.commands.console import local_executor, rock_arguments
-from tuner.commands.rock_choice import unseen_rocks
+from tuner.campaign.settings import CampaignSettings
+from tuner.campaign.settings_file import SETTINGS_FILE, read_settings
 from tuner.evaluation.baselines import (
     EVALUATION_BASELINES,
     REPRODUCTION_STRATEGIES,
@@ -27,6 +27,7 @@ from tuner.evaluation.baselines import (
 )
 from tuner.evaluation.flying import EvaluationRun, run_evaluation
 from tuner.evaluation.plan import EvaluationPlan
+from tuner.missions.executors import local_executor
 from tuner.problem.search_space import ours
 from tuner.report.records import frame_of
 
@@ -42,7 +43,7 @@ def tune(
     workers: int | None = None,
     timeout_s: float = 3600.0,
     on_event: Callable[[CampaignEvent], None] | None = None,
-    **settings: Any,
+    **settings: Unpack[CampaignFields],
 ) -> Campaign:
     """Job 1: run a campaign in ``directory``, or go on with the one that is there.
 
@@ -55,8 +56,8 @@ def tune(
     on_event
         Called with everything that happens, in this process.
     settings
-        The fields of a campaign's settings file: ``rocks``, ``search_space``, ``budget``, ``runner``, ... Of a campaign
-        that is there already they must be left out, or be its own.
+        The fields of a campaign's settings file (`CampaignFields`), with the command's defaults. Of a campaign that is
+        there already they must be left out, or be its own.
 
     Raises
     ------
@@ -65,10 +66,11 @@ def tune(
     """
     where = Path(directory)
     if (where / SETTINGS_FILE).is_file():
-        same = asked_settings(_named(where, settings), "tune()") if settings else None
+        same = _asked(read_settings(where)[0], settings) if settings else None
         campaign = Campaign.open(where, same)
     else:
-        campaign = begin_campaign(where, asked_settings(_named(where, settings), "tune()"))
+        usual = {} if settings.get("mission") else DEFAULTS
+        campaign = begin_campaign(where, _asked({**usual, "name": where.resolve().name}, settings))
     with local_executor(campaign.settings.runner, workers, timeout_s, campaign.settings.mission) as executor:
         fly_campaign(campaign, executor, on_event)
     return campaign
@@ -151,7 +153,7 @@ def reproduce(
     base = preset(preset_name).with_values(overrides or {})
     plan = EvaluationPlan(
         baseline_configs(list(strategies), base),
-        tuple(rock_arguments(list(rocks))),
+        tuple(rock_arguments(rocks)),
         replicates,
         runner=runner,
     )
@@ -169,10 +171,10 @@ def frame(source: Campaign | EvaluationRun) -> pd.DataFrame:
     return frame_of(source)
 
 
-def _named(directory: Path, settings: dict[str, Any]) -> dict[str, Any]:
-    lists = ("rocks", "conditions", "learn_from")
-    listed: dict[str, Any] = {name: list(settings[name]) for name in lists if name in settings}
-    return {"name": directory.resolve().name, **settings, **listed}
+def _asked(usual: Mapping[str, Any], given: CampaignFields) -> CampaignSettings:
+    """``given``, laid over the fields of ``usual``; sequences of names become lists, as a file has them."""
+    lists = {k: list(v) for k, v in given.items() if isinstance(v, tuple)}
+    return asked_settings({**usual, **given, **lists}, "tune()")
 
 
 def _fly(plan: EvaluationPlan, directory: Path, workers: int | None, timeout_s: float) -> EvaluationRun:

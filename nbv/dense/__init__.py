@@ -1,6 +1,6 @@
 """The dense stage: depth maps from posed photographs, checked against each other and fused."""
 
-from nbv.dense.cuda import patchmatch_runs
+from nbv.dense.cuda import best_dense_stage, patchmatch_runs
 from nbv.dense.interface import DenseReport, DepthBackend, DepthMap
 from nbv.dense.reconstruct import CheckedDepths, check_depths, make_backend, reconstruct_dense
 
@@ -9,6 +9,7 @@ __all__ = [
     "DenseReport",
     "DepthBackend",
     "DepthMap",
+    "best_dense_stage",
     "check_depths",
     "make_backend",
     "patchmatch_runs",

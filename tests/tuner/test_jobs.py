@@ -7,14 +7,18 @@ import importlib
 import inspect
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import pandas as pd
 import pytest
 
 import tuner
 from nbv.errors import UserError
+from tuner.campaign.asked_settings import CampaignFields
+from tuner.campaign.settings_file import FIELDS
 
 API = Path(__file__).resolve().parents[2] / "docs" / "reference" / "api.md"
 SMALL = {"stop.adaptive_budget": 2, "evaluation.gt_samples": 2000}
@@ -84,6 +88,31 @@ def test_a_campaign_that_is_there_is_gone_on_with(campaign: tuner.Campaign) -> N
     assert [t.finished for t in again.trials()] == [t.finished for t in campaign.trials()]
     with pytest.raises(UserError, match="other settings: rocks"):
         tuner.tune(campaign.directory, rocks=["cavern"], search_space="gate_and_weights", budget=3)
+
+
+def test_every_setting_is_a_typed_argument() -> None:
+    assert set(get_type_hints(CampaignFields)) == set(FIELDS)
+    hint = inspect.signature(tuner.tune, eval_str=True).parameters["settings"].annotation
+    assert get_args(hint) == (CampaignFields,)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [({"rock": ["slab"]}, "did you mean 'rocks'"), ({"rocks": "slab"}, "it must be a list")],
+)
+def test_a_wrong_argument_is_one_clear_error(wrong: dict[str, Any], says: str, tmp_path: Path) -> None:
+    with pytest.raises(UserError, match=says):
+        tuner.tune(tmp_path / "c", **wrong)
+    assert not (tmp_path / "c").exists()
+
+
+def test_what_is_not_asked_is_the_campaigns_own(campaign: tuner.Campaign) -> None:
+    assert tuner.tune(campaign.directory, rocks=("slab",), workers=1).status().finished == 3
+
+
+def test_the_api_loads_no_command() -> None:
+    code = "import sys, tuner.jobs; sys.exit(any(m.startswith('tuner.commands') for m in sys.modules))"
+    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
 
 
 def test_evaluation_and_reproduction(campaign: tuner.Campaign, tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ from tuner.commands.console import (
     executor_at,
     load,
     local_executor,
+    note_dense_stage,
     output,
     parse_overrides,
     progress_bar,
@@ -208,8 +209,8 @@ def run(
     Example: gatetune campaign run --name mine --rock mine --budget 32
     """
     speak("json" if as_json else "quiet" if quiet else "all")
+    from tuner.campaign.asked_settings import asked_fields, asked_settings
     from tuner.campaign.settings_file import SETTINGS_FILE
-    from tuner.commands.campaign_settings import asked_fields, asked_settings
     from tuner.missions.registry import DEFAULT_RUNNER, refuse_code_of_file
 
     given: dict[str, Any] = {
@@ -251,7 +252,8 @@ def run(
             ready = local = stack.enter_context(local_executor(runner, workers, timeout_s))
             local.begin()  # its libraries load beside ours
         load(MODEL)
-        asked = asked_settings(fields, str(settings or "command line"))
+        asked = asked_settings(fields, str(settings or "command line"), working)
+        note_dense_stage(fields.get("overrides") or {}, asked.overrides)
         from tuner.campaign.begin import begin_campaign
 
         where = (executor, scheduler, unencrypted)

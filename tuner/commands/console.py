@@ -17,9 +17,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from nbv.config import IDEAL, PRESETS, Condition, MissionConfig, load_condition, preset, under
+from nbv.dense import best_dense_stage
 from nbv.errors import UserError
 from nbv.foreign import parse_yaml
 from nbv.mission.result import json_ready
+from tuner.campaign import rock_choice
+from tuner.missions.executors import local_executor
 from tuner.missions.now import doing_now
 
 if TYPE_CHECKING:
@@ -30,7 +33,6 @@ if TYPE_CHECKING:
 # Names of rocks, campaigns and files may look like markup: it is read only where ``markup=True`` says so.
 output = Console(markup=False, emoji=False)
 errors = Console(stderr=True, markup=False, emoji=False)
-_SCORING_S = 900.0
 PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
 CONDITION_HELP = "World to fly in: a name of conditions/, or a YAML file."
 
@@ -219,22 +221,17 @@ def mission_config(
     values = parse_overrides(assignments)
     if gate is not None:
         values["gate.kind"] = gate
-    return under(preset(preset_name), load_condition(condition)).with_values(best_dense_stage(values))
+    chosen = best_dense_stage(values)
+    note_dense_stage(values, chosen)
+    return under(preset(preset_name), load_condition(condition)).with_values(chosen)
 
 
-def best_dense_stage(values: Mapping[str, Any]) -> dict[str, Any]:
-    """``values`` with COLMAP's PatchMatch, the paper's, where this machine can run it and they name no other.
-
-    It becomes part of the configuration, so that a result says what made it, and a resume elsewhere uses the same.
-    """
-    from nbv.dense import patchmatch_runs
-
-    if "dense.backend" in values or not patchmatch_runs():
-        return dict(values)
-    output.print(
-        "dense stage: COLMAP's PatchMatch, since this machine has CUDA (--set dense.backend=sgbm for the CPU's)"
-    )
-    return {**values, "dense.backend": "patchmatch"}
+def note_dense_stage(given: Mapping[str, Any], chosen: Mapping[str, Any]) -> None:
+    """Say where a better dense stage was chosen than nobody asked for."""
+    if "dense.backend" in chosen and "dense.backend" not in given:
+        output.print(
+            "dense stage: COLMAP's PatchMatch, since this machine has CUDA (--set dense.backend=sgbm for the CPU's)"
+        )
 
 
 def under_conditions(conditions: Sequence[Condition]) -> str:
@@ -244,38 +241,8 @@ def under_conditions(conditions: Sequence[Condition]) -> str:
 
 
 def rock_arguments(rocks: list[str]) -> list[str]:
-    """Rocks as given, mesh files by their absolute path, so that a resume finds them from anywhere.
-
-    Every rock is loaded once, so that a mistake shows before the first flight.
-
-    Raises
-    ------
-    UserError
-        An unknown rock or a bad mesh.
-    """
-    from nbv.cache import Store
-    from nbv.rocks import load_rock
-
-    for number, rock in enumerate(rocks, 1):
-        with working(f"making rock {rock} ({number} of {len(rocks)}); it is kept for later"):
-            load_rock(rock, Store())
-    return [str(Path(rock).resolve()) if Path(rock).is_file() else rock for rock in rocks]
-
-
-def local_executor(
-    runner: str, workers: int | None, timeout_s: float, mission: MissionFile | None = None
-) -> LocalProcessExecutor:
-    """Processes for missions, one per core unless told otherwise; a mission file has limits of its own."""
-    from tuner.missions.executors import LocalProcessExecutor
-
-    if workers is not None and workers < 1:
-        raise UserError(f"--workers is {workers}; give at least 1")
-    count = workers or len(os.sched_getaffinity(0))
-    if mission is None:
-        return LocalProcessExecutor(count, timeout_s, preload=(runner,))
-    # The runner keeps the limit itself; this one is for a runner that hangs. Before it there may be a wait for a slot.
-    limit_s = 2 * (mission.time_limit_s + 2 * mission.stop_grace_s) + _SCORING_S
-    return LocalProcessExecutor(min(count, mission.at_once), limit_s, (runner,), mission.retries + 1)
+    """As `tuner.campaign.rock_choice.rock_arguments`, saying which rock is made."""
+    return rock_choice.rock_arguments(rocks, working)
 
 
 def executor_at(

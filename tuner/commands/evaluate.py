@@ -12,7 +12,7 @@ import typer
 from nbv.config import IDEAL, Condition, load_conditions
 from nbv.errors import UserError
 from tuner.commands.comparison import compare
-from tuner.commands.console import load, output
+from tuner.commands.console import load, output, working
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
@@ -59,7 +59,7 @@ def evaluate(
     output.print(f"evaluating the recommendation of {campaign}")  # before what takes seconds to load
     load("tuner.campaign.campaign")
     from tuner.campaign.campaign import Campaign
-    from tuner.commands.rock_choice import unseen_rocks
+    from tuner.campaign.rock_choice import unseen_rocks
     from tuner.evaluation.baselines import EVALUATION_BASELINES, baseline_configs, tuned_configs
     from tuner.evaluation.plan import EvaluationPlan
     from tuner.problem.search_space import ours
@@ -84,7 +84,7 @@ def evaluate(
     worlds = load_conditions(conditions) if conditions else source.settings.conditions
     dataclasses.replace(source.settings, conditions=worlds)  # says where the two contradict each other
     _say_what_is_unseen(source, worlds)
-    chosen = unseen_rocks(source, rocks)
+    chosen = unseen_rocks(source, rocks, working)
     base = ours(source.settings.base_config())
     configs = baseline_configs(list(strategies or EVALUATION_BASELINES), base)
     reference = reference or "hyb-h"

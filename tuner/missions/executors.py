@@ -19,7 +19,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from nbv.errors import UserError
 from nbv.foreign import require
@@ -35,6 +35,9 @@ from tuner.missions.job import (
 )
 from tuner.missions.registry import DEFAULT_RUNNER, all_modules
 from tuner.missions.run_job import EXIT_NOT_WRITABLE, run_job
+
+if TYPE_CHECKING:
+    from tuner.missions.external import MissionFile
 
 
 class Executor(Protocol):
@@ -108,6 +111,7 @@ MAX_WORKERS = 1024
 MAX_FLIGHTS = 3  # of one mission that the machine keeps ending
 # A mission that has not been started (the server is still importing) gets this much longer.
 _START_GRACE_S = 120.0
+_SCORING_S = 900.0  # of a foreign mission's cloud
 # A server that is listened to and says nothing for so long stands still; it beats every `server.BEAT_S`.
 _SILENCE_LIMIT_S = 60.0
 _SILENCE_LIMIT_AFTER_KILL_S = 10.0
@@ -356,3 +360,17 @@ def _wait_for_end(pid: int | None) -> None:
     deadline = time.monotonic() + 5.0
     while pid is not None and Path(f"/proc/{pid}").exists() and time.monotonic() < deadline:
         time.sleep(0.01)
+
+
+def local_executor(
+    runner: str, workers: int | None, timeout_s: float, mission: MissionFile | None = None
+) -> LocalProcessExecutor:
+    """Processes for missions, one per core unless told otherwise; a mission file has limits of its own."""
+    if workers is not None and workers < 1:
+        raise UserError(f"--workers is {workers}; give at least 1")
+    count = workers or len(os.sched_getaffinity(0))
+    if mission is None:
+        return LocalProcessExecutor(count, timeout_s, preload=(runner,))
+    # The runner keeps the limit itself; this one is for a runner that hangs. Before it there may be a wait for a slot.
+    limit_s = 2 * (mission.time_limit_s + 2 * mission.stop_grace_s) + _SCORING_S
+    return LocalProcessExecutor(min(count, mission.at_once), limit_s, (runner,), mission.retries + 1)

@@ -151,7 +151,7 @@ def test_options_beat_the_settings_file_which_beats_the_defaults(gatetune, monke
 
 def test_the_first_line_waits_for_nothing_slow_to_load():
     heavy = {"torch", "botorch", "optuna", "matplotlib", "sklearn", "open3d", "pycolmap"}
-    program = "import sys, tuner.cli, tuner.commands.campaign_settings; print(*sys.modules)"
+    program = "import sys, tuner.cli, tuner.campaign.asked_settings; print(*sys.modules)"
     found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert not heavy & set(found.stdout.split())
 
@@ -273,7 +273,7 @@ def test_import_list_show_a_rock_of_ones_own(gatetune, tmp_path):
     ("cuda", "asked", "flown"), [(False, (), "sgbm"), (True, (), "patchmatch"), (True, ("sgbm",), "sgbm")]
 )
 def test_patchmatch_is_chosen_where_there_is_cuda(gatetune, monkeypatch, cuda, asked, flown):
-    monkeypatch.setattr("nbv.dense.patchmatch_runs", lambda: cuda)
+    monkeypatch.setattr("nbv.dense.cuda.patchmatch_runs", lambda: cuda)
     code, out, err = gatetune("config", "show", *(f"--set=dense.backend={name}" for name in asked))
     assert code == 0, err
     assert re.search(rf"backend: {flown} ", out) and ("has CUDA" in out) == (cuda and not asked)

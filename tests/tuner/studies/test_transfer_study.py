@@ -212,13 +212,13 @@ def test_worlds_are_combined():
     ],
 )
 def test_mistakes_are_one_line_and_write_nothing(gatetune, campaign, tmp_path, arguments, says, monkeypatch):
-    monkeypatch.setattr("tuner.commands.rock_choice.rock_arguments", rocks_as_named)
+    monkeypatch.setattr("tuner.campaign.rock_choice.rock_arguments", rocks_as_named)
     code, _, err = gatetune("study", "transfer", campaign.directory, "--out", "study", *arguments)
     assert code == 2 and says in err and len(err.strip().splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
 
 
-def rocks_as_named(rocks):
+def rocks_as_named(rocks, making=None):
     """The fake campaign's rocks are in no catalogue."""
     if "no-such-rock" in rocks:
         raise UserError("unknown rock 'no-such-rock'")

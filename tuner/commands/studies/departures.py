@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
+from tuner.campaign.rock_choice import QUICK_ROCKS
 from tuner.commands.console import output, parse_overrides
-from tuner.commands.rock_choice import QUICK_ROCKS
 from tuner.commands.studies.flying import (
     Fidelity,
     Out,

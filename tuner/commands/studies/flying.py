@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from nbv.errors import UserError
+from tuner.campaign.rock_choice import refuse_held_out
 from tuner.commands.comparison import ComparisonProgress
 from tuner.commands.console import beating, output, progress_bar, rock_arguments
-from tuner.commands.rock_choice import refuse_held_out
 
 if TYPE_CHECKING:
     from tuner.studies.study_directory import StudySettings

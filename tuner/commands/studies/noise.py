@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
+from tuner.campaign.rock_choice import training_rocks
 from tuner.commands.console import output, parse_overrides
-from tuner.commands.rock_choice import training_rocks
 from tuner.commands.studies.flying import (
     Out,
     ReportOnly,

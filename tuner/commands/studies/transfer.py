@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 
 from nbv.config import available_conditions, load_conditions
-from tuner.commands.console import output
-from tuner.commands.rock_choice import unseen_rocks
+from tuner.campaign.rock_choice import unseen_rocks
+from tuner.commands.console import output, working
 from tuner.commands.studies.flying import ReportOnly, Timeout, Workers, end_study, fly_study
 
 
@@ -70,7 +70,7 @@ def transfer(
             source.settings.name,
             asked,
             carried_over(source, neighbours),
-            unseen_rocks(source, rocks),
+            unseen_rocks(source, rocks, working),
             replicates,
             objective.metric,
             objective.direction,

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nbv.cache import Store
 from nbv.errors import UserError
-from tuner.commands.console import rock_arguments
+from nbv.rocks import list_rocks, load_rock
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
@@ -14,17 +17,32 @@ if TYPE_CHECKING:
 QUICK_ROCKS = ["slab", "vesicular", "cavern"]  # training rocks on which configurations differ most
 
 
+Making = Callable[[str], AbstractContextManager[object]]  # shown while a rock is made
+
+
+def rock_arguments(rocks: Sequence[str], making: Making = nullcontext) -> list[str]:
+    """Rocks as given, mesh files by their absolute path, so that a resume finds them from anywhere.
+
+    Every rock is loaded once, so that a mistake shows before the first flight.
+
+    Raises
+    ------
+    UserError
+        An unknown rock or a bad mesh.
+    """
+    for number, rock in enumerate(rocks, 1):
+        with making(f"making rock {rock} ({number} of {len(rocks)}); it is kept for later"):
+            load_rock(rock, Store())
+    return [str(Path(rock).resolve()) if Path(rock).is_file() else rock for rock in rocks]
+
+
 def training_rocks() -> list[str]:
     """The procedural rocks of the train split, in catalogue order."""
-    from nbv.rocks import list_rocks
-
     return [info.name for info in list_rocks() if info.split == "train" and info.source == "procedural"]
 
 
 def held_out_rocks() -> list[str]:
     """The procedural rocks of the held-out split, in catalogue order."""
-    from nbv.rocks import list_rocks
-
     return [info.name for info in list_rocks() if info.split == "held-out" and info.source == "procedural"]
 
 
@@ -36,9 +54,6 @@ def refuse_held_out(rocks: Sequence[str]) -> None:
     UserError
         A rock of the held-out split.
     """
-    from nbv.cache import Store
-    from nbv.rocks import load_rock
-
     for rock in rocks:
         if load_rock(rock, Store()).split == "held-out":
             raise UserError(
@@ -46,7 +61,9 @@ def refuse_held_out(rocks: Sequence[str]) -> None:
             )
 
 
-def unseen_rocks(campaign: Campaign, rocks: Sequence[str] | None) -> tuple[str, ...]:
+def unseen_rocks(
+    campaign: Campaign, rocks: Sequence[str] | None, making: Making = nullcontext
+) -> tuple[str, ...]:
     """``rocks``, or the held-out procedural ones, looked up.
 
     Raises
@@ -54,7 +71,7 @@ def unseen_rocks(campaign: Campaign, rocks: Sequence[str] | None) -> tuple[str, 
     UserError
         A rock that the campaign, or one that it learned from, was tuned on; as `rock_arguments`.
     """
-    chosen = tuple(rock_arguments(list(rocks or held_out_rocks())))
+    chosen = tuple(rock_arguments(rocks or held_out_rocks(), making))
     for rock in chosen:
         if rock in campaign.settings.rocks or (
             campaign.learned is not None and rock in campaign.learned.rocks

@@ -5,16 +5,55 @@ from __future__ import annotations
 import dataclasses
 import difflib
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
+from nbv.dense import best_dense_stage
 from nbv.errors import UserError
+from nbv.evaluation.registry import METRICS
+from nbv.mission.runner import Keep
+from tuner.campaign.rock_choice import (
+    QUICK_ROCKS,
+    Making,
+    refuse_held_out,
+    rock_arguments,
+    training_rocks,
+)
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import read_settings_file, settings_from_dict
-from tuner.commands.console import best_dense_stage, rock_arguments
-from tuner.commands.rock_choice import QUICK_ROCKS, refuse_held_out, training_rocks
+from tuner.campaign.shipped import NOTHING, sources_by_default
+from tuner.missions.external import load_mission_file
 from tuner.missions.registry import DEFAULT_RUNNER
+from tuner.problem.options import Risk
 from tuner.problem.search_space import ours
+
+
+class CampaignFields(TypedDict, total=False):
+    """What a campaign is, as its settings file says it (docs/reference/campaign_settings.md)."""
+
+    name: str
+    search_space: str | Mapping[str, Any]
+    rocks: Sequence[str]
+    budget: int
+    replicates: int
+    seed: int
+    conditions: Sequence[str] | Mapping[str, Any]
+    mission: str | None
+    preset: str
+    overrides: Mapping[str, Any]
+    objective: str | Mapping[str, str]
+    second: str | Mapping[str, str] | None
+    limit: float | None
+    risk: Risk
+    learn_from: Sequence[str]
+    sampler: str
+    initial: int | None
+    runner: str
+    keep: Keep
+    storage: str | None
+    in_step: int | None
+
 
 DEFAULTS: dict[str, Any] = {
     "name": "campaign",
@@ -41,8 +80,6 @@ def asked_fields(
     ``overrides`` are laid over the file's. Raises ``UserError`` as `read_settings_file`, and for options of our own missions
     beside a mission file, which must have been given: a settings file may not choose what is run.
     """
-    from tuner.missions.external import load_mission_file
-
     read = read_settings_file(file) if file else {}
     if given.get("mission") is None and read.get("mission") is not None:
         named = read["mission"]["file"] if isinstance(read["mission"], dict) else read["mission"]
@@ -62,7 +99,7 @@ def asked_fields(
     return {**fields, "overrides": {**(fields.get("overrides") or {}), **overrides}}
 
 
-def asked_settings(fields: Mapping[str, Any], source: str) -> CampaignSettings:
+def asked_settings(fields: Mapping[str, Any], source: str, making: Making = nullcontext) -> CampaignSettings:
     """The settings that ``fields`` mean, rocks looked up; ``source`` names a file in messages.
 
     Raises
@@ -70,19 +107,15 @@ def asked_settings(fields: Mapping[str, Any], source: str) -> CampaignSettings:
     UserError
         As `settings_from_dict`; a rock that cannot be loaded or is held out.
     """
-    from tuner.campaign.shipped import sources_by_default  # with what follows it takes seconds to load
-
     sources = fields.get("learn_from")
     if fields.get("mission") is not None:
-        return settings_from_dict({**fields, "learn_from": _sources(sources or ())}, source)
+        return settings_from_dict({**fields, "learn_from": _sources(sources or [])}, source)
     if fields.get("runner", DEFAULT_RUNNER) == DEFAULT_RUNNER:
         fields = {**fields, "overrides": best_dense_stage(fields.get("overrides") or {})}
     rocks = fields.get("rocks") or training_rocks()
-    first = settings_from_dict(
-        {**fields, "rocks": list(rocks), "learn_from": _sources(sources or ())}, source
-    )
+    first = settings_from_dict({**fields, "rocks": rocks, "learn_from": _sources(sources or [])}, source)
     _require_metrics(first)
-    chosen = rock_arguments(list(first.rocks))
+    chosen = rock_arguments(first.rocks, making)
     refuse_held_out(chosen)
     if sources is None:
         learned = sources_by_default(first.space, first.objective, first.sampler, first.second)
@@ -92,8 +125,6 @@ def asked_settings(fields: Mapping[str, Any], source: str) -> CampaignSettings:
 
 def _require_metrics(settings: CampaignSettings) -> None:
     """`UserError` where our missions have no such metric: better now than after eight of them."""
-    from nbv.evaluation.registry import METRICS
-
     if settings.runner not in ("photogrammetric", "geometric"):
         return
     thresholds = ours(settings.base_config()).evaluation.thresholds_mm
@@ -110,9 +141,7 @@ def _require_metrics(settings: CampaignSettings) -> None:
             )
 
 
-def _sources(given: Sequence[str]) -> list[str]:
-    from tuner.campaign.shipped import NOTHING
-
+def _sources(given: Sequence[str]) -> Sequence[str]:
     if NOTHING in given and len(given) > 1:
         raise UserError(f"--learn-from {NOTHING} stands beside another --learn-from; leave one of them out")
-    return [] if NOTHING in given else list(given)
+    return [] if NOTHING in given else given
