@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -16,15 +15,19 @@ from botorch.utils.multi_objective.pareto import is_non_dominated
 
 from tuner.acquisition.pareto import FrontPoint
 from tuner.acquisition.propose import BASELINE, maximise
+from tuner.problem.configurations import distinct_configurations
+from tuner.problem.exact_costs import Exact, modelled
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values
 from tuner.problem.worlds import Place
+from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import numerics
 from tuner.surrogate.settings import SurrogateSettings
 
 MONTE_CARLO_SAMPLES = 64
+Outcome = RockMeanGP | KnownOutcome
 AT_ONCE = 500  # configurations, of which nothing is asked jointly
 # BoTorch would compile a C++ kernel in the middle of a campaign: minutes without a word on a slow machine, and for
 # ever where an earlier compilation was killed and left its lock. Its Python path gives the same numbers.
@@ -37,18 +40,21 @@ def two_models(
     places: Sequence[Place],
     seed: int,
     settings: SurrogateSettings | None = None,
-) -> tuple[RockMeanGP, RockMeanGP]:
-    """One surrogate per objective, on the missions that have both, or failed. ``ValueError`` where there are none."""
+    exact: Exact | None = None,
+) -> tuple[Outcome, Outcome]:
+    """A surrogate of each objective on the missions that have both, or failed; what the configuration decides is known.
+
+    One of them is a surrogate: where both are decided the second one is. ``ValueError`` where there are no missions.
+    """
     both = [o for o in observations if o.outcome is None or o.second is not None]
+    exact = exact or Exact()
+    if exact.first is not None:
+        second = RockMeanGP(space, modelled(both), places, seed, settings)
+        return KnownOutcome(space, exact.first), second
     first = RockMeanGP(space, both, places, seed, settings)
-    second = RockMeanGP(
-        space,
-        [replace(o, outcome=None if o.outcome is None else o.second) for o in both],
-        places,
-        seed,
-        settings,
-    )
-    return first, second
+    if exact.second is not None:
+        return first, KnownOutcome(space, exact.second)
+    return first, RockMeanGP(space, modelled(both), places, seed, settings)
 
 
 def propose_for_front(
@@ -74,11 +80,13 @@ def propose_for_front(
 
 
 def flown_in_both(
-    models: tuple[RockMeanGP, RockMeanGP], objectives: tuple[Objective, Objective]
+    models: tuple[Outcome, Outcome],
+    objectives: tuple[Objective, Objective],
+    space: SearchSpace,
+    missions: Sequence[Observation],
 ) -> list[FrontPoint]:
-    """What the models believe of every configuration flown, best first objective first."""
-    first = models[0]
-    configurations = [first.space.from_unit(u) for u in np.unique(first.unit, axis=0)]
+    """What is believed, or known, of every configuration flown, best first objective first."""
+    configurations = distinct_configurations(space, missions)
     signs = objectives[0].sign, objectives[1].sign
     points = []
     for begin in range(0, len(configurations), AT_ONCE):

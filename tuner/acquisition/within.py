@@ -18,10 +18,12 @@ from nbv.types import Floats
 from tuner.acquisition.propose import LOCAL_BEST, MONTE_CARLO_SAMPLES, maximise
 from tuner.problem.search_space import Values
 from tuner.surrogate.forward_check import Calibration
+from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP, moments
 from tuner.surrogate.numerics import numerics
 
 SURE = 0.8  # probability from which on a configuration is taken to keep the limit
+CALIBRATED = Calibration(np.zeros(0))
 _CHUNK = 64
 
 
@@ -29,7 +31,7 @@ _CHUNK = 64
 class Within:
     """A limit of the second objective's mean over the training worlds."""
 
-    model: RockMeanGP  # of the second objective
+    model: RockMeanGP | KnownOutcome  # of what has the limit
     at_least: float  # oriented so that larger is better
 
     def belief(self, configurations: Sequence[Mapping[str, Any]]) -> tuple[Floats, Floats]:
@@ -42,10 +44,9 @@ class Within:
 
     def probability(self, configurations: Sequence[Mapping[str, Any]]) -> Floats:
         """(m,) that each keeps the limit."""
-        prior = Calibration(np.zeros(0))
         mean, sd = self.belief(configurations)
         return np.array(
-            [prior.probability_positive(m - self.at_least, max(s, 1e-9)) for m, s in zip(mean, sd)]
+            [CALIBRATED.probability_positive(m - self.at_least, max(s, 1e-9)) for m, s in zip(mean, sd)]
         )
 
     def keeps(self, configurations: Sequence[Mapping[str, Any]]) -> list[bool]:
@@ -55,6 +56,7 @@ class Within:
     def floor(self, first: RockMeanGP) -> float:
         """The limit on the second model's common landscape, whose offsets belong to the limit."""
         second, unit = self.model, np.unique(first.unit, axis=0)
+        assert isinstance(second, RockMeanGP)
         mean, _ = self.belief([first.space.from_unit(u) for u in unit])
         with torch.no_grad():
             level, _ = moments(second.model.posterior(first.inputs(unit)))
@@ -80,6 +82,7 @@ def propose_within(
     form); before anything keeps it, the search is for what does.
     """
     second = within.model
+    assert isinstance(second, RockMeanGP)
     with numerics(seed):
         unit = np.unique(first.unit, axis=0)
         baseline = first.inputs(unit)

@@ -44,6 +44,8 @@ from tuner.campaign.settings_file import (
 )
 from tuner.missions.long_runs import exclusive
 from tuner.missions.registry import refuse_code_of_file
+from tuner.problem.exact_costs import Exact, modelled
+from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.inactive import Inactive, inactive_parameters
@@ -54,6 +56,7 @@ from tuner.samplers.registry import make_sampler
 from tuner.surrogate.settings import surrogate_settings
 
 if TYPE_CHECKING:
+    from tuner.acquisition.front import Outcome
     from tuner.acquisition.within import Within
     from tuner.surrogate.kernel import Feature
     from tuner.surrogate.model import RockMeanGP
@@ -187,18 +190,39 @@ class Campaign:
         except (UserError, ValueError, KeyError, TypeError) as error:
             raise UserError(f"{path} cannot be read ({error}); restore it") from error
 
+    @property
+    def modelled_objective(self) -> Objective:
+        """What the surrogate is of: the second objective where the configuration decides the first."""
+        s = self.settings
+        return s.objective if s.second is None or not self._swapped(self.history()) else s.second
+
+    def modelled(self, history: Sequence[Observation]) -> list[Observation]:
+        """The history as the surrogate knows it: its outcomes are of `modelled_objective`."""
+        return modelled(history) if self._swapped(history) else list(history)
+
+    def exact(self, history: Sequence[Observation]) -> Exact:
+        """What of the objectives the configuration decides; a mission in ``history`` that differs says otherwise."""
+        return self.settings.exact.agreed(history)
+
+    def _swapped(self, history: Sequence[Observation]) -> bool:
+        return self.settings.second is not None and self.exact(history).first is not None
+
     def flown_in_both(self) -> list[FrontPoint]:
         """What is believed of every configuration in both objectives; empty without a second one or its values."""
         s = self.settings
         if s.second is None:
             return []
-        history = [o for o in self.history() if o.outcome is not None and o.second is not None]
-        if not history:
+        both = [o for o in self.history() if o.outcome is not None and o.second is not None]
+        if not both:
             return []
-        models = acquisition.two_models(
-            s.space, history, s.worlds, s.seed, surrogate_settings(s.space, s.risk)
+        return acquisition.flown_in_both(self._models(both), (s.objective, s.second), s.space, both)
+
+    def _models(self, both: Sequence[Observation]) -> tuple[Outcome, Outcome]:
+        """A model of each objective, or what is known of it."""
+        s = self.settings
+        return acquisition.two_models(
+            s.space, both, s.worlds, s.seed, surrogate_settings(s.space, s.risk), self.exact(both)
         )
-        return acquisition.flown_in_both(models, (s.objective, s.second))
 
     def front(self, *, save: bool = True) -> list[FrontPoint]:
         """The Pareto front of the configurations flown, as the recommendation has it; empty where `flown_in_both` is."""
@@ -254,9 +278,11 @@ class Campaign:
     def recommend_from(
         self, history: Sequence[Observation], *, simplify: bool = True
     ) -> Recommendation | None:
-        """What would be recommended after ``history``; ``simplify``: with the sparsest configuration beside it."""
+        """What would be recommended after ``history``; ``simplify``: with the runner-up and the next rock."""
         s = self.settings
+        exact = self.exact(history)
         within, front = self._second(history) if simplify or s.limit is not None else (None, [])
+        history = self.modelled(history)
         result = recommendation.recommend(
             s.space,
             history,
@@ -272,6 +298,9 @@ class Campaign:
             find_inactive=self._inactive if simplify else None,
             simplify=simplify,
             within=within,
+            exact=exact.first,
+            second=s.second,
+            limit=s.limit,
         )
         return None if result is None else dataclasses.replace(result, front=front)
 
@@ -281,10 +310,9 @@ class Campaign:
         both = [o for o in history if o.outcome is not None and o.second is not None]
         if s.second is None or not both:
             return None, []
-        models = acquisition.two_models(s.space, both, s.worlds, s.seed, surrogate_settings(s.space, s.risk))
-        objectives = (s.objective, s.second)
+        models, objectives = self._models(both), (s.objective, s.second)
         within = None if s.at_least is None else acquisition.Within(models[1], s.at_least)
-        return within, pareto_front(acquisition.flown_in_both(models, objectives), objectives)
+        return within, pareto_front(acquisition.flown_in_both(models, objectives, s.space, both), objectives)
 
     def _inactive(self, values: Mapping[str, Any], numbers: Sequence[int]) -> list[Inactive]:
         """What of a configuration changed no choice in its missions; nothing where their documents are gone."""
@@ -303,10 +331,14 @@ class Campaign:
     def surrogate_from(
         self, history: Sequence[Observation], rocks: Sequence[str] | None = None
     ) -> RockMeanGP:
-        """The surrogate behind such a recommendation, of ``rocks`` (the campaign's where None).
+        """The surrogate of `modelled_objective` behind such a recommendation, of ``rocks`` (the campaign's where None).
 
         ``ValueError`` without a successful mission.
         """
+        return self.surrogate_of(self.modelled(history), rocks)
+
+    def surrogate_of(self, history: Sequence[Observation], rocks: Sequence[str] | None = None) -> RockMeanGP:
+        """The same of a history as `modelled` gives it."""
         s = self.settings
         worlds = [world for world in s.worlds if rocks is None or world.rock in rocks]
         return surrogate.RockMeanGP(
@@ -330,17 +362,11 @@ class Campaign:
     def recommended_config(self) -> Configuration:
         """The recommendation as a complete mission configuration, under no condition.
 
-        What the campaign ended with stands, so that an evaluation goes on after an upgrade of this program whose
-        surrogate would choose another one; it is made anew where missions have come since.
-
         Raises
         ------
         UserError
             No mission has succeeded yet.
         """
-        saved = self._saved_recommendation(self.history())
-        if saved is not None:
-            return self.settings.config(saved["values"])
         result = self.recommendation(save=False)
         if result is None:
             raise UserError(

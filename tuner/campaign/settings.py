@@ -18,6 +18,7 @@ from nbv.mission.runner import Keep
 from tuner.missions.external import MissionFile, external_config
 from tuner.missions.registry import DEFAULT_RUNNER, EXTERNAL, check_runner
 from tuner.problem.blocks import MAX_MISSIONS, MAX_REPLICATES
+from tuner.problem.exact_costs import Exact, exact_cost
 from tuner.problem.objective import Objective
 from tuner.problem.options import RISKS, Risk
 from tuner.problem.quality_at_cost import COUNTS
@@ -185,6 +186,15 @@ class CampaignSettings:
                 may_end_early = stop.criterion != "budget" or stop.min_gain_percent > 0
                 found.append((seeds, seeds + (0 if may_end_early else config.adaptive_budget)))
         return min((n for n, _ in found), default=0), min((n for _, n in found), default=0)
+
+    @functools.cached_property
+    def exact(self) -> Exact:
+        """What of the objectives the configuration decides, as far as no mission says otherwise (`Exact.agreed`)."""
+        found = [
+            None if o is None else exact_cost(self.space, self.config, self.default_values(), o)
+            for o in (self.objective, self.second)
+        ]
+        return Exact(*found)
 
     @property
     def at_least(self) -> float | None:

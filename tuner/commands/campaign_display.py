@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from tuner.campaign.events import CampaignEvent, CampaignStatus
     from tuner.campaign.settings import CampaignSettings
-    from tuner.recommendation.recommendation import NextRock, Recommendation, Sparsest
+    from tuner.recommendation.recommendation import NextRock, Recommendation
 
 
 LINE = 80  # columns of a mission's line
@@ -175,19 +175,14 @@ def _show_front(recommendation: Recommendation | None, settings: CampaignSetting
     output.print(table)
 
 
-def sparsest_text(found: Sparsest, whose: str = "paper's ") -> str:
-    """``use: pool.max_altitude_m 1.45 (the other 8 go back to the paper's values)``, and what that costs."""
-    low, high = found.difference_interval_95
-    costs = (
-        f"against the recommendation {found.difference:+.2f} ({low:+.2f} to {high:+.2f}), by the surrogate"
-    )
-    if not found.kept:
-        return f"use: the {whose}defaults; nothing tuned is known to be worth more ({costs})"
-    values = ", ".join(f"{path} {_short(found.values[path])}" for path in found.kept)
-    rest = len(found.values) - len(found.kept)
-    others = "the other goes" if rest == 1 else f"the other {rest} go"
-    back = f"{others} back to the {whose or 'default '}values; {costs}" if rest else "all of them are needed"
-    return f"use: {values} ({back})"
+def use_text(found: Recommendation, whose: str = "paper's ") -> str:
+    """``use: pool.max_altitude_m 1.45 (the other 8 stay at the paper's values)``."""
+    if found.keep_default:
+        return f"use: the {whose}defaults; nothing flown is known to be worth more"
+    values = ", ".join(f"{path} {_short(found.values[path])}" for path in found.changed)
+    rest = len(found.values) - len(found.changed)
+    others = "the other stays" if rest == 1 else f"the other {rest} stay"
+    return f"use: {values}" + (f" ({others} at the {whose or 'default '}values)" if rest else "")
 
 
 def next_rock_lines(found: NextRock) -> list[str]:
@@ -208,7 +203,9 @@ def show_recommendation(recommendation: Recommendation | None, settings: Campaig
 
 def _show_values(recommendation: Recommendation, settings: CampaignSettings) -> None:
     show_verdict(recommendation, settings)
-    table = Table(title="Recommendation (best posterior mean among what has flown often enough)")
+    table = Table(
+        title="Recommendation (fewest changes that are not worse than the best, of what has flown often enough)"
+    )
     for column in ("parameter", "paper" if settings.mission is None else "default", "recommended"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
     silent = {found.path: found.why for found in recommendation.inactive}
@@ -225,8 +222,7 @@ def _show_values(recommendation: Recommendation, settings: CampaignSettings) -> 
     if recommendation.limit is not None:
         from tuner.report.campaign.answers import limit_text  # a second to load, with what draws
 
-        assert settings.second is not None and settings.limit is not None
-        output.print(limit_text(recommendation.limit, settings.second, settings.limit))
+        output.print(limit_text(recommendation.limit))
     if recommendation.next_rock is not None:
         for line in next_rock_lines(recommendation.next_rock):
             output.print(line)
@@ -260,5 +256,4 @@ def show_verdict(recommendation: Recommendation, settings: CampaignSettings) -> 
         f"(calibrated 95 % interval {low:+.2f} to {high:+.2f}) on {where}, {by}; "
         "`gatetune evaluate` measures it on held-out rocks"
     )
-    if recommendation.sparsest is not None:
-        output.print(sparsest_text(recommendation.sparsest, whose))
+    output.print(use_text(recommendation, whose))

@@ -10,6 +10,9 @@ from typing import Any
 from nbv.config import IDEAL
 from tuner.problem.worlds import World
 
+# In a mission's memory: the mean and the standard deviation predicted of its outcome, objective's unit.
+PREDICTED = "predicted"
+
 
 @dataclass(frozen=True)
 class Observation:

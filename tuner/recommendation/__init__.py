@@ -14,14 +14,15 @@ if TYPE_CHECKING:
     from tuner.recommendation.eligible import may_be_recommended
     from tuner.recommendation.inactive import Inactive, inactive_parameters
     from tuner.recommendation.next_rock import next_rock
-    from tuner.recommendation.recommendation import NextRock, Recommendation, Sparsest
+    from tuner.recommendation.recommendation import Limit, NextRock, Recommendation, RunnerUp
     from tuner.recommendation.sparsest import sparsest
 
 __all__ = [
     "Inactive",
+    "Limit",
     "NextRock",
     "Recommendation",
-    "Sparsest",
+    "RunnerUp",
     "inactive_parameters",
     "may_be_recommended",
     "next_rock",
@@ -34,7 +35,7 @@ __getattr__, __dir__, _ = lazy_loader.attach(
         "inactive": ["Inactive", "inactive_parameters"],
         "choose": ["recommend"],
         "next_rock": ["next_rock"],
-        "recommendation": ["NextRock", "Recommendation", "Sparsest"],
+        "recommendation": ["Limit", "NextRock", "Recommendation", "RunnerUp"],
         "sparsest": ["sparsest"],
         "eligible": ["may_be_recommended"],
     },

@@ -1,4 +1,4 @@
-"""Which configuration to use: the best posterior mean over the training worlds, with its uncertainty."""
+"""Which configuration to use, of those that have been flown, with its uncertainty."""
 
 from __future__ import annotations
 
@@ -8,18 +8,22 @@ from typing import Any
 
 from tuner.acquisition.within import Within
 from tuner.problem.configurations import configuration_key
+from tuner.problem.exact_costs import ExactCost
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.options import Risk
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.worlds import Place, World
 from tuner.recommendation.eligible import may_be_recommended
+from tuner.recommendation.fewest_changes import fewest_changes
 from tuner.recommendation.inactive import Inactive
+from tuner.recommendation.limit import limit_of, next_rock_keeps
 from tuner.recommendation.next_rock import next_rock
-from tuner.recommendation.recommendation import Candidate, Recommendation, RockRow, SecondObjective
-from tuner.recommendation.sparsest import sparsest
-from tuner.surrogate.forward_check import calibration
+from tuner.recommendation.recommendation import Candidate, Recommendation, RockRow
+from tuner.recommendation.runner_up import cheaper, fewer_changes, runner_up
+from tuner.surrogate.forward_check import Calibration, calibration
 from tuner.surrogate.kernel import Feature
+from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings
 
@@ -46,6 +50,9 @@ def recommend(
     find_inactive: FindInactive | None = None,
     simplify: bool = False,
     within: Within | None = None,
+    exact: ExactCost | None = None,
+    second: Objective | None = None,
+    limit: float | None = None,
 ) -> Recommendation | None:
     """The recommendation after ``observations``; None before the first feasible one.
 
@@ -55,15 +62,19 @@ def recommend(
         The campaign's, per world.
     only_verified
         Whether a configuration has to have flown often enough (`tuner.recommendation.eligible`). Samplers that fly nothing again leave
-        no such configuration: theirs is the best posterior mean.
+        no such configuration: theirs is any that has flown.
     settings, feature
         Of the surrogate.
     risk
         The measure over worlds that is meant by the mean everywhere in the result.
     simplify
-        Whether to look for the sparsest configuration and at the next rock, which takes two further surrogates.
+        Whether to look for a runner-up and at the next rock, which takes two further surrogates.
     within
-        A limit of a second objective: only what keeps it may be recommended. Where nothing flown does, what is likeliest to.
+        A limit of the second objective: only what keeps it may be recommended. Where nothing flown does, what is likeliest to.
+    exact
+        The objective, where the configuration decides it. Outcomes are then those of the second objective.
+    second, limit
+        The second objective, where there is one, and its limit in its unit.
     find_inactive
         Looks at the choices of the missions that flew a configuration; None: nothing is known of them.
     """
@@ -71,6 +82,8 @@ def recommend(
     if not feasible:
         return None
     model = RockMeanGP(space, feasible, places, seed, settings, feature)
+    if within is not None and exact is not None:
+        within = dataclasses.replace(within, model=model)
     groups: dict[tuple[Any, ...], list[Observation]] = {}
     for o in observations:
         groups.setdefault(configuration_key(space, o.values), []).append(o)
@@ -89,73 +102,95 @@ def recommend(
         kept = bool(chosen)
         chosen = chosen or [int(within.probability(configurations).argmax())]
     if len(configurations) > JOINT:  # of many only the best, by their means, are looked at jointly
+        few = max(TOP, JOINT // len(model.worlds))
         configurations = [configurations[i] for i in chosen]
-        best_first = model.best_first(configurations, risk)[: max(TOP, JOINT // len(model.worlds))]
-        configurations = [configurations[i] for i in best_first]
+        best_first: Sequence[int] = model.best_first(configurations, risk)
+        if exact is not None:
+            best_first = sorted(best_first, key=lambda i: -exact.outcome(configurations[i]))
+        own_default = [i for i, values in enumerate(configurations) if values == default]
+        configurations = [configurations[i] for i in dict.fromkeys([*best_first[:few], *own_default])]
         chosen = range(len(configurations))
     belief = model.posterior([*configurations, default], risk)
     reference = len(configurations)
-    order = sorted(chosen, key=lambda i: -belief.mean[i])
     calibrated = calibration(observations)
-    top = order[:TOP]
-    shares = belief.probability_best(top, seed)
-    best, sign = top[0], objective.sign
-
+    modelled = second if exact is not None and second is not None else objective
+    goal, among = belief, list(chosen)
+    if exact is not None:
+        goal = KnownOutcome(space, exact).posterior([*configurations, default], risk)
+        least = max(goal.mean[i] for i in among)
+        among = [i for i in among if goal.mean[i] == least]
+        own_default = [i for i in among if configurations[i] == default]
+        among = own_default or among  # nothing is cheaper
+    index = fewest_changes(configurations, among, default, belief, calibrated, model.noise_sd)
+    values, sign = configurations[index], objective.sign
+    order = sorted(chosen, key=lambda i: (-goal.mean[i], -belief.mean[i]))
+    top = list(dict.fromkeys([*order[: TOP - 1], index]))
+    top.sort(key=order.index)
+    shares = goal.probability_best(top, seed) if exact is None else [float(i == index) for i in top]
+    chances = [None] * len(top) if within is None else within.probability([configurations[i] for i in top])
     candidates = []
-    for index, share in zip(top, shares):
-        group = evaluated[configuration_key(space, configurations[index])]
+    for i, share, chance in zip(top, shares, chances):
+        group = evaluated[configuration_key(space, configurations[i])]
         failed = sum(not o.feasible for o in group)
         candidates.append(
             Candidate(
-                configurations[index],
-                sign * float(belief.mean[index]),
-                float(belief.sd[index]),
+                configurations[i],
+                sign * float(goal.mean[i]),
+                float(goal.sd[i]),
                 len(group),
                 failed,
                 float(share),
+                None if chance is None else float(chance),
             )
         )
-    mean, sd = candidates[0].mean, candidates[0].sd
-    gain, gain_sd = belief.difference(best, reference)
-    own = evaluated[configuration_key(space, configurations[best])]
-    inactive = find_inactive(configurations[best], [o.number for o in own]) if find_inactive else []
-    simple, elsewhere = None, None
+    mean, sd = sign * float(goal.mean[index]), float(goal.sd[index])
+    gain, gain_sd = goal.difference(index, reference)
+    own = evaluated[configuration_key(space, values)]
+    inactive = find_inactive(values, [o.number for o in own]) if find_inactive else []
+    elsewhere, rival = None, None
     if simplify:
-        # Its missions would have been the same with these at the default: that is where they count.
-        free = {found.path: default[found.path] for found in inactive if found.default_is_the_same}
-        few: Sequence[Observation] = feasible
-        if free:
-            same = [o.number for o in own]
-            few = [
-                dataclasses.replace(o, values={**o.values, **free}) if o.number in same else o
-                for o in feasible
-            ]
-        of_few = model
-        if free or not model.settings.sparse:
-            sparse = dataclasses.replace(model.settings, sparse=True)
-            of_few = RockMeanGP(space, few, places, seed, sparse, feature)
-        simple = sparsest(
-            of_few, {**configurations[best], **free}, default, calibrated, sign, risk, within, model
-        )
-        if configurations[best] != dict(default):
+        if values != dict(default):
             departing = dataclasses.replace(model.settings, own_landscapes=True)
             of_rocks = RockMeanGP(space, feasible, places, seed, departing, feature)
-            elsewhere = next_rock(of_rocks, configurations[best], default, calibrated)
+            elsewhere = next_rock(of_rocks, values, default, calibrated)
+        if exact is None:
+            best = configurations[order[0]]
+            same = inactive if best == values else []
+            predicted = fewer_changes(
+                model, feasible, best, same, default, calibrated, risk, within, feature, seed, places
+            )
+            rivals = [predicted, best]
+        else:
+            rivals = [] if within is None else cheaper(model, within, exact, values, seed)
+        rivals = [v for v in rivals if v not in (values, dict(default))]
+        if rivals:
+            flown = len(groups.get(configuration_key(space, rivals[0]), []))
+            of = model if exact is None else KnownOutcome(space, exact)
+            rival = runner_up(of, objective, rivals[0], values, default, flown, calibrated, risk, within)
+    kept_limit = None
+    if within is not None and second is not None and limit is not None:
+        kept_limit = limit_of(within, second, limit, values, default, kept)
+        if exact is not None and simplify:
+            kept_limit = dataclasses.replace(
+                kept_limit,
+                next_rock_keeps=next_rock_keeps(model, values, within.at_least),
+                next_rock_no_worse=None if elsewhere is None else elsewhere.no_worse,
+            )
     return Recommendation(
-        values=configurations[best],
+        values=values,
         mean=mean,
         sd=sd,
         interval_95=calibrated.interval_95(mean, sd),
-        probability_best=candidates[0].probability_best,
+        probability_best=candidates[top.index(index)].probability_best,
         top=candidates,
-        per_rock=[_rock_row(model, world, own, configurations[best], sign) for world in model.worlds],
+        per_rock=[_rock_row(model, world, own, values, modelled.sign) for world in model.worlds],
         default_values=dict(default),
-        default_mean=sign * float(belief.mean[reference]),
-        default_sd=float(belief.sd[reference]),
+        default_mean=sign * float(goal.mean[reference]),
+        default_sd=float(goal.sd[reference]),
         improvement=gain,
         improvement_sd=gain_sd,
         improvement_interval_95=calibrated.interval_95(gain, gain_sd),
-        probability_better_than_default=calibrated.probability_positive(gain, gain_sd),
+        probability_better_than_default=_probability(calibrated, gain, gain_sd),
         noise_sd=model.noise_sd,
         block_sd=model.block_sd,
         observations=len(feasible),
@@ -165,27 +200,21 @@ def recommend(
         lengthscales=model.lengthscales,
         leave_one_out=model.leave_one_out().to_dict(),
         calibration=calibrated.to_dict(),
-        sparsest=simple,
+        exact=exact is not None,
+        modelled_metric=modelled.metric,
+        modelled_direction=modelled.direction,
+        runner_up=rival,
         inactive=inactive,
         next_rock=elsewhere,
-        limit=None if within is None else _second_objective(within, configurations[best], default, kept),
+        limit=kept_limit,
     )
 
 
-def _second_objective(
-    within: Within, values: Mapping[str, Any], default: Mapping[str, Any], kept: bool
-) -> SecondObjective:
-    means, sds = within.belief([values, default])
-    (probability,) = within.probability([values])
-    return SecondObjective(
-        kept,
-        float(means[0]),
-        float(sds[0]),
-        float(probability),
-        within.at_least,
-        float(means[1]),
-        float(sds[1]),
-    )
+def _probability(calibrated: Calibration, gain: float, sd: float) -> float:
+    """That the gain is above 0; what is exact is known."""
+    if sd == 0.0 and gain:
+        return float(gain > 0.0)
+    return calibrated.probability_positive(gain, sd)
 
 
 def _rock_row(

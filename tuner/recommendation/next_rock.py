@@ -67,13 +67,15 @@ def next_rock(
         for rock, found in on.items()
         if calibrated.probability_positive(-own[rock], max(s for _, s in found)) >= AGAINST
     )
-    half = float(special.stdtrit(len(rocks) - 1 + PRIOR_ROCKS, 0.975)) * sd
+    freedom = len(rocks) - 1 + PRIOR_ROCKS
+    half = float(special.stdtrit(freedom, 0.975)) * sd
     return NextRock(
         gain=mean,
         interval_95=(mean - half, mean + half),
         between_rocks_sd=between,
         per_rock=own,
         against=against,
+        no_worse=float(special.stdtr(freedom, mean / sd)) if sd else 0.5,
         more_rocks=_more_rocks(abs(mean), common_sd, between, len(rocks)),
     )
 

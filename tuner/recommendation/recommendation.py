@@ -10,6 +10,7 @@ from typing import Any
 
 from nbv.config import IDEAL
 from tuner.acquisition.pareto import FrontPoint
+from tuner.problem.objective import Direction
 from tuner.problem.worlds import World
 from tuner.recommendation.inactive import Inactive
 
@@ -26,6 +27,7 @@ class Candidate:
     missions: int
     failed: int
     probability_best: float  # among the listed candidates
+    probability: float | None = None  # that the limit is kept, where there is one
 
 
 @dataclass(frozen=True)
@@ -45,40 +47,62 @@ class RockRow:
 
 
 @dataclass(frozen=True)
-class SecondObjective:
-    """The second objective at the recommended configuration, where it has a limit."""
+class Limit:
+    """What has a limit, at the recommended configuration: means over the training worlds, in the metric's unit.
 
+    Differences are positive where the recommendation is better. Probabilities and intervals are calibrated. What the
+    configuration decides (``exact``) has standard deviations 0 and no width.
+    """
+
+    metric: str
+    direction: Direction
+    limit: float
     kept: bool  # whether any configuration flown can be taken to keep the limit: then this one
-    mean: float  # as the model sees it, oriented so that larger is better
+    exact: bool
+    mean: float
     sd: float
+    interval_95: tuple[float, float]
     probability: float  # that the limit is kept
-    at_least: float  # the limit, oriented alike
-    default_mean: float  # of the default, oriented alike
+    default_mean: float
     default_sd: float
+    difference: float  # to the default
+    difference_interval_95: tuple[float, float]
+    next_rock_keeps: float | None = (
+        None  # probability on a rock nobody has flown; None: exact, or nobody asked
+    )
+    next_rock_no_worse: float | None = None  # probability that it is no worse than the default there
+
+    @staticmethod
+    def from_dict(tree: Mapping[str, Any]) -> Limit:
+        """The inverse of ``dataclasses.asdict``, after JSON too."""
+        pairs = ("interval_95", "difference_interval_95")
+        return Limit(**{**tree, **{key: tuple(tree[key]) for key in pairs}})
 
 
 @dataclass(frozen=True)
-class Sparsest:
-    """The recommended configuration with all parameters but ``kept`` at the default values.
+class RunnerUp:
+    """What may be better than the recommendation and is not known to be: to be shown below it, never in its place.
 
-    Differences are in the metric's unit, over the training worlds, positive where this configuration is better, with
-    calibrated 95 % intervals.
+    Predicted and never flown, or flown and inside the noise. ``mean``, ``difference`` and ``improvement`` are of the
+    objective, in the metric's unit, the latter positive where this configuration is better, with calibrated 95 % intervals
+    (of no width where the objective is exact).
     """
 
     values: dict[str, Any]
-    kept: tuple[str, ...]  # paths, in the space's order; empty: the default itself
-    mean: float  # posterior mean of the objective
+    changed: tuple[str, ...]  # paths that differ from the default, in the space's order
+    missions: int  # that flew it; 0: predicted
+    mean: float
     difference: float  # to the recommendation
     difference_interval_95: tuple[float, float]
     improvement: float  # over the default
     improvement_interval_95: tuple[float, float]
-    margin: float  # the noise of a mission: a loss above it is unlikely
+    probability: float | None = None  # that the limit is kept, where there is one
 
     @staticmethod
-    def from_dict(tree: Mapping[str, Any]) -> Sparsest:
+    def from_dict(tree: Mapping[str, Any]) -> RunnerUp:
         """The inverse of ``dataclasses.asdict``, after JSON too."""
-        pairs = ("kept", "difference_interval_95", "improvement_interval_95")
-        return Sparsest(**{**tree, **{key: tuple(tree[key]) for key in pairs}})
+        pairs = ("changed", "difference_interval_95", "improvement_interval_95")
+        return RunnerUp(**{**tree, **{key: tuple(tree[key]) for key in pairs}})
 
 
 @dataclass(frozen=True)
@@ -93,10 +117,13 @@ class NextRock:
     more_rocks: (
         int | None
     )  # that tell the mean gain over such rocks from 0, if it is as large as believed; None: too many
+    no_worse: float = 0.5  # probability that the gain is not below 0
 
     def warnings(self) -> list[str]:
         """Where training rocks disagree, and how many more would settle it: a sentence each, none where all is well."""
         said = []
+        if len(self.per_rock) == 1:
+            said.append("Only one rock was flown: how rocks differ is not known.")
         if self.against:
             names = ", ".join(Path(rock).stem for rock in self.against)
             said.append(f"Training rocks disagree: it is probably worse than the default on {names}.")
@@ -121,14 +148,20 @@ class NextRock:
 
 @dataclass(frozen=True)
 class Recommendation:
-    """The evaluated configuration with the best posterior mean, not the luckiest observation.
+    """The answer of a campaign: ``values``, a configuration that has been flown, or the default.
 
-    ``mean``, ``sd`` and ``interval_95`` are about the mean over the training worlds, without the noise of single
-    missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
+    Of the configurations flown often enough (``tuner.recommendation.eligible``) that are not worse than the best posterior
+    mean, the one with the fewest changes; the default itself where the gain is inside the noise (``keep_default``).
+
+    ``mean``, ``sd`` and ``interval_95`` are about the objective's mean over the training worlds, without the noise of
+    single missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
     positive when the recommendation is better, whatever the direction. All intervals and probabilities are calibrated
-    (``tuner.surrogate.forward_check``). ``top`` is the ranking that decided: what may be recommended
-    (``tuner.recommendation.eligible``), best posterior mean first. ``sparsest`` keeps only what is needed of it, and
-    ``inactive`` are the parameters of ``values`` whose numbers say nothing.
+    (``tuner.surrogate.forward_check``). ``top`` is the ranking behind it, best first. ``inactive`` are the parameters of
+    ``values`` whose numbers say nothing.
+
+    An objective that the configuration decides (``exact``) has no uncertainty: standard deviations are 0, intervals have no
+    width. What is modelled is then the second objective, ``modelled_metric``: ``per_rock``, ``next_rock``, ``noise_sd``,
+    ``block_sd``, ``lengthscales``, ``leave_one_out`` and ``calibration`` are of that.
     """
 
     values: dict[str, Any]
@@ -154,11 +187,24 @@ class Recommendation:
     lengthscales: dict[str, float]
     leave_one_out: dict[str, float]
     calibration: dict[str, float | None]  # how missions were predicted before they were flown
-    sparsest: Sparsest | None = None  # None: nobody asked
+    exact: bool  # the configuration decides the objective
+    modelled_metric: str  # the objective's, or the second one's where that is exact
+    modelled_direction: Direction
+    runner_up: RunnerUp | None = None
     inactive: list[Inactive] = field(default_factory=list)
     next_rock: NextRock | None = None  # None: nobody asked, or it is the default
-    limit: SecondObjective | None = None
+    limit: Limit | None = None  # of the second objective
     front: list[FrontPoint] = field(default_factory=list)  # where there is a second objective
+
+    @property
+    def keep_default(self) -> bool:
+        """Whether the answer is to change nothing."""
+        return self.values == self.default_values
+
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """Paths whose values differ from the default's."""
+        return tuple(path for path, value in self.values.items() if value != self.default_values[path])
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form."""
@@ -174,10 +220,10 @@ class Recommendation:
                 "improvement_interval_95": tuple(tree["improvement_interval_95"]),
                 "top": [Candidate(**candidate) for candidate in tree["top"]],
                 "per_rock": [RockRow(**row) for row in tree["per_rock"]],
-                "sparsest": None if tree["sparsest"] is None else Sparsest.from_dict(tree["sparsest"]),
+                "runner_up": None if tree["runner_up"] is None else RunnerUp.from_dict(tree["runner_up"]),
                 "inactive": [Inactive(**found) for found in tree["inactive"]],
                 "next_rock": None if tree["next_rock"] is None else NextRock.from_dict(tree["next_rock"]),
-                "limit": None if tree["limit"] is None else SecondObjective(**tree["limit"]),
+                "limit": None if tree["limit"] is None else Limit.from_dict(tree["limit"]),
                 "front": [FrontPoint(**point) for point in tree["front"]],
             }
         )

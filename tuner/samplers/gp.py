@@ -13,13 +13,12 @@ from tuner.acquisition.front import propose_for_front, two_models
 from tuner.acquisition.propose import over_worlds, propose
 from tuner.acquisition.within import Within, propose_within
 from tuner.problem.blocks import next_block
-from tuner.problem.observations import Observation, Pending, Proposal
+from tuner.problem.observations import PREDICTED, Observation, Pending, Proposal
 from tuner.problem.search_space import Values
 from tuner.problem.worlds import rocks_of
 from tuner.samplers.base import SamplerSettings, asks, derived_seed, in_flight, initial_proposal
 from tuner.samplers.design import near_default, places_for_earlier, sobol_point, stays_near_default
 from tuner.samplers.verification import BEGINS, verification
-from tuner.surrogate.forward_check import PREDICTED
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
 
@@ -97,7 +96,9 @@ class GPSampler:
         s, seed = self.settings, derived_seed(self.settings.seed, number)
         own = self.model or surrogate_settings(s.space, s.risk)
         if both:
-            return two_models(s.space, history, s.worlds, seed, own)
+            first, second = two_models(s.space, history, s.worlds, seed, own)
+            assert isinstance(first, RockMeanGP) and isinstance(second, RockMeanGP)
+            return first, second
         feature = None if s.earlier is None else s.earlier.feature
         return (RockMeanGP(s.space, history, s.worlds, seed, own, feature),)
 

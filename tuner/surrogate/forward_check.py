@@ -22,15 +22,13 @@ from scipy import special
 
 from nbv.errors import UserError
 from nbv.types import Floats
-from tuner.problem.observations import Observation
+from tuner.problem.observations import PREDICTED, Observation
 from tuner.surrogate.numerics import NORMAL_95
 
 PRIOR_COUNT = 5.0
 # A count of photographs is the same in the first missions and then is not: what was certain is wrong by any number of
 # standard deviations, and no later interval would say anything again.
 LARGEST_Z = 8.0
-# In a mission's memory: the mean and the standard deviation predicted of its outcome, objective's unit.
-PREDICTED = "predicted"
 
 
 def widening(z: Floats) -> Floats:

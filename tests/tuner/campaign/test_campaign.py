@@ -490,6 +490,7 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
         {**saved, "values": other, "observations": 5},
         {**saved, "values": {}},
         {**saved, "values": never_flown},
+        {**saved, "values": other, "sparsest": None},  # of an earlier version
         [],
         None,
     ):

@@ -14,8 +14,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.ledger import TrialRecord
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
-from tuner.recommendation.inactive import Inactive
-from tuner.recommendation.recommendation import NextRock, SecondObjective, Sparsest
+from tuner.recommendation.recommendation import Limit, NextRock
 from tuner.report.campaign.answers import (
     EQUAL,
     gate_rows,
@@ -57,11 +56,7 @@ def better(campaign: Campaign, runner: str = "photogrammetric", **changes: Any) 
     """A configuration that flew once is recommended, and believed to be better."""
     values = other(CampaignFacts(campaign)).values
     gain = {"improvement": 3.0, "improvement_sd": 0.5, "improvement_interval_95": (2.0, 4.0)}
-    return facts_of(campaign, runner, values=values, **{"sparsest": None, **gain, **changes})
-
-
-def sparse(values: dict[str, Any], kept: tuple[str, ...]) -> Sparsest:
-    return Sparsest(values, kept, 1.0, -0.1, (-0.3, 0.1), 2.9, (2.0, 4.0), 0.5)
+    return facts_of(campaign, runner, **{"values": values, **gain, **changes})
 
 
 def record(iteration: int, scorer: str, *views: str) -> IterationRecord:
@@ -80,15 +75,15 @@ def test_a_gain_never_flown_side_by_side_is_predicted(campaign: Campaign) -> Non
 
 
 def test_photographs_saved_and_quality_kept_are_said(campaign: Campaign) -> None:
-    limit = SecondObjective(True, 98.6, 0.2, 0.97, 98.0, 98.4, 0.1)
+    quality = Objective()
+    means = (98.6, 0.2, (98.2, 99.0), 0.97, 98.4, 0.1, 0.2, (-0.2, 0.6))
+    limit = Limit(quality.metric, quality.direction, 98.0, True, False, *means)
     facts = better(campaign, metric="costs.images", mean=21.0, default_mean=32.0, limit=limit)
-    asked = {"objective": Objective("costs.images", "minimise"), "second": Objective(), "limit": 98.0}
-    facts.settings = dataclasses.replace(facts.settings, sampler="gp", **asked)  # type: ignore[arg-type]
     facts.label = metric_label("costs.images")
     first, second, *_ = sure_answer(facts)
     assert "21.0 in place of 32.0, improvement" in first
     assert "at least 98.0 %: it has 98.6 % ± 0.2 (probability 97 %), the default 98.4 % ± 0.1." in second
-    missed = limit_text(dataclasses.replace(limit, kept=False), Objective(), 98.0)
+    missed = limit_text(dataclasses.replace(limit, kept=False))
     assert missed.startswith(
         "No configuration flown keeps F-score @ 48 mm, observable surface at least 98.0 %"
     )
@@ -125,37 +120,19 @@ def test_a_geometric_gain_is_called_a_prediction(campaign: Campaign) -> None:
     assert "of the worst rock and condition" in measure_text(plain)
 
 
-def test_the_fewest_changes_are_used_and_not_flown_said(campaign: Campaign) -> None:
+def test_the_answer_is_the_recommended_configuration(campaign: Campaign) -> None:
+    default = CampaignFacts(campaign).default
     first, second = CampaignFacts(campaign).settings.space.paths[:2]
-    values = {**CampaignFacts(campaign).default, first: 0.77}
-    facts = better(campaign, sparsest=sparse(values, (first,)))
+    facts = better(campaign, values={**default, first: 0.77})
     answer = use_answer(facts)
     assert [row[1] for row in answer["kept"]] == [first] and "0.77" in answer["sentence"]
     assert second not in answer["sentence"] and "d95" in answer["rest"]
-    assert any("Predicted, not flown" in note for note in answer["notes"])
-    silent = [Inactive(p, "never compared", True) for p in facts.settings.space.paths if p != first]
-    flown_alike = better(
-        campaign, sparsest=sparse({**values, first: other(facts).values[first]}, (first,)), inactive=silent
-    )
-    assert "had changed no choice there" in use_answer(flown_alike)["notes"][-1]
-
-
-def test_a_guess_is_not_said_to_be_better(campaign: Campaign) -> None:
-    default = CampaignFacts(campaign).default
-    path = CampaignFacts(campaign).settings.space.paths[0]
-    found = sparse({**default, path: 0.77}, (path,))
-    assert "not known" not in use_answer(better(campaign, sparsest=found))["sentence"]
-    found = dataclasses.replace(
-        found, improvement_interval_95=(-0.2, 0.9), difference_interval_95=(-1e-9, 1e-9)
-    )
-    answer = use_answer(better(campaign, sparsest=found, noise_sd=0.5))
-    assert answer["sentence"].endswith("the best guess, not known to be better.")
-    assert "no difference to the recommended" in answer["notes"][0]
+    assert "not known" not in answer["sentence"]
 
 
 def test_where_nothing_is_needed_the_default_is_used(campaign: Campaign) -> None:
     default = CampaignFacts(campaign).default
-    facts = better(campaign, sparsest=sparse(default, ()), improvement_interval_95=(-0.1, 0.1), noise_sd=0.5)
+    facts = better(campaign, values=default, improvement_interval_95=(-0.1, 0.1), noise_sd=0.5)
     answer = use_answer(facts)
     assert answer["kept"] == [] and "Use the paper’s default" in answer["sentence"]
     why, command = next_answer(facts, evaluated=False)
@@ -167,7 +144,7 @@ def test_what_next_follows_the_state(campaign: Campaign) -> None:
     assert next_answer(facts, evaluated=True)[1] == ""
     path = facts.settings.space.paths[0]
     at_bound = {**facts.default, path: facts.settings.space.parameters[0].high}
-    edge = better(campaign, sparsest=sparse(at_bound, (path,)))
+    edge = better(campaign, values=at_bound)
     assert "widened.yaml" in next_answer(edge, evaluated=False)[1]
     facts.status = dataclasses.replace(facts.status, budget=10)
     assert "campaign resume" in next_answer(facts, evaluated=False)[1]

@@ -172,7 +172,9 @@ def test_front_is_sought_and_found() -> None:
     proposed = np.array([synthetic.SPACE.to_unit(o.values) for o in history[8:]])
     assert np.median(proposed[:, 1]) < 0.1 and np.ptp(proposed[:, 0]) > 0.4
     objectives = (Objective("first"), Objective("second", "minimise"))
-    points = flown_in_both(two_models(synthetic.SPACE, history, ("r0",), 0), objectives)
+    points = flown_in_both(
+        two_models(synthetic.SPACE, history, ("r0",), 0), objectives, synthetic.SPACE, history
+    )
     front = pareto_front(points, objectives)
     assert len(points) == 14 and all(
         any(q.first >= p.first and q.second <= p.second for q in front) for p in points

@@ -16,8 +16,7 @@ from nbv.mission.result import IterationRecord, MissionResult
 from tuner.campaign.ledger import TrialRecord
 from tuner.missions.registry import is_geometric
 from tuner.problem.configurations import configuration_key
-from tuner.problem.objective import Objective
-from tuner.recommendation.recommendation import Recommendation, SecondObjective
+from tuner.recommendation.recommendation import Limit, Recommendation
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.labels import (
     decimals_for,
@@ -57,10 +56,9 @@ class GateRow:
 
 
 def use_values(facts: CampaignFacts) -> dict[str, Any]:
-    """The configuration to use: the sparsest that is not worse than the recommended one."""
-    best = facts.recommendation
-    assert best is not None
-    return dict(best.sparsest.values if best.sparsest is not None else best.values)
+    """The configuration to use."""
+    assert facts.recommendation is not None
+    return dict(facts.recommendation.values)
 
 
 def flown(facts: CampaignFacts, values: Mapping[str, Any]) -> list[TrialRecord]:
@@ -83,7 +81,6 @@ def use_answer(facts: CampaignFacts) -> dict[str, Any]:
         }
     values, space = use_values(facts), facts.settings.space
     kept = [p.path for p in space.parameters if values[p.path] != facts.default[p.path]]
-    missions = len(flown(facts, values))
     if not kept:
         sentence = f"Use the {facts.default_name}: nothing tuned is known to be worth more."
     else:
@@ -91,32 +88,10 @@ def use_answer(facts: CampaignFacts) -> dict[str, Any]:
         if len(kept) > FEW:
             text = f"these {len(kept)} changes"
         sentence = f"Use the {facts.default_name} with {text}."
-        interval = (best.sparsest or best).improvement_interval_95
+        interval = best.improvement_interval_95
         if verdict(interval) != "better":
             sentence = f"{sentence[:-1]}: the best guess, not known to be better."
-    notes = []
-    if best.sparsest is not None and kept and values != best.values:
-        of = best.sparsest
-        low, high = of.difference_interval_95
-        if max(abs(low), abs(high)) < _NOTHING * best.noise_sd:
-            against = "no difference to the recommended configuration"
-        else:
-            digits = _digits(of.difference_interval_95)
-            mean = with_unit(of.difference, facts.label.difference_unit, digits, signed=True)
-            low_high = " to ".join(format_number(v, digits, signed=True) for v in (low, high))
-            against = f"against the recommended configuration {mean} ({low_high})"
-        notes.append(f"The fewest changes that are not worse than the best found: {against}, by the model.")
-    put_back = {p for p in space.paths if values[p] != best.values[p]}
-    if kept and not missions and put_back <= {f.path for f in best.inactive if f.default_is_the_same}:
-        notes.append(
-            f"Flown {len(flown(facts, best.values))} times: what went back to the default had changed no choice there."
-        )
-    elif kept and not missions:
-        notes.append(
-            "Predicted, not flown: no mission flew exactly this configuration; the recommended one, "
-            "with all its changes, flew "
-            + ("one mission." if (n := len(flown(facts, best.values))) == 1 else f"{n} missions.")
-        )
+    notes: list[str] = []
     silent = {found.path: found.why for found in best.inactive}
     silence = [
         f"{', '.join(parameter_label(p).name for p in silent if silent[p] == why)}: {why}"
@@ -182,17 +157,17 @@ def campaign_headline(
     return f"{by}{said[0].lower()}{said[1:]}" if by else said
 
 
-def limit_text(found: SecondObjective, second: Objective, limit: float) -> str:
-    """One sentence on the second objective, its limit, and what the default has of it."""
-    label = metric_label(second.metric)
-    asked = f"{label.full} {'at most' if second.direction == 'minimise' else 'at least'} {with_unit(limit, label.unit, 1)}"
+def limit_text(found: Limit) -> str:
+    """One sentence on what has a limit, the limit, and what the default has of it."""
+    label = metric_label(found.metric)
+    asked = f"{label.full} {'at most' if found.direction == 'minimise' else 'at least'} {with_unit(found.limit, label.unit, 1)}"
     has, of_default = (
-        f"{with_unit(second.sign * mean, label.unit, 1)} ± {format_number(sd, 1)}"
+        with_unit(mean, label.unit, 1) + ("" if found.exact else f" ± {format_number(sd, 1)}")
         for mean, sd in ((found.mean, found.sd), (found.default_mean, found.default_sd))
     )
     if found.kept:
-        chance = f"probability {100 * found.probability:.0f} %"
-        return f"Asked for {asked}: it has {has} ({chance}), the default {of_default}."
+        chance = "" if found.exact else f" (probability {100 * found.probability:.0f} %)"
+        return f"Asked for {asked}: it has {has}{chance}, the default {of_default}."
     return (
         f"No configuration flown keeps {asked}: the likeliest, shown here, has {has}, the default {of_default}; ask for less, "
         "or search further with gatetune campaign resume --missions."
@@ -213,9 +188,8 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
     unit = facts.label.difference_unit
     by = "Predicted by the low-fidelity simulator: " if is_geometric(facts.settings.runner) else ""
     said = [campaign_headline(best, facts.label.full, unit, facts.default_name, by)]
-    s = facts.settings
-    if best.limit is not None and s.second is not None and s.limit is not None:
-        said.append(limit_text(best.limit, s.second, s.limit))
+    if best.limit is not None:
+        said.append(limit_text(best.limit))
     both = [p for p in pairs(facts, best) if None not in (p.default, p.recommended)]
     rocks = len({p.place.rsplit(", replicate", 1)[0] for p in both})
     of = len(facts.settings.worlds)

@@ -89,6 +89,9 @@ class CampaignFacts:
             )
         self.default_name = "paper’s default" if mission is None else "default"
         self.sign = self.settings.objective.sign
+        self.modelled: Objective = (
+            campaign.modelled_objective
+        )  # what the model, its maps and its checks are of
         self.default: dict[str, Any] = self.settings.default_values()
         self.rock_names: dict[str, str] = dict(zip(self.settings.rocks, short_names(self.settings.rocks)))
         self.several_conditions = len(self.settings.conditions) > 1
@@ -141,10 +144,10 @@ class CampaignFacts:
     # -- belief ----------------------------------------------------------------------------------------------
 
     def belief(self, configurations: Sequence[Mapping[str, Any]]) -> tuple[Floats, Floats]:
-        """Posterior mean and sd of the mean (or risk measure) over the training worlds, metric's unit."""
+        """Posterior mean and sd of the mean (or risk measure) over the training worlds, modelled metric's unit."""
         assert self.model is not None
         posterior = self.model.posterior(configurations, self.settings.risk)
-        return self.sign * posterior.mean, posterior.sd
+        return self.modelled.sign * posterior.mean, posterior.sd
 
     @cached_property
     def adjusted(self) -> Floats:
@@ -251,11 +254,12 @@ class CampaignFacts:
         flown = [o.world for o in self.model.observations]
         centre = np.array([standard.centre(world) for world in flown])
         scale = np.array([standard.scale(world) for world in flown])
-        observed = self.sign * (centre + scale * check.observed)
-        predicted = self.sign * (centre + scale * check.mean)
+        observed = self.modelled.sign * (centre + scale * check.observed)
+        predicted = self.modelled.sign * (centre + scale * check.mean)
         return observed, predicted, scale * check.sd, flown
 
     @cached_property
     def leave_one_rock_out(self) -> list[RockCheck]:
         """Every rock predicted from the others; empty for a single rock."""
-        return leave_one_rock_out(self.observations, self.settings.rocks, self.campaign.surrogate_from)
+        own = self.campaign.modelled(self.observations)
+        return leave_one_rock_out(own, self.settings.rocks, self.campaign.surrogate_of)

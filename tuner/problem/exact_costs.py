@@ -1,0 +1,126 @@
+"""Costs that the configuration decides: they are computed, never modelled.
+
+The photographs of a mission are its seeds and its budget of captures, unless something may end it early. A parameter of a
+mission that is not ours is what it is. Flight time, early stops and whatever a mission measures are left to a model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from nbv.config import MissionConfig
+from nbv.errors import UserError
+from tuner.problem.objective import Objective
+from tuner.problem.observations import PREDICTED, Observation
+from tuner.problem.search_space import Configuration, SearchSpace
+
+PHOTOGRAPHS = "costs.images"
+ENDS_EARLY = ("stop.criterion", "stop.min_gain_percent")
+PREDICTED_SECOND = "predicted_second"  # in a mission's memory: likewise, of the second objective
+_NO_MISSION = 1e6  # the cost of values that exclude one another
+_SAME = 1e-9
+
+
+@dataclass(frozen=True)
+class ExactCost:
+    """A metric as a function of the tuned values."""
+
+    objective: Objective
+    paths: tuple[str, ...]  # the tuned parameters that decide it
+    _of: Callable[[Mapping[str, Any]], float]
+    _known: dict[tuple[Any, ...], float] = field(default_factory=dict, compare=False)
+
+    def of(self, values: Mapping[str, Any]) -> float:
+        """The metric of a mission at ``values``, in its unit."""
+        key = tuple(values[path] for path in self.paths)
+        if key not in self._known:
+            self._known[key] = self._of(values)
+        return self._known[key]
+
+    def outcome(self, values: Mapping[str, Any]) -> float:
+        """The same, oriented so that larger is better."""
+        return self.objective.sign * self.of(values)
+
+    def agrees(self, missions: Iterable[tuple[Mapping[str, Any], float]]) -> bool:
+        """Whether every mission, its values and its outcome, had just that: a pool may run empty."""
+        return all(
+            abs(self.outcome(values) - measured) <= _SAME * max(1.0, abs(measured))
+            for values, measured in missions
+        )
+
+
+@dataclass(frozen=True)
+class Exact:
+    """What the configuration decides of the objective and of the second one."""
+
+    first: ExactCost | None = None
+    second: ExactCost | None = None
+
+    def agreed(self, history: Sequence[Observation]) -> Exact:
+        """What every mission so far had as computed: where one differs a mission decides, and a model is asked."""
+        done = [o for o in history if o.outcome is not None]
+        first, second = self.first, self.second
+        if first is not None and not first.agrees((o.values, o.outcome or 0.0) for o in done):
+            first = None
+        pairs = [(o.values, o.second) for o in done if o.second is not None]
+        if second is not None and not second.agrees(pairs):
+            second = None
+        return Exact(first, second)
+
+
+def modelled(history: Sequence[Observation]) -> list[Observation]:
+    """The history with the second objective's outcomes in the place of the first's, which are computed."""
+    both = [o for o in history if o.outcome is None or o.second is not None]
+    return [
+        replace(
+            o,
+            outcome=None if o.outcome is None else o.second,
+            second=o.outcome,
+            memory={**o.memory, PREDICTED: o.memory[PREDICTED_SECOND]}
+            if PREDICTED_SECOND in o.memory
+            else {key: value for key, value in o.memory.items() if key != PREDICTED},
+        )
+        for o in both
+    ]
+
+
+def exact_cost(
+    space: SearchSpace,
+    config: Callable[[Mapping[str, Any]], Configuration],
+    default: Mapping[str, Any],
+    objective: Objective,
+) -> ExactCost | None:
+    """The objective as a function of the tuned values; None where a mission decides it.
+
+    ``config`` makes the complete configuration of tuned values.
+    """
+    base = config(default)
+    if not isinstance(base, MissionConfig):
+        path = objective.metric.removeprefix("costs.")
+        numbers = {p.path for p in space.parameters if p.kind != "categorical"}
+        return ExactCost(objective, (path,), lambda values: float(values[path])) if path in numbers else None
+    tuned = {path for p in space.parameters for path in (p.path, *p.also)}
+    if (
+        objective.metric != PHOTOGRAPHS
+        or base.stop.criterion != "budget"
+        or base.stop.min_gain_percent > 0
+        or tuned & set(ENDS_EARLY)
+    ):
+        return None
+
+    def photographs(values: Mapping[str, Any]) -> float:
+        try:
+            found = config(values)
+            assert isinstance(found, MissionConfig)
+            return float(found.seed.total + found.adaptive_budget)
+        except UserError:
+            return _NO_MISSION
+
+    deciding = tuple(
+        p.path
+        for p in space.parameters
+        if any(path.partition(".")[0] in ("seed", "stop") for path in (p.path, *p.also))
+    )
+    return ExactCost(objective, deciding, photographs)

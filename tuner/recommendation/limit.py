@@ -1,0 +1,65 @@
+"""How the recommended configuration keeps a limit, on the training rocks and on the next one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from tuner.acquisition.within import CALIBRATED, Within
+from tuner.problem.objective import Objective
+from tuner.problem.worlds import rocks_of
+from tuner.recommendation.next_rock import PRIOR_ROCKS
+from tuner.recommendation.recommendation import Limit
+from tuner.surrogate.known import KnownOutcome
+from tuner.surrogate.model import RockMeanGP
+
+
+def limit_of(
+    within: Within,
+    second: Objective,
+    limit: float,
+    values: Mapping[str, Any],
+    default: Mapping[str, Any],
+    kept: bool,
+) -> Limit:
+    """Of the recommended ``values``; ``kept``: whether anything flown can be taken to keep it; nothing of the next rock."""
+    belief, sign = within.model.posterior([values, default]), second.sign
+    (probability,) = within.probability([values])
+    difference = belief.difference(0, 1)
+    mean, sd = sign * float(belief.mean[0]), float(belief.sd[0])
+    return Limit(
+        metric=second.metric,
+        direction=second.direction,
+        limit=limit,
+        kept=kept,
+        exact=isinstance(within.model, KnownOutcome),
+        mean=mean,
+        sd=sd,
+        interval_95=CALIBRATED.interval_95(mean, sd),
+        probability=float(probability),
+        default_mean=sign * float(belief.mean[1]),
+        default_sd=float(belief.sd[1]),
+        difference=difference[0],
+        difference_interval_95=CALIBRATED.interval_95(*difference),
+    )
+
+
+def next_rock_keeps(model: RockMeanGP, values: Mapping[str, Any], at_least: float) -> float:
+    """Probability that the mean of ``values`` on a rock nobody has flown is ``at_least`` that; larger is better.
+
+    The next rock is drawn like the training rocks: Student's t, whose spread has a prior worth `PRIOR_ROCKS` rocks that
+    differ as much as configurations do on one rock.
+    """
+    belief = model.posterior([values])
+    rocks = rocks_of(model.worlds)
+    own = [
+        np.mean([model.predict_in_world(values, w) for w in model.worlds if w.rock == rock]) for rock in rocks
+    ]
+    freedom = PRIOR_ROCKS + len(rocks) - 1
+    between = (PRIOR_ROCKS * model.mean_scale**2 + float(np.var(own)) * len(rocks)) / freedom
+    sd = math.sqrt(between * (1 + 1 / len(rocks)) + float(belief.sd[0]) ** 2)
+    return float(special.stdtr(freedom, (float(belief.mean[0]) - at_least) / sd))

@@ -1,0 +1,36 @@
+"""What needs no surrogate: an exact cost where a surrogate of an objective is expected."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+
+from tuner.problem.exact_costs import ExactCost
+from tuner.problem.options import Risk
+from tuner.problem.search_space import SearchSpace
+from tuner.surrogate.posterior import Posterior
+
+
+class KnownOutcome:
+    """An exact cost, oriented so that larger is better; the same on every rock."""
+
+    def __init__(self, space: SearchSpace, cost: ExactCost) -> None:
+        self.space = space
+        self.cost = cost
+        self._columns = [space.paths.index(path) for path in cost.paths]
+
+    def posterior(self, values: Sequence[Mapping[str, Any]], risk: Risk = "mean") -> Posterior:
+        """Without uncertainty."""
+        return Posterior(
+            np.array([self.cost.outcome(v) for v in values]), np.zeros((len(values), len(values)))
+        )
+
+    def at(self, x: torch.Tensor) -> torch.Tensor:
+        """(...,) at (..., inputs), whose first columns are the unit cube's; integers and choices are rounded."""
+        unit = x.detach()[..., : self.space.dimension].reshape(-1, self.space.dimension).numpy()
+        _, first, inverse = np.unique(unit[:, self._columns], axis=0, return_index=True, return_inverse=True)
+        found = np.array([self.cost.outcome(self.space.from_unit(unit[i])) for i in first])
+        return torch.from_numpy(found[inverse.reshape(-1)]).reshape(x.shape[:-1])
