@@ -7,6 +7,7 @@ caller names. What passes needs no further care but what it means.
 
 from __future__ import annotations
 
+import errno
 import functools
 import hashlib
 import io
@@ -89,8 +90,8 @@ def is_file(path: Path) -> bool:
         return False
 
 
-def read_bytes(path: Path, limit_bytes: int = TEXT_BYTES) -> bytes:
-    """The content of a regular file.
+def read_bytes(path: Path, limit_bytes: int = TEXT_BYTES, *, follow: bool = True) -> bytes:
+    """The content of a regular file; ``follow``: or of the one that a link leads to.
 
     Raises
     ------
@@ -99,7 +100,8 @@ def read_bytes(path: Path, limit_bytes: int = TEXT_BYTES) -> bytes:
     """
     try:
         # Without blocking: opening a pipe would wait for a writer.
-        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        flags = os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC | (0 if follow else os.O_NOFOLLOW)
+        descriptor = os.open(path, flags)
         with os.fdopen(descriptor, "rb") as file:
             found = os.fstat(descriptor)
             if not stat.S_ISREG(found.st_mode):
@@ -109,13 +111,15 @@ def read_bytes(path: Path, limit_bytes: int = TEXT_BYTES) -> bytes:
     except FileNotFoundError as error:
         raise UserError(f"cannot read {path}: it does not exist") from error
     except (OSError, ValueError) as error:
+        if not follow and getattr(error, "errno", None) == errno.ELOOP:
+            raise UserError(f"{path} is a link; leave a file there") from error
         raise UserError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
 
 
-def read_text(path: Path, limit_bytes: int = TEXT_BYTES) -> str:
-    """The content of a UTF-8 file; errors as `read_bytes`."""
+def read_text(path: Path, limit_bytes: int = TEXT_BYTES, *, follow: bool = True) -> str:
+    """The content of a UTF-8 file; as `read_bytes`."""
     try:
-        return read_bytes(path, limit_bytes).decode("utf-8")
+        return read_bytes(path, limit_bytes, follow=follow).decode("utf-8")
     except UnicodeDecodeError as error:
         raise UserError(f"cannot read {path}: not UTF-8 ({error.reason} at byte {error.start})") from error
 

@@ -12,7 +12,7 @@ from adapters.photogrammetry_nbv.flying import configuration, write_files
 from adapters.photogrammetry_nbv.result import MissionUnfinishedError, _onto_our_mesh
 from nbv.geometry.frames import align_umeyama
 from tuner.missions.external import Request, external_config, load_mission_file, take_slot
-from tuner.missions.external.process import _marked
+from tuner.missions.external.ending import marked
 
 
 def mission_file(folder, fault="", fixed=None, agent=None):
@@ -41,7 +41,7 @@ def fly(tmp_path, monkeypatch):
             try:
                 return flying.fly(request.to_dict())
             finally:
-                assert not _marked(str(tmp_path))
+                assert not marked(str(tmp_path))
 
     return fly
 

@@ -107,7 +107,8 @@ class MissionServer:
 
     def _start(self, job: dict[str, Any]) -> int:
         Path(job["directory"]).mkdir(parents=True, exist_ok=True)
-        with (Path(job["directory"]) / LOG_FILE).open("ab") as log:
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW
+        with os.fdopen(os.open(Path(job["directory"]) / LOG_FILE, flags, 0o644), "ab") as log:
             if self._fork:
                 pid = os.fork()
                 if pid:

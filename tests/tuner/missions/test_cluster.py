@@ -78,6 +78,15 @@ class Cluster:
             process.wait()
 
 
+def test_links_that_a_mission_left_do_not_come_back(tmp_path: Path) -> None:
+    (tmp_path / "there").mkdir()
+    (tmp_path / "there/mission.json").write_text("{}")
+    (tmp_path / "there/link").symlink_to("/etc")
+    os.mkfifo(tmp_path / "there/pipe")
+    worker.unpacked(worker.packed(tmp_path / "there"), tmp_path / "here", "mission.json")
+    assert [path.name for path in (tmp_path / "here").iterdir()] == ["mission.json"]
+
+
 def test_no_mission_is_lost_or_entered_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tuner.missions.cluster.executor._RECONNECT_S", 0.5)
     monkeypatch.setattr("tuner.missions.cluster.connect._CONNECT_S", 3.0)

@@ -196,7 +196,10 @@ def packed(directory: Path) -> bytes:
     """The files of a mission."""
     buffer = io.BytesIO()
     with tarfile.open(fileobj=buffer, mode="w:gz", compresslevel=1) as archive:
-        archive.add(directory, arcname=".")
+        # A link or a pipe that a mission left would lead elsewhere at the coordinator's.
+        archive.add(
+            directory, arcname=".", filter=lambda m: m if m.isreg() or m.isdir() or m.islnk() else None
+        )
     return buffer.getvalue()
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-import re
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +15,7 @@ from nbv.errors import UserError
 from nbv.foreign import RESULT_NODES, parse_json, read_text
 from nbv.mission.run_directory import write_atomic
 from tuner.missions.external.checking import check, schema
-from tuner.missions.external.mission_file import MissionFile
+from tuner.missions.external.mission_file import MissionFile, variable_of
 from tuner.missions.external.slots import Slot
 
 REQUEST_FILE, RESULT_FILE = "request.json", "result.json"
@@ -72,10 +72,7 @@ class Request:
         }
         return {
             **{f"GATETUNE_{name}": value for name, value in facts.items()},
-            **{
-                f"PARAMETER_{re.sub(r'[^A-Za-z0-9]', '_', name)}": str(value)
-                for name, value in self.configuration.items()
-            },
+            **{variable_of(name): str(value) for name, value in self.configuration.items()},
             **self.slot.environment(),
         }
 
@@ -123,11 +120,9 @@ def read_result(path: Path) -> Result:
         Missing, half written, against the schema, of a newer version, a number that is not finite, a file outside the
         mission's own folder: one line.
     """
-    try:
-        path.stat()
-    except OSError as error:
-        raise UserError(f"no {path.name}") from error
-    text = read_text(path, _LARGEST_RESULT_BYTES)
+    if not os.path.lexists(path):
+        raise UserError(f"no {path.name}")
+    text = read_text(path, _LARGEST_RESULT_BYTES, follow=False)
     if not text.strip():
         raise UserError(f"{path.name} is empty; write it under another name, then rename it")
     tree = parse_json(text, path.name, RESULT_NODES, finite=True)
@@ -139,8 +134,8 @@ def read_result(path: Path) -> Result:
     if "cloud" in tree:
         inside.append(("cloud.path", tree["cloud"]["path"]))
     for name, relative in inside:
-        if not (path.parent / relative).resolve().is_relative_to(path.parent.resolve()):
-            raise UserError(f"{path.name}: {name} is {relative!r}, outside the mission's own folder")
+        if not _is_inside(path.parent, relative):
+            raise UserError(f"{path.name}: {name} is {relative!r}, no file in the mission's own folder")
     failure = tree.get("failure")
     return Result(
         tree.get("metrics", {}),
@@ -149,6 +144,14 @@ def read_result(path: Path) -> Result:
         tree.get("cloud"),
         Failure(failure["of"], failure["reason"], failure.get("message", "")) if failure else None,
     )
+
+
+def _is_inside(folder: Path, relative: str) -> bool:
+    try:
+        place = (folder / relative).resolve()
+    except (OSError, ValueError, RuntimeError):  # a loop of links, a zero byte
+        return False
+    return folder.resolve() in place.parents
 
 
 def _numbers(tree: Mapping[str, Any], prefix: str) -> Iterator[tuple[str, float]]:

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
 import os
 import shutil
 import signal
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from nbv.errors import MissionFailure, UserError
+from nbv.foreign import read_bytes
 from tuner.missions.external.contract import REQUEST_FILE, Failure, Request, Result, read_result
-from tuner.missions.external.process import Ended, end_marked, run_command
+from tuner.missions.external.ending import end_all, marked
+from tuner.missions.external.process import LARGEST_LOG_BYTES, Ended, run_command
 
 LOG_FILE = "mission.log"
 _CALL = Path(__file__).with_name("call.py")
 _LAST_BYTES, _LAST_LETTERS = 4096, 160
+_LOG_BYTES = 2 * LARGEST_LOG_BYTES
 
 
 @dataclass(frozen=True)
@@ -42,18 +48,25 @@ def fly_request(request: Request, time_limit_s: float | None = None) -> Flown:
     UserError
         The command cannot be run.
     """
-    mission, mark = request.mission, str(request.output)
-    end_marked(mark, mission.stop_grace_s)
-    shutil.rmtree(request.output, ignore_errors=True)
-    path, log = request.write(), request.output / LOG_FILE
+    with _alone(request.output.parent):
+        return _fly(request, time_limit_s or request.mission.time_limit_s)
+
+
+def _fly(request: Request, limit_s: float) -> Flown:
+    mission, output = request.mission, request.output
+    end_all(lambda: marked(str(output)), mission.stop_grace_s)
+    _remove(output)
+    path, log, folder = request.write(), output / LOG_FILE, _identity(output)
     environment = request.environment()
     if mission.function:
         before = os.environ.get("PYTHONPATH", "")
         environment["PYTHONPATH"] = os.pathsep.join(p for p in (str(mission.folder), before) if p)
-    limit_s = time_limit_s or mission.time_limit_s
     ended = run_command(
-        _command(request, path), mission.folder, environment, mark, log, limit_s, mission.stop_grace_s
+        _command(request, path), mission.folder, environment, str(output), log, limit_s, mission.stop_grace_s
     )
+    if _identity(output) != folder:
+        moved = f"the mission removed or replaced its output folder {output}; leave it where it is"
+        return Flown(ended, Result(failure=Failure("machine", "output_replaced", moved)))
     try:
         return Flown(ended, read_result(request.result_path))
     except UserError as error:
@@ -62,6 +75,37 @@ def fly_request(request: Request, time_limit_s: float | None = None) -> Flown:
         late = Failure("configuration", "timeout", f"not done after {limit_s:g} s; see {log}")
         return Flown(ended, Result(failure=late))
     return Flown(ended, Result(failure=Failure("machine", "no_result", how)))
+
+
+@contextlib.contextmanager
+def _alone(directory: Path) -> Iterator[None]:
+    """Wait until nothing of an earlier attempt is left: its keeper has the lock while it ends what there is."""
+    directory.mkdir(parents=True, exist_ok=True)
+    handle = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        with contextlib.suppress(OSError):  # a network's file system may lock no folders
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Tells the folder at ``path`` from any other, and from a link to it; None where there is nothing."""
+    try:
+        found = path.lstat()
+    except OSError:
+        return None
+    return found.st_dev, found.st_ino
+
+
+def _remove(path: Path) -> None:
+    """Remove file, folder or link, never what a link leads to."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with contextlib.suppress(OSError):
+            path.unlink()
 
 
 def _command(request: Request, path: Path) -> list[str]:
@@ -86,9 +130,10 @@ def _how_it_ended(ended: Ended) -> str:
 
 def _last_words(log: Path) -> str:
     """The last line that it printed: most programs say there what was wrong."""
-    with log.open("rb") as file:
-        file.seek(max(0, log.stat().st_size - _LAST_BYTES))
-        lines = file.read().decode(errors="replace").split("\n")
+    try:
+        lines = read_bytes(log, _LOG_BYTES, follow=False)[-_LAST_BYTES:].decode(errors="replace").split("\n")
+    except UserError:  # the mission did something to it
+        return ""
     said = ["".join(c for c in line if c.isprintable()).strip() for line in lines]
     return next((f": {line[:_LAST_LETTERS]!r}" for line in reversed(said) if line), "")
 
@@ -102,12 +147,8 @@ def tidy(request: Request, result: Result) -> None:
         *(Path(a).parts[0] for a in result.artefacts.values()),
     }
     for entry in request.output.iterdir():
-        if entry.name in kept:
-            continue
-        if entry.is_dir() and not entry.is_symlink():
-            shutil.rmtree(entry, ignore_errors=True)
-        else:
-            entry.unlink(missing_ok=True)
+        if entry.name not in kept:
+            _remove(entry)
 
 
 def require_no_fault_of_the_machine(result: Result) -> None:

@@ -6,6 +6,7 @@ import collections
 import hashlib
 import itertools
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +19,21 @@ from tuner.problem.objective import Direction, Objective
 from tuner.problem.search_space import Parameter, SearchSpace, Values
 
 _LAST_PORT = 65535
+# Environment variables that a resource may not be called after.
+_RESERVED = {"PATH", "HOME", "IFS", "ENV", "SHELL", "SHELLOPTS", "USER", "LOGNAME", "PWD", "CDPATH", "TMPDIR"}
+_RESERVED_BEGINNINGS = (
+    "LD_",
+    "DYLD_",
+    "PYTHON",
+    "BASH_",
+    "GLIBC_",
+    "GCONV_",
+    "PERL",
+    "RUBY",
+    "GIT_",
+    "GATETUNE_",
+    "PARAMETER_",
+)
 
 
 @dataclass(frozen=True)
@@ -105,6 +121,7 @@ def load_mission_file(path: Path) -> MissionFile:
         raise UserError(f"{source} is not UTF-8 text; mend it") from error
     tree = parse_yaml(text, source)
     check(tree, "mission", source)
+    _check_values(tree, source)
     parameters = tuple(_parameter(name, entry, source) for name, entry in tree["parameters"].items())
     space = SearchSpace(tree["name"], parameters, description=tree.get("description", ""))
     mission = MissionFile(
@@ -130,6 +147,7 @@ def load_mission_file(path: Path) -> MissionFile:
         sha256=hashlib.sha256(content).hexdigest(),
     )
     _check_names(mission, source)
+    _check_variables(mission, source)
     _check_ports(mission, source)
     return mission
 
@@ -155,8 +173,6 @@ def _parameter(name: str, entry: Mapping[str, Any], source: str) -> Parameter:
         if "low" not in entry or "high" not in entry or "choices" in entry:
             raise UserError(f"{where}: a {kind} has low and high, and no choices")
         low, high, scale = entry["low"], entry["high"], entry.get("scale", "linear")
-        if not (math.isfinite(low) and math.isfinite(high)):
-            raise UserError(f"{where}: low is {low:g} and high {high:g}; both must be finite")
         if not low < high:
             raise UserError(f"{where}: low is {low:g} and high {high:g}; low must be less")
         if scale == "log" and low <= 0:
@@ -179,6 +195,43 @@ def _complete(name: str, values: Mapping[str, Any], space: SearchSpace, source: 
         if not parameters[key].contains(value):
             raise UserError(f"{source}: baselines.{name}: {key} = {value!r} is not among its values")
     return {path: values.get(path, parameter.default) for path, parameter in parameters.items()}
+
+
+def _check_values(tree: Any, source: str, place: str = "") -> None:
+    """Numbers are finite; texts fit into an environment."""
+    if isinstance(tree, (dict, list)):
+        for key, value in tree.items() if isinstance(tree, dict) else enumerate(tree):
+            _check_values(key, source, place or str(key))
+            _check_values(value, source, f"{place}.{key}" if place else str(key))
+    elif isinstance(tree, float) and not math.isfinite(tree):
+        raise UserError(f"{source}: {place} is {tree:g}; every number must be finite")
+    elif isinstance(tree, str) and "\0" in tree:
+        raise UserError(f"{source}: {place} holds a zero byte; take it out")
+
+
+def variable_of(parameter: str) -> str:
+    """The environment variable that hands a parameter to the mission."""
+    return "PARAMETER_" + re.sub(r"[^A-Za-z0-9]", "_", parameter)
+
+
+def _check_variables(mission: MissionFile, source: str) -> None:
+    """Every parameter and resource has an environment variable of its own, and none that means something already."""
+    owners: dict[str, str] = {}
+    for name in mission.defaults():
+        if (other := owners.setdefault(variable_of(name), name)) != name:
+            raise UserError(
+                f"{source}: parameters {other!r} and {name!r} would both be {variable_of(name)} in the mission's "
+                "environment; rename one"
+            )
+    for name in mission.resources:
+        if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]{0,63}", name):
+            raise UserError(
+                f"{source}: resource {name!r} names a folder and an environment variable; use letters, digits and _"
+            )
+        if name in _RESERVED or name.startswith(_RESERVED_BEGINNINGS):
+            raise UserError(
+                f"{source}: resource {name!r} would change how every program runs, or is ours; rename it"
+            )
 
 
 def _check_names(mission: MissionFile, source: str) -> None:

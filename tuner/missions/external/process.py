@@ -1,27 +1,38 @@
 """A command with a time limit that leaves no process behind and cannot fill the disk with its log.
 
-Whatever the command starts inherits a mark in its environment. At the end, and at a time-out, everything that carries
-the mark is told to stop and, after a grace period, killed: children that moved to another process group or session too.
+A keeper, a process between us and the command, adopts whatever the command's processes leave behind, and at the end or at a
+time-out tells all of them to stop and, after a grace period, kills them. Should we be killed, it does so at once.
 """
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
+import json
 import os
 import selectors
 import signal
 import subprocess
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO, NoReturn
 
 from nbv.errors import UserError
+from nbv.foreign import parse_json
+from tuner.missions.external.ending import (
+    MARK,
+    POLL_S,
+    adopt_orphans,
+    descendants,
+    end_all,
+    marked,
+    reap_orphans,
+)
 
-MARK = "GATETUNE_MISSION"
 LARGEST_LOG_BYTES = 5_000_000
 _READ_BYTES = 65536
-_POLL_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -33,6 +44,7 @@ class Ended:
     timed_out: bool
     left_behind: int  # processes that had to be ended after it
     log_cut: bool  # whether it wrote more than was kept
+    survived: int = 0  # processes that could not be ended, such as another user's
 
 
 def run_command(
@@ -52,148 +64,144 @@ def run_command(
     Parameters
     ----------
     mark
-        Identifies the mission; whatever still carries it from an earlier attempt is ended first.
+        Identifies the mission; whatever carries it from an attempt whose keeper was killed is ended first.
 
     Raises
     ------
     UserError
         The command does not exist or may not be run.
     """
-    end_marked(mark, stop_grace_s)
-    with _guarded(mark, stop_grace_s):
-        return _run(command, folder, environment, mark, log, time_limit_s, stop_grace_s, log_limit_bytes)
+    end_all(lambda: marked(mark), stop_grace_s)
+    started, ours = time.monotonic(), descendants(os.getpid())
 
+    def fly(life: int) -> Ended:
+        process = _started(command, folder, {**os.environ, **environment, MARK: mark})
+        return _kept(process, log, started, time_limit_s, stop_grace_s, log_limit_bytes, life)
 
-def _run(
-    command: Sequence[str],
-    folder: Path,
-    environment: Mapping[str, str],
-    mark: str,
-    log: Path,
-    time_limit_s: float,
-    stop_grace_s: float,
-    log_limit_bytes: int,
-) -> Ended:
-    started = time.monotonic()
+    adopt_orphans()  # should the mission kill its keeper
     try:
-        process = subprocess.Popen(
+        said = _by_keeper(fly)
+        if not said:
+            left, survived = end_all(lambda: descendants(os.getpid(), ours), stop_grace_s)
+            wall_s = time.monotonic() - started
+            return Ended(-signal.SIGKILL, wall_s, False, left, False, survived)
+    finally:
+        adopt_orphans(wanted=False)
+    found = parse_json(said.decode(), "the answer of a mission's keeper")
+    if "error" in found:
+        raise UserError(found["error"])
+    if "os_error" in found:
+        raise OSError(*found["os_error"])
+    return Ended(**found)
+
+
+def _by_keeper(fly: Callable[[int], Ended]) -> bytes:
+    """What ``fly`` returned as JSON, called in a child of this process; empty where that child was killed.
+
+    ``fly`` gets a descriptor that ends with this process. The child also keeps what this process has locked.
+    """
+    life, ours = os.pipe()
+    answer, theirs = os.pipe()
+    pid = os.fork()
+    if pid == 0:
+        os.close(ours)
+        os.close(answer)
+        _be_keeper(fly, life, theirs)
+    os.close(life)
+    os.close(theirs)
+    try:
+        with os.fdopen(answer, "rb") as file:
+            return file.read()
+    finally:
+        os.close(ours)
+        os.waitpid(pid, 0)
+
+
+def _be_keeper(fly: Callable[[int], Ended], life: int, answer: int) -> NoReturn:
+    try:
+        os.setsid()
+        adopt_orphans()
+        signal.set_wakeup_fd(-1)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            signal.signal(number, lambda *_: None)  # not ignored: a command would inherit that
+        try:
+            found = dataclasses.asdict(fly(life))
+        except UserError as error:
+            found = {"error": str(error)}
+        except OSError as error:  # the disk with the log is full
+            found = {"os_error": [error.errno, error.strerror]}
+        os.write(answer, json.dumps(found).encode())
+    finally:
+        os._exit(0)
+
+
+def _started(command: Sequence[str], folder: Path, environment: Mapping[str, str]) -> subprocess.Popen[bytes]:
+    try:
+        return subprocess.Popen(
             list(command),
             cwd=folder,
-            env={**os.environ, **environment, MARK: mark},
+            env=environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             start_new_session=True,  # no terminal to ask for a password
         )
-    except OSError as error:
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
         raise UserError(
-            f"cannot run {command[0]!r} in {folder}: {error.strerror or error}; mend 'command' in the mission file"
+            f"cannot run {command[0]!r} in {folder}: {why}; mend 'command' in the mission file"
         ) from error
-    timed_out = False
+
+
+def _kept(
+    process: subprocess.Popen[bytes],
+    log: Path,
+    started: float,
+    time_limit_s: float,
+    stop_grace_s: float,
+    log_limit_bytes: int,
+    life: int,
+) -> Ended:
+    timed_out = cut = False
     try:
-        written, cut = _follow(process, log, started + time_limit_s, log_limit_bytes)
-        timed_out = process.poll() is None
+        with _opened(log) as file:
+            cut = _follow(process, file, started + time_limit_s, log_limit_bytes, life)
+            timed_out = process.poll() is None
     finally:
-        left = end_marked(mark, stop_grace_s, main=process.pid)
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(process.pid, signal.SIGKILL)
+        left, survived = end_all(lambda: descendants(os.getpid()), stop_grace_s, process.pid)
         status = process.wait()
-        assert process.stdout is not None
-        process.stdout.close()
-    if cut:
-        with log.open("ab") as file:
-            file.write(f"\n[gatetune: the log was cut after {written} bytes]\n".encode())
-    return Ended(status, time.monotonic() - started, timed_out, left, cut)
+    return Ended(status, time.monotonic() - started, timed_out, left, cut, survived)
 
 
-def _follow(process: subprocess.Popen[bytes], log: Path, deadline: float, limit: int) -> tuple[int, bool]:
-    """Copy the output until the process ends or the deadline; bytes kept, and whether more came."""
+def _opened(log: Path) -> IO[bytes]:
+    """The log, new; a link that lies in its place is not followed."""
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
+    return os.fdopen(os.open(log, flags, 0o644), "wb", buffering=0)
+
+
+def _follow(process: subprocess.Popen[bytes], log: IO[bytes], deadline: float, limit: int, life: int) -> bool:
+    """Copy the output until the process ends, the deadline, or the end of ``life``; whether more came than ``limit``."""
     assert process.stdout is not None
     handle, written, cut = process.stdout.fileno(), 0, False
     os.set_blocking(handle, False)
-    with log.open("wb") as file, selectors.DefaultSelector() as selector:
-        selector.register(handle, selectors.EVENT_READ)
+    end = os.pidfd_open(process.pid)
+    with selectors.DefaultSelector() as selector, contextlib.closing(os.fdopen(end, "rb", buffering=0)):
+        for descriptor in (handle, life, end):
+            selector.register(descriptor, selectors.EVENT_READ)
         while True:
             ended = process.poll() is not None
-            open_, chunk = True, b""
-            if selector.get_map() and selector.select(0.0 if ended else _POLL_S):
-                chunk = os.read(handle, _READ_BYTES)
-                open_ = bool(chunk)
-            elif not selector.get_map():
-                with contextlib.suppress(subprocess.TimeoutExpired):
-                    process.wait(_POLL_S)
+            ready = [key.fd for key, _ in selector.select(0.0 if ended else POLL_S)]
+            chunk = os.read(handle, _READ_BYTES) if handle in ready else b""
+            if handle in ready and not chunk:
+                selector.unregister(handle)
             if chunk:
-                file.write(chunk[: max(0, limit - written)])
+                log.write(chunk[: max(0, limit - written)])
                 cut = cut or written + len(chunk) > limit
                 written = min(limit, written + len(chunk))
-            if not open_:
-                selector.unregister(handle)
             # A child that outlives the command may keep the pipe: what has been read is enough then.
-            if ended and not chunk:
-                return written, cut
-            if time.monotonic() > deadline:
-                return written, cut
-
-
-@contextlib.contextmanager
-def _guarded(mark: str, grace_s: float) -> Iterator[None]:
-    """Should this process be killed meanwhile, a child of it ends all that carries ``mark``.
-
-    The child also keeps what this process has locked, until that is done.
-    """
-    read, write = os.pipe()
-    pid = os.fork()
-    if pid == 0:
-        try:
-            os.setsid()
-            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-                signal.signal(number, signal.SIG_IGN)
-            os.close(write)
-            if not os.read(read, 1):
-                end_marked(mark, grace_s)
-        finally:
-            os._exit(0)
-    os.close(read)
-    try:
-        yield
-    finally:
-        os.write(write, b".")
-        os.close(write)
-        os.waitpid(pid, 0)
-
-
-def end_marked(mark: str, grace_s: float, main: int | None = None) -> int:
-    """Stop, then kill, every process that carries ``mark``; how many besides ``main`` there were."""
-    found = _marked(mark)
-    others = len([pid for pid in found if pid != main])
-    for pid in found:
-        _signal(pid, signal.SIGTERM)
-        _signal(pid, signal.SIGCONT)  # a stopped process hears SIGTERM only then
-    deadline = time.monotonic() + grace_s
-    while found and time.monotonic() < deadline:
-        time.sleep(min(_POLL_S, grace_s))
-        found = _marked(mark)
-    while found:  # what is forked while we look is found the next time
-        for pid in found:
-            _signal(pid, signal.SIGKILL)
-        time.sleep(0.01)
-        found = _marked(mark)
-    return others
-
-
-def _marked(mark: str) -> list[int]:
-    """Processes of this user, not yet ended, with the mark in their environment (Linux)."""
-    wanted = f"{MARK}={mark}".encode()
-    pids = []
-    for entry in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError, ValueError):
-            if wanted in (entry / "environ").read_bytes().split(b"\0"):
-                state = (entry / "stat").read_text().rpartition(")")[2].split()[0]
-                if state not in ("Z", "X") and int(entry.name) != os.getpid():
-                    pids.append(int(entry.name))
-    return pids
-
-
-def _signal(pid: int, number: int) -> None:
-    with contextlib.suppress(ProcessLookupError, PermissionError):
-        os.kill(pid, number)
+            if (ended and not chunk) or life in ready or time.monotonic() > deadline:
+                break
+            reap_orphans(process.pid)
+    if cut:
+        log.write(f"\n[gatetune: the log was cut after {written} bytes]\n".encode())
+    return cut

@@ -13,7 +13,6 @@ from tuner.missions.external.configuration import external_config
 from tuner.missions.external.contract import Request
 from tuner.missions.external.flying import Flown, fly_request
 from tuner.missions.external.mission_file import MissionFile
-from tuner.missions.external.process import end_marked
 from tuner.missions.external.runner import OUTPUT, run_external_mission
 from tuner.missions.external.slots import slots_of, take_slot
 from tuner.problem.objective import dotted
@@ -65,7 +64,7 @@ def rehearse(mission: MissionFile, folder: Path) -> Iterator[Verdict]:
         limit_s = _SHARE_OF_WALL * stopped.ended.wall_s
         stopped = _fly(mission, folder / f"time-out-{attempt}", limit_s=limit_s)
     yield _time_out(mission, stopped, limit_s)
-    yield _clean_up(mission, folder, flown, stopped)
+    yield _clean_up(flown, stopped)
 
 
 def _fly_default(
@@ -141,9 +140,8 @@ def _time_out(mission: MissionFile, flown: Flown, limit_s: float) -> Verdict:
     return Verdict("a time-out", "ok", f"ended {late_s:.2f} s after its limit of {limit_s:.2f} s")
 
 
-def _clean_up(mission: MissionFile, folder: Path, flown: list[MissionResult], stopped: Flown) -> Verdict:
-    left = sum(end_marked(str(path.absolute()), 0.0) for path in folder.glob(f"*/{OUTPUT}"))
-    if left:
+def _clean_up(flown: list[MissionResult], stopped: Flown) -> Verdict:
+    if left := stopped.ended.survived:
         return Verdict("clean-up", "failed", f"{left} processes could not be ended")
     notes = [result.message for result in flown if result.message]
     if notes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import tempfile
 from pathlib import Path
 
@@ -33,6 +34,20 @@ def run_external_mission(
     """
     if not isinstance(config, ExternalConfig):
         raise UserError("the runner external flies missions of a mission file; name one with --mission")
+    try:
+        return _run(config, rock, replicate, directory, keep)
+    except (UserError, MissionFailure):
+        raise
+    except Exception as error:  # whatever the program did to its files is no fault of the configuration
+        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+        raise MissionFailure(
+            "disk_full" if full else "machine_error: contract", f"{type(error).__name__}: {error}"
+        ) from error
+
+
+def _run(
+    config: ExternalConfig, rock: str, replicate: int, directory: Path | None, keep: Keep
+) -> MissionResult:
     mission = config.mission
     wait_s = mission.time_limit_s + mission.stop_grace_s
     with contextlib.ExitStack() as stack:
@@ -60,6 +75,7 @@ def run_external_mission(
             tidy(request, result)
         notes = [f"ended with status {ended.status}"] if ended.status else []
         notes += [f"{ended.left_behind} processes outlived it and were ended"] if ended.left_behind else []
+        notes += [f"{ended.survived} processes could not be ended"] if ended.survived else []
         return MissionResult(
             status="degraded" if notes else "ok",
             reason="untidy_end" if notes else "",

@@ -79,6 +79,21 @@ def test_a_mission_file_says_what_a_mission_takes(tmp_path):
         ),
         ({"score": {}}, "instance 'a' has none"),
         ({"surprise": 1}, "surprise"),
+        ({"time_limit_s": float("nan")}, "time_limit_s is nan; every number must be finite"),
+        ({"stop_grace_s": float("nan")}, "stop_grace_s is nan"),
+        ({"instances": [{"name": "a", "wind": float("inf")}]}, r"instances.0.wind is inf"),
+        ({"instances": ["a\0"]}, r"instances.0 holds a zero byte"),
+        (
+            {
+                "baselines": {},
+                "parameters": {n: {"kind": "int", "low": 0, "high": 1, "default": 0} for n in ("a.b", "a_b")},
+            },
+            "'a.b' and 'a_b' would both be PARAMETER_a_b",
+        ),
+        ({"resources": {"../..": {"kind": "folder"}}}, "resource '../..' names a folder"),
+        ({"resources": {"LD_PRELOAD": {"kind": "folder"}}}, "'LD_PRELOAD' would change how every program"),
+        ({"resources": {"PATH": {"kind": "folder"}}}, "'PATH' would change"),
+        ({"resources": {"GATETUNE_RESULT": {"kind": "number"}}}, "'GATETUNE_RESULT' would change"),
     ],
 )
 def test_a_mistake_in_a_mission_file_is_one_line(tmp_path, changes, says):
@@ -167,7 +182,9 @@ def test_a_failure_says_whose_it_is(tmp_path):
         ({**OK, "metrics": {"f": "good"}}, "metrics"),
         ({"schema": "gatetune.result/1", "status": "ok"}, "needs metrics or cloud"),
         ({"schema": "gatetune.result/1", "status": "failed"}, "failure"),
-        ({**OK, "artefacts": {"x": "../../etc/passwd"}}, "outside the mission's own folder"),
+        ({**OK, "artefacts": {"x": "../../etc/passwd"}}, "no file in the mission's own folder"),
+        ({**OK, "artefacts": {"x": ""}}, "x is '', no file in the mission's own folder"),
+        ({**OK, "artefacts": {"x": "a\0"}}, "no file in the mission's own folder"),
     ],
 )
 def test_a_mistake_in_a_result_is_one_line(tmp_path, content, says):
@@ -178,4 +195,11 @@ def test_a_mistake_in_a_result_is_one_line(tmp_path, content, says):
 
 def test_no_result_is_one_line(tmp_path):
     with pytest.raises(UserError, match=r"no result\.json"):
+        read_result(tmp_path / "result.json")
+
+
+def test_a_result_that_is_a_link_is_not_followed(tmp_path):
+    (tmp_path / "elsewhere.json").write_text(json.dumps(OK))
+    (tmp_path / "result.json").symlink_to("elsewhere.json")
+    with pytest.raises(UserError, match=r"result\.json is a link"):
         read_result(tmp_path / "result.json")

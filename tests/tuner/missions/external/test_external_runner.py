@@ -17,7 +17,7 @@ from nbv.errors import MissionFailure, UserError
 from nbv.evaluation import Evaluation
 from tuner.missions import LocalProcessExecutor, MissionJob
 from tuner.missions.external import external_config, load_mission_file
-from tuner.missions.external.process import _marked
+from tuner.missions.external.ending import marked
 from tuner.missions.external.rehearsal import rehearse
 from tuner.missions.external.runner import run_external_mission
 
@@ -135,6 +135,49 @@ def test_what_the_machine_ends_is_flown_again_as_often_as_asked(tmp_path):
     assert found["2"].lost and found["2"].reason == "machine_error: tipped_over"
 
 
+FINE = '{"schema": "gatetune.result/1", "status": "ok", "metrics": {"loss": 1}}'
+
+
+def by_shell(folder, script, **changes):
+    return fly(
+        folder,
+        "fine",
+        command=["sh", "-c", script.replace("FINE", f"echo '{FINE}' > $GATETUNE_RESULT")],
+        **changes,
+    )
+
+
+def test_what_a_link_in_place_of_the_output_leads_to_is_kept(tmp_path):
+    (tmp_path / "precious").mkdir()
+    (tmp_path / "precious/file").write_text("mine")
+    script = 'P=$PWD/precious; cd "$GATETUNE_OUTPUT/.." && rm -r output && ln -s "$P" output; FINE'
+    for _ in range(2):  # the second attempt meets the link
+        with pytest.raises(MissionFailure, match="removed or replaced its output folder") as failure:
+            by_shell(tmp_path, script)
+        assert failure.value.reason == "machine_error: output_replaced"
+    assert (tmp_path / "precious/file").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("script", "says"),
+    [
+        ("rm $GATETUNE_OUTPUT/mission.log; exit 1", "no result.json; ended with status 1; see"),
+        ("rm -r $GATETUNE_OUTPUT", "removed or replaced its output folder"),
+        ("ln -sf /dev/zero $GATETUNE_OUTPUT/mission.log", "no result.json; ended with status 0; see"),
+        ("""echo '{"schema": "gatetune.result/1", "status": "ok", "metrics": {"loss": 1}, "artefacts": {"x": ""}}' """
+         "> $GATETUNE_RESULT", "x is '', no file"),
+    ],
+)  # fmt: off
+def test_slips_of_a_program_are_not_the_configurations(tmp_path, script, says):
+    with pytest.raises(MissionFailure, match=says) as failure:
+        by_shell(tmp_path, script)
+    assert failure.value.reason.startswith("machine_error: ")
+
+
+def test_a_log_that_was_removed_spoils_no_result(tmp_path):
+    assert by_shell(tmp_path, "rm $GATETUNE_OUTPUT/mission.log; FINE").metrics == {"loss": 1}
+
+
 def test_nothing_outlives_a_killed_worker(tmp_path):
     code = (
         "import sys; from pathlib import Path; from tuner.missions.external.process import run_command; "
@@ -142,10 +185,10 @@ def test_nothing_outlives_a_killed_worker(tmp_path):
         f"{str(tmp_path)!r}, Path({str(tmp_path / 'log')!r}), 60.0, 0.2)"
     )
     worker = subprocess.Popen([sys.executable, "-c", code])
-    _wait_until(lambda: _marked(str(tmp_path)))
+    _wait_until(lambda: marked(str(tmp_path)))
     os.kill(worker.pid, signal.SIGKILL)
     worker.wait()
-    _wait_until(lambda: not _marked(str(tmp_path)))
+    _wait_until(lambda: not marked(str(tmp_path)))
 
 
 def _wait_until(true, limit_s=20.0):

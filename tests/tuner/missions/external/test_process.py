@@ -4,11 +4,13 @@ import os
 import signal
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
 from nbv.errors import UserError
-from tuner.missions.external.process import _marked, run_command
+from tuner.missions.external.ending import marked
+from tuner.missions.external.process import run_command
 
 
 def run(tmp_path, code, *, limit_s=10.0, mark=None, **options):
@@ -60,7 +62,7 @@ def test_children_in_sessions_of_their_own_are_ended(tmp_path):
     started = time.monotonic()
     ended = run(tmp_path, CHILD, mark=mark)
     assert ended.status == 0 and ended.left_behind == 1 and not ended.timed_out
-    assert not _marked(mark) and time.monotonic() - started < 5
+    assert not marked(mark) and time.monotonic() - started < 5
 
 
 def test_what_an_earlier_attempt_left_is_ended_first(tmp_path):
@@ -70,7 +72,7 @@ def test_what_an_earlier_attempt_left_is_ended_first(tmp_path):
         {**os.environ, "GATETUNE_MISSION": mark},
     )  # fmt: off
     deadline = time.monotonic() + 5
-    while not _marked(mark) and time.monotonic() < deadline:
+    while not marked(mark) and time.monotonic() < deadline:
         time.sleep(0.02)
     run(tmp_path, "pass", mark=mark)
     assert os.waitpid(pid, 0)[1] & 0x7F == signal.SIGTERM
@@ -90,3 +92,31 @@ def test_a_question_for_a_password_ends_at_once(tmp_path):
 def test_a_stopped_process_is_ended(tmp_path):
     ended = run(tmp_path, "import os, signal; os.kill(os.getpid(), signal.SIGSTOP)", limit_s=0.5)
     assert ended.timed_out and ended.status == -signal.SIGTERM
+
+
+# A daemon without the environment that it was started in, in a session of its own, whose parents have ended.
+DAEMON = (
+    "import os, subprocess, sys; "
+    "code = 'import os, time; os.setsid(); os.fork() and os._exit(0); "
+    "open(\\'pid\\', \\'w\\').write(str(os.getpid())); time.sleep(60)'; "
+    "subprocess.run(['env', '-i', sys.executable, '-S', '-c', code])"
+)
+
+
+def test_a_daemon_without_the_environment_is_ended(tmp_path):
+    ended = run(tmp_path, DAEMON + "; import time; time.sleep(0.3)")
+    assert ended.status == 0 and ended.left_behind == 1
+    assert not _is_running(int((tmp_path / "pid").read_text()))
+
+
+def test_a_daemon_is_ended_where_the_mission_kills_its_keeper(tmp_path):
+    code = DAEMON + "; import time; time.sleep(0.3); os.kill(os.getppid(), 9); time.sleep(60)"
+    assert run(tmp_path, code).status == -signal.SIGKILL
+    assert not _is_running(int((tmp_path / "pid").read_text()))
+
+
+def _is_running(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in ("Z", "X")
+    except FileNotFoundError:
+        return False
