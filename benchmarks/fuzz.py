@@ -116,8 +116,8 @@ def _mission_file(path: Path) -> None:
 
 
 def _authors_file(path: Path) -> None:
-    from adapters.photogrammetry_nbv.files import read_file
-    from adapters.photogrammetry_nbv.keys import FILES
+    from tuner.bridges.photogrammetry_nbv.files import read_file
+    from tuner.bridges.photogrammetry_nbv.keys import FILES
 
     read_file(path, next(iter(FILES)))
 
@@ -297,14 +297,14 @@ def make_seeds(folder: Path) -> None:
     import yaml
     from PIL import Image
 
-    from adapters.photogrammetry_nbv.files import write_text
-    from adapters.photogrammetry_nbv.keys import FILES
     from nbv.cache import Store
     from nbv.config import preset
     from nbv.gates.learned import shipped_policy
     from nbv.mission.planning_state import save_state
     from nbv.rocks.imported import write_rock
     from nbv.rocks.importer import import_mesh
+    from tuner.bridges.photogrammetry_nbv.files import write_text
+    from tuner.bridges.photogrammetry_nbv.keys import FILES
     from tuner.missions.external.skeleton_files import write_skeleton
 
     FLOWN = folder / "flown"

@@ -21,9 +21,9 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 import nbv
-from adapters.photogrammetry_nbv.workspace import best_model, sparse_model
 from nbv.errors import MissionFailure
 from nbv.geometry.frames import heading_to
+from tuner.bridges.photogrammetry_nbv.workspace import best_model, sparse_model
 
 
 class PlannerNode(Node):

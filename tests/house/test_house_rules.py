@@ -10,9 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-ROOMS = sorted(
-    path.parent for package in ("nbv", "tuner", "adapters") for path in (ROOT / package).rglob("__init__.py")
-)
+ROOMS = sorted(path.parent for package in ("nbv", "tuner") for path in (ROOT / package).rglob("__init__.py"))
 LONGEST_FILE = 400  # lines
 LONGEST_TEST_NAME = 60  # characters
 MOST_FILES = 17  # in one room
@@ -70,7 +68,7 @@ def test_files_are_small() -> None:
 def test_the_formatter_decides() -> None:
     skipped = [
         path
-        for folder in ("nbv", "tuner", "adapters", "tests", "benchmarks")
+        for folder in ("nbv", "tuner", "tests", "benchmarks")
         for path in (ROOT / folder).rglob("*.py")
         if "fmt: " + "skip" in path.read_text()
     ]
@@ -97,7 +95,6 @@ def test_every_marker_of_the_layers_is_a_room() -> None:
 
 # Files that read what this program wrote for itself: pipes between its processes, its store, its own defaults.
 OWN_WORDS = {
-    "adapters/mavlink",
     "nbv/cache",
     "nbv/config/conditions.py",
     "nbv/config/mission_config.py",
@@ -122,7 +119,7 @@ def test_foreign_files_cross_one_boundary() -> None:
         "pickle.loads",
     }
     found = []
-    for path in (p for package in ("nbv", "tuner", "adapters") for p in (ROOT / package).rglob("*.py")):
+    for path in (p for package in ("nbv", "tuner") for p in (ROOT / package).rglob("*.py")):
         name = path.relative_to(ROOT).as_posix()
         if not any(name.startswith(own) for own in OWN_WORDS):
             calls = (n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call))

@@ -136,7 +136,7 @@ def _list_files(run: Path) -> None:
 
 def _for_vehicles(campaign: Campaign) -> bool:
     """Whether the missions are ours or the authors', so that their files can be written."""
-    from adapters.photogrammetry_nbv import FUNCTION
+    from tuner.bridges.photogrammetry_nbv import FUNCTION
 
     mission = campaign.settings.mission
     return mission is None or mission.function == FUNCTION
@@ -171,7 +171,7 @@ def _yaml(run: Path, to: Format, onto: Path | None) -> tuple[str, list[str]]:
 
 
 def _plan(run: Path, home: str) -> tuple[str, list[str]]:
-    from adapters.mavlink import Home, qgc_plan
+    from tuner.bridges import Home, qgc_plan
     from tuner.report.campaign.shown import RECOMMENDED
 
     try:

@@ -249,7 +249,7 @@ def init(
 
     Example: gatetune mission init my-mission
     """
-    from adapters.photogrammetry_nbv import write_mission_folder
+    from tuner.bridges.photogrammetry_nbv import write_mission_folder
     from tuner.missions.external.skeleton_files import write_skeleton
 
     for path in write_mission_folder(folder) if upstream else write_skeleton(folder, shell=shell):

@@ -9,7 +9,7 @@ import psutil
 import pytest
 import yaml
 
-from adapters.photogrammetry_nbv import read_file, read_scoring
+from tuner.bridges.photogrammetry_nbv import read_file, read_scoring
 from tuner.campaign import Campaign
 
 PAGE = Path(__file__).resolve().parents[3] / "docs/how-to/photogrammetry_nbv.md"

@@ -9,9 +9,9 @@ import fake_campaigns
 import pytest
 import yaml
 
-from adapters.photogrammetry_nbv import read_file, read_mission, read_scoring
 from nbv.config import MissionConfig, config_from_dict, preset
 from nbv.geometric import run_geometric_mission
+from tuner.bridges.photogrammetry_nbv import read_file, read_mission, read_scoring
 from tuner.campaign.campaign import Campaign
 from tuner.problem.space_files import load_search_space
 from tuner.report import write_campaign_report

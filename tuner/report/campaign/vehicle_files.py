@@ -8,7 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from adapters.photogrammetry_nbv import (
+from nbv.config import MissionConfig
+from nbv.errors import UserError
+from nbv.provenance import git_revision, versions
+from tuner.bridges.photogrammetry_nbv import (
     FUNCTION,
     carried,
     configuration,
@@ -18,9 +21,6 @@ from adapters.photogrammetry_nbv import (
     write_scoring,
     write_text,
 )
-from nbv.config import MissionConfig
-from nbv.errors import UserError
-from nbv.provenance import git_revision, versions
 from tuner.campaign.campaign import Campaign
 from tuner.problem.search_space import ours
 from tuner.recommendation.recommendation import Recommendation

@@ -6,7 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from adapters.photogrammetry_nbv.keys import (
+from nbv.config import MissionConfig
+from nbv.errors import UserError
+from tuner.bridges.photogrammetry_nbv.keys import (
     BASELINE_AWARE,
     CRITERION_OF_OURS,
     HYBRID,
@@ -19,10 +21,8 @@ from adapters.photogrammetry_nbv.keys import (
     SCORING,
     Key,
 )
-from adapters.photogrammetry_nbv.reading import UNITS_OF_KNN
-from adapters.photogrammetry_nbv.remarks import Remark
-from nbv.config import MissionConfig
-from nbv.errors import UserError
+from tuner.bridges.photogrammetry_nbv.reading import UNITS_OF_KNN
+from tuner.bridges.photogrammetry_nbv.remarks import Remark
 
 Values = dict[str, Any]
 _SHARED = ("nov", "move", "ang")

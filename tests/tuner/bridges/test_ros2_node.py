@@ -15,7 +15,7 @@ from nbv import Planner
 from nbv.config import preset
 from nbv.viewpoints import seed_viewpoints
 
-NODE = Path(__file__).resolve().parents[2] / "docs/examples/ros2_planner_node.py"
+NODE = Path(__file__).resolve().parents[3] / "docs/examples/ros2_planner_node.py"
 
 
 class Message:

@@ -10,10 +10,10 @@ from typing import Any, Literal
 import numpy as np
 import trimesh
 
-from adapters.photogrammetry_nbv.workspace import best_model, camera_centers
 from nbv.errors import UserError
 from nbv.foreign import parse_json, read_text
 from nbv.types import Floats
+from tuner.bridges.photogrammetry_nbv.workspace import best_model, camera_centers
 
 _ROCK_HEIGHT_M = 1.6  # of an imported mesh (`nbv.rocks.import_mesh`)
 

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from adapters.photogrammetry_nbv.files import read_file
-from adapters.photogrammetry_nbv.reading import read_mission, read_scoring
 from nbv.config import MissionConfig
+from tuner.bridges.photogrammetry_nbv.files import read_file
+from tuner.bridges.photogrammetry_nbv.reading import read_mission, read_scoring
 
-FUNCTION = "adapters.photogrammetry_nbv.flying:fly"  # as the mission file names it
+FUNCTION = "tuner.bridges.photogrammetry_nbv.flying:fly"  # as the mission file names it
 SHARED_WEIGHTS = ("nov", "move", "ang")
 
 

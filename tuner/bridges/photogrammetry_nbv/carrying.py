@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from adapters.photogrammetry_nbv.keys import FILES
-from adapters.photogrammetry_nbv.writing import write_mission, write_scoring
 from nbv.config import MissionConfig
+from tuner.bridges.photogrammetry_nbv.keys import FILES
+from tuner.bridges.photogrammetry_nbv.writing import write_mission, write_scoring
 
 WRITERS = dict(zip(FILES, (write_scoring, write_mission)))
 

@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from adapters.photogrammetry_nbv.keys import (
+from nbv.errors import UserError
+from tuner.bridges.photogrammetry_nbv.keys import (
     BASELINE_AWARE,
     CRITERION_OF_OURS,
     HYBRID,
@@ -19,8 +20,7 @@ from adapters.photogrammetry_nbv.keys import (
     SCORING,
     Key,
 )
-from adapters.photogrammetry_nbv.remarks import Remark
-from nbv.errors import UserError
+from tuner.bridges.photogrammetry_nbv.remarks import Remark
 
 Values = dict[str, Any]
 UNITS_OF_KNN = "in COLMAP's units there, in metres here; the same number is another distance"

@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from adapters.mavlink import Home, qgc_plan
 from nbv.config import preset
 from nbv.errors import UserError
 from nbv.flight.route import clear
 from nbv.viewpoints import raw_candidates, seed_viewpoints
+from tuner.bridges import Home, qgc_plan
 
 HOME = Home(33.42, -111.93, 360.0)
 CONFIG = preset("campaign")

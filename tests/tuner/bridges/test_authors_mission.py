@@ -7,10 +7,10 @@ import photogrammetry_nbv_stand_in as stand_in
 import pytest
 import trimesh
 
-from adapters.photogrammetry_nbv import flying, read_file, write_mission_folder
-from adapters.photogrammetry_nbv.flying import configuration, write_files
-from adapters.photogrammetry_nbv.result import MissionUnfinishedError, _onto_our_mesh
 from nbv.geometry.frames import align_umeyama
+from tuner.bridges.photogrammetry_nbv import flying, read_file, write_mission_folder
+from tuner.bridges.photogrammetry_nbv.flying import configuration, write_files
+from tuner.bridges.photogrammetry_nbv.result import MissionUnfinishedError, _onto_our_mesh
 from tuner.missions.external import Request, external_config, load_mission_file, take_slot
 from tuner.missions.external.ending import marked
 

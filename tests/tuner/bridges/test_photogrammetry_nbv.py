@@ -3,7 +3,10 @@
 import pytest
 import yaml
 
-from adapters.photogrammetry_nbv import (
+from nbv.config import MissionConfig, preset
+from nbv.errors import UserError
+from nbv.viewpoints import candidate_pool
+from tuner.bridges.photogrammetry_nbv import (
     MISSION,
     SCORING,
     read_file,
@@ -13,9 +16,6 @@ from adapters.photogrammetry_nbv import (
     write_scoring,
     write_text,
 )
-from nbv.config import MissionConfig, preset
-from nbv.errors import UserError
-from nbv.viewpoints import candidate_pool
 from tuner.problem.space_files import load_search_space
 
 # Another value for every key that answers to something here.

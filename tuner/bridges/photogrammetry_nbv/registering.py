@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from adapters.photogrammetry_nbv.workspace import best_model, sparse_model
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.foreign import expanded, read_yaml
@@ -23,6 +22,7 @@ from nbv.geometry.frames import wrap_angle
 from nbv.planner import density_d95_m
 from nbv.scorers import rank_candidates
 from nbv.types import CandidatePool, Floats, PlanningState
+from tuner.bridges.photogrammetry_nbv.workspace import best_model, sparse_model
 
 NAME = "gatetune"
 CONFIG_VARIABLE = "GATETUNE_CONFIG"  # names a gatetune.yaml; so does ``scorer.gatetune_config``

@@ -1,4 +1,4 @@
-"""Their node with our scorers, which ends when it has finished: ``python -m adapters.photogrammetry_nbv.node --ros-args ...``.
+"""Their node with our scorers, which ends when it has finished: ``python -m tuner.bridges.photogrammetry_nbv.node --ros-args ...``.
 
 Needs ROS 2 and their package ``photogrammetry_nbv`` on the path; nothing of theirs is changed on disk.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-from adapters.photogrammetry_nbv.registering import register
+from tuner.bridges.photogrammetry_nbv.registering import register
 
 
 def end_when_finished(controller: type) -> None:

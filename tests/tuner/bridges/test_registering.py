@@ -9,13 +9,13 @@ import pytest
 import yaml
 from colmap_workspace import write_workspace
 
-from adapters.photogrammetry_nbv import node
-from adapters.photogrammetry_nbv.registering import NAME, register
-from adapters.photogrammetry_nbv.workspace import best_model, sparse_model
 from nbv import Planner
 from nbv.config import preset
 from nbv.errors import UserError
 from nbv.viewpoints import candidate_pool, seed_viewpoints
+from tuner.bridges.photogrammetry_nbv import node
+from tuner.bridges.photogrammetry_nbv.registering import NAME, register
+from tuner.bridges.photogrammetry_nbv.workspace import best_model, sparse_model
 
 # What each scorer is told and answers (upstream_bridge.md; scoring_interface.py and contracts.py of b8e106c).
 Candidate = dataclasses.make_dataclass(

@@ -1,4 +1,4 @@
-"""One mission of the authors' stack through the contract: ``function: adapters.photogrammetry_nbv.flying:fly``.
+"""One mission of the authors' stack through the contract: ``function: tuner.bridges.photogrammetry_nbv.flying:fly``.
 
 Never run against the stack itself, which was not to be had; the tests fly a stand-in that behaves as its sources say.
 """
@@ -13,14 +13,14 @@ from typing import Any
 
 import yaml
 
-from adapters.photogrammetry_nbv.configuring import configuration, files_beside
-from adapters.photogrammetry_nbv.files import write_text
-from adapters.photogrammetry_nbv.result import MissionUnfinishedError, read_run
-from adapters.photogrammetry_nbv.stack import Stack, StackError, running
-from adapters.photogrammetry_nbv.writing import write_mission, write_scoring
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.foreign import MIB, read_bytes
+from tuner.bridges.photogrammetry_nbv.configuring import configuration, files_beside
+from tuner.bridges.photogrammetry_nbv.files import write_text
+from tuner.bridges.photogrammetry_nbv.result import MissionUnfinishedError, read_run
+from tuner.bridges.photogrammetry_nbv.stack import Stack, StackError, running
+from tuner.bridges.photogrammetry_nbv.writing import write_mission, write_scoring
 
 NODE = "node"  # the program that flies
 _START_LIMIT_S = 300.0

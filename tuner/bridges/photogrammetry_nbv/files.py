@@ -10,9 +10,9 @@ from typing import Any
 
 import yaml
 
-from adapters.photogrammetry_nbv.keys import FILES
 from nbv.errors import UserError
 from nbv.foreign import read_yaml, write_new_folder
+from tuner.bridges.photogrammetry_nbv.keys import FILES
 
 
 def read_file(path: Path, kind: str) -> dict[str, Any]:
