@@ -67,6 +67,12 @@ class MissionResult:
     condition: str = IDEAL
     schema_version: int = SCHEMA_VERSION
 
+    def __repr__(self) -> str:
+        """``MissionResult(ok on slab r0: 26 images, 8 of them planned)``."""
+        images = self.costs.get("images")
+        done = self.reason if images is None else f"{images:.0f} images, {len(self.trace)} of them planned"
+        return f"MissionResult({self.status} on {self.rock} r{self.replicate}: {done})"
+
     def metric(self, path: str) -> float:
         """The metric at a dotted path such as ``observable.f_score_48mm`` or ``registered.observable.f_score_48mm``.
 

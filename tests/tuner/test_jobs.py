@@ -17,6 +17,7 @@ import pytest
 
 import tuner
 from nbv.errors import UserError
+from nbv.mission import MissionResult
 from tuner.campaign.asked_settings import CampaignFields
 from tuner.campaign.settings_file import FIELDS
 
@@ -110,6 +111,19 @@ def test_what_is_not_asked_is_the_campaigns_own(campaign: tuner.Campaign) -> Non
     assert tuner.tune(campaign.directory, rocks=("slab",), workers=1).status().finished == 3
 
 
+def test_what_a_notebook_shows_is_one_line(campaign: tuner.Campaign, tmp_path: Path) -> None:
+    best, trial = campaign.recommendation(save=False), campaign.trials()[0]
+    assert best is not None
+    assert repr(campaign).startswith("Campaign(first in ") and "3 missions" in repr(campaign)
+    assert repr(best).startswith("Recommendation(") and f"{best.mean:.4g} in place of" in repr(best)
+    assert repr(campaign.history()[0]) == f"Observation(0: {trial.raw:.4g} on slab r0)"
+    assert repr(trial) == f"TrialRecord(0: complete, {trial.raw:.4g} on slab r0)"
+    result = MissionResult.load(campaign.directory / trial.directory)
+    assert repr(result) == "MissionResult(ok on slab r0: 26 images, 2 of them planned)"
+    shown = [campaign, campaign.settings, best, campaign.history()[0], trial, result]
+    assert max(len(repr(thing)) for thing in shown) < 250
+
+
 def test_the_api_loads_no_command() -> None:
     code = "import sys, tuner.jobs; sys.exit(any(m.startswith('tuner.commands') for m in sys.modules))"
     assert subprocess.run([sys.executable, "-c", code]).returncode == 0
@@ -121,6 +135,7 @@ def test_evaluation_and_reproduction(campaign: tuner.Campaign, tmp_path: Path) -
         campaign, rocks=["arch"], strategies=["hyb-h"], replicates=1, directory=tmp_path / "e", **options
     )
     assert run.complete
+    assert repr(run) == "EvaluationRun(tuned, hyb-h on arch: 2 missions, 0 failed, complete)"
     flown = tuner.frame(run).set_index("strategy")["metrics.observable.f_score_48mm"]
     assert {"tuned", "hyb-h"} <= set(flown.index)
     assert flown.between(50, 100).all()

@@ -103,6 +103,11 @@ class Campaign:
         self.ledger = ledger
         self.learned = self._read_learned() if settings.learn_from else None
 
+    def __repr__(self) -> str:
+        """``Campaign(mine in runs/mine: space gate, rocks slab, fin, 64 missions)``; the ledger is not read for it."""
+        s = self.settings
+        return f"Campaign({s.name} in {self.directory}: space {s.space.name}, rocks {', '.join(s.rocks)}, {s.budget} missions)"
+
     @functools.cached_property
     def _sampler(self) -> Sampler:
         return sampler_of(self.settings, self.learned)

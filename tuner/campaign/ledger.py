@@ -80,6 +80,11 @@ class TrialRecord:
     code: str = ""  # digest of what flies it, see `tuner.campaign.same_world`; empty in ledgers of before
     rock_sha256: str = ""  # of the rock that was flown; empty while running, and where no mission said so
 
+    def __repr__(self) -> str:
+        """``TrialRecord(12: complete, 94.57 on slab r1)``."""
+        found = self.reason if self.raw is None else f"{self.raw:.4g}"
+        return f"TrialRecord({self.number}: {self.state}, {found} on {self.world.label} r{self.replicate})"
+
     @functools.cached_property
     def world(self) -> World:
         """Where it is flown."""

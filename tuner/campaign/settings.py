@@ -67,6 +67,13 @@ class CampaignSettings:
         None  # a mission that is not ours: its space, its instances as rocks, its metric
     )
 
+    def __repr__(self) -> str:
+        """``CampaignSettings(mine: space gate, rocks slab, fin, 64 missions, sampler gp)``; `to_dict` has everything."""
+        return (
+            f"CampaignSettings({self.name}: space {self.space.name}, rocks {', '.join(self.rocks)}, {self.budget} missions, "
+            f"sampler {self.sampler})"
+        )
+
     def __post_init__(self) -> None:
         if not self.name:
             raise UserError("the campaign needs a name")

@@ -118,19 +118,18 @@ def _recommended(run: Path) -> tuple[Campaign, Recommendation]:
 
 def _list_files(run: Path) -> None:
     """Which file carries how much, and the command that writes the first."""
-    from tuner.report.campaign.vehicle_files import change_text, changes, share_text, vehicle_files
+    from tuner.report.campaign.vehicle_files import change_text, share_text, vehicle_files
 
     campaign, best = _recommended(run)
-    changed = changes(best)
     say = functools.partial(output.print, markup=False, highlight=False, soft_wrap=True)
-    say(f"recommended: {', '.join(change_text(best, p) for p in changed) or 'keep the default'}")
+    say(f"recommended: {', '.join(change_text(best, p) for p in best.changed) or 'keep the default'}")
     names = [Format.ours.value]
     if _for_vehicles(campaign):
         files = vehicle_files(campaign, best)
         for file in files:
             say(f"{file.name} carries {file.share}")
         names = [file.name for file in files if file.useful] + names
-    say(f"{Format.ours.value} carries {share_text(len(changed))}; it is gatetune's own file")
+    say(f"{Format.ours.value} carries {share_text(len(best.changed))}; it is gatetune's own file")
     say(f"write the first: gatetune export {run} --to {names[0]}")
 
 
@@ -144,7 +143,7 @@ def _for_vehicles(campaign: Campaign) -> bool:
 
 def _yaml(run: Path, to: Format, onto: Path | None) -> tuple[str, list[str]]:
     from tuner.problem.search_space import ours
-    from tuner.report.campaign.vehicle_files import changes, header, share_text, vehicle_files
+    from tuner.report.campaign.vehicle_files import header, share_text, vehicle_files
 
     campaign, best = _recommended(run)
     if to is not Format.ours:
@@ -166,8 +165,8 @@ def _yaml(run: Path, to: Format, onto: Path | None) -> tuple[str, list[str]]:
         lines = yaml.safe_dump(dict(config.values), sort_keys=False).splitlines()
     else:
         lines = commented_yaml(ours(config))
-    comment = [f"# {line}" for line in header(campaign, best, changes(best))]
-    return "\n".join([*comment, *lines]) + "\n", [f"it carries {share_text(len(changes(best)))}"]
+    comment = [f"# {line}" for line in header(campaign, best, best.changed)]
+    return "\n".join([*comment, *lines]) + "\n", [f"it carries {share_text(len(best.changed))}"]
 
 
 def _plan(run: Path, home: str) -> tuple[str, list[str]]:

@@ -43,6 +43,14 @@ class EvaluationRun:
     elapsed_s: float
     failures: dict[str, int] = field(default_factory=dict)  # by reason
 
+    def __repr__(self) -> str:
+        """``EvaluationRun(tuned, hyb-h on arch, fin: 24 missions, 0 failed, complete)``."""
+        failed = sum(record.outcome.status == "failed" for record in self.records)
+        return (
+            f"EvaluationRun({', '.join(self.plan.strategies)} on {', '.join(self.plan.rocks)}: "
+            f"{len(self.records)} missions, {failed} failed, {'complete' if self.complete else 'incomplete'})"
+        )
+
 
 def run_evaluation(
     plan: EvaluationPlan,

@@ -177,6 +177,10 @@ class EvaluationRecord:
     outcome: MissionOutcome
     condition: str = IDEAL
 
+    def __repr__(self) -> str:
+        """``EvaluationRecord(tuned: ok on slab r1)``."""
+        return f"EvaluationRecord({self.strategy}: {self.outcome.status} on {self.world.label} r{self.replicate})"
+
     @property
     def world(self) -> World:
         """Where it was flown."""

@@ -30,3 +30,8 @@ def blocks_flown(space: SearchSpace, missions: Sequence[Observation | Pending]) 
     for mission in missions:
         flown[configuration_key(space, mission.values)].add((mission.world, mission.replicate))
     return flown
+
+
+def short(value: Any) -> str:
+    """A parameter's value as a person writes it: four significant digits."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -32,6 +32,15 @@ class Observation:
     )
     condition: str = IDEAL  # its name
 
+    def __repr__(self) -> str:
+        """``Observation(12: 94.57 on slab r1)``."""
+        found = (
+            f"failed {self.reason}"
+            if self.outcome is None
+            else f"{self.raw if self.raw is not None else self.outcome:.4g}"
+        )
+        return f"Observation({self.number}: {found} on {self.world.label} r{self.replicate})"
+
     @property
     def feasible(self) -> bool:
         """Whether the mission produced the objective's metric."""

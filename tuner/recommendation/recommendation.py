@@ -10,6 +10,7 @@ from typing import Any
 
 from nbv.config import IDEAL
 from tuner.acquisition.pareto import FrontPoint
+from tuner.problem.configurations import short
 from tuner.problem.objective import Direction
 from tuner.problem.worlds import World
 from tuner.recommendation.inactive import Inactive
@@ -195,6 +196,16 @@ class Recommendation:
     next_rock: NextRock | None = None  # None: nobody asked, or it is the default
     limit: Limit | None = None  # of the second objective
     front: list[FrontPoint] = field(default_factory=list)  # where there is a second objective
+
+    def __repr__(self) -> str:
+        """``Recommendation(seed.count 14: costs.images 26 in place of 32, +6 [+6, +6])``."""
+        named = [f"{path} {short(self.values[path])}" for path in self.changed[:3]]
+        change = ", ".join(named) + (f" and {len(self.changed) - 3} more" if len(self.changed) > 3 else "")
+        low, high = self.improvement_interval_95
+        return (
+            f"Recommendation({change or 'keep the default'}: {self.metric} {self.mean:.4g} in place of "
+            f"{self.default_mean:.4g}, {self.improvement:+.3g} [{low:+.3g}, {high:+.3g}])"
+        )
 
     @property
     def keep_default(self) -> bool:

@@ -22,6 +22,7 @@ from tuner.bridges.photogrammetry_nbv import (
     write_text,
 )
 from tuner.campaign.campaign import Campaign
+from tuner.problem.configurations import short
 from tuner.problem.search_space import ours
 from tuner.recommendation.recommendation import Recommendation
 
@@ -80,7 +81,7 @@ def vehicle_files(
         theirs = read_file(onto[name], name) if onto and name in onto else beside.get(name)
         values, remarks = write(build(best.values), theirs)
         kept = carried(name, pairs)
-        lost = [path for path in changes(best) if path not in kept]
+        lost = [path for path in best.changed if path not in kept]
         said = tuple(str(remark) for remark in remarks)
         lines = [*header(campaign, best, kept), *(f"does not transfer: {text}" for text in said)]
         text = write_text(values, name, "\n".join(lines))
@@ -88,19 +89,14 @@ def vehicle_files(
     return sorted(files, key=lambda file: -len(file.carried))
 
 
-def changes(best: Recommendation) -> list[str]:
-    """The parameters that ``best`` changes; empty where the answer is to keep the default."""
-    return [path for path, value in best.values.items() if value != best.default_values[path]]
-
-
 def change_text(best: Recommendation, path: str) -> str:
     """``seed.count 14 (default 24)``."""
-    return f"{path} {_short(best.values[path])} (default {_short(best.default_values[path])})"
+    return f"{path} {short(best.values[path])} (default {short(best.default_values[path])})"
 
 
-def header(campaign: Campaign, best: Recommendation, kept: list[str]) -> list[str]:
+def header(campaign: Campaign, best: Recommendation, kept: Sequence[str]) -> list[str]:
     """Where a file is from, which changes it carries, and what they were worth where it carries all of them."""
-    s, changed = campaign.settings, changes(best)
+    s, changed = campaign.settings, best.changed
     lines = [
         f"gatetune {versions().get('gatetune', 'unknown')}, revision {git_revision()}",
         f"campaign {s.name}: space {s.space.name}, {len(s.rocks)} rocks, {s.budget} missions, "
@@ -120,10 +116,6 @@ def header(campaign: Campaign, best: Recommendation, kept: list[str]) -> list[st
         *lines,
         f"gain over the default on the training rocks, {best.metric}: {best.improvement:+.2f}{sure}",
     ]
-
-
-def _short(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _builder(
@@ -146,7 +138,7 @@ def _changes(
 ) -> dict[str, tuple[MissionConfig, MissionConfig]]:
     """Per changed parameter the recommendation and the same without it; where that is none, the default with and without."""
     pairs, default = {}, best.default_values
-    for path in changes(best):
+    for path in best.changed:
         try:
             pairs[path] = build(best.values), build({**best.values, path: default[path]})
         except UserError:
