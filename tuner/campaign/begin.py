@@ -22,6 +22,7 @@ from tuner.campaign.settings_file import (
     write_settings,
 )
 from tuner.campaign.transfer import learn_from
+from tuner.campaign.trust import trust
 from tuner.problem.secrets import require_no_password
 from tuner.samplers.registry import require_sampler
 
@@ -85,9 +86,11 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
         if learned is not None:
             files[LEARNED_FILE] = learned.to_json()
         ledger.keep_files(files)
+        if settings.mission is not None:
+            trust(identity, settings.mission)
     except OSError as error:
         raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error
-    return Campaign(directory, settings, ledger)
+    return Campaign(directory, settings, ledger, identity)
 
 
 def adopt_campaign(directory: Path, storage: str) -> None:

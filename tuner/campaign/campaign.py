@@ -41,7 +41,9 @@ from tuner.campaign.settings_file import (
     first_difference,
     read_settings,
     settings_from_dict,
+    with_mission_file,
 )
+from tuner.campaign.trust import require_trusted, trust
 from tuner.missions.long_runs import exclusive
 from tuner.missions.registry import refuse_code_of_file
 from tuner.problem.exact_costs import Exact, modelled
@@ -97,8 +99,11 @@ def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | Non
 class Campaign:
     """One run directory: `begin_campaign` makes it, `open` looks at it, `fly_campaign` fills it."""
 
-    def __init__(self, directory: Path, settings: CampaignSettings, ledger: Ledger) -> None:
+    def __init__(
+        self, directory: Path, settings: CampaignSettings, ledger: Ledger, identity: str = ""
+    ) -> None:
         self.directory = directory
+        self.identity = identity
         self.settings = settings
         self.ledger = ledger
         self.learned = self._read_learned() if settings.learn_from else None
@@ -121,6 +126,7 @@ class Campaign:
         *,
         read_only: bool = False,
         runner: str | None = None,
+        mission: Path | None = None,
     ) -> Campaign:
         """The campaign in ``directory``.
 
@@ -132,14 +138,18 @@ class Campaign:
             For status and reports of a campaign that may be running.
         runner
             The ``"module:function"`` that the caller allows ``campaign.yaml`` to name.
+        mission
+            The mission file that the caller allows it to run.
 
         Raises
         ------
         UserError
             No campaign there, other settings, a ledger that is missing or belongs elsewhere, a runner that is neither
-            registered nor allowed.
+            registered nor allowed, a mission file's program that is neither allowed nor was begun here.
         """
         stored, identity, digest = read_settings(directory)
+        if mission is not None:
+            stored = with_mission_file(stored, mission, directory)
         settings = settings_from_dict(stored, str(directory / SETTINGS_FILE))
         if expected is not None:
             difference = first_difference(settings.to_dict(), expected.to_dict())
@@ -167,7 +177,22 @@ class Campaign:
                 settings.objective,
                 read_only=read_only,
             )
-        return Campaign(directory, settings, ledger)
+        campaign = Campaign(directory, settings, ledger, identity)
+        if not read_only:
+            campaign.allow_program(named=mission is not None, unchanged=False)
+        return campaign
+
+    def allow_program(self, *, named: bool, unchanged: bool = True) -> None:
+        """Before a mission file's program runs: `UserError` where neither the caller ``named`` it nor the user began this here.
+
+        ``unchanged``: nor where the program is another one by now; a session asks about that itself.
+        """
+        if self.settings.mission is None:
+            return
+        if named:
+            trust(self.identity, self.settings.mission)
+        else:
+            require_trusted(self.identity, self.settings.mission, self.directory, program=unchanged)
 
     # -- looking ---------------------------------------------------------------------------------------------
 

@@ -13,7 +13,9 @@ from tuner.campaign.settings_file import SETTINGS_FILE, settings_text, without_s
 from tuner.missions.long_runs import exclusive
 
 
-def extend_campaign(directory: Path, budget: int, runner: str | None = None) -> Campaign:
+def extend_campaign(
+    directory: Path, budget: int, runner: str | None = None, mission: Path | None = None
+) -> Campaign:
     """The campaign in ``directory`` with a budget of ``budget`` missions instead of fewer.
 
     The initial design and every proposal so far are those of the smaller budget; the sampler goes on from there.
@@ -24,7 +26,7 @@ def extend_campaign(directory: Path, budget: int, runner: str | None = None) -> 
     UserError
         As ``Campaign.open``; the budget is not larger.
     """
-    campaign = Campaign.open(directory, runner=runner)
+    campaign = Campaign.open(directory, runner=runner, mission=mission)
     old = campaign.settings
     if budget <= old.budget:
         raise UserError(
@@ -44,4 +46,4 @@ def extend_campaign(directory: Path, budget: int, runner: str | None = None) -> 
             campaign.ledger.keep_files({SETTINGS_FILE: settings_text(without_storage(tree))})
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}; make room, then resume") from error
-    return Campaign.open(directory, runner=runner)
+    return Campaign.open(directory, runner=runner, mission=mission)

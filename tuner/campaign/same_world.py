@@ -37,26 +37,42 @@ def code_of(runner: str) -> str:
 class SameWorld:
     """What a session compares its missions with; ``accept``: changes since the last session are wanted."""
 
-    def __init__(self, directory: Path, runner: str, trials: Sequence[TrialRecord], *, accept: bool) -> None:
+    def __init__(
+        self,
+        directory: Path,
+        runner: str,
+        trials: Sequence[TrialRecord],
+        *,
+        accept: bool,
+        program: str = "",  # hash of what a mission file runs
+    ) -> None:
         self._directory = directory
         self._rocks: dict[str, tuple[str, int]] = {}
         self.code = code_of(runner)
+        if program:
+            self.code = hashlib.sha256(f"{self.code} {program}".encode()).hexdigest()[:32]
         if accept:
             return
         known = [t for t in trials if t.code]
         if known and known[-1].code != self.code:
-            self._ask(f"the code of its missions changed after trial {known[-1].number}")
+            self._ask(
+                f"the {'program' if program else 'code'} of its missions changed after trial {known[-1].number}"
+            )
         for trial in trials:
             self._remember(trial.rock, trial.rock_sha256, trial.number)
 
     def require(self, trial: TrialRecord, rock_sha256: str) -> None:
         """`UserError` where the mission of ``trial`` met another rock than those before it under that name."""
-        before, number = self._rocks.get(trial.rock, (rock_sha256, 0))
-        if rock_sha256 and before != rock_sha256:
+        if self.is_another(trial, rock_sha256):
+            before, number = self._rocks[trial.rock]
             self._ask(
                 f"rock {trial.rock} is another one since trial {number} (content {before[:12]} then, {rock_sha256[:12]} now)"
             )
         self._remember(trial.rock, rock_sha256, trial.number)
+
+    def is_another(self, trial: TrialRecord, rock_sha256: str) -> bool:
+        """Whether `require` would refuse."""
+        return bool(rock_sha256) and self._rocks.get(trial.rock, (rock_sha256, 0))[0] != rock_sha256
 
     def _remember(self, rock: str, sha256: str, number: int) -> None:
         if sha256:

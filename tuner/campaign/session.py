@@ -15,6 +15,7 @@ from tuner.campaign.events import CampaignEvent, CampaignSummary, EventKind
 from tuner.campaign.ledger import TrialRecord
 from tuner.campaign.same_world import SameWorld
 from tuner.campaign.storage import DATABASE_ERRORS
+from tuner.campaign.trust import trust
 from tuner.missions.executors import Executor
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
 from tuner.missions.long_runs import exclusive, stop_signals
@@ -101,12 +102,16 @@ class _Session:
         self._lost, self._last_lost = 0, ""  # missions that the machine ended, which stay open
         self._in_flight: dict[str, TrialRecord] = {}
         self._configs: dict[int, Configuration] = {}  # of trials entered and not launched yet
+        finished, mission = campaign.status().finished >= campaign.settings.budget, campaign.settings.mission
         self._world = SameWorld(
             campaign.directory,
             campaign.settings.runner,
             campaign.trials(),
-            accept=accept_changes or campaign.status().finished >= campaign.settings.budget,
+            accept=accept_changes or finished,
+            program="" if mission is None else mission.program,
         )
+        if mission is not None and not finished:
+            trust(campaign.identity, mission)
         self.ahead = ProposalsAhead(campaign)
 
     def fly(self, stop: threading.Event) -> CampaignSummary:
@@ -155,11 +160,19 @@ class _Session:
         for trial in trials:
             if trial.state == "running":
                 outcome = collect_outcome(self._job(trial))
-                if outcome is not None and outcome.reason != "user_error" and not outcome.lost:
+                if (
+                    outcome is not None
+                    and outcome.reason != "user_error"
+                    and not self._of_another_world(trial, outcome)
+                ):
                     self._count(self._enter(trial, outcome))
                 else:
                     again.append(trial)
         return again
+
+    def _of_another_world(self, trial: TrialRecord, outcome: MissionOutcome) -> bool:
+        """Whether it says nothing of this campaign: lost, or on a mesh that has been put back since."""
+        return outcome.lost or self._world.is_another(trial, outcome.rock_sha256)
 
     def _next_trials(self, again: collections.deque[TrialRecord], stop: threading.Event) -> list[TrialRecord]:
         """The next to launch, entered together: several where proposals are made ahead."""

@@ -133,6 +133,22 @@ def _mission(tree: Any, source: str) -> MissionFile | None:
     return same_mission_file(Path(str(tree["file"])), str(tree["sha256"]))
 
 
+def with_mission_file(stored: Mapping[str, Any], file: Path, directory: Path) -> dict[str, Any]:
+    """The settings of the campaign in ``directory`` with its mission file where the user says that it is.
+
+    Raises
+    ------
+    UserError
+        It is no mission file, or not the one that the campaign began with.
+    """
+    mission, began = load_mission_file(file), stored.get("mission")
+    if not isinstance(began, Mapping):
+        raise UserError(f"the campaign in {directory} is of our own missions; leave --mission out")
+    if mission.sha256 != began.get("sha256"):
+        raise UserError(f"{mission.path} is not the mission file that the campaign in {directory} began with")
+    return {**stored, "mission": {"file": str(mission.path), "sha256": mission.sha256}}
+
+
 def _said_by(mission: MissionFile) -> dict[str, Any]:
     """The fields that a mission file decides."""
     return {

@@ -18,6 +18,7 @@ from tuner.commands.campaign_display import (
 )
 from tuner.commands.console import (
     JSON_HELP,
+    MISSION_HELP,
     QUIET_HELP,
     beating,
     crew,
@@ -242,7 +243,7 @@ def run(
         output.print("it is there already: going on with it")
         flags: dict[str, Any] = {"quiet": quiet, "as_json": as_json, "accept_changes": False}
         return resume(
-            directory, workers, None, timeout_s, executor, scheduler, unencrypted, fidelity, **flags
+            directory, workers, None, timeout_s, executor, scheduler, unencrypted, fidelity, mission, **flags
         )
     runner = str(fields.get("runner") or DEFAULT_RUNNER)
     refuse_code_of_file(runner, fidelity, str(settings))
@@ -277,6 +278,7 @@ def resume(
     fidelity: Annotated[
         str | None, typer.Option(help="Only where the campaign has a module:function of yours: that one.")
     ] = None,
+    mission: Annotated[Path | None, typer.Option(help=MISSION_HELP)] = None,
     ledger: Annotated[
         str | None,
         typer.Option(
@@ -304,9 +306,9 @@ def resume(
     from tuner.campaign.extension import extend_campaign
 
     if missions is None:
-        campaign = Campaign.open(directory, runner=fidelity)
+        campaign = Campaign.open(directory, runner=fidelity, mission=mission)
     else:
-        campaign = extend_campaign(directory, missions, fidelity)
+        campaign = extend_campaign(directory, missions, fidelity, mission)
     fly(campaign, workers, timeout_s, (executor, scheduler, unencrypted), accept_changes=accept_changes)
 
 

@@ -12,7 +12,7 @@ import typer
 from nbv.config import IDEAL, Condition, load_conditions
 from nbv.errors import UserError
 from tuner.commands.comparison import compare
-from tuner.commands.console import load, output, working
+from tuner.commands.console import MISSION_HELP, load, output, working
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
@@ -51,6 +51,7 @@ def evaluate(
     ] = None,
     timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/evaluation).")] = None,
+    mission: Annotated[Path | None, typer.Option(help=MISSION_HELP)] = None,
 ) -> None:
     """Fly the recommended configuration and the baselines on held-out rocks; print Table I with intervals.
 
@@ -64,7 +65,8 @@ def evaluate(
     from tuner.evaluation.plan import EvaluationPlan
     from tuner.problem.search_space import ours
 
-    source = Campaign.open(campaign, read_only=True)
+    source = Campaign.open(campaign, read_only=True, mission=mission)
+    source.allow_program(named=mission is not None)
     if source.settings.mission is not None:
         if conditions:
             raise UserError("--condition is of our own missions; a mission file has instances")
@@ -118,6 +120,7 @@ def confirm(
     out: Annotated[
         Path | None, typer.Option(help="Directory (default: CAMPAIGN/confirmation-ROCKS).")
     ] = None,
+    mission: Annotated[Path | None, typer.Option(help=MISSION_HELP)] = None,
 ) -> None:
     """Fly the recommendation and the default on training rocks with fresh replicates; say whether the rocks gained.
 
@@ -130,7 +133,8 @@ def confirm(
     from tuner.evaluation.plan import EvaluationPlan
     from tuner.missions.registry import DEFAULT_RUNNER
 
-    source = Campaign.open(campaign, read_only=True)
+    source = Campaign.open(campaign, read_only=True, mission=mission)
+    source.allow_program(named=mission is not None)
     s = source.settings
     known = {Path(rock).stem: rock for rock in s.rocks}
     chosen = [known.get(Path(rock).stem, rock) for rock in rocks or s.rocks]

@@ -1,11 +1,18 @@
 """A campaign over a mission file, from the command line: everything that a campaign over our own missions has."""
 
+import contextlib
 import json
 
 import pytest
 import yaml
 
+from nbv.errors import UserError
+from nbv.foreign import sealed
 from tuner.campaign import Campaign
+from tuner.campaign.begin import begin_campaign
+from tuner.campaign.session import fly_campaign
+from tuner.campaign.settings_file import settings_from_dict
+from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
 
 FLY = """
 import math
@@ -39,6 +46,92 @@ def toy(tmp_path):
     (tmp_path / "toy_mission.py").write_text(FLY)
     (tmp_path / "toy.yaml").write_text(yaml.safe_dump(FILE))
     return tmp_path
+
+
+def begun(toy, missions=0):
+    """A campaign of four missions in ``runs/toy``, of which some have flown."""
+    asked = settings_from_dict(
+        {"name": "toy", "mission": str(toy / "toy.yaml"), "budget": 4, "sampler": "sobol"}, "test"
+    )
+    campaign = begin_campaign(toy / "runs/toy", asked)
+
+    def stop(event):
+        if event.kind == "finished" and event.finished == missions:
+            raise KeyboardInterrupt
+
+    if missions:
+        with contextlib.suppress(KeyboardInterrupt):
+            fly_campaign(campaign, InProcessExecutor(), stop)
+    return campaign
+
+
+COMMANDS = [
+    ["evaluate", "runs/toy", "--workers", 1],
+    ["confirm", "runs/toy", "--workers", 1],
+    ["campaign", "resume", "runs/toy", "--workers", 1],
+    ["campaign", "resume", "runs/toy", "--missions", 9, "--workers", 1],
+]
+
+
+@pytest.mark.parametrize("path", ["toy.yaml", None])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_somebody_else_s_run_directory_runs_nothing(gatetune, toy, monkeypatch, command, path):
+    """Begun under another home, as by another user; its mission file may be named relative to where the command runs."""
+    begun(toy, 2)
+    monkeypatch.setenv("GATETUNE_HOME", str(toy / "another"))
+    (toy / "toy_mission.py").write_text("open('ran', 'w')\n" + FLY)
+    if path is not None:
+        file = toy / "runs/toy/campaign.yaml"
+        tree = yaml.safe_load(file.read_text())
+        tree["settings"]["mission"]["file"] = path
+        file.write_text(yaml.safe_dump(sealed(tree)))
+    code, _, err = gatetune(*command)
+    assert code == 2 and f"if you trust it, name it: --mission {toy}/toy.yaml" in err and err.count("\n") == 1
+    assert not (toy / "ran").exists()
+
+
+def test_what_the_command_line_names_is_run(gatetune, toy, monkeypatch):
+    begun(toy, 2)
+    monkeypatch.setenv("GATETUNE_HOME", str(toy / "another"))
+    Campaign.open(toy / "runs/toy", mission=toy / "toy.yaml")
+    Campaign.open(toy / "runs/toy")  # from now on it is known here
+    (toy / "other.yaml").write_text(yaml.safe_dump({**FILE, "time_limit_s": 3}))
+    code, _, err = gatetune("campaign", "resume", "runs/toy", "--mission", "other.yaml")
+    assert code == 2 and "is not the mission file that the campaign in runs/toy began with" in err
+
+
+def test_a_changed_program_is_asked_about(gatetune, toy):
+    """Also one that it imports; what it does not name may change."""
+    (toy / "toy_mission.py").write_text("import helper\n" + FLY)
+    (toy / "helper.py").write_text("")
+    begun(toy, 2)
+    (toy / "unrelated.py").write_text("print('hello')\n")
+    Campaign.open(toy / "runs/toy").allow_program(named=False)
+    (toy / "helper.py").write_text("x = 1\n")
+    code, _, err = gatetune("campaign", "resume", "runs/toy", "--workers", 1)
+    assert (
+        code == 2 and "the program of its missions changed after trial" in err and "--accept-changes" in err
+    )
+    code, _, err = gatetune("evaluate", "runs/toy")
+    assert code == 2 and "the program of" in err and f"name it: --mission {toy}/toy.yaml" in err
+    campaign = Campaign.open(toy / "runs/toy")
+    assert fly_campaign(campaign, InProcessExecutor(), accept_changes=True).status.finished == 4
+    Campaign.open(toy / "runs/toy").allow_program(named=False)
+
+
+def test_a_program_that_changes_while_it_flies_stops_the_campaign(toy):
+    campaign = begun(toy)
+
+    def change(event):
+        if event.kind == "finished":
+            (toy / "toy_mission.py").write_text(FLY + "\n")
+
+    with (
+        LocalProcessExecutor(1, 30.0, ("external",)) as executor,
+        pytest.raises(UserError, match="changed while its missions flew"),
+    ):
+        fly_campaign(campaign, executor, change)
+    assert [t.state for t in campaign.trials()] == ["complete", "running"]
 
 
 @pytest.mark.slow

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 from pathlib import Path
 
 import fake_campaigns
+import fake_missions
 import pytest
 
 import tuner.campaign.begin as beginning
@@ -145,6 +147,37 @@ def test_a_changed_rock_is_asked_about(copy):
     another(trial, "1" * 64)
     with pytest.raises(UserError, match=f"rock {trial.rock} is another one since trial 0"):
         another(trial, "2" * 64)
+
+
+def test_a_rock_put_back_makes_the_campaign_go_on(copy, monkeypatch):
+    """A mission in flight that was flown on the changed mesh is flown again."""
+    content = ["1" * 64]
+    fly = fake_missions.fake_mission
+
+    def on_mesh(*arguments, **options):
+        flown = fly(*arguments, **options)
+        return dataclasses.replace(flown, provenance={"rock_sha256": content[0]})
+
+    monkeypatch.setattr(fake_missions, "fake_mission", on_mesh)
+    directory = copy.parent / "meshes"
+    begin_campaign(directory, fake_campaigns.settings(sampler="sobol", budget=5))
+
+    def finished(on_event=None):
+        campaign = Campaign.open(directory, runner=RUNNER)
+        return fly_campaign(campaign, InProcessExecutor(), on_event).status.finished
+
+    def kill(event):
+        if event.kind == "finished" and event.finished == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        finished(kill)
+    content[0] = "2" * 64
+    for _ in range(2):
+        with pytest.raises(UserError, match="is another one since trial"):
+            finished()
+    content[0] = "1" * 64
+    assert finished() == 5
 
 
 @pytest.mark.parametrize("at", ["Ledger", "write_settings", "set_user_attr"])

@@ -23,13 +23,14 @@ class ExternalConfig:
     file: Path  # absolute
     sha256: str  # of the file as it was when the campaign began
     values: Mapping[str, Any]  # of every parameter, by its name
+    program: str = ""  # hash of what the mission ran then; another one is the campaign's to ask about
 
     condition: ClassVar[str] = IDEAL  # a mission file has instances for what differs
 
     @property
     def mission(self) -> MissionFile:
-        """The mission file; ``UserError`` if it is gone or another one by now."""
-        return same_mission_file(self.file, self.sha256)
+        """The mission file; ``UserError`` if it or its program is gone or another one by now."""
+        return _known_mission_file(self.file, self.sha256, self.program)
 
     @property
     def preset(self) -> str:
@@ -43,7 +44,12 @@ class ExternalConfig:
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON form; `configuration_from_dict` reads it back."""
-        return {"mission_file": str(self.file), "sha256": self.sha256, "values": dict(self.values)}
+        return {
+            "mission_file": str(self.file),
+            "sha256": self.sha256,
+            "program": self.program,
+            "values": dict(self.values),
+        }
 
     def with_values(self, values: dict[str, Any]) -> ExternalConfig:
         """A copy with the named parameters replaced; ``UserError`` for an unknown one or an inadmissible value."""
@@ -69,22 +75,31 @@ def external_config(mission: MissionFile, values: Mapping[str, Any] | None = Non
     # 1 and 1.0 are the same number and would be two configurations.
     kinds = {"float": float, "int": int}
     plain = {n: kinds[p.kind](complete[n]) if p.kind in kinds else complete[n] for n, p in parameters.items()}
-    return ExternalConfig(mission.path, mission.sha256, plain)
+    return ExternalConfig(mission.path, mission.sha256, plain, mission.program)
 
 
 def configuration_from_dict(tree: dict[str, Any]) -> Configuration:
     """The inverse of ``to_dict``, for our missions and for others."""
     if "mission_file" not in tree:
         return config_from_dict(tree)
-    return ExternalConfig(Path(tree["mission_file"]), tree["sha256"], tree["values"])
+    return ExternalConfig(Path(tree["mission_file"]), tree["sha256"], tree["values"], tree.get("program", ""))
 
 
-@functools.lru_cache(maxsize=16)
 def same_mission_file(file: Path, sha256: str) -> MissionFile:
     """The mission file, if it is still the one with that hash; ``UserError`` otherwise."""
     mission = load_mission_file(file)
     if mission.sha256 != sha256:
         raise UserError(
             f"{file} has changed since the campaign began; put it back as it was, or begin a new campaign"
+        )
+    return mission
+
+
+@functools.lru_cache(maxsize=16)
+def _known_mission_file(file: Path, sha256: str, program: str) -> MissionFile:
+    mission = same_mission_file(file, sha256)
+    if program not in ("", mission.program):
+        raise UserError(
+            f"the program of {file} changed while its missions flew; put it back, or resume and say so"
         )
     return mission

@@ -15,6 +15,7 @@ from typing import Any, Literal
 from nbv.errors import UserError
 from nbv.foreign import is_file, parse_yaml, read_bytes
 from tuner.missions.external.checking import check
+from tuner.missions.external.program import program_digest
 from tuner.problem.objective import Direction, Objective
 from tuner.problem.search_space import Parameter, SearchSpace, Values
 
@@ -83,6 +84,7 @@ class MissionFile:
     score: dict[str, Any] | None = None
     description: str = ""
     sha256: str = ""  # of the file's bytes
+    program: str = ""  # hash of what it runs, see `tuner.missions.external.program`
 
     @property
     def folder(self) -> Path:
@@ -145,11 +147,19 @@ def load_mission_file(path: Path) -> MissionFile:
         score=tree.get("score"),
         description=tree.get("description", ""),
         sha256=hashlib.sha256(content).hexdigest(),
+        program=_program(path, tree),
     )
     _check_names(mission, source)
     _check_variables(mission, source)
     _check_ports(mission, source)
     return mission
+
+
+def _program(path: Path, tree: Mapping[str, Any]) -> str:
+    try:
+        return program_digest(path.parent, tree.get("command", ()), tree.get("function", ""))
+    except OSError as error:
+        raise UserError(f"{path}: cannot read its program: {error}; make it readable") from error
 
 
 def _direction(text: str) -> Direction:

@@ -1,0 +1,57 @@
+"""Whose program a run directory may run: the one that the command line names, or that of a campaign begun here.
+
+A run directory may come from anybody, and names a mission file. What the user began, or named on the command line, is noted
+outside it, under ``GATETUNE_HOME``, by the campaign's identity.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+from nbv.cache import home
+from nbv.errors import UserError
+from nbv.foreign import read_json
+from nbv.mission.run_directory import write_atomic
+from tuner.missions.external import MissionFile
+
+
+def trust(identity: str, mission: MissionFile) -> None:
+    """Note that the user wants the campaign to run this mission's program as it is now."""
+    path = _note(identity)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, json.dumps(_facts(mission)))
+    except OSError as error:
+        raise UserError(
+            f"cannot write {path}: {error.strerror}; set GATETUNE_HOME to a writable folder"
+        ) from error
+
+
+def require_trusted(identity: str, mission: MissionFile, directory: Path, *, program: bool) -> None:
+    """`UserError` where the campaign in ``directory`` was not begun here with this file; ``program``: and this program."""
+    try:
+        known = read_json(_note(identity))
+    except UserError:
+        known = None
+    facts = _facts(mission)
+    name_it = f"if you trust it, name it: --mission {mission.path}"
+    if not isinstance(known, dict) or any(known.get(key) != facts[key] for key in ("file", "sha256")):
+        raise UserError(
+            f"{directory} was not begun here and asks to run the program of {mission.path}; {name_it}"
+        )
+    if program and known.get("program") != facts["program"]:
+        raise UserError(
+            f"the program of {mission.path} changed since the campaign in {directory} flew it; {name_it}"
+        )
+
+
+def _facts(mission: MissionFile) -> dict[str, str]:
+    return {"file": str(mission.path), "sha256": mission.sha256, "program": mission.program}
+
+
+def _note(identity: str) -> Path:
+    if not re.fullmatch(r"[0-9a-f]{1,64}", identity):
+        raise UserError(f"{identity!r} is no campaign's identity; restore campaign.yaml")
+    return home() / "trusted" / f"{identity}.json"
