@@ -22,7 +22,7 @@ from tuner.campaign.settings_file import (
     write_settings,
 )
 from tuner.campaign.transfer import learn_from
-from tuner.campaign.trust import trust
+from tuner.missions.external.trust import trust
 from tuner.problem.secrets import require_no_password
 from tuner.samplers.registry import require_sampler
 

@@ -43,7 +43,7 @@ from tuner.campaign.settings_file import (
     settings_from_dict,
     with_mission_file,
 )
-from tuner.campaign.trust import require_trusted, trust
+from tuner.missions.external.trust import require_trusted, trust
 from tuner.missions.long_runs import exclusive
 from tuner.missions.registry import refuse_code_of_file
 from tuner.problem.exact_costs import Exact, modelled

@@ -15,8 +15,8 @@ from tuner.campaign.events import CampaignEvent, CampaignSummary, EventKind
 from tuner.campaign.ledger import TrialRecord
 from tuner.campaign.same_world import SameWorld
 from tuner.campaign.storage import DATABASE_ERRORS
-from tuner.campaign.trust import trust
 from tuner.missions.executors import Executor
+from tuner.missions.external.trust import trust
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
 from tuner.missions.long_runs import exclusive, stop_signals
 from tuner.problem.blocks import next_block

@@ -14,7 +14,7 @@ from nbv.cache import home
 from nbv.errors import UserError
 from nbv.foreign import read_json
 from nbv.mission.run_directory import write_atomic
-from tuner.missions.external import MissionFile
+from tuner.missions.external.mission_file import MissionFile
 
 
 def trust(identity: str, mission: MissionFile) -> None:
