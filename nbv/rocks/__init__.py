@@ -2,7 +2,7 @@
 
 from nbv.rocks.catalogue import list_rocks, load_rock
 from nbv.rocks.imported import remove_imported, save_imported
-from nbv.rocks.importer import import_mesh
+from nbv.rocks.importer import frame_of_file, import_mesh
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, SPLITS, Rock, RockFacts, RockInfo, Split, describe
 
 __all__ = [
@@ -13,6 +13,7 @@ __all__ = [
     "RockInfo",
     "Split",
     "describe",
+    "frame_of_file",
     "import_mesh",
     "list_rocks",
     "load_rock",

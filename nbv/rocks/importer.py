@@ -10,6 +10,7 @@ import numpy as np
 
 from nbv.errors import UserError
 from nbv.foreign import expanded
+from nbv.geometry.frames import Similarity
 from nbv.rocks import mesh as meshes
 from nbv.rocks.imported_albedo import imported_albedo
 from nbv.rocks.mesh_file import Soup, read_mesh_file
@@ -84,7 +85,7 @@ def import_mesh(
     soup = read_mesh_file(path, notes)
     soup = _clean(soup, path, keep, notes)
 
-    axis = ("y" if path.suffix.lower() in (".glb", ".gltf") else "z") if up == "auto" else up
+    axis = _upward(path, up)
     if axis != "z":
         soup.vertices = soup.vertices @ _UP[axis].T
         notes.append(f"turned upright: the file's {axis} axis is up" + (" (glTF)" if up == "auto" else ""))
@@ -129,6 +130,19 @@ def import_mesh(
         difficulty=difficulty or _measured_difficulty(vertices, faces),
         notes=tuple(notes),
     )
+
+
+def frame_of_file(path: str | Path) -> Similarity:
+    """From a mesh file's own frame to the one in which `import_mesh` puts it by default; errors as there."""
+    path = expanded(path)
+    soup = _clean(read_mesh_file(path, notes := []), path, "largest", notes)
+    turned = soup.vertices @ _UP[_upward(path, "auto")].T
+    placed, scale = meshes.rest_on_ground(turned, DEFAULT_HEIGHT_M)
+    return Similarity(scale, _UP[_upward(path, "auto")], placed[0] - scale * turned[0])
+
+
+def _upward(path: Path, up: Up) -> str:
+    return ("y" if path.suffix.lower() in (".glb", ".gltf") else "z") if up == "auto" else up
 
 
 def _default_name(path: Path) -> str:

@@ -13,7 +13,7 @@ from tuner.missions.external.configuration import external_config
 from tuner.missions.external.contract import Request
 from tuner.missions.external.flying import Flown, fly_request
 from tuner.missions.external.mission_file import MissionFile
-from tuner.missions.external.runner import OUTPUT, run_external_mission
+from tuner.missions.external.runner import HARDLY_OVERLAP, OUTPUT, UNTIDY, run_external_mission
 from tuner.missions.external.slots import slots_of, take_slot
 from tuner.problem.objective import dotted
 
@@ -84,6 +84,8 @@ def _fly_default(
         there = ", ".join(dotted(result.metrics)) or "none"
         return Verdict(part, "failed", f"no metric {mission.objective.metric!r}; there are {there}"), None
     text = f"{mission.objective.metric} = {value:.6g} on {instance!r} in {result.costs['wall_s']:.2f} s"
+    if result.reason == HARDLY_OVERLAP:
+        return Verdict(part, "warning", f"{text}, but {result.message}"), result
     if not before:
         return Verdict(part, "ok", text), result
     first = mission.objective.measure(before[0].metrics)
@@ -143,7 +145,7 @@ def _time_out(mission: MissionFile, flown: Flown, limit_s: float) -> Verdict:
 def _clean_up(flown: list[MissionResult], stopped: Flown) -> Verdict:
     if left := stopped.ended.survived:
         return Verdict("clean-up", "failed", f"{left} processes could not be ended")
-    notes = [result.message for result in flown if result.message]
+    notes = [result.message for result in flown if result.reason == UNTIDY]
     if notes:
         return Verdict("clean-up", "warning", f"nothing is left now, but {notes[0]}")
     others = stopped.ended.left_behind

@@ -17,6 +17,8 @@ from tuner.missions.external.flying import fly_request, require_no_fault_of_the_
 from tuner.missions.external.scoring import score_cloud
 from tuner.missions.external.slots import slots_of, take_slot
 
+UNTIDY = "untidy_end"
+HARDLY_OVERLAP = "hardly_overlap"  # cloud and mesh
 OUTPUT = "output"  # of the mission, in its directory
 
 
@@ -59,10 +61,11 @@ def _run(
         flown = fly_request(request)
         ended, result = flown.ended, flown.result
         require_no_fault_of_the_machine(result)
-        failure, metrics = result.failure, dict(result.metrics)
+        failure, metrics, warning = result.failure, dict(result.metrics), ""
         if failure is None and result.cloud is not None and mission.score is not None:
             try:
-                metrics |= score_cloud(mission, rock, output, result.cloud, Store())
+                scored, warning = score_cloud(mission, rock, output, result.cloud, Store())
+                metrics |= scored
             except MissionFailure as error:  # nothing left of the cloud: the configuration's
                 return _failed(
                     config, rock, replicate, error.reason, error.message, result.cost, ended.wall_s
@@ -76,9 +79,10 @@ def _run(
         notes = [f"ended with status {ended.status}"] if ended.status else []
         notes += [f"{ended.left_behind} processes outlived it and were ended"] if ended.left_behind else []
         notes += [f"{ended.survived} processes could not be ended"] if ended.survived else []
+        notes += [warning] if warning else []
         return MissionResult(
             status="degraded" if notes else "ok",
-            reason="untidy_end" if notes else "",
+            reason=HARDLY_OVERLAP if warning else UNTIDY if notes else "",
             message="; ".join(notes),
             config_digest=config.digest(),
             rock=rock,

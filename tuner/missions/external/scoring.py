@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from scipy.spatial import KDTree
 
 from nbv.cache import Store
 from nbv.config import MissionConfig, preset
@@ -16,12 +17,15 @@ from nbv.errors import MissionFailure
 from nbv.evaluation import evaluate_cloud
 from nbv.foreign import read_bytes
 from nbv.geometry.frames import Similarity, align_umeyama
-from nbv.rocks import load_rock
+from nbv.rocks import Rock, frame_of_file, load_rock
 from nbv.types import Floats, PointCloud
 from tuner.missions.external.mission_file import MissionFile
 
 MAX_CLOUD_BYTES = 2 * 1024**3
 _FEWEST_CAMERAS = 3
+_OVERLAP_SAMPLES = 20_000
+_NEAR = 0.1  # of the mesh's height
+_LEAST_OVERLAP = 0.1  # share of points
 
 
 def scoring_config(mission: MissionFile) -> MissionConfig:
@@ -32,11 +36,12 @@ def scoring_config(mission: MissionFile) -> MissionConfig:
 
 def score_cloud(
     mission: MissionFile, instance: str, output: Path, cloud: Mapping[str, Any], store: Store | None
-) -> dict[str, Any]:
-    """The metrics of the PLY that a result names, against its instance's mesh.
+) -> tuple[dict[str, Any], str]:
+    """The metrics of the PLY that a result names against its instance's mesh, and a warning where they hardly overlap.
 
-    The mesh is a file beside the mission file, as `nbv.rocks.import_mesh` places it, or a rock's name. With ``cameras`` the
-    cloud is first aligned by the least-squares similarity from estimated to reported centres (Umeyama, PAMI 1991).
+    The mesh is a file beside the mission file, or a rock's name. With ``cameras`` the cloud is first aligned by the
+    least-squares similarity from estimated to reported centres (Umeyama, PAMI 1991). It is then in the mesh's own frame
+    (``frame: mesh``) and moved with the mesh to where `nbv.rocks.import_mesh` puts that, or there already (``frame: rock``).
 
     Raises
     ------
@@ -50,7 +55,31 @@ def score_cloud(
     points_m = _read_points(output / cloud["path"])
     if cameras := cloud.get("cameras"):
         points_m = _world_from_cloud(cameras).apply(points_m)
-    return evaluate_cloud(PointCloud(points_m), rock, scoring_config(mission), store).metrics
+    if file.is_file() and (mission.score or {}).get("frame", "mesh") == "mesh":
+        points_m = frame_of_file(file).apply(points_m)
+    warning = _hardly_overlap(points_m, rock, mesh)
+    try:
+        return evaluate_cloud(PointCloud(points_m), rock, scoring_config(mission), store).metrics, warning
+    except MissionFailure as error:
+        if not warning:
+            raise
+        raise MissionFailure(error.reason, f"{error.message}; {warning}") from error
+
+
+def _hardly_overlap(points_m: Floats, rock: Rock, mesh: str) -> str:
+    """A sentence where hardly any of the cloud (N, 3) is near the mesh, or hardly any of the mesh near the cloud."""
+    cloud, surface = (some[:: max(1, len(some) // _OVERLAP_SAMPLES)] for some in (points_m, rock.vertices_m))
+    reach_m = _NEAR * float(np.ptp(rock.vertices_m[:, 2]))
+    near = [
+        float(np.isfinite(KDTree(there).query(here, distance_upper_bound=reach_m)[0]).mean())
+        for here, there in ((cloud, surface), (surface, cloud))
+    ]
+    if min(near) >= _LEAST_OVERLAP:
+        return ""
+    return (
+        f"cloud and mesh hardly overlap: {100 * near[0]:.0f} % of the cloud is near {mesh}, {100 * near[1]:.0f} % of that near "
+        "the cloud; put both into one frame (docs/how-to/your-mission.md)"
+    )
 
 
 def _read_points(path: Path) -> Floats:

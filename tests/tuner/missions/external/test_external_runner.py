@@ -20,6 +20,7 @@ from tuner.missions.external import external_config, load_mission_file
 from tuner.missions.external.ending import marked
 from tuner.missions.external.rehearsal import rehearse
 from tuner.missions.external.runner import run_external_mission
+from tuner.missions.external.scoring import score_cloud
 
 FLY = """
 import json, os, pathlib, signal, time
@@ -239,9 +240,34 @@ def test_a_cloud_is_aligned_by_its_cameras_and_measured(tmp_path, monkeypatch):
         direction="maximise",
     )
     assert flown.metrics == {"observable": {"f_score_48mm": 50.0}}
-    np.testing.assert_allclose(seen["cloud"].points_m, points, atol=1e-5)
+    # The ball of radius 1 is a rock 1.6 m tall on the ground, and the cloud is moved with it.
+    np.testing.assert_allclose(seen["cloud"].points_m, 0.8 * points + (0, 0, 0.8), atol=1e-5)
     assert seen["rock"].name == "ball" and seen["config"].evaluation.gt_samples == 2000
     assert not (tmp_path / "m/output/cloud.ply").exists()  # a summary keeps what the result names
+
+
+@pytest.mark.slow
+def test_a_cloud_is_measured_in_the_frame_of_its_mesh(tmp_path):
+    """The same cloud has the same score there as in our frame, and one elsewhere is warned about."""
+    ball = trimesh.creation.icosphere(4)
+    cloud = ball.sample(20_000, seed=1)
+
+    def score(cloud, **score):
+        trimesh.PointCloud(cloud).export(tmp_path / "cloud.ply")
+        changes = {"score": {"set": {"evaluation.gt_samples": 2000}, **score}}
+        mission = mission_file(tmp_path, instances=[{"name": "a", "mesh": "ball.ply"}], **changes)
+        return score_cloud(mission, "a", tmp_path, {"path": "cloud.ply"}, None)
+
+    ball.vertices = 5 * ball.vertices + (100, -50, 20)
+    ball.export(tmp_path / "ball.ply")
+    theirs, warning = score(5 * cloud + (100, -50, 20))
+    ours, _ = score(0.8 * cloud + (0, 0, 0.8), frame="rock")
+    assert theirs["observable"]["f_score_48mm"] > 90 and not warning
+    assert theirs["observable"]["f_score_48mm"] == pytest.approx(ours["observable"]["f_score_48mm"], abs=0.5)
+    _, warning = score(1.5 * cloud + (100, -50, 20))
+    assert "cloud and mesh hardly overlap" in warning and "ball.ply" in warning
+    with pytest.raises(MissionFailure, match="hardly overlap"):
+        score(cloud)
 
 
 @pytest.mark.parametrize("shell", [False, True])
