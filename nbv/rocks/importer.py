@@ -135,7 +135,8 @@ def import_mesh(
 def frame_of_file(path: str | Path) -> Similarity:
     """From a mesh file's own frame to the one in which `import_mesh` puts it by default; errors as there."""
     path = expanded(path)
-    soup = _clean(read_mesh_file(path, notes := []), path, "largest", notes)
+    notes: list[str] = []
+    soup = _clean(read_mesh_file(path, notes), path, "largest", notes)
     turned = soup.vertices @ _UP[_upward(path, "auto")].T
     placed, scale = meshes.rest_on_ground(turned, DEFAULT_HEIGHT_M)
     return Similarity(scale, _UP[_upward(path, "auto")], placed[0] - scale * turned[0])
