@@ -4,7 +4,7 @@ VENV ?= .venv
 RUN ?= tune
 BIN = $(VENV)/bin
 
-.PHONY: tune test fast-test lint docs setup wheel-test peers clean
+.PHONY: tune test fast-test lint docs setup wheel-test research-test clean
 .DEFAULT_GOAL := help
 
 help:
@@ -16,7 +16,7 @@ help:
 	@echo "make lint        ruff, mypy, import-linter"
 	@echo "make docs        build the documentation into site/"
 	@echo "make wheel-test  build sdist and wheel; run the three jobs from the wheel in an empty environment"
-	@echo "make peers       set up Ax, SMAC3 and HEBO for --sampler ax, smac, hebo"
+	@echo "make research-test  the tests of research/"
 
 setup: $(VENV)/.ready
 
@@ -33,16 +33,17 @@ fast-test: setup
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -m "not slow"
 
 fuzz: setup
-	OMP_NUM_THREADS=1 $(BIN)/python benchmarks/fuzz.py
+	OMP_NUM_THREADS=1 $(BIN)/python -m research.fuzz
 
 faults: setup
-	$(BIN)/python benchmarks/faults.py
+	$(BIN)/python -m research.faults
 
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python docs/structure.py | grep "^large:" || true
 
 docs: setup
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
@@ -50,8 +51,8 @@ docs: setup
 wheel-test: setup
 	.ci/wheel-test $(VENV)
 
-peers: setup
-	$(BIN)/python benchmarks/peers/setup.py
+research-test: setup
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 tests/research
 
 clean:
 	rm -rf $(VENV) .peers

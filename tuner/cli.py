@@ -25,7 +25,6 @@ from tuner.commands import (  # noqa: E402
     doctor,
     evaluate,
     export,
-    learn_gate,
     mission,
     reproduce,
     rocks,
@@ -79,9 +78,6 @@ app.command(
 )(reproduce.reproduce)
 app.command(name="export", short_help="The recommendation as files for the vehicle.")(export.export)
 app.add_typer(studies.app, name="study", help="How noisy the objective is; what it depends on.")
-app.command(name="learn-gate", short_help="Train the learned gate from missions' logs.")(
-    learn_gate.learn_gate
-)
 app.add_typer(mission.app, name="mission", help="Fly one mission; explain its decisions; draw its figures.")
 app.add_typer(rocks.app, name="rocks", help="List, show and import rocks.")
 app.add_typer(cache.app, name="cache", help="The store of photographs, features, pairs and seed models.")

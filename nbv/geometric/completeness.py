@@ -28,7 +28,7 @@ Floats32 = NDArray[np.float32]
 class DenseModel:
     """Free constants of the simulated dense stage.
 
-    Fitted by maximum likelihood to real depth maps, sample by sample (``benchmarks/geometric_calibration.py``;
+    Fitted by maximum likelihood to real depth maps, sample by sample (``research/geometric_calibration.py``;
     docs/results/low_fidelity.md).
     """
 

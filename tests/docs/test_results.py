@@ -73,7 +73,7 @@ def test_every_image_is_shown_somewhere():
 
 
 def test_figures_are_drawn_from_the_data_alone():
-    spec = importlib.util.spec_from_file_location("result_figures", ROOT / "benchmarks" / "result_figures.py")
+    spec = importlib.util.spec_from_file_location("result_figures", ROOT / "research" / "result_figures.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -4,18 +4,12 @@ from __future__ import annotations
 
 import ast
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 ROOMS = sorted(path.parent for package in ("nbv", "tuner") for path in (ROOT / package).rglob("__init__.py"))
-LONGEST_FILE = 400  # lines
-LONGEST_TEST_NAME = 60  # characters
-MOST_FILES = 17  # in one room
-MOST_PUBLIC_NAMES = 16  # of one room
-VOCABULARY = ROOT / "nbv" / "config"  # its sections are what everybody talks in
 NOTHING_OUTSIDE = {ROOT / "tuner" / "commands", ROOT / "tuner" / "studies"}  # used by the command line alone
 
 
@@ -23,18 +17,10 @@ def names(paths: list[Path]) -> list[str]:
     return [str(path.relative_to(ROOT)) for path in paths]
 
 
-def functions(path: Path) -> Iterator[ast.FunctionDef]:
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.FunctionDef):
-            yield node
-
-
 @pytest.mark.parametrize("room", ROOMS, ids=names(ROOMS))
 def test_a_room_says_what_it_is_for(room: Path) -> None:
     tree = ast.parse((room / "__init__.py").read_text())
     assert len(ast.get_docstring(tree) or "") > 20, "a docstring that says what the room is for"
-    files = [*room.glob("*.py")]
-    assert len(files) <= MOST_FILES, f"{len(files)} files; make a room of some of them"
 
 
 @pytest.mark.parametrize(
@@ -52,37 +38,16 @@ def test_a_room_exports_a_few_names(room: Path) -> None:
     assert exported, "__all__ names what the room exports"
     assert isinstance(exported[0], ast.List)
     assert len(exported[0].elts) >= 1
-    assert room == VOCABULARY or len(exported[0].elts) <= MOST_PUBLIC_NAMES
-
-
-def test_files_are_small() -> None:
-    long = {
-        str(path.relative_to(ROOT)): count
-        for package in ("nbv", "tuner")
-        for path in (ROOT / package).rglob("*.py")
-        if (count := len(path.read_text().splitlines())) > LONGEST_FILE
-    }
-    assert not long
 
 
 def test_the_formatter_decides() -> None:
     skipped = [
         path
-        for folder in ("nbv", "tuner", "tests", "benchmarks")
+        for folder in ("nbv", "tuner", "tests", "research")
         for path in (ROOT / folder).rglob("*.py")
         if "fmt: " + "skip" in path.read_text()
     ]
     assert not names(skipped)
-
-
-def test_names_of_tests_fit_a_line() -> None:
-    long = [
-        f.name
-        for path in (ROOT / "tests").rglob("test_*.py")
-        for f in functions(path)
-        if f.name.startswith("test_") and len(f.name) > LONGEST_TEST_NAME
-    ]
-    assert not long
 
 
 def test_every_marker_of_the_layers_is_a_room() -> None:
@@ -104,7 +69,6 @@ OWN_WORDS = {
     "tuner/missions/external/call.py",
     "tuner/missions/external/skeleton_files.py",
     "tuner/missions/server.py",
-    "tuner/samplers/peers.py",
 }
 
 

@@ -24,7 +24,6 @@ from tuner.campaign.settings_file import (
 from tuner.campaign.transfer import learn_from
 from tuner.missions.external.trust import trust
 from tuner.problem.secrets import require_no_password
-from tuner.samplers.registry import require_sampler
 
 
 def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
@@ -49,7 +48,6 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
     if settings.learn_from:
         learned = learn_from(settings.learn_from, settings.space, settings.base_config(), settings.objective)
     sampler_of(settings)
-    require_sampler(settings.sampler)  # here and not in make_sampler: a report must open without the peer
     was_there = directory.exists()
     try:
         directory.mkdir(parents=True, exist_ok=True)

@@ -26,9 +26,7 @@ from tuner.problem.search_space import Configuration, SearchSpace, Values, ours
 from tuner.problem.secrets import require_no_password
 from tuner.problem.worlds import World, worlds_over
 from tuner.samplers.design import initial_design_size
-from tuner.samplers.registry import (
-    ALL_SAMPLER_NAMES,
-)
+from tuner.samplers.registry import SAMPLER_NAMES
 
 
 @dataclass(frozen=True)
@@ -101,8 +99,8 @@ class CampaignSettings:
         require_no_password(self.storage)
         self._check_mission()
         self._check_options()
-        if self.sampler not in ALL_SAMPLER_NAMES:
-            raise UserError(f"unknown sampler {self.sampler!r}; there are {', '.join(ALL_SAMPLER_NAMES)}")
+        if self.sampler not in SAMPLER_NAMES:
+            raise UserError(f"unknown sampler {self.sampler!r}; there are {', '.join(SAMPLER_NAMES)}")
         self.default_values()  # the space must fit the preset
         self._check_conditions()
         self._check_limit()

@@ -158,7 +158,7 @@ def run(
     sampler: Annotated[
         str | None,
         typer.Option(
-            help="gp (default), sobol, random, tpe, cmaes, optuna-gp; after `make peers` ax, smac, hebo.",
+            help="gp (default), sobol, random, tpe, cmaes, optuna-gp.",
             rich_help_panel=_LONG,
         ),
     ] = None,

@@ -20,7 +20,7 @@ RUNNERS = {
     "geometric": "nbv.geometric:run_geometric_mission",
     "geometric-with-oracle": "nbv.geometric:run_geometric_mission_with_oracle",
     "external": "tuner.missions.external.runner:run_external_mission",
-    "several-agreement-levels": "tuner.studies.runner:run_study_mission",
+    "several-agreement-levels": "nbv.photogrammetric.agreement_levels:run_study_mission",
 }
 DEFAULT_RUNNER = "photogrammetric"
 # What their missions import when they need it, and a server before it forks, lest every mission does.

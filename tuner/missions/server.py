@@ -9,7 +9,7 @@ fresh interpreter. Lines of JSON: in ``{"op": "run", "job": {...}}`` and ``{"op"
 killed, all missions are killed: none outlives its campaign.
 
 What it buys over a library, with a process of its own for every mission, one worker and a warm store
-(``benchmarks/mission_processes.py``, medians of three rounds on two busy cores, 2026-11): a geometric mission takes 0.57
+(medians of three rounds on two busy cores, 2026-11): a geometric mission takes 0.57
 of the time under pebble 5.2.3 and 0.77 of that under `concurrent.futures`, whose processes read the rock again; a
 photogrammetric one 0.88 of that under `concurrent.futures`. Under pebble a process that a hung mission had started
 outlived the time-out; under `concurrent.futures` one aborted mission broke the pool and a hung one went on; under both

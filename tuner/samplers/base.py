@@ -31,7 +31,7 @@ class Sampler(Protocol):
 
     @property
     def name(self) -> str:
-        """As in ``tuner.samplers.registry.ALL_SAMPLER_NAMES``."""
+        """As in ``tuner.samplers.registry.SAMPLER_NAMES``."""
         ...
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:

@@ -9,7 +9,6 @@ from collections.abc import Callable
 
 from nbv.config.registry import Registry
 from tuner.samplers.base import Sampler, SamplerSettings
-from tuner.samplers.peers import PEER_NAMES, make_peer_sampler, peer_command
 
 # A function each that makes a sampler of (name, settings).
 SAMPLERS = Registry(
@@ -23,20 +22,7 @@ SAMPLERS = Registry(
         "optuna-gp": "tuner.samplers.optuna:make_optuna_sampler",
     },
 )
-SAMPLER_NAMES = tuple(SAMPLERS)  # these are always there
-ALL_SAMPLER_NAMES = (*SAMPLER_NAMES, *PEER_NAMES)
-
-
-def require_sampler(name: str) -> None:
-    """Check that what sampler ``name`` needs is installed.
-
-    Raises
-    ------
-    UserError
-        The environment of a peer has not been set up.
-    """
-    if name in PEER_NAMES:
-        peer_command(name)
+SAMPLER_NAMES = tuple(SAMPLERS)
 
 
 def make_sampler(name: str, settings: SamplerSettings) -> Sampler:
@@ -47,7 +33,5 @@ def make_sampler(name: str, settings: SamplerSettings) -> Sampler:
     UserError
         No such sampler, or one that cannot handle the search space.
     """
-    if name in PEER_NAMES:
-        return make_peer_sampler(name, settings)
     make: Callable[[str, SamplerSettings], Sampler] = SAMPLERS.load(name)
     return make(name, settings)

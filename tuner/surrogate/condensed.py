@@ -8,7 +8,7 @@ pseudo-outcomes at Z under correlated noise,
     S = (I / s^2 + W L^-1 W')^-1,   y_Z = S (y(Z) / s^2 + W L^-1 y(R)),   W = K_ZZ^-1 K_ZR,   L = s^2 + k_RR - diag(K_RZ W)
 
 (R the rest, s^2 the noise), so that everything built on an exact Gaussian process goes on as it is. The cost is linear in the
-missions. ``benchmarks/large_ledger.py`` compares it with the exact model.
+missions. ``research/large_ledger.py`` compares it with the exact model.
 """
 
 from __future__ import annotations

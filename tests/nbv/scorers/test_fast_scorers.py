@@ -1,4 +1,4 @@
-"""The fast scorers against the same written plainly in double precision (benchmarks/scoring_reference.py)."""
+"""The fast scorers against the same written plainly in double precision (tests/support/scoring_reference.py)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 import scoring_reference as reference
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scoring_speed import synthetic_state
+from scoring_state import synthetic_state
 
 from nbv.config import MissionConfig
 from nbv.geometry.frustum import in_frustum

@@ -140,7 +140,7 @@ def test_the_ranking_is_eq_1_with_its_own_main_term_and_weights(synthetic) -> No
 def synthetic():
     from dataclasses import replace
 
-    from scoring_speed import synthetic_state
+    from scoring_state import synthetic_state
 
     def make(flat: bool):
         state, pool = synthetic_state(500, config(), 0)

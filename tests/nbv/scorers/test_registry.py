@@ -7,7 +7,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from scoring_speed import synthetic_state
+from scoring_state import synthetic_state
 
 from nbv.config import SCORERS, MissionConfig, Weights
 from nbv.errors import UserError

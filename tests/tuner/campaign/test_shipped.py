@@ -35,7 +35,7 @@ def test_they_fit_their_space_and_use_procedural_training_rocks(name: str) -> No
 @pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(path.stem for path in DIRECTORY.glob("*.json")))
 def test_a_mission_of_today_gives_what_is_recorded(name: str) -> None:
-    """Fails when missions have changed: then fly the campaign again (benchmarks/ship_missions.py)."""
+    """Fails when missions have changed: then fly the campaign again (research/ship_missions.py)."""
     space = load_search_space(name)
     earlier, config = shipped_missions(space, Objective()), CampaignSettings("x", space, ("x",), 1).config
     on_one_rock = [o for o in earlier.observations if o.rock == "cavern" and o.raw is not None]

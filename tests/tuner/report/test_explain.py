@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from scoring_speed import synthetic_state
+from scoring_state import synthetic_state
 
 from nbv.config import preset
 from nbv.mission.planning_state import save_state

@@ -8,11 +8,11 @@ import pytest
 from fake_study import SD
 
 from nbv.errors import UserError
+from nbv.photogrammetric.agreement_levels import AGREEMENT_LEVELS
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.space_files import load_search_space
 from tuner.studies.noise.report import noise_markdown, write_noise_report
 from tuner.studies.noise.study import NoiseSettings, analyse
-from tuner.studies.runner import AGREEMENT_LEVELS
 from tuner.studies.study_directory import fly
 
 METRIC = "observable.f_score_48mm"

@@ -1,14 +1,11 @@
-"""``gatetune study`` and ``gatetune learn-gate`` from the command line."""
+"""``gatetune study`` from the command line."""
 
 from __future__ import annotations
 
 import json
 
 import pytest
-import yaml
-from fake_study import fake_study_mission
 
-from nbv.config import MissionConfig
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.space_files import load_search_space
 from tuner.studies.noise.study import NoiseSettings
@@ -30,7 +27,6 @@ NOISE = ["study", "noise", "--rock", "boulder", "--space", "gate"]
         (["study", "noise", "--rock", "arch"], "held out"),
         (["study", "noise", "--report-only"], "no noise study"),
         (["study", "sensitivity", "nowhere"], "nowhere"),
-        (["learn-gate", "nowhere"], "nowhere"),
         (["mission", "figures", "nowhere", "--rock", "boulder"], "nowhere"),
     ],
 )
@@ -72,12 +68,3 @@ def test_a_flown_study_is_reported_and_taken_apart(gatetune, tmp_path):
     )  # learned, random, greedy oracle
     tree = json.loads((tmp_path / "study" / "sensitivity" / "sensitivity.json").read_text())
     assert {p["path"] for p in tree["parameters"]} == {"gate.budget_fraction", "gate.d95_m"}
-
-
-def test_missions_without_logged_decisions(gatetune, tmp_path):
-    (tmp_path / "m").mkdir()
-    result = fake_study_mission(MissionConfig(), "r0", 0, tmp_path / "m")
-    (tmp_path / "m" / "mission.json").write_text(result.to_json())
-    (tmp_path / "m" / "config.yaml").write_text(yaml.safe_dump(MissionConfig().to_dict()))
-    code, _, err = gatetune("learn-gate", "m")
-    assert code == 2 and "no mission logged" in err and not (tmp_path / "policy.json").exists()

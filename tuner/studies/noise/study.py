@@ -7,7 +7,7 @@ The run directory::
     repeats/           further replicates of the default configuration
     noise.json  noise.md  figures/
 
-Fusion strictness costs no flight: each mission is measured at all levels (``tuner.studies.runner``).
+Fusion strictness costs no flight: each mission is measured at all levels (``nbv.photogrammetric.agreement_levels``).
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ from scipy.stats import qmc
 
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
+from nbv.photogrammetric.agreement_levels import AGREEMENT_LEVELS
 from nbv.types import Floats
 from tuner.evaluation.baselines import baseline
 from tuner.evaluation.flying import failure_counts
@@ -38,7 +39,6 @@ from tuner.studies.noise.variance import (
     pooled_variance,
     variance_components,
 )
-from tuner.studies.runner import AGREEMENT_LEVELS
 from tuner.studies.study_directory import StudySettings, flown
 
 DEFAULT = "default"

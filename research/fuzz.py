@@ -1,0 +1,581 @@
+"""`make fuzz`: damaged and made-up files through every parser, and the command line; a table of how each case ended.
+
+Each target reads one file or one list of arguments. Its seeds are what this program writes itself; a case is a seed after a few
+mutations drawn from (target, number), so that ``--only TARGET:NUMBER`` repeats it. Cases run in child processes with limits
+on memory (2 GB more than at the start) and on time (10 s of computing or 60 s in all). What is neither read nor refused in one line is a finding.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import csv
+import io
+import json
+import multiprocessing
+import os
+import random
+import re
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+os.environ["OMP_NUM_THREADS"] = (
+    "1"  # before numpy and torch are loaded: a process with threads cannot be forked
+)
+ROOT = Path(__file__).resolve().parents[1]
+CORPUS = ROOT / "tests" / "data" / "fuzz"
+TIME_LIMIT_S = 10
+MEMORY_LIMIT = 2 * 2**30
+FIRST_BATCH, TURN_S = 25, 3.0
+OUTCOMES = ("read", "refused", "traceback", "hang", "memory", "died", "escaped")
+TOKENS = [
+    *(
+        b"\x00",
+        b"\xff\xfe",
+        b"\n",
+        b"{",
+        b"}",
+        b"[",
+        b"]",
+        b":",
+        b"- ",
+        b"&a ",
+        b"*a",
+        b"!!python/name:os.system ",
+        b"<<: *a",
+    ),
+    *(
+        b"-1",
+        b"0",
+        b"1e999",
+        b"nan",
+        b".inf",
+        b"99999999999999999999",
+        b"-0.0",
+        b"1e-320",
+        b"true",
+        b"null",
+        b"''",
+        b"2001-01-01",
+    ),
+    *(
+        b"../../x",
+        b"/dev/zero",
+        b"/dev/stdin",
+        b"~nobody/x",
+        b"[/red]",
+        b"\xed\xa0\x80",
+        "\u202e".encode(),
+        b"a" * 5000,
+        b"[" * 200,
+    ),
+]
+
+
+# -- targets: what reads a file -------------------------------------------------------------------------------
+
+
+def _settings(path: Path) -> None:
+    from tuner.campaign.settings_file import read_settings_file, settings_from_dict
+
+    settings_from_dict(read_settings_file(path), str(path))
+
+
+def _space(path: Path) -> None:
+    from tuner.problem.space_files import load_search_space
+
+    load_search_space(path)
+
+
+def _condition(path: Path) -> None:
+    from nbv.config import load_condition, preset, under
+
+    under(preset("campaign"), load_condition(str(path)))
+
+
+def _config(path: Path) -> None:
+    from nbv.config import config_from_dict
+    from nbv.foreign import read_yaml
+
+    config_from_dict(read_yaml(path))
+
+
+def _mission_file(path: Path) -> None:
+    from tuner.missions.external import load_mission_file
+
+    load_mission_file(path)
+
+
+def _authors_file(path: Path) -> None:
+    from tuner.bridges.photogrammetry_nbv.files import read_file
+    from tuner.bridges.photogrammetry_nbv.keys import FILES
+
+    read_file(path, next(iter(FILES)))
+
+
+def _result(path: Path) -> None:
+    from tuner.missions.external.contract import read_result
+
+    read_result(path)
+
+
+def _mission_result(path: Path) -> None:
+    from nbv.mission.result import MissionResult
+
+    MissionResult.load(path)
+
+
+def _policy(path: Path) -> None:
+    from nbv.config import preset
+    from nbv.gates.learned import LearnedGate  # noqa: F401  the kind must be known
+    from nbv.gates.registry import make_gate
+
+    make_gate(preset("campaign").with_values({"gate.kind": "learned", "gate.learned_policy": str(path)}))
+
+
+def _state(path: Path) -> None:
+    from nbv.mission.planning_state import load_state
+
+    load_state(path)
+
+
+def _rock(path: Path) -> None:
+    from nbv.errors import UserError
+    from nbv.rocks.imported import DamagedRockError, read_rock
+
+    try:
+        read_rock(path)
+    except DamagedRockError as error:
+        raise UserError(str(error)) from error
+
+
+def _mesh(path: Path) -> None:
+    from nbv.rocks.importer import import_mesh
+
+    import_mesh(path)
+
+
+def _texture(path: Path) -> None:
+    from PIL import Image
+
+    from nbv.rocks.texture import linear_image
+
+    del linear_image, Image
+    mesh = path.with_name("beside.obj")
+    mesh.write_text(TETRAHEDRON)
+    from nbv.rocks.importer import import_mesh
+
+    import_mesh(mesh, albedo=path)
+
+
+def _store(path: Path) -> None:
+    from nbv.cache import Store
+
+    store = Store(path.parent / "store")
+    place = store.root / "kind" / "ab" / "abcd"
+    place.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copy(path, place)
+    assert store.get("kind", "abcd") is None or path.read_bytes() == SEEDS["store entry"][0]
+
+
+def _campaign(name: str) -> Callable[[Path], None]:
+    def read(path: Path) -> None:
+        from tuner.campaign.campaign import Campaign
+
+        run = path.parent / "run"
+        shutil.rmtree(run, ignore_errors=True)
+        shutil.copytree(FLOWN, run)
+        shutil.copy(path, run / name)
+        campaign = Campaign.open(run, read_only=True)
+        believed = [(t.values, t.raw, t.rock) for t in campaign.trials() if t.state != "running"]
+        assert all(b in TRUTH for b in believed), "a changed ledger was believed"
+        campaign.recommendation(save=False)
+
+    return read
+
+
+def _command_line(path: Path) -> None:
+    from tuner.cli import main
+
+    arguments = [part.decode(errors="surrogateescape") for part in path.read_bytes().split(b"\0")]
+    if {"run", "evaluate", "reproduce", "study", "noise"} & set(arguments):  # no rock is made
+        arguments += ["--rock", "no-such-rock"] if arguments[0] != "mission" else []
+    sys.argv = ["gatetune", *arguments]
+    os.chdir(path.parent)
+    try:
+        main()
+    except SystemExit as error:
+        log = path.parent / "home" / "last_error.log"
+        if error.code == 70:
+            raise RuntimeError(log.read_text(errors="replace") if log.is_file() else "exit 70") from None
+        if error.code not in (0, 1, None):
+            from nbv.errors import UserError
+
+            raise UserError("exit status 2") from None
+
+
+TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+ARGUMENTS = [
+    [
+        "campaign",
+        "run",
+        "--budget",
+        "2",
+        "--replicates",
+        "1",
+        "--name",
+        "x",
+        "--rock",
+        "boulder",
+        "--seed",
+        "1",
+    ],
+    ["campaign", "run", "--settings", "x.yaml", "--set", "gate.d95_m=0.1", "--fidelity", "geometric"],
+    ["campaign", "status", "run"],
+    ["campaign", "resume", "nowhere", "--missions", "3", "--workers", "1"],
+    ["mission", "explain", "run"],
+    ["mission", "figures", "run"],
+    ["rocks", "list"],
+    ["rocks", "show", "no-such-rock"],
+    ["rocks", "import", "x.obj", "--name", "x"],
+    ["config", "show", "campaign"],
+    ["config", "paths"],
+    ["export", "run", "--to", "x.yaml"],
+    ["evaluate", "run", "--rock", "fin"],
+    ["cache", "info"],
+    ["cache", "prune", "--max-gb", "1"],
+    ["study", "noise", "--rock", "x"],
+    ["--version"],
+]
+
+SEEDS: dict[str, list[bytes]] = {}
+TARGETS: dict[str, tuple[str, Callable[[Path], None]]] = {
+    "settings file": ("x.yaml", _settings),
+    "search space": ("x.yaml", _space),
+    "condition": ("x.yaml", _condition),
+    "configuration": ("x.yaml", _config),
+    "mission file": ("mission.yaml", _mission_file),
+    "authors' file": ("x.yaml", _authors_file),
+    "result.json": ("result.json", _result),
+    "mission.json": ("mission.json", _mission_result),
+    "gate policy": ("policy.json", _policy),
+    "planning state": ("state.npz", _state),
+    "rock": ("rock.npz", _rock),
+    "mesh OBJ": ("m.obj", _mesh),
+    "mesh PLY": ("m.ply", _mesh),
+    "mesh STL": ("m.stl", _mesh),
+    "mesh GLB": ("m.glb", _mesh),
+    "texture": ("t.png", _texture),
+    "store entry": ("entry", _store),
+    "ledger": ("study.journal", _campaign("study.journal")),
+    "campaign.yaml": ("campaign.yaml", _campaign("campaign.yaml")),
+    "recommendation": ("recommendation.json", _campaign("recommendation.json")),
+    "command line": ("arguments", _command_line),
+}
+FLOWN = Path()
+TRUTH: list[tuple[Any, ...]] = []
+
+
+def make_seeds(folder: Path) -> None:
+    """Files of every kind, written by this program."""
+    global FLOWN
+    sys.path[:0] = [str(ROOT), str(ROOT / "tests" / "support")]
+    import fake_campaigns
+    import gate_states
+    import numpy as np
+    import trimesh
+    import yaml
+    from PIL import Image
+
+    from nbv.cache import Store
+    from nbv.config import preset
+    from nbv.gates.learned import shipped_policy
+    from nbv.mission.planning_state import save_state
+    from nbv.rocks.imported import write_rock
+    from nbv.rocks.importer import import_mesh
+    from tuner.bridges.photogrammetry_nbv.files import write_text
+    from tuner.bridges.photogrammetry_nbv.keys import FILES
+    from tuner.missions.external.skeleton_files import write_skeleton
+
+    FLOWN = folder / "flown"
+    campaign = fake_campaigns.run(FLOWN, sampler="sobol", budget=3)
+    TRUTH[:] = [(t.values, t.raw, t.rock) for t in campaign.trials()]
+    campaign.recommendation()
+    SEEDS["campaign.yaml"] = [(FLOWN / "campaign.yaml").read_bytes()]
+    settings = yaml.safe_load(SEEDS["campaign.yaml"][0])["settings"] | {
+        "runner": "geometric",
+        "rocks": ["boulder"],
+    }
+    small = b"rocks: [boulder, slab]\nbudget: 8\nsearch_space: gate\nconditions: [ideal, field]\nname: x\n"
+    SEEDS["settings file"] = [yaml.safe_dump(settings).encode(), small]
+    SEEDS["search space"] = [p.read_bytes() for p in sorted((ROOT / "search_spaces").glob("*.yaml"))]
+    SEEDS["condition"] = [p.read_bytes() for p in sorted((ROOT / "conditions").glob("*.yaml"))]
+    SEEDS["configuration"] = [yaml.safe_dump(preset("campaign").to_dict()).encode()]
+    write_skeleton(folder / "skeleton")
+    SEEDS["mission file"] = [p.read_bytes() for p in sorted((folder / "skeleton").glob("*.yaml"))]
+    kind = next(iter(FILES))
+    theirs = {key.path: key.default for key in FILES[kind][1] if key.default is not None}
+    SEEDS["authors' file"] = [write_text(theirs, kind).encode()]
+    SEEDS["result.json"] = [
+        b'{"schema": "gatetune.result/1", "status": "ok", "metrics": {"score": 0.5, "a": {"b": 1}}, "cost": {"energy_j": 1.5}}',
+        b'{"schema": "gatetune.result/1", "status": "failed", "failure": {"of": "configuration", "reason": "x"}}',
+    ]
+    SEEDS["mission.json"] = [next(FLOWN.glob("missions/*/mission.json")).read_bytes()]
+    SEEDS["ledger"] = [(FLOWN / "study.journal").read_bytes()]
+    SEEDS["recommendation"] = [(FLOWN / "recommendation.json").read_bytes()]
+    SEEDS["gate policy"] = [json.dumps(shipped_policy()).encode()]
+    from nbv.viewpoints import candidate_pool
+
+    state = gate_states.state()
+    pool = gate_states.pool() if hasattr(gate_states, "pool") else candidate_pool(preset("campaign"))
+    save_state(folder / "state.npz", state, pool)
+    SEEDS["planning state"] = [(folder / "state.npz").read_bytes()]
+    obj = folder / "tetra.obj"
+    obj.write_text(TETRAHEDRON)
+    write_rock(import_mesh(obj), folder / "rock.npz")
+    SEEDS["rock"] = [(folder / "rock.npz").read_bytes()]
+    ball = trimesh.creation.icosphere(1)
+    with_material = b"mtllib m.mtl\nusemtl a\n" + TETRAHEDRON.encode().replace(
+        b"f 1 3 2", b"vt 0 1\nf 1/1 3/1 2/1"
+    )
+    SEEDS["mesh OBJ"] = [TETRAHEDRON.encode(), with_material]
+    SEEDS["mesh PLY"] = [ball.export(file_type="ply"), ball.export(file_type="ply", encoding="ascii")]
+    SEEDS["mesh STL"] = [ball.export(file_type="stl"), ball.export(file_type="stl_ascii").encode()]
+    SEEDS["mesh GLB"] = [ball.export(file_type="glb")]
+    picture = Image.fromarray(np.random.default_rng(0).integers(0, 255, (8, 8, 3), dtype=np.uint8))
+    SEEDS["texture"] = []
+    for kind in ("PNG", "JPEG", "BMP", "TIFF"):
+        buffer = io.BytesIO()
+        picture.save(buffer, kind)
+        SEEDS["texture"].append(buffer.getvalue())
+    store = Store(folder / "store")
+    store.put("kind", "abcd", {"a": np.arange(20.0)})
+    SEEDS["store entry"] = [(store.root / "kind" / "ab" / "abcd").read_bytes()]
+    SEEDS["command line"] = ["\0".join(a).encode() for a in ARGUMENTS]
+    for target in TARGETS:
+        SEEDS[target] += [p.read_bytes() for p in sorted((CORPUS / folder_of(target)).glob("*"))]
+
+
+def folder_of(target: str) -> str:
+    """The folder of a target's corpus."""
+    return re.sub(r"[^a-z]+", "_", target.lower()).strip("_")
+
+
+# -- cases ----------------------------------------------------------------------------------------------------
+
+
+def case(target: str, number: int) -> bytes:
+    """Input ``number`` of a target: the seeds as they are, then mutations of them."""
+    seeds = SEEDS[target]
+    if number < len(seeds):
+        return seeds[number]
+    rng = random.Random(f"{target}:{number}")
+    data = bytearray(rng.choice(seeds))
+    for _ in range(1 + int(rng.expovariate(0.7))):
+        _mutate(rng, data, seeds)
+    return bytes(data[: 2**20])
+
+
+def _mutate(rng: random.Random, data: bytearray, seeds: list[bytes]) -> None:
+    place = rng.randrange(len(data) + 1)
+    end = min(len(data), place + 1 + int(rng.expovariate(0.05)))
+    match rng.randrange(9):
+        case 0 if data:
+            data[place % len(data)] ^= 1 << rng.randrange(8)
+        case 1 if data:
+            data[place % len(data)] = rng.randrange(256)
+        case 2:
+            del data[place:end]
+        case 3:
+            data[place:place] = data[place:end] * rng.choice([1, 2, 50])
+        case 4:
+            data[place:end] = rng.choice(TOKENS)
+        case 5:
+            data[place:place] = rng.choice(TOKENS)
+        case 6:
+            del data[place:]
+        case 7:
+            other = rng.choice(seeds)
+            data[place:end] = other[rng.randrange(len(other) + 1) :][: 1 + int(rng.expovariate(0.02))]
+        case _:  # a number of the text for another one
+            found = list(re.finditer(rb"-?\d+(\.\d+)?", bytes(data)))[:2000]
+            if found:
+                which = rng.choice(found)
+                data[which.start() : which.end()] = rng.choice(TOKENS)
+
+
+class _HangError(BaseException):
+    pass
+
+
+def run_case(target: str, data: bytes, folder: Path) -> tuple[str, str]:
+    """How one case ended, and its last lines where that is a finding."""
+    from nbv.errors import UserError
+
+    name, read = TARGETS[target]
+    work = folder / "case"
+    shutil.rmtree(work, ignore_errors=True)
+    work.mkdir()
+    os.environ["GATETUNE_HOME"] = str(work / "home")
+    (work / name).write_bytes(data)
+    before = set(folder.iterdir())
+
+    def late(*_: object) -> None:
+        raise _HangError
+
+    for number in (signal.SIGALRM, signal.SIGPROF):
+        signal.signal(number, late)
+    signal.setitimer(signal.ITIMER_PROF, TIME_LIMIT_S)  # of computing: a busy machine is not a hang
+    signal.alarm(6 * TIME_LIMIT_S)
+    outcome, what = "read", ""
+    try:
+        read(work / name)
+    except UserError as error:
+        outcome = "refused"
+        if len(str(error).splitlines()) > 1:
+            outcome, what = "traceback", f"a message of several lines: {error}"
+    except _HangError:
+        outcome, what = "hang", traceback.format_exc()
+    except MemoryError:
+        outcome, what = "memory", traceback.format_exc()
+    except BaseException:
+        outcome, what = "traceback", traceback.format_exc()
+    finally:
+        signal.alarm(0)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+    if set(folder.iterdir()) - before:
+        outcome, what = "escaped", str(set(folder.iterdir()) - before)
+    return outcome, what[-3000:]
+
+
+def _batch(target: str, first: int, count: int, folder: str, pipe: Any) -> None:
+    """In a child: cases one after the other, each announced before it begins."""
+    quiet = os.open(os.devnull, os.O_WRONLY)
+    for descriptor in (1, 2):
+        os.dup2(quiet, descriptor)
+    used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY_LIMIT, used + MEMORY_LIMIT))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2**28, 2**28))
+    for number in range(first, first + count):
+        pipe.send(("begin", number, ""))
+        outcome, what = run_case(target, case(target, number), Path(folder))
+        pipe.send((outcome, number, what))
+    pipe.close()
+
+
+def run_batch(target: str, first: int, count: int, folder: Path) -> list[tuple[str, int, str]]:
+    """Outcomes of ``count`` cases; the batch goes on in a new child where a case ends one."""
+    found: list[tuple[str, int, str]] = []
+    end = first + count
+    while first < end:
+        inner = Path(tempfile.mkdtemp(dir=folder))
+        here, there = multiprocessing.Pipe(duplex=False)
+        child = multiprocessing.get_context("fork").Process(
+            target=_batch, args=(target, first, end - first, str(inner), there)
+        )
+        child.start()
+        there.close()
+        current = first
+        try:
+            while True:
+                if not here.poll(12 * TIME_LIMIT_S):
+                    child.kill()
+                    found.append(("hang", current, "in compiled code"))
+                    break
+                outcome, current, what = here.recv()
+                if outcome != "begin":
+                    found.append((outcome, current, what))
+        except EOFError:
+            child.join()
+            if current < end - 1 or len(found) == 0 or found[-1][1] != current:
+                found.append(("died", current, f"exit {child.exitcode}"))
+        child.join()
+        shutil.rmtree(inner, ignore_errors=True)
+        first = current + 1
+    return found
+
+
+def fuzz(targets: list[str], seconds: float, cases: int | None, out: Path | None) -> dict[str, Counter[str]]:
+    """Cases of each target in turn, of each for the same time, until time or number (``cases`` of each) is used up."""
+    table: dict[str, Counter[str]] = {t: Counter() for t in targets}
+    spent_s = dict.fromkeys(targets, 0.0)
+    began = time.monotonic()
+    seen: set[str] = set()
+    with tempfile.TemporaryDirectory() as place:
+        make_seeds(Path(place))
+        with (
+            Path(os.devnull).open("w") as quiet,
+            contextlib.redirect_stdout(quiet),
+            contextlib.redirect_stderr(quiet),
+        ):
+            for target in targets:  # what it imports, once: the children begin with it
+                run_case(target, case(target, 0), Path(place))
+        while cases is not None or time.monotonic() - began < seconds:
+            for target in targets:
+                first = sum(table[target].values())
+                count = max(5, min(500, int(TURN_S * first / spent_s[target]))) if first else FIRST_BATCH
+                count = count if cases is None else min(count, cases - first)
+                started = time.monotonic()
+                for outcome, number, what in run_batch(target, first, count, Path(place)):
+                    table[target][outcome] += 1
+                    if outcome in OUTCOMES[2:]:
+                        where = f"{target} {outcome} " + "".join(what.strip().splitlines()[-3:])[:300]
+                        if where not in seen:
+                            seen.add(where)
+                            print(f"{target}:{number}: {outcome}\n{what[-1500:]}", flush=True)
+                            if out is not None:
+                                kept = out / "findings" / folder_of(target)
+                                kept.mkdir(parents=True, exist_ok=True)
+                                (kept / str(number)).write_bytes(case(target, number))
+                spent_s[target] += time.monotonic() - started
+            if out is not None:
+                write_table(table, out / "fuzz.csv")
+            if cases is not None and all(sum(counts.values()) >= cases for counts in table.values()):
+                break
+    return table
+
+
+def write_table(table: dict[str, Counter[str]], path: Path) -> None:
+    """Rows of outcomes, and a last one of all."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["target", "cases", *OUTCOMES])
+        total: Counter[str] = Counter()
+        for target, counts in table.items():
+            total += counts
+            rows.writerow([target, sum(counts.values()), *(counts[o] for o in OUTCOMES)])
+        rows.writerow(["all", sum(total.values()), *(total[o] for o in OUTCOMES)])
+
+
+def main() -> int:
+    """Exit status 1 where there is a finding."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=float(os.environ.get("MINUTES") or 5))
+    parser.add_argument("--cases", type=int, help="of each target, instead of a time")
+    parser.add_argument("--target", action="append", choices=list(TARGETS))
+    parser.add_argument("--only", help="TARGET:NUMBER: this case, in this process")
+    parser.add_argument("--out", type=Path, default=Path("runs") / "fuzz")
+    given = parser.parse_args()
+    if given.only:
+        target, _, number = given.only.rpartition(":")
+        with tempfile.TemporaryDirectory() as place, contextlib.suppress(KeyboardInterrupt):
+            make_seeds(Path(place))
+            print(*run_case(target, case(target, int(number)), Path(place)), sep="\n")
+        return 0
+    table = fuzz(given.target or list(TARGETS), 60 * given.minutes, given.cases, given.out)
+    print((given.out / "fuzz.csv").read_text())
+    return int(any(counts[o] for counts in table.values() for o in OUTCOMES[2:]))
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

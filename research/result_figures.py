@@ -1,0 +1,372 @@
+"""Draws the figures of the results pages that are made from their CSV files alone.
+
+    python -m research.result_figures [NAME ...] [--data docs/results/data] [--out docs/images]
+
+Every figure is a function of one or two files in ``docs/results/data``; no mission is flown. NAME is a figure's name,
+all of them unless given.
+"""
+
+import argparse
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from statistics import mean, stdev
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+
+Row = dict[str, str]
+NAMES = {"optuna-gp": "Optuna's GP", "smac": "SMAC3", "ax": "Ax", "tpe": "TPE", "hebo": "HEBO"}
+WAYS = {"": "", "all": ", all rocks each", "pruned": ", pruned"}  # how a peer flies many rocks
+BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#777777"
+
+
+def read(data: Path, name: str) -> list[Row]:
+    """Rows of ``data/name.csv``."""
+    with (data / f"{name}.csv").open(newline="", encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+def forest(
+    axes: Axes, labels: list[str], values: list[tuple[float, float, float]], colour: str = BLUE
+) -> None:
+    """One line per label: value with its interval (low, high); the first label on top."""
+    for place, (value, low, high) in enumerate(values):
+        axes.plot([low, high], [place, place], color=colour, linewidth=2)
+        axes.plot(value, place, "o", color=colour)
+    axes.axvline(0, color="black", linewidth=0.8)
+    axes.set_yticks(range(len(labels)), labels)
+    axes.invert_yaxis()
+    axes.grid(axis="x", alpha=0.3)
+
+
+def with_interval(row: Row, column: str) -> tuple[float, float, float]:
+    """Value, lower and upper end of a column that the file holds as three."""
+    return float(row[column]), float(row[f"{column}, low"]), float(row[f"{column}, high"])
+
+
+def label(strategy: str) -> str:
+    """What a reader calls a peer that the benchmark calls ``name`` or ``name/way``."""
+    name, _, way = strategy.partition("/")
+    return NAMES[name] + WAYS[way]
+
+
+def optimisers(data: Path) -> plt.Figure:
+    """Ours minus each peer, 18 parameters, two Apollo rocks."""
+    column = "ours minus this (mean, 95 %)"
+    rows = [
+        row
+        for row in read(data, "optimisers")
+        if row["problem"] == "geometric, full, two Apollo rocks" and row[column]
+    ]
+    rows.sort(key=lambda row: float(row[column]))
+    figure, axes = plt.subplots(figsize=(7, 3.4))
+    forest(
+        axes,
+        [f"{label(row['strategy'])} ({row['seeds']} seeds)" for row in rows],
+        [with_interval(row, column) for row in rows],
+    )
+    axes.set_xlabel("ours minus this, F-score (points), 95 %")
+    return figure
+
+
+def optimiser_ablation(data: Path) -> plt.Figure:
+    """What a campaign recommends after a number of missions: a design near the default minus a Sobol design."""
+    rows = read(data, "ablation_design")
+    figure, panels = plt.subplots(1, 2, figsize=(8, 3.2), sharey=True)
+    for axes, space, title in zip(
+        panels,
+        ["gate_and_weights", "low pool"],
+        ["gate_and_weights", "low pool, two Apollo rocks"],
+        strict=True,
+    ):
+        values = [with_interval(row, f"{space}: difference") for row in rows]
+        forest(axes, [f"after {row['after missions']} missions" for row in rows], values)
+        axes.set_title(title)
+        axes.set_xlabel("near the default minus Sobol (points)")
+    panels[1].invert_yaxis()  # shared with the left panel, which inverted it already
+    return figure
+
+
+def warm_start(data: Path) -> plt.Figure:
+    """Mean true value of the recommendation against the missions flown, geometric, two Apollo rocks."""
+    names = {
+        "gp+earlier": ("ours, warm start", BLUE, "-"),
+        "optuna-gp+earlier": ("Optuna's GP, warm start", ORANGE, "-"),
+        "tpe+earlier": ("TPE, warm start", GREEN, "-"),
+        "gp": ("ours, cold start", BLUE, "--"),
+        "optuna-gp": ("Optuna's GP, cold start", ORANGE, "--"),
+    }
+    figure, axes = plt.subplots(figsize=(7, 3.6))
+    columns = ["after 13 missions", "26", "39", "52", "64"]
+    for row in read(data, "earlier_campaigns_geometric"):
+        if row["problem"] == "two Apollo rocks":
+            label, colour, style = names[row["strategy"]]
+            values = [float(row[column]) for column in columns]
+            axes.plot([13, 26, 39, 52, 64], values, style, marker="o", color=colour, label=label)
+    axes.set_xlabel("missions")
+    axes.set_ylabel("F-score @ 48 mm (%), truth")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def conditions(data: Path) -> plt.Figure:
+    """F-score on every held-out rock in conditions that no campaign has seen, by what was tuned where."""
+    rows = read(data, "unseen_conditions")
+    names = {
+        "hyb-h": "Hyb-H, paper's values",
+        "random-in-its-pool": "random views below 3.16 m",
+        "tuned-ideal": "tuned in ideal",
+        "tuned-conditions": "tuned over conditions",
+        "tuned-there": "tuned in harsh itself",
+    }
+    worlds = list(dict.fromkeys(row["condition"] for row in rows))
+    figure, panels = plt.subplots(1, len(worlds), figsize=(8, 2.8), sharey=True)
+    for axes, world in zip(panels, worlds):
+        for place, strategy in enumerate(names):
+            found = [row for row in rows if (row["strategy"], row["condition"]) == (strategy, world)]
+            values = [float(row["f_score_48mm"]) for row in found if row["f_score_48mm"]]
+            if not values:
+                continue
+            axes.plot(values, [place] * len(values), "o", color=GREY, alpha=0.5, markersize=4)
+            axes.plot(sum(values) / len(values), place, "D", color=BLUE if "tuned" in strategy else ORANGE)
+        axes.set_title(world)
+        axes.set_xlabel("registered F-score @ 48 mm (%)")
+        axes.grid(axis="x", alpha=0.3)
+    panels[0].set_yticks(range(len(names)), list(names.values()))
+    panels[0].invert_yaxis()
+    return figure
+
+
+def renderer_order(data: Path) -> plt.Figure:
+    """Mean F-score of each configuration in our renderer and path traced."""
+    rows = [row for row in read(data, "renderer_order") if row["F whole"]]
+    figure, axes = plt.subplots(figsize=(5, 4))
+    for name in dict.fromkeys(row["configuration"] for row in rows):
+        means = []
+        for world in ("raycast", "mitsuba"):
+            values = [
+                float(row["F whole"])
+                for row in rows
+                if (row["configuration"], row["world"], row["replicate"]) == (name, world, "0")
+            ]
+            means.append(sum(values) / len(values))
+        colour = BLUE if name.startswith("tuned") else ORANGE if name in ("Hyb-H", "random") else GREY
+        axes.plot(*means, "o", color=colour)
+        if name not in ("B-aware", "tuned", "Hyb-H, pool below 1.5 m"):  # on or beside another one
+            left = means[0] > 93
+            place = {"xytext": (-6 if left else 5, -3), "ha": "right" if left else "left"}
+            axes.annotate(name, means, textcoords="offset points", fontsize=7, **place)
+    axes.set_xlabel("F-score @ 48 mm (%), our renderer, mean of three held-out rocks")
+    axes.set_ylabel("the same, path traced by Mitsuba")
+    axes.grid(alpha=0.3)
+    return figure
+
+
+def fewer_photographs(data: Path) -> plt.Figure:
+    """F-score at 48 mm against the number of photographs: the paper's plan, a line per rock, and the tuned one."""
+    rows = [row for row in read(data, "third_of_the_photographs") if row["condition"] == "ideal"]
+    figure, axes = plt.subplots(figsize=(6, 3.6))
+    for k, rock in enumerate(dict.fromkeys(row["rock"] for row in rows)):
+        of: dict[str, list[dict[str, str]]] = {}
+        for row in rows:
+            if row["rock"] == rock:
+                of.setdefault(row["arm"], []).append(row)
+        for arms, style, colour, name in (
+            (("hyb-h-32", "paper-64"), "s--", ORANGE, "Hyb-H, paper's values: 24 + 8, 24 + 40"),
+            (("tuned-21", "hyb-h-32"), "-", GREY, None),
+            (("tuned-21",), "o", BLUE, "tuned: 13 + 8 below 1.54 m"),
+        ):
+            x, y = (
+                [mean(float(row[c]) for row in of[arm]) for arm in arms]
+                for c in ("photographs", "f_score_48mm")
+            )
+            axes.plot(x, y, style, color=colour, alpha=0.8, markersize=5, label=None if k else name)
+    axes.set_xlabel("photographs")
+    axes.set_ylabel("F-score @ 48 mm (%), a line per held-out rock")
+    axes.legend(fontsize=8, loc="lower right")
+    axes.grid(alpha=0.3)
+    return figure
+
+
+def oracle_coverage(data: Path) -> plt.Figure:
+    """Gain over Covis of switching and of choosing greedily, by reading of coverage."""
+    column = "F-score @ 48 mm (points)"
+    rows = [row for row in read(data, "oracle_coverage_differences") if row["reference"] == "Covis"]
+    figure, axes = plt.subplots(figsize=(7, 3.6))
+    forest(axes, [row["strategy"] for row in rows], [with_interval(row, column) for row in rows])
+    axes.set_xlabel("F-score @ 48 mm minus Covis (points), 95 %")
+    return figure
+
+
+def learned_gate(data: Path) -> plt.Figure:
+    """Agreement with the oracle on unseen rocks."""
+    rows = [
+        row for row in read(data, "learned_gate_models") if row["decisions"] == "all missions: 1033 decisions"
+    ]
+    figure, axes = plt.subplots(figsize=(7, 3.2))
+    shares = [float(row["agrees with the oracle, unseen rocks"].removesuffix(" %")) for row in rows]
+    axes.barh([row["model"] for row in rows], shares, color=BLUE)
+    axes.axvline(50, color="black", linewidth=0.8)
+    axes.invert_yaxis()
+    axes.set_xlabel("agrees with the oracle on unseen rocks (%); line: a coin")
+    return figure
+
+
+def visibility(data: Path) -> plt.Figure:
+    """Balanced accuracy of every test on the points of the rock."""
+    rows = read(data, "visibility")
+    rocks = list(dict.fromkeys(row["rock"] for row in rows))
+    figure, axes = plt.subplots(figsize=(7, 3.4))
+    for test, colour, marker in (
+        ("frustum", ORANGE, "s"),
+        ("mean observing ray < 60°", GREY, "v"),
+        ("occlusion", BLUE, "o"),
+    ):
+        balanced = {row["rock"]: float(row["balanced"]) for row in rows if row["test"] == test}
+        axes.plot([balanced[rock] for rock in rocks], range(len(rocks)), marker, color=colour, label=test)
+    axes.set_yticks(range(len(rocks)), rocks)
+    axes.invert_yaxis()
+    axes.set_xlim(0.45, 1)
+    axes.set_xlabel("balanced accuracy on the rock's points")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=8)
+    return figure
+
+
+def next_rock(data: Path) -> plt.Figure:
+    """What campaigns state for a rock nobody has flown, and what they gain on such rocks, by number of training rocks."""
+    rows = [row for row in read(data, "next_rock") if row["space"] == "beyond_paper"]
+    drawn = [row for row in rows if row["training"] == "drawn"]
+    sizes = list(dict.fromkeys(row["training_rocks"] for row in drawn))
+
+    def mean(size: str, column: str) -> float:
+        own = [float(row[column]) for row in drawn if row["training_rocks"] == size]
+        return sum(own) / len(own)
+
+    figure, axes = plt.subplots(figsize=(7, 3.2))
+    for place, size in enumerate(sizes):
+        low, high = mean(size, "low"), mean(size, "high")
+        axes.plot([place, place], [low, high], color=BLUE, linewidth=2, label="" if place else "stated, 95 %")
+        axes.plot(place, mean(size, "stated"), "o", color=BLUE)
+        own = [row for row in drawn if row["training_rocks"] == size]
+        share = sum(int(row["inside"]) for row in own) / sum(int(row["others"]) for row in own)
+        axes.annotate(f"{100 * share:.0f} %", (place, high), (0, 3), textcoords="offset points", ha="center")
+        gains = [float(row["gain"]) for row in own]
+        marks = axes.plot([place + 0.15] * len(gains), gains, "_", color=ORANGE)
+        marks[0].set_label("" if place else "mean gain on the rocks left out, a mark a campaign")
+    axes.axhline(0, color="black", linewidth=0.8)
+    axes.set_xticks(range(len(sizes)), sizes)
+    axes.set_xlabel("training rocks, 64 missions in all; above: share of the other rocks inside")
+    axes.set_ylabel("points of F-score over Hyb-H")
+    axes.margins(y=0.15)
+    axes.legend(fontsize=8)
+    axes.grid(axis="y", alpha=0.3)
+    return figure
+
+
+def hausdorff_floor(data: Path) -> plt.Figure:
+    """The floor of the Hausdorff distance by rock."""
+    rows = read(data, "hausdorff_floor")
+    figure, axes = plt.subplots(figsize=(7, 3.2))
+    places = range(len(rows))
+    axes.bar(
+        [place - 0.2 for place in places],
+        [float(row["floor, whole (mm)"]) for row in rows],
+        0.4,
+        color=BLUE,
+        label="whole surface",
+    )
+    values = [float(row["floor, observable (mm)"]) for row in rows]
+    axes.bar([place + 0.2 for place in places], values, 0.4, color=ORANGE, label="observable surface")
+    axes.set_xticks(places, [row["rock"] for row in rows], rotation=20, ha="right", fontsize=8)
+    axes.set_ylabel("floor (mm)")
+    axes.legend()
+    return figure
+
+
+def speed(data: Path) -> plt.Figure:
+    """CPU seconds of a paper mission, the authors' way and ours."""
+    rows = read(data, "speed_authors_way")
+    labels = ["authors' way", "ours, nothing cached", "ours, warm, new views", "ours, warm, known views"]
+    seconds = [float(row["total"].replace(",", "")) for row in rows]
+    figure, axes = plt.subplots(figsize=(7, 2.4))
+    bars = axes.barh(labels, seconds, color=[GREY, BLUE, BLUE, BLUE])
+    axes.bar_label(bars, [f"{value:g} s" for value in seconds], padding=3)
+    axes.set_xscale("log")
+    axes.set_xlim(1, 6000)
+    axes.invert_yaxis()
+    axes.set_xlabel("CPU seconds, 24 + 40 captures, one thread")
+    return figure
+
+
+def width(data: Path) -> plt.Figure:
+    """What a campaign has found with 2 and with 64 missions in flight, by missions and by rounds."""
+    rows = [row for row in read(data, "scaling") if row["what"] == "value, four-rocks:0.3"]
+    figure, (by_missions, by_rounds) = plt.subplots(
+        1, 2, figsize=(7.5, 3.0), sharey=True, layout="constrained"
+    )
+    for workers, colour in ((2, BLUE), (64, ORANGE)):
+        found: dict[int, list[float]] = {}
+        for row in rows:
+            if int(row["workers"]) == workers:
+                found.setdefault(int(row["missions"]), []).append(float(row["value"]))
+        missions = sorted(found)
+        means = [mean(found[m]) for m in missions]
+        errors = [stdev(found[m]) / len(found[m]) ** 0.5 for m in missions]
+        for axes, along in ((by_missions, missions), (by_rounds, [m / workers for m in missions])):
+            axes.errorbar(
+                along, means, errors, marker="o", color=colour, label=f"{workers} in flight", capsize=2
+            )
+    by_missions.set(xlabel="missions", ylabel="truth of the recommendation")
+    by_rounds.set(xlabel="time, in durations of a mission", xscale="log")
+    by_missions.legend(frameon=False)
+    for axes in (by_missions, by_rounds):
+        axes.grid(alpha=0.3)
+    return figure
+
+
+FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
+    figure.__name__: figure
+    for figure in (
+        optimisers,
+        optimiser_ablation,
+        warm_start,
+        conditions,
+        renderer_order,
+        fewer_photographs,
+        next_rock,
+        oracle_coverage,
+        learned_gate,
+        visibility,
+        hausdorff_floor,
+        speed,
+        width,
+    )
+}
+
+
+def main() -> None:
+    """Draw the figures named on the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"of {', '.join(FIGURES)}")
+    parser.add_argument("--data", type=Path, default=Path("docs/results/data"))
+    parser.add_argument("--out", type=Path, default=Path("docs/images"))
+    given = parser.parse_args()
+    unknown = set(given.names) - set(FIGURES)
+    if unknown:
+        parser.error(f"no such figure: {', '.join(sorted(unknown))}; there are {', '.join(FIGURES)}")
+    for name in given.names or FIGURES:
+        figure = FIGURES[name](given.data)
+        figure.savefig(given.out / f"{name}.png", dpi=110, bbox_inches="tight", metadata={"Software": None})
+        plt.close(figure)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,93 @@
+"""The scorers written plainly, in double precision: what the fast ones must agree with.
+
+`research/scoring_speed.py` compares their times, ``tests/nbv/scorers`` their results.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.config import CameraConfig, MissionConfig
+from nbv.geometry.frustum import frustum_planes
+from nbv.geometry.incidence import SURFEL_MAX_INCIDENCE_DEG
+from nbv.scorers import BoxPoints, box_points
+from nbv.scorers.occlusion import (
+    CLEARANCE_M,
+    discs,
+    mean_observing_directions,
+    surfels,
+)
+from nbv.scorers.repair import repair
+from nbv.scorers.terms import angular_penalty, movement, novelty
+from nbv.scorers.weakness import weakness
+from nbv.types import CandidatePool, Floats, PlanningState
+
+Mask = NDArray[np.bool_]
+
+
+def in_frustum(points_m: Floats, positions_m: Floats, target_m: Floats, camera: CameraConfig) -> Mask:
+    """(P, C) like `nbv.geometry.frustum.in_frustum`."""
+    x, y, z = frustum_planes(positions_m, target_m, camera)
+    q = np.column_stack([points_m, np.ones(len(points_m))])
+    depth = q @ z
+    return (np.abs(q @ x) <= depth) & (np.abs(q @ y) <= depth)
+
+
+def unoccluded(visible: Mask, box: BoxPoints, candidates_m: Floats) -> Mask:
+    """(P, C) like `nbv.scorers.occlusion.unoccluded`: every ray is cast."""
+    points = box.points_m
+    observing = mean_observing_directions(points, box.track_offsets, box.track_cameras, box.camera_centers_m)
+    normals, radius = surfels(points, observing)
+    to_candidate = candidates_m[None] - points[:, None]
+    distance = np.linalg.norm(to_candidate, axis=2)
+    facing = np.einsum("pck,pk->pc", to_candidate, normals)
+    visible = visible & (facing > np.cos(np.deg2rad(SURFEL_MAX_INCIDENCE_DEG)) * distance)
+    i, j = np.nonzero(visible)
+    direction = to_candidate[i, j] / distance[i, j][:, None]
+    rays = np.concatenate([points[i] + CLEARANCE_M * direction, direction], axis=1).astype(np.float32)
+    hit = discs(points, normals, radius).blocked(rays)
+    visible[i[hit], j[hit]] = False
+    return visible
+
+
+def scores(state: PlanningState, pool: CandidatePool, config: MissionConfig) -> dict[str, Floats]:
+    """(C,) scores of both scorers by name."""
+    shared, target = config.shared, np.array(config.target_m)
+    box = box_points(state.model, config)
+    visible = in_frustum(box.points_m, pool.positions_m, target, config.camera)
+    if config.visibility.mode == "occlusion":
+        visible = unoccluded(visible, box, pool.positions_m)
+    nov = novelty(pool.positions_m, state.visited_m, shared.d_scale_m)
+    move = movement(
+        pool.positions_m,
+        pool.headings_rad,
+        state.vehicle_position_m,
+        state.vehicle_heading_rad,
+        shared.d_travel_m,
+    )
+    ang = angular_penalty(pool.positions_m, state.visited_m, target, shared.theta_min_deg)
+    weak = weakness(box.points_m, box.track_lengths, box.reprojection_error_px, config.b_aware)
+    main = {
+        "covis": visible.mean(axis=0),
+        "b-aware": repair(
+            visible,
+            weak,
+            pool.positions_m,
+            box.points_m,
+            box.track_offsets,
+            box.track_cameras,
+            box.camera_centers_m,
+            config.b_aware.theta_low_deg,
+            config.b_aware.theta_saturation_deg,
+        ),
+    }
+    weights = {"covis": config.covis.weights, "b-aware": config.b_aware.weights}
+    return {
+        name: w.main * main[name] + w.nov * nov - w.move * move - w.ang * ang for name, w in weights.items()
+    }
+
+
+def order(values: Floats) -> NDArray[np.int64]:
+    """The candidates by falling score, ties in pool order."""
+    return np.argsort(-np.round(values, 12), kind="stable").astype(np.int64)
