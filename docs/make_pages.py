@@ -83,7 +83,7 @@ def settings_page() -> str:
         "# A campaign's settings file",
         "",
         "`gatetune campaign run settings.yaml` takes what a campaign is from a file; options of the command go before it. "
-        "Every field may be left out. The `campaign.yaml` of another campaign will do: "
+        "Every field may be left out. Relative paths are taken from the file's folder. The `campaign.yaml` of another campaign will do: "
         "`gatetune campaign run runs/first/campaign.yaml --name second --seed 1`.",
         "",
         "    name: shale",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import dataclasses
 import threading
 import time
 from collections.abc import Callable, Sequence
@@ -165,7 +166,7 @@ class _Session:
                     and outcome.reason != "user_error"
                     and not self._of_another_world(trial, outcome)
                 ):
-                    self._count(self._enter(trial, outcome))
+                    self._count(self._enter(trial, self._with_asked_parameters(trial, outcome)))
                 else:
                     again.append(trial)
         return again
@@ -255,8 +256,19 @@ class _Session:
             self._last_lost = self._last_failure
             self._emit("lost", trial, message=f"{outcome.reason}: {outcome.message}")
             return None
+        outcome = self._with_asked_parameters(trial, outcome)
         self._require_metric(outcome)
         return self._enter(trial, outcome)
+
+    def _with_asked_parameters(self, trial: TrialRecord, outcome: MissionOutcome) -> MissionOutcome:
+        """The outcome with those parameters of a mission file among its costs that an objective names and it left out."""
+        s = self._settings
+        if s.mission is None or outcome.status == "failed":
+            return outcome
+        names = [o.metric.removeprefix("costs.") for o in (s.objective, s.second) if o is not None]
+        numbers = {p.path for p in s.space.parameters if p.kind != "categorical"}
+        asked = {name: float(trial.values[name]) for name in names if name in numbers}
+        return dataclasses.replace(outcome, costs={**asked, **outcome.costs})
 
     def _note_failure(self, reason: str, message: str) -> None:
         self._failures_in_row += 1
@@ -264,17 +276,15 @@ class _Session:
 
     def _require_metric(self, outcome: MissionOutcome) -> None:
         """Before any mission has the metric: `UserError` where one of a mission file ended well without it."""
-        mission, objective = self._settings.mission, self._settings.objective
-        if (
-            mission is None
-            or outcome.status == "failed"
-            or objective.measure({**outcome.metrics, "costs": outcome.costs}) is not None
-        ):
+        mission, measured = self._settings.mission, {**outcome.metrics, "costs": outcome.costs}
+        asked = [o for o in (self._settings.objective, self._settings.second) if o is not None]
+        missing = [o.metric for o in asked if o.measure(measured) is None]
+        if mission is None or outcome.status == "failed" or not missing:
             return
         if not any(t.state == "complete" for t in self._ledger.trials()):
-            there = ", ".join(dotted(outcome.metrics)) or "none"
+            there = ", ".join(dotted(measured)) or "none"
             raise UserError(
-                f"{mission.path}: a mission ended without metric {objective.metric!r}, which it is tuned for; it has {there}"
+                f"{mission.path}: a mission ended without metric {missing[0]!r}, which it is tuned for; it has {there}"
             )
 
     def _enter(self, trial: TrialRecord, outcome: MissionOutcome) -> TrialRecord:

@@ -6,6 +6,7 @@ Both have the fields named in ``FIELDS``. In a user's file all may be left out; 
 from __future__ import annotations
 
 import difflib
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -52,6 +53,7 @@ FIELDS = {
 _TEXTS = ("name", "preset", "risk", "sampler", "runner", "keep", "storage")
 _NUMBERS = ("budget", "replicates", "seed", "initial", "in_step")
 _LISTS = ("rocks", "learn_from")
+_PATHS = ("rocks", "search_space", "conditions", "learn_from", "mission")
 _MAY_BE_NULL = ("initial", "in_step", "storage", "mission")
 
 
@@ -86,12 +88,12 @@ def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
     if tree.get("overrides"):
         fields["overrides"] = dict(tree["overrides"])
     if isinstance(tree.get("objective"), str):
-        asked = asked_objective(tree["objective"])
+        asked = asked_objective(tree["objective"], None if mission is None else mission.directions)
         fields |= {"objective": asked.objective, "second": asked.second, "limit": asked.limit}
     elif tree.get("objective") is not None:
-        fields["objective"] = _objective(tree["objective"], source)
+        fields["objective"] = _objective(tree["objective"], source, mission)
     if tree.get("second") is not None:
-        fields["second"] = _objective(tree["second"], source)
+        fields["second"] = _objective(tree["second"], source, mission)
     if tree.get("limit") is not None:
         if isinstance(tree["limit"], bool) or not isinstance(tree["limit"], (int, float)):
             raise UserError(f"{source}: limit is {tree['limit']!r}; it must be a number: {FIELDS['limit']}")
@@ -168,8 +170,10 @@ def _conditions(tree: Any, source: str) -> tuple[Condition, ...]:
     return load_conditions(tree)
 
 
-def _objective(tree: Any, source: str) -> Objective:
+def _objective(tree: Any, source: str, mission: MissionFile | None) -> Objective:
     if isinstance(tree, str):
+        if mission is not None:
+            return asked_objective(tree, mission.directions).objective
         return Objective(tree, direction_of(tree))
     if not isinstance(tree, Mapping) or "metric" not in tree or not set(tree) <= {"metric", "direction"}:
         raise UserError(f"{source}: an objective is a metric's path or {{metric, direction}}, not {tree!r}")
@@ -178,7 +182,7 @@ def _objective(tree: Any, source: str) -> Objective:
 
 
 def read_settings_file(path: Path) -> dict[str, Any]:
-    """The fields in a user's file, or in a ``campaign.yaml``.
+    """The fields in a user's file, whose relative paths are taken from its folder, or in a ``campaign.yaml``.
 
     Raises
     ------
@@ -188,9 +192,24 @@ def read_settings_file(path: Path) -> dict[str, Any]:
     tree = read_yaml(path)
     if isinstance(tree, Mapping) and "format" in tree:
         _check_format(tree, path)
-        tree = tree.get("settings")
+        _check(tree.get("settings") or {}, str(path))
+        return dict(tree.get("settings") or {})
     _check(tree or {}, str(path))
-    return dict(tree or {})
+    return _from_folder(dict(tree or {}), path.parent)
+
+
+def _from_folder(fields: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """``fields`` with paths as they are from here; what has neither a slash nor a suffix is a name."""
+
+    def placed(text: Any) -> Any:
+        is_path = isinstance(text, str) and (os.sep in text or Path(text).suffix) and not text.startswith("~")
+        return str(folder / text) if is_path else text
+
+    for key in _PATHS:
+        value = fields.get(key)
+        if value is not None:
+            fields[key] = [placed(item) for item in value] if isinstance(value, list) else placed(value)
+    return fields
 
 
 def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:

@@ -11,6 +11,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from nbv.config import IDEAL
+from nbv.errors import UserError
 from tuner.commands.console import (
     CONDITION_HELP,
     PRESET_NAMES,
@@ -162,7 +163,6 @@ def figures(
     Example: gatetune mission figures runs/mission-slab-hyb-h-0 --rock slab
     """
     from nbv.cache import Store
-    from nbv.errors import UserError
     from nbv.mission.result import MissionResult
     from nbv.rocks import load_rock
     from tuner.report.mission.figures import labels_of, write_mission_figures
@@ -240,6 +240,7 @@ def _view_campaign(directory: Path) -> None:
 @app.command()
 def init(
     folder: Annotated[Path, typer.Argument(help="A new or empty folder.")],
+    name: Annotated[str | None, typer.Option(help="Of the mission (default: the folder's).")] = None,
     shell: Annotated[bool, typer.Option("--shell", help="In shell instead of Python.")] = False,
     upstream: Annotated[
         bool, typer.Option("--photogrammetry-nbv", help="The mission file of the authors' stack instead.")
@@ -252,7 +253,9 @@ def init(
     from tuner.bridges.photogrammetry_nbv import write_mission_folder
     from tuner.missions.external.skeleton_files import write_skeleton
 
-    for path in write_mission_folder(folder) if upstream else write_skeleton(folder, shell=shell):
+    if upstream and name is not None:
+        raise UserError("--name is the skeleton's; the authors' stack has its own, leave it out")
+    for path in write_mission_folder(folder) if upstream else write_skeleton(folder, name, shell=shell):
         output.print(f"wrote {path}")
 
 

@@ -12,10 +12,11 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from nbv.errors import UserError
-from tuner.problem.objective import DEFAULT_METRIC, Objective, direction_of
+from tuner.problem.objective import DEFAULT_METRIC, Direction, Objective, direction_of
 
 SHORT = {
     "f_score": DEFAULT_METRIC,
@@ -40,18 +41,21 @@ class AskedObjective:
     limit: float | None = None  # of the second: at most where less is better, at least where more is
 
 
-def asked_objective(text: str) -> AskedObjective:
-    """The meaning of a text; ``UserError`` in one line where it has none."""
+def asked_objective(text: str, own: Mapping[str, Direction] | None = None) -> AskedObjective:
+    """The meaning of a text; ``UserError`` in one line where it has none.
+
+    ``own``: which way metrics and costs of a mission that is not ours are better, as its mission file says.
+    """
     found = _FORM.fullmatch(text.strip())
     if found is None:
         raise UserError(
             f"objective {text!r} is not understood; write f_score, f_score@photographs, f_score@photographs<=21 "
             "or photographs@f_score>=97"
         )
-    first = _objective(found["first"])
+    first = _objective(found["first"], own)
     if found["second"] is None:
         return AskedObjective(first)
-    second = _objective(found["second"])
+    second = _objective(found["second"], own)
     if first == second:
         raise UserError(f"objective {text!r} has the same metric twice; name a quality and a cost")
     if found["sign"] is None:
@@ -68,7 +72,14 @@ def asked_objective(text: str) -> AskedObjective:
     return AskedObjective(first, second, limit)
 
 
-def _objective(name: str) -> Objective:
+def _objective(name: str, own: Mapping[str, Direction] | None) -> Objective:
+    if own is not None:
+        if (direction := own.get(name, "minimise" if name.startswith("costs.") else None)) is None:
+            raise UserError(
+                f"whether more or less of {name!r} is better is not known; say it in the mission file, such as "
+                f"directions: {{{name}: maximise}}; costs are costs.NAME"
+            )
+        return Objective(name, direction)
     metric = SHORT.get(name, name)
     if metric.startswith("costs.") and metric not in COSTS:
         raise UserError(f"a mission has no cost {metric!r}; there are {', '.join(COSTS)}")

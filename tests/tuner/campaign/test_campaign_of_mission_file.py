@@ -11,7 +11,7 @@ from nbv.foreign import sealed
 from tuner.campaign import Campaign
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.session import fly_campaign
-from tuner.campaign.settings_file import settings_from_dict
+from tuner.campaign.settings_file import read_settings_file, settings_from_dict
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
 
 FLY = """
@@ -63,6 +63,32 @@ def begun(toy, missions=0):
         with contextlib.suppress(KeyboardInterrupt):
             fly_campaign(campaign, InProcessExecutor(), stop)
     return campaign
+
+
+def test_an_own_cost_is_an_objective_and_a_parameter_is_computed(toy):
+    """``gain`` is a parameter that the mission leaves out of its costs."""
+    asked = {"mission": str(toy / "toy.yaml"), "budget": 5, "initial": 4, "objective": "loss@costs.gain<=2"}
+    campaign = begin_campaign(toy / "runs/two", settings_from_dict({"name": "two", **asked}, "test"))
+    assert fly_campaign(campaign, InProcessExecutor()).status.finished == 5
+    trials = [t for t in campaign.trials() if t.state == "complete"]
+    assert trials and all(t.costs["gain"] == t.values["gain"] for t in trials)
+    found = campaign.recommendation()
+    assert found is not None and found.values["gain"] <= 2
+
+
+def test_paths_in_a_settings_file_are_taken_from_its_folder(toy):
+    (toy / "deep").mkdir()
+    text = (
+        "mission: ../toy.yaml\nrocks: [slab, scans/a.obj]\nsearch_space: mine.yaml\nlearn_from: [shipped]\n"
+    )
+    (toy / "deep/settings.yaml").write_text(text)
+    found = read_settings_file(toy / "deep/settings.yaml")
+    assert found == {
+        "mission": str(toy / "deep/../toy.yaml"),
+        "rocks": ["slab", str(toy / "deep/scans/a.obj")],
+        "search_space": str(toy / "deep/mine.yaml"),
+        "learn_from": ["shipped"],
+    }
 
 
 COMMANDS = [

@@ -83,6 +83,9 @@ class MissionFile:
     resources: dict[str, Resource] = field(default_factory=dict)
     score: dict[str, Any] | None = None
     description: str = ""
+    directions: dict[str, Direction] = field(
+        default_factory=dict
+    )  # of ``metric`` and of further metrics and costs
     sha256: str = ""  # of the file's bytes
     program: str = ""  # hash of what it runs, see `tuner.missions.external.program`
 
@@ -146,6 +149,10 @@ def load_mission_file(path: Path) -> MissionFile:
         resources={name: Resource(**entry) for name, entry in tree.get("resources", {}).items()},
         score=tree.get("score"),
         description=tree.get("description", ""),
+        directions={
+            tree["metric"]: _direction(tree["direction"]),
+            **{name: _direction(text) for name, text in tree.get("directions", {}).items()},
+        },
         sha256=hashlib.sha256(content).hexdigest(),
         program=_program(path, tree),
     )
@@ -245,6 +252,9 @@ def _check_variables(mission: MissionFile, source: str) -> None:
 
 
 def _check_names(mission: MissionFile, source: str) -> None:
+    metric = mission.objective.metric
+    if mission.directions[metric] != mission.objective.direction:
+        raise UserError(f"{source}: directions says otherwise of {metric!r} than direction; leave one out")
     names = [instance.name for instance in (*mission.instances, *mission.held_out)]
     twice = [name for name, count in collections.Counter(names).items() if count > 1]
     if twice:

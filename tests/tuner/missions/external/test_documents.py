@@ -1,6 +1,8 @@
 """Mission files, requests and results: what fits the schemas, and one line for what does not."""
 
 import json
+import re
+from pathlib import Path
 
 import jsonschema
 import pytest
@@ -8,7 +10,9 @@ import yaml
 
 from nbv.errors import MissionFailure, UserError
 from tuner.missions.external import MissionFile, Request, load_mission_file, read_result, take_slot
-from tuner.missions.external.checking import KINDS, schema
+from tuner.missions.external.checking import KINDS, check, schema
+from tuner.missions.external.skeleton_files import write_skeleton
+from tuner.problem.quality_at_cost import asked_objective
 
 FILE = {
     "schema": "gatetune.mission/1",
@@ -203,3 +207,40 @@ def test_a_result_that_is_a_link_is_not_followed(tmp_path):
     (tmp_path / "result.json").symlink_to("elsewhere.json")
     with pytest.raises(UserError, match=r"result\.json is a link"):
         read_result(tmp_path / "result.json")
+
+
+def test_the_documents_of_the_how_to_page_fit():
+    page = (Path(__file__).resolve().parents[4] / "docs/how-to/your-mission.md").read_text()
+    documents = [json.loads(text) for text in re.findall(r"```json\n(.*?)```", page, re.DOTALL)]
+    kinds = [tree["schema"].removeprefix("gatetune.").partition("/")[0] for tree in documents]
+    assert kinds == ["request", "result", "result"]
+    for kind, tree in zip(kinds, documents, strict=True):
+        check(tree, kind, "the page")
+
+
+@pytest.mark.parametrize(
+    ("text", "means"),
+    [
+        ("f.score@costs.views", (("f.score", "maximise"), ("costs.views", "minimise"), None)),
+        ("costs.views@f.score>=0.9", (("costs.views", "minimise"), ("f.score", "maximise"), 0.9)),
+        ("sharpness@costs.battery>=0.2", (("sharpness", "maximise"), ("costs.battery", "maximise"), 0.2)),
+    ],
+)
+def test_objectives_of_a_mission_file_are_its_own_metrics_and_costs(tmp_path, text, means):
+    mission = load(tmp_path, directions={"sharpness": "maximise", "costs.battery": "maximise"})
+    asked = asked_objective(text, mission.directions)
+    found = [(o.metric, o.direction) for o in (asked.objective, asked.second)]
+    assert (*found, asked.limit) == means
+    with pytest.raises(
+        UserError, match=r"say it in the mission file, such as directions: \{blur: maximise\}"
+    ):
+        asked_objective("blur@costs.views", mission.directions)
+
+
+def test_a_skeleton_is_called_as_asked(tmp_path):
+    write_skeleton(tmp_path / "survey")
+    write_skeleton(tmp_path / "other", "mine")
+    assert load_mission_file(tmp_path / "survey/mission.yaml").name == "survey"
+    assert load_mission_file(tmp_path / "other/mission.yaml").name == "mine"
+    with pytest.raises(UserError, match="'a b' cannot name a mission"):
+        write_skeleton(tmp_path / "a b")
