@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 from nbv.config import load_condition, preset, under
-from nbv.mission.fidelity import MissionContext
 from nbv.mission.flying import fly_mission
 from nbv.photogrammetric.mission import PhotogrammetricFidelity
 from nbv.rocks.recipes import RECIPES
@@ -39,10 +38,6 @@ HEAD = (
 
 class Unmeasured(PhotogrammetricFidelity):
     """A mission with photographs whose cloud is only counted."""
-
-    def __init__(self, context: MissionContext) -> None:
-        super().__init__(context)
-        self.oracle = None
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
         """How many points there are."""

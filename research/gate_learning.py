@@ -1,7 +1,7 @@
 """The learned gate: from what an oracle thought of both scorers' choices to a small readable tree.
 
-Every mission logs, at every iteration and whatever it flew, what a ground-truth oracle would have gained from
-each scorer's best candidate (``oracle_rewards``) and what a deployable gate may look at (``features``). A
+Missions of the runners ``...-with-oracle`` log, at every iteration and whatever they flew, what a ground-truth oracle
+would have gained from each scorer's best candidate (``oracle_rewards``) and what a deployable gate may look at (``features``). A
 decision is labelled B-aware where B-aware's reward is strictly larger, Covis where Covis' is; ties say nothing
 and are left out. The difference of the rewards is the sample's weight. Features do not depend on the scorers'
 weights; the labels do, so a policy is an answer for configurations like those it was learned from.
@@ -143,8 +143,8 @@ def gate_decisions(missions: Sequence[FlownMission]) -> GateDecisions:
             rows[key] = (features, rewards, mission.result.rock)  # type: ignore[assignment]
     if not rows:
         raise UserError(
-            "no mission logged what an oracle would have gained from both scorers; fly missions with photographs, or with "
-            "--fidelity geometric-with-oracle"
+            "no mission logged what an oracle would have gained from both scorers; fly missions with "
+            "--fidelity photogrammetric-with-oracle or geometric-with-oracle"
         )
     features_, rewards_, rocks = zip(*rows.values())
     return GateDecisions(

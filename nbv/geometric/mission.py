@@ -11,7 +11,6 @@ import numpy as np
 
 from nbv.cache import code_digest
 from nbv.config import MissionConfig, TargetConfig, TelemetryConfig
-from nbv.gates import GroundTruthOracle, make_oracle
 from nbv.geometric.held_worlds import world_of
 from nbv.geometric.metrics import predicted_metrics
 from nbv.geometric.reconstructor import GeometricReconstructor
@@ -59,7 +58,6 @@ class GeometricFidelity:
         self._world = world_of(rock, config, context.store)
         self.camera = PoseCamera(config.target_m)
         self.reconstructor = GeometricReconstructor(self._world, config, rock.sha256, context.replicate)
-        self.oracle: GroundTruthOracle | None = None
         self.facts = {"geometric_code": code_digest(__package__)}
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
@@ -70,14 +68,6 @@ class GeometricFidelity:
     def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
         """The metrics in a file of their own."""
         run.write_json("metrics.json", {"metrics": metrics})
-
-
-class GeometricFidelityWithOracle(GeometricFidelity):
-    """Records an oracle's opinion of every decision; that takes longer than everything else together."""
-
-    def __init__(self, context: MissionContext) -> None:
-        super().__init__(context)
-        self.oracle = make_oracle(context.config, context.rock)
 
 
 def run_geometric_mission(
@@ -98,8 +88,9 @@ def run_geometric_mission_with_oracle(
     directory: Path | None = None,
     **options: Unpack[MissionOptions],
 ) -> MissionResult:
-    """``run_geometric_mission`` that records the oracle's rewards, as photogrammetric missions do."""
-    return fly_mission(GeometricFidelityWithOracle, config, rock, replicate, directory, **options)
+    """`run_geometric_mission` with ``with_oracle=True``: a runner for research."""
+    options["with_oracle"] = True
+    return run_geometric_mission(config, rock, replicate, directory, **options)
 
 
 @lru_cache(maxsize=4096)  # the same viewpoints come back in every mission

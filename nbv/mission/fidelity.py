@@ -8,7 +8,6 @@ from typing import Any, Protocol
 
 from nbv.cache import Store
 from nbv.config import MissionConfig
-from nbv.gates import GroundTruthOracle
 from nbv.mission.run_directory import RunDirectory
 from nbv.mission.stopwatch import Stopwatch
 from nbv.rocks import Rock
@@ -49,11 +48,6 @@ class Fidelity(Protocol):
     @property
     def reconstructor(self) -> Reconstructor:
         """What they become."""
-        ...
-
-    @property
-    def oracle(self) -> GroundTruthOracle | None:
-        """Its rewards are recorded beside every decision, and an oracle gate asks it."""
         ...
 
     @property

@@ -48,6 +48,7 @@ def fly_mission(
     overwrite: bool = False,
     cache: bool = True,
     log: Log = no_log,
+    with_oracle: bool = False,
 ) -> MissionResult:
     """Fly one mission and measure it; see `nbv.mission.runner.MissionRunner`.
 
@@ -62,6 +63,8 @@ def fly_mission(
         written.
     log
         Called with an event's name and its facts as the mission goes on.
+    with_oracle
+        Record, beside every decision, what an oracle would have gained from each scorer's best candidate.
     """
     started = time.perf_counter()
     store = Store() if cache else None
@@ -85,13 +88,14 @@ def fly_mission(
             stopwatch,
         )
     )
-    oracle = fidelity.oracle
-    if oracle is None and gate_class(config.gate.kind).sees_ground_truth:
-        oracle = make_oracle(config, subject)
+    asked = with_oracle or gate_class(config.gate.kind).sees_ground_truth
+    oracle = make_oracle(config, subject) if asked else None
     flown = fidelity.believed  # nothing that flies or plans gets the other one, nor the rock
     gate = make_gate(flown, subject.sha256, replicate, oracle)
     flight = Flight(flown, rock_sha256=subject.sha256, replicate=replicate)
-    recorder = Recorder(flown, flight, stopwatch, run=full_run, oracle=fidelity.oracle, log=log)
+    recorder = Recorder(
+        flown, flight, stopwatch, run=full_run, oracle=oracle if with_oracle else None, log=log
+    )
     mission = AdaptiveMission(flown, flight, fidelity.camera, fidelity.reconstructor, gate, recorder)
 
     def measure(cloud: Cloud) -> dict[str, Any]:

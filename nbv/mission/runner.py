@@ -24,6 +24,9 @@ class MissionOptions(TypedDict, total=False):
     overwrite: bool  # a finished mission in the directory may be replaced
     cache: bool  # keep what missions share in the user's store; the outcome is the same
     log: Log  # called as the mission goes on
+    with_oracle: (
+        bool  # record what an oracle would have gained; for research, takes longer than a known mission
+    )
 
 
 class MissionRunner(Protocol):

@@ -9,7 +9,6 @@ from typing import Any, Unpack
 from nbv.config import CameraConfig, MissionConfig
 from nbv.evaluation import Evaluation, evaluate_cloud, ground_truth
 from nbv.evaluation.evaluate import rock_floors
-from nbv.gates import make_oracle
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.flying import fly_mission
 from nbv.mission.result import MissionResult
@@ -27,7 +26,7 @@ from nbv.types import Camera, Cloud
 
 
 class PhotogrammetricFidelity:
-    """Implements `nbv.mission.fidelity.Fidelity`. An oracle's opinion of every decision is recorded."""
+    """Implements `nbv.mission.fidelity.Fidelity`."""
 
     name = "photogrammetric"
 
@@ -44,7 +43,6 @@ class PhotogrammetricFidelity:
         self.reconstructor = PhotogrammetricReconstructor(
             self.believed, store, keep_sparse=context.keeps_everything
         )
-        self.oracle = make_oracle(config, rock)
         self.facts = {"backend": config.scene.backend, "dense_backend": config.dense.backend}
         self._evaluation: Evaluation | None = None
 
@@ -83,3 +81,15 @@ def run_photogrammetric_mission(
 ) -> MissionResult:
     """Fly one complete mission with photographs and measure its cloud; see `nbv.mission.MissionRunner`."""
     return fly_mission(PhotogrammetricFidelity, config, rock, replicate, directory, **options)
+
+
+def run_photogrammetric_mission_with_oracle(
+    config: MissionConfig,
+    rock: str,
+    replicate: int = 0,
+    directory: Path | None = None,
+    **options: Unpack[MissionOptions],
+) -> MissionResult:
+    """`run_photogrammetric_mission` with ``with_oracle=True``: a runner for research."""
+    options["with_oracle"] = True
+    return run_photogrammetric_mission(config, rock, replicate, directory, **options)

@@ -18,6 +18,7 @@ from nbv.mission.result import MissionResult
 RUNNERS = {
     "photogrammetric": "nbv.photogrammetric:run_photogrammetric_mission",
     "geometric": "nbv.geometric:run_geometric_mission",
+    "photogrammetric-with-oracle": "nbv.photogrammetric:run_photogrammetric_mission_with_oracle",
     "geometric-with-oracle": "nbv.geometric:run_geometric_mission_with_oracle",
     "external": "tuner.missions.external.runner:run_external_mission",
     "several-agreement-levels": "nbv.photogrammetric.agreement_levels:run_study_mission",
@@ -28,7 +29,7 @@ _IMPORTED_IN_FLIGHT = {"nbv.photogrammetric": ("open3d", "torch"), "nbv.geometri
 EXTERNAL = "external"  # flies the missions of mission files, which are not ours
 
 # The same missions, with an oracle's opinion of every decision in their traces.
-_WITH_ORACLE = {"geometric": "geometric-with-oracle"}
+_WITH_ORACLE = {name: f"{name}-with-oracle" for name in ("photogrammetric", "geometric")}
 
 GEOMETRIC_NOTE = (
     "Geometric missions: the same loop, scorers, gates and flight over simulated tracks, no photographs. Completeness is "

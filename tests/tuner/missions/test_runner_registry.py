@@ -43,4 +43,4 @@ def test_the_command_line_offers_registered_runners_only() -> None:
 
 def test_decision_studies_fly_the_runner_that_asks_the_oracle() -> None:
     assert with_oracle("geometric") == "geometric-with-oracle"
-    assert with_oracle("photogrammetric") == "photogrammetric"
+    assert with_oracle("photogrammetric") == "photogrammetric-with-oracle"
