@@ -12,16 +12,18 @@ from botorch.utils.sampling import manual_seed
 
 from nbv.types import Floats
 from tuner.acquisition.over_rocks import WorldOutcomes
-from tuner.acquisition.propose import LOCAL_BEST, best_flown, over_worlds, starting_points
-from tuner.acquisition.within import Within
+from tuner.acquisition.propose import LOCAL_BEST, best_flown, only_allowed, over_worlds, starting_points
+from tuner.acquisition.within import Within, surrogate_of
 from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
+from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import numerics, tensor
 from tuner.surrogate.risk import risk_of
 
 GLOBAL_POINTS, LOCAL_POINTS = 256, 1024
 _FAILS = 1e6  # standard deviations: worse than all that works
+_LITTLE = 1e-6  # standard deviations
 _BREAKS = 1e3  # likewise: worse than all that keeps a limit
 
 
@@ -40,35 +42,55 @@ def draw_best(model: RockMeanGP, count: int, seed: int, risk: Risk = "mean") -> 
 
 
 def draw_of_two(
-    models: tuple[RockMeanGP, RockMeanGP], within: Within | None, count: int, seed: int
+    models: tuple[RockMeanGP | KnownOutcome, RockMeanGP | KnownOutcome],
+    within: Within | None,
+    count: int,
+    seed: int,
 ) -> list[Values]:
     """``count`` configurations, each the best of a draw of both objectives; no two alike.
 
     Within a limit of the second: the best of the first where the draw keeps it, else what comes nearest. Without one: the
     best by augmented weights that differ from draw to draw (Knowles, IEEE TEC 2006), so that all of the front is sought.
+    What the configuration decides is the same in every draw.
     """
-    first = models[0]
+    model = surrogate_of(models)
     with numerics(seed), torch.no_grad():
         if within is None:
-            near = np.concatenate([best_flown(model, LOCAL_BEST // 2) for model in models])
+            own = [best_flown(m, LOCAL_BEST // 2) for m in models if isinstance(m, RockMeanGP)]
+            near = np.concatenate(own)
         else:
-            near = within.promising(first)
-        points = starting_points(first, seed, GLOBAL_POINTS, LOCAL_POINTS, near)
-        points = np.unique([first.space.snap(x) for x in points], axis=0)
-        inputs = first.inputs(points)
+            near = within.promising(models[0])
+        points = starting_points(model, seed, GLOBAL_POINTS, LOCAL_POINTS, near)
+        points = np.unique([model.space.snap(x) for x in points], axis=0)
+        known = None if within is None else within.allowed()
+        if known is not None:
+            points = only_allowed(model, points, known, seed)
+        inputs = model.inputs(points)
         with manual_seed(seed):
-            one, two = (m.model.posterior(inputs).rsample(torch.Size([count]))[..., 0] for m in models)
+            one, two = (_drawn(m, inputs, count) for m in models)
             weights = torch.rand(count, 1, dtype=one.dtype)
         if within is None:
             short = [
-                (draw.amax(1, True) - draw) / (draw.amax(1, True) - draw.amin(1, True)) for draw in (one, two)
+                (draw.amax(1, True) - draw) / (draw.amax(1, True) - draw.amin(1, True) + _LITTLE)
+                for draw in (one, two)
             ]
             draws = -torch.maximum(weights * short[0], (1 - weights) * short[1]) - 0.05 * (
                 short[0] + short[1]
             )
-        else:
-            draws = torch.where(two >= within.floor(first), one, two - _BREAKS)
-        return _distinct(first, points, draws, seed)
+        elif known is not None:
+            draws = one
+        else:  # of what costs the same the better one
+            draws = torch.where(two >= within.floor(), one + _LITTLE * two, two - _BREAKS)
+        return _distinct(model, points, draws, seed)
+
+
+def _drawn(model: RockMeanGP | KnownOutcome, inputs: torch.Tensor, count: int) -> torch.Tensor:
+    """(count, points) draws on the model's own scale; an exact outcome on a standardised one."""
+    if isinstance(model, RockMeanGP):
+        drawn: torch.Tensor = model.model.posterior(inputs).rsample(torch.Size([count]))[..., 0]
+        return drawn
+    known = model.at(inputs)
+    return ((known - known.mean()) / (known.std() + _LITTLE)).expand(count, -1).clone()
 
 
 def _distinct(model: RockMeanGP, points: Floats, draws: torch.Tensor, seed: int) -> list[Values]:

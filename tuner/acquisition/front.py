@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import torch
 from botorch.acquisition.multi_objective import logei
+from botorch.acquisition.multi_objective.objective import MCMultiOutputObjective
 from botorch.models import ModelListGP
 from botorch.sampling import SobolQMCNormalSampler
 from botorch.utils.multi_objective.hypervolume import infer_reference_point
@@ -58,25 +59,56 @@ def two_models(
 
 
 def propose_for_front(
-    models: tuple[RockMeanGP, RockMeanGP], pending: Sequence[Mapping[str, Any]], seed: int
+    models: tuple[Outcome, Outcome], pending: Sequence[Mapping[str, Any]], seed: int
 ) -> tuple[Values, dict[str, float]]:
-    """The configuration with the largest log noisy expected hypervolume improvement (Ament et al., NeurIPS 2023)."""
-    first, second = models
+    """The configuration with the largest log noisy expected hypervolume improvement (Ament et al., NeurIPS 2023).
+
+    What the configuration decides is computed at every point.
+    """
+    own = [model for model in models if isinstance(model, RockMeanGP)]
+    carrier = own[0]
     with numerics(seed):
-        baseline = first.inputs(np.unique(np.concatenate([m.promising(BASELINE) for m in models]), axis=0))
-        joint = ModelListGP(first.model, second.model)
+        baseline = carrier.inputs(np.unique(np.concatenate([m.promising(BASELINE) for m in own]), axis=0))
+        joint = own[0].model if len(own) == 1 else ModelListGP(*(m.model for m in own))
+        objective = _Both(models, baseline)
         with torch.no_grad():
-            level = joint.posterior(baseline).mean
+            level = objective(joint.posterior(baseline).mean, baseline)
         acquisition = logei.qLogNoisyExpectedHypervolumeImprovement(
             joint,
             ref_point=infer_reference_point(level[is_non_dominated(level)]),
             X_baseline=baseline,
             sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
+            objective=objective,
             prune_baseline=True,
-            X_pending=first.inputs(np.array([first.space.to_unit(v) for v in pending])) if pending else None,
+            X_pending=carrier.inputs(np.array([carrier.space.to_unit(v) for v in pending]))
+            if pending
+            else None,
         )
-        position, score = maximise(first, acquisition, seed)
-    return first.space.from_unit(position), {"log_nehvi": score}
+        position, score = maximise(carrier, acquisition, seed)
+    return carrier.space.from_unit(position), {"log_nehvi": score}
+
+
+class _Both(MCMultiOutputObjective):
+    """Both objectives, each on a standardised scale: drawn where there is a surrogate, else computed."""
+
+    def __init__(self, models: tuple[Outcome, Outcome], baseline: torch.Tensor) -> None:
+        super().__init__()
+        self._models = models
+        self._scales = []
+        for model in models:
+            spread = float(model.at(baseline).std()) if isinstance(model, KnownOutcome) else 1.0
+            self._scales.append(spread if spread > 0.0 else 1.0)
+
+    def forward(self, samples: torch.Tensor, X: torch.Tensor | None = None) -> torch.Tensor:
+        """(..., q, 2) of (..., q, surrogates) draws at (..., q, inputs)."""
+        columns, drawn = [], iter(samples.unbind(-1))
+        for model, scale in zip(self._models, self._scales):
+            if isinstance(model, KnownOutcome):
+                assert X is not None
+                columns.append((model.at(X) / scale).expand(samples.shape[:-1]))
+            else:
+                columns.append(next(drawn))
+        return torch.stack(columns, dim=-1)
 
 
 def flown_in_both(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from botorch.optim import optimize_acqf
 from botorch.sampling import SobolQMCNormalSampler
 from botorch.utils.sampling import draw_sobol_samples
 
-from nbv.types import Floats
+from nbv.types import Bools, Floats
 from tuner.acquisition.noisy_improvement import LogNoisyImprovement
 from tuner.acquisition.over_rocks import WorldOutcomes
 from tuner.problem.options import Risk
@@ -37,6 +37,7 @@ BASELINE = EXACT_MISSIONS  # flown configurations that an improvement is over; o
 DISCRETE_COMBINATIONS = 4
 RESTARTS = 4  # gradient searches
 GLOBAL_POINTS = 512  # of a Sobol sequence over the whole space
+FEW, MORE_POINTS = 64, 8192  # of what an exact limit allows
 LOCAL_POINTS = 256  # near the best configurations so far, where improvement is likeliest
 
 
@@ -93,13 +94,17 @@ def over_worlds(model: RockMeanGP, risk: Risk) -> bool:
 
 
 def maximise(
-    model: RockMeanGP, acquisition: AcquisitionFunction, seed: int, near: Floats | None = None
+    model: RockMeanGP,
+    acquisition: AcquisitionFunction,
+    seed: int,
+    near: Floats | None = None,
+    allowed: Callable[[Floats], Bools] | None = None,
 ) -> tuple[Floats, float]:
     """Best (d,) unit position, exactly a configuration, and its acquisition value.
 
     Values are logarithms: where missions have failed, the probability that one ends well is a factor. Starts are the best
     of many global points and of local ones, near the (n, d) positions ``near`` (None: those flown with the best posterior
-    means), tried without gradients.
+    means), tried without gradients; only those that are ``allowed``.
     """
     d = model.space.dimension
     if model.feasibility is not None:
@@ -108,6 +113,8 @@ def maximise(
     points = starting_points(model, seed, near_to=near)
     if discrete:
         points = np.array([model.space.snap(x) for x in points])
+    if allowed is not None:
+        points = only_allowed(model, points, allowed, seed)
     starts = model.inputs(points).unsqueeze(1)
     with torch.no_grad():
         scores = torch.cat([acquisition(block) for block in starts.split(BLOCK)])
@@ -133,6 +140,16 @@ def maximise(
         if float(score) > best_score:
             best, best_score = position[0, :d].numpy(), float(score)
     return best, best_score
+
+
+def only_allowed(model: RockMeanGP, points: Floats, allowed: Callable[[Floats], Bools], seed: int) -> Floats:
+    """Those of (n, d) unit positions that are allowed; more are looked at where hardly any is, and all taken where none is."""
+    found = points[allowed(points)]
+    if len(found) < FEW:
+        rng = np.random.default_rng(seed)
+        more = np.array([model.space.snap(u) for u in rng.random((MORE_POINTS, model.space.dimension))])
+        found = np.concatenate([found, more[allowed(more)]])
+    return found if len(found) else points
 
 
 class _OfWhatWorks(AcquisitionFunction):

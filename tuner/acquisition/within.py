@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
+from botorch.acquisition import AcquisitionFunction
 from botorch.acquisition.logei import qLogNoisyExpectedImprovement
 from botorch.acquisition.objective import GenericMCObjective
+from botorch.acquisition.utils import prune_inferior_points
 from botorch.models import ModelListGP
+from botorch.models.model import Model
 from botorch.sampling import SobolQMCNormalSampler
 
-from nbv.types import Floats
+from nbv.types import Bools, Floats
+from tuner.acquisition.noisy_improvement import LogNoisyImprovement
 from tuner.acquisition.propose import LOCAL_BEST, MONTE_CARLO_SAMPLES, maximise
 from tuner.problem.search_space import Values
 from tuner.surrogate.forward_check import Calibration
@@ -25,6 +29,8 @@ from tuner.surrogate.numerics import numerics
 SURE = 0.8  # probability from which on a configuration is taken to keep the limit
 CALIBRATED = Calibration(np.zeros(0))
 _CHUNK = 64
+_BROKEN = torch.tensor(-1e6, dtype=torch.float64)  # below every logarithm of an improvement
+Allowed = Callable[[Floats], Bools]
 
 
 @dataclass(frozen=True)
@@ -45,6 +51,8 @@ class Within:
     def probability(self, configurations: Sequence[Mapping[str, Any]]) -> Floats:
         """(m,) that each keeps the limit."""
         mean, sd = self.belief(configurations)
+        if isinstance(self.model, KnownOutcome):
+            return self.model.keeps(mean, self.at_least).astype(float)
         return np.array(
             [CALIBRATED.probability_positive(m - self.at_least, max(s, 1e-9)) for m, s in zip(mean, sd)]
         )
@@ -53,54 +61,113 @@ class Within:
         """Whether each can be taken to keep the limit."""
         return [bool(p >= SURE) for p in self.probability(configurations)] if configurations else []
 
-    def floor(self, first: RockMeanGP) -> float:
-        """The limit on the second model's common landscape, whose offsets belong to the limit."""
-        second, unit = self.model, np.unique(first.unit, axis=0)
-        assert isinstance(second, RockMeanGP)
-        mean, _ = self.belief([first.space.from_unit(u) for u in unit])
+    def floor(self) -> float:
+        """The limit on the model's common landscape, whose offsets belong to the limit."""
+        model = self.model
+        assert isinstance(model, RockMeanGP)
+        unit = np.unique(model.unit, axis=0)
+        mean, _ = self.belief([model.space.from_unit(u) for u in unit])
         with torch.no_grad():
-            level, _ = moments(second.model.posterior(first.inputs(unit)))
-        return (self.at_least - float(np.mean(mean - second.mean_scale * level))) / second.mean_scale
+            level, _ = moments(model.model.posterior(model.inputs(unit)))
+        return (self.at_least - float(np.mean(mean - model.mean_scale * level))) / model.mean_scale
 
-    def promising(self, first: RockMeanGP) -> Floats:
+    def promising(self, first: RockMeanGP | KnownOutcome) -> Floats:
         """(few, d) unit positions flown: the best of the first objective that may keep the limit, else the likeliest to."""
-        unit = np.unique(first.unit, axis=0)
-        chance = self.probability([first.space.from_unit(u) for u in unit])
-        with torch.no_grad():
-            own, _ = moments(first.model.posterior(first.inputs(unit)))
+        unit = np.unique(surrogate_of((first, self.model)).unit, axis=0)
+        configurations = [first.space.from_unit(u) for u in unit]
+        chance = self.probability(configurations)
+        if isinstance(first, KnownOutcome):
+            own = first.posterior(configurations).mean
+        else:
+            with torch.no_grad():
+                own, _ = moments(first.model.posterior(first.inputs(unit)))
         order = np.lexsort((-own, chance < 0.5)) if (chance >= 0.5).any() else np.argsort(-chance)
         found: Floats = unit[order[:LOCAL_BEST]]
         return found
 
+    def allowed(self) -> Allowed | None:
+        """Which (n, d) unit positions keep the limit, where that is known."""
+        model = self.model
+        if not isinstance(model, KnownOutcome):
+            return None
+        return lambda unit: model.keeps(model.at(torch.from_numpy(unit)).numpy(), self.at_least)
+
+
+def surrogate_of(models: Sequence[RockMeanGP | KnownOutcome]) -> RockMeanGP:
+    """The one that is a surrogate; the first of two."""
+    return next(model for model in models if isinstance(model, RockMeanGP))
+
 
 def propose_within(
-    first: RockMeanGP, within: Within, pending: Sequence[Mapping[str, Any]], seed: int
+    first: RockMeanGP | KnownOutcome, within: Within, pending: Sequence[Mapping[str, Any]], seed: int
 ) -> tuple[Values, dict[str, float]]:
     """The configuration with the largest log noisy expected improvement among those that keep the limit.
 
     The improvement counts by the probability of keeping the limit (Gardner et al., ICML 2014, in BoTorch's logarithmic
-    form); before anything keeps it, the search is for what does.
+    form); before anything keeps it, the search is for what does. What the configuration decides is computed: an exact
+    objective at every point, and what breaks an exact limit is never proposed.
     """
-    second = within.model
-    assert isinstance(second, RockMeanGP)
+    model, known = surrogate_of((first, within.model)), within.allowed()
+    flying = model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None
     with numerics(seed):
-        unit = np.unique(first.unit, axis=0)
-        baseline = first.inputs(unit)
-        floor = within.floor(first)
-        acquisition = qLogNoisyExpectedImprovement(
-            ModelListGP(first.model, second.model),
-            X_baseline=baseline,
-            sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
-            objective=GenericMCObjective(lambda samples, X=None: samples[..., 0]),
-            constraints=[lambda samples: floor - samples[..., 1]],
-            X_pending=first.inputs(np.array([first.space.to_unit(v) for v in pending])) if pending else None,
-            prune_baseline=True,
-            cache_root=False,
-        )
-        position, score = maximise(first, acquisition, seed, near=within.promising(first))
-    values = first.space.from_unit(position)
+        near = within.promising(first)
+        if known is not None:
+            unit = np.unique(model.unit, axis=0)
+            kept = unit[known(unit)]
+            baseline = prune_inferior_points(model.model, model.inputs(kept if len(kept) else near[:1]))
+            flying = None if flying is None else flying[known(flying[:, : model.space.dimension].numpy())]
+            baseline = baseline if flying is None else torch.unique(torch.cat([baseline, flying]), dim=0)
+            acquisition: AcquisitionFunction = _Allowed(
+                LogNoisyImprovement(model.model, baseline, MONTE_CARLO_SAMPLES, seed), known, model
+            )
+        else:
+            acquisition = _with_probability(first, within, model, flying, seed)
+        position, score = maximise(model, acquisition, seed, near=near, allowed=known)
+    values = model.space.from_unit(position)
+    unit_gain = 1.0 if isinstance(first, KnownOutcome) else first.mean_scale
     return values, {
         "log_nei": score,
-        "expected_gain": math.exp(score) * first.mean_scale,
+        "expected_gain": math.exp(score) * unit_gain,
         "probability_within": float(within.probability([values])[0]),
     }
+
+
+def _with_probability(
+    first: RockMeanGP | KnownOutcome,
+    within: Within,
+    model: RockMeanGP,
+    flying: torch.Tensor | None,
+    seed: int,
+) -> AcquisitionFunction:
+    second, floor = within.model, within.floor()
+    assert isinstance(second, RockMeanGP)
+    if isinstance(first, KnownOutcome):
+        joint: Model = second.model
+        objective = GenericMCObjective(lambda samples, X: first.at(X).expand(samples.shape[:-1]))
+    else:
+        joint = ModelListGP(first.model, second.model)
+        objective = GenericMCObjective(lambda samples, X=None: samples[..., 0])
+    return qLogNoisyExpectedImprovement(
+        joint,
+        X_baseline=model.inputs(np.unique(model.unit, axis=0)),
+        sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
+        objective=objective,
+        constraints=[lambda samples: floor - samples[..., -1]],
+        X_pending=flying,
+        prune_baseline=True,
+        cache_root=False,
+    )
+
+
+class _Allowed(AcquisitionFunction):
+    """An acquisition's values where a limit is known to be kept."""
+
+    def __init__(self, acquisition: AcquisitionFunction, allowed: Allowed, model: RockMeanGP) -> None:
+        super().__init__(acquisition.model)
+        self._acquisition, self._allowed, self._dimension = acquisition, allowed, model.space.dimension
+
+    def forward(self, X: torch.Tensor) -> torch.Tensor:
+        """(b,) of (b, 1, inputs)."""
+        kept = torch.from_numpy(self._allowed(X.detach()[:, 0, : self._dimension].numpy()))
+        value: torch.Tensor = torch.where(kept, self._acquisition(X), _BROKEN)
+        return value

@@ -93,6 +93,7 @@ def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | Non
         settings.budget,
         trusted_default=True,
         at_least=settings.at_least,
+        exact=settings.exact,
     )
 
 

@@ -10,12 +10,13 @@ Every sampler starts at the default configuration: each optimiser may know where
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from tuner.problem.blocks import next_block
+from tuner.problem.exact_costs import Exact
 from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.options import Risk
 from tuner.problem.search_space import SearchSpace, Values
@@ -55,6 +56,7 @@ class SamplerSettings:
     budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
     trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it
     at_least: float | None = None  # of the second objective, larger is better: a limit instead of the front
+    exact: Exact = field(default_factory=Exact)  # what of the objectives the configuration decides
 
     @property
     def worlds(self) -> tuple[World, ...]:

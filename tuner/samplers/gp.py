@@ -9,20 +9,26 @@ from dataclasses import dataclass
 from typing import Any
 
 from tuner.acquisition.draws import draw_best, draw_of_two
-from tuner.acquisition.front import propose_for_front, two_models
+from tuner.acquisition.front import Outcome, propose_for_front, two_models
 from tuner.acquisition.propose import over_worlds, propose
-from tuner.acquisition.within import Within, propose_within
+from tuner.acquisition.within import Within, propose_within, surrogate_of
 from tuner.problem.blocks import next_block
+from tuner.problem.exact_costs import PREDICTED_SECOND, Exact, ExactCost
 from tuner.problem.observations import PREDICTED, Observation, Pending, Proposal
 from tuner.problem.search_space import Values
 from tuner.problem.worlds import rocks_of
 from tuner.samplers.base import SamplerSettings, asks, derived_seed, in_flight, initial_proposal
 from tuner.samplers.design import near_default, places_for_earlier, sobol_point, stays_near_default
 from tuner.samplers.verification import BEGINS, verification
+from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
 
 MIN_FEASIBLE_FOR_MODEL = 2
+ASIDE, MOST_SKIPPED = (
+    1000,
+    200,
+)  # points of the design from beyond it, in place of those that break an exact limit
 MAX_JOINT = (
     128  # missions in flight up to which an acquisition is asked: a proposal then takes a fifth of a second
 )
@@ -58,25 +64,26 @@ class GPSampler:
         s, proposals, flying = self.settings, list[Proposal](), list(pending)
         feasible = [o for o in history if o.feasible]
         both = s.two_objectives and sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL
-        models: tuple[RockMeanGP, ...] = ()
+        exact = s.exact.agreed(history)
+        models: tuple[Outcome, ...] = ()
         within: Within | None = None
         modelled, drawn, from_draws = 0, list[Values](), list[int]()
         while len(proposals) < count:
             number = asks(history, flying)
             if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
-                proposal = self._design(number)
+                proposal = self._design(number, exact.second)
             else:
                 if not models:
-                    models = self._models(history, number, both)
+                    models = self._models(history, number, both, exact)
                     if both and s.at_least is not None:
                         within = Within(models[1], s.at_least)
-                worlds = not both and over_worlds(models[0], s.risk)
+                worlds = not both and over_worlds(surrogate_of(models), s.risk)
                 most = SEQUENTIAL if both or worlds else max(SEQUENTIAL, count // 2)
                 if modelled < most and len(flying) <= (MAX_JOINT_OVER_WORLDS if worlds else MAX_JOINT):
                     if both and within is None:
                         proposal = self._for_front((models[0], models[1]), flying, number)
                     else:
-                        proposal = self._by_acquisition(models[0], history, flying, number, within)
+                        proposal = self._by_acquisition(models, history, flying, number, within)
                 else:
                     drawn = drawn or self._draws(models, within, count - len(proposals), number)
                     proposal = self._drawn(models, history, flying, number, drawn.pop(), within)
@@ -86,40 +93,38 @@ class GPSampler:
             proposals.append(proposal)
             flying.append(in_flight(s, history, flying, proposal))
         if from_draws:
-            predicted = _predicted(models[0], [proposals[i] for i in from_draws])
+            predicted = _predicted(models, [proposals[i] for i in from_draws])
             for i, proposal in zip(from_draws, predicted, strict=True):
                 proposals[i] = proposal
         return proposals
 
-    def _models(self, history: Sequence[Observation], number: int, both: bool) -> tuple[RockMeanGP, ...]:
+    def _models(
+        self, history: Sequence[Observation], number: int, both: bool, exact: Exact
+    ) -> tuple[Outcome, ...]:
         """Of the objective, or one for each of two."""
         s, seed = self.settings, derived_seed(self.settings.seed, number)
         own = self.model or surrogate_settings(s.space, s.risk)
         if both:
-            first, second = two_models(s.space, history, s.worlds, seed, own)
-            assert isinstance(first, RockMeanGP) and isinstance(second, RockMeanGP)
-            return first, second
+            return two_models(s.space, history, s.worlds, seed, own, exact)
         feature = None if s.earlier is None else s.earlier.feature
         return (RockMeanGP(s.space, history, s.worlds, seed, own, feature),)
 
     def _draws(
-        self, models: tuple[RockMeanGP, ...], within: Within | None, count: int, number: int
+        self, models: tuple[Outcome, ...], within: Within | None, count: int, number: int
     ) -> list[Values]:
         seed = derived_seed(self.settings.seed, number)
         if len(models) > 1:
             return draw_of_two((models[0], models[1]), within, count, seed)
-        return draw_best(models[0], count, seed, self.settings.risk)
+        return draw_best(surrogate_of(models), count, seed, self.settings.risk)
 
-    def _for_front(
-        self, models: tuple[RockMeanGP, RockMeanGP], flying: Sequence[Pending], number: int
-    ) -> Proposal:
+    def _for_front(self, models: tuple[Outcome, Outcome], flying: Sequence[Pending], number: int) -> Proposal:
         seed = derived_seed(self.settings.seed, number)
         values, figures = propose_for_front(models, [p.values for p in flying], seed)
         return Proposal(values, {"sampler": self.name, "phase": "front", **figures})
 
     def _by_acquisition(
         self,
-        model: RockMeanGP,
+        models: tuple[Outcome, ...],
         history: Sequence[Observation],
         flying: Sequence[Pending],
         number: int,
@@ -128,18 +133,18 @@ class GPSampler:
         s, configurations = self.settings, [p.values for p in flying]
         seed = derived_seed(s.seed, number)
         if within is None:
-            values, figures = propose(model, configurations, seed, s.risk)
+            values, figures = propose(surrogate_of(models), configurations, seed, s.risk)
         else:
-            values, figures = propose_within(model, within, configurations, seed)
-        again = self._verified(model, history, flying, number, figures["expected_gain"], within)
+            values, figures = propose_within(models[0], within, configurations, seed)
+        again = self._verified(models, history, flying, number, figures["expected_gain"], within)
         if again is not None:
-            return _predicted(model, [dataclasses.replace(again, why={**figures, **again.why})])[0]
+            return _predicted(models, [dataclasses.replace(again, why={**figures, **again.why})])[0]
         proposal = Proposal(values, {"sampler": self.name, "phase": "model", **figures})
-        return _predicted(model, [_placed(s, history, flying, proposal)])[0]
+        return _predicted(models, [_placed(s, history, flying, proposal)])[0]
 
     def _drawn(
         self,
-        models: tuple[RockMeanGP, ...],
+        models: tuple[Outcome, ...],
         history: Sequence[Observation],
         flying: Sequence[Pending],
         number: int,
@@ -148,7 +153,7 @@ class GPSampler:
     ) -> Proposal:
         if len(models) > 1 and within is None:
             return Proposal(values, {"sampler": self.name, "phase": "front", "drawn": True})
-        again = self._verified(models[0], history, flying, number, math.inf, within)
+        again = self._verified(models, history, flying, number, math.inf, within)
         if again is not None:
             return again
         proposal = Proposal(values, {"sampler": self.name, "phase": "model", "drawn": True})
@@ -156,7 +161,7 @@ class GPSampler:
 
     def _verified(
         self,
-        model: RockMeanGP,
+        models: tuple[Outcome, ...],
         history: Sequence[Observation],
         flying: Sequence[Pending],
         number: int,
@@ -167,12 +172,26 @@ class GPSampler:
         if not self.verify or s.budget is None or number < BEGINS * s.budget:
             return None
         last = number >= s.budget - len(rocks_of(s.worlds)) * s.replicates
-        return verification(model, history, flying, s.replicates, gain, s.risk, last=last, within=within)
+        model, exact = surrogate_of(models), models[0] if isinstance(models[0], KnownOutcome) else None
+        return verification(
+            model, history, flying, s.replicates, gain, s.risk, last=last, within=within, exact=exact
+        )
 
-    def _design(self, number: int) -> Proposal:
-        s, rank = self.settings, number // 2 - 1
+    def _design(self, number: int, limited: ExactCost | None) -> Proposal:
+        """The design's mission; but for the default none that is known to break a limit of ``limited``."""
         if number == 0:
-            return initial_proposal(s, 0, self.name)
+            return initial_proposal(self.settings, 0, self.name)
+        skipped, least = 0, self.settings.at_least
+        proposal = self._design_point(number)
+        while limited is not None and least is not None and skipped < MOST_SKIPPED:
+            if limited.outcome(proposal.values) >= least:
+                return proposal
+            skipped += 1
+            proposal = self._design_point(number + 2 * ASIDE * skipped)
+        return proposal
+
+    def _design_point(self, number: int) -> Proposal:
+        s, rank = self.settings, number // 2 - 1
         places = places_for_earlier(s.initial)
         if number in places and s.earlier is not None and s.earlier.usable:
             place = places.index(number)
@@ -197,11 +216,13 @@ def _placed(
     return dataclasses.replace(proposal, rock=world.rock, condition=world.condition, replicate=replicate)
 
 
-def _predicted(model: RockMeanGP, proposals: Sequence[Proposal]) -> list[Proposal]:
-    """With what the model predicts of the missions, so that it can be told how well it did."""
+def _predicted(models: Sequence[Outcome], proposals: Sequence[Proposal]) -> list[Proposal]:
+    """With what the surrogate predicts of the missions, so that it can be told how well it did."""
+    model = surrogate_of(models)
+    key = PREDICTED if model is models[0] else PREDICTED_SECOND
     missions = [(p.values, p.world, p.replicate) for p in proposals if p.world is not None]
     return [
-        dataclasses.replace(proposal, memory={PREDICTED: [mean, sd]})
+        dataclasses.replace(proposal, memory={key: [mean, sd]})
         for proposal, (mean, sd) in zip(proposals, model.predict_missions(missions), strict=True)
     ]
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
+import numpy as np
+
 from tuner.acquisition.within import Within
 from tuner.problem.blocks import next_block
 from tuner.problem.configurations import Block, blocks_flown, configuration_key, distinct_configurations
@@ -18,9 +20,11 @@ from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
 from tuner.problem.worlds import World
 from tuner.recommendation.choose import JOINT, TOP
+from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
 
 BEGINS = 2 / 3  # of the budget
+WORTH = 0.01  # of an exact cost: less is not worth a mission of the search
 
 
 def verification(
@@ -33,6 +37,7 @@ def verification(
     *,
     last: bool = False,
     within: Within | None = None,
+    exact: KnownOutcome | None = None,
 ) -> Proposal | None:
     """The favourite on a block it has not flown, if that is worth more than exploring.
 
@@ -48,13 +53,15 @@ def verification(
         Whether to verify whatever exploring promises.
     within
         A limit that the favourite has to keep.
+    exact
+        The objective, where the configuration decides it: the favourite is then the cheapest.
 
     Returns
     -------
     None where the favourite (best posterior mean) has flown every block, or where exploring promises more than the noise
-    of a mission. The world is one of those it has flown least.
+    of a mission, or than `WORTH` of an exact cost. The world is one of those it has flown least.
     """
-    if expected_gain >= model.noise_sd and not last:
+    if exact is None and expected_gain >= model.noise_sd and not last:
         return None
     configurations = distinct_configurations(model.space, model.observations)
     if within is not None:
@@ -62,8 +69,18 @@ def verification(
         if not configurations:
             return None
     if len(configurations) > JOINT:
-        configurations = [configurations[i] for i in model.best_first(configurations, risk)[:TOP]]
-    values = configurations[int(model.posterior(configurations, risk).mean.argmax())]
+        known = None if exact is None else (-exact.posterior(configurations).mean).argsort(kind="stable")
+        order = model.best_first(configurations, risk) if known is None else known.tolist()
+        configurations = [configurations[i] for i in order[:TOP]]
+    quality = model.posterior(configurations, risk).mean
+    if exact is None:
+        values = configurations[int(quality.argmax())]
+    else:
+        costs = exact.posterior(configurations).mean
+        favourite = int(np.lexsort((-quality, -costs))[0])
+        if expected_gain >= WORTH * abs(costs[favourite]) and not last:
+            return None
+        values = configurations[favourite]
     missions: list[Observation | Pending] = [*history, *pending]
     own = blocks_flown(model.space, missions)[configuration_key(model.space, values)]
     block = _unseen_block(model.worlds, replicates, own, missions, values)

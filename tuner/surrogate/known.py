@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 import torch
 
+from nbv.types import Bools, Floats
 from tuner.problem.exact_costs import ExactCost
 from tuner.problem.options import Risk
 from tuner.problem.search_space import SearchSpace
 from tuner.surrogate.posterior import Posterior
+
+ROUNDING = 1e-9
 
 
 class KnownOutcome:
@@ -27,6 +30,10 @@ class KnownOutcome:
         return Posterior(
             np.array([self.cost.outcome(v) for v in values]), np.zeros((len(values), len(values)))
         )
+
+    def keeps(self, outcomes: Floats, at_least: float) -> Bools:
+        """Whether each outcome is at least that, whatever a position rounds to."""
+        return np.asarray(outcomes >= at_least - ROUNDING * max(1.0, abs(at_least)))
 
     def at(self, x: torch.Tensor) -> torch.Tensor:
         """(...,) at (..., inputs), whose first columns are the unit cube's; integers and choices are rounded."""
