@@ -90,7 +90,7 @@ def _drawn(model: RockMeanGP | KnownOutcome, inputs: torch.Tensor, count: int) -
         drawn: torch.Tensor = model.model.posterior(inputs).rsample(torch.Size([count]))[..., 0]
         return drawn
     known = model.at(inputs)
-    return ((known - known.mean()) / (known.std() + _LITTLE)).expand(count, -1).clone()
+    return ((known - known.mean()) / (known.std(correction=0) + _LITTLE)).expand(count, -1).clone()
 
 
 def _distinct(model: RockMeanGP, points: Floats, draws: torch.Tensor, seed: int) -> list[Values]:

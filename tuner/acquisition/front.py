@@ -96,7 +96,7 @@ class _Both(MCMultiOutputObjective):
         self._models = models
         self._scales = []
         for model in models:
-            spread = float(model.at(baseline).std()) if isinstance(model, KnownOutcome) else 1.0
+            spread = float(model.at(baseline).std(correction=0)) if isinstance(model, KnownOutcome) else 1.0
             self._scales.append(spread if spread > 0.0 else 1.0)
 
     def forward(self, samples: torch.Tensor, X: torch.Tensor | None = None) -> torch.Tensor:

@@ -14,14 +14,15 @@ from botorch.acquisition.logei import qLogNoisyExpectedImprovement
 from botorch.acquisition.objective import GenericMCObjective
 from botorch.acquisition.utils import prune_inferior_points
 from botorch.models import ModelListGP
-from botorch.models.model import Model
 from botorch.sampling import SobolQMCNormalSampler
+from scipy import special
 
 from nbv.types import Bools, Floats
+from tuner.acquisition.believed_saving import LogBelievedSaving
 from tuner.acquisition.noisy_improvement import LogNoisyImprovement
 from tuner.acquisition.propose import LOCAL_BEST, MONTE_CARLO_SAMPLES, maximise
 from tuner.problem.search_space import Values
-from tuner.surrogate.forward_check import Calibration
+from tuner.surrogate.forward_check import PRIOR_COUNT, Calibration
 from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP, moments
 from tuner.surrogate.numerics import numerics
@@ -120,8 +121,10 @@ def propose_within(
             acquisition: AcquisitionFunction = _Allowed(
                 LogNoisyImprovement(model.model, baseline, MONTE_CARLO_SAMPLES, seed), known, model
             )
+        elif isinstance(first, KnownOutcome):
+            acquisition = _saving(first, within, model, flying)
         else:
-            acquisition = _with_probability(first, within, model, flying, seed)
+            acquisition = _with_probability(first, within, flying, seed)
         position, score = maximise(model, acquisition, seed, near=near, allowed=known)
     values = model.space.from_unit(position)
     unit_gain = 1.0 if isinstance(first, KnownOutcome) else first.mean_scale
@@ -132,27 +135,35 @@ def propose_within(
     }
 
 
+def _saving(
+    cost: KnownOutcome, within: Within, model: RockMeanGP, flying: torch.Tensor | None
+) -> AcquisitionFunction:
+    flown = [model.space.from_unit(u) for u in np.unique(model.unit, axis=0)]
+    believed = [v for v, kept in zip(flown, within.keeps(flown)) if kept]
+    # Before anything is believed, all that may be saves against the most expensive there is.
+    best = max(cost.posterior(believed).mean) if believed else cost.worst() - 1.0
+    return believed_saving(cost, within, model, flying, float(best))
+
+
+def believed_saving(
+    cost: KnownOutcome, within: Within, model: RockMeanGP, flying: torch.Tensor | None, best: float
+) -> LogBelievedSaving:
+    """What a mission is expected to save over a configuration whose cost has the outcome ``best``."""
+    quantile = float(special.stdtrit(PRIOR_COUNT, SURE))
+    return LogBelievedSaving(model, cost, within.at_least, quantile, best, flying)
+
+
 def _with_probability(
-    first: RockMeanGP | KnownOutcome,
-    within: Within,
-    model: RockMeanGP,
-    flying: torch.Tensor | None,
-    seed: int,
+    first: RockMeanGP, within: Within, flying: torch.Tensor | None, seed: int
 ) -> AcquisitionFunction:
     second, floor = within.model, within.floor()
     assert isinstance(second, RockMeanGP)
-    if isinstance(first, KnownOutcome):
-        joint: Model = second.model
-        objective = GenericMCObjective(lambda samples, X: first.at(X).expand(samples.shape[:-1]))
-    else:
-        joint = ModelListGP(first.model, second.model)
-        objective = GenericMCObjective(lambda samples, X=None: samples[..., 0])
     return qLogNoisyExpectedImprovement(
-        joint,
-        X_baseline=model.inputs(np.unique(model.unit, axis=0)),
+        ModelListGP(first.model, second.model),
+        X_baseline=first.inputs(np.unique(first.unit, axis=0)),
         sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
-        objective=objective,
-        constraints=[lambda samples: floor - samples[..., -1]],
+        objective=GenericMCObjective(lambda samples, X=None: samples[..., 0]),
+        constraints=[lambda samples: floor - samples[..., 1]],
         X_pending=flying,
         prune_baseline=True,
         cache_root=False,

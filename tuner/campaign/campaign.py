@@ -91,7 +91,7 @@ def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | Non
         learned,
         settings.second is not None,
         settings.budget,
-        trusted_default=True,
+        trusted_default=settings.trusted_default,
         at_least=settings.at_least,
         exact=settings.exact,
     )

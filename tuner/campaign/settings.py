@@ -237,16 +237,22 @@ class CampaignSettings:
             return dict(external_config(self.mission).values)
         return self.space.default(preset(self.preset).with_values(self.overrides))
 
+    @property
+    def trusted_default(self) -> bool:
+        """Whether half of the initial design stays near the default, whose values were chosen by hand.
+
+        Not where the cheapest is sought: that is far away. Other samplers keep the designs their authors recommend.
+        """
+        return self.sampler == "gp" and (self.second is None or self.exact.first is None)
+
     def initial_size(self) -> int:
         """Missions of the initial design."""
         if self.initial is not None:
             return min(self.initial, self.budget)
-        # The paper's values were chosen by hand. Other samplers keep the designs their authors recommend.
-        trusted = self.sampler == "gp"
         return initial_design_size(
             self.space.dimension,
             self.budget,
-            trusted_default=trusted,
+            trusted_default=self.trusted_default,
             earlier=bool(self.learn_from),
         )
 

@@ -28,6 +28,7 @@ from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings
 
 TOP = 5
+MAY_KEEP = 0.5  # probability from which on the default is not given up for something dearer
 JOINT = 600  # configurations, over worlds, whose joint belief is computed; it grows with the square
 
 # Of a configuration and the numbers of the missions that flew it: what of it changed no choice.
@@ -119,13 +120,13 @@ def recommend(
         goal = KnownOutcome(space, exact).posterior([*configurations, default], risk)
         least = max(goal.mean[i] for i in among)
         among = [i for i in among if goal.mean[i] == least]
-        own_default = [i for i in among if configurations[i] == default]
-        among = own_default or among  # nothing is cheaper
+        if goal.mean[reference] >= least and (within is None or within.probability([default])[0] >= MAY_KEEP):
+            among = [i for i, v in enumerate(configurations) if v == default] or among  # nothing is cheaper
     index = fewest_changes(configurations, among, default, belief, calibrated, model.noise_sd)
     values, sign = configurations[index], objective.sign
     order = sorted(chosen, key=lambda i: (-goal.mean[i], -belief.mean[i]))
-    top = list(dict.fromkeys([*order[: TOP - 1], index]))
-    top.sort(key=order.index)
+    order = order if index in order else [index, *order]
+    top = sorted({*order[: TOP - 1], index}, key=order.index)
     shares = goal.probability_best(top, seed) if exact is None else [float(i == index) for i in top]
     chances = [None] * len(top) if within is None else within.probability([configurations[i] for i in top])
     candidates = []

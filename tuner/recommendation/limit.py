@@ -52,7 +52,7 @@ def next_rock_keeps(model: RockMeanGP, values: Mapping[str, Any], at_least: floa
     """Probability that the mean of ``values`` on a rock nobody has flown is ``at_least`` that; larger is better.
 
     The next rock is drawn like the training rocks: Student's t, whose spread has a prior worth `PRIOR_ROCKS` rocks that
-    differ as much as configurations do on one rock.
+    differ as much as missions on one rock do.
     """
     belief = model.posterior([values])
     rocks = rocks_of(model.worlds)
@@ -60,6 +60,8 @@ def next_rock_keeps(model: RockMeanGP, values: Mapping[str, Any], at_least: floa
         np.mean([model.predict_in_world(values, w) for w in model.worlds if w.rock == rock]) for rock in rocks
     ]
     freedom = PRIOR_ROCKS + len(rocks) - 1
-    between = (PRIOR_ROCKS * model.mean_scale**2 + float(np.var(own)) * len(rocks)) / freedom
+    between = (
+        PRIOR_ROCKS * (model.noise_sd**2 + (model.block_sd or 0.0) ** 2) + float(np.var(own)) * len(rocks)
+    ) / freedom
     sd = math.sqrt(between * (1 + 1 / len(rocks)) + float(belief.sd[0]) ** 2)
     return float(special.stdtr(freedom, (float(belief.mean[0]) - at_least) / sd))

@@ -11,8 +11,9 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 
 import numpy as np
+import torch
 
-from tuner.acquisition.within import Within
+from tuner.acquisition.within import Within, believed_saving
 from tuner.problem.blocks import next_block
 from tuner.problem.configurations import Block, blocks_flown, configuration_key, distinct_configurations
 from tuner.problem.observations import Observation, Pending, Proposal
@@ -20,11 +21,11 @@ from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
 from tuner.problem.worlds import World
 from tuner.recommendation.choose import JOINT, TOP
+from tuner.recommendation.eligible import enough
 from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
 
 BEGINS = 2 / 3  # of the budget
-WORTH = 0.01  # of an exact cost: less is not worth a mission of the search
 
 
 def verification(
@@ -54,33 +55,30 @@ def verification(
     within
         A limit that the favourite has to keep.
     exact
-        The objective, where the configuration decides it: the favourite is then the cheapest.
+        The objective, where the configuration decides it: flown is then what that mission may save most by, where that is
+        more than exploring promises.
 
     Returns
     -------
     None where the favourite (best posterior mean) has flown every block, or where exploring promises more than the noise
-    of a mission, or than `WORTH` of an exact cost. The world is one of those it has flown least.
+    of a mission. The world is one of those it has flown least.
     """
-    if exact is None and expected_gain >= model.noise_sd and not last:
-        return None
-    configurations = distinct_configurations(model.space, model.observations)
-    if within is not None:
-        configurations = [v for v, kept in zip(configurations, within.keeps(configurations)) if kept]
-        if not configurations:
+    if exact is not None and within is not None:
+        chosen = _worth_confirming(model, history, pending, replicates, within, exact)
+        if chosen is None or (expected_gain > chosen[1] and not last):
             return None
-    if len(configurations) > JOINT:
-        known = None if exact is None else (-exact.posterior(configurations).mean).argsort(kind="stable")
-        order = model.best_first(configurations, risk) if known is None else known.tolist()
-        configurations = [configurations[i] for i in order[:TOP]]
-    quality = model.posterior(configurations, risk).mean
-    if exact is None:
-        values = configurations[int(quality.argmax())]
+        values = chosen[0]
     else:
-        costs = exact.posterior(configurations).mean
-        favourite = int(np.lexsort((-quality, -costs))[0])
-        if expected_gain >= WORTH * abs(costs[favourite]) and not last:
+        if expected_gain >= model.noise_sd and not last:
             return None
-        values = configurations[favourite]
+        configurations = distinct_configurations(model.space, model.observations)
+        if within is not None:
+            configurations = [v for v, kept in zip(configurations, within.keeps(configurations)) if kept]
+            if not configurations:
+                return None
+        if len(configurations) > JOINT:
+            configurations = [configurations[i] for i in model.best_first(configurations, risk)[:TOP]]
+        values = configurations[int(model.posterior(configurations, risk).mean.argmax())]
     missions: list[Observation | Pending] = [*history, *pending]
     own = blocks_flown(model.space, missions)[configuration_key(model.space, values)]
     block = _unseen_block(model.worlds, replicates, own, missions, values)
@@ -89,6 +87,42 @@ def verification(
         return None
     world, replicate = block
     return Proposal(values, why, world.rock, replicate, condition=world.condition)
+
+
+def _worth_confirming(
+    model: RockMeanGP,
+    history: Sequence[Observation],
+    pending: Sequence[Pending],
+    replicates: int,
+    within: Within,
+    exact: KnownOutcome,
+) -> tuple[Values, float] | None:
+    """The configuration flown that one mission more may save most by, and how much it is expected to save.
+
+    Against the cheapest that may be recommended already and is believed to keep the limit: that one where nothing is cheaper.
+    """
+    configurations = distinct_configurations(model.space, model.observations)
+    costs, keeps = exact.posterior(configurations).mean, within.keeps(configurations)
+    succeeded = blocks_flown(model.space, model.observations)
+    flown = blocks_flown(model.space, [*history, *pending])
+    keys = [configuration_key(model.space, values) for values in configurations]
+    done = [i for i, key in enumerate(keys) if keeps[i] and enough(succeeded[key], model.worlds, replicates)]
+    best = max((costs[i] for i in done), default=costs.min() - 1.0)
+    open_ = [
+        i
+        for i, key in enumerate(keys)
+        if costs[i] > best and len(flown[key]) < replicates * len(model.worlds)
+    ]
+    if not open_:
+        favourite = max(done, key=lambda i: costs[i], default=None)
+        return None if favourite is None else (configurations[favourite], 0.0)
+    x = model.inputs(np.array([model.space.to_unit(configurations[i]) for i in open_]))
+    flying = model.inputs(np.array([model.space.to_unit(p.values) for p in pending])) if pending else None
+    value = believed_saving(exact, within, model, flying, float(best))
+    with torch.no_grad():
+        scores = value(x.unsqueeze(1))
+    chosen = int(scores.argmax())
+    return configurations[open_[chosen]], float(scores[chosen].exp())
 
 
 def _unseen_block(

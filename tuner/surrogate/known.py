@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -15,6 +16,7 @@ from tuner.problem.search_space import SearchSpace
 from tuner.surrogate.posterior import Posterior
 
 ROUNDING = 1e-9
+MOST_ENDS = 256
 
 
 class KnownOutcome:
@@ -30,6 +32,13 @@ class KnownOutcome:
         return Posterior(
             np.array([self.cost.outcome(v) for v in values]), np.zeros((len(values), len(values)))
         )
+
+    def worst(self) -> float:
+        """The least outcome at the ends of the parameters that decide it."""
+        own = [self.space.parameters[i] for i in self._columns]
+        some = self.space.from_unit([0.5] * self.space.dimension)
+        ends = itertools.islice(itertools.product(*(p.ends for p in own)), MOST_ENDS)
+        return min(self.cost.outcome({**some, **dict(zip(self.cost.paths, end))}) for end in ends)
 
     def keeps(self, outcomes: Floats, at_least: float) -> Bools:
         """Whether each outcome is at least that, whatever a position rounds to."""

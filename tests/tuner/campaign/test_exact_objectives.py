@@ -1,0 +1,117 @@
+"""Campaigns whose cost the configuration decides: exact in proposals, recommendation and front."""
+
+from __future__ import annotations
+
+import functools
+import json
+from pathlib import Path
+from typing import Any
+
+import fake_campaigns
+import numpy as np
+import photograph_missions
+import pytest
+
+from tuner.campaign.campaign import Campaign
+from tuner.problem.objective import Objective
+from tuner.problem.space_files import load_search_space
+from tuner.samplers import gp
+from tuner.samplers.gp import GPSampler
+
+PHOTOGRAPHS, QUALITY = Objective("costs.images", "minimise"), Objective()
+run = functools.partial(
+    fake_campaigns.run,
+    space=load_search_space("photographs"),
+    runner="photograph_missions:mission",
+    replicates=2,
+)
+
+
+def count(values: Any) -> float:
+    return float(values["seed.count"] + values["stop.adaptive_budget"])
+
+
+@pytest.fixture(scope="module")
+def fewest(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
+    """photographs@f_score>=98"""
+    where = tmp_path_factory.mktemp("c") / "run"
+    return run(where, objective=PHOTOGRAPHS, second=QUALITY, limit=98.0, budget=16, seed=0)
+
+
+def test_the_fewest_photographs_are_exact(fewest: Campaign) -> None:
+    best = fewest.recommendation()
+    assert best is not None and best.exact
+    assert best.mean == count(best.values) and best.default_mean == 32.0
+    assert best.improvement == 32.0 - best.mean and best.improvement_sd == best.sd == 0.0
+    assert best.improvement_interval_95 == (best.improvement, best.improvement)
+    assert best.values in [t.values for t in fewest.trials()]  # flown
+    assert all(c.mean == count(c.values) for c in best.top)
+    saved = json.loads((fewest.directory / "recommendation.json").read_text())
+    assert saved["values"] == best.values and fewest.recommended_config() == fewest.settings.config(
+        best.values
+    )
+
+
+def test_what_is_modelled_is_the_quality(fewest: Campaign) -> None:
+    best = fewest.recommendation()
+    assert best is not None and best.limit is not None
+    assert fewest.modelled_objective == QUALITY and best.modelled_metric == QUALITY.metric
+    assert all(90.0 < row.predicted < 101.0 for row in best.per_rock)
+    assert 0.0 < best.noise_sd < 5.0 and best.calibration["missions"] > 0
+    limit = best.limit
+    assert limit.kept and limit.probability >= 0.8 and 97.5 < limit.mean < 100.5
+    assert limit.interval_95[0] < limit.mean < limit.interval_95[1]
+    assert limit.next_rock_keeps is not None and 0.0 < limit.next_rock_keeps < limit.probability
+    model = fewest.surrogate_from(fewest.history())
+    assert 90.0 < model.posterior([best.values]).mean[0] < 101.0
+
+
+def test_the_front_has_whole_photographs(tmp_path: Path) -> None:
+    campaign = run(tmp_path / "run", second=PHOTOGRAPHS, budget=8)
+    points = campaign.front(save=False)
+    assert points and all(p.second == count(p.values) and p.second_sd == 0.0 for p in points)
+    assert campaign.trials()[-1].why["phase"] == "front"
+
+
+def test_what_breaks_an_exact_limit_is_never_flown(tmp_path: Path) -> None:
+    campaign = run(tmp_path / "run", second=PHOTOGRAPHS, limit=24.0, budget=12)
+    flown = [count(t.values) for t in campaign.trials()]
+    assert flown[0] == 32.0 and max(flown[1:]) <= 24.0  # the default is what all is compared with
+    best = campaign.recommendation()
+    assert best is not None and not best.exact and best.limit is not None and best.limit.exact
+    assert best.limit.kept and best.limit.mean == count(best.values) <= 24.0 and best.limit.sd == 0.0
+
+
+def test_a_pool_that_runs_empty_makes_the_cost_a_guess(tmp_path: Path) -> None:
+    campaign = run(
+        tmp_path / "run", rocks=("a", "short"), objective=PHOTOGRAPHS, second=QUALITY, limit=90.0, budget=6
+    )
+    best = campaign.recommendation()
+    assert best is not None and not best.exact
+    assert campaign.modelled_objective == PHOTOGRAPHS
+
+
+@pytest.mark.parametrize("asked", [{"limit": 98.0}, {}])
+def test_a_wide_batch_with_an_exact_cost(fewest: Campaign, asked: dict[str, Any]) -> None:
+    s = fewest.settings
+    settings = gp.SamplerSettings(
+        s.space,
+        s.default_values(),
+        s.worlds,
+        0,
+        4,
+        2,
+        two_objectives=True,
+        exact=s.exact,
+        at_least=asked.get("limit"),
+    )
+    proposals = GPSampler(settings).ask_many(fewest.history(), [], 12)
+    assert len({tuple(p.values.values()) for p in proposals}) == 12
+    assert [p.why.get("drawn") for p in proposals].count(True) == 8
+
+
+def test_it_saves_photographs_that_it_need_not(fewest: Campaign) -> None:
+    best = fewest.recommendation()
+    assert best is not None and best.mean <= 30.0
+    assert photograph_missions.truth(fewest.settings.config(best.values)) >= 98.0  # type: ignore[arg-type]
+    assert np.isfinite(best.limit.difference if best.limit else np.nan)

@@ -1,0 +1,88 @@
+"""What a mission is expected to save of an exact cost, where a quality has to keep a limit.
+
+A cheaper configuration counts once it is believed to keep the limit, with the probability `SURE`. Before a mission, with the
+posterior mean m, variance v and noise variance t of the quality, the mean after it is normal with mean m and variance
+v^2 / (v + t), the variance after it v t / (v + t); so the probability that it will be believed has a closed form. It times what
+it saves over the cheapest that is believed is the value. (The noisy expected improvement is over the cheapest of each draw
+instead: among many configurations near the limit one keeps it in almost every draw, and the search goes on below.)
+"""
+
+from __future__ import annotations
+
+import torch
+from botorch.acquisition import AcquisitionFunction
+
+from tuner.acquisition.over_rocks import WorldOutcomes
+from tuner.surrogate.known import KnownOutcome
+from tuner.surrogate.model import RockMeanGP
+
+_LEAST = 1e-12
+
+
+class LogBelievedSaving(AcquisitionFunction):
+    """Logarithm of the expected saving.
+
+    Parameters
+    ----------
+    model
+        Of the quality.
+    cost
+        Larger is better, as everywhere.
+    at_least
+        The limit of the quality's mean over the training worlds.
+    quantile
+        Standard deviations above the limit at which it is believed to be kept.
+    best
+        The outcome of the cheapest that is believed.
+    flying
+        (m, inputs) in flight: they may become the cheapest.
+    """
+
+    def __init__(
+        self,
+        model: RockMeanGP,
+        cost: KnownOutcome,
+        at_least: float,
+        quantile: float,
+        best: float,
+        flying: torch.Tensor | None,
+    ) -> None:
+        super().__init__(model.model)
+        self._cost, self._at_least, self._quantile = cost, at_least, quantile
+        self._worlds, self._noise = WorldOutcomes(model), model.noise_sd**2
+        levels, chances = [best], [1.0]
+        if flying is not None:
+            with torch.no_grad():
+                chance = self._log_chance(flying.unsqueeze(1)).exp()
+            for own, p in sorted(zip(cost.at(flying).tolist(), chance.tolist())):
+                if own > best:
+                    levels.append(own)
+                    chances.append(p)
+        # The best level reached: each with the probability that none above it is.
+        none_above, weights = 1.0, []
+        for p in reversed(chances):
+            weights.append(none_above * p)
+            none_above *= 1.0 - p
+        self._levels = torch.tensor(levels[::-1], dtype=torch.float64)
+        self._weights = torch.tensor(weights, dtype=torch.float64)
+
+    def forward(self, X: torch.Tensor) -> torch.Tensor:
+        """(b,) of (b, 1, inputs)."""
+        saved = (self._cost.at(X[:, 0])[:, None] - self._levels).clamp_min(0.0) @ self._weights
+        return saved.clamp_min(_LEAST).log() + self._log_chance(X)
+
+    def _log_chance(self, X: torch.Tensor) -> torch.Tensor:
+        """(b,) of (b, 1, inputs): that a configuration will be believed to keep the limit after a mission."""
+        belief = self._worlds.posterior(X)
+        count = self._worlds.num_outputs
+        mean, variance = (
+            belief.mean[:, 0].mean(-1),
+            belief.distribution.covariance_matrix.sum((1, 2)) / count**2,
+        )
+        variance = variance.clamp_min(_LEAST)
+        after = (variance * self._noise / (variance + self._noise)).sqrt()
+        moved = variance / (variance + self._noise).sqrt()
+        log_chance: torch.Tensor = torch.special.log_ndtr(
+            (mean - self._at_least - self._quantile * after) / moved
+        )
+        return log_chance
