@@ -16,6 +16,7 @@ from tuner.acquisition.over_rocks import WorldOutcomes
 from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
 
+RECENT = 8
 _LEAST = 1e-12
 
 
@@ -35,7 +36,7 @@ class LogBelievedSaving(AcquisitionFunction):
     best
         The outcome of the cheapest that is believed.
     flying
-        (m, inputs) in flight: they may become the cheapest.
+        (m, inputs) in flight: they may become the cheapest, and the last `RECENT` will tell of what is near.
     """
 
     def __init__(
@@ -49,6 +50,7 @@ class LogBelievedSaving(AcquisitionFunction):
     ) -> None:
         super().__init__(model.model)
         self._cost, self._at_least, self._quantile = cost, at_least, quantile
+        self._recent: torch.Tensor | None = None
         self._worlds, self._noise = WorldOutcomes(model), model.noise_sd**2
         levels, chances = [best], [1.0]
         if flying is not None:
@@ -58,6 +60,7 @@ class LogBelievedSaving(AcquisitionFunction):
                 if own > best:
                     levels.append(own)
                     chances.append(p)
+            self._recent = flying[-RECENT:]
         # The best level reached: each with the probability that none above it is.
         none_above, weights = 1.0, []
         for p in reversed(chances):
@@ -73,12 +76,18 @@ class LogBelievedSaving(AcquisitionFunction):
 
     def _log_chance(self, X: torch.Tensor) -> torch.Tensor:
         """(b,) of (b, 1, inputs): that a configuration will be believed to keep the limit after a mission."""
-        belief = self._worlds.posterior(X)
-        count = self._worlds.num_outputs
-        mean, variance = (
-            belief.mean[:, 0].mean(-1),
-            belief.distribution.covariance_matrix.sum((1, 2)) / count**2,
-        )
+        points = X
+        if self._recent is not None:
+            points = torch.cat([X, self._recent.expand(len(X), *self._recent.shape)], dim=1)
+        belief, count, q = self._worlds.posterior(points), self._worlds.num_outputs, points.shape[1]
+        mean = belief.mean[:, 0].mean(-1)
+        covariance = belief.distribution.covariance_matrix.unflatten(1, (count, q)).unflatten(3, (count, q))
+        covariance = covariance.mean((1, 3))  # of the means over the worlds
+        variance = covariance[:, 0, 0]
+        if q > 1:
+            across = covariance[:, 1:, :1]
+            noisy = covariance[:, 1:, 1:] + self._noise * torch.eye(q - 1, dtype=X.dtype)
+            variance = variance - (across * torch.linalg.solve(noisy, across)).sum((1, 2))
         variance = variance.clamp_min(_LEAST)
         after = (variance * self._noise / (variance + self._noise)).sqrt()
         moved = variance / (variance + self._noise).sqrt()
