@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 from rich.markup import escape
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from tuner.evaluation.flying import EvaluationEvent
     from tuner.evaluation.plan import EvaluationPlan
     from tuner.missions.external import MissionFile
+    from tuner.problem.objective import Objective
 
 
 class ComparisonProgress(FlightProgress):
@@ -38,6 +39,9 @@ class ComparisonProgress(FlightProgress):
         self._metric = metric
 
     def __call__(self, event: EvaluationEvent) -> None:
+        from tuner.evaluation.plan import EvaluationRecord
+        from tuner.report.labels import metric_label
+
         self.counts = f"{event.finished}/{event.total}"
         self.reached(event.finished, event.total)
         if event.job is None:
@@ -51,10 +55,9 @@ class ComparisonProgress(FlightProgress):
         if event.kind == "failed":
             text = f"[red]failed: {escape(event.outcome.reason)}[/] {escape(event.outcome.message)}"
         else:
-            value: Any = event.outcome.metrics
-            for part in self._metric.split("."):
-                value = value[part]
-            text = f"{self._metric.split('.')[-1]} [bold]{value:6.2f}[/]"
+            value = EvaluationRecord(strategy, "", 0, event.outcome).value(self._metric)
+            name = metric_label(self._metric).name
+            text = f"{name} [bold]{'not measured' if value is None else f'{value:6.2f}'}[/]"
         self.say(
             f"{strategy:<14} {escape(world.label):<16} r{event.job.replicate} {text}  "
             f"{event.outcome.wall_s:4.0f} s",
@@ -68,7 +71,7 @@ def compare(
     *,
     workers: int | None,
     timeout_s: float,
-    metric: str,
+    objective: Objective,
     reference: str | None,
     title: str,
     paper: bool,
@@ -92,14 +95,12 @@ def compare(
         f"{plan.missions} missions, {executor.capacity} workers"
     )
     with executor, progress_bar() as bar:
-        show = ComparisonProgress(bar, metric)
+        show = ComparisonProgress(bar, objective.metric)
         with beating(show.tick):
             run = run_evaluation(plan, directory, executor, show)
-    if mission is None or mission.score is not None:
-        rows = None
-    else:
-        rows = mission_file_rows(mission.objective, run.records)
-    if sentence := leading_verdict(run, reference, metric, rows):
+    ours = mission is None or mission.score is not None
+    rows = None if ours else mission_file_rows(objective, run.records)
+    if sentence := leading_verdict(run, reference, objective.metric, rows):
         output.print(sentence, style="bold")
     several = len(plan.conditions) > 1
     for condition in plan.conditions if several else ():
@@ -128,7 +129,7 @@ def compare(
             directory,
             title=title,
             reference=reference,
-            metric=metric,
+            metric=objective.metric,
             paper=paper,
             command=f"gatetune {shlex.join(sys.argv[1:])}",
             rows=rows,

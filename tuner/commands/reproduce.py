@@ -10,6 +10,7 @@ import typer
 from nbv.config import IDEAL, PRESETS, load_conditions
 from tuner.commands.comparison import compare
 from tuner.commands.console import CONDITION_HELP, load, mission_config, output, rock_arguments
+from tuner.problem.objective import Objective
 
 
 def reproduce(
@@ -62,7 +63,7 @@ def reproduce(
         out,
         workers=workers,
         timeout_s=timeout_s,
-        metric="whole.completeness_48mm",
+        objective=Objective("whole.completeness_48mm"),
         reference=next(iter(configs)) if len(configs) > 1 else None,
         title=f"Table I reproduced with preset {preset}: {PRESETS[preset].purpose}",
         paper=True,
