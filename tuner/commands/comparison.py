@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from tuner.evaluation.plan import EvaluationPlan
     from tuner.missions.external import MissionFile
     from tuner.problem.objective import Objective
+    from tuner.report.comparison.verdicts import LimitAsked
 
 
 class ComparisonProgress(FlightProgress):
@@ -76,6 +77,7 @@ def compare(
     title: str,
     paper: bool,
     mission: MissionFile | None = None,
+    asked: LimitAsked | None = None,
 ) -> None:
     """Fly what is missing, print Table I's layout with intervals, write the report."""
     from tuner.evaluation.comparison import comparison_table
@@ -88,6 +90,7 @@ def compare(
         difference_terminal_table,
         mission_file_rows,
     )
+    from tuner.report.comparison.verdicts import limit_rows
 
     executor = local_executor(plan.runner, workers, timeout_s, mission)
     output.print(
@@ -100,7 +103,7 @@ def compare(
             run = run_evaluation(plan, directory, executor, show)
     ours = mission is None or mission.score is not None
     rows = None if ours else mission_file_rows(objective, run.records)
-    if sentence := leading_verdict(run, reference, objective.metric, rows):
+    if sentence := leading_verdict(run, reference, objective.metric, rows, asked):
         output.print(sentence, style="bold")
     several = len(plan.conditions) > 1
     for condition in plan.conditions if several else ():
@@ -118,7 +121,8 @@ def compare(
     else:
         name = "Metrics and costs"
         table = comparison_table(run.records, tuple(plan.strategies), reference, None, rows)
-    output.print(comparison_terminal_table(table, title=name, paper=paper), markup=True)
+    shown = limit_rows(table, run.records, asked)
+    output.print(comparison_terminal_table(shown, title=name, paper=paper), markup=True)
     if (differences := difference_terminal_table(table)) is not None:
         output.print(differences, markup=True)
     if paper:
@@ -133,6 +137,7 @@ def compare(
             paper=paper,
             command=f"gatetune {shlex.join(sys.argv[1:])}",
             rows=rows,
+            asked=asked,
         )
     output.print(f"{seconds(run.elapsed_s)}; report: {report}")
     for reason, times in run.failures.items():

@@ -16,7 +16,18 @@ from tuner.commands.console import MISSION_HELP, load, output, working
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
+    from tuner.campaign.settings import CampaignSettings
     from tuner.evaluation.plan import EvaluationPlan
+    from tuner.report.comparison.verdicts import LimitAsked
+
+
+MarginOption = Annotated[
+    float,
+    typer.Option(
+        min=0.0,
+        help="Of a campaign with a limit: quality that may be lost and still counts as kept, in the metric's unit.",
+    ),
+]
 
 
 def evaluate(
@@ -50,6 +61,7 @@ def evaluate(
         int | None, typer.Option(help="Missions side by side (default: one per core).")
     ] = None,
     timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
+    margin: MarginOption = 1.0,
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/evaluation).")] = None,
     mission: Annotated[Path | None, typer.Option(help=MISSION_HELP)] = None,
 ) -> None:
@@ -81,6 +93,7 @@ def evaluate(
             title=f"{source.settings.name}: tuned against baselines on held-out instances",
             paper=False,
             mission=source.settings.mission,
+            asked=_asked(source.settings, margin),
         )
         return
     worlds = load_conditions(conditions) if conditions else source.settings.conditions
@@ -103,6 +116,7 @@ def evaluate(
         reference=reference,
         title=f"{source.settings.name}: tuned against baselines on held-out rocks",
         paper=False,
+        asked=_asked(source.settings, margin),
     )
 
 
@@ -117,6 +131,7 @@ def confirm(
         int | None, typer.Option(help="Missions side by side (default: one per core).")
     ] = None,
     timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
+    margin: MarginOption = 1.0,
     out: Annotated[
         Path | None, typer.Option(help="Directory (default: CAMPAIGN/confirmation-ROCKS).")
     ] = None,
@@ -165,7 +180,17 @@ def confirm(
         title=f"{s.name}: the recommendation against the default on training rocks, fresh replicates",
         paper=False,
         mission=s.mission,
+        asked=_asked(s, margin),
     )
+
+
+def _asked(settings: CampaignSettings, margin: float) -> LimitAsked | None:
+    """The limit that the campaign was given; None where it has none."""
+    from tuner.report.comparison.verdicts import LimitAsked
+
+    if settings.second is None or settings.limit is None:
+        return None
+    return LimitAsked(settings.objective, settings.second, settings.limit, margin)
 
 
 def _say_what_is_unseen(campaign: Campaign, conditions: Sequence[Condition]) -> None:

@@ -158,6 +158,7 @@ _INTERVAL_METHODS = {
     "replicates": "rocks taken as fixed, pooled variance between replicates: they speak for new replicates on these rocks "
     "only, not for other rocks",
     "bootstrap": "percentile bootstrap, rocks resampled and then replicates within them; too narrow when rocks are few",
+    "wilson": "Wilson's for the share of rocks that kept the limit",
     "none": "none where there are too few missions for one",
 }
 

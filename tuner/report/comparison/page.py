@@ -33,6 +33,7 @@ from tuner.report.comparison.tables import (
     methods_sentence,
     row_name,
 )
+from tuner.report.comparison.verdicts import LimitAsked, limit_rows, limit_sentences
 from tuner.report.labels import format_number, metric_label, with_unit
 from tuner.report.pages import write_page
 from tuner.report.sectors import sector_figure
@@ -56,6 +57,7 @@ def write_comparison_report(
     paper: bool = False,
     command: str = "",
     rows: Sequence[MetricRow] | None = None,
+    asked: LimitAsked | None = None,
 ) -> Path:
     """Write ``report.html``, ``table.md`` and ``figures/*.png`` into ``directory``.
 
@@ -76,6 +78,8 @@ def write_comparison_report(
         The command line that repeats the evaluation.
     rows
         What missions that are not ours are compared in, instead of Table I's rows on ``surfaces``.
+    asked
+        The limit of the campaign, where it has one: the page leads with whether it is kept.
 
     Returns
     -------
@@ -95,6 +99,7 @@ def write_comparison_report(
             surfaces=surfaces,
             paper=paper,
             rows=rows,
+            asked=asked,
         )
         markdown = "\n".join(
             f"### {part['title']}\n\n{comparison_markdown(part['table'], paper=paper and part['surface'] == 'whole')}"
@@ -123,6 +128,7 @@ def comparison_context(
     surfaces: Sequence[Surface] = ("whole", "observable"),
     paper: bool = False,
     rows: Sequence[MetricRow] | None = None,
+    asked: LimitAsked | None = None,
 ) -> dict[str, Any]:
     """Everything the template ``comparison_body.html.j2`` shows."""
     strategies = in_order(run.plan.strategies)
@@ -136,8 +142,12 @@ def comparison_context(
     headline = metric_row(metric) if rows is None else rows[0]
     leading = comparison_table(run.records, strategies, reference, None, (headline,))
     others = [name for name in strategies if name != reference]
+    limited = limit_sentences(run.records, reference, asked) if asked is not None else []
+    own = [{"kind": "", "text": text} for text in [" ".join(limited)] if text]
+    sentences = own or _sentences(leading, others)
+    shown = limit_rows(tables[0], run.records, asked)
     return {
-        "sentences": _sentences(leading, others),
+        "sentences": sentences,
         "warnings": _warnings(run, tables[0]),
         "measure": _measure(run, headline.key),
         "strategies": [strategy_row(run, name) for name in strategies],
@@ -150,7 +160,9 @@ def comparison_context(
                 "note": _SURFACE_NOTES[surface] if rows is None else "",
                 "surface": surface,
                 "table": table,
-                "rows": _table_rows(table, strategies, paper and surface == "whole"),
+                "rows": _table_rows(
+                    shown if table is tables[0] else table, strategies, paper and surface == "whole"
+                ),
                 "differences": [_difference_rows(table, name) for name in others],
             }
             for surface, table in zip(surfaces, tables)
@@ -209,11 +221,17 @@ def _under(run: EvaluationRun, condition: str, reference: str, headline: MetricR
 
 
 def leading_verdict(
-    run: EvaluationRun, reference: str | None, metric: str, rows: Sequence[MetricRow] | None = None
+    run: EvaluationRun,
+    reference: str | None,
+    metric: str,
+    rows: Sequence[MetricRow] | None = None,
+    asked: LimitAsked | None = None,
 ) -> str:
     """The sentence that the page leads with; empty where there is nothing to compare."""
     strategies = tuple(run.plan.strategies)
     against = reference or ("hyb-h" if "hyb-h" in strategies else strategies[0])
+    if asked is not None and (limited := limit_sentences(run.records, against, asked)):
+        return "\n".join(limited)
     row = metric_row(metric) if rows is None else rows[0]
     leading = comparison_table(run.records, strategies, against, None, (row,))
     found = _sentences(leading, [name for name in strategies if name != against])

@@ -68,7 +68,7 @@ def interval_text(interval: Interval | None, decimals: int) -> str:
     mean = format_number(interval.mean, decimals)
     if interval.low is None or interval.high is None:
         return mean
-    if interval.method == "bootstrap":
+    if interval.method in ("bootstrap", "wilson"):
         return f"{mean} [{format_number(interval.low, decimals)}, {format_number(interval.high, decimals)}]"
     return f"{mean} ± {format_number((interval.high - interval.low) / 2, decimals)}"
 
