@@ -73,7 +73,12 @@ def evaluate(
     load("tuner.campaign.campaign")
     from tuner.campaign.campaign import Campaign
     from tuner.campaign.rock_choice import unseen_rocks
-    from tuner.evaluation.baselines import EVALUATION_BASELINES, baseline_configs, tuned_configs
+    from tuner.evaluation.baselines import (
+        EVALUATION_BASELINES,
+        at_equal_number,
+        baseline_configs,
+        tuned_configs,
+    )
     from tuner.evaluation.plan import EvaluationPlan
     from tuner.problem.search_space import ours
 
@@ -105,8 +110,13 @@ def evaluate(
     reference = reference or "hyb-h"
     if reference not in configs:
         raise UserError(f"--reference {reference!r} is not evaluated; choose from {', '.join(configs)}")
-    tuned = tuned_configs(ours(source.recommended_config()), base)
-    plan = EvaluationPlan({**tuned, **configs}, chosen, replicates, conditions=worlds)
+    recommended = ours(source.recommended_config())
+    if recommended.digest() == base.digest():
+        raise UserError(f"{campaign} recommends to keep the default; there is nothing tuned to evaluate")
+    tuned = tuned_configs(recommended, base)
+    plan = EvaluationPlan(
+        {**tuned, **at_equal_number(configs, recommended, reference)}, chosen, replicates, conditions=worlds
+    )
     compare(
         plan,
         out or campaign / "evaluation",

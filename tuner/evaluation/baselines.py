@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -90,18 +91,69 @@ def baseline_configs(names: tuple[str, ...] | list[str], base: MissionConfig) ->
     return {name: baseline(name).config(base) for name in names}
 
 
+def at_equal_number(
+    configs: dict[str, MissionConfig], tuned: MissionConfig, reference: str
+) -> dict[str, MissionConfig]:
+    """The baselines with the seeds and planned views of ``tuned``, and ``reference`` at its own number beside them.
+
+    Names say the number, as in ``hyb-h-26``; where the number is the same anyway, ``configs`` as they are.
+    """
+    number = photographs(tuned)
+    if all(config.seed == tuned.seed and photographs(config) == number for config in configs.values()):
+        return configs
+    equal = {
+        f"{name}-{number}": dataclasses.replace(
+            config,
+            seed=tuned.seed,
+            sparse=tuned.sparse,  # what seeds far apart need to register
+            stop=dataclasses.replace(
+                config.stop,
+                adaptive_budget=tuned.stop.adaptive_budget,
+                max_photographs=tuned.stop.max_photographs,
+            ),
+        )
+        for name, config in configs.items()
+    }
+    return {reference: configs[reference], **equal}
+
+
+def photographs(config: MissionConfig) -> int:
+    """Seeds and planned views of a mission that nothing ends early."""
+    return config.seed.total + config.adaptive_budget
+
+
+def controls_at_equal_number(strategies: Iterable[str]) -> tuple[str, ...]:
+    """Those of ``strategies`` that fly as many photographs as the tuned one and see nothing of the true surface."""
+    return tuple(
+        name
+        for name in strategies
+        if name == TUNED_POOL_RANDOM or (_split(name)[1] and not sees_ground_truth(name))
+    )
+
+
+def _split(strategy: str) -> tuple[str, str]:
+    """``hyb-h`` and ``26`` of ``hyb-h-26``; the number is empty where there is none."""
+    name, _, number = strategy.rpartition("-")
+    return (name, number) if number.isdigit() and name in BASELINES else (strategy, "")
+
+
 def tuned_configs(tuned: MissionConfig, base: MissionConfig) -> dict[str, MissionConfig]:
     """The tuned configuration and, if it has changed the pool, random views in that pool."""
     configs = {TUNED: tuned}
     if tuned.pool != base.pool:
-        configs[TUNED_POOL_RANDOM] = baseline("random").config(dataclasses.replace(base, pool=tuned.pool))
+        chance = baseline("random").config(dataclasses.replace(base, pool=tuned.pool))
+        (configs[TUNED_POOL_RANDOM],) = list(at_equal_number({"random": chance}, tuned, "random").values())[
+            -1:
+        ]
     return configs
 
 
 def label(strategy: str) -> str:
     """What tables print for a strategy."""
     own = {TUNED: "Tuned", TUNED_POOL_RANDOM: "Random, tuned pool"}
-    return own.get(strategy) or (BASELINES[strategy].label if strategy in BASELINES else strategy)
+    name, number = _split(strategy)
+    known = BASELINES[name].label if name in BASELINES else strategy
+    return own.get(strategy) or (f"{known}, {number}" if number else known)
 
 
 def description(strategy: str) -> str:
@@ -110,4 +162,12 @@ def description(strategy: str) -> str:
         TUNED: "the recommended configuration",
         TUNED_POOL_RANDOM: "a candidate at random in the pool of the recommended configuration",
     }
-    return own.get(strategy) or (BASELINES[strategy].description if strategy in BASELINES else "")
+    name, number = _split(strategy)
+    known = BASELINES[name].description if name in BASELINES else ""
+    return own.get(strategy) or (f"{known}; {number} photographs, as tuned" if number else known)
+
+
+def sees_ground_truth(strategy: str) -> bool:
+    """Whether a strategy is an upper reference, not deployable."""
+    name, _ = _split(strategy)
+    return name in BASELINES and BASELINES[name].uses_ground_truth

@@ -7,7 +7,7 @@ from pathlib import Path
 from nbv.errors import UserError
 from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json
 from nbv.provenance import git_revision, versions
-from tuner.evaluation.baselines import BASELINES, description
+from tuner.evaluation.baselines import description, sees_ground_truth
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.flying import EvaluationRun
 from tuner.missions.job import RESULT_FILE
@@ -26,15 +26,13 @@ def strategy_row(run: EvaluationRun, name: str) -> dict[str, str]:
         return sum(values) / len(values) if values else None
 
     path, flight, wall = mean("path_length_m"), mean("flight_time_s"), mean("wall_s")
-    known = BASELINES.get(name)
     same = next(n for n, c in run.plan.strategies.items() if c.digest() == run.plan.strategies[name].digest())
     what = description(name)
     if same != name:
         what += f" (the same configuration as {strategy_label(same)}, flown once)"
     return {
         "label": strategy_label(name),
-        "description": what
-        + ("; uses the ground truth, not deployable" if known and known.uses_ground_truth else ""),
+        "description": what + ("; uses the ground truth, not deployable" if sees_ground_truth(name) else ""),
         "missions": str(len(done)),
         "failed": str(len(own) - len(done)),
         "images": format_number(mean("images"), 1),

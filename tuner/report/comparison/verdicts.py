@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from scipy import stats
 
-from tuner.evaluation.baselines import TUNED
+from tuner.evaluation.baselines import TUNED, controls_at_equal_number
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import (
     ComparisonRow,
@@ -109,6 +109,8 @@ def limit_sentences(records: Sequence[EvaluationRecord], reference: str, asked: 
             out.append(_count(objective, ours.mean, theirs.mean, strategy_label(reference)))
         else:
             out.append(_quality(objective, d, strategy_label(reference), asked.margin))
+    if best := _best_control(records, asked):
+        out.append(best)
     share = share_kept(records, TUNED, asked)
     if share is not None and share.low is not None and share.high is not None:
         kept = round(share.mean * share.rocks / 100)
@@ -117,6 +119,24 @@ def limit_sentences(records: Sequence[EvaluationRecord], reference: str, asked: 
             f"({share.mean:.0f} %, 95 % interval {share.low:.0f} to {share.high:.0f} %)."
         )
     return out
+
+
+def _best_control(records: Sequence[EvaluationRecord], asked: LimitAsked) -> str:
+    """The gain over the best control at equal number in the quality; empty where none was flown."""
+    quality = next((o for o in (asked.objective, asked.second) if o.metric not in COUNTS), None)
+    names = controls_at_equal_number(sorted({r.strategy for r in records}))
+    if quality is None:
+        return ""
+    means = {name: strategy_interval(records, name, quality.metric) for name in names}
+    known = {name: quality.sign * cell.mean for name, cell in means.items() if cell is not None}
+    if not known:
+        return ""
+    best = max(known, key=lambda name: known[name])
+    d = strategy_difference(records, TUNED, best, row_of(quality))
+    if d is None:
+        return ""
+    said = _quality(quality, d, strategy_label(best), asked.margin)
+    return f"Over the best control at equal number ({strategy_label(best)}): {said[0].lower()}{said[1:]}"
 
 
 def _count(objective: Objective, ours: float, theirs: float, reference: str) -> str:
