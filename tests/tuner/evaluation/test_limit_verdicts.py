@@ -41,5 +41,7 @@ def test_the_margin_decides_what_is_said_of_quality(tuned: float, begins: str) -
 def test_the_page_shows_photographs_and_limit_as_rows() -> None:
     facts = comparison_context(run(), metric=IMAGES.metric, asked=LimitAsked(IMAGES, F, 102.0))
     names = [row["name"] for row in facts["tables"][0]["rows"] if not row["group"]]
+    cells = [c["text"] for row in facts["tables"][0]["rows"][1:2] for c in row["cells"]]
+    assert cells == ["26.0", "32.0"]
     assert names[:2] == ["Photographs ↓", "Limit kept ↑ (% of rocks)"]
     assert facts["sentences"][0]["text"].startswith("Photographs: 26 in place of 32")

@@ -66,8 +66,8 @@ def interval_text(interval: Interval | None, decimals: int) -> str:
     if interval is None:
         return MISSING
     mean = format_number(interval.mean, decimals)
-    if interval.low is None or interval.high is None:
-        return mean
+    if interval.low is None or interval.high is None or interval.low == interval.high:
+        return mean  # a count that every mission shares has no width
     if interval.method in ("bootstrap", "wilson"):
         return f"{mean} [{format_number(interval.low, decimals)}, {format_number(interval.high, decimals)}]"
     return f"{mean} ± {format_number((interval.high - interval.low) / 2, decimals)}"
