@@ -112,7 +112,7 @@ def evaluate(
         raise UserError(f"--reference {reference!r} is not evaluated; choose from {', '.join(configs)}")
     recommended = ours(source.recommended_config())
     if recommended.digest() == base.digest():
-        raise UserError(f"{campaign} recommends to keep the default; there is nothing tuned to evaluate")
+        output.print("the campaign recommends to keep the default: Tuned is the default")
     tuned = tuned_configs(recommended, base)
     plan = EvaluationPlan(
         {**tuned, **at_equal_number(configs, recommended, reference)}, chosen, replicates, conditions=worlds
@@ -170,7 +170,8 @@ def confirm(
             )
     tuned, default = source.recommended_config(), s.config(s.default_values())
     if tuned.digest() == default.digest():
-        raise UserError(f"{campaign} recommends the default itself; there is nothing to confirm")
+        output.print(f"{campaign} recommends to keep the default: there is nothing to confirm")
+        return
     plan = EvaluationPlan(
         {TUNED: tuned, "default": default},
         tuple(chosen),

@@ -15,6 +15,7 @@ import pytest
 import typer
 from rich.console import Console
 
+from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
 from tuner.campaign.ledger import TrialRecord
 from tuner.campaign.settings import CampaignSettings
@@ -120,6 +121,10 @@ def test_confirm_flies_both_with_replicates_nobody_has_flown(
     run = fake_campaigns.run(tmp_path / "run", space=space, sampler="sobol", budget=8, replicates=2)
     plans: list[EvaluationPlan] = []
     monkeypatch.setattr(evaluate, "compare", lambda plan, *_, **__: plans.append(plan))
+    code, out, _ = gatetune("confirm", run.directory)
+    assert code == 0 and "keep the default: there is nothing to confirm" in out and not plans
+    better = replace(run.recommendation(), values=run.trials()[-1].values)  # type: ignore[type-var]
+    monkeypatch.setattr(Campaign, "recommendation", lambda *_, **__: better)
     code, _, err = gatetune("confirm", run.directory, "--rock", "a", "--replicates", 3)
     assert code == 0, err
     (plan,) = plans
