@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import html
+import json
 import re
 import shlex
 from pathlib import Path
@@ -299,3 +300,12 @@ def test_two_objectives_have_their_front(tmp_path: Path) -> None:
 def test_one_objective_has_no_front(tmp_path: Path) -> None:
     page = write_campaign_report(flown(tmp_path / "run"))
     assert 'id="front"' not in page.read_text()
+
+
+@pytest.mark.slow
+def test_a_name_that_opens_a_script_empties_nothing(tmp_path: Path) -> None:
+    campaign = flown(tmp_path / "run", rocks=("<!--<script>", "b"))
+    source = write_campaign_report(campaign).read_text()
+    data = re.search(r'id="explorer-data">(.*?)</script>', source, re.S)[1]  # type: ignore[index]
+    assert "<" not in data
+    assert "<!--<script>" in {trial["where"] for trial in json.loads(data)["trials"]}

@@ -27,7 +27,7 @@ def mission_link(facts: CampaignFacts, trial: TrialRecord) -> str:
 
 
 def explorer_data(facts: CampaignFacts) -> Markup:
-    """JSON for a script element; nothing in it can end the element."""
+    """JSON for a script element; without a "<" nothing in it can end the element, or hide its end."""
     s, best = facts.settings, facts.recommendation
     adjusted: dict[int, float] = {}
     if facts.model is not None:
@@ -67,7 +67,7 @@ def explorer_data(facts: CampaignFacts) -> Markup:
             for part in facts.slices
         ],
     }
-    return Markup(json.dumps(tree, allow_nan=False).replace("</", "<\\/"))
+    return Markup(json.dumps(tree, allow_nan=False).replace("<", "\\u003c"))
 
 
 def _parameter(p: Parameter) -> dict[str, Any]:
