@@ -22,7 +22,7 @@ from tuner.cli import app
 from tuner.report.records import records_of
 
 FILE = Path(__file__).with_suffix(".json")
-MISSIONS: dict[str, Any] = {"runner": "geometric", "workers": 1}
+MISSIONS: dict[str, Any] = {"fidelity": "geometric", "workers": 1}
 TWO_VIEWS = {"stop.adaptive_budget": 2}
 COMPARED = ("config.", "metrics.observable.f_score", "metrics.whole.completeness", "costs.")
 CLOCKS = ("costs.wall_s", "costs.cpu_s")

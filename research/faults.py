@@ -57,7 +57,7 @@ budget: {budget}
 sampler: sobol
 learn_from: []
 objective: observable.f_score_48mm
-runner: research.faults_mission:fly
+fidelity: research.faults_mission:fly
 """
 
 

@@ -103,7 +103,7 @@ def _fly(config, rock, replicate, directory, keep, sender) -> None:  # type: ign
 def timed_mission(
     config: MissionConfig, rock: str, replicate: int, directory: Path, *, keep: str = "summary"
 ) -> MissionResult:
-    """A mission runner for the tuner's executors that adds ``cpu_s`` and ``peak_rss_mb`` to the costs."""
+    """A mission function for the tuner's executors that adds ``cpu_s`` and ``peak_rss_mb`` to the costs."""
     import dataclasses
     import resource
 

@@ -312,7 +312,7 @@ def make_seeds(folder: Path) -> None:
     campaign.recommendation()
     SEEDS["campaign.yaml"] = [(FLOWN / "campaign.yaml").read_bytes()]
     settings = yaml.safe_load(SEEDS["campaign.yaml"][0])["settings"] | {
-        "runner": "geometric",
+        "fidelity": "geometric",
         "rocks": ["boulder"],
     }
     small = b"rocks: [boulder, slab]\nbudget: 8\nsearch_space: gate\nconditions: [ideal, field]\nname: x\n"

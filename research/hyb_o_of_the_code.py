@@ -1,6 +1,6 @@
 """Hyb-O, Hyb-H and random views as the public code flies them, at both of its versions: paired differences over rocks.
 
-    python -m research.hyb_o_of_the_code --rock slab --rock vesicular [--runner photogrammetric] [--replicates 8] [--out FILE.csv]
+    python -m research.hyb_o_of_the_code --rock slab --rock vesicular [--fidelity photogrammetric] [--replicates 8] [--out FILE.csv]
 
 Eight adaptive photographs, preset `campaign`'s way to reconstruct; a pair is a (rock, replicate).
 """
@@ -19,7 +19,7 @@ from nbv.config import PRESETS, preset
 from nbv.threads import single_thread_environment
 from tuner.evaluation.baselines import baseline_configs
 from tuner.evaluation.statistics import mean_interval
-from tuner.missions.registry import resolve_runner
+from tuner.missions.registry import mission_function
 
 VERSIONS = ("paper-code", "paper-code-2026-06")
 STRATEGIES = ("hyb-o", "hyb-h", "covis", "random")
@@ -34,11 +34,11 @@ SHORT = {
 
 
 def missions(
-    name: str, rocks: list[str], replicates: int, runner: str
+    name: str, rocks: list[str], replicates: int, fidelity: str
 ) -> dict[tuple[str, str, int], tuple[float, float]]:
     """F-score @ 48 mm and percent of captures flown with B-aware, by (strategy, rock, replicate)."""
     base = preset(name).with_values(SHORT)
-    fly, found = resolve_runner(runner), {}
+    fly, found = mission_function(fidelity), {}
     for strategy, config in baseline_configs(list(STRATEGIES), base).items():
         for rock, replicate in itertools.product(rocks, range(replicates)):
             flown = fly(config, rock, replicate, None)
@@ -52,14 +52,14 @@ def missions(
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--rock", action="append", required=True, help="rock or mesh file, repeatable")
-    parser.add_argument("--runner", default="geometric", choices=("geometric", "photogrammetric"))
+    parser.add_argument("--fidelity", default="geometric", choices=("geometric", "photogrammetric"))
     parser.add_argument("--replicates", type=int, default=8)
     parser.add_argument("--out", type=Path)
     options = parser.parse_args()
     single_thread_environment()
     rows: list[dict[str, Any]] = []
     for name in VERSIONS:
-        found = missions(name, options.rock, options.replicates, options.runner)
+        found = missions(name, options.rock, options.replicates, options.fidelity)
         for reference in STRATEGIES[1:]:
             pairs: dict[str, list[float]] = {}
             for rock, k in itertools.product(options.rock, range(options.replicates)):
@@ -72,7 +72,7 @@ def main() -> None:
             rows.append(
                 {
                     "preset": name,
-                    "runner": options.runner,
+                    "fidelity": options.fidelity,
                     "difference": f"hyb-o minus {reference}",
                     "F-score @ 48 mm (points)": round(interval.mean, 2),
                     "low": None if interval.low is None else round(interval.low, 2),

@@ -1,6 +1,6 @@
 """The same campaign twice: our own missions built in, and as a mission file that anybody could have written.
 
-    python -m research.mission_contract [--runner geometric] [--budget 48] [--set PATH=VALUE] [--out docs/results/data/mission_contract.csv]
+    python -m research.mission_contract [--fidelity geometric] [--budget 48] [--set PATH=VALUE] [--out docs/results/data/mission_contract.csv]
 
 Space `gate`, two rocks, GP, ``in_step`` 2, one worker. Each campaign has a store of its own, empty at the
 start, so that neither finds what the other has made. Compared are all proposals and outcomes, number for number, and the time:
@@ -31,7 +31,7 @@ ROCKS = ("slab", "cavern")
 METRIC = "observable.f_score_48mm"
 FLY = '''
 from nbv.config import preset
-from nbv.RUNNER import run_RUNNER_mission
+from nbv.FIDELITY import run_FIDELITY_mission
 
 def plain(tree):
     """What a result may hold: numbers, and dictionaries of them."""
@@ -40,14 +40,14 @@ def plain(tree):
 
 def fly(request):
     config = preset("campaign").with_values({"gate.kind": "hyb-h", **SET, **request["configuration"]})
-    result = run_RUNNER_mission(config, request["instance"]["name"], request["replicate"])
+    result = run_FIDELITY_mission(config, request["instance"]["name"], request["replicate"])
     if result.status == "failed":
         return {"failure": {"of": "configuration", "reason": result.reason, "message": result.message}}
     return {"metrics": plain(result.metrics), "cost": plain(result.costs)}
 '''
 
 
-def mission_file(folder: Path, runner: str, overrides: dict[str, Any]) -> Path:
+def mission_file(folder: Path, fidelity: str, overrides: dict[str, Any]) -> Path:
     """Our own missions as somebody else's."""
     space = load_search_space("gate")
     defaults = space.default(preset("campaign"))
@@ -70,14 +70,16 @@ def mission_file(folder: Path, runner: str, overrides: dict[str, Any]) -> Path:
         "metric": METRIC,
         "direction": "maximise",
     }
-    (folder / "ours.py").write_text(FLY.replace("RUNNER", runner).replace("SET", repr(overrides)))
+    (folder / "ours.py").write_text(FLY.replace("FIDELITY", fidelity).replace("SET", repr(overrides)))
     path = folder / "mission.yaml"
     path.write_text(yaml.safe_dump(tree, sort_keys=False))
     return path
 
 
-def settings(way: str, folder: Path, runner: str, budget: int, overrides: dict[str, Any]) -> CampaignSettings:
-    """The campaign, with our runner or with the mission file."""
+def settings(
+    way: str, folder: Path, fidelity: str, budget: int, overrides: dict[str, Any]
+) -> CampaignSettings:
+    """The campaign, with our fidelity or with the mission file."""
     common: dict[str, Any] = {
         "name": "parity",
         "rocks": ROCKS,
@@ -86,22 +88,24 @@ def settings(way: str, folder: Path, runner: str, budget: int, overrides: dict[s
         "in_step": 2,
     }
     if way == "built in":
-        return CampaignSettings(space=load_search_space("gate"), runner=runner, overrides=overrides, **common)
-    mission = load_mission_file(mission_file(folder, runner, overrides))
+        return CampaignSettings(
+            space=load_search_space("gate"), fidelity=fidelity, overrides=overrides, **common
+        )
+    mission = load_mission_file(mission_file(folder, fidelity, overrides))
     return CampaignSettings(
-        space=mission.space, runner="external", mission=mission, objective=mission.objective, **common
+        space=mission.space, fidelity="external", mission=mission, objective=mission.objective, **common
     )
 
 
 def fly(
-    way: str, folder: Path, runner: str, budget: int, overrides: dict[str, Any]
+    way: str, folder: Path, fidelity: str, budget: int, overrides: dict[str, Any]
 ) -> tuple[list[tuple[Any, ...]], dict[str, Any]]:
     """Proposals and outcomes of one campaign, and what it took."""
     os.environ["GATETUNE_HOME"] = str(folder / f"home-{way}".replace(" ", "-"))
-    asked = settings(way, folder, runner, budget, overrides)
+    asked = settings(way, folder, fidelity, budget, overrides)
     campaign: Campaign = begin_campaign(folder / way.replace(" ", "-"), asked)
     started, before = time.monotonic(), resource.getrusage(resource.RUSAGE_CHILDREN)
-    with LocalProcessExecutor(1, 3600.0, preload=(asked.runner,)) as executor:
+    with LocalProcessExecutor(1, 3600.0, preload=(asked.fidelity,)) as executor:
         summary = fly_campaign(campaign, executor)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     trials = campaign.trials()
@@ -113,7 +117,7 @@ def fly(
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
-    parser.add_argument("--runner", default="geometric", choices=("geometric", "photogrammetric"))
+    parser.add_argument("--fidelity", default="geometric", choices=("geometric", "photogrammetric"))
     parser.add_argument("--budget", type=int, default=48)
     parser.add_argument("--set", action="append", default=[], help="PATH=VALUE for every mission")
     parser.add_argument("--out", type=Path, help="CSV; rows are added to it")
@@ -124,13 +128,13 @@ def main() -> None:
     }
     with tempfile.TemporaryDirectory() as folder:
         flown = {
-            way: fly(way, Path(folder), options.runner, options.budget, overrides)
+            way: fly(way, Path(folder), options.fidelity, options.budget, overrides)
             for way in ("built in", "contract")
         }
     (ours, own), (theirs, other) = flown["built in"], flown["contract"]
     same = sum(a == b for a, b in zip(ours, theirs))
     row = {
-        "missions": options.runner,
+        "missions": options.fidelity,
         "budget": options.budget,
         "set": " ".join(options.set),
         "same_proposals_and_outcomes": same,

@@ -86,7 +86,12 @@ def fly_all(jobs: list[tuple[MissionConfig, str]], workers: int, folder: Path) -
     )
     queue = [
         MissionJob(
-            f"m{i:02d}", config, rock, 0, folder / f"m{i:02d}", runner="research.fresh_process:timed_mission"
+            f"m{i:02d}",
+            config,
+            rock,
+            0,
+            folder / f"m{i:02d}",
+            fidelity="research.fresh_process:timed_mission",
         )
         for i, (config, rock) in enumerate(jobs)
     ]
@@ -99,7 +104,7 @@ def fly_all(jobs: list[tuple[MissionConfig, str]], workers: int, folder: Path) -
                 "no such rock",
                 0,
                 folder / "warm-up",
-                runner="research.fresh_process:timed_mission",
+                fidelity="research.fresh_process:timed_mission",
             )
         )
         while executor.in_flight:

@@ -35,7 +35,7 @@ from tuner.evaluation.comparison import values_of
 from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import LocalProcessExecutor
-from tuner.missions.registry import DEFAULT_RUNNER, registered
+from tuner.missions.registry import DEFAULT_FIDELITY, registered
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
 
@@ -63,7 +63,7 @@ def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str
                 REPLICATES,
                 seed,
                 sampler=name,
-                runner=registered(fidelity or DEFAULT_RUNNER),
+                fidelity=registered(fidelity or DEFAULT_FIDELITY),
                 learn_from={"earlier": (arguments.earlier.format(seed=seed),), "shipped": (SHIPPED,)}.get(
                     before, ()
                 ),

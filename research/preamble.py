@@ -22,7 +22,7 @@ class Settings(Protocol):
     @property
     def surface(self) -> str: ...
     @property
-    def runner(self) -> str: ...
+    def fidelity(self) -> str: ...
 
 
 class Findings(Protocol):
@@ -50,7 +50,7 @@ def preamble(findings: Findings) -> list[str]:
         f"({findings.wall_s / 60:.0f} min of missions).",
         "",
     ]
-    if is_geometric(s.runner):
+    if is_geometric(s.fidelity):
         lines += [GEOMETRIC_NOTE, ""]
     if findings.failures:
         counts = ", ".join(f"{reason} {n}" for reason, n in sorted(findings.failures.items()))

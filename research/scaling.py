@@ -98,7 +98,7 @@ def busy(workers: int, seconds: float, rounds: int) -> dict[str, Any]:
     worker.fly = waits  # type: ignore[assignment]
     space = load_search_space("gate_and_weights")
     with tempfile.TemporaryDirectory() as home:
-        settings = CampaignSettings("scaling", space, ROCKS, missions, 2, runner="geometric")
+        settings = CampaignSettings("scaling", space, ROCKS, missions, 2, fidelity="geometric")
         campaign = begin_campaign(Path(home) / "run", settings)
         count = min(PROCESSES, workers)
         cluster = LocalCluster(
@@ -131,7 +131,7 @@ def busy(workers: int, seconds: float, rounds: int) -> dict[str, Any]:
 def against_local(missions: int, repeats: int, seconds: float | None) -> list[dict[str, Any]]:
     """Rows of both executors, in turns."""
     space, rows = load_search_space("gate_and_weights"), []
-    runner = "geometric" if seconds is None else "research.faults_mission:fly"
+    fidelity = "geometric" if seconds is None else "research.faults_mission:fly"
     os.environ |= {
         "FAULTS_SECONDS": str(seconds),
         "FAULTS_RECORD": os.devnull,
@@ -141,11 +141,11 @@ def against_local(missions: int, repeats: int, seconds: float | None) -> list[di
         for name in ("local", "dask") if repeat % 2 else ("dask", "local"):
             with tempfile.TemporaryDirectory() as home:
                 settings = CampaignSettings(
-                    "two", space, ROCKS[:3], missions, 2, runner=runner, sampler="sobol"
+                    "two", space, ROCKS[:3], missions, 2, fidelity=fidelity, sampler="sobol"
                 )
                 campaign = begin_campaign(Path(home) / "run", settings)
                 if name == "local":
-                    executor: Any = LocalProcessExecutor(2, preload=(runner,))
+                    executor: Any = LocalProcessExecutor(2, preload=(fidelity,))
                 else:
                     cluster = LocalCluster(
                         2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=50
@@ -215,7 +215,7 @@ def growth(executor: Any, missions: int) -> dict[str, Any]:
             ROCKS[:3],
             missions,
             2,
-            runner="geometric",
+            fidelity="geometric",
             sampler="sobol",
         )
         campaign = begin_campaign(Path(home) / "run", settings)

@@ -41,7 +41,7 @@ def main() -> None:
         parser.error(f"{arguments.run} learned from other campaigns; fly it with --learn-from {NOTHING}")
     rocks = " ".join(f"--rock {rock}" for rock in s.rocks)
     command = (
-        f"gatetune campaign run --name shipped --space {s.space.name} --fidelity {s.runner} --budget {s.budget} "
+        f"gatetune campaign run --name shipped --space {s.space.name} --fidelity {s.fidelity} --budget {s.budget} "
         f"--replicates {s.replicates} --seed {s.seed} {rocks} --learn-from {NOTHING}"
     )
     tree = {
@@ -49,7 +49,7 @@ def main() -> None:
         "metric": s.objective.metric,
         "direction": s.objective.direction,
         "preset": s.preset,
-        "runner": s.runner,
+        "fidelity": s.fidelity,
         "flown_by": command,
         "revisions": flown_by(campaign),
         "rocks": list(s.rocks),

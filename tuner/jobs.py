@@ -72,7 +72,9 @@ def tune(
     else:
         usual = {} if settings.get("mission") else DEFAULTS
         campaign = begin_campaign(where, _asked({**usual, "name": where.resolve().name}, settings))
-    with local_executor(campaign.settings.runner, workers, timeout_s, campaign.settings.mission) as executor:
+    with local_executor(
+        campaign.settings.fidelity, workers, timeout_s, campaign.settings.mission
+    ) as executor:
         fly_campaign(campaign, executor, on_event)
     return campaign
 
@@ -84,7 +86,7 @@ def evaluate(
     replicates: int = 3,
     strategies: Sequence[str] = EVALUATION_BASELINES,
     conditions: Sequence[str] | None = None,
-    runner: str = "photogrammetric",
+    fidelity: str = "photogrammetric",
     directory: str | Path | None = None,
     workers: int | None = None,
     timeout_s: float = 3600.0,
@@ -119,7 +121,7 @@ def evaluate(
         },
         unseen_rocks(source, rocks),
         replicates,
-        runner=runner,
+        fidelity=fidelity,
         conditions=load_conditions(conditions) if conditions else source.settings.conditions,
     )
     return _fly(plan, Path(directory or source.directory / "evaluation"), workers, timeout_s)
@@ -133,7 +135,7 @@ def reproduce(
     strategies: Sequence[str] = REPRODUCTION_STRATEGIES,
     replicates: int = 1,
     overrides: dict[str, Any] | None = None,
-    runner: str = "photogrammetric",
+    fidelity: str = "photogrammetric",
     workers: int | None = None,
     timeout_s: float = 7200.0,
 ) -> EvaluationRun:
@@ -156,7 +158,7 @@ def reproduce(
         baseline_configs(list(strategies), base),
         tuple(rock_arguments(rocks)),
         replicates,
-        runner=runner,
+        fidelity=fidelity,
     )
     return _fly(plan, Path(directory), workers, timeout_s)
 
@@ -179,5 +181,5 @@ def _asked(usual: Mapping[str, Any], given: CampaignFields) -> CampaignSettings:
 
 
 def _fly(plan: EvaluationPlan, directory: Path, workers: int | None, timeout_s: float) -> EvaluationRun:
-    with local_executor(plan.runner, workers, timeout_s) as executor:
+    with local_executor(plan.fidelity, workers, timeout_s) as executor:
         return run_evaluation(plan, directory, executor)

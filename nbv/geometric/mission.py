@@ -17,9 +17,9 @@ from nbv.geometric.reconstructor import GeometricReconstructor
 from nbv.geometry.frames import look_at
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.flying import fly_mission
+from nbv.mission.function import MissionOptions
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import RunDirectory
-from nbv.mission.runner import MissionOptions
 from nbv.types import Capture, Cloud, Floats, Viewpoint
 
 
@@ -77,7 +77,7 @@ def run_geometric_mission(
     directory: Path | None = None,
     **options: Unpack[MissionOptions],
 ) -> MissionResult:
-    """Fly one mission without images and predict its completeness; see `nbv.mission.MissionRunner`."""
+    """Fly one mission without images and predict its completeness; see `nbv.mission.MissionFunction`."""
     return fly_mission(GeometricFidelity, config, rock, replicate, directory, **options)
 
 
@@ -88,7 +88,7 @@ def run_geometric_mission_with_oracle(
     directory: Path | None = None,
     **options: Unpack[MissionOptions],
 ) -> MissionResult:
-    """`run_geometric_mission` with ``with_oracle=True``: a runner for research."""
+    """`run_geometric_mission` with ``with_oracle=True``: a fidelity for research."""
     options["with_oracle"] = True
     return run_geometric_mission(config, rock, replicate, directory, **options)
 

@@ -15,11 +15,11 @@ from nbv.flight import Flight
 from nbv.gates import gate_class, make_gate, make_oracle
 from nbv.mission.belief import believed
 from nbv.mission.fidelity import Fidelity, MissionContext
+from nbv.mission.function import Keep, Log, no_log
 from nbv.mission.loop import AdaptiveMission
 from nbv.mission.recorder import Recorder
 from nbv.mission.result import MissionResult, Status
 from nbv.mission.run_directory import RunDirectory
-from nbv.mission.runner import Keep, Log, no_log
 from nbv.mission.stopwatch import Stopwatch
 from nbv.provenance import provenance
 from nbv.rocks import Rock, load_rock
@@ -50,7 +50,7 @@ def fly_mission(
     log: Log = no_log,
     with_oracle: bool = False,
 ) -> MissionResult:
-    """Fly one mission and measure it; see `nbv.mission.runner.MissionRunner`.
+    """Fly one mission and measure it; see `nbv.mission.function.MissionFunction`.
 
     Parameters
     ----------

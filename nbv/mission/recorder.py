@@ -8,11 +8,11 @@ from dataclasses import asdict, dataclass
 from nbv.config import MissionConfig
 from nbv.flight import Flight
 from nbv.gates import GroundTruthOracle, gate_features, oracle_rewards
+from nbv.mission.function import Log, no_log
 from nbv.mission.observer import Observer
 from nbv.mission.planning_state import save_state
 from nbv.mission.result import IterationRecord
 from nbv.mission.run_directory import LOCATED, RunDirectory
-from nbv.mission.runner import Log, no_log
 from nbv.mission.stopwatch import Stopwatch
 from nbv.types import CandidatePool, Capture, GateDecision, PlanningState, Ranking, UpdateReport
 

@@ -59,7 +59,7 @@ def run_study_mission(
     directory: Path | None = None,
     **options: Unpack[MissionOptions],
 ) -> MissionResult:
-    """A photogrammetric mission with scores at all levels; see `nbv.mission.MissionRunner`."""
+    """A photogrammetric mission with scores at all levels; see `nbv.mission.MissionFunction`."""
     return fly_mission(SeveralAgreementLevels, config, rock, replicate, directory, **options)
 
 

@@ -11,9 +11,9 @@ from nbv.evaluation import Evaluation, evaluate_cloud, ground_truth
 from nbv.evaluation.evaluate import rock_floors
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.flying import fly_mission
+from nbv.mission.function import MissionOptions
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import RunDirectory
-from nbv.mission.runner import MissionOptions
 from nbv.photogrammetric.cached_sequences import CachedEvaluation
 from nbv.photogrammetric.cached_stages import CachedStudio
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
@@ -79,7 +79,7 @@ def run_photogrammetric_mission(
     directory: Path | None = None,
     **options: Unpack[MissionOptions],
 ) -> MissionResult:
-    """Fly one complete mission with photographs and measure its cloud; see `nbv.mission.MissionRunner`."""
+    """Fly one complete mission with photographs and measure its cloud; see `nbv.mission.MissionFunction`."""
     return fly_mission(PhotogrammetricFidelity, config, rock, replicate, directory, **options)
 
 
@@ -90,6 +90,6 @@ def run_photogrammetric_mission_with_oracle(
     directory: Path | None = None,
     **options: Unpack[MissionOptions],
 ) -> MissionResult:
-    """`run_photogrammetric_mission` with ``with_oracle=True``: a runner for research."""
+    """`run_photogrammetric_mission` with ``with_oracle=True``: a fidelity for research."""
     options["with_oracle"] = True
     return run_photogrammetric_mission(config, rock, replicate, directory, **options)

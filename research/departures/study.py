@@ -34,7 +34,7 @@ from tuner.evaluation.comparison import values_of
 from tuner.evaluation.paper_table import MetricRow
 from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval, paired_difference
-from tuner.missions.registry import DEFAULT_RUNNER
+from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.studies.study_directory import StudyFindings, StudySettings, counts, flown
 
 FLIGHTS = "evaluation"
@@ -69,7 +69,7 @@ class DepartureSettings(StudySettings):
     overrides: dict[str, Any] = field(default_factory=dict)
     arms: tuple[str, ...] = tuple(DEPARTURES)
     surface: str = "observable"
-    runner: str = DEFAULT_RUNNER
+    fidelity: str = DEFAULT_FIDELITY
 
     def __post_init__(self) -> None:
         for name in self.arms:
@@ -115,7 +115,7 @@ class DepartureSettings(StudySettings):
         for d in self.flown:
             if not d.reads_only:
                 strategies[d.name] = self.base(d.gate).with_values(d.values)
-        return EvaluationPlan(strategies, self.rocks, self.replicates, runner=self.runner)
+        return EvaluationPlan(strategies, self.rocks, self.replicates, fidelity=self.fidelity)
 
     def plans(self) -> dict[str, EvaluationPlan]:
         """The one of `plan`."""

@@ -59,7 +59,7 @@ def oracles(
 
     complete = True
     if not report_only:
-        options: dict[str, Any] = {"runner": with_oracle(fidelity)}
+        options: dict[str, Any] = {"fidelity": with_oracle(fidelity)}
         if coverages:
             options["coverages"] = tuple(coverages)
         if greedy:

@@ -34,7 +34,7 @@ from tuner.evaluation.comparison import strategy_difference, strategy_interval
 from tuner.evaluation.paper_table import MetricRow
 from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval
-from tuner.missions.registry import DEFAULT_RUNNER
+from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.search_space import ours
 from tuner.studies.study_directory import StudyFindings, StudySettings, counts, flown
 
@@ -62,7 +62,7 @@ class OracleSettings(StudySettings):
     greedy: tuple[str, ...] = ("reconstruction", "seen", "matchable")  # coverages of the greedy oracle
     references: tuple[str, ...] = REFERENCES
     surface: str = "observable"
-    runner: str = DEFAULT_RUNNER
+    fidelity: str = DEFAULT_FIDELITY
 
     def __post_init__(self) -> None:
         for coverage in (*self.coverages, *self.greedy):
@@ -100,7 +100,7 @@ class OracleSettings(StudySettings):
             kind = "hyb-o" if name.startswith("hyb-o-") else "greedy-oracle"
             values = {"gate.kind": kind, "gate.oracle_coverage": coverage}
             strategies[name] = self.base.with_values(values)
-        return EvaluationPlan(strategies, self.rocks, self.replicates, runner=self.runner)
+        return EvaluationPlan(strategies, self.rocks, self.replicates, fidelity=self.fidelity)
 
     def plans(self) -> dict[str, EvaluationPlan]:
         """The one of `plan`."""

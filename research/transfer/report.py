@@ -134,7 +134,7 @@ def pairs_table(findings: TransferFindings) -> Table | None:
 
 def _warnings(findings: TransferFindings) -> list[str]:
     out = []
-    if any(is_geometric(world.runner) for world in findings.settings.worlds.values()):
+    if any(is_geometric(world.fidelity) for world in findings.settings.worlds.values()):
         out.append(GEOMETRIC_NOTE)
     if findings.missions < findings.expected:
         out.append(
@@ -160,7 +160,7 @@ def _world(findings: TransferFindings, w: WorldResult) -> dict[str, Any]:
     world = s.worlds[w.name]
     return {
         "name": w.name,
-        "what": ", ".join(filter(None, [world.condition.description, world.renderer, world.runner])),
+        "what": ", ".join(filter(None, [world.condition.description, world.renderer, world.fidelity])),
         "missions": str(sum(c.missions for c in w.configurations)),
         "failed": str(sum(c.failed for c in w.configurations)),
         "reference": difference_text(w.configuration(TUNED).difference, DECIMALS, bold=False),

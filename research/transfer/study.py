@@ -35,6 +35,7 @@ from tuner.evaluation.baselines import (
 from tuner.evaluation.comparison import values_of
 from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval, paired_difference
+from tuner.missions.registry import renamed
 from tuner.problem.objective import Objective
 from tuner.problem.search_space import ours, value_at
 from tuner.studies.study_directory import StudyFindings, StudySettings, counts, flown
@@ -93,7 +94,7 @@ class TransferSettings(StudySettings):
                 {c: world.config(config) for c, config in self.configurations.items()},
                 self.rocks,
                 self.replicates,
-                runner=world.runner,
+                fidelity=world.fidelity,
                 conditions=(world.condition,),
             )
             for name, world in self.worlds.items()
@@ -111,7 +112,7 @@ class TransferSettings(StudySettings):
     def from_dict(cls, tree: dict[str, Any], source: str) -> Self:
         """The inverse of ``to_dict``."""
         worlds = {
-            name: World(**{**world, "condition": Condition(**world["condition"])})
+            name: World(**renamed({**world, "condition": Condition(**world["condition"])}))
             for name, world in tree["worlds"].items()
         }
         configurations = {name: config_from_dict(config) for name, config in tree["configurations"].items()}

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from nbv.config import IDEAL_CONDITION, RENDERERS, Condition, MissionConfig
 from nbv.errors import UserError
-from tuner.missions.registry import DEFAULT_RUNNER, is_geometric, registered
+from tuner.missions.registry import DEFAULT_FIDELITY, is_geometric, registered
 
 RENDERER = "scene.backend"
 
@@ -18,7 +18,7 @@ class World:
 
     condition: Condition = IDEAL_CONDITION
     renderer: str = ""  # empty: the configuration's
-    runner: str = DEFAULT_RUNNER  # of tuner.missions.registry, or module:function
+    fidelity: str = DEFAULT_FIDELITY  # of tuner.missions.registry, or module:function
 
     def config(self, config: MissionConfig) -> MissionConfig:
         """``config`` with this world's renderer; its condition is the plan's."""

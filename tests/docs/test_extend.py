@@ -59,7 +59,7 @@ def test_an_example_works_as_one_file_and_one_line(heading, blocks, tmp_path, mo
 
 
 def test_every_kind_of_part_has_an_example():
-    kinds = {"scorer", "gate", "renderer", "dense backend", "metric", "sampler", "mission runner"}
+    kinds = {"scorer", "gate", "renderer", "dense backend", "metric", "sampler", "fidelity"}
     assert {heading.removeprefix("A ") for heading, _ in examples()} == kinds
 
 

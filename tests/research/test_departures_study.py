@@ -20,7 +20,7 @@ F48 = "f_score_48mm"
 
 
 def settings(**changes):
-    defaults = {"rocks": ROCKS, "preset": "paper", "runner": "fake_flight:fake_mission"}
+    defaults = {"rocks": ROCKS, "preset": "paper", "fidelity": "fake_flight:fake_mission"}
     return DepartureSettings(**{**defaults, **changes})
 
 

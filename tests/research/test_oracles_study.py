@@ -16,7 +16,7 @@ ROCKS = ("r0", "r1", "r2")
 
 
 def settings(**changes):
-    defaults = {"rocks": ROCKS, "preset": "paper", "runner": "fake_flight:fake_mission"}
+    defaults = {"rocks": ROCKS, "preset": "paper", "fidelity": "fake_flight:fake_mission"}
     return OracleSettings(**{**defaults, **changes})
 
 

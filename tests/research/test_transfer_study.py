@@ -21,7 +21,7 @@ from tuner.problem.search_space import value_at
 from tuner.studies.study_directory import fly
 
 FAKE = "fake_missions:fake_mission"
-TWO = {"plain": World(runner=FAKE), "other": World(load_condition("field"), "gl", FAKE)}
+TWO = {"plain": World(fidelity=FAKE), "other": World(load_condition("field"), "gl", FAKE)}
 
 
 @pytest.fixture(scope="module")
@@ -170,8 +170,8 @@ def test_geometric_missions_in_two_worlds(campaign, tmp_path):
     carried = {n: c for n, c in carried_over(campaign, 0).items() if n in ("tuned", "hyb-h", "random")}
     short = {n: c.with_values({"stop.adaptive_budget": 1}) for n, c in carried.items()}
     two = {
-        "ideal": World(runner="geometric"),
-        "field": World(load_condition("field"), runner="geometric"),
+        "ideal": World(fidelity="geometric"),
+        "field": World(load_condition("field"), fidelity="geometric"),
     }
     asked = TransferSettings("test", two, short, ("boulder",), 1, "observable.f_score_48mm")
     assert fly(asked, tmp_path / "s", InProcessExecutor())
@@ -191,7 +191,7 @@ def test_worlds_are_combined():
     world = found["low-sun-gl"]
     assert world.condition.name == "low-sun" and world.config(MissionConfig()).scene.backend == "gl"
     assert found["ideal-geometric"].config(MissionConfig()) == MissionConfig()
-    assert found["ideal-geometric"].runner == "geometric"
+    assert found["ideal-geometric"].fidelity == "geometric"
 
 
 @pytest.mark.parametrize(

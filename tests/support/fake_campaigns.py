@@ -12,7 +12,7 @@ from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.executors import InProcessExecutor
 
-RUNNER = "fake_missions:fake_mission"
+FIDELITY = "fake_missions:fake_mission"
 
 
 def settings(**changes: object) -> CampaignSettings:
@@ -24,7 +24,7 @@ def settings(**changes: object) -> CampaignSettings:
         "budget": 9,
         "seed": 1,
         "sampler": "gp",
-        "runner": RUNNER,
+        "fidelity": FIDELITY,
     }
     return CampaignSettings(**{**fields, **changes})  # type: ignore[arg-type]
 

@@ -1,4 +1,4 @@
-"""A mission runner whose departures have known effects, with a trace of decisions.
+"""A mission function whose departures have known effects, with a trace of decisions.
 
 F-score: 60 + a draw per (rock, replicate) that all configurations share, + 2 with the public code's alphas, + a
 draw per (configuration, rock, replicate) with mean -4 without the low ring. Features and matching do nothing.

@@ -1,4 +1,4 @@
-"""A mission runner that takes no time: a smooth known function, rock shifts, noise, accidents.
+"""A mission function that takes no time: a smooth known function, rock shifts, noise, accidents.
 
 The first letters of a rock's name choose its behaviour: ``abort``, ``kill``, ``stop``, ``raise``, ``fail``, ``hang``,
 ``slow``, ``user``, ``flaky`` (every third configuration fails), ``once-...`` (so at the first flight only); any other rock

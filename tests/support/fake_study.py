@@ -1,4 +1,4 @@
-"""A mission runner like ``run_study_mission`` with known variance components.
+"""A mission function like ``run_study_mission`` with known variance components.
 
 The outcome is mu + C + CR + R + B + e. C and CR are normal draws keyed by the configuration, so any
 configuration has one. The signal doubles from a budget of 8 to 16 and fades with strictness below 5.

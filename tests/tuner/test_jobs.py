@@ -61,7 +61,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> tuner.Campaign:
         budget=3,
         overrides=SMALL,
         sampler="sobol",
-        runner="geometric",
+        fidelity="geometric",
         learn_from=["nothing"],
         workers=1,
         on_event=lambda e: EVENTS.append((e.kind, e.trial.raw)) if e.kind == "finished" and e.trial else None,
@@ -130,7 +130,7 @@ def test_the_api_loads_no_command() -> None:
 
 
 def test_evaluation_and_reproduction(campaign: tuner.Campaign, tmp_path: Path) -> None:
-    options = {"runner": "geometric", "workers": 1}
+    options = {"fidelity": "geometric", "workers": 1}
     run = tuner.evaluate(
         campaign, rocks=["arch"], strategies=["hyb-h"], replicates=1, directory=tmp_path / "e", **options
     )

@@ -12,7 +12,7 @@ from typing import Any, TypedDict
 from nbv.dense import best_dense_stage
 from nbv.errors import UserError
 from nbv.evaluation.registry import METRICS
-from nbv.mission.runner import Keep
+from nbv.mission.function import Keep
 from tuner.campaign.rock_choice import (
     QUICK_ROCKS,
     Making,
@@ -24,7 +24,7 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import read_settings_file, settings_from_dict
 from tuner.campaign.shipped import NOTHING, sources_by_default
 from tuner.missions.external import load_mission_file
-from tuner.missions.registry import DEFAULT_RUNNER
+from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.options import Risk
 from tuner.problem.search_space import ours
 
@@ -49,7 +49,7 @@ class CampaignFields(TypedDict, total=False):
     learn_from: Sequence[str]
     sampler: str
     initial: int | None
-    runner: str
+    fidelity: str
     keep: Keep
     storage: str | None
     in_step: int | None
@@ -61,7 +61,7 @@ DEFAULTS: dict[str, Any] = {
     "budget": 64,
     "replicates": 2,
 }
-_OURS = {"space": "search_space", "condition": "conditions", "preset": "preset", "fidelity": "runner"}
+_OURS = {"space": "search_space", "condition": "conditions", "preset": "preset", "fidelity": "fidelity"}
 # `make tune`: the space where there is most to gain, for the quality that the paper's 24 + 8 have on these rocks.
 QUICK: dict[str, Any] = {
     "budget": 36,
@@ -110,7 +110,7 @@ def asked_settings(fields: Mapping[str, Any], source: str, making: Making = null
     sources = fields.get("learn_from")
     if fields.get("mission") is not None:
         return settings_from_dict({**fields, "learn_from": _sources(sources or [])}, source)
-    if fields.get("runner", DEFAULT_RUNNER) == DEFAULT_RUNNER:
+    if fields.get("fidelity", DEFAULT_FIDELITY) == DEFAULT_FIDELITY:
         fields = {**fields, "overrides": best_dense_stage(fields.get("overrides") or {})}
     rocks = fields.get("rocks") or training_rocks()
     first = settings_from_dict({**fields, "rocks": rocks, "learn_from": _sources(sources or [])}, source)
@@ -125,7 +125,7 @@ def asked_settings(fields: Mapping[str, Any], source: str, making: Making = null
 
 def _require_metrics(settings: CampaignSettings) -> None:
     """`UserError` where our missions have no such metric: better now than after eight of them."""
-    if settings.runner not in ("photogrammetric", "geometric"):
+    if settings.fidelity not in ("photogrammetric", "geometric"):
         return
     thresholds = ours(settings.base_config()).evaluation.thresholds_mm
     keys = {key.replace("{t}", f"{t:g}") for key in METRICS for t in thresholds}

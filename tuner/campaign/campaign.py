@@ -126,7 +126,7 @@ class Campaign:
         expected: CampaignSettings | None = None,
         *,
         read_only: bool = False,
-        runner: str | None = None,
+        fidelity: str | None = None,
         mission: Path | None = None,
     ) -> Campaign:
         """The campaign in ``directory``.
@@ -137,7 +137,7 @@ class Campaign:
             Settings the caller believes in; a difference is refused.
         read_only
             For status and reports of a campaign that may be running.
-        runner
+        fidelity
             The ``"module:function"`` that the caller allows ``campaign.yaml`` to name.
         mission
             The mission file that the caller allows it to run.
@@ -145,7 +145,7 @@ class Campaign:
         Raises
         ------
         UserError
-            No campaign there, other settings, a ledger that is missing or belongs elsewhere, a runner that is neither
+            No campaign there, other settings, a ledger that is missing or belongs elsewhere, a fidelity that is neither
             registered nor allowed, a mission file's program that is neither allowed nor was begun here.
         """
         stored, identity, digest = read_settings(directory)
@@ -160,7 +160,7 @@ class Campaign:
                     "resume it as it is or choose another directory"
                 )
         elif not read_only:
-            refuse_code_of_file(settings.runner, runner, str(directory / SETTINGS_FILE))
+            refuse_code_of_file(settings.fidelity, fidelity, str(directory / SETTINGS_FILE))
         if settings.base_config().digest() != digest:
             raise UserError(
                 f"preset {settings.preset!r} has changed since the campaign in {directory} began; resume it with "

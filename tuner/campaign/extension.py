@@ -14,7 +14,7 @@ from tuner.missions.long_runs import exclusive
 
 
 def extend_campaign(
-    directory: Path, budget: int, runner: str | None = None, mission: Path | None = None
+    directory: Path, budget: int, fidelity: str | None = None, mission: Path | None = None
 ) -> Campaign:
     """The campaign in ``directory`` with a budget of ``budget`` missions instead of fewer.
 
@@ -26,7 +26,7 @@ def extend_campaign(
     UserError
         As ``Campaign.open``; the budget is not larger.
     """
-    campaign = Campaign.open(directory, runner=runner, mission=mission)
+    campaign = Campaign.open(directory, fidelity=fidelity, mission=mission)
     old = campaign.settings
     if budget <= old.budget:
         raise UserError(
@@ -46,4 +46,4 @@ def extend_campaign(
             campaign.ledger.keep_files({SETTINGS_FILE: settings_text(without_storage(tree))})
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}; make room, then resume") from error
-    return Campaign.open(directory, runner=runner, mission=mission)
+    return Campaign.open(directory, fidelity=fidelity, mission=mission)

@@ -15,15 +15,15 @@ from pathlib import Path
 from nbv.cache import code_digest
 from nbv.errors import UserError
 from tuner.campaign.ledger import TrialRecord
-from tuner.missions.registry import runner_module
+from tuner.missions.registry import module_of
 
 ACCEPT = "--accept-changes"
 
 
 @functools.cache
-def code_of(runner: str) -> str:
-    """Digest of the code of a runner's missions with all it imports of ``nbv``; of a runner of others its own file."""
-    module = runner_module(runner)
+def code_of(fidelity: str) -> str:
+    """Digest of the code of a fidelity's missions with all it imports of ``nbv``; of a fidelity of others its own file."""
+    module = module_of(fidelity)
     if module.partition(".")[0] == "nbv":
         return code_digest(module)
     try:
@@ -40,7 +40,7 @@ class SameWorld:
     def __init__(
         self,
         directory: Path,
-        runner: str,
+        fidelity: str,
         trials: Sequence[TrialRecord],
         *,
         accept: bool,
@@ -48,7 +48,7 @@ class SameWorld:
     ) -> None:
         self._directory = directory
         self._rocks: dict[str, tuple[str, int]] = {}
-        self.code = code_of(runner)
+        self.code = code_of(fidelity)
         if program:
             self.code = hashlib.sha256(f"{self.code} {program}".encode()).hexdigest()[:32]
         if accept:

@@ -106,7 +106,7 @@ class _Session:
         finished, mission = campaign.status().finished >= campaign.settings.budget, campaign.settings.mission
         self._world = SameWorld(
             campaign.directory,
-            campaign.settings.runner,
+            campaign.settings.fidelity,
             campaign.trials(),
             accept=accept_changes or finished,
             program="" if mission is None else mission.program,
@@ -229,7 +229,7 @@ class _Session:
             replicate=trial.replicate,
             directory=self._campaign.directory / trial.directory,
             keep=self._settings.keep,
-            runner=self._settings.runner,
+            fidelity=self._settings.fidelity,
         )
 
     def _launch(self, trial: TrialRecord) -> None:

@@ -14,9 +14,9 @@ from typing import Any
 from nbv.config import IDEAL, IDEAL_CONDITION, Condition, MissionConfig, preset, require_distinct, under
 from nbv.errors import UserError
 from nbv.foreign import require
-from nbv.mission.runner import Keep
+from nbv.mission.function import Keep
 from tuner.missions.external import MissionFile, external_config
-from tuner.missions.registry import DEFAULT_RUNNER, EXTERNAL, check_runner
+from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, require_fidelity
 from tuner.problem.blocks import MAX_MISSIONS, MAX_REPLICATES
 from tuner.problem.exact_costs import Exact, exact_cost
 from tuner.problem.objective import Objective
@@ -50,7 +50,7 @@ class CampaignSettings:
     objective: Objective = field(default_factory=Objective)
     sampler: str = "gp"
     initial: int | None = None  # missions of the initial design; None: as many as suit sampler and budget
-    runner: str = DEFAULT_RUNNER  # a name of tuner.missions.registry, or module:function
+    fidelity: str = DEFAULT_FIDELITY  # a name of tuner.missions.registry, or module:function
     keep: Keep = "summary"
     storage: str | None = None  # None: study.journal in the run directory
     risk: Risk = "mean"  # over the training worlds: tune their mean, or the worst of them
@@ -95,7 +95,7 @@ class CampaignSettings:
             raise UserError(f"the initial design has {self.initial} missions; give at least 1")
         if self.keep not in ("summary", "all"):
             raise UserError(f"keep is {self.keep!r}; it must be summary or all")
-        check_runner(self.runner)
+        require_fidelity(self.fidelity)
         require_no_password(self.storage)
         self._check_mission()
         self._check_options()
@@ -106,8 +106,10 @@ class CampaignSettings:
         self._check_limit()
 
     def _check_mission(self) -> None:
-        if (self.runner == EXTERNAL) != (self.mission is not None):
-            raise UserError("the runner external and a mission file belong together; name one with --mission")
+        if (self.fidelity == EXTERNAL) != (self.mission is not None):
+            raise UserError(
+                "the fidelity external and a mission file belong together; name one with --mission"
+            )
         if self.mission is None:
             return
         ours = {"overrides": self.overrides, "conditions": self.conditions != (IDEAL_CONDITION,)}
@@ -270,7 +272,7 @@ class CampaignSettings:
             "objective": {"metric": self.objective.metric, "direction": self.objective.direction},
             "sampler": self.sampler,
             "initial": self.initial_size(),
-            "runner": self.runner,
+            "fidelity": self.fidelity,
             "keep": self.keep,
             "storage": self.storage,
             "risk": self.risk,

@@ -20,7 +20,7 @@ from nbv.mission.run_directory import write_atomic
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.external import MissionFile, load_mission_file
 from tuner.missions.external.configuration import same_mission_file
-from tuner.missions.registry import EXTERNAL
+from tuner.missions.registry import EXTERNAL, renamed
 from tuner.problem.objective import Objective, direction_of
 from tuner.problem.quality_at_cost import asked_objective
 from tuner.problem.space_files import load_search_space, space_from_dict
@@ -45,12 +45,12 @@ FIELDS = {
     "learn_from": "as `--learn-from`; an empty list: none",
     "sampler": "as `--sampler`",
     "initial": "missions of the initial design; null: as many as suit sampler, budget and space",
-    "runner": "photogrammetric, geometric, or module:function of a mission runner",
+    "fidelity": "photogrammetric, geometric, or module:function of your own",
     "keep": "of every mission: summary, or all (images and models)",
     "storage": "Optuna storage URL of the ledger; null: a file in the run directory",
     "in_step": "N: a proposal knows all missions but the last N - 1: the same campaign with any number of workers",
 }
-_TEXTS = ("name", "preset", "risk", "sampler", "runner", "keep", "storage")
+_TEXTS = ("name", "preset", "risk", "sampler", "fidelity", "keep", "storage")
 _NUMBERS = ("budget", "replicates", "seed", "initial", "in_step")
 _LISTS = ("rocks", "learn_from")
 _PATHS = ("rocks", "search_space", "conditions", "learn_from", "mission")
@@ -158,7 +158,7 @@ def _said_by(mission: MissionFile) -> dict[str, Any]:
         "rocks": [instance.name for instance in mission.instances],
         "replicates": mission.replicates,
         "objective": {"metric": mission.objective.metric, "direction": mission.objective.direction},
-        "runner": EXTERNAL,
+        "fidelity": EXTERNAL,
     }
 
 
@@ -192,10 +192,12 @@ def read_settings_file(path: Path) -> dict[str, Any]:
     tree = read_yaml(path)
     if isinstance(tree, Mapping) and "format" in tree:
         _check_format(tree, path)
-        _check(tree.get("settings") or {}, str(path))
-        return dict(tree.get("settings") or {})
-    _check(tree or {}, str(path))
-    return _from_folder(dict(tree or {}), path.parent)
+        fields = renamed(tree.get("settings") or {})
+        _check(fields, str(path))
+        return fields
+    fields = renamed(tree or {}) if isinstance(tree or {}, Mapping) else tree
+    _check(fields, str(path))
+    return _from_folder(fields, path.parent)
 
 
 def _from_folder(fields: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -231,7 +233,7 @@ def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
             raise UserError(f"{path} is empty or no campaign's settings; restore the file")
         _check_format(tree, path)
         require_seal(tree, str(path))
-        return tree["settings"], tree["id"], tree["base_config_digest"]
+        return renamed(tree["settings"]), tree["id"], tree["base_config_digest"]
     except (KeyError, TypeError) as error:
         raise UserError(f"{path} is not a campaign's settings ({error!r}); restore the file") from error
 

@@ -212,7 +212,7 @@ def run(
     speak("json" if as_json else "quiet" if quiet else "all")
     from tuner.campaign.asked_settings import asked_fields, asked_settings
     from tuner.campaign.settings_file import SETTINGS_FILE
-    from tuner.missions.registry import DEFAULT_RUNNER, refuse_code_of_file
+    from tuner.missions.registry import DEFAULT_FIDELITY, refuse_code_of_file
 
     given: dict[str, Any] = {
         "name": name,
@@ -223,7 +223,7 @@ def run(
         "objective": objective,
         "risk": risk,
         "preset": preset,
-        "runner": fidelity,
+        "fidelity": fidelity,
         "replicates": replicates,
         "budget": budget,
         "sampler": sampler,
@@ -245,12 +245,12 @@ def run(
         return resume(
             directory, workers, None, timeout_s, executor, scheduler, unencrypted, fidelity, mission, **flags
         )
-    runner = str(fields.get("runner") or DEFAULT_RUNNER)
-    refuse_code_of_file(runner, fidelity, str(settings))
+    flown = str(fields.get("fidelity") or DEFAULT_FIDELITY)
+    refuse_code_of_file(flown, fidelity, str(settings))
     with contextlib.ExitStack() as stack:
         ready: LocalProcessExecutor | DaskExecutor | None = None
         if executor == "local" and scheduler is None and mission is None:
-            ready = local = stack.enter_context(local_executor(runner, workers, timeout_s))
+            ready = local = stack.enter_context(local_executor(flown, workers, timeout_s))
             local.begin()  # its libraries load beside ours
         load(MODEL)
         asked = asked_settings(fields, str(settings or "command line"), working)
@@ -259,7 +259,7 @@ def run(
 
         where = (executor, scheduler, unencrypted)
         if ready is None:  # before anything is written: a wrong address leaves no campaign behind
-            ready = executor_at(where, runner, workers, timeout_s, asked.mission)
+            ready = executor_at(where, flown, workers, timeout_s, asked.mission)
             stack.enter_context(ready)
         fly(begin_campaign(directory, asked), workers, timeout_s, where, ready=ready)
 
@@ -306,7 +306,7 @@ def resume(
     from tuner.campaign.extension import extend_campaign
 
     if missions is None:
-        campaign = Campaign.open(directory, runner=fidelity, mission=mission)
+        campaign = Campaign.open(directory, fidelity=fidelity, mission=mission)
     else:
         campaign = extend_campaign(directory, missions, fidelity, mission)
     fly(campaign, workers, timeout_s, (executor, scheduler, unencrypted), accept_changes=accept_changes)
@@ -346,14 +346,14 @@ def fly(
     settings, before = campaign.settings, campaign.status().finished
     if before < settings.budget:
         load(MODEL)
-    executor = ready or executor_at(where, settings.runner, workers, timeout_s, settings.mission)
+    executor = ready or executor_at(where, settings.fidelity, workers, timeout_s, settings.mission)
     output.print(
         f"{settings.name}: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}"
         f"{', the worst of them' if settings.risk == 'worst' else ''}; "
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "
         f"{crew(executor)}"
     )
-    if note := ignored_by(settings.runner, settings.conditions):
+    if note := ignored_by(settings.fidelity, settings.conditions):
         output.print(note)
     if campaign.learned is not None:
         output.print(

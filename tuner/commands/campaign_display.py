@@ -242,7 +242,7 @@ def show_verdict(recommendation: Recommendation, settings: CampaignSettings) -> 
 
     low, high = recommendation.improvement_interval_95
     whose = "paper's " if settings.mission is None else ""
-    by = "predicted by the low-fidelity simulator" if is_geometric(settings.runner) else "by the surrogate"
+    by = "predicted by the low-fidelity simulator" if is_geometric(settings.fidelity) else "by the surrogate"
     where = "the worst of the training rocks" if settings.risk == "worst" else "the training rocks"
     where += "" if settings.mission is None else " (instances of the mission file)"
     saved = ""

@@ -92,7 +92,7 @@ def compare(
     )
     from tuner.report.comparison.verdicts import limit_rows
 
-    executor = local_executor(plan.runner, workers, timeout_s, mission)
+    executor = local_executor(plan.fidelity, workers, timeout_s, mission)
     output.print(
         f"{len(plan.strategies)} strategies on {len(plan.rocks)} {'rock' if len(plan.rocks) == 1 else 'rocks'} x {plan.replicates} replicates{under_conditions(plan.conditions)}: "
         f"{plan.missions} missions, {executor.capacity} workers"

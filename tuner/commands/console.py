@@ -248,7 +248,7 @@ def rock_arguments(rocks: list[str]) -> list[str]:
 
 def executor_at(
     where: tuple[str, str | None, bool],
-    runner: str,
+    fidelity: str,
     workers: int | None,
     timeout_s: float,
     mission: MissionFile | None = None,
@@ -256,7 +256,7 @@ def executor_at(
     """Processes here or workers elsewhere; ``where`` has the options executor, scheduler and unencrypted."""
     kind, scheduler, unencrypted = where
     if kind == "local" and scheduler is None:
-        return local_executor(runner, workers, timeout_s, mission)
+        return local_executor(fidelity, workers, timeout_s, mission)
     return _cluster_executor(
         "dask" if kind == "local" else kind, scheduler, workers, timeout_s, unencrypted=unencrypted
     )

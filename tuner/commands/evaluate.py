@@ -156,7 +156,7 @@ def confirm(
     from tuner.campaign.campaign import Campaign
     from tuner.evaluation.baselines import TUNED
     from tuner.evaluation.plan import EvaluationPlan
-    from tuner.missions.registry import DEFAULT_RUNNER
+    from tuner.missions.registry import DEFAULT_FIDELITY
 
     source = Campaign.open(campaign, read_only=True, mission=mission)
     source.allow_program(named=mission is not None)
@@ -177,7 +177,7 @@ def confirm(
         tuple(chosen),
         replicates,
         first_replicate=s.replicates,
-        runner=s.runner if s.mission is not None else DEFAULT_RUNNER,
+        fidelity=s.fidelity if s.mission is not None else DEFAULT_FIDELITY,
         conditions=s.conditions,
     )
     names = "-".join(Path(rock).stem for rock in chosen)
@@ -247,4 +247,4 @@ def _of_mission_file(
     if reference not in configs:
         raise UserError(f"--reference {reference!r} is not evaluated; choose from {', '.join(configs)}")
     flown = {TUNED: source.recommended_config(), **configs}
-    return EvaluationPlan(flown, tuple(rocks or held_out), replicates, runner=EXTERNAL), reference
+    return EvaluationPlan(flown, tuple(rocks or held_out), replicates, fidelity=EXTERNAL), reference

@@ -226,7 +226,7 @@ def _view_campaign(directory: Path) -> None:
     campaign = Campaign.open(directory, read_only=True)
     output.print(f"campaign in {directory}: flying what is not there yet", soft_wrap=True)
     s = campaign.settings
-    with local_executor(s.runner, None, 3600.0, s.mission) as executor, working("flying"):
+    with local_executor(s.fidelity, None, 3600.0, s.mission) as executor, working("flying"):
         fly_shown_missions(campaign, executor)
     with working("writing the pages"):
         pages = write_mission_pages(campaign)

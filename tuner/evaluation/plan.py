@@ -23,17 +23,17 @@ from nbv.config import (
 )
 from nbv.errors import UserError
 from nbv.foreign import read_yaml, require
-from nbv.mission.runner import Keep
+from nbv.mission.function import Keep
 from tuner.missions.external import configuration_from_dict
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
-from tuner.missions.registry import DEFAULT_RUNNER
+from tuner.missions.registry import DEFAULT_FIDELITY, renamed
 from tuner.problem.blocks import MAX_REPLICATES
 from tuner.problem.objective import Objective
 from tuner.problem.search_space import Configuration
 from tuner.problem.worlds import World
 
 PLAN_FILE = "evaluation.yaml"
-FORMAT_VERSION = 2  # 1 named its runner by module and function
+FORMAT_VERSION = 2  # 1 named its fidelity by module and function
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class EvaluationPlan:
     rocks: tuple[str, ...]
     replicates: int = 1  # numbered from ``first_replicate``, the same for all strategies
     first_replicate: int = 0
-    runner: str = DEFAULT_RUNNER
+    fidelity: str = DEFAULT_FIDELITY
     keep: Keep = "summary"
     conditions: tuple[Condition, ...] = (IDEAL_CONDITION,)
 
@@ -87,7 +87,7 @@ class EvaluationPlan:
             "rocks": list(self.rocks),
             "replicates": self.replicates,
             "first_replicate": self.first_replicate,
-            "runner": self.runner,
+            "fidelity": self.fidelity,
             "keep": self.keep,
             "conditions": {condition.name: condition.to_dict() for condition in self.conditions},
             "strategies": {name: config.to_dict() for name, config in self.strategies.items()},
@@ -100,7 +100,7 @@ class EvaluationPlan:
         if not path.is_file():
             raise UserError(f"{directory} holds no evaluation ({PLAN_FILE} is missing)")
         try:
-            tree = read_yaml(path)
+            tree = renamed(read_yaml(path))
             if tree["format"] != FORMAT_VERSION:
                 raise UserError(
                     f"{path} has format {tree['format']}, this version reads {FORMAT_VERSION}; begin it again in another directory"
@@ -110,7 +110,7 @@ class EvaluationPlan:
                 tuple(tree["rocks"]),
                 tree["replicates"],
                 tree["first_replicate"],
-                tree["runner"],
+                tree["fidelity"],
                 tree["keep"],
                 tuple(
                     condition_from_dict(name, content, str(path))
@@ -152,7 +152,7 @@ class EvaluationPlan:
             replicate,
             directory / "missions" / owner / folder,
             self.keep,
-            self.runner,
+            self.fidelity,
         )
 
     def records(self, directory: Path) -> list[EvaluationRecord]:

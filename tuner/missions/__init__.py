@@ -1,15 +1,15 @@
-"""How missions are flown for the tuner: runners by name, jobs and their outcomes, processes to fly them in."""
+"""How missions are flown for the tuner: fidelities by name, jobs and their outcomes, processes to fly them in."""
 
 from tuner.missions.executors import Executor, InProcessExecutor, LocalProcessExecutor
 from tuner.missions.job import MissionJob, MissionOutcome
-from tuner.missions.registry import RUNNERS, resolve_runner
+from tuner.missions.registry import FIDELITIES, mission_function
 
 __all__ = [
-    "RUNNERS",
+    "FIDELITIES",
     "Executor",
     "InProcessExecutor",
     "LocalProcessExecutor",
     "MissionJob",
     "MissionOutcome",
-    "resolve_runner",
+    "mission_function",
 ]

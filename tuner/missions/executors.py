@@ -33,7 +33,7 @@ from tuner.missions.job import (
     failed_outcome,
     record_failure,
 )
-from tuner.missions.registry import DEFAULT_RUNNER, all_modules
+from tuner.missions.registry import DEFAULT_FIDELITY, all_modules
 from tuner.missions.run_job import EXIT_NOT_WRITABLE, run_job
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ class LocalProcessExecutor:
     timeout_s
         A mission that takes longer is killed and recorded as ``timeout``.
     preload
-        Runners whose modules the server imports before it forks.
+        Fidelities whose modules the server imports before it forks.
     max_flights
         How often a mission that the machine ends is flown in all.
     """
@@ -153,7 +153,7 @@ class LocalProcessExecutor:
         self,
         workers: int = 1,
         timeout_s: float = 3600.0,
-        preload: tuple[str, ...] = (DEFAULT_RUNNER,),
+        preload: tuple[str, ...] = (DEFAULT_FIDELITY,),
         max_flights: int = MAX_FLIGHTS,
     ) -> None:
         if workers < 1:
@@ -164,7 +164,7 @@ class LocalProcessExecutor:
         self.capacity = workers
         self._timeout_s = timeout_s
         self._max_flights = max_flights
-        self._preload = [module for runner in preload for module in all_modules(runner)]
+        self._preload = [module for fidelity in preload for module in all_modules(fidelity)]
         self._flights: dict[str, _Flight] = {}
         self._again: list[_Flight] = []
         self._ready: list[MissionOutcome] = []
@@ -363,14 +363,14 @@ def _wait_for_end(pid: int | None) -> None:
 
 
 def local_executor(
-    runner: str, workers: int | None, timeout_s: float, mission: MissionFile | None = None
+    fidelity: str, workers: int | None, timeout_s: float, mission: MissionFile | None = None
 ) -> LocalProcessExecutor:
     """Processes for missions, one per core unless told otherwise; a mission file has limits of its own."""
     if workers is not None and workers < 1:
         raise UserError(f"--workers is {workers}; give at least 1")
     count = workers or len(os.sched_getaffinity(0))
     if mission is None:
-        return LocalProcessExecutor(count, timeout_s, preload=(runner,))
-    # The runner keeps the limit itself; this one is for a runner that hangs. Before it there may be a wait for a slot.
+        return LocalProcessExecutor(count, timeout_s, preload=(fidelity,))
+    # The mission function keeps the limit itself; this one is for one that hangs. Before it there may be a wait for a slot.
     limit_s = 2 * (mission.time_limit_s + 2 * mission.stop_grace_s) + _SCORING_S
-    return LocalProcessExecutor(min(count, mission.at_once), limit_s, (runner,), mission.retries + 1)
+    return LocalProcessExecutor(min(count, mission.at_once), limit_s, (fidelity,), mission.retries + 1)

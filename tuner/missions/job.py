@@ -11,10 +11,10 @@ from typing import Any, Literal
 
 from nbv.errors import UserError
 from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json, require_seal
+from nbv.mission.function import Keep
 from nbv.mission.run_directory import write_atomic
-from nbv.mission.runner import Keep
 from tuner.missions.external.configuration import configuration_from_dict
-from tuner.missions.registry import DEFAULT_RUNNER
+from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.search_space import Configuration
 
 RESULT_FILE = "mission.json"
@@ -42,7 +42,7 @@ class MissionJob:
     replicate: int
     directory: Path
     keep: Keep = "summary"
-    runner: str = DEFAULT_RUNNER  # a name of the registry, or module:function
+    fidelity: str = DEFAULT_FIDELITY  # a name of the registry, or module:function
 
     def to_dict(self) -> dict[str, Any]:
         """JSON form for a worker."""
@@ -53,7 +53,7 @@ class MissionJob:
             "replicate": self.replicate,
             "directory": str(self.directory),
             "keep": self.keep,
-            "runner": self.runner,
+            "fidelity": self.fidelity,
         }
 
     @staticmethod

@@ -6,14 +6,14 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
-from tuner.missions.registry import DEFAULT_RUNNER
+from tuner.missions.registry import DEFAULT_FIDELITY
 
 NOW_FILE = "now"
 _LONGEST = 40  # characters that are read
 
 
 class Now:
-    """A `nbv.mission.runner.Log` that keeps one line up to date; a directory that cannot be written has none."""
+    """A `nbv.mission.function.Log` that keeps one line up to date; a directory that cannot be written has none."""
 
     def __init__(self, directory: Path) -> None:
         self._file = directory / NOW_FILE
@@ -42,9 +42,9 @@ class Now:
             self._file.unlink()
 
 
-def log_of(runner: str, directory: Path) -> Now | None:
-    """What follows a mission of this runner; None for those that take a second, and those that are not ours."""
-    return Now(directory) if runner == DEFAULT_RUNNER else None
+def log_of(fidelity: str, directory: Path) -> Now | None:
+    """What follows a mission of this fidelity; None for those that take a second, and those that are not ours."""
+    return Now(directory) if fidelity == DEFAULT_FIDELITY else None
 
 
 def doing_now(directory: Path) -> str:

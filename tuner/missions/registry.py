@@ -1,21 +1,21 @@
-"""Mission runners by name. A new one is one file, with a function like `nbv.mission.MissionRunner`, and one line here.
+"""Fidelities by name. A new one is one file, with a function like `nbv.mission.MissionFunction`, and one line here.
 
 The name goes into a campaign's settings, to the workers, and to ``--fidelity``. From Python and on the command line a
-runner may also be ``"module:function"``. A file may not choose code: where one says so, the caller must have named it too.
+fidelity may also be ``"module:function"``. A file may not choose code: where one says so, the caller must have named it too.
 """
 
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from nbv.config import Condition
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
 
-# Named by module, so that a command imports only the runner that it flies.
-RUNNERS = {
+# Named by module, so that a command imports only what it flies.
+FIDELITIES = {
     "photogrammetric": "nbv.photogrammetric:run_photogrammetric_mission",
     "geometric": "nbv.geometric:run_geometric_mission",
     "photogrammetric-with-oracle": "nbv.photogrammetric:run_photogrammetric_mission_with_oracle",
@@ -23,7 +23,7 @@ RUNNERS = {
     "external": "tuner.missions.external.runner:run_external_mission",
     "several-agreement-levels": "nbv.photogrammetric.agreement_levels:run_study_mission",
 }
-DEFAULT_RUNNER = "photogrammetric"
+DEFAULT_FIDELITY = "photogrammetric"
 # What their missions import when they need it, and a server before it forks, lest every mission does.
 _IMPORTED_IN_FLIGHT = {"nbv.photogrammetric": ("open3d", "torch"), "nbv.geometric": ("open3d",)}
 EXTERNAL = "external"  # flies the missions of mission files, which are not ours
@@ -42,9 +42,9 @@ GEOMETRIC_NOTE = (
 _GEOMETRIC_IGNORES = ("scene", "sensor", "telemetry", "target")
 
 
-def ignored_by(runner: str, conditions: Sequence[Condition]) -> str:
-    """What missions of this runner ignore of the conditions, as a sentence; empty where that is nothing."""
-    if not is_geometric(runner):
+def ignored_by(fidelity: str, conditions: Sequence[Condition]) -> str:
+    """What missions of this fidelity ignore of the conditions, as a sentence; empty where that is nothing."""
+    if not is_geometric(fidelity):
         return ""
     found = []
     for condition in conditions:
@@ -54,67 +54,72 @@ def ignored_by(runner: str, conditions: Sequence[Condition]) -> str:
     return f"Geometric missions ignore {'; '.join(found)}." if found else ""
 
 
+def renamed(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """A document that may be of an earlier version, which called the fidelity ``runner``."""
+    return {"fidelity" if key == "runner" else key: value for key, value in tree.items()}
+
+
 def registered(name: str) -> str:
-    """``name``; ``UserError`` if no runner is called so."""
-    if name not in RUNNERS:
-        raise UserError(f"unknown fidelity {name!r}; choose from {', '.join(RUNNERS)}")
+    """``name``; ``UserError`` if no fidelity is called so."""
+    if name not in FIDELITIES:
+        raise UserError(f"unknown fidelity {name!r}; choose from {', '.join(FIDELITIES)}")
     return name
 
 
 def with_oracle(name: str) -> str:
-    """The runner of the same missions that records what an oracle would have thought of every decision."""
+    """The fidelity of the same missions that records what an oracle would have thought of every decision."""
     return _WITH_ORACLE.get(registered(name), name)
 
 
 def is_geometric(name: str) -> bool:
-    """Whether missions of this runner are geometric ones."""
+    """Whether missions of this fidelity are geometric ones."""
     return name in ("geometric", "geometric-with-oracle")
 
 
-def check_runner(runner: str) -> None:
-    """`UserError` for a name that no runner has; ``"module:function"`` is not looked for here."""
-    if ":" not in runner:
-        registered(runner)
+def require_fidelity(fidelity: str) -> None:
+    """`UserError` for a name that no fidelity has; ``"module:function"`` is not looked for here."""
+    if ":" not in fidelity:
+        registered(fidelity)
 
 
-def refuse_code_of_file(runner: str, named: str | None, source: str) -> None:
+def refuse_code_of_file(fidelity: str, named: str | None, source: str) -> None:
     """`UserError` where the file ``source`` names a ``"module:function"`` that the caller has not ``named`` too."""
-    if ":" in runner and runner != named:
+    if ":" in fidelity and fidelity != named:
         raise UserError(
-            f"{source} asks to run code of its own, {runner!r}; if you trust it, name it: --fidelity {runner}"
+            f"{source} asks to run code of its own, {fidelity!r}; if you trust it, name it: --fidelity {fidelity}"
         )
 
 
-def runner_module(runner: str) -> str:
-    """The module that a worker imports to fly ``runner``."""
-    return RUNNERS.get(runner, runner).partition(":")[0]
+def module_of(fidelity: str) -> str:
+    """The module that a worker imports to fly ``fidelity``."""
+    return FIDELITIES.get(fidelity, fidelity).partition(":")[0]
 
 
-def all_modules(runner: str) -> tuple[str, ...]:
-    """`runner_module`, and what missions of ``runner`` import as they fly."""
-    module = runner_module(runner)
+def all_modules(fidelity: str) -> tuple[str, ...]:
+    """`module_of`, and what missions of ``fidelity`` import as they fly."""
+    module = module_of(fidelity)
     return (module, *_IMPORTED_IN_FLIGHT.get(module, ()))
 
 
-def resolve_runner(runner: str) -> Callable[..., MissionResult]:
-    """The `nbv.mission.MissionRunner` behind a name or ``"module:function"``.
+def mission_function(fidelity: str) -> Callable[..., MissionResult]:
+    """The `nbv.mission.MissionFunction` behind a name or ``"module:function"``.
 
     Raises
     ------
     UserError
-        There is no such runner.
+        There is no such fidelity.
     """
-    check_runner(runner)
-    module_name, _, name = RUNNERS.get(runner, runner).partition(":")
+    require_fidelity(fidelity)
+    module_name, _, name = FIDELITIES.get(fidelity, fidelity).partition(":")
     try:
         target: Any = importlib.import_module(module_name)
         for part in name.split("."):
             target = getattr(target, part)
     except (ImportError, AttributeError, ValueError) as error:
         raise UserError(
-            f"mission runner {runner!r} cannot be imported ({error}); name it module:function"
+            f"fidelity {fidelity!r} cannot be imported ({error}); name it module:function"
         ) from error
     if not callable(target):
-        raise UserError(f"mission runner {runner!r} is not a function; name it module:function")
+        raise UserError(f"fidelity {fidelity!r} is not a function; name it module:function")
     found: Callable[..., MissionResult] = target
     return found

@@ -11,7 +11,7 @@ from nbv.errors import MissionFailure, UserError
 from nbv.mission.run_directory import write_atomic
 from tuner.missions.job import RESULT_FILE, MissionJob, record_failure
 from tuner.missions.now import log_of
-from tuner.missions.registry import resolve_runner
+from tuner.missions.registry import mission_function
 
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _MACHINE_ERRORS = {
@@ -38,10 +38,10 @@ def run_job(tree: dict[str, Any]) -> int:
     directory = job.directory
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        runner, now = resolve_runner(job.runner), log_of(job.runner, directory)
+        fly, now = mission_function(job.fidelity), log_of(job.fidelity, directory)
         options = {} if now is None else {"log": now}
         try:
-            result = runner(job.config, job.rock, job.replicate, directory, keep=job.keep, **options)
+            result = fly(job.config, job.rock, job.replicate, directory, keep=job.keep, **options)
         finally:
             if now is not None:
                 now.end()

@@ -12,7 +12,7 @@ import sys
 from typing import Any
 
 from nbv.foreign import expanded
-from tuner.missions.registry import EXTERNAL, RUNNERS, runner_module
+from tuner.missions.registry import EXTERNAL, FIDELITIES, module_of
 
 MAX_HELD_BYTES = 256 * 2**20  # eight to ten rocks of the catalogue
 # Importing a larger mesh takes more memory than there may be beside the missions.
@@ -29,19 +29,19 @@ class SharedRocks:
     def keep(self, job: dict[str, Any]) -> None:
         """Load the rock of ``job``, whose mission has ended well; nothing if that cannot be done.
 
-        Only for registered runners: what other runners call a rock is their own business.
+        Only for registered fidelities: what other fidelities call a rock is their own business.
         """
-        rock, runner = job["rock"], job["runner"]
+        rock, fidelity = job["rock"], job["fidelity"]
         if (
-            runner == EXTERNAL
-            or runner not in RUNNERS
+            fidelity == EXTERNAL
+            or fidelity not in FIDELITIES
             or rock in self._known
             or self.held_bytes >= MAX_HELD_BYTES
         ):
             return
         self._known.add(rock)
         try:
-            importlib.import_module(runner_module(runner))
+            importlib.import_module(module_of(fidelity))
             path = expanded(rock)
             if path.is_file() and path.stat().st_size > MAX_FILE_BYTES:
                 return

@@ -17,11 +17,12 @@ from nbv.mission.run_directory import write_atomic
 from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluation
 from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.missions.executors import Executor
+from tuner.missions.registry import renamed
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-FORMAT_VERSION = 2  # 1 named its mission runner by module and function
+FORMAT_VERSION = 2  # 1 named its fidelity by module and function
 
 
 class StudySettings(ABC):
@@ -67,7 +68,7 @@ class StudySettings(ABC):
                 f"{directory} holds no {cls.STUDY} ({cls.FILE} is missing); name a study's directory"
             )
         try:
-            tree = read_yaml(path)
+            tree = renamed(read_yaml(path))
             if tree.pop("format") != FORMAT_VERSION:
                 raise UserError(f"{path} was written by another version; start a new study elsewhere")
             return cls.from_dict(tree, str(path))

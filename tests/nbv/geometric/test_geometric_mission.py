@@ -1,4 +1,4 @@
-"""Geometric missions: the same loop, deterministic, and a runner like any other."""
+"""Geometric missions: the same loop, deterministic, and a fidelity like any other."""
 
 import dataclasses
 import json
@@ -221,7 +221,7 @@ def test_it_runs_in_a_campaign(tmp_path):
         budget=3,
         overrides={"stop.adaptive_budget": 2},
         sampler="sobol",
-        runner="geometric",
+        fidelity="geometric",
     )
     summary = fly_campaign(begin_campaign(tmp_path / "campaign", settings), InProcessExecutor())
     assert summary.stopped == "budget"

@@ -18,7 +18,7 @@ import fake_missions
 import numpy as np
 import pytest
 import yaml
-from fake_campaigns import RUNNER
+from fake_campaigns import FIDELITY
 
 from nbv.errors import UserError
 from tuner.campaign.begin import begin_campaign
@@ -131,10 +131,12 @@ def test_in_step_a_campaign_is_the_same_with_any_workers(tmp_path: Path) -> None
     parts = begin_campaign(tmp_path / "parts", settings(**changes))
     with workers(2) as executor:
         assert fly_campaign(parts, executor, interrupt).stopped == "interrupted"
-        assert fly_campaign(Campaign.open(tmp_path / "parts", runner=RUNNER), executor).stopped == "budget"
+        assert (
+            fly_campaign(Campaign.open(tmp_path / "parts", fidelity=FIDELITY), executor).stopped == "budget"
+        )
     expected = [(t.number, t.rock, t.replicate, t.values, t.raw) for t in alone.trials()]
     assert len(expected) == 10
-    for other in (side_by_side, Campaign.open(tmp_path / "parts", runner=RUNNER)):
+    for other in (side_by_side, Campaign.open(tmp_path / "parts", fidelity=FIDELITY)):
         assert [(t.number, t.rock, t.replicate, t.values, t.raw) for t in other.trials()] == expected
     with pytest.raises(UserError, match="in step is 0 missions; give at least 1"):
         settings(in_step=0)
@@ -181,7 +183,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
 from tuner.missions.executors import LocalProcessExecutor
 if __name__ == "__main__":
-    campaign = Campaign.open(Path(sys.argv[1]), runner="fake_missions:fake_mission")
+    campaign = Campaign.open(Path(sys.argv[1]), fidelity="fake_missions:fake_mission")
     with LocalProcessExecutor(2, 60.0, preload=("fake_missions:fake_mission",)) as executor:
         fly_campaign(campaign, executor)
 """
@@ -243,7 +245,7 @@ def test_finished_but_untold_mission_is_entered_not_flown_again(tmp_path: Path) 
     with pytest.raises(Crash):
         fly_campaign(campaign, CrashingExecutor())
     assert [t.state for t in campaign.trials()] == ["running"]
-    resumed = Campaign.open(directory, runner=RUNNER)
+    resumed = Campaign.open(directory, fidelity=FIDELITY)
     fly_campaign(resumed, InProcessExecutor())
     assert [t.state for t in resumed.trials()] == ["complete", "complete"]
     first = resumed.trials()[0]
@@ -275,7 +277,7 @@ def test_what_the_machine_ended_is_neither_counted_nor_learned(tmp_path: Path) -
     assert "disk_full" in summary.message
     assert [(t.rock, t.state) for t in campaign.trials()] == [("a", "complete"), ("once-full", "running")] * 2
     assert {o.rock for o in campaign.history()} == {"a"}
-    summary = fly_campaign(Campaign.open(tmp_path / "run", runner=RUNNER), InProcessExecutor())
+    summary = fly_campaign(Campaign.open(tmp_path / "run", fidelity=FIDELITY), InProcessExecutor())
     assert summary.stopped == "budget" and summary.status.complete == 4  # the machine has been mended
 
 
@@ -319,7 +321,7 @@ def test_every_sampler_runs_and_resumes(tmp_path: Path, sampler: str) -> None:
             os.kill(os.getpid(), signal.SIGINT)
 
     assert fly_campaign(campaign, InProcessExecutor(), interrupt).status.finished == 8
-    resumed = Campaign.open(directory, runner=RUNNER)
+    resumed = Campaign.open(directory, fidelity=FIDELITY)
     assert fly_campaign(resumed, InProcessExecutor()).status.complete == 10
     whole = run(tmp_path / "whole", **changes)
     for a, b in zip(whole.trials(), resumed.trials()):
@@ -354,7 +356,7 @@ def test_cmaes_says_what_it_cannot_do(tmp_path: Path) -> None:
         ({"rocks": ()}, "no rocks"),
         ({"rocks": ("a", "a")}, "named twice"),
         ({"sampler": "magic"}, "unknown sampler 'magic'"),
-        ({"runner": "magic"}, "unknown fidelity 'magic'; choose from photogrammetric"),
+        ({"fidelity": "magic"}, "unknown fidelity 'magic'; choose from photogrammetric"),
         ({"preset": "magic"}, "unknown preset 'magic'"),
         ({"overrides": {"gate.d95": 1.0}}, "did you mean"),
     ],
@@ -386,7 +388,7 @@ def test_directories_of_others_are_left_alone(tmp_path: Path) -> None:
 
     (tmp_path / "run" / "study.journal").unlink()
     with pytest.raises(UserError, match=r"ledger .* is missing"):
-        Campaign.open(tmp_path / "run", runner=RUNNER)
+        Campaign.open(tmp_path / "run", fidelity=FIDELITY)
 
 
 def test_directory_that_cannot_be_written(tmp_path: Path) -> None:
@@ -401,7 +403,7 @@ def test_one_campaign_runs_once_at_a_time(tmp_path: Path) -> None:
     def intrude(event: CampaignEvent) -> None:
         if event.kind == "launched":
             with pytest.raises(UserError, match="in use by another process"):
-                Campaign.open(tmp_path / "run", runner=RUNNER)
+                Campaign.open(tmp_path / "run", fidelity=FIDELITY)
             assert Campaign.open(tmp_path / "run", read_only=True).status().budget == 2
 
     assert fly_campaign(campaign, InProcessExecutor(), intrude).stopped == "budget"
@@ -439,7 +441,7 @@ def test_a_foreign_file_is_not_taken_for_a_ledger(tmp_path: Path) -> None:
 def test_any_optuna_storage(tmp_path: Path) -> None:
     url = f"sqlite:///{tmp_path / 'shared.db'}"
     run(tmp_path / "run", storage=url, budget=2)
-    resumed = Campaign.open(tmp_path / "run", runner=RUNNER)
+    resumed = Campaign.open(tmp_path / "run", fidelity=FIDELITY)
     assert resumed.status().complete == 2
     assert not (tmp_path / "run" / "study.journal").exists()
     with pytest.raises(UserError, match="already holds a study"):
@@ -482,9 +484,9 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
     saved = json.loads(path.read_text())
     other = next(t.values for t in campaign.trials() if t.values != saved["values"])
     path.write_text(json.dumps({**saved, "values": other}))
-    assert Campaign.open(tmp_path / "run", runner=RUNNER).recommended_config() == campaign.settings.config(
-        other
-    )
+    assert Campaign.open(
+        tmp_path / "run", fidelity=FIDELITY
+    ).recommended_config() == campaign.settings.config(other)
     never_flown = {**other, "gate.d95_m": 1e9}
     for stale in (
         {**saved, "values": other, "observations": 5},
@@ -495,7 +497,7 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
         None,
     ):
         path.write_text(json.dumps(stale) if stale is not None else "{")
-        found = Campaign.open(tmp_path / "run", runner=RUNNER).recommended_config()
+        found = Campaign.open(tmp_path / "run", fidelity=FIDELITY).recommended_config()
         assert found == campaign.settings.config(saved["values"])
 
 
@@ -530,4 +532,4 @@ def test_a_campaign_of_an_earlier_version_is_refused_in_one_line(tmp_path: Path)
     tree["settings"]["gp"] = {"risk": "cvar", "prior_strength": 4.0, "sparse": False}
     path.write_text(yaml.safe_dump(tree))
     with pytest.raises(UserError, match="format 1, this version reads 2; open the campaign with the version"):
-        Campaign.open(campaign.directory, runner=RUNNER)
+        Campaign.open(campaign.directory, fidelity=FIDELITY)

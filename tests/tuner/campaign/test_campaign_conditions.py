@@ -64,7 +64,7 @@ def test_ideal_alone_is_the_campaign_without_conditions(tmp_path: Path) -> None:
         assert (a.values, a.raw, a.directory, a.memory) == (b.values, b.raw, b.directory, b.memory)
 
 
-def test_a_ledger_of_before_conditions_reads_as_ideal(tmp_path: Path) -> None:
+def test_a_campaign_of_an_earlier_version_is_read(tmp_path: Path) -> None:
     campaign = fake_campaigns.run(tmp_path / "run", budget=3)
     before = campaign.trials()
     journal = tmp_path / "run" / JOURNAL_FILE
@@ -77,6 +77,7 @@ def test_a_ledger_of_before_conditions_reads_as_ideal(tmp_path: Path) -> None:
     path = tmp_path / "run" / "campaign.yaml"
     tree = yaml.safe_load(path.read_text())
     del tree["settings"]["conditions"], tree["checksum"]
+    tree["settings"]["runner"] = tree["settings"].pop("fidelity")
     path.write_text(yaml.safe_dump(tree))
     assert '"condition"' not in journal.read_text()
     assert Campaign.open(tmp_path / "run", read_only=True).trials() == before
@@ -86,7 +87,7 @@ def test_a_geometric_campaign_over_worlds_goes_on(tmp_path: Path) -> None:
     """Real missions on two rocks under two conditions, interrupted half-way, end as if they had not been."""
     changes = {
         "rocks": ("boulder", "slab"),
-        "runner": "geometric",
+        "fidelity": "geometric",
         "sampler": "sobol",
         "budget": 4,
         "overrides": {"stop.adaptive_budget": 1, "evaluation.gt_samples": 3000},

@@ -22,7 +22,7 @@ PHOTOGRAPHS, QUALITY = Objective("costs.images", "minimise"), Objective()
 run = functools.partial(
     fake_campaigns.run,
     space=load_search_space("photographs"),
-    runner="photograph_missions:mission",
+    fidelity="photograph_missions:mission",
     replicates=2,
 )
 

@@ -23,7 +23,7 @@ from tuner.missions.executors import InProcessExecutor
 from tuner.missions.job import MissionJob, collect_outcome
 from tuner.problem.secrets import PASSWORD_VARIABLE
 
-RUNNER = fake_campaigns.RUNNER
+FIDELITY = fake_campaigns.FIDELITY
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +39,7 @@ def copy(flown, tmp_path) -> Path:
 
 
 def facts(directory: Path) -> list[tuple]:
-    trials = Campaign.open(directory, runner=RUNNER).trials()
+    trials = Campaign.open(directory, fidelity=FIDELITY).trials()
     return [(t.number, t.state, t.raw, t.values, t.rock, t.replicate, t.metrics, t.reason) for t in trials]
 
 
@@ -87,18 +87,18 @@ def test_a_ledger_cut_in_half_is_named(copy):
     lines = journal.read_text().splitlines(keepends=True)
     journal.write_text("".join(lines[: len(lines) // 2]))
     with pytest.raises(UserError, match=r"knows nothing of missions/0003.*its end was lost"):
-        Campaign.open(copy, runner=RUNNER)
+        Campaign.open(copy, fidelity=FIDELITY)
 
 
 def test_changed_settings_are_named(copy):
     path = copy / "campaign.yaml"
     path.write_text(path.read_text().replace("budget: 5", "budget: 6"))
     with pytest.raises(UserError, match=r"campaign\.yaml was changed since it was written"):
-        Campaign.open(copy, runner=RUNNER)
+        Campaign.open(copy, fidelity=FIDELITY)
 
 
 def test_a_changed_result_is_not_believed(copy):
-    campaign = Campaign.open(copy, runner=RUNNER)
+    campaign = Campaign.open(copy, fidelity=FIDELITY)
     trial = campaign.trials()[0]
     directory = copy / trial.directory
     config = campaign.settings.config(trial.values)
@@ -128,21 +128,21 @@ def open_last(directory: Path) -> None:
 
 def test_changed_code_is_asked_about(copy, monkeypatch):
     open_last(copy)
-    monkeypatch.setattr(same_world, "code_of", lambda runner: "another")
+    monkeypatch.setattr(same_world, "code_of", lambda fidelity: "another")
     with pytest.raises(UserError, match=r"the code of its missions changed after trial 4.*--accept-changes"):
-        fly_campaign(Campaign.open(copy, runner=RUNNER), InProcessExecutor())
-    campaign = Campaign.open(copy, runner=RUNNER)
+        fly_campaign(Campaign.open(copy, fidelity=FIDELITY), InProcessExecutor())
+    campaign = Campaign.open(copy, fidelity=FIDELITY)
     assert fly_campaign(campaign, InProcessExecutor(), accept_changes=True).status.finished == 5
 
 
 def test_a_changed_rock_is_asked_about(copy):
     def another(trial, sha):
-        world = same_world.SameWorld(copy, RUNNER, campaign.trials(), accept=False)
+        world = same_world.SameWorld(copy, FIDELITY, campaign.trials(), accept=False)
         world.require(trial, "1" * 64)
         world.require(trial, "")  # a mission that failed before it met the rock
         world.require(trial, sha)
 
-    campaign = Campaign.open(copy, runner=RUNNER)
+    campaign = Campaign.open(copy, fidelity=FIDELITY)
     trial = campaign.trials()[0]
     another(trial, "1" * 64)
     with pytest.raises(UserError, match=f"rock {trial.rock} is another one since trial 0"):
@@ -163,7 +163,7 @@ def test_a_rock_put_back_makes_the_campaign_go_on(copy, monkeypatch):
     begin_campaign(directory, fake_campaigns.settings(sampler="sobol", budget=5))
 
     def finished(on_event=None):
-        campaign = Campaign.open(directory, runner=RUNNER)
+        campaign = Campaign.open(directory, fidelity=FIDELITY)
         return fly_campaign(campaign, InProcessExecutor(), on_event).status.finished
 
     def kill(event):
@@ -196,7 +196,7 @@ def test_a_campaign_killed_while_it_is_made_goes_on(at, tmp_path, monkeypatch):
             begin_campaign(directory, asked)
     (directory / ".campaign.yaml.1.tmp").touch()
     if (directory / "campaign.yaml").is_file():
-        campaign = Campaign.open(directory, runner=RUNNER)
+        campaign = Campaign.open(directory, fidelity=FIDELITY)
     else:
         campaign = begin_campaign(directory, asked)
     assert fly_campaign(campaign, InProcessExecutor()).status.complete == 2
@@ -204,7 +204,7 @@ def test_a_campaign_killed_while_it_is_made_goes_on(at, tmp_path, monkeypatch):
 
 def test_a_full_disk_is_named_where_the_ledger_s_lock_goes_too(copy, monkeypatch):
     open_last(copy)
-    campaign = Campaign.open(copy, runner=RUNNER)
+    campaign = Campaign.open(copy, fidelity=FIDELITY)
 
     def full(_):
         (copy / "study.journal.lock").unlink()
@@ -214,7 +214,7 @@ def test_a_full_disk_is_named_where_the_ledger_s_lock_goes_too(copy, monkeypatch
         patch.setattr("os.fsync", full)
         with pytest.raises(UserError, match="No space left on device; make room, then resume"):
             fly_campaign(campaign, InProcessExecutor())
-    assert fly_campaign(Campaign.open(copy, runner=RUNNER), InProcessExecutor()).status.complete == 5
+    assert fly_campaign(Campaign.open(copy, fidelity=FIDELITY), InProcessExecutor()).status.complete == 5
 
 
 @pytest.mark.parametrize(
@@ -263,5 +263,5 @@ def test_a_locked_database_in_flight_is_one_line(tmp_path):
         with pytest.raises(UserError, match=r"does not answer .*locked.*resume"):
             fly_campaign(campaign, InProcessExecutor())
         holder.rollback()
-    again = Campaign.open(tmp_path / "run", runner=RUNNER)
+    again = Campaign.open(tmp_path / "run", fidelity=FIDELITY)
     assert fly_campaign(again, InProcessExecutor()).status.complete == 3

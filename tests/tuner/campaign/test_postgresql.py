@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from fake_campaigns import RUNNER, settings
+from fake_campaigns import FIDELITY, settings
 
 from nbv.errors import UserError
 from tuner.campaign import coordinator_lock
@@ -35,7 +35,7 @@ from tuner.missions.executors import InProcessExecutor
 def end(event):
     if event.kind == "finished" and event.finished == 3:
         os.kill(os.getpid(), signal.SIGKILL)
-fly_campaign(Campaign.open(Path(sys.argv[1]), runner="fake_missions:fake_mission"), InProcessExecutor(), end)
+fly_campaign(Campaign.open(Path(sys.argv[1]), fidelity="fake_missions:fake_mission"), InProcessExecutor(), end)
 """
 
 
@@ -90,7 +90,7 @@ def test_a_coordinator_that_dies_is_replaced_elsewhere(
     adopt_campaign(elsewhere, url)
     with pytest.raises(UserError, match=r"not postgresql.*leave --ledger out"):
         adopt_campaign(elsewhere, url + "&connect_timeout=9")  # of another ledger than the directory has
-    second = Campaign.open(elsewhere, runner=RUNNER)
+    second = Campaign.open(elsewhere, fidelity=FIDELITY)
     with monkeypatch.context() as there, pytest.raises(UserError, match=r"flown on \S+ \(.* s after it died"):
         there.setattr(coordinator_lock, "this_process", lambda: "other boot pid:[1] 1 1")
         fly_campaign(second, InProcessExecutor())
@@ -106,9 +106,9 @@ def test_a_coordinator_that_dies_is_replaced_elsewhere(
     assert [t.state for t in trials] == ["complete"] * 9 and [t.number for t in trials] == list(range(9))
     flown = list(tmp_path.glob("*/night/missions/*/flown.txt"))
     assert len(flown) == 9  # three there, six here
-    extend_campaign(elsewhere, 12, RUNNER)
+    extend_campaign(elsewhere, 12, FIDELITY)
     adopt_campaign(tmp_path / "third/night", url)
-    assert Campaign.open(tmp_path / "third/night", runner=RUNNER).status().remaining == 3
+    assert Campaign.open(tmp_path / "third/night", fidelity=FIDELITY).status().remaining == 3
 
 
 def test_a_coordinator_that_was_replaced_writes_nothing(
@@ -118,7 +118,7 @@ def test_a_coordinator_that_was_replaced_writes_nothing(
     monkeypatch.setattr(coordinator_lock, "TIMEOUT_S", 0.0)  # a machine that stood still for a minute
     stale = begin_campaign(tmp_path / "stale", settings(name="stale", storage=url, sampler="sobol"))
     adopt_campaign(tmp_path / "new/stale", url)
-    fresh = Campaign.open(tmp_path / "new/stale", runner=RUNNER)
+    fresh = Campaign.open(tmp_path / "new/stale", fidelity=FIDELITY)
     with stale.ledger.exclusive():
         fly_campaign(fresh, InProcessExecutor())
         with fresh.ledger.exclusive(), pytest.raises(UserError, match="another one has taken over"):
@@ -144,6 +144,7 @@ def test_a_database_that_goes_away_is_one_clear_line(
     server.start()
     monkeypatch.setattr(coordinator_lock, "TIMEOUT_S", 0.0)  # it could not say that it left
     assert (
-        fly_campaign(Campaign.open(tmp_path / "run", runner=RUNNER), InProcessExecutor()).stopped == "budget"
+        fly_campaign(Campaign.open(tmp_path / "run", fidelity=FIDELITY), InProcessExecutor()).stopped
+        == "budget"
     )
     assert [t.state for t in campaign.trials()] == ["complete"] * 9

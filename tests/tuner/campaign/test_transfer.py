@@ -11,7 +11,7 @@ import fake_campaigns
 import numpy as np
 import pytest
 import synthetic
-from fake_campaigns import RUNNER
+from fake_campaigns import FIDELITY
 
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
@@ -38,7 +38,7 @@ def earlier(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
 
 
 def learned(campaign: Campaign, space: SearchSpace) -> list[Observation]:
-    s = CampaignSettings("new", space, ("c",), 5, runner=RUNNER)
+    s = CampaignSettings("new", space, ("c",), 5, fidelity=FIDELITY)
     return list(learn_from([str(campaign.directory)], space, s.base_config(), s.objective).observations)
 
 
@@ -52,13 +52,13 @@ def test_the_best_of_an_earlier_campaign_fly_first_on_new_rocks(earlier: Campaig
     # Near the optimum, where the default is not.
     assert synthetic.true_value(trials[1].values) > 0.9 > synthetic.true_value(trials[0].values)
     shutil.rmtree(known)  # the campaign has its own copy
-    again = Campaign.open(campaign.directory, runner=RUNNER)
+    again = Campaign.open(campaign.directory, fidelity=FIDELITY)
     assert again.learned is not None and again.learned.best(3) == campaign.learned.best(3)
     page = write_campaign_report(again).read_text()
     assert "missions of earlier campaigns" in page and "learn_from:" in page
     (campaign.directory / "learned_from.json").unlink()
     with pytest.raises(UserError, match=r"learned_from.json cannot be read .* restore it"):
-        Campaign.open(campaign.directory, runner=RUNNER)
+        Campaign.open(campaign.directory, fidelity=FIDELITY)
 
 
 @pytest.mark.slow
@@ -144,7 +144,7 @@ def test_what_cannot_be_learned_from_is_named(earlier: Campaign, tmp_path: Path)
             synthetic.SPACE,
             ("c",),
             5,
-            runner=RUNNER,
+            fidelity=FIDELITY,
             sampler="tpe",
             learn_from=(str(earlier.directory),),
         )

@@ -30,7 +30,7 @@ def evaluated(directory: Path, **changes: object) -> EvaluationRun:
         "strategies": {"tuned": GOOD, "hyb-h": BASE},
         "rocks": ("x", "y", "z"),
         "replicates": 2,
-        "runner": fake_campaigns.RUNNER,
+        "fidelity": fake_campaigns.FIDELITY,
         "conditions": TWO,
     }
     return run_evaluation(EvaluationPlan(**{**fields, **changes}), directory, InProcessExecutor())  # type: ignore[arg-type]

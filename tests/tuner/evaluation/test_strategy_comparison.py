@@ -25,7 +25,7 @@ from tuner.evaluation.paper_table import PAPER_TABLE_I, TABLE_I_ROWS, MetricRow
 from tuner.evaluation.plan import FORMAT_VERSION, PLAN_FILE, EvaluationPlan
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
 
-RUNNER = "fake_missions:fake_mission"
+FIDELITY = "fake_missions:fake_mission"
 BASE = preset("campaign")
 GOOD = BASE.with_values({"gate.budget_fraction": 0.75, "gate.d95_m": 0.04})
 F48 = MetricRow("", "F-score", "observable.f_score_48mm", "%", True)
@@ -37,7 +37,7 @@ def plan(**changes: object) -> EvaluationPlan:
         "strategies": {"tuned": GOOD, "hyb-h": BASE, "copy": BASE},
         "rocks": ("x", "y", "z"),
         "replicates": 2,
-        "runner": RUNNER,
+        "fidelity": FIDELITY,
     }
     return EvaluationPlan(**{**fields, **changes})  # type: ignore[arg-type]
 

@@ -17,7 +17,7 @@ import pytest
 
 pytest.importorskip("distributed", reason="pip install 'gatetune[cluster]'")
 
-from fake_campaigns import RUNNER, settings
+from fake_campaigns import FIDELITY, settings
 from test_executors import fly, job
 
 from nbv.errors import UserError
@@ -29,7 +29,7 @@ from tuner.campaign.events import CampaignEvent
 from tuner.campaign.session import fly_campaign
 from tuner.missions.cluster import worker
 from tuner.missions.cluster.connect import dask_executor
-from tuner.missions.registry import RUNNERS
+from tuner.missions.registry import FIDELITIES
 
 MISSIONS = 20
 COORDINATOR = """
@@ -44,7 +44,7 @@ def accidents(event):
         os.kill(int(worker), signal.SIGKILL)
     if event.kind == "finished" and event.finished == 9:
         os.kill(os.getpid(), signal.SIGKILL)
-fly_campaign(Campaign.open(Path(directory), runner="fake_missions:fake_mission"), dask_executor("dask", scheduler, 1, 60.0), accidents)
+fly_campaign(Campaign.open(Path(directory), fidelity="fake_missions:fake_mission"), dask_executor("dask", scheduler, 1, 60.0), accidents)
 """
 
 
@@ -103,7 +103,7 @@ def test_no_mission_is_lost_or_entered_twice(tmp_path: Path, monkeypatch: pytest
         if event.kind == "finished" and event.finished == 13:
             cluster.scheduler.kill()
 
-    campaign = Campaign.open(directory, runner="fake_missions:fake_mission")
+    campaign = Campaign.open(directory, fidelity="fake_missions:fake_mission")
     with (
         dask_executor("dask", cluster.address, 1, 60.0) as executor,
         pytest.raises(UserError, match="scheduler is gone"),
@@ -132,7 +132,7 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(
     sides = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     own = make_rock("own", corners, sides, np.full((4, 3), 0.5), split="train", difficulty="mine")
     write_rock(own, tmp_path / "own.npz")
-    monkeypatch.setitem(RUNNERS, RUNNER, RUNNER)  # only what registered runners call a rock is one
+    monkeypatch.setitem(FIDELITIES, FIDELITY, FIDELITY)  # only what registered fidelities call a rock is one
     cluster = Cluster(tmp_path, 1)
     try:
         with dask_executor("dask", cluster.address, 1, 60.0) as executor:
@@ -149,7 +149,7 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(
             there = tmp_path / "worker-home/rocks/received" / f"{own.sha256}.npz"
             assert json.loads((tmp_path / "0000" / "mission.json").read_text())["rock"] == str(there)
             assert read_rock(there).sha256 == own.sha256
-            monkeypatch.setattr(worker, "identity", lambda runner: {"python": "2.7.18"})
+            monkeypatch.setattr(worker, "identity", lambda fidelity: {"python": "2.7.18"})
             refused = fly(executor, [job(tmp_path, "boulder", 3)])["0003"]
             assert refused.reason == "user_error"
             assert f"python is {sys.version.split()[0]} on the worker and 2.7.18 here" in refused.message

@@ -22,9 +22,11 @@ from tuner.missions.run_job import EXIT_NOT_WRITABLE, run_job
 
 
 def job(
-    directory: Path, rock: str = "a", number: int = 0, runner: str = "fake_missions:fake_mission"
+    directory: Path, rock: str = "a", number: int = 0, fidelity: str = "fake_missions:fake_mission"
 ) -> MissionJob:
-    return MissionJob(f"{number:04d}", MissionConfig(), rock, 0, directory / f"{number:04d}", runner=runner)
+    return MissionJob(
+        f"{number:04d}", MissionConfig(), rock, 0, directory / f"{number:04d}", fidelity=fidelity
+    )
 
 
 def server_of_this_process() -> int:
@@ -129,9 +131,9 @@ def test_threads_asked_for_elsewhere_do_not_stop_forking(
         assert b"--job" not in Path(f"/proc/{worker}/cmdline").read_bytes()
 
 
-def test_runner_that_cannot_be_imported_fails_the_mission(tmp_path: Path) -> None:
+def test_fidelity_that_cannot_be_imported_fails_the_mission(tmp_path: Path) -> None:
     with LocalProcessExecutor(1, preload=("no_such_module:fly",)) as executor:
-        outcome = fly(executor, [job(tmp_path, runner="no_such_module:fly")])["0000"]
+        outcome = fly(executor, [job(tmp_path, fidelity="no_such_module:fly")])["0000"]
     assert outcome.reason == "user_error" and "no_such_module" in outcome.message
 
 

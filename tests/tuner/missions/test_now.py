@@ -35,12 +35,12 @@ def test_the_line_follows_the_mission(tmp_path: Path) -> None:
 def test_it_is_gone_when_the_mission_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[str] = []
 
-    def runner(*arguments: Any, log: Now, **options: Any) -> None:
+    def fidelity(*arguments: Any, log: Now, **options: Any) -> None:
         log("dense", {})
         seen.append(doing_now(tmp_path))
         raise MissionFailure("lost", "on purpose")
 
-    monkeypatch.setattr(run_job, "resolve_runner", lambda name: runner)
+    monkeypatch.setattr(run_job, "mission_function", lambda name: fidelity)
     job = MissionJob("1", preset("campaign"), "slab", 0, tmp_path)
     assert run_job.run_job(job.to_dict()) == run_job.EXIT_FAILED
     assert seen == ["dense cloud"]

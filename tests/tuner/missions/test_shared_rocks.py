@@ -17,7 +17,7 @@ from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.job import MissionJob, MissionOutcome
 from tuner.missions.shared_rocks import SharedRocks
 
-RUNNER = "geometric"
+FIDELITY = "geometric"
 
 
 def write_ball(path: Path, radius: float = 1.0, squeeze: float = 1.0) -> Path:
@@ -27,8 +27,8 @@ def write_ball(path: Path, radius: float = 1.0, squeeze: float = 1.0) -> Path:
     return path
 
 
-def order(rock: Path | str, runner: str = RUNNER) -> dict[str, Any]:
-    return {"rock": str(rock), "runner": runner}
+def order(rock: Path | str, fidelity: str = FIDELITY) -> dict[str, Any]:
+    return {"rock": str(rock), "fidelity": fidelity}
 
 
 @pytest.fixture(autouse=True)
@@ -77,7 +77,7 @@ def test_later_missions_share_the_rock_that_the_first_read(tmp_path: Path) -> No
     def fly(executor: LocalProcessExecutor, number: int) -> MissionOutcome:
         executor.submit(
             MissionJob(
-                f"{number:04d}", preset("campaign"), str(ball), 0, tmp_path / str(number), runner=RUNNER
+                f"{number:04d}", preset("campaign"), str(ball), 0, tmp_path / str(number), fidelity=FIDELITY
             )
         )
         return next(o for _ in range(120) for o in executor.wait_any(1.0))

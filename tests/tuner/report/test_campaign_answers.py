@@ -38,13 +38,13 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
     return fake_campaigns.run(tmp_path_factory.mktemp("c") / "run", space=space, sampler="sobol", budget=6)
 
 
-def facts_of(campaign: Campaign, runner: str = "photogrammetric", **changes: Any) -> CampaignFacts:
+def facts_of(campaign: Campaign, fidelity: str = "photogrammetric", **changes: Any) -> CampaignFacts:
     """Of the campaign, with ``changes`` of its recommendation."""
     facts = CampaignFacts(campaign)
     best = facts.recommendation
     assert best is not None
     facts.__dict__["recommendation"] = dataclasses.replace(best, **changes)
-    facts.settings = dataclasses.replace(facts.settings, runner=runner)
+    facts.settings = dataclasses.replace(facts.settings, fidelity=fidelity)
     return facts
 
 
@@ -52,11 +52,11 @@ def other(facts: CampaignFacts) -> TrialRecord:
     return next(t for t in facts.trials if t.values != facts.default)
 
 
-def better(campaign: Campaign, runner: str = "photogrammetric", **changes: Any) -> CampaignFacts:
+def better(campaign: Campaign, fidelity: str = "photogrammetric", **changes: Any) -> CampaignFacts:
     """A configuration that flew once is recommended, and believed to be better."""
     values = other(CampaignFacts(campaign)).values
     gain = {"improvement": 3.0, "improvement_sd": 0.5, "improvement_interval_95": (2.0, 4.0)}
-    return facts_of(campaign, runner, **{"values": values, **gain, **changes})
+    return facts_of(campaign, fidelity, **{"values": values, **gain, **changes})
 
 
 def record(iteration: int, scorer: str, *views: str) -> IterationRecord:
@@ -110,7 +110,7 @@ def test_the_next_rock_is_said_and_where_rocks_disagree(campaign: Campaign) -> N
 
 
 def test_a_geometric_gain_is_called_a_prediction(campaign: Campaign) -> None:
-    facts = better(campaign, runner="geometric")
+    facts = better(campaign, fidelity="geometric")
     assert sure_answer(facts)[0].startswith("Predicted by the low-fidelity simulator: the recommended")
     assert "low-fidelity simulator" in measure_text(facts)
     assert "prediction" in next_answer(facts, evaluated=False)[0]

@@ -101,7 +101,7 @@ class _Made(Exception):
     [
         {"rocks": ("waist",), "budget": 5, "replicates": 2, "seed": 7, "in_step": 3, "keep": "all"},
         {"sampler": "gp", "budget": 10, "risk": "worst"},
-        {"runner": "geometric"},
+        {"fidelity": "geometric"},
         {"space": load_search_space("full"), "sampler": "gp"},
         {"space": load_search_space("full"), "sampler": "gp", "learn_from": (SHIPPED,)},
         {
@@ -150,11 +150,11 @@ def test_the_page_names_the_trend_of_many_parameters(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_page_of_a_geometric_campaign_says_so(tmp_path: Path) -> None:
     flies = {"space": load_search_space("gate"), "rocks": ("waist",), "budget": 3, "sampler": "sobol"}
-    settings = CampaignSettings("geo", runner="geometric", **flies)  # type: ignore[arg-type]
+    settings = CampaignSettings("geo", fidelity="geometric", **flies)  # type: ignore[arg-type]
     campaign = begin_campaign(tmp_path / "geo", settings)
     fly_campaign(campaign, InProcessExecutor())
     text = text_of(write_campaign_report(campaign))
-    assert "Geometric missions" in text and "runner: geometric" in text
+    assert "Geometric missions" in text and "fidelity: geometric" in text
     assert "Geometric missions" not in text_of(write_campaign_report(flown(tmp_path / "run")))
 
 

@@ -156,7 +156,7 @@ def test_a_campaign_shows_its_default_and_its_kept_missions(tmp_path: Path) -> N
         overrides={"stop.adaptive_budget": BUDGET, "evaluation.gt_samples": 2000},
         budget=2,
         sampler="sobol",
-        runner="geometric",
+        fidelity="geometric",
         keep="all",
     )
     campaign = begin_campaign(tmp_path / "c", settings)

@@ -12,7 +12,7 @@ import fake_campaigns
 import numpy as np
 import pytest
 import synthetic
-from fake_campaigns import RUNNER
+from fake_campaigns import FIDELITY
 
 from nbv.errors import UserError
 from tuner.acquisition.front import flown_in_both, propose_for_front, two_models
@@ -62,7 +62,7 @@ def test_risk_measures_have_their_own_optimum(risk: str, best: float) -> None:
 @pytest.mark.slow
 def test_risk_is_asked_for_and_kept(tmp_path: Path) -> None:
     campaign = run(tmp_path / "run", risk="worst")
-    again = Campaign.open(tmp_path / "run", runner=RUNNER)
+    again = Campaign.open(tmp_path / "run", fidelity=FIDELITY)
     assert again.settings.risk == "worst" and again.settings == campaign.settings
     result = campaign.recommendation()
     mean = run(tmp_path / "mean").recommendation()
@@ -190,7 +190,7 @@ def test_campaign_with_two_objectives(tmp_path: Path) -> None:
     assert campaign.trials()[-1].why["phase"] == "front"
     assert campaign.history()[0].second == -32.0
     assert json.loads((tmp_path / "run" / "front.json").read_text())[0]["second"] == pytest.approx(32.0)
-    assert Campaign.open(tmp_path / "run", runner=RUNNER).settings.second == Objective(
+    assert Campaign.open(tmp_path / "run", fidelity=FIDELITY).settings.second == Objective(
         "costs.images", "minimise"
     )
 

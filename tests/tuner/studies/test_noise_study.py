@@ -28,7 +28,7 @@ def settings(**changes):
         "replicates": 3,
         "repeats": 2,
         "metrics": (METRIC, "whole.c2c_mean_mm"),
-        "runner": "fake_study:fake_study_mission",
+        "fidelity": "fake_study:fake_study_mission",
     }
     return NoiseSettings(**{**defaults, **changes})
 

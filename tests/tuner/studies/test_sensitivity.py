@@ -195,7 +195,7 @@ def test_a_campaigns_ledger_is_enough(tmp_path):
         8,
         sampler="sobol",
         objective=Objective(METRIC),
-        runner="fake_study:fake_study_mission",
+        fidelity="fake_study:fake_study_mission",
     )
     fly_campaign(begin_campaign(tmp_path / "c", settings), InProcessExecutor())
     tuned = campaign_data(tmp_path / "c")

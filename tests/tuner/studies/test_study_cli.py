@@ -46,14 +46,14 @@ def test_a_flown_study_is_reported_and_taken_apart(gatetune, tmp_path):
         replicates=2,
         repeats=1,
         metrics=("observable.f_score_48mm",),
-        runner="fake_study:fake_study_mission",
+        fidelity="fake_study:fake_study_mission",
     )
     fly(settings, tmp_path / "study", InProcessExecutor())
     code, out, _ = gatetune("study", "noise", "--report-only", "--out", "study")
     assert code == 0 and "100 of 100 missions" in out and "F-score @ 48 mm" in out
     assert (tmp_path / "study" / "noise.md").is_file()
 
-    # The fake runner leaves no config.yaml beside its results; missions flown by nbv do.
+    # The fake fidelity leaves no config.yaml beside its results; missions flown by nbv do.
     strategies = settings.crossed_plan().strategies
     for path in (tmp_path / "study").rglob("mission.json"):
         config = strategies[path.parent.parent.name]

@@ -55,14 +55,14 @@ def fly_study(
         raise UserError(f"--workers is {workers}; give at least 1")
     count = workers or len(os.sched_getaffinity(0))
     plans = settings.plans()
-    runners = tuple(dict.fromkeys(plan.runner for plan in plans.values()))
+    fidelities = tuple(dict.fromkeys(plan.fidelity for plan in plans.values()))
     sizes = ", ".join(
         f"{len(plan.strategies)} configurations x {len(plan.rocks)} rocks x {plan.replicates} replicates"
         for plan in plans.values()
     )
     output.print(f"{sizes}: {settings.missions} missions, {count} workers")
     with (
-        LocalProcessExecutor(count, timeout_s=timeout_s, preload=runners) as executor,
+        LocalProcessExecutor(count, timeout_s=timeout_s, preload=fidelities) as executor,
         progress_bar() as bar,
     ):
         show = ComparisonProgress(bar, metric)

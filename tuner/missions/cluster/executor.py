@@ -21,7 +21,7 @@ from nbv.rocks.recipes import RECIPES
 from tuner.missions.cluster import worker
 from tuner.missions.executors import MAX_FLIGHTS
 from tuner.missions.job import RESULT_FILE, MissionJob, MissionOutcome, clear_traces, failed_outcome
-from tuner.missions.registry import EXTERNAL, RUNNERS
+from tuner.missions.registry import EXTERNAL, FIDELITIES
 
 _COUNTED_EVERY_S = 1.0
 _RECONNECT_S = 10.0
@@ -92,7 +92,7 @@ class DaskExecutor:
             "job": job.to_dict(),
             "rock_sha256": self._rock(job)[0],
             "timeout_s": self._timeout_s,
-            "identity": worker.identity(job.runner),
+            "identity": worker.identity(job.fidelity),
         }
         # A key of its own: Dask would take an equal mission for the same one.
         future = self._client.submit(worker.fly, order, key=f"{job.id}-{uuid.uuid4().hex}", pure=False)
@@ -101,7 +101,7 @@ class DaskExecutor:
 
     def _rock(self, job: MissionJob) -> tuple[str, bytes]:
         """Hash and content of a rock that a worker cannot make itself; empty for one that it can."""
-        if job.runner not in RUNNERS or job.runner == EXTERNAL or job.rock in RECIPES:
+        if job.fidelity not in FIDELITIES or job.fidelity == EXTERNAL or job.rock in RECIPES:
             return "", b""
         if job.rock not in self._rocks:
             rock = load_rock(job.rock, Store())

@@ -29,7 +29,7 @@ from nbv.provenance import MISSION_LIBRARIES, versions
 from nbv.rocks.imported import DamagedRockError, read_rock
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.job import MissionJob, MissionOutcome, failed_outcome
-from tuner.missions.registry import runner_module
+from tuner.missions.registry import module_of
 
 _POLL_S = 0.2
 _ANSWER_S = 30.0
@@ -54,11 +54,11 @@ def _code() -> str:
     return digest(*(part for path in files for part in (str(path.relative_to(root)), path.read_bytes())))[:12]
 
 
-def identity(runner: str) -> dict[str, str]:
-    """What must be the same on coordinator and workers: `program`, the missions' libraries, and a runner's own module."""
+def identity(fidelity: str) -> dict[str, str]:
+    """What must be the same on coordinator and workers: `program`, the missions' libraries, and a fidelity's own module."""
     installed = versions()
     found = program() | {name: installed[name] for name in MISSION_LIBRARIES if name in installed}
-    module = runner_module(runner)
+    module = module_of(fidelity)
     if module.partition(".")[0] not in ("nbv", "tuner"):
         source = _file_of(module)
         found[f"module {module}"] = digest(source.read_bytes())[:12] if source else "missing"
@@ -104,7 +104,7 @@ def fly(order: dict[str, Any]) -> dict[str, Any]:
     Returns ``{"refused": why}``, ``{"needs": the rock's hash}``, or the outcome with the directory as a tar file.
     """
     worker = get_worker()
-    ours = identity(order["job"]["runner"])
+    ours = identity(order["job"]["fidelity"])
     if why := difference(ours, order["identity"]):
         return {"refused": f"worker {worker.address}: {why}"}
     job = MissionJob.from_dict(order["job"])
@@ -129,11 +129,11 @@ def _has(path: Path, sha256: str) -> bool:
 
 
 def _flown(job: MissionJob, timeout_s: float) -> MissionOutcome:
-    key = (job.runner, timeout_s)
+    key = (job.fidelity, timeout_s)
     if getattr(_own, "key", None) != key:
         if hasattr(_own, "executor"):
             _own.executor.close()
-        _own.executor, _own.key = LocalProcessExecutor(1, timeout_s, (job.runner,), max_flights=1), key
+        _own.executor, _own.key = LocalProcessExecutor(1, timeout_s, (job.fidelity,), max_flights=1), key
     executor: LocalProcessExecutor = _own.executor
     executor.begin()
     task = get_worker().get_current_task()

@@ -1,4 +1,4 @@
-"""The runner ``external``: a mission of a mission file, flown and measured like one of ours."""
+"""The fidelity ``external``: a mission of a mission file, flown and measured like one of ours."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 
 from nbv.cache import Store
 from nbv.errors import MissionFailure, UserError
+from nbv.mission.function import Keep
 from nbv.mission.result import MissionResult
-from nbv.mission.runner import Keep
 from tuner.missions.external.configuration import ExternalConfig
 from tuner.missions.external.contract import Request
 from tuner.missions.external.flying import fly_request, require_no_fault_of_the_machine, tidy
@@ -35,7 +35,7 @@ def run_external_mission(
         The mission file has changed, its command cannot be run, or ``config`` is none of a mission file.
     """
     if not isinstance(config, ExternalConfig):
-        raise UserError("the runner external flies missions of a mission file; name one with --mission")
+        raise UserError("the fidelity external flies missions of a mission file; name one with --mission")
     try:
         return _run(config, rock, replicate, directory, keep)
     except (UserError, MissionFailure):

@@ -186,7 +186,7 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
             f"It flew on {rocks} of {len(facts.settings.rocks)} rocks.",
         ]
     unit = facts.label.difference_unit
-    by = "Predicted by the low-fidelity simulator: " if is_geometric(facts.settings.runner) else ""
+    by = "Predicted by the low-fidelity simulator: " if is_geometric(facts.settings.fidelity) else ""
     said = [campaign_headline(best, facts.label.full, unit, facts.default_name, by)]
     if best.limit is not None:
         said.append(limit_text(best.limit))
@@ -313,7 +313,7 @@ def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
             f"Widen a bound: {names} {are}. Copy `search_space` of `campaign.yaml` into widened.yaml, widen it there, and search again.",
             f"gatetune campaign run --space widened.yaml --learn-from {run}",
         )
-    if is_geometric(facts.settings.runner):
+    if is_geometric(facts.settings.fidelity):
         return "Fly it with photographs, on rocks it has not seen: so far it is a prediction.", evaluate
     both = [p for p in pairs(facts, best) if None not in (p.default, p.recommended)]
     if len(both) < 2 and facts.settings.mission is None:
@@ -338,10 +338,10 @@ def measure_text(facts: CampaignFacts) -> str:
     s = facts.settings
     if s.mission is not None:
         return f"{facts.label.full}; missions of your mission file, whose instances are called rocks here"
-    if is_geometric(s.runner):
+    if is_geometric(s.fidelity):
         fidelity = "predicted by the low-fidelity simulator (geometric missions, no photographs)"
     else:
-        fidelity = f"{s.runner} missions"
+        fidelity = f"{s.fidelity} missions"
     names = [condition.name for condition in s.conditions]
     worst = "; means and gains are of the worst rock and condition" if s.risk == "worst" else ""
     return f"{facts.label.full}; {fidelity}; {'conditions' if len(names) > 1 else 'condition'} {', '.join(names)}{worst}"

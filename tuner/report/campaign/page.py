@@ -311,8 +311,8 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Pa
 def _warnings(facts: CampaignFacts) -> list[str]:
     best, s = facts.recommendation, facts.settings
     out = []
-    if is_geometric(s.runner):
-        ignored = ignored_by(s.runner, s.conditions)
+    if is_geometric(s.fidelity):
+        ignored = ignored_by(s.fidelity, s.conditions)
         out.append(f"{GEOMETRIC_NOTE} They rank configurations and do not measure them. {ignored}")
     if facts.status.remaining and best is not None:
         out.append(f"The campaign is not finished. {facts.stop_reason}")

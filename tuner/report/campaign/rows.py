@@ -160,7 +160,7 @@ def _degraded(facts: CampaignFacts) -> int:
 
 
 def _photographs(facts: CampaignFacts) -> str:
-    return "captures, no photographs" if is_geometric(facts.settings.runner) else "photographs"
+    return "captures, no photographs" if is_geometric(facts.settings.fidelity) else "photographs"
 
 
 def _distance(metres: float) -> str:

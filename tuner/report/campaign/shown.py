@@ -11,7 +11,7 @@ from nbv.mission.result import MissionResult
 from tuner.campaign.campaign import Campaign
 from tuner.missions.executors import Executor
 from tuner.missions.job import MissionJob
-from tuner.missions.registry import DEFAULT_RUNNER, is_geometric
+from tuner.missions.registry import DEFAULT_FIDELITY, is_geometric
 from tuner.report.mission.walk import write_mission_view
 
 SHOWN, PAGE, REPORT_FILE = "shown", "view.html", "report.html"
@@ -33,14 +33,14 @@ def shown_jobs(campaign: Campaign) -> list[MissionJob]:
     None without a recommendation, and none of missions that are not ours. One where both are the same.
     """
     s, best = campaign.settings, campaign.recommendation(save=False)
-    if best is None or not (s.runner == DEFAULT_RUNNER or is_geometric(s.runner)):
+    if best is None or not (s.fidelity == DEFAULT_FIDELITY or is_geometric(s.fidelity)):
         return []
     world = s.worlds[0]
     jobs: dict[str, MissionJob] = {}
     for name, values in (("default", best.default_values), ("recommended", best.values)):
         config = s.config(values, world.condition)
         folder = campaign.directory / SHOWN / name
-        job = MissionJob(f"{SHOWN}-{name}", config, world.rock, 0, folder, "all", s.runner)
+        job = MissionJob(f"{SHOWN}-{name}", config, world.rock, 0, folder, "all", s.fidelity)
         jobs.setdefault(config.digest(), job)
     return list(jobs.values())
 

@@ -100,7 +100,7 @@ def header(campaign: Campaign, best: Recommendation, kept: Sequence[str]) -> lis
     lines = [
         f"gatetune {versions().get('gatetune', 'unknown')}, revision {git_revision()}",
         f"campaign {s.name}: space {s.space.name}, {len(s.rocks)} rocks, {s.budget} missions, "
-        f"fidelity {s.runner}, metric {s.objective.metric}",
+        f"fidelity {s.fidelity}, metric {s.objective.metric}",
     ]
     if not changed:
         return [*lines, "recommended: keep the default; this file changes nothing of it"]

@@ -195,7 +195,9 @@ def _measure(run: EvaluationRun, metric: str) -> str:
     """Which surface, fidelity and condition the verdict is of."""
     names = [condition.name for condition in run.plan.conditions]
     where = f"{'conditions' if len(names) > 1 else 'condition'} {', '.join(names)}"
-    return f"{metric_label(metric).full}; {run.plan.runner} missions; {where}; {_rocks(len(run.plan.rocks))}."
+    return (
+        f"{metric_label(metric).full}; {run.plan.fidelity} missions; {where}; {_rocks(len(run.plan.rocks))}."
+    )
 
 
 def _rocks(count: int) -> str:

@@ -79,7 +79,7 @@ class NoiseSettings(StudySettings):
     seed: int = 0
     preset: str = "campaign"
     overrides: dict[str, Any] = field(default_factory=dict)
-    runner: str = "several-agreement-levels"
+    fidelity: str = "several-agreement-levels"
 
     def __post_init__(self) -> None:
         if self.configurations < MIN_CONFIGURATIONS:
@@ -134,7 +134,7 @@ class NoiseSettings(StudySettings):
             for budget in self.budgets
             for name, config in self.configs(budget).items()
         }
-        return EvaluationPlan(strategies, self.rocks, self.replicates, runner=self.runner)
+        return EvaluationPlan(strategies, self.rocks, self.replicates, fidelity=self.fidelity)
 
     def repeats_plan(self) -> EvaluationPlan | None:
         """The default configuration, with replicates that the crossed design does not hold."""
@@ -142,7 +142,7 @@ class NoiseSettings(StudySettings):
             return None
         strategies = {strategy_name(b, DEFAULT): self.configs(b)[DEFAULT] for b in self.budgets}
         return EvaluationPlan(
-            strategies, self.rocks, self.repeats, first_replicate=self.replicates, runner=self.runner
+            strategies, self.rocks, self.repeats, first_replicate=self.replicates, fidelity=self.fidelity
         )
 
     def plans(self) -> dict[str, EvaluationPlan]:

@@ -124,8 +124,8 @@ def test_a_changed_mission_file_is_not_flown(tmp_path):
 
 def test_what_the_machine_ends_is_flown_again_as_often_as_asked(tmp_path):
     config = external_config(mission_file(tmp_path))
-    job = MissionJob("1", config, "once", 0, tmp_path / "1", runner="external")
-    again = MissionJob("2", config, "machine", 0, tmp_path / "2", runner="external")
+    job = MissionJob("1", config, "once", 0, tmp_path / "1", fidelity="external")
+    again = MissionJob("2", config, "machine", 0, tmp_path / "2", fidelity="external")
     with LocalProcessExecutor(1, 30.0, ("external",), max_flights=2) as executor:
         found = {}
         for each in (job, again):

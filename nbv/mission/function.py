@@ -1,4 +1,4 @@
-"""What flies whole missions: the signature that photogrammetric, geometric and all other mission runners share."""
+"""Functions that fly whole missions: the signature that all fidelities share, photogrammetric, geometric and others."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def no_log(event: str, facts: dict[str, Any]) -> None:
 
 
 class MissionOptions(TypedDict, total=False):
-    """What the project's own runners take besides; defaults as in `nbv.mission.flying.fly_mission`."""
+    """What the functions of this project take besides; defaults as in `nbv.mission.flying.fly_mission`."""
 
     keep: Keep
     overwrite: bool  # a finished mission in the directory may be replaced
@@ -29,8 +29,8 @@ class MissionOptions(TypedDict, total=False):
     )
 
 
-class MissionRunner(Protocol):
-    """A function that flies one mission and measures it; a runner of its own may take further options.
+class MissionFunction(Protocol):
+    """A function that flies one mission and measures it; it may take further options.
 
     The result is a function of (config, rock, replicate): whatever is drawn at random is keyed by these.
     """

@@ -1,4 +1,4 @@
-"""Every mission runner can be found by its name, and is called alike."""
+"""Every fidelity can be found by its name, and is called alike."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import pytest
 
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
-from tuner.missions.registry import RUNNERS, registered, resolve_runner, with_oracle
+from tuner.missions.registry import FIDELITIES, mission_function, registered, with_oracle
 
 
-@pytest.mark.parametrize("name", [name for name in RUNNERS if name != "external"])
-def test_registered_runners_have_one_signature(name: str) -> None:
-    assert inspect.signature(resolve_runner(name)) == inspect.signature(run_geometric_mission)
+@pytest.mark.parametrize("name", [name for name in FIDELITIES if name != "external"])
+def test_registered_fidelities_have_one_signature(name: str) -> None:
+    assert inspect.signature(mission_function(name)) == inspect.signature(run_geometric_mission)
 
 
-def test_a_runner_of_ones_own_is_named_by_module_and_function() -> None:
-    assert resolve_runner("fake_missions:fake_mission") is fake_missions.fake_mission
+def test_a_fidelity_of_ones_own_is_named_by_module_and_function() -> None:
+    assert mission_function("fake_missions:fake_mission") is fake_missions.fake_mission
 
 
 @pytest.mark.parametrize(
@@ -30,17 +30,17 @@ def test_a_runner_of_ones_own_is_named_by_module_and_function() -> None:
         ("fake_missions:NOISE_SD", "is not a function"),
     ],
 )
-def test_unknown_runners_are_refused_with_a_remedy(name: str, message: str) -> None:
+def test_unknown_fidelities_are_refused_with_a_remedy(name: str, message: str) -> None:
     with pytest.raises(UserError, match=message):
-        resolve_runner(name)
+        mission_function(name)
 
 
-def test_the_command_line_offers_registered_runners_only() -> None:
+def test_the_command_line_offers_registered_fidelities_only() -> None:
     assert registered("geometric") == "geometric"
     with pytest.raises(UserError, match="unknown fidelity"):
         registered("fake_missions:fake_mission")
 
 
-def test_decision_studies_fly_the_runner_that_asks_the_oracle() -> None:
+def test_decision_studies_fly_what_asks_the_oracle() -> None:
     assert with_oracle("geometric") == "geometric-with-oracle"
     assert with_oracle("photogrammetric") == "photogrammetric-with-oracle"
