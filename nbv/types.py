@@ -201,6 +201,10 @@ class Reconstructor(Protocol):
         """Build the seed model; raises ``MissionFailure`` if there is none."""
         ...
 
+    def glimpse(self, captures: Sequence[Capture]) -> SparseModel | None:
+        """The model of the first few seeds alone, None if there is none; nothing of it stays."""
+        ...
+
     def add(self, capture: Capture) -> UpdateReport:
         """Update the model with one more capture; an unregistered image is reported, not raised."""
         ...

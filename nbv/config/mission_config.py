@@ -80,7 +80,7 @@ class MissionConfig:
         self._require_seeds_that_register()
 
     def _require_seeds_that_register(self) -> None:
-        """Layouts of ``seed.count`` that cannot become a model, or leave nothing to plan, are refused before a flight."""
+        """Layouts of ``seed.count`` that cannot become a model are refused before a flight."""
         seeds = self.seed
         if not seeds.count:
             return
@@ -90,7 +90,7 @@ class MissionConfig:
                 f"seed.count {seeds.count} is below sparse.min_registered_seeds {self.sparse.min_registered_seeds}: "
                 "no such mission can go on; lower the latter or fly more seeds"
             )
-        step_deg = 360.0 / seeds.count
+        step_deg = 360.0 / max(seeds.upper_count, seeds.count - seeds.upper_count)
         if not self.sparse.ground_features and step_deg > WIDEST_STEP_DEG:
             raise UserError(
                 f"seed.count {seeds.count} puts seeds {step_deg:.0f} degrees apart, and SIFT alone does not hold views "
@@ -98,19 +98,28 @@ class MissionConfig:
                 f"{int(-(-360 // WIDEST_STEP_DEG))} or more"
             )
 
+    def require_seeds_above_ground(self) -> None:
+        """`UserError` where a ring of seeds meets the ground; asked of what is ordered, not of what a vehicle believes."""
+        lowest_m, least_m = self.target_m[2] + self.seed.lowest_view_m, self.flight.min_camera_altitude_m
+        if lowest_m < least_m:
+            raise UserError(
+                f"the lowest ring of seeds meets the ground: it lies at {lowest_m:.2f} m, and the camera flies no lower "
+                f"than {least_m:g} m (flight.min_camera_altitude_m); raise its elevation"
+            )
+
     @property
     def adaptive_budget(self) -> int:
         """Captures after the seeds: ``stop.adaptive_budget``, or what ``stop.max_photographs`` leaves.
 
-        `UserError` where that is nothing.
+        `UserError` where the seeds alone are more.
         """
         seeds, stop = self.seed.total, self.stop
         if not stop.max_photographs:
             return stop.adaptive_budget
-        if stop.max_photographs <= seeds:
+        if stop.max_photographs < seeds:
             raise UserError(
-                f"stop.max_photographs {stop.max_photographs} leaves no capture after {seeds} seeds; allow more "
-                "photographs, or fewer seeds (seed.count)"
+                f"stop.max_photographs {stop.max_photographs} is below the {seeds} seeds; allow more photographs, or "
+                "fewer seeds (seed.count)"
             )
         return min(stop.adaptive_budget, stop.max_photographs - seeds)
 
@@ -150,7 +159,9 @@ class MissionConfig:
             del values["telemetry"]
             tree["telemetry"] = dataclasses.asdict(telemetry_level(level))
         set_values(tree, values, MissionConfig)
-        return typing.cast(MissionConfig, build(MissionConfig, tree))
+        config = typing.cast(MissionConfig, build(MissionConfig, tree))
+        config.require_seeds_above_ground()
+        return config
 
 
 def canonical(section: Any) -> dict[str, Any]:

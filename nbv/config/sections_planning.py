@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -19,6 +20,12 @@ class SeedConfig(Section):
         (15.0, 22.0, 29.0, 36.0), "III, Phase 1", "elevations of the seed rings"
     )
     ring_azimuth_counts: tuple[int, ...] = text((8, 6, 6, 4), "III, Phase 1", "views in each seed ring")
+    ring_radii_m: tuple[float, ...] = ours(
+        (), "distance of each seed ring to the target; empty: `radius_m` for all", added=True
+    )
+    ring_bearings_deg: tuple[float, ...] = ours(
+        (), "compass bearing of the first view of each seed ring; empty: north for all", added=True
+    )
     count: int = ours(
         0,
         "seeds on one turn about the target, at even azimuths, instead of the rings above; 0: those",
@@ -30,6 +37,18 @@ class SeedConfig(Section):
     span_deg: float = ours(0.0, "from the lowest to the highest of them", why="the paper's: 21", added=True)
     start_bearing_deg: float = ours(
         0.0, "compass bearing of the first seed of `count`", why="shadows and relief know north", added=True
+    )
+    upper_share: float = ours(
+        0.0,
+        "share of the seeds of `count` that fly a second ring, `span_deg` above the first; 0: one turn",
+        why="16 at 10° and 9 at 35° are 0.36",
+        added=True,
+    )
+    reaim_after: int = ours(
+        0,
+        "seeds from whose photographs a target that has to be looked for is found; the others are flown around it. "
+        "0: it is looked for after the last",
+        added=True,
     )
 
     def __post_init__(self) -> None:
@@ -44,9 +63,21 @@ class SeedConfig(Section):
             all(n >= 1 for n in self.ring_azimuth_counts), "ring_azimuth_counts", "at least 1 per ring"
         )
         self._need(sum(self.ring_azimuth_counts) >= 3, "ring_azimuth_counts", "at least 3 views in all")
+        for name in ("ring_radii_m", "ring_bearings_deg"):
+            lengths = (0, len(self.ring_elevations_deg))
+            self._need(len(getattr(self, name)) in lengths, name, "empty or as long as ring_elevations_deg")
+        self._need(all(radius > 0 for radius in self.ring_radii_m), "ring_radii_m", "positive")
         self._need(self.count == 0 or self.count >= 3, "count", "0 (the rings) or at least 3")
         self._need_at_least(1, "rings")
         self._need_elevations("layout_deg")
+        self._need(0 <= self.upper_share < 1, "upper_share", "at least 0 and below 1")
+        self._need(self.upper_share == 0 or self.rings == 1, "upper_share", "0 where rings is not 1")
+        self._need(self.upper_share == 0 or -90 < self.upper_deg < 90, "span_deg", "smaller")
+        self._need(
+            self.reaim_after == 0 or self.reaim_after >= 3,
+            "reaim_after",
+            "0 (never) or at least 3: fewer photographs make no model",
+        )
 
     @property
     def total(self) -> int:
@@ -58,6 +89,25 @@ class SeedConfig(Section):
         """Elevations that the seeds of ``count`` take in turn, ascending."""
         step_deg = self.span_deg / max(1, self.rings - 1)
         return tuple(self.lowest_deg + step_deg * ring for ring in range(self.rings))
+
+    @property
+    def upper_count(self) -> int:
+        """Seeds of ``count`` on the second ring."""
+        return min(round(self.upper_share * self.count), self.count - 1) if self.count else 0
+
+    @property
+    def upper_deg(self) -> float:
+        """Elevation of the second ring."""
+        return self.lowest_deg + self.span_deg
+
+    @property
+    def lowest_view_m(self) -> float:
+        """Height of the lowest seed above the target's centre."""
+        if self.count:
+            lowest_deg = min(self.layout_deg + ((self.upper_deg,) if self.upper_count else ()))
+            return self.radius_m * math.sin(math.radians(lowest_deg))
+        radii_m = self.ring_radii_m or [self.radius_m] * len(self.ring_elevations_deg)
+        return min(r * math.sin(math.radians(e)) for r, e in zip(radii_m, self.ring_elevations_deg))
 
 
 @dataclass(frozen=True)
@@ -100,7 +150,7 @@ class PoolConfig(Section):
 class StopConfig(Section):
     """Phase 2 ends when the budget is used or the sparse cloud has converged."""
 
-    adaptive_budget: int = code(40, "mission file", "captures after the seeds, registered or not")
+    adaptive_budget: int = code(40, "mission file", "captures after the seeds, registered or not; 0: seeds only")
     max_photographs: int = ours(
         0,
         "photographs in all, seeds included, that the budget is cut to; 0: no limit",
@@ -124,8 +174,8 @@ class StopConfig(Section):
     )
 
     def __post_init__(self) -> None:
-        self._need_at_least(1, "adaptive_budget", "knn_neighbours")
-        self._need_at_least(0, "max_photographs", "min_gain_percent")
+        self._need_at_least(1, "knn_neighbours")
+        self._need_at_least(0, "adaptive_budget", "max_photographs", "min_gain_percent")
 
 
 @dataclass(frozen=True)

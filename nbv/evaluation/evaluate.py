@@ -26,7 +26,7 @@ from nbv.geometry.raycasting import RayCaster
 from nbv.rocks import Rock
 from nbv.terrain.relief import relief_of
 from nbv.types import Cloud, Floats, PointCloud
-from nbv.viewpoints import raw_candidates, ring_viewpoints
+from nbv.viewpoints import shell_viewpoints
 
 _CLEANING_SEED = 0
 _GROUND_TRUTH, _FLOORS = build_ground_truth.__module__, hausdorff_floors.__module__
@@ -49,10 +49,10 @@ class Evaluation:
 def camera_shell(config: MissionConfig) -> Floats:
     """(C, 3) the paper's seed rings and the unfiltered candidate rings: where a mission may photograph from.
 
-    Altitude limits and ``seed.count`` are left out on purpose, so that configurations which differ in them are measured
-    against the same observable surface.
+    Altitude limits and the layout of the seeds are left out on purpose, so that configurations which differ in them are
+    measured against the same observable surface.
     """
-    return np.array([view.position_m for view in (*ring_viewpoints(config), *raw_candidates(config))])
+    return np.array([view.position_m for view in shell_viewpoints(config)])
 
 
 def ground_truth(rock: Rock, config: MissionConfig, store: Store | None = None) -> GroundTruthSamples:

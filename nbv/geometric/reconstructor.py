@@ -109,6 +109,10 @@ class GeometricReconstructor:
         self._rows = [self._world.index(capture.viewpoint.id) for capture in self._captures]
         return seed.report
 
+    def glimpse(self, captures: Sequence[Capture]) -> SparseModel | None:
+        """None: the target is known here."""
+        return None
+
     def _build_seed(self, captures: Sequence[Capture]) -> _SeedState:
         centers = [capture.camera_center_m for capture in captures]
         looks = [self._landmarks.look(c.viewpoint.id, center) for c, center in zip(captures, centers)]

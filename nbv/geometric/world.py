@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.cache import Store, remember
-from nbv.config import CameraConfig, MissionConfig
+from nbv.config import CameraConfig, MissionConfig, SeedConfig
 from nbv.evaluation.ground_truth import MIN_OBSERVING_VIEWS
 from nbv.geometry.frustum import frustum_planes
 from nbv.geometry.incidence import LANDMARK_MAX_INCIDENCE_DEG, OBSERVABLE_MAX_INCIDENCE_DEG
@@ -29,7 +29,7 @@ from nbv.rocks import Rock
 from nbv.rocks.mesh import vertex_normals
 from nbv.terrain import Body, Surroundings, make_surroundings
 from nbv.types import Floats, Viewpoint
-from nbv.viewpoints import raw_candidates, ring_viewpoints, seed_viewpoints
+from nbv.viewpoints import raw_candidates, seed_viewpoints, shell_viewpoints
 
 SURFACE_SAMPLES = 3_000
 ROCK_LANDMARKS = 1_800  # candidates on the rock; most are too faint to be detected often
@@ -97,11 +97,6 @@ class GeometricWorld:
         return {name: row for row, name in enumerate(self.viewpoint_ids)}
 
 
-def all_viewpoints(config: MissionConfig) -> list[Viewpoint]:
-    """The places that every mission knows: the paper's seed rings and the raw pool."""
-    return [*ring_viewpoints(config), *raw_candidates(config)]
-
-
 def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) -> GeometricWorld:
     """The world from the store, or a fresh one that is put there."""
     scene = config.scene
@@ -111,13 +106,12 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
         list(config.target_m),
         config.shared.box_half_extent_m,
         [list(scene.sun_travel), scene.sun_irradiance, scene.ambient],
-        [[v.id, *v.position_m] for v in all_viewpoints(config)],
+        [[v.id, *v.position_m] for v in shell_viewpoints(config)],
     ]
     if (around := _neighbours(rock, config, store)) is not None:
         inputs.append(list(around.key))
-    if config.seed.count:
-        rings = replace(config, seed=replace(config.seed, count=0))
-        return with_seeds(load_world(rock, rings, store), rock, config, around)
+    if seed_viewpoints(config) != seed_viewpoints(papers := replace(config, seed=SeedConfig())):
+        return with_seeds(load_world(rock, papers, store), rock, config, around)
     arrays = remember(
         store,
         "geometric-worlds",
@@ -131,7 +125,7 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
 def with_seeds(
     world: GeometricWorld, rock: Rock, config: MissionConfig, around: Surroundings | None = None
 ) -> GeometricWorld:
-    """``world`` with the seeds of ``seed.count`` in place of the rings'; what counts as observable stays."""
+    """``world`` with the seeds of ``config`` in place of the paper's; what counts as observable stays."""
     caster, seeds = _caster(rock, around), seed_viewpoints(config)
     pool = np.array([not name.startswith("seed") for name in world.viewpoint_ids])
 
@@ -155,7 +149,7 @@ def with_seeds(
 def build_world(rock: Rock, config: MissionConfig, around: Surroundings | None = None) -> GeometricWorld:
     """Landmarks, samples and visibility of one rock, by ray casting on its mesh and its neighbours'."""
     caster = _caster(rock, around)
-    viewpoints = all_viewpoints(config)
+    viewpoints = shell_viewpoints(config)
     shade = _Shading(rock, config, caster)
 
     samples, sample_normals = sample_surface(rock.vertices_m, rock.faces, SURFACE_SAMPLES, 0)

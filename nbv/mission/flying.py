@@ -67,6 +67,7 @@ def fly_mission(
         Record, beside every decision, what an oracle would have gained from each scorer's best candidate.
     """
     started = time.perf_counter()
+    config.require_seeds_above_ground()
     store = Store() if cache else None
     found = load_rock(rock, store)
     subject = lying_rock(found, config)

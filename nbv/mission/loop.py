@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 
 from nbv.config import MissionConfig
 from nbv.flight import Flight
 from nbv.gates import Gate
+from nbv.geometry.target import find_target
 from nbv.mission.belief import located, must_look
 from nbv.mission.observer import Observer
 from nbv.planner import Plan, Planner
@@ -51,23 +54,37 @@ class AdaptiveMission:
     def fly_seed_phase(self) -> SparseModel:
         """Phase 1: the stratified ring orbit, and the seed model."""
         self.flight.take_off()
-        for viewpoint in seed_viewpoints(self.config):
-            self._fly_and_photograph(viewpoint)
+        for k in range(self.config.seed.total):
+            if k > 0 and k == self.config.seed.reaim_after and must_look(self.config):
+                self.aim_anew()
+            self._fly_and_photograph(seed_viewpoints(self.config)[k])
         with self.observer.timed("bootstrap"):
             report = self.reconstructor.bootstrap(self.captures)
         self.observer.seed_model(report)
         return report.model
 
+    def aim_anew(self) -> None:
+        """The other seeds are flown around the target as the photographs so far show it; as before if they show none."""
+        with self.observer.timed("glimpse"):
+            model = self.reconstructor.glimpse(self.captures)
+        found = None if model is None else find_target(model.points_m, self.config.target_m)
+        if found is not None:
+            self._turn_to_target(dataclasses.replace(self.config, target_m=found.center_m))
+        self.observer.aimed_anew(None if found is None else found.center_m)
+
     def look_for_target(self, model: SparseModel) -> None:
         """From now on the target is where, and as large as, the model shows it; as believed if it shows none."""
         config = located(self.config, model)
         if config is not None:
-            self.config = config
-            self.flight.face(config.target_m, config.flight)
-            self.camera.aim_at(config.target_m)
-            self.reconstructor.retarget(config.target_m, config.dense.crop_half_width_m)
-            self.planner = Planner(config, self.planner.gate.retargeted(config))
+            self._turn_to_target(config)
         self.observer.located(config)
+
+    def _turn_to_target(self, config: MissionConfig) -> None:
+        self.config = config
+        self.flight.face(config.target_m, config.flight)
+        self.camera.aim_at(config.target_m)
+        self.reconstructor.retarget(config.target_m, config.dense.crop_half_width_m)
+        self.planner = Planner(config, self.planner.gate.retargeted(config))
 
     def fly_adaptive_phase(self, model: SparseModel) -> None:
         """Phase 2: plan, fly, photograph, update, until the budget is used or the cloud has converged."""

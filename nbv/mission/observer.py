@@ -19,6 +19,9 @@ class Observer:
     def photographed(self, capture: Capture) -> None:
         """The vehicle arrived at a viewpoint and took a photograph."""
 
+    def aimed_anew(self, target_m: tuple[float, float, float] | None) -> None:
+        """The first seeds have shown the target there, or not at all."""
+
     def seed_model(self, report: UpdateReport) -> None:
         """The seed photographs have become a sparse model."""
 

@@ -74,6 +74,10 @@ class Recorder(Observer):
         if capture.viewpoint.band == "seed":
             self._log("seed", {"index": self.images - 1, "id": capture.viewpoint.id})
 
+    def aimed_anew(self, target_m: tuple[float, float, float] | None) -> None:
+        """Tell the display."""
+        self._log("aimed-anew", {"target_m": target_m})
+
     def seed_model(self, report: UpdateReport) -> None:
         """Note what became of the seeds."""
         self._count(report)

@@ -8,18 +8,20 @@ from pathlib import Path
 from typing import Any
 
 from nbv.cache import Store
-from nbv.config import MissionConfig
+from nbv.config import MissionConfig, SparseConfig
 from nbv.dense.reconstruct import CheckedDepths, check_depths
+from nbv.errors import MissionFailure
 from nbv.memory import give_back_freed_memory
 from nbv.photogrammetric.cached_sequences import CachedClouds, CachedSparse
 from nbv.photogrammetric.cached_stages import CachedCorrespondences
 from nbv.sparse.correspondences import ComputedCorrespondences, Correspondences
 from nbv.sparse.reconstructor import SparseReconstructor
-from nbv.types import Capture, Cloud, PointCloud, UpdateReport
+from nbv.types import Capture, Cloud, PointCloud, SparseModel, UpdateReport
 
 LEAST_BASELINE_ANGLE_DEG = (
     40.0  # of stereo pairs, between the baseline and the line to a target that had to be found
 )
+FEWEST_SEEDS = 3  # that a model can be aligned by
 
 
 class PhotogrammetricReconstructor:
@@ -41,20 +43,32 @@ class PhotogrammetricReconstructor:
     ) -> None:
         self._config = config
         self._keep_sparse = keep_sparse
-        source: Correspondences = ComputedCorrespondences(config.camera, config.sparse)
+        self._source: Correspondences = ComputedCorrespondences(config.camera, config.sparse)
         if store is not None:
-            source = CachedCorrespondences(config.camera, config.sparse, store)
-        sparse = SparseReconstructor(config.camera, config.sparse, config.target_m, source, config.telemetry)
-        self._sparse: SparseReconstructor | CachedSparse | None = sparse
+            self._source = CachedCorrespondences(config.camera, config.sparse, store)
+        self._store = store
+        self._sparse: SparseReconstructor | CachedSparse | None = self._new_sparse(config.sparse)
         self._clouds: Callable[[int | None], Cloud] = self._fuse
-        if store is not None:
-            self._sparse = cached = CachedSparse(sparse, store)
-            self._clouds = CachedClouds(self._fuse, cached, config, store)
+        if store is not None and isinstance(self._sparse, CachedSparse):
+            self._clouds = CachedClouds(self._fuse, self._sparse, config, store)
         self._images: dict[str, Any] = {}
         self.dense_report: Any = None
         self.has_model = False
         self._finished = False
         self._checked: CheckedDepths | None = None
+
+    def _new_sparse(self, options: SparseConfig) -> SparseReconstructor | CachedSparse:
+        config = self._config
+        sparse = SparseReconstructor(config.camera, options, config.target_m, self._source, config.telemetry)
+        return sparse if self._store is None else CachedSparse(sparse, self._store)
+
+    def glimpse(self, captures: Sequence[Capture]) -> SparseModel | None:
+        """A model of its own; the photographs' features and pairs serve again at `bootstrap`, if there is a store."""
+        few = replace(self._config.sparse, min_registered_seeds=FEWEST_SEEDS)
+        try:
+            return self._new_sparse(few).bootstrap(captures).model
+        except MissionFailure:
+            return None
 
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         """The seed model."""

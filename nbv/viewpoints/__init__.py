@@ -26,7 +26,7 @@ A minimum altitude of 1.5 m (the public code's) instead of 1.3 m also rejects th
 ring, the densest one: 105 remain.
 """
 
-from nbv.viewpoints.pool import candidate_pool, raw_candidates
-from nbv.viewpoints.rings import ring_viewpoints, seed_viewpoints
+from nbv.viewpoints.pool import candidate_pool, raw_candidates, shell_viewpoints
+from nbv.viewpoints.rings import seed_viewpoints
 
-__all__ = ["candidate_pool", "raw_candidates", "ring_viewpoints", "seed_viewpoints"]
+__all__ = ["candidate_pool", "raw_candidates", "seed_viewpoints", "shell_viewpoints"]

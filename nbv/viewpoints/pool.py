@@ -6,11 +6,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from nbv.config import MissionConfig, PoolConfig
+from nbv.config import MissionConfig, PoolConfig, SeedConfig
 from nbv.geometry.frames import heading_to
 from nbv.types import CandidatePool, Floats, Viewpoint
 from nbv.viewpoints import filters
-from nbv.viewpoints.rings import ring
+from nbv.viewpoints.rings import ring, ring_viewpoints
 
 
 def lateral_ring_counts(total: int, rings: int) -> list[int]:
@@ -73,6 +73,14 @@ def _raw_arrays(pool: PoolConfig, target_m: tuple[float, float, float]) -> tuple
 def raw_candidates(config: MissionConfig) -> tuple[Viewpoint, ...]:
     """All candidates before any filter, lateral band first; the same in every iteration and mission."""
     return _raw_candidates(config.pool, config.target_m)
+
+
+def shell_viewpoints(config: MissionConfig) -> list[Viewpoint]:
+    """The paper's seed rings and the unfiltered candidates: where a mission may photograph from.
+
+    The same for every layout of the seeds, so that all are measured against one observable surface.
+    """
+    return [*ring_viewpoints(config.target_m, SeedConfig()), *raw_candidates(config)]
 
 
 def candidate_pool(

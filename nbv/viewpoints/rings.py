@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from nbv.config import MissionConfig
+from nbv.config import MissionConfig, SeedConfig
 from nbv.types import Viewpoint
 
 
@@ -17,8 +17,9 @@ def ring(
     id_prefix: str,
     first_index: int,
     id_digits: int,
+    first_bearing_deg: float = 0.0,
 ) -> list[Viewpoint]:
-    """``count`` viewpoints at one elevation, the first due north of the target, then clockwise.
+    """``count`` viewpoints at one elevation, clockwise from ``first_bearing_deg`` (0: due north of the target).
 
     ``radius_m`` is the distance to the target, not the radius of the circle. Ids are
     ``{id_prefix}_{index}`` with ``id_digits`` digits, counting from ``first_index``.
@@ -28,7 +29,7 @@ def ring(
             target_m,
             radius_m,
             elevation_deg,
-            360.0 * k / count,
+            first_bearing_deg + 360.0 * k / count,
             band,
             f"{id_prefix}_{first_index + k:0{id_digits}d}",
         )
@@ -56,13 +57,23 @@ def _viewpoint(
 
 
 def seed_viewpoints(config: MissionConfig) -> list[Viewpoint]:
-    """The seeds in the order flown (``seed_00`` ...): the paper's rings, or with ``seed.count`` one turn.
+    """The seeds in the order flown (``seed_00`` ...): the rings, or with ``seed.count`` one turn or two rings.
 
     One turn: even azimuths, clockwise from ``seed.start_bearing_deg``, elevations in turn: neighbours differ in both.
+    Two rings (``seed.upper_share``): each with even azimuths from that bearing, the lower one first.
     """
     layout = config.seed
     if not layout.count:
-        return ring_viewpoints(config)
+        return ring_viewpoints(config.target_m, layout)
+    upper = layout.upper_count
+    if upper:
+        rings = SeedConfig(
+            ring_elevations_deg=(layout.lowest_deg, layout.upper_deg),
+            ring_azimuth_counts=(layout.count - upper, upper),
+            ring_bearings_deg=(layout.start_bearing_deg,) * 2,
+            radius_m=layout.radius_m,
+        )
+        return ring_viewpoints(config.target_m, rings)
     step_deg = 360.0 / layout.count
     return [
         _viewpoint(
@@ -77,11 +88,14 @@ def seed_viewpoints(config: MissionConfig) -> list[Viewpoint]:
     ]
 
 
-def ring_viewpoints(config: MissionConfig) -> list[Viewpoint]:
-    """The paper's stratified orbit: ring by ring, lowest first."""
+def ring_viewpoints(target_m: tuple[float, float, float], layout: SeedConfig) -> list[Viewpoint]:
+    """A stratified orbit: ring by ring, in the order of ``layout``'s rings (the paper's: lowest first)."""
+    n = len(layout.ring_elevations_deg)
+    radii_m = layout.ring_radii_m or (layout.radius_m,) * n
+    bearings_deg = layout.ring_bearings_deg or (0.0,) * n
     seeds: list[Viewpoint] = []
-    for elevation_deg, count in zip(config.seed.ring_elevations_deg, config.seed.ring_azimuth_counts):
-        seeds += ring(
-            config.target_m, config.seed.radius_m, elevation_deg, count, "seed", "seed", len(seeds), 2
-        )
+    for elevation_deg, count, radius_m, bearing_deg in zip(
+        layout.ring_elevations_deg, layout.ring_azimuth_counts, radii_m, bearings_deg
+    ):
+        seeds += ring(target_m, radius_m, elevation_deg, count, "seed", "seed", len(seeds), 2, bearing_deg)
     return seeds

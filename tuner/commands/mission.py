@@ -44,6 +44,10 @@ class MissionProgress:
             update(self._task, advance=1)
             if facts["index"] + 1 == self._seeds:
                 update(self._task, description="seed model")
+        elif event == "aimed-anew":
+            at = facts["target_m"]
+            where = "not found yet" if at is None else "found at ({:.2f}, {:.2f}, {:.2f}) m".format(*at)
+            self._progress.console.print(f"target {where}")
         elif event == "seed-model":
             text = (
                 f"seed model: {facts['registered']}/{facts['captures']} images, {facts['points']} points, "
