@@ -150,7 +150,9 @@ class PoolConfig(Section):
 class StopConfig(Section):
     """Phase 2 ends when the budget is used or the sparse cloud has converged."""
 
-    adaptive_budget: int = code(40, "mission file", "captures after the seeds, registered or not; 0: seeds only")
+    adaptive_budget: int = code(
+        40, "mission file", "captures after the seeds, registered or not; 0: seeds only"
+    )
     max_photographs: int = ours(
         0,
         "photographs in all, seeds included, that the budget is cut to; 0: no limit",

@@ -14,7 +14,17 @@ ADDED_SINCE_VERSION_1 = {
     "flight": ("planning_s", "mass_kg", "rotor_diameter_m", "propulsion_efficiency"),
     "gate": ("geometry_scorer", "oracle_quality_weight"),
     "scene": ("sun_elevation_deg", "sun_azimuth_deg", "mitsuba_samples", "mitsuba_depth"),
-    "seed": ("count", "rings", "lowest_deg", "span_deg", "start_bearing_deg"),
+    "seed": (
+        "ring_radii_m",
+        "ring_bearings_deg",
+        "count",
+        "rings",
+        "lowest_deg",
+        "span_deg",
+        "start_bearing_deg",
+        "upper_share",
+        "reaim_after",
+    ),
     "stop": ("max_photographs", "min_gain_percent"),
     "sparse": (
         "ground_features",

@@ -240,3 +240,13 @@ def test_planning_in_the_air_costs_time_and_energy_alone() -> None:
     assert waiting.costs["flight_time_s"] == pytest.approx(without.costs["flight_time_s"] + 3 * 4.0)
     assert waiting.costs["energy_wh"] > without.costs["energy_wh"] > 1.0
     assert waiting.metrics == without.metrics
+
+
+def test_seeds_alone_are_a_mission(config):
+    """And a ring by its own list is the same orbit as one turn."""
+    orbit = {"stop.adaptive_budget": 0, "seed.radius_m": 3.5, "sparse.ground_features": 2000}
+    rings = {"seed.ring_elevations_deg": [10.0], "seed.ring_azimuth_counts": [20]}
+    turn = {"seed.count": 20, "seed.lowest_deg": 10.0}
+    a, b = (run_geometric_mission(config.with_values(orbit | way), ROCK) for way in (rings, turn))
+    assert (a.status, a.trace, a.costs["images"]) == ("ok", [], 20)
+    assert a.metrics == b.metrics

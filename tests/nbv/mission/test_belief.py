@@ -69,6 +69,39 @@ def test_the_mission_goes_on_with_what_the_model_shows() -> None:
     assert recorder.notes == []
 
 
+def test_seeds_fly_about_the_target_once_it_is_found() -> None:
+    """The first six about where it is believed, the others about where their photographs show it, aimed at it."""
+    config = believed(preset("campaign").with_values({**ROUGH, "seed.reaim_after": 6}), "rock", 3)
+    mission = made(config, reconstructor := OnTheGround(), Flight(config, "rock", 3))
+    model = mission.fly_seed_phase()
+    assert reconstructor.glimpsed == [f"seed_{k:02d}.png" for k in range(6)]
+    found_m = np.array(mission.config.target_m)
+    np.testing.assert_allclose(found_m, [0.5, 0.0, 0.75], atol=0.1)
+    for k, capture in enumerate(mission.captures):
+        about_m = np.array(config.target_m) if k < 6 else found_m
+        assert np.linalg.norm(about_m - capture.viewpoint.position_m) == pytest.approx(4.0)
+        aim_m = about_m - capture.camera_center_m
+        assert capture.camera_from_world[2, :3] @ aim_m == pytest.approx(np.linalg.norm(aim_m))
+    mission.look_for_target(model)  # with all of them it is found again
+    np.testing.assert_allclose(mission.config.target_m, found_m, atol=0.05)
+
+
+@pytest.mark.parametrize("values", [{}, {**ROUGH, "seed.reaim_after": 24}, {"seed.reaim_after": 6}])
+def test_nobody_looks_for_a_target_that_is_known_or_all_seen(values: dict) -> None:
+    config = believed(preset("campaign").with_values(values), "rock", 3)
+    mission = made(config, reconstructor := OnTheGround(), Flight(config, "rock", 3))
+    mission.fly_seed_phase()
+    assert not hasattr(reconstructor, "glimpsed")
+    assert mission.config is config
+
+
+def test_without_a_target_in_the_first_seeds_belief_stays() -> None:
+    config = believed(preset("campaign").with_values({**ROUGH, "seed.reaim_after": 6}), "rock", 3)
+    mission = made(config, CountingReconstructor(points=20), Flight(config, "rock", 3))
+    mission.fly_seed_phase()
+    assert mission.config is config
+
+
 @pytest.mark.parametrize("ground_m", [-0.7, 0.0, 0.7])
 def test_altitudes_count_from_the_ground_in_the_model(ground_m: float) -> None:
     """GNSS's drift moves the ground; a pool of the lowest ring alone stays that, and is not empty."""

@@ -46,6 +46,10 @@ class CountingReconstructor:
             self._take(capture)
         return UpdateReport(self._model(), True)
 
+    def glimpse(self, captures):
+        self.glimpsed = [capture.name for capture in captures]
+        return self._model()
+
     def add(self, capture):
         self.adds += 1
         registered = self.adds not in self.refuse
@@ -108,6 +112,12 @@ def test_the_budget_counts_adaptive_captures():
     assert [record.iteration for record in mission.trace] == [0, 1, 2, 3]
     assert len({capture.viewpoint.id for capture in mission.captures}) == 28  # no viewpoint twice
     assert mission.notes == []
+
+
+def test_a_mission_may_plan_nothing():
+    mission = fly(**{"stop.adaptive_budget": 0})
+    assert len(mission.captures) == 24
+    assert (mission.trace, mission.notes) == ([], [])
 
 
 def test_an_unregistered_image_counts_and_the_mission_goes_on():

@@ -25,6 +25,7 @@ from tuner.missions.executors import InProcessExecutor
 from tuner.problem.space_files import load_search_space
 from tuner.report import write_campaign_report, write_mission_recording, write_mission_view
 from tuner.report.campaign.shown import fly_shown_missions, write_mission_pages
+from tuner.report.mission.trajectory import trajectory_figure
 from tuner.report.mission.walk_world import STEP_M
 
 BUDGET = 2
@@ -53,6 +54,37 @@ def shown(page: Path) -> list[dict]:
 def points(facts: dict, packed: str) -> np.ndarray:
     steps = np.frombuffer(base64.b64decode(packed), "<i2").reshape(-1, 3)
     return np.array(facts["origin"]) + STEP_M * steps
+
+
+@pytest.fixture(scope="module")
+def orbit(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A mission of seeds alone."""
+    run = tmp_path_factory.mktemp("orbit") / "run"
+    values = {
+        "stop.adaptive_budget": 0,
+        "seed.count": 16,
+        "seed.lowest_deg": 10.0,
+        "sparse.ground_features": 2000,
+    }
+    config = preset("campaign").with_values({**values, "evaluation.gt_samples": 2000})
+    assert run_geometric_mission(config, "slab", 0, run).status == "ok"
+    return run
+
+
+def test_a_mission_without_planned_views_is_shown(orbit: Path, tmp_path: Path) -> None:
+    (facts,) = shown(write_mission_view([orbit], tmp_path / "view.html"))
+    assert [step["views"] for step in facts["steps"]] == [*range(1, 17), 16]
+    assert facts["headline"].startswith("16 photographs, F-score")
+    around = np.array([view["at"] for view in facts["views"]]) - facts["target"]
+    np.testing.assert_allclose(np.linalg.norm(around, axis=1), 4.0, atol=0.4)  # where it arrived
+
+
+def test_a_mission_without_planned_views_has_figures(orbit: Path, gatetune) -> None:
+    (legend,) = trajectory_figure(orbit).legends
+    said = [text.get_text() for text in legend.get_texts()]
+    assert said == ["16 seed views", "flown in the seed phase (markers: as commanded)"]
+    code, _, err = gatetune("mission", "explain", str(orbit))
+    assert code == 2 and "planned no view; there is nothing to explain" in err
 
 
 def test_the_slider_goes_over_every_capture(mission: Path, tmp_path: Path) -> None:

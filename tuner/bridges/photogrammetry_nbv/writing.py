@@ -122,6 +122,12 @@ def write_mission(
     values["ring_image_count"] = config.seed.total
     if config.seed.count:
         remarks += _seeds_of_one_turn(config, values)
+    elif config.seed.ring_radii_m or config.seed.ring_bearings_deg:
+        remarks.append(
+            Remark("seed.ring_radii_m", "theirs has one radius, and every ring begins in the north")
+        )
+    if config.seed.reaim_after:
+        remarks.append(Remark("seed.reaim_after", "theirs does not look for the target"))
     remarks += _few_seeds(config)
     values["image_budget"] = config.adaptive_budget
     if config.stop.min_gain_percent:
@@ -142,15 +148,18 @@ def write_mission(
 
 
 def _seeds_of_one_turn(config: MissionConfig, values: Values) -> list[Remark]:
-    """Seeds that take elevations in turn, as rings with as many views; an elevation that none takes is left out."""
+    """Seeds of ``seed.count`` as rings with as many views; an elevation that none takes is left out."""
     layout_deg = config.seed.layout_deg[: config.seed.count]
     counts = [
         len(range(ring, config.seed.count, len(config.seed.layout_deg))) for ring in range(len(layout_deg))
     ]
+    if upper := config.seed.upper_count:
+        layout_deg = (config.seed.lowest_deg, config.seed.upper_deg)
+        counts = [config.seed.count - upper, upper]
     values["seed_elevation_rings_deg"], values["seed_azimuth_counts"] = list(layout_deg), counts
-    if len(counts) == 1 and not config.seed.start_bearing_deg:
+    if (upper or len(counts) == 1) and not config.seed.start_bearing_deg:
         return []
-    text = f"{config.seed.count} seeds on one turn are written as rings of {counts}: other azimuths"
+    text = f"{config.seed.count} seeds about the target are written as rings of {counts}: other azimuths"
     return [Remark("seed.count", text, partly=True)]
 
 

@@ -243,10 +243,12 @@ def gate_answer(facts: CampaignFacts) -> tuple[str, list[GateRow]]:
     best = facts.recommendation
     if best is None:
         return "No mission succeeded.", []
+    config = facts.settings.config(best.values)
+    if isinstance(config, MissionConfig) and config.adaptive_budget == 0:
+        return "Nothing: the recommended plan has no planned view.", []
     own = traces(facts, best.values)
     if not own:
         return "The missions' documents hold no choices.", []
-    config = facts.settings.config(best.values)
     kind = config.gate.kind if isinstance(config, MissionConfig) else ""
     rows = gate_rows(own)
     records = [record for _, trace in own for record in trace]

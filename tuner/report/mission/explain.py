@@ -29,6 +29,8 @@ def locate_state(path: Path, iteration: int, preset_name: str) -> tuple[Path, Mi
     if path.suffix == ".npz":
         return path, preset(preset_name)
     states = sorted((path / "states").glob("iter_*.npz"))
+    if not states and (path / "flight.json").is_file():
+        raise UserError(f"{path} planned no view; there is nothing to explain")
     if not states:
         raise UserError(
             f"{path} holds no planning states; name a directory that `gatetune mission run` wrote"

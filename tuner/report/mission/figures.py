@@ -11,7 +11,7 @@ from nbv.errors import UserError
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.report.mission.overlay import overlay_figure
 from tuner.report.mission.pipeline import pipeline_figure
-from tuner.report.mission.run_files import mission_config, read_json
+from tuner.report.mission.run_files import mission_config, read_json, read_trace
 from tuner.report.mission.trajectory import trajectory_figure
 from tuner.report.sectors import sector_figure
 from tuner.report.style import look
@@ -73,7 +73,8 @@ def write_mission_figures(runs: Mapping[str, Path], out: Path, rock: str) -> lis
         safe = "".join(c if c.isalnum() or c in "-_" else "-" for c in label)
         save(trajectory_figure(run), f"trajectory_{safe}")
         save(overlay_figure(run, rock), f"overlay_{safe}")
-        save(pipeline_figure(run), f"pipeline_{safe}")
+        if read_trace(run):
+            save(pipeline_figure(run), f"pipeline_{safe}")
     save(sectors_figure(runs), "sectors")
     return written
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 import nbv.foreign as foreign
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
+from nbv.types import Floats
 
 
 def mission_config(run: Path) -> MissionConfig:
@@ -32,9 +36,22 @@ def read_json(run: Path, name: str) -> dict[str, Any]:
 
 
 def read_trace(run: Path) -> list[dict[str, Any]]:
-    """The records of every adaptive iteration; ``UserError`` if the mission kept none."""
+    """The records of every adaptive iteration, none where no view was planned; ``UserError`` if nothing was kept."""
     file = run / "trace.jsonl"
     if not file.is_file():
+        if (run / "flight.json").is_file():
+            return []
         raise UserError(f"{run} holds no trace.jsonl; fly the mission with everything kept")
     lines = foreign.read_text(file, foreign.RESULT_BYTES).splitlines()
     return [foreign.parse_json(line, str(file)) for line in lines if line.strip()]
+
+
+def arrivals(flight: Mapping[str, Any]) -> dict[str, Floats]:
+    """(3,) by viewpoint's name: where the vehicle was when it photographed there, in the order flown."""
+    samples = np.array([sample[:4] for sample in flight["samples"]])
+    found = {}
+    for event in flight["events"]:
+        if event["name"].startswith(("seed_", "cand_")):
+            row = np.searchsorted(samples[:, 0], event["start_s"] + event["duration_s"])
+            found[event["name"]] = samples[min(row, len(samples) - 1), 1:]
+    return found

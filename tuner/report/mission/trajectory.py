@@ -10,11 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from nbv.errors import UserError
 from nbv.mission.planning_state import load_state
 from nbv.mission.run_directory import read_ply
 from nbv.types import Floats
-from tuner.report.mission.run_files import mission_config, read_json, read_trace
+from tuner.report.mission.run_files import arrivals, mission_config, read_json, read_trace
 from tuner.report.mission.thinning import thin_indices
 from tuner.report.style import BLUE, GREY, ORANGE, SKY, VERMILION, look, new_figure
 
@@ -39,16 +38,19 @@ def trajectory_figure(run: Path) -> Figure:
     config = mission_config(run)
     flight = read_json(run, "flight.json")
     states = sorted((run / "states").glob("iter_*.npz"))
-    if not states:
-        raise UserError(f"{run} holds no planning states; fly the mission with everything kept")
-    first, pool = load_state(states[0])
-    chosen, seeds = _chosen_positions(run), first.visited_m[: first.n_seeds]
+    places = arrivals(flight)
+    seeds = np.array([place for name, place in places.items() if name.startswith("seed_")]).reshape(-1, 3)
+    candidates = np.zeros((0, 3))
+    if states:
+        first, pool = load_state(states[0])
+        seeds, candidates = first.visited_m[: first.n_seeds], pool.positions_m
+    chosen = _chosen_positions(run)
     x, y, _ = config.target_m
     reach = 1.08 * max(config.seed.radius_m, config.pool.radius_m)
     orbit, adaptive = _paths(flight, {record["chosen"] for record in read_trace(run)}, (x, y), reach)
     # Selected candidates have markers of their own; in perspective the small one would lie on the large.
-    taken = (pool.positions_m[:, None] == chosen[None]).all(axis=2).any(axis=1)
-    spare = pool.positions_m[~taken]
+    taken = (candidates[:, None] == chosen[None]).all(axis=2).any(axis=1)
+    spare = candidates[~taken]
     cloud = run / "cleaned.ply"
     rock = read_ply(cloud).points_m if cloud.is_file() else np.zeros((0, 3))
     rock = rock[thin_indices(len(rock), 5000)]
@@ -91,7 +93,7 @@ def trajectory_figure(run: Path) -> Figure:
                 )
         for k, position in enumerate(chosen, 1):
             plan.text(*position[:2], str(k), fontsize=6.5, ha="center", va="center_baseline", zorder=5)
-        top = max(float(np.nanmax(orbit[:, 2])), float(pool.positions_m[:, 2].max())) + 0.3
+        top = max(float(np.nanmax(orbit[:, 2])), float(candidates[:, 2].max(initial=0.0))) + 0.3
         for ax in (space, plan):
             ax.set_xlim(x - reach, x + reach)
             ax.set_ylim(y - reach, y + reach)
@@ -107,7 +109,7 @@ def trajectory_figure(run: Path) -> Figure:
         )
         space.view_init(elev=27, azim=-58)
         figure.legend(
-            *zip(*_trajectory_legend(len(seeds), len(chosen), len(pool), len(rock) > 0)),
+            *zip(*_trajectory_legend(len(seeds), len(chosen), len(candidates), len(rock) > 0)),
             loc="outside lower center",
             ncols=3,
         )
@@ -117,14 +119,15 @@ def trajectory_figure(run: Path) -> Figure:
 def _trajectory_legend(seeds: int, chosen: int, pool: int, rock: bool) -> list[tuple[Line2D, str]]:
     names = [
         (Line2D([], [], color=BLUE, marker="o", ls="none", mec="white"), f"{seeds} seed views"),
-        (
-            Line2D([], [], color=ORANGE, marker="^", ls="none", ms=8, mec="black", mew=0.6),
-            f"{chosen} selected views (numbered discs from above)",
-        ),
-        (Line2D([], [], color=SKY, marker="o", ls="none", ms=4), f"{pool} candidates at the first iteration"),
         (Line2D([], [], color=GREY, lw=1, ls=(0, (4, 2))), "flown in the seed phase (markers: as commanded)"),
-        (Line2D([], [], color=VERMILION, lw=1), "flown in the adaptive phase"),
     ]
+    if chosen:
+        disc = Line2D([], [], color=ORANGE, marker="^", ls="none", ms=8, mec="black", mew=0.6)
+        names.insert(1, (disc, f"{chosen} selected views (numbered discs from above)"))
+        names.append((Line2D([], [], color=VERMILION, lw=1), "flown in the adaptive phase"))
+    if pool:
+        dot = Line2D([], [], color=SKY, marker="o", ls="none", ms=4)
+        names.append((dot, f"{pool} candidates at the first iteration"))
     if rock:
         names.append((Line2D([], [], color=_ROCK_GREY, marker=".", ls="none", ms=4), "dense cloud, cleaned"))
     return names

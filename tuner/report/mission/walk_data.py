@@ -27,7 +27,7 @@ from nbv.mission.planning_state import load_state
 from nbv.mission.run_directory import LOCATED, read_ply
 from nbv.scorers import PAPER_SCORERS, find_scorer, rank_candidates
 from nbv.types import CandidatePool, Floats, PlanningState, SparseModel
-from tuner.report.mission.run_files import mission_config, read_json, read_trace
+from tuner.report.mission.run_files import arrivals, mission_config, read_json, read_trace
 from tuner.report.mission.thinning import thin_indices
 from tuner.report.mission.walk_world import (
     ERROR_STEP_MM,
@@ -133,10 +133,10 @@ def _views(
     decided: list[tuple[PlanningState, CandidatePool, dict[str, Any]]],
 ) -> list[dict[str, Any]]:
     """Every photograph in the order in which they were taken: when, where from, and how it looks."""
-    places: dict[str, Floats] = {}
+    places = arrivals(flight)
     if decided:
         first = decided[0][0]
-        places = {f"seed_{i:02d}": place for i, place in enumerate(first.visited_m[: first.n_seeds])}
+        places |= {f"seed_{i:02d}": place for i, place in enumerate(first.visited_m[: first.n_seeds])}
     lost = set()
     for _, pool, record in decided:
         places[record["chosen"]] = pool.positions_m[pool.ids.index(record["chosen"])]
@@ -151,17 +151,13 @@ def _views(
         if not name.startswith(("seed_", "cand_")):
             continue
         arrived_s = event["start_s"] + event["duration_s"]
-        place = places.get(name)
-        if place is None:  # a mission that ended before it planned
-            samples = np.array([sample[:4] for sample in flight["samples"]])
-            place = samples[np.searchsorted(samples[:, 0], arrived_s).clip(max=len(samples) - 1), 1:]
         image = _thumbnail(run / "images" / f"{name}.png")
         views.append(
             {
                 "id": name,
                 "name": name,
                 "t": round(arrived_s, 2),
-                "at": [round(float(v), 3) for v in place],
+                "at": [round(float(v), 3) for v in places[name]],
                 "lost": name in lost,
                 **({"image": image} if image else {}),
             }
