@@ -38,12 +38,12 @@ def trajectory_figure(run: Path) -> Figure:
     config = mission_config(run)
     flight = read_json(run, "flight.json")
     states = sorted((run / "states").glob("iter_*.npz"))
-    places = arrivals(flight)
-    seeds = np.array([place for name, place in places.items() if name.startswith("seed_")]).reshape(-1, 3)
-    candidates = np.zeros((0, 3))
     if states:
         first, pool = load_state(states[0])
         seeds, candidates = first.visited_m[: first.n_seeds], pool.positions_m
+    else:  # as photographed, since what was commanded is kept with the decisions
+        places = [place for name, place in arrivals(flight).items() if name.startswith("seed_")]
+        seeds, candidates = np.array(places).reshape(-1, 3), np.zeros((0, 3))
     chosen = _chosen_positions(run)
     x, y, _ = config.target_m
     reach = 1.08 * max(config.seed.radius_m, config.pool.radius_m)
