@@ -92,7 +92,8 @@ def test_what_misbehaves_costs_a_campaign_nothing_else(gatetune, tmp_path):
     [log] = (tmp_path / "runs/bad/missions").glob("*_floods_*/output/mission.log")
     assert log.stat().st_size < 6_000_000
     write(tmp_path, {})  # mended
-    assert gatetune("campaign", "resume", "runs/bad")[0] == 0
+    code, out, err = gatetune("campaign", "resume", "runs/bad", "--accept-changes")
+    assert code == 0, out + err
     after = Campaign.open(tmp_path / "runs/bad", read_only=True).trials()
     assert [t.values for t in after] == [t.values for t in before]
     assert [t.rock for t in after if t.state != "complete"] == ["stubborn"]
