@@ -68,7 +68,9 @@ def tune(
     if (where / SETTINGS_FILE).is_file():
         same = _asked(read_settings(where)[0], settings) if settings else None
         named = settings.get("mission")
-        campaign = Campaign.open(where, same, mission=None if named is None else Path(named))
+        campaign = Campaign.open(
+            where, same, fidelity=settings.get("fidelity"), mission=None if named is None else Path(named)
+        )
     else:
         usual = {} if settings.get("mission") else DEFAULTS
         campaign = begin_campaign(where, _asked({**usual, "name": where.resolve().name}, settings))

@@ -159,7 +159,7 @@ class Campaign:
                     f"{directory} holds a campaign with other settings: {difference}; "
                     "resume it as it is or choose another directory"
                 )
-        elif not read_only:
+        if not read_only:
             refuse_code_of_file(settings.fidelity, fidelity, str(directory / SETTINGS_FILE))
         if settings.base_config().digest() != digest:
             raise UserError(

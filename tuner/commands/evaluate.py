@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from tuner.evaluation.plan import EvaluationPlan
     from tuner.report.comparison.verdicts import LimitAsked
 
+
+LONGEST_NAME = 100  # characters of a folder's name
 
 MarginOption = Annotated[
     float,
@@ -161,8 +164,8 @@ def confirm(
     source = Campaign.open(campaign, read_only=True, mission=mission)
     source.allow_program(named=mission is not None)
     s = source.settings
-    known = {Path(rock).stem: rock for rock in s.rocks}
-    chosen = [known.get(Path(rock).stem, rock) for rock in rocks or s.rocks]
+    known = {rock if s.mission is not None else Path(rock).stem: rock for rock in s.rocks}
+    chosen = [rock if rock in s.rocks else known.get(Path(rock).stem, rock) for rock in rocks or s.rocks]
     for rock in chosen:
         if rock not in s.rocks:
             raise UserError(
@@ -180,7 +183,9 @@ def confirm(
         fidelity=s.fidelity if s.mission is not None else DEFAULT_FIDELITY,
         conditions=s.conditions,
     )
-    names = "-".join(Path(rock).stem for rock in chosen)
+    names = "-".join(re.sub(r"[^\w.-]", "-", name) for name, rock in known.items() if rock in chosen)
+    if len(names) > LONGEST_NAME:
+        names = f"{len(chosen)}-rocks"
     compare(
         plan,
         out or campaign / f"confirmation-{names}",

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import shutil
 
 import pytest
 import yaml
@@ -12,7 +13,9 @@ from tuner.campaign import Campaign
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings_file import read_settings_file, settings_from_dict
+from tuner.jobs import tune
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
+from tuner.missions.external import external_config, load_mission_file
 
 FLY = """
 import math
@@ -114,6 +117,70 @@ def test_somebody_else_s_run_directory_runs_nothing(gatetune, toy, monkeypatch, 
     code, _, err = gatetune(*command)
     assert code == 2 and f"if you trust it, name it: --mission {toy}/toy.yaml" in err and err.count("\n") == 1
     assert not (toy / "ran").exists()
+
+
+@pytest.mark.parametrize("how", ["copied", "linked"])
+def test_nor_does_it_copied_or_behind_a_link(gatetune, toy, monkeypatch, how):
+    """Neither under another home, nor with another mission and the identity of a campaign that was begun here."""
+    begun(toy, 2)
+    (toy / "evil.py").write_text("open('ran', 'w')\n" + FLY)
+    (toy / "evil.yaml").write_text(yaml.safe_dump({**FILE, "function": "evil:fly"}))
+    evil = load_mission_file(toy / "evil.yaml")
+    there = here = toy / "elsewhere"
+    shutil.copytree(toy / "runs/toy", there)
+    if how == "linked":
+        (here := toy / "runs/link").symlink_to(there)
+
+    def refused():
+        for command in (["evaluate"], ["confirm"], ["campaign", "resume"]):
+            code, _, err = gatetune(*command, here)
+            assert code == 2 and "was not begun here" in err
+
+    with monkeypatch.context() as patch:
+        patch.setenv("GATETUNE_HOME", str(toy / "another"))
+        refused()
+    tree = yaml.safe_load((there / "campaign.yaml").read_text())
+    tree["settings"]["mission"] = {"file": str(evil.path), "sha256": evil.sha256}
+    tree["base_config_digest"] = external_config(evil).digest()
+    (there / "campaign.yaml").write_text(yaml.safe_dump(sealed(tree)))
+    refused()
+    assert not (toy / "ran").exists()
+
+
+def test_a_function_runs_only_where_the_caller_of_tune_names_it(toy, monkeypatch):
+    """Also where other settings are given: they are the campaign's own, and say nothing of the code."""
+    monkeypatch.syspath_prepend(toy)
+    (toy / "evil_runner.py").write_text("open('ran', 'w')\ndef fly(*a, **k): ...\n")
+    settings = {
+        "name": "x",
+        "budget": 2,
+        "rocks": ["slab"],
+        "search_space": "gate",
+        "fidelity": "evil_runner:fly",
+    }
+    begin_campaign(toy / "runs/x", settings_from_dict(settings, "test"))
+    monkeypatch.chdir(toy)
+    for given in ({}, {"budget": 2}):
+        with pytest.raises(UserError, match="if you trust it, name it: --fidelity evil_runner:fly"):
+            tune(toy / "runs/x", **given)
+    assert not (toy / "ran").exists()
+
+
+def test_confirm_tells_instances_apart(gatetune, toy, monkeypatch):
+    """``site.1`` and ``site.2`` are names, not files with suffixes; many of them make no folder's name."""
+    names = [f"site.{n}" for n in range(40)]
+    (toy / "toy.yaml").write_text(yaml.safe_dump({**FILE, "instances": names}))
+    begun(toy, 4)
+    plans = []
+
+    def compare(plan, directory, **_):
+        plans.append((plan.rocks, directory.name))
+
+    monkeypatch.setattr("tuner.commands.evaluate.compare", compare)
+    monkeypatch.setattr(Campaign, "recommended_config", lambda self: self.settings.config({"gain": 2.0}))
+    assert gatetune("confirm", "runs/toy", "--rock", "site.1")[0] == 0
+    assert gatetune("confirm", "runs/toy")[0] == 0
+    assert plans == [(("site.1",), "confirmation-site.1"), (tuple(names), "confirmation-40-rocks")]
 
 
 def test_what_the_command_line_names_is_run(gatetune, toy, monkeypatch):

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from nbv.errors import MissionFailure, UserError
 from nbv.foreign import read_bytes
-from tuner.missions.external.contract import REQUEST_FILE, Failure, Request, Result, read_result
+from tuner.missions.external.contract import REQUEST_FILE, RESULT_FILE, Failure, Request, Result, read_result
 from tuner.missions.external.ending import end_all, marked
 from tuner.missions.external.process import LARGEST_LOG_BYTES, Ended, run_command
 
@@ -64,6 +64,9 @@ def _fly(request: Request, limit_s: float) -> Flown:
     ended = run_command(
         _command(request, path), mission.folder, environment, str(output), log, limit_s, mission.stop_grace_s
     )
+    if output.parent.is_symlink():  # whoever writes there next would write elsewhere
+        output.parent.unlink()
+        output.parent.mkdir()
     if _identity(output) != folder:
         moved = f"the mission removed or replaced its output folder {output}; leave it where it is"
         return Flown(ended, Result(failure=Failure("machine", "output_replaced", moved)))
@@ -80,6 +83,8 @@ def _fly(request: Request, limit_s: float) -> Flown:
 @contextlib.contextmanager
 def _alone(directory: Path) -> Iterator[None]:
     """Wait until nothing of an earlier attempt is left: its keeper has the lock while it ends what there is."""
+    if directory.is_symlink():
+        directory.unlink()
     directory.mkdir(parents=True, exist_ok=True)
     handle = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     try:
@@ -140,13 +145,13 @@ def _last_words(log: Path) -> str:
 
 def tidy(request: Request, result: Result) -> None:
     """Leave of the mission's folder the request, the result, the log and the artefacts that the result names."""
-    kept = {
-        REQUEST_FILE,
-        request.result_path.name,
-        LOG_FILE,
-        *(Path(a).parts[0] for a in result.artefacts.values()),
-    }
-    for entry in request.output.iterdir():
+    output = request.output.resolve()
+    kept = {REQUEST_FILE, RESULT_FILE, LOG_FILE}
+    for artefact in result.artefacts.values():
+        for path in (Path(os.path.normpath(output / artefact)), (output / artefact).resolve()):
+            if path.is_relative_to(output):
+                kept.update(path.relative_to(output).parts[:1])
+    for entry in output.iterdir():
         if entry.name not in kept:
             _remove(entry)
 

@@ -75,8 +75,9 @@ def run_command(
     started, ours = time.monotonic(), descendants(os.getpid())
 
     def fly(life: int) -> Ended:
-        process = _started(command, folder, {**os.environ, **environment, MARK: mark})
-        return _kept(process, log, started, time_limit_s, stop_grace_s, log_limit_bytes, life)
+        with _opened(log) as file:  # before the command could put something else in its place
+            process = _started(command, folder, {**os.environ, **environment, MARK: mark})
+            return _kept(process, file, started, time_limit_s, stop_grace_s, log_limit_bytes, life)
 
     adopt_orphans()  # should the mission kill its keeper
     try:
@@ -155,7 +156,7 @@ def _started(command: Sequence[str], folder: Path, environment: Mapping[str, str
 
 def _kept(
     process: subprocess.Popen[bytes],
-    log: Path,
+    log: IO[bytes],
     started: float,
     time_limit_s: float,
     stop_grace_s: float,
@@ -164,9 +165,8 @@ def _kept(
 ) -> Ended:
     timed_out = cut = False
     try:
-        with _opened(log) as file:
-            cut = _follow(process, file, started + time_limit_s, log_limit_bytes, life)
-            timed_out = process.poll() is None
+        cut = _follow(process, log, started + time_limit_s, log_limit_bytes, life)
+        timed_out = process.poll() is None
     finally:
         left, survived = end_all(lambda: descendants(os.getpid()), stop_grace_s, process.pid)
         status = process.wait()

@@ -12,9 +12,9 @@ from nbv.errors import MissionFailure, UserError
 from nbv.mission.function import Keep
 from nbv.mission.result import MissionResult
 from tuner.missions.external.configuration import ExternalConfig
-from tuner.missions.external.contract import Request
+from tuner.missions.external.contract import Failure, Request
 from tuner.missions.external.flying import fly_request, require_no_fault_of_the_machine, tidy
-from tuner.missions.external.scoring import score_cloud
+from tuner.missions.external.scoring import mesh_sha256, score_cloud
 from tuner.missions.external.slots import slots_of, take_slot
 
 UNTIDY = "untidy_end"
@@ -66,59 +66,34 @@ def _run(
             try:
                 scored, warning = score_cloud(mission, rock, output, result.cloud, Store())
                 metrics |= scored
-            except MissionFailure as error:  # nothing left of the cloud: the configuration's
-                return _failed(
-                    config, rock, replicate, error.reason, error.message, result.cost, ended.wall_s
-                )
-        if failure is not None:
-            return _failed(
-                config, rock, replicate, failure.reason, failure.message, result.cost, ended.wall_s
-            )
-        if keep == "summary":
+            except MissionFailure as error:
+                if error.reason.startswith("machine_error"):
+                    raise
+                # Nothing left of the cloud: the configuration's.
+                failure = Failure("configuration", error.reason, error.message)
+        if failure is None and keep == "summary":
             tidy(request, result)
-        notes = [f"ended with status {ended.status}"] if ended.status else []
-        notes += [f"{ended.left_behind} processes outlived it and were ended"] if ended.left_behind else []
-        notes += [f"{ended.survived} processes could not be ended"] if ended.survived else []
-        notes += [warning] if warning else []
-        return MissionResult(
-            status="degraded" if notes else "ok",
-            reason=HARDLY_OVERLAP if warning else UNTIDY if notes else "",
-            message="; ".join(notes),
-            config_digest=config.digest(),
-            rock=rock,
-            replicate=replicate,
-            metrics=metrics,
-            trace=[],
-            timings_s={},
-            costs={**result.cost, "wall_s": ended.wall_s},
-            provenance=_provenance(config),
-        )
-
-
-def _failed(
-    config: ExternalConfig,
-    rock: str,
-    replicate: int,
-    reason: str,
-    message: str,
-    cost: dict[str, float],
-    wall_s: float,
-) -> MissionResult:
-    costs = {**cost, "wall_s": wall_s}
+        provenance = {"mission_file": str(config.file), "revision": f"mission file {config.sha256[:12]}"}
+        if sha256 := mesh_sha256(mission, rock):
+            provenance["rock_sha256"] = sha256
+    notes = [f"ended with status {ended.status}"] if ended.status else []
+    notes += [f"{ended.left_behind} processes outlived it and were ended"] if ended.left_behind else []
+    notes += [f"{ended.survived} processes could not be ended"] if ended.survived else []
+    notes += [warning] if warning else []
+    if failure is not None:
+        metrics, notes, reason = {}, [failure.message], failure.reason
+    else:
+        reason = HARDLY_OVERLAP if warning else UNTIDY if notes else ""
     return MissionResult(
-        "failed",
-        reason,
-        message,
-        config.digest(),
-        rock,
-        replicate,
-        {},
-        [],
-        {},
-        costs,
-        _provenance(config),
+        status="failed" if failure is not None else "degraded" if notes else "ok",
+        reason=reason,
+        message="; ".join(notes),
+        config_digest=config.digest(),
+        rock=rock,
+        replicate=replicate,
+        metrics=metrics,
+        trace=[],
+        timings_s={},
+        costs={**result.cost, "wall_s": ended.wall_s},
+        provenance=provenance,
     )
-
-
-def _provenance(config: ExternalConfig) -> dict[str, str]:
-    return {"mission_file": str(config.file), "revision": f"mission file {config.sha256[:12]}"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 from collections.abc import Mapping
 from pathlib import Path
@@ -46,16 +47,16 @@ def score_cloud(
     Raises
     ------
     MissionFailure
-        The cloud cannot be read, aligned or measured.
+        The cloud cannot be read (the machine's failure), aligned or measured.
     UserError
         There is no such mesh.
     """
-    file = mission.folder / (mesh := str(mission.instance(instance).facts["mesh"]))
-    rock = load_rock(str(file) if file.is_file() else mesh, store)
+    mesh, file = _mesh(mission, instance)
+    rock = load_rock(mesh if file is None else str(file), store)
     points_m = _read_points(output / cloud["path"])
     if cameras := cloud.get("cameras"):
         points_m = _world_from_cloud(cameras).apply(points_m)
-    if file.is_file() and (mission.score or {}).get("frame", "mesh") == "mesh":
+    if file is not None and (mission.score or {}).get("frame", "mesh") == "mesh":
         points_m = frame_of_file(file).apply(points_m)
     warning = _hardly_overlap(points_m, rock, mesh)
     try:
@@ -64,6 +65,24 @@ def score_cloud(
         if not warning:
             raise
         raise MissionFailure(error.reason, f"{error.message}; {warning}") from error
+
+
+def mesh_sha256(mission: MissionFile, instance: str) -> str:
+    """Of the mesh that clouds are measured against; empty where none is, `UserError` where it cannot be read."""
+    if mission.score is None:
+        return ""
+    mesh, file = _mesh(mission, instance)
+    return (
+        load_rock(mesh).sha256
+        if file is None
+        else hashlib.sha256(read_bytes(file, MAX_CLOUD_BYTES)).hexdigest()
+    )
+
+
+def _mesh(mission: MissionFile, instance: str) -> tuple[str, Path | None]:
+    """What the mission file says, and the file that this is: None for a rock's name."""
+    mesh = str(mission.instance(instance).facts["mesh"])
+    return mesh, file if (file := mission.folder / mesh).is_file() else None
 
 
 def _hardly_overlap(points_m: Floats, rock: Rock, mesh: str) -> str:
@@ -93,7 +112,7 @@ def _read_points(path: Path) -> Floats:
         raise
     except Exception as error:  # a parser's own families of errors
         raise MissionFailure(
-            "cloud_unreadable", f"{path} cannot be read as a PLY ({type(error).__name__})"
+            "machine_error: cloud_unreadable", f"{path} cannot be read as a PLY ({type(error).__name__})"
         ) from error
     points = points[np.isfinite(points).all(axis=1)] if points.ndim == 2 else points
     if points.ndim != 2 or len(points) == 0:

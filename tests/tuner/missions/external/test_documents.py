@@ -1,7 +1,9 @@
 """Mission files, requests and results: what fits the schemas, and one line for what does not."""
 
 import json
+import os
 import re
+import sys
 from pathlib import Path
 
 import jsonschema
@@ -11,6 +13,7 @@ import yaml
 from nbv.errors import MissionFailure, UserError
 from tuner.missions.external import MissionFile, Request, load_mission_file, read_result, take_slot
 from tuner.missions.external.checking import KINDS, check, schema
+from tuner.missions.external.program import program_files
 from tuner.missions.external.skeleton_files import write_skeleton
 from tuner.problem.quality_at_cost import asked_objective
 
@@ -84,6 +87,7 @@ def test_a_mission_file_says_what_a_mission_takes(tmp_path):
         ({"score": {}}, "instance 'a' has none"),
         ({"surprise": 1}, "surprise"),
         ({"time_limit_s": float("nan")}, "time_limit_s is nan; every number must be finite"),
+        ({"time_limit_s": float("inf")}, "time_limit_s: inf is greater"),
         ({"stop_grace_s": float("nan")}, "stop_grace_s is nan"),
         ({"instances": [{"name": "a", "wind": float("inf")}]}, r"instances.0.wind is inf"),
         ({"instances": ["a\0"]}, r"instances.0 holds a zero byte"),
@@ -244,3 +248,42 @@ def test_a_skeleton_is_called_as_asked(tmp_path):
     assert load_mission_file(tmp_path / "other/mission.yaml").name == "mine"
     with pytest.raises(UserError, match="'a b' cannot name a mission"):
         write_skeleton(tmp_path / "a b")
+
+
+SOURCES = {
+    "fly.py": "import near\nfrom lib.deep import more\nfrom pack import inner\n",
+    "near.py": "",
+    "lib/deep/more.py": "",
+    "pack/__init__.py": "",
+    "pack/inner.py": "",
+    "scripts/run.sh": ". scripts/common.sh\npython scripts/plan.py",
+    "scripts/common.sh": "",
+    "scripts/plan.py": "import beside",
+    "scripts/beside.py": "",
+    "elsewhere/tool.sh": "",
+    "unrelated.py": "",
+    "planner": "binary",
+}
+BY_COMMAND = {"scripts/run.sh", "scripts/common.sh", "scripts/plan.py", "scripts/beside.py"}
+
+
+@pytest.mark.parametrize(
+    ("command", "function", "files"),
+    [
+        ([], "fly:fly", {"fly.py", "near.py", "lib/deep/more.py", "pack/__init__.py", "pack/inner.py"}),
+        (["sh", "scripts/run.sh"], "", BY_COMMAND),
+        ([sys.executable, "-m", "scripts.plan"], "", {"scripts/plan.py", "scripts/beside.py"}),
+        (["./planner", "/bin/sh", "../elsewhere/tool.sh"], "", {"planner", "../elsewhere/tool.sh"}),
+        (["./linked.sh"], "", {"linked.sh"}),
+    ],
+)
+def test_the_files_of_a_program(tmp_path, command, function, files):
+    """Those of the how-to page: what is named, and the Python and shell files that this names."""
+    folder = tmp_path / "mission"
+    for name, text in SOURCES.items():
+        path = (tmp_path if name.startswith("elsewhere") else folder) / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    (folder / "linked.sh").symlink_to("../elsewhere/tool.sh")
+    found = {os.path.relpath(path, folder) for path in program_files(folder, command, function)}
+    assert files <= found and "unrelated.py" not in found

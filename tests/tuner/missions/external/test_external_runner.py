@@ -167,12 +167,52 @@ def test_what_a_link_in_place_of_the_output_leads_to_is_kept(tmp_path):
         ("ln -sf /dev/zero $GATETUNE_OUTPUT/mission.log", "no result.json; ended with status 0; see"),
         ("""echo '{"schema": "gatetune.result/1", "status": "ok", "metrics": {"loss": 1}, "artefacts": {"x": ""}}' """
          "> $GATETUNE_RESULT", "x is '', no file"),
+        ("chmod 0 $GATETUNE_OUTPUT; exit 1", "ended with status 1"),
     ],
 )  # fmt: off
 def test_slips_of_a_program_are_not_the_configurations(tmp_path, script, says):
     with pytest.raises(MissionFailure, match=says) as failure:
         by_shell(tmp_path, script)
     assert failure.value.reason.startswith("machine_error: ")
+
+
+def test_a_pipe_in_place_of_log_or_result_hangs_nothing(tmp_path):
+    for name in ("mission.log", "result.json"):
+        with pytest.raises(MissionFailure, match=r"result\.json") as failure:
+            by_shell(tmp_path, f"cd $GATETUNE_OUTPUT; rm -f {name}; mkfifo {name}")
+        assert failure.value.reason == "machine_error: no_result"
+
+
+def test_a_huge_result_is_not_read(tmp_path):
+    with pytest.raises(MissionFailure, match=r"the size of .*result\.json in bytes is 2.1\d*e\+10"):
+        by_shell(tmp_path, "truncate -s 20G $GATETUNE_RESULT")
+
+
+def test_what_a_link_in_place_of_the_mission_leads_to_is_kept(tmp_path):
+    (tmp_path / "precious/output").mkdir(parents=True)
+    (tmp_path / "precious/output/file").write_text("mine")
+    script = 'P=$PWD/precious; cd "$GATETUNE_OUTPUT/../.." && mv m gone && ln -s "$P" m; FINE'
+    for _ in range(2):
+        with pytest.raises(MissionFailure, match="removed or replaced its output folder"):
+            by_shell(tmp_path, script)
+        assert not (tmp_path / "m").is_symlink()
+        shutil.rmtree(tmp_path / "gone")
+    (tmp_path / "m").rmdir()
+    (tmp_path / "m").symlink_to("precious")  # a killed attempt left it
+    assert by_shell(tmp_path, "FINE").status == "ok"
+    assert (tmp_path / "precious/output/file").read_text() == "mine"
+
+
+def test_artefacts_are_kept_however_they_are_named(tmp_path):
+    script = """cd $GATETUNE_OUTPUT; mkdir a b; touch a/1 b/2 3 4 gone; ln -s 3 link
+        echo '{"schema": "gatetune.result/1", "status": "ok", "metrics": {"loss": 1},
+        "artefacts": {"1": "a/1", "2": "a/../b/2", "3": "link", "4": "'$PWD'/4"}}' > $GATETUNE_RESULT"""
+    by_shell(tmp_path, script)
+    output = tmp_path / "m/output"
+    assert {path.name for path in output.iterdir()} == {
+        *("request.json", "result.json", "mission.log"),
+        *("a", "b", "3", "4", "link"),
+    }
 
 
 def test_a_log_that_was_removed_spoils_no_result(tmp_path):
@@ -304,6 +344,6 @@ def test_the_check_finds_what_is_wrong(tmp_path, fly, part, kind):
 
 
 def test_a_time_out_is_tried_on_a_machine_that_got_faster(tmp_path):
-    mission = mission_file(tmp_path, instances=["slow-once"])
+    mission = mission_file(tmp_path, instances=["slow-once"], stop_grace_s=5)
     found = {verdict.part: verdict.kind for verdict in rehearse(mission, tmp_path / "trial")}
     assert found["a time-out"] == "ok"
