@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from dataclasses import asdict, dataclass, field
@@ -131,13 +132,17 @@ class MissionResult:
 
 
 def json_ready(value: Any) -> Any:
-    """``value`` with non-finite numbers as None and numpy scalars as plain ones, at any depth."""
+    """``value`` with non-finite numbers as None, numpy scalars as plain ones, dataclasses as dicts, paths as text, at any depth."""
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, dict):
         return {key: json_ready(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [json_ready(item) for item in value]
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: json_ready(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, Path):
+        return str(value)
     if hasattr(value, "item") and getattr(value, "ndim", None) == 0:  # numpy scalar
         return json_ready(value.item())
     return value

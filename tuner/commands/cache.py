@@ -8,7 +8,7 @@ import typer
 from rich.table import Table
 
 from nbv.cache import Store
-from tuner.commands.console import output
+from tuner.commands.console import AsJson, answer_json, output
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -16,7 +16,7 @@ GIB = 2**30
 
 
 @app.command()
-def info() -> None:
+def info(as_json: AsJson = False) -> None:
     """Where the store is, and what it holds.
 
     Example: gatetune cache info
@@ -32,6 +32,14 @@ def info() -> None:
     table.add_row("all", str(sum(kind.entries for kind in kinds)), f"{total / 2**20:.1f}")
     output.print(table)
     output.print(f"it is pruned to {store.max_bytes / GIB:.0f} GiB as it grows; GATETUNE_HOME moves it")
+    answer_json(
+        {
+            "directory": store.root,
+            "kinds": kinds,
+            "size_bytes": total,
+            "max_bytes": store.max_bytes,
+        }
+    )
 
 
 @app.command()
@@ -39,6 +47,7 @@ def prune(
     max_gib: Annotated[
         float, typer.Option(help="Keep at most this much, most recently used first; 0 empties.")
     ],
+    as_json: AsJson = False,
 ) -> None:
     """Remove the least recently used entries.
 
@@ -46,13 +55,15 @@ def prune(
     """
     removed, freed = Store().prune(int(max_gib * GIB))
     output.print(f"removed {removed} entries, {freed / 2**20:.1f} MiB")
+    answer_json({"removed": removed, "freed_bytes": freed})
 
 
 @app.command()
-def verify() -> None:
+def verify(as_json: AsJson = False) -> None:
     """Check every entry's checksum; damaged ones are removed and will be made anew.
 
     Example: gatetune cache verify
     """
     checked, damaged = Store().verify()
     output.print(f"checked {checked} entries, removed {damaged} damaged")
+    answer_json({"checked": checked, "damaged": damaged})

@@ -20,6 +20,8 @@ from tuner.commands.console import (
     JSON_HELP,
     MISSION_HELP,
     QUIET_HELP,
+    AsJson,
+    answer_json,
     beating,
     crew,
     executor_at,
@@ -313,7 +315,9 @@ def resume(
 
 
 @app.command()
-def status(directory: Annotated[Path, typer.Argument(help="A campaign's run directory.")]) -> None:
+def status(
+    directory: Annotated[Path, typer.Argument(help="A campaign's run directory.")], as_json: AsJson = False
+) -> None:
     """Counts, costs and the recommendation so far; safe while the campaign runs.
 
     Example: gatetune campaign status runs/mine
@@ -323,8 +327,10 @@ def status(directory: Annotated[Path, typer.Argument(help="A campaign's run dire
     from tuner.campaign.campaign import Campaign
 
     campaign = Campaign.open(directory, read_only=True)
-    show_counts(campaign.status())
-    show_recommendation(campaign.recommendation(save=False), campaign.settings)
+    counts, best = campaign.status(), campaign.recommendation(save=False)
+    show_counts(counts)
+    show_recommendation(best, campaign.settings)
+    answer_json({"directory": directory, "status": counts, "recommendation": best})
 
 
 def fly(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from operator import attrgetter
 from typing import Annotated, Any
 
 import typer
@@ -10,7 +11,7 @@ import yaml
 from rich.table import Table
 
 from nbv.config import PRESETS, MissionConfig, Parameter, parameters
-from tuner.commands.console import PRESET_NAMES, mission_config, output
+from tuner.commands.console import PRESET_NAMES, AsJson, answer_json, mission_config, output
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -19,6 +20,7 @@ app = typer.Typer(no_args_is_help=True)
 def show(
     preset: Annotated[str, typer.Option(help=PRESET_NAMES)] = "paper",
     set_: Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """The complete configuration of a preset as YAML, with every value's unit, meaning and source as a comment.
 
@@ -27,12 +29,23 @@ def show(
     Example: gatetune config show --preset campaign
     """
     config = mission_config(preset, set_ or [])
-    typer.echo(f"# {PRESETS[preset].purpose}")
-    for line in commented_yaml(config):
-        typer.echo(line)
+    for line in (f"# {PRESETS[preset].purpose}", *commented_yaml(config)):
+        output.print(line, highlight=False, soft_wrap=True)
+    rows = [
+        {
+            "path": about.path,
+            "value": attrgetter(about.path)(config),
+            "unit": about.unit,
+            "meaning": about.meaning,
+            "choices": about.choices,
+            "source": _origin(about, attrgetter(about.path)(config), preset),
+        }
+        for about in parameters().values()
+    ]
+    answer_json({"preset": preset, "purpose": PRESETS[preset].purpose, "parameters": rows})
 
 
-def metrics() -> None:
+def metrics(as_json: AsJson = False) -> None:
     """Every metric that `--metric` takes. Put `observable.` or `whole.` before the name: the surface it is of.
 
     Example: gatetune metrics, then gatetune campaign run --metric observable.completeness_48mm
@@ -43,16 +56,27 @@ def metrics() -> None:
     table = Table(title="--metric SURFACE.NAME, SURFACE observable or whole")
     for column in ("name", "what it is", "unit", "better"):
         table.add_column(column, no_wrap=column == "name")
-    for metric in METRICS.values():
-        better = "larger" if metric.larger_is_better else "smaller"
-        table.add_row(metric.key.replace("{t}", "T"), metric.label.replace("{t}", "T"), metric.unit, better)
-    thresholds = ", ".join(f"{t:g}" for t in MissionConfig().evaluation.thresholds_mm)
+    found = [
+        {
+            "name": metric.key.replace("{t}", "T"),
+            "what": metric.label.replace("{t}", "T"),
+            "unit": metric.unit,
+            "better": "larger" if metric.larger_is_better else "smaller",
+        }
+        for metric in METRICS.values()
+    ]
+    for row in found:
+        table.add_row(*row.values())
+    thresholds_mm = MissionConfig().evaluation.thresholds_mm
+    costs = {name: path for name, path in SHORT.items() if path in COSTS}
     output.print(table)
-    output.print(f"T: a threshold in mm, one of {thresholds} (evaluation.thresholds_mm)")
     output.print(
-        f"costs, as in --objective 'f_score@photographs<=21': {', '.join(name for name, path in SHORT.items() if path in COSTS)}; "
-        f"or {', '.join(COSTS)}"
+        f"T: a threshold in mm, one of {', '.join(f'{t:g}' for t in thresholds_mm)} (evaluation.thresholds_mm)"
     )
+    output.print(
+        f"costs, as in --objective 'f_score@photographs<=21': {', '.join(costs)}; or {', '.join(COSTS)}"
+    )
+    answer_json({"metrics": found, "thresholds_mm": thresholds_mm, "costs": COSTS, "short_names": costs})
 
 
 def commented_yaml(config: MissionConfig) -> list[str]:
@@ -76,11 +100,14 @@ def _rows(tree: dict[str, Any], prefix: str, preset: str) -> Iterator[tuple[str,
 
 
 def _comment(about: Parameter, value: Any, preset: str) -> str:
+    origin = _origin(about, value, preset)
+    return f"{f'{about.unit}; ' if about.unit else ''}{about.meaning} ({origin})"
+
+
+def _origin(about: Parameter, value: Any, preset: str) -> str:
     default = list(about.default) if isinstance(about.default, tuple) else about.default
     if about.path == "preset" or value == default:
-        origin = about.origin
-    elif value == PRESETS[preset].values.get(about.path):
-        origin = f"{PRESETS[preset].source}, preset {preset}"
-    else:
-        origin = "--set"
-    return f"{f'{about.unit}; ' if about.unit else ''}{about.meaning} ({origin})"
+        return about.origin
+    if value == PRESETS[preset].values.get(about.path):
+        return f"{PRESETS[preset].source}, preset {preset}"
+    return "--set"

@@ -52,12 +52,23 @@ def speak(how: Spoken) -> None:
     output.quiet = how != "all"
 
 
-AsJson = Annotated[bool, typer.Option("--json", help="The same as one JSON document, and nothing else.")]
+def _only_json(wanted: bool) -> bool:
+    if wanted:
+        speak("json")
+    return wanted
 
 
-def print_json(document: Any) -> None:
-    """What a command shows, as JSON on standard output."""
-    typer.echo(json.dumps(json_ready(document), indent=1))
+# What lists or shows takes this option and ends with `answer_json`; what it prints on the way is not shown then.
+AsJson = Annotated[
+    bool,
+    typer.Option("--json", callback=_only_json, help="The same as one JSON document, and nothing else."),
+]
+
+
+def answer_json(document: Any) -> None:
+    """Print what a command shows as one JSON document, where ``--json`` asked for it."""
+    if spoken() == "json":
+        typer.echo(json.dumps(json_ready(document), indent=1))
 
 
 def spoken() -> Spoken:

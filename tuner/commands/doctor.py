@@ -17,7 +17,7 @@ from typing import Literal
 
 import typer
 
-from tuner.commands.console import output, working
+from tuner.commands.console import AsJson, answer_json, output, working
 
 GIB = 2**30
 WORKER_GIB = 1.5  # of memory, for a mission with photographs
@@ -44,7 +44,7 @@ class Finding:
     remedy: str = ""  # what it means, or the command that mends it
 
 
-def doctor() -> None:
+def doctor(as_json: AsJson = False) -> None:
     """Check interpreter, libraries, OpenGL, CUDA, cores, memory, disk and store; say what each finding means.
 
     Example: gatetune doctor
@@ -60,10 +60,11 @@ def doctor() -> None:
             output.print(finding.what, markup=False, highlight=False, soft_wrap=True)
             if finding.remedy:
                 output.print(f"       {finding.remedy}", markup=False, highlight=False, soft_wrap=True)
-    if any(finding.verdict == "bad" for finding in findings):
-        output.print("missions cannot be flown here yet")
+    fit = all(finding.verdict != "bad" for finding in findings)
+    output.print("missions can be flown here" if fit else "missions cannot be flown here yet")
+    answer_json({"fit": fit, "findings": findings})
+    if not fit:
         raise typer.Exit(1)
-    output.print("missions can be flown here")
 
 
 def interpreter() -> Iterator[Finding]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import functools
 import json
+from collections.abc import Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -15,13 +15,14 @@ from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json, read_yaml
 from nbv.mission.run_directory import write_atomic
-from tuner.commands.console import load, output, working
+from tuner.commands.console import AsJson, answer_json, load, output, working
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
     from tuner.recommendation.recommendation import Recommendation
+    from tuner.report.campaign.vehicle_files import VehicleFile
 
-TABLES = ("csv", "json", "parquet")
+OURS, TABLES = "gatetune.yaml", ("csv", "json", "parquet")
 
 
 class Format(StrEnum):
@@ -29,7 +30,7 @@ class Format(StrEnum):
 
     scoring = "scoring.yaml"
     mission = "unified_mission.yaml"
-    ours = "gatetune.yaml"
+    ours = OURS
     plan = "plan"
     csv = "csv"
     json = "json"
@@ -57,6 +58,7 @@ def export(
     home: Annotated[
         str | None, typer.Option(help="For plan: LATITUDE,LONGITUDE[,ALTITUDE] of take-off.")
     ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Write the recommendation as a file whose header says which changes it carries, or the missions as a table.
 
@@ -71,27 +73,45 @@ def export(
     if to.value in TABLES:
         from tuner.report.records import write_records
 
-        written = write_records(_missions(run), out or run / f"missions.{to.value}", to.value)
-        output.print(f"wrote {written}", markup=False, soft_wrap=True)
-        return
-    if to is not Format.plan:
-        load("tuner.campaign.campaign")
+        return _wrote(write_records(_missions(run), out or run / f"missions.{to.value}", to.value))
+    if to is Format.plan:
+        text, remarks = _plan(run, str(home))
+        return _wrote(_write(out or run / "route.plan", text), remarks)
+    load("tuner.campaign.campaign")
     if to is Format.optuna:
         from tuner.campaign.campaign import Campaign
         from tuner.report.dashboard import write_dashboard
 
         with working("writing the study and its artefacts"):
             files = write_dashboard(Campaign.open(run, read_only=True), out or run / "dashboard")
-        output.print(f"wrote {files.journal}; look at it: {files.command}", markup=False, soft_wrap=True)
-        return
-    path = out or run / ("route.plan" if to is Format.plan else to.value)
-    text, remarks = _plan(run, str(home)) if to is Format.plan else _yaml(run, to, onto)
+        return _wrote(files.journal, [f"look at it: {files.command}"])
+    found = _files(*_recommended(run), {to.value: onto} if onto else None)
+    file = next((file for file in found if file.name == to.value), None)
+    if file is None:
+        raise UserError(
+            f"the missions of {run} are not ours; run: gatetune export {run} --to {found[0].name}"
+        )
+    if not file.useful:
+        raise UserError(
+            f"{file.name} carries none of the changes ({', '.join(file.lost)}); "
+            f"run: gatetune export {run} --to {found[0].name}"
+        )
+    said = [f"it carries {file.share}", *(f"does not transfer: {text}" for text in file.remarks)]
+    _wrote(_write(out or run / file.name, file.text), said, carried=file.carried, lost=file.lost)
+
+
+def _write(path: Path, text: str) -> Path:
     if not path.parent.is_dir():
         raise UserError(f"{path.parent} is no folder; make it first")
     write_atomic(path, text)
-    output.print(f"wrote {path}", markup=False, soft_wrap=True)
-    for remark in remarks:
-        output.print(remark, markup=False, highlight=False, soft_wrap=True)
+    return path
+
+
+def _wrote(path: Path, remarks: Sequence[str] = (), **facts: Any) -> None:
+    """Say what was written, and what is to be known of it."""
+    for line in (f"wrote {path}", *remarks):
+        output.print(line, markup=False, highlight=False, soft_wrap=True)
+    answer_json({"wrote": path, "remarks": remarks, **facts})
 
 
 def _missions(run: Path) -> Any:
@@ -118,47 +138,48 @@ def _recommended(run: Path) -> tuple[Campaign, Recommendation]:
 
 def _list_files(run: Path) -> None:
     """Which file carries how much, and the command that writes the first."""
-    from tuner.report.campaign.vehicle_files import change_text, share_text, vehicle_files
+    from tuner.report.campaign.vehicle_files import change_text
 
     campaign, best = _recommended(run)
-    say = functools.partial(output.print, markup=False, highlight=False, soft_wrap=True)
-    say(f"recommended: {', '.join(change_text(best, p) for p in best.changed) or 'keep the default'}")
-    names = [Format.ours.value]
-    if _for_vehicles(campaign):
-        files = vehicle_files(campaign, best)
-        for file in files:
-            say(f"{file.name} carries {file.share}")
-        names = [file.name for file in files if file.useful] + names
-    say(f"{Format.ours.value} carries {share_text(len(best.changed))}; it is gatetune's own file")
-    say(f"write the first: gatetune export {run} --to {names[0]}")
+    files = _files(campaign, best)
+    first = f"gatetune export {run} --to {files[0].name}"
+    changes = ", ".join(change_text(best, path) for path in best.changed)
+    said = [
+        f"{f.name} carries {f.share}" + ("; it is gatetune's own file" if f.name == OURS else "")
+        for f in files
+    ]
+    for line in (f"recommended: {changes or 'keep the default'}", *said, f"write the first: {first}"):
+        output.print(line, markup=False, highlight=False, soft_wrap=True)
+    answer_json(
+        {
+            "values": best.values,
+            "default_values": best.default_values,
+            "files": [
+                {"name": f.name, "carried": f.carried, "lost": f.lost, "remarks": f.remarks} for f in files
+            ],
+            "write": first,
+        }
+    )
 
 
-def _for_vehicles(campaign: Campaign) -> bool:
-    """Whether the missions are ours or the authors', so that their files can be written."""
+def _files(
+    campaign: Campaign, best: Recommendation, onto: dict[str, Path] | None = None
+) -> list[VehicleFile]:
+    """The recommendation as every file there is: those that carry nothing last, ours after the authors'."""
     from tuner.bridges.photogrammetry_nbv import FUNCTION
+    from tuner.report.campaign.vehicle_files import vehicle_files
 
     mission = campaign.settings.mission
-    return mission is None or mission.function == FUNCTION
+    theirs = vehicle_files(campaign, best, onto) if mission is None or mission.function == FUNCTION else []
+    useful = [file for file in theirs if file.useful]
+    return [*useful, _our_file(campaign, best), *(file for file in theirs if not file.useful)]
 
 
-def _yaml(run: Path, to: Format, onto: Path | None) -> tuple[str, list[str]]:
-    from tuner.problem.search_space import ours
-    from tuner.report.campaign.vehicle_files import header, share_text, vehicle_files
-
-    campaign, best = _recommended(run)
-    if to is not Format.ours:
-        files = vehicle_files(campaign, best, {to.value: onto} if onto else None)
-        (file,) = (file for file in files if file.name == to.value)
-        if not file.useful:
-            other = next((f.name for f in files if f.useful), Format.ours.value)
-            raise UserError(
-                f"{to.value} carries none of the changes ({', '.join(file.lost)}); "
-                f"run: gatetune export {run} --to {other}"
-            )
-        said = [f"it carries {file.share}"]
-        return file.text, [*said, *(f"does not transfer: {text}" for text in file.remarks)]
+def _our_file(campaign: Campaign, best: Recommendation) -> VehicleFile:
     from tuner.commands.config import commented_yaml
     from tuner.missions.external import ExternalConfig
+    from tuner.problem.search_space import ours
+    from tuner.report.campaign.vehicle_files import VehicleFile, header
 
     config = campaign.settings.config(best.values)
     if isinstance(config, ExternalConfig):
@@ -166,12 +187,12 @@ def _yaml(run: Path, to: Format, onto: Path | None) -> tuple[str, list[str]]:
     else:
         lines = commented_yaml(ours(config))
     comment = [f"# {line}" for line in header(campaign, best, best.changed)]
-    return "\n".join([*comment, *lines]) + "\n", [f"it carries {share_text(len(best.changed))}"]
+    return VehicleFile(OURS, "\n".join([*comment, *lines]) + "\n", best.changed, (), ())
 
 
 def _plan(run: Path, home: str) -> tuple[str, list[str]]:
     from tuner.bridges import Home, qgc_plan
-    from tuner.report.campaign.shown import RECOMMENDED
+    from tuner.campaign.settings_file import SETTINGS_FILE
 
     try:
         numbers = [float(part) for part in home.split(",")]
@@ -180,15 +201,29 @@ def _plan(run: Path, home: str) -> tuple[str, list[str]]:
         raise UserError(
             f"--home {home!r} is not LATITUDE,LONGITUDE[,ALTITUDE] in degrees and metres"
         ) from error
-    shown = run / RECOMMENDED
-    config, views = _flown(shown if shown.is_dir() else run)
+    flown = _recommended_mission(run) if (run / SETTINGS_FILE).is_file() else run
+    config, views = _flown(flown)
     seeds = sum(name.startswith("seed_") for name in views)
     said = [
-        f"it carries the route of {shown if shown.is_dir() else run}: {len(views)} photographs ({seeds} seeds, then "
+        f"it carries the route of {flown}: {len(views)} photographs ({seeds} seeds, then "
         f"{len(views) - seeds} that the planner chose there), none planned above {config.pool.max_altitude_m:g} m",
         "it does not carry the gate: a fixed route repeats these views and plans nothing in the air",
     ]
     return json.dumps(qgc_plan(config, views, place), indent=1) + "\n", said
+
+
+def _recommended_mission(run: Path) -> Path:
+    """Where the recommended mission, or the default that it is, was flown whole."""
+    from tuner.campaign.campaign import Campaign
+    from tuner.report.campaign.shown import shown_jobs, was_flown
+
+    campaign = Campaign.open(run, read_only=True)
+    jobs = shown_jobs(campaign)
+    if not jobs:
+        raise UserError(f"{run} has no route: it has no recommendation, or its missions are not ours")
+    if not was_flown(jobs[-1]):
+        raise UserError(f"{run} has not flown its recommendation whole; run: gatetune mission view {run}")
+    return jobs[-1].directory
 
 
 def _flown(run: Path) -> tuple[MissionConfig, list[str]]:

@@ -10,13 +10,16 @@ import typer
 from rich.table import Table
 
 from nbv.errors import UserError
-from tuner.commands.console import load, output, working
+from tuner.commands.console import AsJson, answer_json, load, output, working
 
 app = typer.Typer(no_args_is_help=True)
 
 
 @app.command("list")
-def list_(split: Annotated[str | None, typer.Option(help="train, held-out or extra.")] = None) -> None:
+def list_(
+    split: Annotated[str | None, typer.Option(help="train, held-out or extra.")] = None,
+    as_json: AsJson = False,
+) -> None:
     """The catalogue: procedural rocks and the ones you imported.
 
     Example: gatetune rocks list --split train
@@ -26,16 +29,18 @@ def list_(split: Annotated[str | None, typer.Option(help="train, held-out or ext
     table = Table()
     for column in ("rock", "split", "source", "what makes it hard"):
         table.add_column(column)
-    for info in list_rocks():
-        if split is None or info.split == split:
-            table.add_row(info.name, info.split, info.source, info.difficulty)
+    found = [info for info in list_rocks() if split is None or info.split == split]
+    for info in found:
+        table.add_row(info.name, info.split, info.source, info.difficulty)
     output.print(table)
+    answer_json(found)
 
 
 @app.command()
 def show(
     rock: Annotated[str, typer.Argument(help="Catalogue name or path of a mesh.")],
     image: Annotated[Path | None, typer.Option(help="Also render a contact sheet into this PNG.")] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Size, area, overhangs and what the importer changed; with --image, a picture.
 
@@ -48,7 +53,8 @@ def show(
     table = Table(title=subject.name, show_header=False)
     table.add_column("fact")
     table.add_column("value")
-    for fact, value in dataclasses.asdict(describe(subject)).items():
+    facts = dataclasses.asdict(describe(subject))
+    for fact, value in facts.items():
         table.add_row(fact, f"{value:.3f}" if isinstance(value, float) else str(value))
     for note in subject.notes:
         table.add_row("note", note)
@@ -64,6 +70,7 @@ def show(
         except (OSError, ValueError) as error:  # ValueError: no such picture format
             raise UserError(f"cannot write {image}: {error}; name a .png in a folder that exists") from error
         output.print(f"contact sheet: {image}")
+    answer_json({**facts, "notes": subject.notes, "contact_sheet": image})
 
 
 @app.command("import")

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import re
 import urllib.parse
+from operator import attrgetter
 
 import fake_campaigns
 import pytest
@@ -77,8 +78,9 @@ def test_without_a_format_the_files_are_listed_best_first(gatetune, recommends):
     code, out, err = gatetune("export", run)
     assert code == 0, err
     lines = out.splitlines()
-    assert lines[2:4] == [
+    assert lines[2:5] == [
         "unified_mission.yaml carries 3 of 3 changes",
+        "gatetune.yaml carries 3 of 3 changes; it is gatetune's own file",
         "scoring.yaml carries none of the changes",
     ]
     assert lines[-1] == f"write the first: gatetune export {run} --to unified_mission.yaml"
@@ -99,6 +101,35 @@ def test_keeping_the_default_is_said(gatetune, recommends):
     code, out, err = gatetune("export", run, "--to", "scoring.yaml")
     assert code == 0 and "it carries the default" in out, err
     assert "keep the default" in (run / "scoring.yaml").read_text()
+
+
+def test_status_page_and_every_export_say_the_same(gatetune, campaign, tmp_path):
+    values = json.loads(gatetune("campaign", "status", campaign.directory, "--json")[1])["recommendation"][
+        "values"
+    ]
+    assert values == campaign.recommendation(save=False).values != campaign.settings.default_values()
+    wanted = campaign.settings.config(values)
+    trees = {}
+    for kind in ("gatetune.yaml", "scoring.yaml", "unified_mission.yaml"):
+        code, out, _ = gatetune(
+            "export", campaign.directory, "--to", kind, "--json", "--out", tmp_path / kind
+        )
+        trees[kind] = json.loads(out)
+        assert code == 0 and trees[kind]["wrote"] == str(tmp_path / kind)
+    assert config_from_dict(yaml.safe_load((tmp_path / "gatetune.yaml").read_text())) == wanted
+    readers = {"scoring.yaml": read_scoring, "unified_mission.yaml": read_mission}
+    for kind, read in readers.items():
+        there = MissionConfig().with_values(read(read_file(tmp_path / kind, kind))[0])
+        for path in trees[kind]["carried"]:
+            assert attrgetter(path)(there) == pytest.approx(attrgetter(path)(wanted))
+    listed = json.loads(gatetune("export", campaign.directory, "--json")[1])
+    assert listed["values"] == values
+    assert {f["name"]: f["carried"] for f in listed["files"]} == {k: t["carried"] for k, t in trees.items()}
+    page = write_campaign_report(campaign).read_text()
+    text = re.search(r'download="configuration.yaml" href="data:[^,]*,(.*?)"', page)[1]
+    on_page = yaml.safe_load(urllib.parse.unquote(text))
+    assert values.items() <= on_page.items()
+    assert campaign.settings.base_config().with_values(on_page) == wanted
 
 
 def test_the_page_links_the_same_bytes(gatetune, campaign):
@@ -152,7 +183,7 @@ def test_a_mission_becomes_a_route(gatetune, tmp_path):
     [
         (("--to", "plan"), "plan needs it"),
         (("--to", "plan", "--home", "north"), "LATITUDE,LONGITUDE"),
-        (("--to", "plan", "--home", "1,2"), "no mission with its flight"),
+        (("--to", "plan", "--home", "1,2"), "its missions are not ours"),
         (("--to", "scoring.yaml", "--onto", "none.yaml"), "is not a file"),
         (("--to", "scoring.yaml", "--out", "no/where.yaml"), "is no folder"),
     ],

@@ -104,10 +104,8 @@ def write_campaign_report(campaign: Campaign, evaluation: EvaluationRun | None =
 
 
 def values_yaml(values: Mapping[str, Any], space: SearchSpace) -> str:
-    """A configuration's values as parameter paths, seven significant digits."""
-    complete = space.complete(values)
-    shown = {k: float(f"{v:.7g}") if isinstance(v, float) else v for k, v in complete.items()}
-    return yaml.safe_dump(shown, sort_keys=False)
+    """A configuration's values as parameter paths, to the last digit: what was flown."""
+    return yaml.safe_dump(space.complete(values), sort_keys=False)
 
 
 # -- what the template needs ---------------------------------------------------------------------------------

@@ -15,7 +15,6 @@ from tuner.missions.registry import DEFAULT_FIDELITY, is_geometric
 from tuner.report.mission.walk import write_mission_view
 
 SHOWN, PAGE, REPORT_FILE = "shown", "view.html", "report.html"
-RECOMMENDED = f"{SHOWN}/recommended"  # in a campaign's directory
 _WAIT_S = 1.0
 
 
@@ -47,7 +46,7 @@ def shown_jobs(campaign: Campaign) -> list[MissionJob]:
 
 def fly_shown_missions(campaign: Campaign, executor: Executor) -> None:
     """Fly those of `shown_jobs` that are not there yet; one that fails is left out of the pages."""
-    waiting = [job for job in shown_jobs(campaign) if not _flown(job)]
+    waiting = [job for job in shown_jobs(campaign) if not was_flown(job)]
     for job in waiting:
         job.directory.mkdir(parents=True, exist_ok=True)
         (job.directory / "mission.json").unlink(missing_ok=True)
@@ -59,7 +58,7 @@ def fly_shown_missions(campaign: Campaign, executor: Executor) -> None:
 def write_mission_pages(campaign: Campaign) -> list[MissionPage]:
     """Write the pages that are missing: of `shown_jobs`, and of every mission that was flown with ``keep: all``."""
     pages: list[MissionPage] = []
-    shown = [job for job in shown_jobs(campaign) if _flown(job)]
+    shown = [job for job in shown_jobs(campaign) if was_flown(job)]
     if shown:
         page = campaign.directory / SHOWN / PAGE
         made_from = [job.directory / "mission.json" for job in shown]
@@ -97,7 +96,8 @@ def _written(runs: list[Path], page: Path, rock: str) -> bool:
     return True
 
 
-def _flown(job: MissionJob) -> bool:
+def was_flown(job: MissionJob) -> bool:
+    """Whether the mission is there, whole, as the campaign would fly it now."""
     try:
         result = MissionResult.load(job.directory)
     except UserError:
