@@ -23,7 +23,7 @@ from nbv.mission.run_directory import RunDirectory
 from nbv.mission.stopwatch import Stopwatch
 from nbv.provenance import provenance
 from nbv.rocks import Rock, load_rock
-from nbv.terrain import lying_rock
+from nbv.terrain import buried_rock
 from nbv.types import Cloud
 
 
@@ -70,7 +70,7 @@ def fly_mission(
     config.require_seeds_above_ground()
     store = Store() if cache else None
     found = load_rock(rock, store)
-    subject = lying_rock(found, config)
+    subject = buried_rock(found, config)
     run = RunDirectory(directory, overwrite=overwrite) if directory is not None else None
     if run is not None:
         run.write_config(config.to_dict())

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.rocks.noise import cells, gradient_noise, octaves
+from nbv.rocks.noise import cells, gradient_noise, octaves, smooth_step
 from nbv.types import Floats
 
 
@@ -46,7 +46,7 @@ def procedural_albedo(
 
     settles = 0.9 * normals[:, 2] + 0.9 * gradient_noise(points, 0.45, seed * 17 + 9)
     threshold = 1.5 - 3.0 * paint.dust
-    cover = _smooth_step((settles - threshold) / 0.35)
+    cover = smooth_step((settles - threshold) / 0.35)
     contrast *= (1.0 - 0.85 * cover).astype(np.float32)
     grey = paint.grey * np.exp(np.float32(1.2) * contrast + np.float32(0.12) * cover)
 
@@ -60,8 +60,3 @@ def _unit(label: NDArray[np.uint32], shift: int) -> NDArray[np.float32]:
     """A number in [0, 1) from sixteen bits of a label, the bits rotated by ``shift``."""
     turned = (label >> np.uint32(shift)) | (label << np.uint32((32 - shift) % 32))
     return ((turned & np.uint32(0xFFFF)).astype(np.float32)) / np.float32(65536)
-
-
-def _smooth_step(t: Floats) -> Floats:
-    t = np.clip(t, 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)

@@ -13,7 +13,6 @@ and the family's own proportions. Seeds below 10,000 are for training, below 20,
 
 from __future__ import annotations
 
-import functools
 import re
 from collections.abc import Callable
 
@@ -103,10 +102,7 @@ def _stack(rng: np.random.Generator, seed: int) -> Shape:
         wide = max(0.22, wide * rng.uniform(0.65, 1.05))
 
     def shape(p: Floats) -> Floats:
-        return functools.reduce(
-            lambda whole, part: sdf.union(whole, part, 0.05),
-            (sdf.box(p, at, half, 0.08, turn) for at, half, turn in blocks),
-        )
+        return sdf.fused(sdf.box(p, at, half, 0.08, turn) for at, half, turn in blocks)
 
     return shape
 
@@ -123,10 +119,7 @@ def _breccia(rng: np.random.Generator, seed: int) -> Shape:
     planes = int(rng.integers(10, 18))
 
     def shape(p: Floats) -> Floats:
-        d = functools.reduce(
-            lambda whole, part: sdf.union(whole, part, 0.05),
-            (sdf.ellipsoid(p, at, size, turn) for at, size, turn in lobes),
-        )
+        d = sdf.fused(sdf.ellipsoid(p, at, size, turn) for at, size, turn in lobes)
         return sdf.intersection(d, facets(p, seed, planes, (0, 0, 0.7), 0.95), 0.03)
 
     return shape
@@ -164,16 +157,12 @@ def generated_recipe(family: str, seed: int) -> Recipe:
     paint = Paint(rng.uniform(0.22, 0.45), richness, 0.15 + 0.6 * richness, 0.75 - 0.6 * richness)
     noise = int(rng.integers(1, 2**20))
 
-    def shape(_: int) -> Shape:
-        # A copy of the stream, so that the shape is the same however often it is asked for.
-        body = draw(np.random.default_rng([seed, 1, *family.encode()]), noise)
-        pivot = np.array([0.0, 0.0, DEFAULT_HEIGHT_M / 2])
+    body = draw(np.random.default_rng([seed, 1, *family.encode()]), noise)
+    pivot = np.array([0.0, 0.0, DEFAULT_HEIGHT_M / 2])
 
-        def distance(p: Floats) -> Floats:
-            standing = (p - pivot) @ tilt + pivot + [0.0, 0.0, buried_m]
-            return grounded(p, body(warp(standing, noise, 0.04, 0.7)) + rough(p, noise, relief))
-
-        return distance
+    def shape(p: Floats) -> Floats:
+        standing = (p - pivot) @ tilt + pivot + [0.0, 0.0, buried_m]
+        return grounded(p, body(warp(standing, noise, 0.04, 0.7)) + rough(p, noise, relief))
 
     return Recipe(f"{family}-{seed}", _split_of(seed), noise, difficulty, shape, paint, height_m)
 

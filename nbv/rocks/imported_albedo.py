@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zlib
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -25,37 +26,47 @@ from nbv.types import Floats, Ints
 TILE_M = 1.6  # one tile of a triplanar albedo image
 
 
-def imported_albedo(
-    soup: Soup,
-    vertices: Floats,
-    faces: Ints,
-    fine_vertices: Floats,
-    fine_faces: Ints,
-    parent: Ints,
-    barycentric: Floats,
-    normals: Floats,
-    choice: str | Path | None,
-    max_edge: float,
-    notes: list[str],
-) -> NDArray[np.float32]:
-    """(V, 3) linear albedo of the fine mesh's vertices; ``notes`` gets where it comes from.
+@dataclass(frozen=True)
+class FineMesh:
+    """A mesh after subdivision (`nbv.rocks.mesh.refine`)."""
 
-    ``parent`` (F,) and ``barycentric`` (F, 3, 3) place every fine face in a face of the coarse mesh; ``max_edge`` is the
-    fine mesh's longest edge in metres. ``choice`` is the ``albedo`` of ``import_mesh``.
+    vertices: Floats  # (V, 3)
+    faces: Ints  # (F, 3)
+    parent: Ints  # (F,) the face of the coarse mesh that each face is part of
+    barycentric: Floats  # (F, 3, 3) of each corner in its parent
+    max_edge_m: float  # the longest edge
+
+
+def imported_albedo(
+    soup: Soup, fine: FineMesh, choice: str | Path | None, notes: list[str]
+) -> NDArray[np.float32]:
+    """(V, 3) linear albedo of the fine mesh's vertices.
+
+    Parameters
+    ----------
+    soup
+        The coarse mesh, in metres, and what its corners carry.
+    fine
+        The same surface, subdivided.
+    choice
+        The ``albedo`` of ``import_mesh``.
+    notes
+        Gets where the albedo comes from.
 
     Raises
     ------
     UserError
         ``choice`` names an image that is missing or unreadable.
     """
-    spacing = 0.6 * max_edge
+    normals = meshes.vertex_normals(fine.vertices, fine.faces)
+    spacing = 0.6 * fine.max_edge_m
     if choice is not None and str(choice) != "procedural":
         image = open_texture(expanded(choice))
         image = shrink(image, spacing / (TILE_M / max(image.shape[:2])))
         notes.append(f"albedo: {Path(choice).name} projected along the three axes")
-        return triplanar(image, fine_vertices, normals, TILE_M)
+        return triplanar(image, fine.vertices, normals, TILE_M)
     if choice is None:
-        colors = _own_colors(soup, vertices, faces, fine_vertices, fine_faces, parent, barycentric, spacing)
+        colors = _own_colors(soup, fine, spacing)
         if colors is not None and colors.std(0).max() > 0.004:
             kinds = {soup.skins[i].kind for i in np.unique(soup.skin)}
             word = "texture" if "texture" in kinds else "vertex or face colours"
@@ -65,43 +76,34 @@ def imported_albedo(
         notes.append(f"albedo: procedural, since {why}")
     else:
         notes.append("albedo: procedural, as asked")
-    seed = zlib.crc32(np.round(vertices * 1e4).astype("<i8").tobytes()) & 0xFFFF
-    return procedural_albedo(fine_vertices, normals, seed)
+    seed = zlib.crc32(np.round(soup.vertices * 1e4).astype("<i8").tobytes()) & 0xFFFF
+    return procedural_albedo(fine.vertices, normals, seed)
 
 
-def _own_colors(
-    soup: Soup,
-    vertices: Floats,
-    faces: Ints,
-    fine_vertices: Floats,
-    fine_faces: Ints,
-    parent: Ints,
-    barycentric: Floats,
-    spacing: float,
-) -> NDArray[np.float32] | None:
+def _own_colors(soup: Soup, fine: FineMesh, spacing: float) -> NDArray[np.float32] | None:
     """(V, 3) the mean over the faces at each vertex of the colour there; None if nothing has a colour.
 
     Each face is asked at points drawn a sixth of the way from its corners to its middle: the mean then
     averages the texture around the vertex, and no lookup falls on the far side of a seam.
     """
-    total = np.zeros((len(fine_vertices), 3))
-    count = np.zeros(len(fine_vertices))
-    areas = meshes.face_areas(vertices, faces)
-    inset = barycentric + (barycentric.mean(1, keepdims=True) - barycentric) / 6
+    total = np.zeros((len(fine.vertices), 3))
+    count = np.zeros(len(fine.vertices))
+    areas = meshes.face_areas(soup.vertices, soup.faces)
+    inset = fine.barycentric + (fine.barycentric.mean(1, keepdims=True) - fine.barycentric) / 6
     for index, skin in enumerate(soup.skins):
         if skin.kind == "none":
             continue
         of_skin = soup.skin == index
         if not of_skin.any():
             continue
-        fine = np.flatnonzero(of_skin[parent])
-        values = np.einsum("fij,fjk->fik", inset[fine], soup.corner[parent[fine]]).reshape(-1, 3)
+        inside = np.flatnonzero(of_skin[fine.parent])
+        values = np.einsum("fij,fjk->fik", inset[inside], soup.corner[fine.parent[inside]]).reshape(-1, 3)
         if skin.image is not None:
             corner_uv = soup.corner[of_skin][..., :2]
             image = fill_gutters(skin.image, corner_uv)
             image = shrink(image, spacing / _texel_m(image, corner_uv, areas[of_skin]))
             values = sample(image, values[:, :2]).astype(float)
-        ids = fine_faces[fine].reshape(-1)
+        ids = fine.faces[inside].reshape(-1)
         for channel in range(3):
             total[:, channel] += np.bincount(ids, weights=values[:, channel], minlength=len(total))
         count += np.bincount(ids, minlength=len(total))

@@ -12,7 +12,7 @@ from nbv.errors import UserError
 from nbv.foreign import expanded
 from nbv.geometry.frames import Similarity
 from nbv.rocks import mesh as meshes
-from nbv.rocks.imported_albedo import imported_albedo
+from nbv.rocks.imported_albedo import FineMesh, imported_albedo
 from nbv.rocks.mesh_file import Soup, read_mesh_file
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, SPLITS, Rock, Split, make_rock
 from nbv.types import Floats, Ints
@@ -102,30 +102,15 @@ def import_mesh(
     max_edge = max(MAX_EDGE_M, float(np.sqrt(area / MAX_FINE_FACES / 0.433)) / 0.6)
     if max_edge > MAX_EDGE_M:
         notes.append(f"{area:.0f} m2 of surface: subdivided to {max_edge * 1e3:.0f} mm only")
-    coarse = len(faces)
-    fine_vertices, fine_faces, parent, barycentric = meshes.refine(vertices, faces, max_edge)
-    if len(fine_faces) > coarse:
-        notes.append(f"subdivided from {coarse} to {len(fine_faces)} faces; the surface is unchanged")
-
-    normals = meshes.vertex_normals(fine_vertices, fine_faces)
-    colors = imported_albedo(
-        soup,
-        vertices,
-        faces,
-        fine_vertices,
-        fine_faces,
-        parent,
-        barycentric,
-        normals,
-        albedo,
-        max_edge,
-        notes,
-    )
+    soup.vertices, soup.faces = vertices, faces
+    fine = FineMesh(*meshes.refine(vertices, faces, max_edge), max_edge)
+    if len(fine.faces) > len(faces):
+        notes.append(f"subdivided from {len(faces)} to {len(fine.faces)} faces; the surface is unchanged")
     return make_rock(
         name or _default_name(path),
-        fine_vertices,
-        fine_faces,
-        colors,
+        fine.vertices,
+        fine.faces,
+        imported_albedo(soup, fine, albedo, notes),
         split=split,
         difficulty=difficulty or _measured_difficulty(vertices, faces),
         notes=tuple(notes),

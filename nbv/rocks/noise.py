@@ -106,3 +106,9 @@ def cells(points: Floats, size: float, seed: int) -> tuple[_U32, NDArray[np.floa
                 label[closer] = h[closer]
     # Mixed once more: the low bits placed the grain and must not also decide what it looks like.
     return _hash(label, label, label, seed + 1), np.sqrt(best)
+
+
+def smooth_step(t: Floats) -> Floats:
+    """0 below 0, 1 above 1, smooth between (Hermite)."""
+    t = np.clip(t, 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)

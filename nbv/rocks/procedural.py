@@ -58,7 +58,7 @@ def procedural_rock(name: str, store: Store | None = None) -> Rock:
 
 def _surface(recipe: Recipe, grid_m: float) -> tuple[Floats, Ints]:
     """The largest body of the recipe's zero level set."""
-    distance, origin = sample_near_surface(recipe.shape(recipe.seed), grid_m)
+    distance, origin = sample_near_surface(recipe.shape, grid_m)
     vertices, faces, _, _ = marching_cubes(
         distance, 0.0, gradient_direction="descent", allow_degenerate=False
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,14 +18,14 @@ Shape = Callable[[Floats], Floats]  # (N, 3) points in metres -> (N,) signed dis
 
 @dataclass(frozen=True)
 class Recipe:
-    """One procedural rock. ``shape(seed)`` returns its signed distance function."""
+    """One procedural rock."""
 
     name: str
     split: Split
-    seed: int
-    difficulty: str
-    shape: Callable[[int], Shape]
-    paint: Paint = field(default_factory=Paint)
+    seed: int  # of relief, facets and albedo
+    difficulty: str  # what makes it easy or hard, in a phrase
+    shape: Shape
+    paint: Paint
     height_m: float = DEFAULT_HEIGHT_M
 
 

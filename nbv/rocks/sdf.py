@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -64,6 +65,11 @@ def union(a: Floats, b: Floats, smooth_m: float) -> Floats:
     """Smooth union (polynomial, after Quilez)."""
     h = np.maximum(smooth_m - np.abs(a - b), 0) / smooth_m
     return np.minimum(a, b) - h * h * smooth_m / 4
+
+
+def fused(parts: Iterable[Floats]) -> Floats:
+    """The union of all parts, one after the other, with seams of 5 cm."""
+    return functools.reduce(lambda whole, part: union(whole, part, 0.05), parts)
 
 
 def intersection(a: Floats, b: Floats, smooth_m: float) -> Floats:

@@ -1,6 +1,6 @@
 """What the target lies on and among: relief, neighbouring rocks, and the part of the target that is above ground."""
 
-from nbv.terrain.lying import lying_rock
+from nbv.terrain.burial import buried_rock
 from nbv.terrain.neighbours import Body, Cylinder, neighbour_cylinders
 from nbv.terrain.relief import RELIEF_HALF_EXTENT_M, Relief, make_relief
 from nbv.terrain.surroundings import Surroundings, make_surroundings
@@ -11,7 +11,7 @@ __all__ = [
     "Cylinder",
     "Relief",
     "Surroundings",
-    "lying_rock",
+    "buried_rock",
     "make_relief",
     "make_surroundings",
     "neighbour_cylinders",

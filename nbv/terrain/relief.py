@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter
 
 from nbv.config import GroundConfig
 from nbv.random_streams import keyed_rng
+from nbv.rocks.noise import smooth_step
 from nbv.types import Floats, Ints
 
 RELIEF_HALF_EXTENT_M = 6.0  # of the square that has relief
@@ -92,9 +93,3 @@ def make_relief(relief_m: float, length_m: float, seed: int) -> Relief:
 def relief_of(ground: GroundConfig, seed: int) -> Relief | None:
     """The relief that ``ground`` asks for; None where it is flat."""
     return make_relief(ground.relief_m, ground.relief_length_m, seed) if ground.relief_m > 0 else None
-
-
-def smooth_step(t: Floats) -> Floats:
-    """0 below 0, 1 above 1, smooth between (Hermite)."""
-    t = np.clip(t, 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)

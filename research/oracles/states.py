@@ -17,7 +17,7 @@ from nbv.gates import make_oracle
 from nbv.mission.planning_state import load_state
 from nbv.rocks import Rock, load_rock
 from nbv.scorers import B_AWARE, COVIS, rank_candidates
-from nbv.terrain import lying_rock
+from nbv.terrain import buried_rock
 from research.decisions import PERCENT
 from research.oracles.study import COVERAGES, Judgement, Preferences, preferences
 from tuner.studies.missions_as_data import FlownMission, find_missions
@@ -89,7 +89,7 @@ def _rock_of(mission: FlownMission, known: Sequence[Rock]) -> Rock:
 
 
 def _judge_mission(mission: FlownMission, rock: Rock, coverages: Sequence[str]) -> list[JudgedMission]:
-    rock = lying_rock(rock, mission.config)
+    rock = buried_rock(rock, mission.config)
     files = sorted((mission.directory / "states").glob("iter_*.npz"))
     oracles = {
         coverage: make_oracle(mission.config.with_values({"gate.oracle_coverage": coverage}), rock)

@@ -12,7 +12,7 @@ from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.rocks.mesh import edge_face_counts, face_areas
 from nbv.rocks.procedural import generate_rock
 from nbv.rocks.rock import Rock
-from nbv.terrain import lying_rock, make_relief, make_surroundings, neighbour_cylinders
+from nbv.terrain import buried_rock, make_relief, make_surroundings, neighbour_cylinders
 from nbv.terrain.neighbours import CROP_M
 from nbv.terrain.relief import FILLED_M, FOOTPRINT_M, FULL_M, RELIEF_HALF_EXTENT_M, STEP_M
 
@@ -84,13 +84,13 @@ def test_a_neighbour_fills_its_cylinder(rock: Rock) -> None:
 
 def test_flat_empty_ground_leaves_the_rock_as_it_is(rock: Rock) -> None:
     config = MissionConfig()
-    assert lying_rock(rock, config) is rock
+    assert buried_rock(rock, config) is rock
     assert make_surroundings(config.ground, 0, rock.sha256) is None
-    assert lying_rock(rock, config.with_values({"ground.neighbours": 3})) is rock
+    assert buried_rock(rock, config.with_values({"ground.neighbours": 3})) is rock
 
 
 def test_a_buried_rock_is_what_is_above_ground(rock: Rock) -> None:
-    buried = lying_rock(rock, MissionConfig().with_values({"ground.burial_m": 0.3}))
+    buried = buried_rock(rock, MissionConfig().with_values({"ground.burial_m": 0.3}))
     assert buried.vertices_m[:, 2].max() == pytest.approx(1.3)
     assert buried.vertices_m[:, 2].min() == pytest.approx(0.0, abs=1e-12)
     truth = build_ground_truth(buried.vertices_m, buried.faces, np.array([[4.0, 0, 1]]), 4000)
@@ -107,7 +107,7 @@ def test_a_buried_rock_is_what_is_above_ground(rock: Rock) -> None:
 
 def test_relief_cuts_the_rock_where_the_ground_is(rock: Rock) -> None:
     config = MissionConfig().with_values({"ground.relief_m": 0.1, "ground.burial_m": 0.1})
-    lying = lying_rock(rock, config)
+    lying = buried_rock(rock, config)
     truth = build_ground_truth(lying.vertices_m, lying.faces, np.array([[4.0, 0, 1]]), 4000)
     ground_m = make_relief(0.1, 1.0, 0).height_m(truth.points_m)
     assert (truth.points_m[:, 2] - ground_m).min() > -5e-3  # a face is flat, the ground under it bends
@@ -138,7 +138,7 @@ def test_ground_and_wind_that_cannot_be(values: dict, message: str) -> None:
 
 def test_a_rock_that_is_buried_whole_is_refused(rock: Rock) -> None:
     with pytest.raises(UserError, match=r"ground\.burial_m is 2: rock 'boulder' is only 1\.60 m high"):
-        lying_rock(rock, MissionConfig().with_values({"ground.burial_m": 2.0}))
+        buried_rock(rock, MissionConfig().with_values({"ground.burial_m": 2.0}))
 
 
 def test_too_many_neighbours_for_their_room_are_refused() -> None:

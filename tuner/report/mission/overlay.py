@@ -16,7 +16,7 @@ from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
 from nbv.mission.run_directory import read_ply
 from nbv.rocks import load_rock
-from nbv.terrain import lying_rock
+from nbv.terrain import buried_rock
 from nbv.types import Floats, Ints
 from tuner.report.labels import format_number
 from tuner.report.mission.run_files import mission_config
@@ -57,7 +57,7 @@ def overlay_figure(run: Path, rock: str) -> Figure:
     cloud = read_ply(run / "cleaned.ply").points_m
     if len(cloud) == 0:
         raise UserError(f"{run / 'cleaned.ply'} holds no points")
-    subject = lying_rock(load_rock(rock, Store()), config)
+    subject = buried_rock(load_rock(rock, Store()), config)
     wrong_m, cloud_normals = _distance_to_mesh(cloud, subject.vertices_m, subject.faces)
     # The same samples as the metrics: same count, same seed.
     samples, normals = sample_surface(subject.vertices_m, subject.faces, config.evaluation.gt_samples, 0)

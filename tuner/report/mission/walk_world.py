@@ -17,7 +17,7 @@ from nbv.evaluation import ground_truth
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.geometry.raycasting import RayCaster
 from nbv.rocks import Rock, load_rock
-from nbv.terrain import lying_rock
+from nbv.terrain import buried_rock
 from nbv.terrain.relief import relief_of
 from nbv.types import Floats, Ints
 from tuner.report.mission.thinning import thin_indices
@@ -84,7 +84,7 @@ def the_rock(run: Path, result: Mapping[str, Any], rock: str | None, store: Stor
 
 def make_world(config: MissionConfig, found: Rock, store: Store) -> World:
     """The rock as it lay, and the samples that the metrics are made of."""
-    rock = lying_rock(found, config)
+    rock = buried_rock(found, config)
     truth = ground_truth(rock, config, store)
     kept = thin_indices(len(truth.points_m), _MOST_TRUTH_POINTS)
     return World(

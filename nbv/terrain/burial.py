@@ -1,4 +1,4 @@
-"""The rock as it lies: sunk into the ground, and cut off where the ground begins."""
+"""The rock as it stands in the scene: sunk into the ground, and cut off where the ground begins."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from nbv.terrain.relief import relief_of
 from nbv.types import Floats, Ints
 
 
-def lying_rock(rock: Rock, config: MissionConfig) -> Rock:
+def buried_rock(rock: Rock, config: MissionConfig) -> Rock:
     """What of ``rock`` is above ground, ``ground.burial_m`` deeper than it was; the same object on bare flat ground.
 
     It is another rock, with a hash of its own: renderers, ground truth and oracles know nothing of the part below.
@@ -28,10 +28,10 @@ def lying_rock(rock: Rock, config: MissionConfig) -> Rock:
     ground = config.ground
     if ground.burial_m == 0 and ground.relief_m == 0:
         return rock
-    return _kept(_Same(rock), ground, config.scene.ground_seed)
+    return _above_ground(_ByHash(rock), ground, config.scene.ground_seed)
 
 
-class _Same:
+class _ByHash:
     """A rock as the key of a cache."""
 
     def __init__(self, rock: Rock) -> None:
@@ -41,12 +41,12 @@ class _Same:
         return hash(self.rock.sha256)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self.rock.sha256 == other.rock.sha256
+        return isinstance(other, _ByHash) and self.rock.sha256 == other.rock.sha256
 
 
 @lru_cache(maxsize=16)  # as many as `nbv.rocks` keeps
-def _kept(same: _Same, ground: GroundConfig, ground_seed: int) -> Rock:
-    rock = same.rock
+def _above_ground(key: _ByHash, ground: GroundConfig, ground_seed: int) -> Rock:
+    rock = key.rock
     vertices = rock.vertices_m - [0.0, 0.0, ground.burial_m]
     relief = relief_of(ground, ground_seed)
     above_m = vertices[:, 2] - (0.0 if relief is None else relief.height_m(vertices))
