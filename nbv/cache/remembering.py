@@ -9,11 +9,18 @@ from typing import Any
 import numpy as np
 
 from nbv.cache.addressing import address
-from nbv.cache.store import Arrays, Store
+from nbv.cache.layout import Arrays, Check, holds
+from nbv.cache.store import Store
 
 
 def remember(
-    store: Store | None, kind: str, make: Callable[[], Arrays], *, code: str, inputs: Sequence[Any]
+    store: Store | None,
+    kind: str,
+    make: Callable[[], Arrays],
+    *,
+    is_sound: Check,
+    code: str,
+    inputs: Sequence[Any],
 ) -> Arrays:
     """What ``make`` gives, from the store if it is there.
 
@@ -25,6 +32,8 @@ def remember(
         What it is, for ``gatetune cache info``.
     make
         Makes it; what it raises is raised, and nothing is kept.
+    is_sound
+        Whether an entry is of this kind, such as `nbv.cache.holds`; another one is made anew.
     code
         The module or package that makes it (``nbv.cache.addressing.code_digest``).
     inputs
@@ -33,7 +42,7 @@ def remember(
     if store is None:
         return make()
     key = address(code, *inputs)
-    entry = store.get(kind, key)
+    entry = store.get(kind, key, is_sound)
     if entry is None:
         entry = make()
         store.put(kind, key, entry)
@@ -41,11 +50,27 @@ def remember(
 
 
 def remember_json(
-    store: Store | None, kind: str, make: Callable[[], Any], *, code: str, inputs: Sequence[Any]
+    store: Store | None,
+    kind: str,
+    make: Callable[[], Any],
+    *,
+    is_sound: Callable[[Any], bool],
+    code: str,
+    inputs: Sequence[Any],
 ) -> Any:
-    """`remember` for a JSON value."""
+    """`remember` for a JSON value; ``is_sound``: whether a stored one is what it is kept as."""
 
     def packed() -> Arrays:
         return {"json": np.frombuffer(json.dumps(make()).encode(), np.uint8)}
 
-    return json.loads(remember(store, kind, packed, code=code, inputs=inputs)["json"].tobytes())
+    def check(arrays: Arrays) -> bool:
+        try:
+            return holds({"json": "u _"})(arrays) and is_sound(_value(arrays))
+        except (ValueError, RecursionError):
+            return False
+
+    return _value(remember(store, kind, packed, is_sound=check, code=code, inputs=inputs))
+
+
+def _value(arrays: Arrays) -> Any:
+    return json.loads(arrays["json"].tobytes())

@@ -2,8 +2,8 @@
 
 An entry is a dictionary of arrays under (kind, key). Entries are written to a temporary file and renamed, so a
 reader sees a whole entry or none, and two processes that fill the same entry leave one of two equal files. Every
-entry carries a checksum of its kind, its key and its content: one that is damaged or lies under another's name is
-noticed, removed and made anew by whoever needs it.
+entry carries a checksum of its kind, its key and its content: one that is damaged, lies under another's name or is not
+what its kind holds (`Check`) is noticed, removed and made anew by whoever needs it.
 
 Machines may share a folder besides, ``$GATETUNE_SHARED_STORE``: what a store does not have is looked for there and kept, and
 what it is given is put there too. Nothing removes what is old from it.
@@ -25,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
+from nbv.cache.layout import Arrays, Check
 from nbv.errors import UserError
 from nbv.foreign import expanded, read_bytes
 
@@ -33,8 +34,6 @@ _HEAD_BYTES = len(_MAGIC) + hashlib.sha256().digest_size
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
 DEFAULT_MAX_BYTES = 10 * 2**30
 _PRUNE_EVERY_PUTS = 500
-
-Arrays = dict[str, np.ndarray]
 
 
 def home() -> Path:
@@ -68,14 +67,14 @@ class Store:
         shared = os.environ.get("GATETUNE_SHARED_STORE") if root is None else None
         self._shared = Store(expanded(shared)) if shared else None
 
-    def get(self, kind: str, key: str) -> Arrays | None:
-        """The entry, or ``None`` if it is absent or not what was put there (then it is removed)."""
-        data = self._read(kind, key)
-        if data is None and self._shared is not None:
-            data = self._shared._read(kind, key)
-            if data is not None:
-                self._keep(kind, key, data)
-        return None if data is None else _unpack(data)
+    def get(self, kind: str, key: str, is_sound: Check | None = None) -> Arrays | None:
+        """The entry, or ``None`` if it is absent, not what was put there or not ``is_sound`` (then it is removed)."""
+        found = self._read(kind, key, is_sound)
+        if found is None and self._shared is not None:
+            found = self._shared._read(kind, key, is_sound)
+            if found is not None:
+                self._keep(kind, key, found[0])
+        return None if found is None else found[1]
 
     def put(self, kind: str, key: str, arrays: Arrays) -> None:
         """Write the entry. A full or read-only disk costs the entry, never the caller's result."""
@@ -90,19 +89,22 @@ class Store:
         if self._puts % _PRUNE_EVERY_PUTS == 0:
             self.prune(self.max_bytes)
 
-    def _read(self, kind: str, key: str) -> bytes | None:
+    def _read(self, kind: str, key: str, is_sound: Check | None) -> tuple[bytes, Arrays] | None:
         path = self._path(kind, key)
         try:
             data = read_bytes(path, DEFAULT_MAX_BYTES)
         except UserError:  # absent, or no file: others may write to a shared folder
             return None
-        sound = _is_sound(kind, key, data)
-        with contextlib.suppress(OSError):  # another process may have pruned it, or nobody may write there
-            if sound:
-                os.utime(path)  # recently used
-            else:
+        arrays = _unpack(data) if _is_sound(kind, key, data) else None
+        if arrays is None or not (is_sound is None or is_sound(arrays)):
+            with contextlib.suppress(
+                OSError
+            ):  # another process may have pruned it, or nobody may write there
                 path.unlink()
-        return data if sound else None
+            return None
+        with contextlib.suppress(OSError):
+            os.utime(path)  # recently used
+        return data, arrays
 
     def _write(self, kind: str, key: str, data: bytes) -> None:
         path = self._path(kind, key)
@@ -184,9 +186,12 @@ def _pack(kind: str, key: str, arrays: Arrays) -> bytes:
     return b"".join((_MAGIC, _checksum(kind, key, payload), payload))
 
 
-def _unpack(data: bytes) -> Arrays:
-    with np.load(io.BytesIO(memoryview(data)[_HEAD_BYTES:]), allow_pickle=False) as entry:
-        return {name: entry[name] for name in entry.files}
+def _unpack(data: bytes) -> Arrays | None:
+    try:
+        with np.load(io.BytesIO(memoryview(data)[_HEAD_BYTES:]), allow_pickle=False) as entry:
+            return {name: entry[name] for name in entry.files}
+    except Exception:  # zipfile, zlib and NumPy each raise families of their own
+        return None
 
 
 def _is_sound(kind: str, key: str, data: bytes) -> bool:

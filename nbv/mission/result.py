@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from nbv.config import IDEAL
 from nbv.errors import UserError
@@ -117,8 +117,12 @@ class MissionResult:
                 raise UserError(
                     f"mission result has schema version {tree['schema_version']}, this version reads {SCHEMA_VERSION}"
                 )
-            tree["trace"] = [IterationRecord(**record) for record in tree["trace"]]
-            return MissionResult(**tree)
+            for record in tree["trace"]:
+                require_kinds(record, IterationRecord)
+            require_kinds(tree, MissionResult)
+            if tree["status"] not in get_args(Status):
+                raise ValueError(f"status is {str(tree['status'])[:40]!r}")
+            return MissionResult(**{**tree, "trace": [IterationRecord(**record) for record in tree["trace"]]})
         except (ValueError, KeyError, TypeError, AttributeError) as error:
             raise UserError(f"{source} is not a mission result: {error}") from error
 
@@ -129,6 +133,31 @@ class MissionResult:
         if not file.is_file():
             raise UserError(f"{path} holds no mission.json; name a mission directory")
         return MissionResult.from_json(read_text(file, RESULT_BYTES), str(file))
+
+
+_KINDS: dict[str, tuple[type, ...]] = {
+    "bool": (bool,),
+    "dict": (dict,),
+    "float": (int, float, type(None)),  # null: not finite
+    "int": (int,),
+    "list": (list,),
+    "str": (str,),
+}
+
+
+def require_kinds(tree: Any, kind: type) -> None:
+    """``TypeError`` where a value is not of its field's kind, or a value of ``dict[str, float]`` is no number."""
+    if not isinstance(tree, dict):
+        raise TypeError(f"{str(tree)[:40]!r} is not an object")
+    for one in fields(kind):
+        outer, _, inner = str(one.type).partition("[")
+        value = tree.get(one.name)
+        of_values = _KINDS.get(inner.removeprefix("str, ").partition("[")[0].rstrip("]"), (object,))
+        values = value.values() if isinstance(value, dict) else ()
+        if one.name in tree and not (
+            isinstance(value, _KINDS.get(outer, (str,))) and all(isinstance(v, of_values) for v in values)
+        ):
+            raise TypeError(f"{one.name} is {str(value)[:40]!r}, not {one.type}")
 
 
 def json_ready(value: Any) -> Any:

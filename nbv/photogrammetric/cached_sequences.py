@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.cache import Arrays, Store, address, digest, remember_json
+from nbv.cache import Arrays, Store, address, digest, holds, remember_json
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation import Evaluation, camera_shell, evaluate_cloud
@@ -85,7 +85,7 @@ class CachedSparse:
         del self._sparse, self._seed_stage
 
     def _report(self) -> UpdateReport:
-        if (entry := self._store.get("sequence-models", self.key)) is not None:
+        if (entry := self._store.get("sequence-models", self.key, _is_report)) is not None:
             return _unpack_report(entry)
         report = self._catch_up()  # a failure is not kept, it is met again
         assert report is not None
@@ -184,7 +184,7 @@ class CachedClouds:
         # Depths are checked with the configured number and may then be fused at a stricter one: the same bits.
         dense = dataclasses.replace(config.dense, agreeing_views=level)
         key = address("nbv.dense", self._sparse.key, config.camera, list(config.target_m), dense)
-        if (entry := self._store.get("clouds", key)) is not None:
+        if (entry := self._store.get("clouds", key, _is_known_cloud)) is not None:
             if "failure" in entry:
                 raise MissionFailure(*(str(part) for part in entry["failure"]))
             return LazyCloud(key, int(entry["n_points"]), lambda: self._make(agreeing_views))
@@ -223,7 +223,14 @@ class CachedEvaluation:
             config.scene.ground_seed,
             camera_shell(config),
         ]
-        found = remember_json(self._store, "evaluations", evaluate, code="nbv.evaluation", inputs=inputs)
+        found = remember_json(
+            self._store,
+            "evaluations",
+            evaluate,
+            is_sound=_is_evaluation,
+            code="nbv.evaluation",
+            inputs=inputs,
+        )
         if made:
             return made[0]
         return Evaluation(found["metrics"], found["cleaning"], lambda: clean_for_evaluation(cloud, config)[0])
@@ -242,6 +249,34 @@ def _pack_report(report: UpdateReport) -> Arrays:
         "registered": np.array(report.registered),
         "message": np.array(report.message),
     }
+
+
+_HAS_REPORT = holds(
+    {
+        "points_m": "f n 3",
+        "reprojection_error_px": "f n",
+        "track_lengths": "u n",
+        "track_cameras": "u _ <c",
+        "camera_centers_m": "f c 3",
+        "camera_names": "U c",
+        "alignment_m": "f 2",
+        "registered": "b",
+        "message": "U",
+    }
+)
+_IS_CLOUD, _IS_FAILURE = holds({"n_points": "i"}), holds({"failure": "U 2"})
+
+
+def _is_report(entry: Arrays) -> bool:
+    return _HAS_REPORT(entry) and int(entry["track_lengths"].sum()) == len(entry["track_cameras"])
+
+
+def _is_known_cloud(entry: Arrays) -> bool:
+    return _IS_CLOUD(entry) or _IS_FAILURE(entry)
+
+
+def _is_evaluation(tree: Any) -> bool:
+    return isinstance(tree, dict) and all(isinstance(tree.get(k), dict) for k in ("metrics", "cleaning"))
 
 
 def _unpack_report(entry: Arrays) -> UpdateReport:

@@ -5,6 +5,7 @@ Each wrapper has the face of what it wraps, so a mission with a store and one wi
 
 from __future__ import annotations
 
+import contextlib
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,18 +13,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.cache import Arrays, Store, address, digest, remember
+from nbv.cache import Arrays, Store, address, digest, holds, remember
 from nbv.config import CameraConfig, MissionConfig, SparseConfig
+from nbv.errors import UserError
 from nbv.photogrammetric.studio import Studio
 from nbv.rocks import Rock
 from nbv.sparse.correspondences import ComputedCorrespondences
-from nbv.sparse.features import Features
+from nbv.sparse.features import DESCRIPTOR_SIZE, Features
 from nbv.sparse.matching import VerifiedPair
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import Capture, Floats, UpdateReport, Viewpoint
 
 _STUDIO, _FEATURES, _PAIRS = "nbv.photogrammetric.studio", "nbv.sparse.features", "nbv.sparse.matching"
 _SPARSE, _GROUND = "nbv.sparse", "nbv.sparse.ground_features"
+_ARE_FEATURES = holds({"keypoints": "f k 4", "descriptors": f"u k {DESCRIPTOR_SIZE}"})
+_IS_PAIR = holds({"matches": "u _ 2", "config": "i"})
 
 
 class CachedStudio:
@@ -35,6 +39,7 @@ class CachedStudio:
         self._studio, self._store = studio, store
         world = (config.camera, config.scene, config.sensor, config.ground, config.target_m)
         self._identity = (rock.sha256, replicate, *world)
+        self._is_photograph = holds({"image": f"u {config.camera.height_px} {config.camera.width_px} 3"})
 
     def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
         """See `nbv.types.Camera`."""
@@ -44,6 +49,7 @@ class CachedStudio:
             self._store,
             "photographs",
             lambda: {"image": self._studio.photograph(viewpoint, true)},
+            is_sound=self._is_photograph,
             code=_STUDIO,
             inputs=[*self._identity, viewpoint.id, true],
         )
@@ -78,7 +84,9 @@ class CachedCorrespondences:
             return {"keypoints": features.keypoints, "descriptors": features.descriptors}
 
         inputs = [*self._feature_options, image]
-        entry = remember(self._store, "features", extract, code=_FEATURES, inputs=inputs)
+        entry = remember(
+            self._store, "features", extract, is_sound=_ARE_FEATURES, code=_FEATURES, inputs=inputs
+        )
         return Features(entry["keypoints"], entry["descriptors"])
 
     def ground_features(
@@ -91,7 +99,9 @@ class CachedCorrespondences:
             return {"keypoints": features.keypoints, "descriptors": features.descriptors}
 
         inputs = [*self._ground_options, image, camera_from_world, target_m]
-        entry = remember(self._store, "features", extract, code=_GROUND, inputs=inputs)
+        entry = remember(
+            self._store, "features", extract, is_sound=_ARE_FEATURES, code=_GROUND, inputs=inputs
+        )
         return Features(entry["keypoints"], entry["descriptors"])
 
     def pair(self, a: Features, b: Features) -> VerifiedPair:
@@ -101,10 +111,13 @@ class CachedCorrespondences:
             pair = self._computed.pair(a, b)
             return {"matches": pair.matches, "config": np.array(pair.config)}
 
+        def is_sound(entry: Arrays) -> bool:
+            return _IS_PAIR(entry) and bool((entry["matches"] < [[len(a), len(b)]]).all())
+
         inputs = [*self._pair_options, self._digest(a), self._digest(b)]
         if a.n_ground or b.n_ground:
             inputs += [a.n_ground, b.n_ground]
-        entry = remember(self._store, "pairs", verify, code=_PAIRS, inputs=inputs)
+        entry = remember(self._store, "pairs", verify, is_sound=is_sound, code=_PAIRS, inputs=inputs)
         return VerifiedPair(entry["matches"], int(entry["config"]))
 
     def _digest(self, features: Features) -> str:
@@ -113,6 +126,11 @@ class CachedCorrespondences:
             found = digest(features.keypoints, features.descriptors)
             known = self._digests[id(features)] = (features, found)
         return known[1]
+
+
+def _are_files(entry: Arrays) -> bool:
+    layout = dict.fromkeys(entry, "u _")
+    return holds(layout)(entry) and all(Path(name).name == name for name in entry)
 
 
 class CachedSeedModel:
@@ -140,10 +158,13 @@ class CachedSeedModel:
         """See `SparseReconstructor.bootstrap`; a failure is not kept, it is met again."""
         key = self.key(captures)
         with tempfile.TemporaryDirectory(prefix="gatetune-seed-") as folder:
-            if (entry := self._store.get("seed-models", key)) is not None:
+            if (entry := self._store.get("seed-models", key, _are_files)) is not None:
                 for name, data in entry.items():
                     (Path(folder) / name).write_bytes(data.tobytes())
-                return self._sparse.load_state(Path(folder), captures)
+                with contextlib.suppress(UserError):  # not what its name says: built and kept anew
+                    return self._sparse.load_state(Path(folder), captures)
+                for path in Path(folder).iterdir():
+                    path.unlink()
             report = self._sparse.bootstrap(captures)
             self._sparse.save_state(Path(folder))
             files = {path.name: np.frombuffer(path.read_bytes(), np.uint8) for path in Path(folder).iterdir()}

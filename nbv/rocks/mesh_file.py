@@ -18,6 +18,7 @@ from nbv.rocks.texture import (
 )
 from nbv.types import Floats, Ints
 
+MAX_COORDINATE = 1e9  # a map's in millimetres are below
 MAX_FACES = 5_000_000
 MAX_FILE_BYTES = 2 * 1024**3
 MAX_SIDE_FILE_BYTES = 1024**3  # materials, textures and buffers, each
@@ -116,6 +117,11 @@ def read_mesh_file(path: Path, notes: list[str]) -> Soup:
         raise UserError(
             f"mesh file {str(path)!r} has {int(bad.sum())} vertices that are not finite numbers; "
             "repair or re-export it"
+        )
+    reach = float(np.abs(soup.vertices[soup.faces]).max())
+    if reach > MAX_COORDINATE:
+        raise UserError(
+            f"mesh file {str(path)!r} has a coordinate of {reach:.3g}; the limit is {MAX_COORDINATE:g}, export it again"
         )
     return soup
 

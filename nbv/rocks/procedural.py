@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from skimage.measure import marching_cubes
 
-from nbv.cache import Arrays, Store, remember
+from nbv.cache import Arrays, Store, holds, remember
 from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.families import generated_name, generated_recipe
 from nbv.rocks.mesh import body_labels, drop_unused_vertices, face_areas, rest_on_ground, vertex_normals
@@ -45,7 +45,8 @@ def procedural_rock(name: str, store: Store | None = None) -> Rock:
         rock = generate_rock(name)
         return {"vertices_m": rock.vertices_m, "faces": rock.faces.astype(np.int32), "albedo": rock.albedo}
 
-    found = remember(store, "rocks", arrays, code=__name__, inputs=[name, GRID_M])
+    layout = {"vertices_m": "f n 3", "faces": "i _ 3 <n", "albedo": "f n 3"}
+    found = remember(store, "rocks", arrays, is_sound=holds(layout), code=__name__, inputs=[name, GRID_M])
     return make_rock(
         name,
         found["vertices_m"],

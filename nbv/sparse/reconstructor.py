@@ -16,7 +16,7 @@ from nbv.errors import MissionFailure, UserError
 from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json, read_npz
 from nbv.sparse.alignment import Alignment, align_cameras, camera_centers, outlier_limit_m, turns_deg
 from nbv.sparse.correspondences import ComputedCorrespondences, Correspondences
-from nbv.sparse.features import Features
+from nbv.sparse.features import DESCRIPTOR_SIZE, Features
 from nbv.sparse.mapper import IncrementalModel
 from nbv.sparse.matching import VerifiedPair, pair_angle_deg
 from nbv.sparse.model import (
@@ -350,7 +350,7 @@ class SparseReconstructor:
         Raises
         ------
         UserError
-            The state is missing, of another version, or made from other captures or options.
+            The state is missing, damaged, of another version, or made from other captures or options; then this is as before.
         """
         path = Path(path)
         if self._captures:
@@ -361,27 +361,32 @@ class SparseReconstructor:
         except UserError as error:
             raise UserError(f"cannot read the saved sparse model {path}: {error}") from error
         telemetry = np.array([c.camera_from_world for c in captures])
-        if state.get("version") != _STATE_VERSION or state.get("options") != self._options():
-            raise UserError(f"the saved sparse model {path} was made with other options; rebuild it")
-        if state["names"] != [c.name for c in captures] or not np.array_equal(data["telemetry"], telemetry):
-            raise UserError(f"the saved sparse model {path} was made from other captures; rebuild it")
-        bounds = np.cumsum(data["counts"])[:-1]
-        for capture, keypoints, descriptors, n_ground in zip(
-            captures,
-            np.split(data["keypoints"], bounds),
-            np.split(data["descriptors"], bounds),
-            data["ground_counts"],
+        if (
+            not isinstance(state, dict)
+            or state.get("version") != _STATE_VERSION
+            or state.get("options") != self._options()
         ):
+            raise UserError(f"the saved sparse model {path} was made with other options; rebuild it")
+        if state.get("names") != [c.name for c in captures] or not np.array_equal(
+            data["telemetry"], telemetry
+        ):
+            raise UserError(f"the saved sparse model {path} was made from other captures; rebuild it")
+        try:
+            features, pairs = _features_and_pairs(data, len(captures))
+            reconstruction = pycolmap.Reconstruction()
+            reconstruction.read_binary(path)
+            if not set(registered_names(reconstruction)) <= {c.name for c in captures}:
+                raise ValueError("its photographs are others")
+            since_global = int(state["captures_since_global"])
+        except Exception as error:  # COLMAP's and NumPy's own of what they meet in a file
+            raise UserError(f"the saved sparse model {path} is damaged ({error}); rebuild it") from error
+        for capture, found in zip(captures, features, strict=True):
             self._captures.append(capture)
-            self._features.append(Features(keypoints, descriptors, int(n_ground)))
-            self._model.add_image(capture.name, keypoints)
-        matches = np.split(data["matches"], np.cumsum(data["pair_counts"])[:-1])
-        for (a, b), config, pair in zip(data["pair_ids"], data["pair_configs"], matches):
-            self._model.add_pairs({(int(a), int(b)): VerifiedPair(pair, int(config))})
-        reconstruction = pycolmap.Reconstruction()
-        reconstruction.read_binary(path)
+            self._features.append(found)
+            self._model.add_image(capture.name, found.keypoints)
+        self._model.add_pairs(pairs)
         self._model.reconstruction = reconstruction
-        self._model.captures_since_global = int(state["captures_since_global"])
+        self._model.captures_since_global = since_global
         self._align(reconstruction)
         return self._report(True, "continued from a saved model")
 
@@ -397,3 +402,44 @@ class SparseReconstructor:
 
 def _concatenate(arrays: list[np.ndarray], empty: tuple[int, ...], dtype: type) -> np.ndarray:
     return np.concatenate(arrays) if arrays else np.zeros(empty, dtype)
+
+
+def _features_and_pairs(
+    data: dict[str, np.ndarray], count: int
+) -> tuple[list[Features], dict[tuple[int, int], VerifiedPair]]:
+    """What `SparseReconstructor.save_state` saved of ``count`` photographs; ``ValueError`` where it does not agree."""
+    counts, ids = data["counts"], data["pair_ids"]
+    columns = (
+        data["keypoints"].shape[1],
+        data["descriptors"].shape[1],
+        data["matches"].shape[1],
+        ids.shape[1],
+    )
+    totals = (
+        len(data["keypoints"]),
+        len(data["descriptors"]),
+        len(data["matches"]),
+        len(data["pair_configs"]),
+    )
+    expected = (counts.sum(), counts.sum(), data["pair_counts"].sum(), len(ids))
+    if columns != (4, DESCRIPTOR_SIZE, 2, 2) or totals != expected:
+        raise ValueError("its arrays do not belong together")
+    if not len(counts) == len(data["ground_counts"]) == count or len(data["pair_counts"]) != len(ids):
+        raise ValueError("its photographs are others")
+    bounds = np.cumsum(counts)[:-1]
+    features = [
+        Features(keypoints, descriptors, int(n_ground))
+        for keypoints, descriptors, n_ground in zip(
+            np.split(data["keypoints"], bounds),
+            np.split(data["descriptors"], bounds),
+            data["ground_counts"],
+            strict=True,
+        )
+    ]
+    pairs = {}
+    split = np.split(data["matches"], np.cumsum(data["pair_counts"])[:-1])
+    for (a, b), config, matches in zip(ids.tolist(), data["pair_configs"], split):
+        if not 1 <= a < b <= count or (matches >= counts[[a - 1, b - 1]]).any():
+            raise ValueError("its matches are of other photographs")
+        pairs[(a, b)] = VerifiedPair(matches, int(config))
+    return features, pairs

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.cache import Arrays, Store, remember
+from nbv.cache import Arrays, Store, holds, remember
 from nbv.config import GroundConfig
 from nbv.errors import UserError
 from nbv.random_streams import keyed_rng
@@ -86,7 +86,14 @@ def neighbour_bodies(
     bodies = []
     for cylinder in cylinders:
         name, turn, seed = SHAPES[rng.integers(len(SHAPES))], rng.uniform(0, 2 * np.pi), rng.integers(2**31)
-        shape = remember(store, "neighbours", lambda: _shape(name), code=__name__, inputs=[name, GRID_M])  # noqa: B023
+        shape = remember(
+            store,
+            "neighbours",
+            lambda: _shape(name),  # noqa: B023
+            is_sound=holds({"vertices_m": "f n 3", "faces": "i _ 3 <n"}),
+            code=__name__,
+            inputs=[name, GRID_M],
+        )
         vertices, faces = shape["vertices_m"].copy(), shape["faces"]
         vertices[:, :2] @= np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
         across = cylinder.radius_m / np.linalg.norm(vertices[:, :2], axis=1).max()

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -174,6 +175,37 @@ def test_a_run_directory_holds_a_result_and_is_not_overwritten(tmp_path, config)
     assert same(MissionResult.load(tmp_path / "run"), MissionResult.from_json(result.to_json()))
     with pytest.raises(UserError, match="already holds a finished mission"):
         run_geometric_mission(config, ROCK, 0, tmp_path / "run")
+
+
+@pytest.mark.parametrize(
+    ("field", "wrong"),
+    [("rock", 1), ("replicate", "0"), ("status", "fine"), ("costs", {"images": "x"}), ("trace", [1])],
+)
+def test_a_result_of_other_kinds_is_one_line(flown, field, wrong):
+    tree = json.loads(flown.to_json())
+    del tree["checksum"]
+    with pytest.raises(UserError, match=f"is not a mission result: .*{re.escape(str(wrong).strip('[]'))}"):
+        MissionResult.from_json(json.dumps({**tree, field: wrong}))
+
+
+def test_a_store_of_other_things_is_filled_anew(tmp_path, config, flown, monkeypatch):
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path))
+    forget()
+    forget_loaded()
+    assert same(run_geometric_mission(config, ROCK), flown)
+    store = Store()
+    entries = {p.name: p.parent.parent.name for p in store.root.rglob("*") if p.is_file()}
+    assert set(entries.values()) == {"geometric-worlds", "ground-truth", "floors", "rocks"} & set(
+        entries.values()
+    )
+    right = {key: store.get(kind, key) for key, kind in entries.items()}
+    for key, kind in entries.items():
+        store.put(kind, key, {"json": np.frombuffer(b"[1]", np.uint8)})
+    forget()
+    forget_loaded()
+    assert same(run_geometric_mission(config, ROCK), flown)
+    for key, kind in entries.items():
+        assert set(store.get(kind, key)) == set(right[key])
 
 
 def test_too_few_shared_landmarks_are_a_recorded_failure(config):

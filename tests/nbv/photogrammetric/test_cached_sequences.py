@@ -4,6 +4,7 @@ import dataclasses
 import hashlib
 import json
 import multiprocessing
+import shutil
 
 import numpy as np
 import pytest
@@ -99,10 +100,33 @@ def test_a_sequence_whose_middle_was_pruned_is_replayed(store, plain):
     assert entries[3].exists()
 
 
-@pytest.mark.parametrize("damage", ["flip", "truncate"])
+@pytest.mark.parametrize(
+    "other", [{"x": np.zeros(3)}, {"state.json": np.zeros(3, np.uint8)}, "mixed", "short"]
+)
+def test_a_seed_model_that_is_something_else_is_rebuilt(store, plain, other):
+    filled(store)
+    shutil.rmtree(store.root / "sequence-models")
+    (path,) = (path for path in (store.root / "seed-models").rglob("*") if path.is_file())
+    entry = store.get("seed-models", path.name)
+    if other == "mixed":
+        other = {**entry, "points3D.bin": entry["cameras.bin"]}
+    elif other == "short":
+        state = json.loads(entry["state.json"].tobytes())
+        del state["captures_since_global"]
+        other = {**entry, "state.json": np.frombuffer(json.dumps(state).encode(), np.uint8)}
+    store.put("seed-models", path.name, other)
+    assert bits(filled(store)[1:]) == plain[len(LATER)]
+    assert set(store.get("seed-models", path.name)) == set(entry)
+
+
+@pytest.mark.parametrize("damage", ["flip", "truncate", "something else"])
 def test_damaged_models_are_noticed_and_rebuilt(store, plain, damage):
     filled(store)
     entries = [path for path in (store.root / "sequence-models").rglob("*") if path.is_file()]
+    if damage == "something else":
+        for path in entries:
+            store.put("sequence-models", path.name, {"x": np.zeros(3)})
+        entries = []
     for path in entries:
         data = bytearray(path.read_bytes())
         data[len(data) // 2] ^= 1

@@ -251,6 +251,8 @@ def bad_files(folder: Path) -> dict[str, tuple[Path, str]]:
     trimesh.PointCloud(np.eye(3)).export(folder / "points.ply")
     (folder / "nan.obj").write_text("v 0 0 0\nv nan 0 1\nv 0 1 0\nv 1 1 1\nf 1 2 3\nf 1 2 4\n")
     (folder / "plane.obj").write_text("v 0 0 0\nv 1 0 1\nv 0 1 0\nv 1 1 1\nf 1 2 3\nf 2 4 3\n")
+    corners = "v 0 0 0\nv 1e160 0 0\nv 0 1e160 0\nv 0 0 1e160\n"
+    (folder / "vast.obj").write_text(corners + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
     (folder / "line.obj").write_text("v 0 0 0\nv 1 0 1\nv 2 0 2\nf 1 2 3\n")
     (folder / "point.obj").write_text("v 1 1 1\nv 1 1 1\nv 1 1 1\nf 1 2 3\n")
     wide = box.copy()
@@ -266,6 +268,7 @@ def bad_files(folder: Path) -> dict[str, tuple[Path, str]]:
         "points": (folder / "points.ply", "holds no faces"),
         "nan": (folder / "nan.obj", "not finite"),
         "plane": (folder / "plane.obj", "flat"),
+        "vast": (folder / "vast.obj", "coordinate of 1e.160; the limit is"),
         "line": (folder / "line.obj", "zero area"),
         "point": (folder / "point.obj", "coincide|zero area"),
         "wide": (folder / "wide.stl", "viewpoints"),
@@ -284,6 +287,7 @@ def bad_files(folder: Path) -> dict[str, tuple[Path, str]]:
         "points",
         "nan",
         "plane",
+        "vast",
         "line",
         "point",
         "wide",

@@ -162,6 +162,25 @@ def test_it_opens_finished_and_a_click_shows_a_photograph(mission: Path, tmp_pat
     assert picked == f"PICKED {name} photograph {name}"
 
 
+def test_documents_of_other_kinds_are_one_line(gatetune, mission: Path, tmp_path: Path) -> None:
+    run = Path(shutil.copytree(mission, tmp_path / "run"))
+    tree = json.loads((run / "mission.json").read_text())
+    del tree["checksum"]
+    for file, wrong in (
+        ("mission.json", {**tree, "rock": 1}),
+        ("mission.json", {**tree, "costs": 1}),
+        ("flight.json", {"samples": [1], "events": [], "flight_time_s": 1}),
+        ("trace.jsonl", {"chosen": 1}),
+    ):
+        kept = (run / file).read_text()
+        (run / file).write_text(json.dumps(wrong))
+        for command in ("view", "figures"):
+            named = ["--rock", "slab"] if command == "figures" else []
+            code, _, err = gatetune("mission", command, run, *named)
+            assert code == 2 and f"{file} is not a mission" in " ".join(err.split())
+        (run / file).write_text(kept)
+
+
 def test_another_rock_is_refused(mission: Path, tmp_path: Path) -> None:
     other = tmp_path / "other"
     shutil.copytree(mission, other)

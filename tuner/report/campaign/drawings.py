@@ -16,7 +16,7 @@ from tuner.missions.registry import is_geometric
 from tuner.report.campaign.answers import EQUAL, GateRow, Pair
 from tuner.report.campaign.shown import SHOWN
 from tuner.report.labels import format_number, strategy_label
-from tuner.report.mission.run_files import mission_config, read_json
+from tuner.report.mission.run_files import mission_config, read_result
 from tuner.report.mission.walk_data import measured_cloud
 from tuner.report.mission.walk_world import World, make_world, the_rock
 from tuner.report.style import BLUE, GREY, ORANGE, SEQUENTIAL, Illustration, embed, look, new_figure
@@ -113,7 +113,7 @@ def clouds_picture(directory: Path, figures: Path) -> Illustration | None:
     for name in ("default", "recommended"):
         run = directory / SHOWN / name
         try:
-            result = read_json(run, "mission.json")
+            result = read_result(run)
             cloud = measured_cloud(run)
             if cloud is None:
                 continue

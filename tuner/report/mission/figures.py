@@ -11,7 +11,7 @@ from nbv.errors import UserError
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.report.mission.overlay import overlay_figure
 from tuner.report.mission.pipeline import pipeline_figure
-from tuner.report.mission.run_files import mission_config, read_json, read_trace
+from tuner.report.mission.run_files import mission_config, read_result, read_trace
 from tuner.report.mission.trajectory import trajectory_figure
 from tuner.report.sectors import sector_figure
 from tuner.report.style import look
@@ -30,7 +30,7 @@ def sectors_figure(runs: Mapping[str, Path], surface: str = "whole") -> Figure:
     completeness: dict[str, list[list[float | None]]] = {}
     centers: list[float] = []
     for label, run in runs.items():
-        result = read_json(run, "mission.json")
+        result = read_result(run)
         if result["status"] == "failed":
             raise UserError(f"{run} holds a failed mission ({result['reason']}); leave it out")
         metrics = result["metrics"]

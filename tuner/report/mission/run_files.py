@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 import nbv.foreign as foreign
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
+from nbv.mission.result import IterationRecord, MissionResult, require_kinds
 from nbv.types import Floats
 
 
@@ -43,7 +45,33 @@ def read_trace(run: Path) -> list[dict[str, Any]]:
             return []
         raise UserError(f"{run} holds no trace.jsonl; fly the mission with everything kept")
     lines = foreign.read_text(file, foreign.RESULT_BYTES).splitlines()
-    return [foreign.parse_json(line, str(file)) for line in lines if line.strip()]
+    records = [foreign.parse_json(line, str(file)) for line in lines if line.strip()]
+    try:
+        for record in records:
+            require_kinds(record, IterationRecord)
+    except TypeError as error:
+        raise UserError(f"{file} is not a mission's trace: {error}") from error
+    return records
+
+
+def read_flight(run: Path) -> dict[str, Any]:
+    """What a mission flew: its events and samples; ``UserError`` if the mission kept nothing of it."""
+    flight = read_json(run, "flight.json")
+    try:
+        samples = np.array([row[:4] for row in flight["samples"]], dtype=float)
+        sound = samples.ndim == 2 and samples.shape[1] == 4 and math.isfinite(flight["flight_time_s"])
+        for event in flight["events"]:
+            sound &= isinstance(event["name"], str) and math.isfinite(event["start_s"] + event["duration_s"])
+    except (KeyError, TypeError, ValueError, IndexError):
+        sound = False
+    if not sound:
+        raise UserError(f"{run / 'flight.json'} is not a mission's flight; restore it")
+    return flight
+
+
+def read_result(run: Path) -> dict[str, Any]:
+    """The fields of a mission's `MissionResult`; errors as `MissionResult.load`."""
+    return dict(vars(MissionResult.load(run)))
 
 
 def arrivals(flight: Mapping[str, Any]) -> dict[str, Floats]:

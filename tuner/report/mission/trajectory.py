@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from nbv.mission.planning_state import load_state
 from nbv.mission.run_directory import read_ply
 from nbv.types import Floats
-from tuner.report.mission.run_files import arrivals, mission_config, read_json, read_trace
+from tuner.report.mission.run_files import arrivals, mission_config, read_flight, read_trace
 from tuner.report.mission.thinning import thin_indices
 from tuner.report.style import BLUE, GREY, ORANGE, SKY, VERMILION, look, new_figure
 
@@ -36,7 +36,7 @@ def trajectory_figure(run: Path) -> Figure:
         A file is missing.
     """
     config = mission_config(run)
-    flight = read_json(run, "flight.json")
+    flight = read_flight(run)
     states = sorted((run / "states").glob("iter_*.npz"))
     if states:
         first, pool = load_state(states[0])

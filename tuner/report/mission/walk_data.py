@@ -27,7 +27,13 @@ from nbv.mission.planning_state import load_state
 from nbv.mission.run_directory import LOCATED, read_ply
 from nbv.scorers import PAPER_SCORERS, find_scorer, rank_candidates
 from nbv.types import CandidatePool, Floats, PlanningState, SparseModel
-from tuner.report.mission.run_files import arrivals, mission_config, read_json, read_trace
+from tuner.report.mission.run_files import (
+    arrivals,
+    mission_config,
+    read_flight,
+    read_result,
+    read_trace,
+)
 from tuner.report.mission.thinning import thin_indices
 from tuner.report.mission.walk_world import (
     ERROR_STEP_MM,
@@ -69,7 +75,7 @@ def walk_of(run: Path, rock: str | None = None) -> Walk:
     UserError
         A file is missing, or the rock is not the one that the mission was flown on.
     """
-    result, flight = read_json(run, "mission.json"), read_json(run, "flight.json")
+    result, flight = read_result(run), read_flight(run)
     config, store = mission_config(run), Store()
     planned_by = config_from_dict(read_yaml(run / LOCATED)) if (run / LOCATED).is_file() else config
     world = make_world(config, the_rock(run, result, rock, store), store)
