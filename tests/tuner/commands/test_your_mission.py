@@ -22,6 +22,7 @@ def test_every_command_of_the_page_runs(gatetune, tmp_path):
         "mission",
         "campaign",
         "campaign",
+        "confirm",
         "evaluate",
         "export",
     ]

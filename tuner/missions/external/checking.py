@@ -38,6 +38,12 @@ def check(tree: Any, kind: str, source: str) -> None:
 
 
 def _message(error: Any) -> str:
+    if isinstance(error.schema, dict) and "message" in error.schema:
+        return (
+            f"{error.instance!r} {error.schema['message']}"
+            if isinstance(error.instance, str)
+            else error.schema["message"]
+        )
     alternatives = error.validator_value if error.validator in ("oneOf", "anyOf") else []
     if alternatives and all(set(alternative) == {"required"} for alternative in alternatives):
         keys = ["+".join(alternative["required"]) for alternative in alternatives]

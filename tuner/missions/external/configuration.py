@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from nbv.config import IDEAL, config_from_dict
 from nbv.errors import UserError
-from tuner.missions.external.mission_file import MissionFile, load_mission_file
+from tuner.missions.external.mission_file import MissionFile, complete, load_mission_file
 from tuner.problem.search_space import Configuration
 
 
@@ -64,17 +64,13 @@ def external_config(mission: MissionFile, values: Mapping[str, Any] | None = Non
     UserError
         A name that the mission file does not have, or a value that it does not allow.
     """
-    parameters = {parameter.path: parameter for parameter in mission.space.parameters}
-    complete = mission.defaults()
-    for name, value in (values or {}).items():
-        if name not in parameters:
-            raise UserError(f"{mission.path} has no parameter {name!r}; there are {', '.join(parameters)}")
-        if not parameters[name].contains(value):
-            raise UserError(f"{mission.path}: {name} = {value!r} is not among its values")
-        complete[name] = value
+    complete_values = complete(mission.space, values or {}, str(mission.path))
     # 1 and 1.0 are the same number and would be two configurations.
     kinds = {"float": float, "int": int}
-    plain = {n: kinds[p.kind](complete[n]) if p.kind in kinds else complete[n] for n, p in parameters.items()}
+    plain = {
+        p.path: kinds[p.kind](complete_values[p.path]) if p.kind in kinds else complete_values[p.path]
+        for p in mission.space.parameters
+    }
     return ExternalConfig(mission.path, mission.sha256, plain, mission.program)
 
 

@@ -20,21 +20,6 @@ from tuner.problem.objective import Direction, Objective
 from tuner.problem.search_space import Parameter, SearchSpace, Values
 
 _LAST_PORT = 65535
-# Environment variables that a resource may not be called after.
-_RESERVED = {"PATH", "HOME", "IFS", "ENV", "SHELL", "SHELLOPTS", "USER", "LOGNAME", "PWD", "CDPATH", "TMPDIR"}
-_RESERVED_BEGINNINGS = (
-    "LD_",
-    "DYLD_",
-    "PYTHON",
-    "BASH_",
-    "GLIBC_",
-    "GCONV_",
-    "PERL",
-    "RUBY",
-    "GIT_",
-    "GATETUNE_",
-    "PARAMETER_",
-)
 
 
 @dataclass(frozen=True)
@@ -140,7 +125,8 @@ def load_mission_file(path: Path) -> MissionFile:
         Objective(tree["metric"], _direction(tree["direction"])),
         replicates=tree.get("replicates", 1),
         baselines={
-            name: _complete(name, values, space, source) for name, values in tree.get("baselines", {}).items()
+            name: complete(space, values, f"{source}: baselines.{name}")
+            for name, values in tree.get("baselines", {}).items()
         },
         time_limit_s=float(tree.get("time_limit_s", 3600.0)),
         stop_grace_s=float(tree.get("stop_grace_s", 5.0)),
@@ -183,12 +169,8 @@ def _parameter(name: str, entry: Mapping[str, Any], source: str) -> Parameter:
     where = f"{source}: parameters.{name}"
     kind = entry["kind"]
     if kind == "categorical":
-        if "choices" not in entry or "low" in entry or "high" in entry:
-            raise UserError(f"{where}: a categorical parameter has choices, and no low or high")
         parameter = Parameter(name, "categorical", choices=tuple(entry["choices"]), default=entry["default"])
     else:
-        if "low" not in entry or "high" not in entry or "choices" in entry:
-            raise UserError(f"{where}: a {kind} has low and high, and no choices")
         low, high, scale = entry["low"], entry["high"], entry.get("scale", "linear")
         if not low < high:
             raise UserError(f"{where}: low is {low:g} and high {high:g}; low must be less")
@@ -202,15 +184,14 @@ def _parameter(name: str, entry: Mapping[str, Any], source: str) -> Parameter:
     return parameter
 
 
-def _complete(name: str, values: Mapping[str, Any], space: SearchSpace, source: str) -> Values:
+def complete(space: SearchSpace, values: Mapping[str, Any], source: str) -> Values:
+    """``values``, with the defaults of what they do not name; `UserError` for a name or a value that there is not."""
     parameters = {parameter.path: parameter for parameter in space.parameters}
-    for key, value in values.items():
-        if key not in parameters:
-            raise UserError(
-                f"{source}: baselines.{name}: unknown parameter {key!r}; there are {', '.join(parameters)}"
-            )
-        if not parameters[key].contains(value):
-            raise UserError(f"{source}: baselines.{name}: {key} = {value!r} is not among its values")
+    for name, value in values.items():
+        if name not in parameters:
+            raise UserError(f"{source}: unknown parameter {name!r}; there are {', '.join(parameters)}")
+        if not parameters[name].contains(value):
+            raise UserError(f"{source}: {name} = {value!r} is not among its values")
     return {path: values.get(path, parameter.default) for path, parameter in parameters.items()}
 
 
@@ -232,22 +213,13 @@ def variable_of(parameter: str) -> str:
 
 
 def _check_variables(mission: MissionFile, source: str) -> None:
-    """Every parameter and resource has an environment variable of its own, and none that means something already."""
+    """Every parameter has an environment variable of its own."""
     owners: dict[str, str] = {}
     for name in mission.defaults():
         if (other := owners.setdefault(variable_of(name), name)) != name:
             raise UserError(
                 f"{source}: parameters {other!r} and {name!r} would both be {variable_of(name)} in the mission's "
                 "environment; rename one"
-            )
-    for name in mission.resources:
-        if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]{0,63}", name):
-            raise UserError(
-                f"{source}: resource {name!r} names a folder and an environment variable; use letters, digits and _"
-            )
-        if name in _RESERVED or name.startswith(_RESERVED_BEGINNINGS):
-            raise UserError(
-                f"{source}: resource {name!r} would change how every program runs, or is ours; rename it"
             )
 
 
