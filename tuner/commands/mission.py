@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,6 +16,8 @@ from nbv.errors import UserError
 from tuner.commands.console import (
     CONDITION_HELP,
     PRESET_NAMES,
+    AsJson,
+    answer_json,
     load,
     mission_config,
     output,
@@ -137,21 +140,41 @@ def explain(
     mission: Annotated[
         Path, typer.Argument(help="A mission's directory, or one saved planning state (.npz).")
     ],
-    iteration: Annotated[int, typer.Option(help="Adaptive iteration, 0 is the first.")] = 0,
+    iteration: Annotated[
+        int | None, typer.Option(help="All candidates of one step instead; 0 is the first.")
+    ] = None,
     preset: Annotated[str, typer.Option(help="Configuration for a bare .npz state.")] = "paper",
     set_: Annotated[
-        list[str] | None, typer.Option("--set", help="PATH=VALUE: what would another setting choose?")
+        list[str] | None,
+        typer.Option("--set", help="PATH=VALUE: what would another setting choose at that step?"),
     ] = None,
-    top: Annotated[int, typer.Option(help="Rows to show.")] = 10,
+    top: Annotated[int, typer.Option(help="Candidates to show.")] = 10,
+    as_json: AsJson = False,
 ) -> None:
-    """Score one planning state again: every candidate's terms, and why the chosen one won.
+    """What the gate decided at each step, why, and what would have switched it; --iteration scores one step again.
 
-    Example: gatetune mission explain runs/mission-slab-hyb-h-0 --iteration 3
+    Example: gatetune mission explain runs/mine/shown/recommended
     """
+    from tuner.campaign.settings_file import SETTINGS_FILE
+    from tuner.report.mission.decisions import decisions_of, mission_config, summary
     from tuner.report.mission.explain import explain_state
 
-    for item in explain_state(mission, iteration, preset, parse_overrides(set_ or []), top):
+    if (mission / SETTINGS_FILE).is_file():
+        raise UserError(
+            f"{mission} is a campaign; name one of its missions, such as {mission}/shown/recommended"
+        )
+    if iteration is None and mission.suffix != ".npz" and not set_:
+        found, config = decisions_of(mission), mission_config(mission)
+        for line in (line for decision in found for line in decision.lines()):
+            output.print(line, highlight=False, soft_wrap=True)
+        output.print(summary(found, config), highlight=False, soft_wrap=True)
+        gate = dataclasses.asdict(config.gate)
+        answer_json({"mission": mission, "gate": gate, "steps": [decision.to_dict() for decision in found]})
+        return
+    items, rankings = explain_state(mission, iteration or 0, preset, parse_overrides(set_ or []), top)
+    for item in items:
         output.print(item)
+    answer_json({"mission": mission, "iteration": iteration or 0, "rankings": rankings})
 
 
 @app.command()
@@ -264,7 +287,7 @@ def init(
 
 
 @app.command()
-def check(mission: Annotated[Path, typer.Argument(help="A mission file.")]) -> None:
+def check(mission: Annotated[Path, typer.Argument(help="A mission file.")], as_json: AsJson = False) -> None:
     """Try a mission of your own: twice its default, a failure, a time-out, the clean-up; a verdict each.
 
     Example: gatetune mission check my-mission/mission.yaml
@@ -277,11 +300,12 @@ def check(mission: Annotated[Path, typer.Argument(help="A mission file.")]) -> N
     colours, found = {"ok": "green", "warning": "yellow", "failed": "red"}, []
     with tempfile.TemporaryDirectory(prefix="gatetune-check-") as folder:
         for verdict in rehearse(load_mission_file(mission), Path(folder)):
-            found.append(verdict.kind)
+            found.append(verdict)
             mark = f"[{colours[verdict.kind]}]{verdict.kind:<7}[/]"
             output.print(
                 f"{mark} {verdict.part}: {escape(verdict.text)}", markup=True, highlight=False, soft_wrap=True
             )
-    if "failed" in found:
+    answer_json(found)
+    if any(verdict.kind == "failed" for verdict in found):
         raise typer.Exit(1)
     output.print(f"ready: gatetune campaign run --mission {mission}", soft_wrap=True)

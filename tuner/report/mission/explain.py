@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
-from nbv.config import IDEAL, SCORERS, MissionConfig, Weights, config_from_dict, preset
+from nbv.config import IDEAL, SCORERS, MissionConfig, Weights, preset
 from nbv.errors import UserError
-from nbv.foreign import read_yaml
 from nbv.mission.planning_state import load_state
-from nbv.mission.run_directory import CONFIG, LOCATED
 from nbv.scorers import find_scorer, rank_candidates
 from nbv.types import CandidatePool, Ranking
+from tuner.report.mission.decisions import mission_config
+
+TERMS = ("main", "nov", "move", "ang")
 
 
 def locate_state(path: Path, iteration: int, preset_name: str) -> tuple[Path, MissionConfig]:
@@ -38,28 +39,56 @@ def locate_state(path: Path, iteration: int, preset_name: str) -> tuple[Path, Mi
     state = path / "states" / f"iter_{iteration:02d}.npz"
     if state not in states:
         raise UserError(f"{path} has no iteration {iteration}; it has 0 to {len(states) - 1}")
-    planned_by = path / (LOCATED if (path / LOCATED).is_file() else CONFIG)
-    return state, config_from_dict(read_yaml(planned_by))
+    return state, mission_config(path)
 
 
 def explain_state(
     path: Path, iteration: int, preset_name: str, overrides: Mapping[str, Any], top: int
-) -> Iterator[Table | str]:
-    """Tables and sentences that explain the rankings of one state: the paper's two scorers, and what the gate flies."""
+) -> tuple[list[Table | str], dict[str, list[dict[str, Any]]]]:
+    """The rankings of one state, by the paper's two scorers and by what the gate flies: to be read, and as data.
+
+    Parameters
+    ----------
+    path
+        A mission's directory, or one state's file.
+    iteration
+        Of a mission's directory: which state.
+    preset_name
+        Of one state's file: what it is ranked with.
+    overrides
+        Values by parameter path, laid over the configuration.
+    top
+        Candidates per scorer.
+
+    Raises
+    ------
+    UserError
+        There is no such state, or no such parameter.
+    """
     file, config = locate_state(path, iteration, preset_name)
     config = config.with_values(dict(overrides))
     state, pool = load_state(file)
     rankings = rank_candidates(state, pool, config)
-    yield (
+    said: list[Table | str] = [
         f"iteration {state.iteration}: {len(pool)} candidates, {len(state.model.points_m)} sparse points, "
         f"{state.captures_used} of {state.adaptive_budget} captures used, d95 {1000 * state.d95_m:.0f} mm"
         + (f"; condition {config.condition}" if config.condition != IDEAL else "")
-    )
+    ]
+    data = {}
     flown = [name for name in (config.gate.kind, config.gate.geometry_scorer) if name in SCORERS]
     for name in dict.fromkeys([*rankings, *flown]):
         weights = find_scorer(name).weights(config)
-        yield _ranking_table(name, rankings[name], pool, weights, top)
-        yield _why(name, rankings[name], pool, weights)
+        said.append(_ranking_table(name, rankings[name], pool, weights, top))
+        said.append(_why(name, rankings[name], pool, weights))
+        data[name] = [
+            {
+                "candidate": pool.ids[index],
+                "score": float(rankings[name].scores[index]),
+                **{term: float(rankings[name].terms[term][index]) for term in TERMS},
+            }
+            for index in rankings[name].order[:top]
+        ]
+    return said, data
 
 
 def _ranking_table(title: str, ranking: Ranking, pool: CandidatePool, weights: Weights, top: int) -> Table:
@@ -68,7 +97,7 @@ def _ranking_table(title: str, ranking: Ranking, pool: CandidatePool, weights: W
         f"{weights.ang:g} ang"
     )
     # In full on a terminal of 80 columns: names of candidates are what one looks up.
-    for column in ("#", "candidate", "elev.", "azim.", "main", "nov", "move", "ang", "score"):
+    for column in ("#", "candidate", "elev.", "azim.", *TERMS, "score"):
         table.add_column(column, justify="right", no_wrap=True)
     for rank, index in enumerate(ranking.order[:top]):
         table.add_row(
@@ -76,7 +105,7 @@ def _ranking_table(title: str, ranking: Ranking, pool: CandidatePool, weights: W
             pool.ids[index],
             f"{pool.elevations_deg[index]:.0f}°",
             f"{pool.azimuths_deg[index]:.0f}°",
-            *(f"{ranking.terms[term][index]:.4f}" for term in ("main", "nov", "move", "ang")),
+            *(f"{ranking.terms[term][index]:.4f}" for term in TERMS),
             f"{ranking.scores[index]:.4f}",
         )
     return table
