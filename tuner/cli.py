@@ -21,6 +21,7 @@ from nbv.errors import UserError  # noqa: E402
 from tuner.commands import (  # noqa: E402
     cache,
     campaign,
+    campaigns,
     config,
     doctor,
     evaluate,
@@ -63,7 +64,9 @@ def options(
     speak("all")
 
 
-app.add_typer(campaign.app, name="campaign", help="Job 1: run, resume and look at a GP tuning campaign.")
+campaign.app.command("list")(campaigns.list_)
+campaign.app.command("compare")(campaigns.compare)
+app.add_typer(campaign.app, name="campaign", help="Job 1: run, resume and look at GP tuning campaigns.")
 app.command(
     name="evaluate", short_help="Job 2: the tuned configuration against the baselines on held-out rocks."
 )(evaluate.evaluate)

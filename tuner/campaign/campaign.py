@@ -297,10 +297,8 @@ class Campaign:
         The one saved after these very missions, where there is one: a model of a thousand takes minutes.
         """
         history = self.history()
-        saved = self._saved_recommendation(history)
-        with contextlib.suppress(TypeError, KeyError, ValueError):
-            if saved is not None:
-                return Recommendation.from_dict(saved)
+        if (saved := self.saved_recommendation(history)) is not None:
+            return saved
         result = self.recommend_from(history)
         if result is not None and save:
             write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
@@ -405,14 +403,14 @@ class Campaign:
             )
         return self.settings.config(result.values)
 
-    def _saved_recommendation(self, history: Sequence[Observation]) -> dict[str, Any] | None:
-        """What was saved after exactly ``history``, its values flown in it; None without such a file."""
+    def saved_recommendation(self, history: Sequence[Observation] | None = None) -> Recommendation | None:
+        """What was saved after exactly ``history`` (None: all missions), its values flown in it; None without such a file."""
+        history = self.history() if history is None else history
         failures = sum(not o.feasible for o in history)
         try:
-            saved: dict[str, Any] = read_json(self.directory / RECOMMENDATION_FILE)
-            counted = (saved["observations"], saved["failures"])
-            values = dict(saved["values"])
+            saved = Recommendation.from_dict(read_json(self.directory / RECOMMENDATION_FILE))
         except (UserError, ValueError, KeyError, TypeError):
             return None
-        flown = any(values == dict(o.values) for o in history)
-        return saved if flown and counted == (len(history) - failures, failures) else None
+        flown = any(saved.values == dict(o.values) for o in history)
+        counted = (saved.observations, saved.failures) == (len(history) - failures, failures)
+        return saved if flown and counted else None

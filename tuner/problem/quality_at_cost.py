@@ -72,6 +72,16 @@ def asked_objective(text: str, own: Mapping[str, Direction] | None = None) -> As
     return AskedObjective(first, second, limit)
 
 
+def objective_text(objective: Objective, second: Objective | None = None, limit: float | None = None) -> str:
+    """The text that asks for them: the inverse of `asked_objective`."""
+    names = {path: name for name, path in SHORT.items()}
+    text = names.get(objective.metric, objective.metric)
+    if second is None:
+        return text
+    text += f"@{names.get(second.metric, second.metric)}"
+    return text if limit is None else f"{text}{'<=' if second.direction == 'minimise' else '>='}{limit:g}"
+
+
 def _objective(name: str, own: Mapping[str, Direction] | None) -> Objective:
     if own is not None:
         if (direction := own.get(name, "minimise" if name.startswith("costs.") else None)) is None:
