@@ -410,9 +410,9 @@ def prepared() -> Iterator[None]:
         import tuner.campaign.asked_settings
         import tuner.campaign.begin
         import tuner.campaign.extension
+        import tuner.campaign.shown
         import tuner.cli
         import tuner.report.campaign.page
-        import tuner.report.campaign.shown
         import tuner.surrogate.fit  # noqa: F401
 
         yield

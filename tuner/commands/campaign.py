@@ -49,6 +49,7 @@ LARGE = 1000  # missions
 MODEL = "tuner.samplers.gp"  # takes a second to load; a finished campaign is shown without it
 LEAST_BETWEEN, UPDATES = 8, 6  # missions between two looks at the best so far, and looks per campaign
 RUNS = Path("runs")
+REPORT = "report.html"
 _WHAT, _MISSION, _LONG, _WHERE = "What is tuned", "How missions fly", "How long, how it searches", "Execution"
 
 
@@ -346,8 +347,6 @@ def fly(
     from tuner.campaign.session import fly_campaign
     from tuner.campaign.shipped import SHIPPED
     from tuner.missions.registry import ignored_by
-    from tuner.report import campaign as pages  # what draws is loaded where it is called
-    from tuner.report.campaign import shown
 
     settings, before = campaign.settings, campaign.status().finished
     if before < settings.budget:
@@ -379,29 +378,52 @@ def fly(
                 summary = fly_campaign(
                     campaign, executor, show, recommend_every=every, accept_changes=accept_changes
                 )
-        if summary.stopped == "budget" and shown.shown_jobs(campaign):
-            with working("flying the default and the recommendation once more, to show them whole"):
-                shown.fly_shown_missions(campaign, executor)
-    with working("writing the pages to walk around in"):
-        shown.write_mission_pages(campaign)
-    if quiet := spoken() == "quiet":
-        speak("all")
-        if summary.recommendation is not None:
-            show_verdict(summary.recommendation, settings)
-    else:
-        show_recommendation(summary.recommendation, settings)
-    output.print(
-        f"{summary.message}; {seconds(summary.elapsed_s)}, of which the sampler {seconds(summary.ask_s)}"
-    )
-    report = campaign.directory / shown.REPORT_FILE
-    if summary.status.finished > LARGE and summary.status.finished == before and report.is_file():
-        output.print(f"report, as it was: {report}")  # of many missions it takes a minute
-    elif summary.status.finished:
-        with working("writing the report", silent=quiet):
-            pages.write_campaign_report(campaign)
-        output.print(f"report: {report}")
-    if summary.stopped == "interrupted":
-        output.print(f"go on with: gatetune campaign resume {campaign.directory}")
-        raise typer.Exit(130)
+        quiet = spoken() == "quiet"
+        if quiet:
+            speak("all")
+            if summary.recommendation is not None:
+                show_verdict(summary.recommendation, settings)
+        else:
+            show_recommendation(summary.recommendation, settings)
+        output.print(
+            f"{summary.message}; {seconds(summary.elapsed_s)}, of which the sampler {seconds(summary.ask_s)}"
+        )
+        if summary.stopped == "interrupted":
+            output.print(f"go on with: gatetune campaign resume {campaign.directory}", soft_wrap=True)
+            raise typer.Exit(130)
+        report = campaign.directory / REPORT
+        if summary.status.finished > LARGE and summary.status.finished == before and report.is_file():
+            output.print(f"report, as it was: {report}", soft_wrap=True)  # of many missions it takes a minute
+        elif summary.status.finished:
+            _write_pages(campaign, executor, report, whole=summary.stopped == "budget", quiet=quiet)
     if summary.stopped == "failing" or not summary.status.complete:
         raise typer.Exit(1)
+
+
+def _write_pages(
+    campaign: Campaign,
+    executor: LocalProcessExecutor | DaskExecutor,
+    report: Path,
+    *,
+    whole: bool,
+    quiet: bool,
+) -> None:
+    """The answer is known: what is left is to draw it. ``whole``: fly what is shown once more, with everything kept."""
+    from tuner.campaign.shown import fly_shown_missions, shown_jobs
+    from tuner.report import campaign as pages  # what draws is loaded where it is called
+    from tuner.report.campaign.walks import write_shown_page
+
+    try:
+        if whole and shown_jobs(campaign):
+            with working(
+                "flying the default and the recommendation once more, to show them whole", silent=quiet
+            ):
+                fly_shown_missions(campaign, executor)
+            with working("writing the page to walk around in", silent=quiet):
+                write_shown_page(campaign)
+        with working("writing the report", silent=quiet):
+            pages.write_campaign_report(campaign)
+    except KeyboardInterrupt:
+        output.print(f"no report: gatetune mission view {campaign.directory} writes it", soft_wrap=True)
+        raise typer.Exit(130) from None
+    output.print(f"report: {report}", soft_wrap=True)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from tuner.campaign.events import CampaignEvent, CampaignStatus
     from tuner.campaign.settings import CampaignSettings
-    from tuner.recommendation.recommendation import NextRock, Recommendation
+    from tuner.recommendation.recommendation import Recommendation
 
 
 LINE = 80  # columns of a mission's line
@@ -51,8 +51,7 @@ class CampaignProgress(FlightProgress):
         elif event.kind in ("interrupted", "stopped"):
             self.progress.console.print(f"{event.kind}: {event.message}", style="yellow")
         elif event.kind == "recommendation" and event.recommendation is not None:
-            low, high = event.recommendation.interval_95
-            self._best = f", best {event.recommendation.mean:.1f} ({low:.1f} to {high:.1f})"
+            self._best = f", best {best_text(event.recommendation)}"
         self.counts = self._counted(event, self._began)
         self.reached(event.finished, event.budget)
 
@@ -61,6 +60,14 @@ class CampaignProgress(FlightProgress):
         rest = f", {seconds(event.elapsed_s / flown * left)} left" if flown and left else ""
         failed = f", {self._failed} failed" if self._failed else ""
         return f"{event.finished}/{event.budget}{failed}{rest}{self._best}"
+
+
+def best_text(found: Recommendation) -> str:
+    """``26`` where the configuration decides it, else ``98.3 (97.8 to 98.8)``."""
+    if found.exact:
+        return f"{found.mean:g}"
+    low, high = found.interval_95
+    return f"{found.mean:.1f} ({low:.1f} to {high:.1f})"
 
 
 def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:
@@ -81,7 +88,7 @@ def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:
         ]
         second = trial.measured(settings.second) if settings.second else None
         also = f" at {second:.1f}" if second is not None else ""
-        outcome = f"{trial.raw:7.2f}{also}{mark} {trial.wall_s:4.0f} s  {' '.join(changed) or 'the default'}"
+        outcome = f"{trial.raw:7.{0 if settings.exact.first else 2}f}{also}{mark} {trial.wall_s:4.0f} s  {' '.join(changed) or 'the default'}"
     line = f"#{trial.number + 1:03d} {trial.world.label:<12} r{trial.replicate} {' '.join(outcome.split(chr(10)))}"
     return line if len(line) <= LINE else f"{line[: LINE - 1]}…"
 
@@ -106,13 +113,7 @@ def event_line(event: CampaignEvent) -> str:
         fields |= {"values": t.values, "value": t.raw, "status": t.status, "reason": t.reason}
         fields |= {"wall_s": t.wall_s, "directory": t.directory}
     if (best := event.recommendation) is not None:
-        fields["recommendation"] = {
-            "values": best.values,
-            "mean": best.mean,
-            "interval_95": best.interval_95,
-            "improvement": best.improvement,
-            "improvement_interval_95": best.improvement_interval_95,
-        }
+        fields["recommendation"] = {"keep_default": best.keep_default, **best.to_dict()}
     return json.dumps(json_ready(fields))
 
 
@@ -156,7 +157,7 @@ def _show_front(recommendation: Recommendation | None, settings: CampaignSetting
     second, points = settings.second, [] if recommendation is None else recommendation.front
     if second is None or settings.limit is not None:
         return
-    from tuner.report.labels import parameter_label  # half a second to load, with every metric
+    from tuner.report.labels import believed, parameter_label  # half a second to load, with every metric
 
     if not points:
         output.print(
@@ -171,89 +172,52 @@ def _show_front(recommendation: Recommendation | None, settings: CampaignSetting
         values = ", ".join(
             f"{parameter_label(path).short} {_short(value)}" for path, value in p.values.items()
         )
-        table.add_row(f"{p.first:.2f} ± {p.first_sd:.2f}", f"{p.second:.1f} ± {p.second_sd:.1f}", values)
+        table.add_row(believed(p.first, p.first_sd), believed(p.second, p.second_sd), values)
     output.print(table)
 
 
-def use_text(found: Recommendation, whose: str = "paper's ") -> str:
-    """``use: pool.max_altitude_m 1.45 (the other 8 stay at the paper's values)``."""
-    if found.keep_default:
-        return f"use: the {whose}defaults; nothing flown is known to be worth more"
-    values = ", ".join(f"{path} {_short(found.values[path])}" for path in found.changed)
-    rest = len(found.values) - len(found.changed)
-    others = "the other stays" if rest == 1 else f"the other {rest} stay"
-    return f"use: {values}" + (f" ({others} at the {whose or 'default '}values)" if rest else "")
-
-
-def next_rock_lines(found: NextRock) -> list[str]:
-    """The gain on a rock nobody has flown, and what is known of how rocks differ."""
-    low, high = found.interval_95
-    gain = f"on a rock nobody has flown: {found.gain:+.2f} (95 % interval {low:+.2f} to {high:+.2f})"
-    return [gain, *found.warnings()]
-
-
 def show_recommendation(recommendation: Recommendation | None, settings: CampaignSettings) -> None:
-    """The verdict and what to use, the values beside the defaults, and the front of two objectives."""
+    """The answer, the values beside the defaults, rock by rock, and the front of two objectives."""
     if recommendation is None:
         output.print("no recommendation yet: no mission has succeeded")
     else:
+        show_verdict(recommendation, settings)
         _show_values(recommendation, settings)
     _show_front(recommendation, settings)
 
 
+def show_verdict(recommendation: Recommendation, settings: CampaignSettings) -> None:
+    """What to use, and what that is worth."""
+    from tuner.report.answer import use_sentence, worth_sentences  # loads every metric
+
+    for line in (use_sentence(recommendation, settings), *worth_sentences(recommendation, settings)):
+        output.print(line, highlight=False)
+
+
 def _show_values(recommendation: Recommendation, settings: CampaignSettings) -> None:
-    show_verdict(recommendation, settings)
-    table = Table(
-        title="Recommendation (fewest changes that are not worse than the best, of what has flown often enough)"
-    )
-    for column in ("parameter", "paper" if settings.mission is None else "default", "recommended"):
-        table.add_column(column, justify="left" if column == "parameter" else "right")
+    from tuner.report.answer import default_note, runner_up_sentence
+    from tuner.report.labels import decimals_for, format_number, metric_label
+
     silent = {found.path: found.why for found in recommendation.inactive}
+    table = Table()
+    for column in ("parameter", "default", "recommended"):
+        table.add_column(column, justify="left" if column == "parameter" else "right")
     for path, value in recommendation.values.items():
         shown = "no effect" if path in silent else _short(value)
         table.add_row(path, _short(recommendation.default_values[path]), shown)
-    table.add_row(
-        recommendation.metric,
-        f"{recommendation.default_mean:.2f} ± {recommendation.default_sd:.2f}",
-        f"{recommendation.mean:.2f} ± {recommendation.sd:.2f}",
-        end_section=True,
-    )
     output.print(table)
-    if recommendation.limit is not None:
-        from tuner.report.campaign.answers import limit_text  # a second to load, with what draws
-
-        output.print(limit_text(recommendation.limit))
-    if recommendation.next_rock is not None:
-        for line in next_rock_lines(recommendation.next_rock):
-            output.print(line)
-    for why in dict.fromkeys(silent.values()):
-        output.print(f"no effect: {', '.join(p for p in silent if silent[p] == why)}: {why}")
-    found = recommendation.calibration
-    if found["coverage_95"] is not None:
-        output.print(
-            f"{100 * found['coverage_95']:.0f} % of {found['missions']:.0f} missions lay inside the 95 % intervals "
-            "predicted before they were flown; the intervals above are wider by what that taught (calibrated)"
-        )
-
-
-def show_verdict(recommendation: Recommendation, settings: CampaignSettings) -> None:
-    """What the recommendation is worth against the default, and what of it to use."""
-    from tuner.missions.registry import is_geometric
-
-    low, high = recommendation.improvement_interval_95
-    whose = "paper's " if settings.mission is None else ""
-    by = "predicted by the low-fidelity simulator" if is_geometric(settings.fidelity) else "by the surrogate"
-    where = "the worst of the training rocks" if settings.risk == "worst" else "the training rocks"
-    where += "" if settings.mission is None else " (instances of the mission file)"
-    saved = ""
-    if recommendation.metric.startswith("costs."):
-        from tuner.report.labels import metric_label
-
-        name = metric_label(recommendation.metric).axis
-        saved = f"{name}: {recommendation.mean:.1f} in place of {recommendation.default_mean:.1f}; "
-    output.print(
-        f"{saved}improvement over the {whose}defaults {recommendation.improvement:+.2f} "
-        f"(calibrated 95 % interval {low:+.2f} to {high:+.2f}) on {where}, {by}; "
-        "`gatetune evaluate` measures it on held-out rocks"
-    )
-    output.print(use_text(recommendation, whose))
+    label = metric_label(recommendation.modelled_metric)
+    digits = decimals_for(recommendation.noise_sd)
+    rows = [
+        f"{row.world.label} {format_number(row.predicted, digits)}"
+        + ("" if row.observed is None else f" (measured {format_number(row.observed, digits)})")
+        for row in recommendation.per_rock
+    ]
+    output.print(f"{label.axis}, rock by rock: {', '.join(rows)}", highlight=False)
+    said = [runner_up_sentence(recommendation, settings), default_note(settings)]
+    said += [
+        f"no effect: {', '.join(p for p in silent if silent[p] == why)}: {why}"
+        for why in dict.fromkeys(silent.values())
+    ]
+    for line in filter(None, said):
+        output.print(line, highlight=False)

@@ -215,7 +215,7 @@ def _plan(run: Path, home: str) -> tuple[str, list[str]]:
 def _recommended_mission(run: Path) -> Path:
     """Where the recommended mission, or the default that it is, was flown whole."""
     from tuner.campaign.campaign import Campaign
-    from tuner.report.campaign.shown import shown_jobs, was_flown
+    from tuner.campaign.shown import shown_jobs, was_flown
 
     campaign = Campaign.open(run, read_only=True)
     jobs = shown_jobs(campaign)

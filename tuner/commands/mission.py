@@ -246,9 +246,10 @@ def view(
 
 def _view_campaign(directory: Path) -> None:
     from tuner.campaign.campaign import Campaign
+    from tuner.campaign.shown import fly_shown_missions
     from tuner.commands.console import local_executor
     from tuner.report import write_campaign_report
-    from tuner.report.campaign.shown import fly_shown_missions, write_mission_pages
+    from tuner.report.campaign.walks import write_mission_pages
 
     campaign = Campaign.open(directory, read_only=True)
     output.print(f"campaign in {directory}: flying what is not there yet", soft_wrap=True)

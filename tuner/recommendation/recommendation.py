@@ -120,14 +120,19 @@ class NextRock:
     )  # that tell the mean gain over such rocks from 0, if it is as large as believed; None: too many
     no_worse: float = 0.5  # probability that the gain is not below 0
 
-    def warnings(self) -> list[str]:
-        """Where training rocks disagree, and how many more would settle it: a sentence each, none where all is well."""
+    def warnings(self, *, of_gain: bool = True) -> list[str]:
+        """Where training rocks disagree, and how many more would settle it: a sentence each, none where all is well.
+
+        ``of_gain``: whether a gain is asked for at all, not only that nothing is lost.
+        """
         said = []
         if len(self.per_rock) == 1:
             said.append("Only one rock was flown: how rocks differ is not known.")
         if self.against:
             names = ", ".join(Path(rock).stem for rock in self.against)
             said.append(f"Training rocks disagree: it is probably worse than the default on {names}.")
+        if not of_gain:
+            return said
         if self.more_rocks is None:
             said.append(
                 f"Not even {MOST_ROCKS} training rocks would tell the mean gain over such rocks from 0."

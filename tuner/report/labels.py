@@ -80,6 +80,13 @@ def decimals_for(spread: float) -> int:
     return min(6, max(1, 1 - math.floor(math.log10(spread))))
 
 
+def believed(mean: float, sd: float) -> str:
+    """With its standard deviation; what the configuration decides has none."""
+    if sd == 0.0:
+        return f"{mean:.6g}"
+    return f"{format_number(mean, decimals_for(sd))} ± {format_number(sd, decimals_for(sd))}"
+
+
 def metric_label(path: str) -> MetricLabel:
     """Label of a metric path of ``MissionResult.metrics`` such as ``observable.f_score_48mm``.
 

@@ -94,16 +94,15 @@ def embed(
     Each SVG is an image of its own (data URI), so identifiers of two figures cannot clash in one page.
     """
     with look():
+        buffer, kind = io.BytesIO(), "image/png"
+        if form == "png" or directory is not None:
+            figure.savefig(buffer, format="png", dpi=160, metadata={"Software": None})
         if directory is not None:
             directory.mkdir(parents=True, exist_ok=True)
-            figure.savefig(directory / f"{name}.png", dpi=160, metadata={"Software": None})
-        buffer = io.BytesIO()
+            (directory / f"{name}.png").write_bytes(buffer.getvalue())
         if form == "svg":
+            buffer, kind = io.BytesIO(), "image/svg+xml"
             figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
-            kind = "image/svg+xml"
-        else:
-            figure.savefig(buffer, format="png", dpi=160, metadata={"Software": None})
-            kind = "image/png"
     encoded = base64.b64encode(buffer.getvalue()).decode()
     width_px = round(figure.get_figwidth() * 104)
     return Illustration(name, f"data:{kind};base64,{encoded}", alt, caption, title, width_px)

@@ -515,7 +515,7 @@ def test_a_recommendation_is_made_once_for_the_same_missions(
 def test_a_finished_campaign_is_looked_at_without_torch(tmp_path: Path) -> None:
     run(tmp_path / "run", budget=4).recommendation()
     program = (
-        "import sys, tuner.campaign.session, tuner.report.campaign.shown as shown; from pathlib import Path\n"
+        "import sys, tuner.campaign.session, tuner.campaign.shown as shown; from pathlib import Path\n"
         "c = tuner.campaign.campaign.Campaign.open(Path(sys.argv[1]), read_only=True)\n"
         "print(c.status().complete, bool(c.recommendation(save=False)), shown.shown_jobs(c), 'torch' in sys.modules)"
     )

@@ -9,17 +9,17 @@ from typing import Any
 import fake_campaigns
 import pytest
 
+from nbv.config import preset
 from nbv.mission.result import IterationRecord
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.ledger import TrialRecord
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
-from tuner.recommendation.recommendation import Limit, NextRock
+from tuner.recommendation.recommendation import Limit, NextRock, RunnerUp
 from tuner.report.campaign.answers import (
     EQUAL,
     gate_rows,
     gate_words,
-    limit_text,
     measure_text,
     next_answer,
     pairs,
@@ -29,7 +29,6 @@ from tuner.report.campaign.answers import (
 from tuner.report.campaign.drawings import gate_drawing, pairs_drawing
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.campaign.rows import failure_rows, key_figures
-from tuner.report.labels import metric_label
 
 
 @pytest.fixture(scope="module")
@@ -65,27 +64,76 @@ def record(iteration: int, scorer: str, *views: str) -> IterationRecord:
     return IterationRecord(**{**fields, "iteration": iteration, "scorer": scorer, "top": top})  # type: ignore[arg-type]
 
 
-def test_a_gain_never_flown_side_by_side_is_predicted(campaign: Campaign) -> None:
+def test_a_gain_never_flown_side_by_side_says_so(campaign: Campaign) -> None:
     facts = better(campaign)
     shown = pairs(facts, facts.recommendation)  # type: ignore[arg-type]
     assert all(p.default is None or p.recommended is None for p in shown)
     said = sure_answer(facts)
-    assert "is better than" in said[0] and said[1].startswith("Predicted, not flown")
+    assert "+3.0 points (95 % interval +2.0 to +4.0)" in said[0]
+    assert said[-2].startswith("Never flown side by side")
     assert "gatetune confirm" in next_answer(facts, evaluated=False)[1]
 
 
-def test_photographs_saved_and_quality_kept_are_said(campaign: Campaign) -> None:
+def with_limit(campaign: Campaign, **changes: Any) -> CampaignFacts:
+    """Fourteen seeds and twelve views are recommended for fewest photographs with an F-score of 98 %."""
     quality = Objective()
-    means = (98.6, 0.2, (98.2, 99.0), 0.97, 98.4, 0.1, 0.2, (-0.2, 0.6))
+    means = (98.96, 0.2, (98.56, 99.36), 0.97, 98.4, 0.1, 0.56, (-0.2, 0.6), 0.81, 0.74)
     limit = Limit(quality.metric, quality.direction, 98.0, True, False, *means)
-    facts = better(campaign, metric="costs.images", mean=21.0, default_mean=32.0, limit=limit)
-    facts.label = metric_label("costs.images")
+    space = load_search_space("photographs")
+    default = space.default(preset("campaign"))
+    values = {"seed.count": 14, "stop.adaptive_budget": 12, "pool.max_altitude_m": 1.45}
+    own = {
+        "values": values,
+        "default_values": default,
+        "exact": True,
+        "metric": "costs.images",
+        "mean": 26.0,
+        "runner_up": None,
+        "inactive": [],
+    }
+    facts = facts_of(campaign, **{**own, "default_mean": 32.0, "limit": limit, **changes})
+    facts.settings = dataclasses.replace(facts.settings, space=space, overrides={}, sampler="gp")
+    facts.trials, facts.default = [], default
+    return facts
+
+
+def test_photographs_saved_and_quality_kept_are_said(campaign: Campaign) -> None:
+    facts = with_limit(campaign)
+    assert use_answer(facts)["sentence"] == (
+        "Use 14 photographs on rings, then 12 chosen by the planner, none above 1.45 m."
+    )
     first, second, *_ = sure_answer(facts)
-    assert "21.0 in place of 32.0, improvement" in first
-    assert "at least 98.0 %: it has 98.6 % ± 0.2 (probability 97 %), the default 98.4 % ± 0.1." in second
-    missed = limit_text(dataclasses.replace(limit, kept=False))
-    assert missed.startswith(
-        "No configuration flown keeps F-score @ 48 mm, observable surface at least 98.0 %"
+    assert first == (
+        "26 photographs in place of 32. F-score 99.0 % on the training rocks (95 % interval 98.6 to 99.4; 98.4 % with the "
+        "default)."
+    )
+    assert second == (
+        "On the next rock at least 98 % with probability 0.81; no worse than with 32 with probability 0.74."
+    )
+    limit = facts.recommendation.limit  # type: ignore[union-attr]
+    missed = with_limit(campaign, limit=dataclasses.replace(limit, kept=False))
+    assert use_answer(missed)["sentence"].startswith(
+        "Nothing flown is likely to keep F-score at least 98 %; the"
+    )
+    assert next_answer(missed, evaluated=False)[1].endswith("--missions 12")
+
+
+def test_the_budget_of_the_default_is_not_the_papers(campaign: Campaign) -> None:
+    said = use_answer(with_limit(campaign))["notes"]
+    assert "the paper has Stop: adaptive budget 40, Pool: altitude limit 20 m" in said[-1]
+
+
+def test_a_predicted_runner_up_stands_below(campaign: Campaign) -> None:
+    rival = RunnerUp(
+        {"seed.count": 12, "stop.adaptive_budget": 12, "pool.max_altitude_m": 1.45},
+        ("seed.count", "stop.adaptive_budget", "pool.max_altitude_m"),
+        0, 24.0, 2.0, (2.0, 2.0), 8.0, (8.0, 8.0), 0.83,
+    )  # fmt: skip
+    answer = use_answer(with_limit(campaign, runner_up=rival))
+    assert "14 photographs" in answer["sentence"]
+    assert answer["notes"][0] == (
+        "Runner-up (predicted, never flown): 12 photographs on rings, then 12 chosen by the planner, none above 1.45 m. "
+        "24 photographs; keeps the limit with probability 0.83."
     )
 
 
@@ -97,21 +145,21 @@ def test_pairs_that_flew_are_counted(campaign: Campaign) -> None:
     facts.trials = [default, paired]
     (pair,) = pairs(facts, best)  # type: ignore[arg-type]
     assert (pair.default, pair.recommended) == (default.raw, 7.0)
-    assert "Flown side by side on 1 of 2 rocks (1 pair)" in sure_answer(facts)[1]
+    assert "Flown side by side on 1 of 2 rocks (1 pair)" in sure_answer(facts)[-2]
     drawing = pairs_drawing([pair], "F", 2)
     assert drawing.count("<circle") == 4 and "recommended 7.00" in drawing  # a pair, and the key
 
 
 def test_the_next_rock_is_said_and_where_rocks_disagree(campaign: Campaign) -> None:
     elsewhere = NextRock(0.5, (-1.0, 2.0), 0.6, {"a": 2.0, "b": -1.0}, ("rocks/b.obj",), 7)
-    said = sure_answer(better(campaign, next_rock=elsewhere))[-1]
-    assert "nobody has flown: +0.50 points (95 % interval −1.00 to +2.00)" in said
+    said = " ".join(sure_answer(better(campaign, next_rock=elsewhere)))
+    assert "On the next rock +0.5 points (95 % interval −1.0 to +2.0); no worse than the default with" in said
     assert "worse than the default on b." in said and "7 more training rocks would tell" in said
 
 
 def test_a_geometric_gain_is_called_a_prediction(campaign: Campaign) -> None:
     facts = better(campaign, fidelity="geometric")
-    assert sure_answer(facts)[0].startswith("Predicted by the low-fidelity simulator: the recommended")
+    assert "Predicted by geometric missions: no photograph was taken." in sure_answer(facts)
     assert "low-fidelity simulator" in measure_text(facts)
     assert "prediction" in next_answer(facts, evaluated=False)[0]
     plain = better(campaign)
@@ -127,14 +175,13 @@ def test_the_answer_is_the_recommended_configuration(campaign: Campaign) -> None
     answer = use_answer(facts)
     assert [row[1] for row in answer["kept"]] == [first] and "0.77" in answer["sentence"]
     assert second not in answer["sentence"] and "d95" in answer["rest"]
-    assert "not known" not in answer["sentence"]
 
 
 def test_where_nothing_is_needed_the_default_is_used(campaign: Campaign) -> None:
     default = CampaignFacts(campaign).default
-    facts = better(campaign, values=default, improvement_interval_95=(-0.1, 0.1), noise_sd=0.5)
+    facts = better(campaign, values=default, runner_up=None)
     answer = use_answer(facts)
-    assert answer["kept"] == [] and "Use the paper’s default" in answer["sentence"]
+    assert answer["kept"] == [] and answer["sentence"].startswith("Keep the default")
     why, command = next_answer(facts, evaluated=False)
     assert why.startswith("Stop") and command == ""
 
@@ -142,10 +189,16 @@ def test_where_nothing_is_needed_the_default_is_used(campaign: Campaign) -> None
 def test_what_next_follows_the_state(campaign: Campaign) -> None:
     facts = better(campaign)
     assert next_answer(facts, evaluated=True)[1] == ""
-    path = facts.settings.space.paths[0]
-    at_bound = {**facts.default, path: facts.settings.space.parameters[0].high}
-    edge = better(campaign, values=at_bound)
-    assert "widened.yaml" in next_answer(edge, evaluated=False)[1]
+    wide = facts.settings.space.parameters[1]
+    edge = better(campaign, values={**facts.default, wide.path: wide.high})
+    assert "campaign run" in (command := next_answer(edge, evaluated=False)[1]) and "wider.yaml" in command
+    share = facts.settings.space.parameters[0]  # no mission has a budget fraction beyond 1
+    assert (
+        "wider"
+        not in next_answer(
+            better(campaign, values={**facts.default, share.path: share.high}), evaluated=False
+        )[1]
+    )
     facts.status = dataclasses.replace(facts.status, budget=10)
     assert "campaign resume" in next_answer(facts, evaluated=False)[1]
 

@@ -21,10 +21,11 @@ from nbv.types import PointCloud
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import CampaignSettings
+from tuner.campaign.shown import fly_shown_missions
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.space_files import load_search_space
 from tuner.report import write_campaign_report, write_mission_recording, write_mission_view
-from tuner.report.campaign.shown import fly_shown_missions, write_mission_pages
+from tuner.report.campaign.walks import write_mission_pages
 from tuner.report.mission.trajectory import trajectory_figure
 from tuner.report.mission.walk_world import STEP_M
 

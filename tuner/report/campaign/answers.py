@@ -16,22 +16,20 @@ from nbv.mission.result import IterationRecord, MissionResult
 from tuner.campaign.ledger import TrialRecord
 from tuner.missions.registry import is_geometric
 from tuner.problem.configurations import configuration_key
-from tuner.recommendation.recommendation import Limit, Recommendation
-from tuner.report.campaign.facts import CampaignFacts
-from tuner.report.labels import (
-    decimals_for,
-    format_number,
-    metric_label,
-    parameter_label,
-    parameter_value,
-    strategy_label,
-    verdict,
-    with_unit,
+from tuner.recommendation.recommendation import Recommendation
+from tuner.report.answer import (
+    LEANS,
+    default_note,
+    limit_words,
+    runner_up_sentence,
+    use_sentence,
+    value_text,
+    worth_sentences,
 )
+from tuner.report.campaign.facts import CampaignFacts
+from tuner.report.campaign.wider import WIDER_FILE, wider_space
+from tuner.report.labels import parameter_label, strategy_label, with_unit
 
-FEW = 3  # changes that a sentence can name
-EDGE = 0.005  # of the searched range: nearer to a bound counts as at it
-_NOTHING = 0.01  # of the noise of a mission
 EQUAL = "="  # both scorers' best view was the same: the gate had no choice
 
 
@@ -55,12 +53,6 @@ class GateRow:
 # -- What should I use? --------------------------------------------------------------------------------------
 
 
-def use_values(facts: CampaignFacts) -> dict[str, Any]:
-    """The configuration to use."""
-    assert facts.recommendation is not None
-    return dict(facts.recommendation.values)
-
-
 def flown(facts: CampaignFacts, values: Mapping[str, Any]) -> list[TrialRecord]:
     """The successful missions of exactly these values."""
     key = configuration_key(facts.settings.space, values)
@@ -69,8 +61,8 @@ def flown(facts: CampaignFacts, values: Mapping[str, Any]) -> list[TrialRecord]:
 
 
 def use_answer(facts: CampaignFacts) -> dict[str, Any]:
-    """One sentence, the parameters that differ from the default, and the rest."""
-    best = facts.recommendation
+    """One sentence, the parameters that differ from the default, the rest, and what may be better."""
+    best, s = facts.recommendation, facts.settings
     if best is None:
         return {
             "sentence": f"Nothing yet: none of the {facts.status.finished} finished missions succeeded.",
@@ -79,31 +71,20 @@ def use_answer(facts: CampaignFacts) -> dict[str, Any]:
             "notes": [],
             "silent": [],
         }
-    values, space = use_values(facts), facts.settings.space
-    kept = [p.path for p in space.parameters if values[p.path] != facts.default[p.path]]
-    if not kept:
-        sentence = f"Use the {facts.default_name}: nothing tuned is known to be worth more."
-    else:
-        text = ", ".join(f"{parameter_label(p).name} = {_value(values, p)}" for p in kept)
-        if len(kept) > FEW:
-            text = f"these {len(kept)} changes"
-        sentence = f"Use the {facts.default_name} with {text}."
-        interval = best.improvement_interval_95
-        if verdict(interval) != "better":
-            sentence = f"{sentence[:-1]}: the best guess, not known to be better."
-    notes: list[str] = []
     silent = {found.path: found.why for found in best.inactive}
     silence = [
         f"{', '.join(parameter_label(p).name for p in silent if silent[p] == why)}: {why}"
         for why in dict.fromkeys(silent.values())
     ]
+    unchanged = [path for path in s.space.paths if path not in best.changed]
     return {
-        "sentence": sentence,
-        "kept": [(parameter_label(p).name, p, _value(values, p), _value(facts.default, p)) for p in kept],
-        "rest": ", ".join(
-            f"{parameter_label(p).name} {_value(values, p)}" for p in space.paths if p not in kept
-        ),
-        "notes": notes,
+        "sentence": use_sentence(best, s),
+        "kept": [
+            (parameter_label(p).name, p, value_text(best.values, p), value_text(facts.default, p))
+            for p in best.changed
+        ],
+        "rest": ", ".join(f"{parameter_label(p).name} {value_text(best.values, p)}" for p in unchanged),
+        "notes": [note for note in (runner_up_sentence(best, s), default_note(s)) if note],
         "silent": silence,
     }
 
@@ -116,8 +97,8 @@ def pairs(facts: CampaignFacts, best: Recommendation) -> list[Pair]:
     found: dict[tuple[Any, int], list[list[float]]] = {}
     for side, values in enumerate((best.default_values, best.values)):
         for t in flown(facts, values):
-            if t.raw is not None:
-                found.setdefault((t.world, t.replicate), [[], []])[side].append(t.raw)
+            if (outcome := facts.outcome(t)) is not None:
+                found.setdefault((t.world, t.replicate), [[], []])[side].append(outcome)
     worlds = list(facts.settings.worlds)
     order = sorted(found, key=lambda place: (worlds.index(place[0]), place[1]))
     return [
@@ -126,97 +107,33 @@ def pairs(facts: CampaignFacts, best: Recommendation) -> list[Pair]:
     ]
 
 
-def campaign_headline(
-    recommendation: Recommendation,
-    metric: str,
-    difference_unit: str,
-    default: str = "paper’s default",
-    by: str = "",
-) -> str:
-    """One honest sentence: better, worse, or no difference detected, with the 95 % interval; ``by`` whom it is said."""
-    low, high = recommendation.improvement_interval_95
-    digits = decimals_for(recommendation.improvement_sd)
-    how = (
-        f"improvement {with_unit(recommendation.improvement, difference_unit, digits, signed=True)} "
-        f"(95 % interval {format_number(low, digits, signed=True)} to {format_number(high, digits, signed=True)})"
-    )
-    if recommendation.values == recommendation.default_values:
-        return f"The {default} is itself the recommendation: nothing flown so far is believed to be better."
-    if recommendation.metric.startswith("costs."):
-        how = (
-            f"{with_unit(recommendation.mean, difference_unit)} in place of "
-            f"{with_unit(recommendation.default_mean, difference_unit)}, {how}"
-        )
-    kind = verdict(recommendation.improvement_interval_95)
-    if kind == "better":
-        said = f"The recommended configuration is better than the {default} in {metric}: {how}."
-    elif kind == "worse":
-        said = f"The recommended configuration is worse than the {default} in {metric}: {how}."
-    else:
-        said = f"No difference detected between the recommended configuration and the {default} in {metric}: {how}."
-    return f"{by}{said[0].lower()}{said[1:]}" if by else said
-
-
-def limit_text(found: Limit) -> str:
-    """One sentence on what has a limit, the limit, and what the default has of it."""
-    label = metric_label(found.metric)
-    asked = f"{label.full} {'at most' if found.direction == 'minimise' else 'at least'} {with_unit(found.limit, label.unit, 1)}"
-    has, of_default = (
-        with_unit(mean, label.unit, 1) + ("" if found.exact else f" ± {format_number(sd, 1)}")
-        for mean, sd in ((found.mean, found.sd), (found.default_mean, found.default_sd))
-    )
-    if found.kept:
-        chance = "" if found.exact else f" (probability {100 * found.probability:.0f} %)"
-        return f"Asked for {asked}: it has {has}{chance}, the default {of_default}."
-    return (
-        f"No configuration flown keeps {asked}: the likeliest, shown here, has {has}, the default {of_default}; ask for less, "
-        "or search further with gatetune campaign resume --missions."
-    )
-
-
 def sure_answer(facts: CampaignFacts) -> list[str]:
-    """The verdict with its interval, then on how many rocks it was measured at all."""
+    """What it is worth, then on how many rocks that was measured at all."""
     best = facts.recommendation
     if best is None:
         return ["There is nothing to compare."]
-    if best.values == best.default_values:
+    said = worth_sentences(best, facts.settings)
+    if best.keep_default:
         rocks = len({t.rock for t in flown(facts, best.values)})
-        return [
-            campaign_headline(best, facts.label.full, "", facts.default_name),
-            f"It flew on {rocks} of {len(facts.settings.rocks)} rocks.",
-        ]
-    unit = facts.label.difference_unit
-    by = "Predicted by the low-fidelity simulator: " if is_geometric(facts.settings.fidelity) else ""
-    said = [campaign_headline(best, facts.label.full, unit, facts.default_name, by)]
-    if best.limit is not None:
-        said.append(limit_text(best.limit))
+        return [*said, f"It flew on {rocks} of {len(facts.settings.rocks)} rocks."]
     both = [p for p in pairs(facts, best) if None not in (p.default, p.recommended)]
-    rocks = len({p.place.rsplit(", replicate", 1)[0] for p in both})
-    of = len(facts.settings.worlds)
-    if not both:
-        said.append(
-            "Predicted, not flown: the recommended configuration and the default never flew the same rock and replicate."
-        )
-    else:
-        sign = facts.sign
-        differences = [sign * ((p.recommended or 0.0) - (p.default or 0.0)) for p in both]
+    rocks, of = len({p.place.rsplit(", replicate", 1)[0] for p in both}), len(facts.settings.worlds)
+    if both:
+        differences = [facts.sign * ((p.recommended or 0.0) - (p.default or 0.0)) for p in both]
         ahead = sum(d > 0 for d in differences)
-        mean = with_unit(sum(differences) / len(differences), unit, facts.digits, signed=True)
+        mean = with_unit(
+            sum(differences) / len(differences), facts.label.difference_unit, facts.digits, signed=True
+        )
         said.append(
             f"Flown side by side on {rocks} of {of} {'rocks and conditions' if facts.several_conditions else 'rocks'}"
-            f" ({len(both)} {'pair' if len(both) == 1 else 'pairs'}): {mean} on average, better in {ahead} of {len(both)}."
+            f" ({len(both)} {'pair' if len(both) == 1 else 'pairs'}): {mean} of {facts.label.name} on average, better in "
+            f"{ahead} of {len(both)}."
         )
-    said.append(
-        "The interval is calibrated and of the surrogate, on the rocks that were tuned on, for the best of those flown: it leans "
-        "towards optimism."
-    )
-    if (elsewhere := best.next_rock) is not None:
-        digits = _digits(elsewhere.interval_95)
-        low, high = (format_number(v, digits, signed=True) for v in elsewhere.interval_95)
-        gain = with_unit(elsewhere.gain, unit, digits, signed=True)
-        text = f"On a rock nobody has flown: {gain} (95 % interval {low} to {high})."
-        said.append(" ".join([text, *elsewhere.warnings()]))
-    return said
+    else:
+        said.append(
+            "Never flown side by side: no rock and replicate has both the recommendation and the default."
+        )
+    return [*said, LEANS]
 
 
 # -- What did the gate do? -----------------------------------------------------------------------------------
@@ -288,6 +205,7 @@ def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
     best, status = facts.recommendation, facts.status
     run = shlex.quote(str(facts.campaign.directory))
     resume, evaluate = f"gatetune campaign resume {run}", f"gatetune evaluate {run}"
+    more = f"{resume} --missions {2 * status.budget}"
     if best is None:
         reason = max(status.failures, key=lambda r: status.failures[r], default="unknown")
         return f"Every mission failed, most often with {reason!r}: mend that (below), then resume.", resume
@@ -295,25 +213,21 @@ def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
         return f"Finish it: {status.remaining} of {status.budget} missions are left.", resume
     if evaluated:
         return "Stop: it has been measured on held-out rocks (below).", ""
-    values = use_values(facts)
-    if values == facts.default and verdict(best.improvement_interval_95) != "better":
-        low, high = best.improvement_interval_95
-        if max(abs(low), abs(high)) < best.noise_sd:
-            return (
-                f"Stop: use the {facts.default_name}. What could still be gained is less than the noise of one mission.",
-                "",
-            )
+    if best.limit is not None and not best.limit.kept:
+        return f"Fly more: nothing flown is likely to keep {limit_words(best.limit)}.", more
+    if best.keep_default:
+        rival = best.runner_up
+        if rival is None or (not best.exact and rival.improvement_interval_95[1] < best.noise_sd):
+            return "Stop: keep the default. Nothing else is believed to be better.", ""
+        return "Fly more: the runner-up is not yet told from the default.", more
+    if wider := wider_space(facts.settings, best):
+        names = ", ".join(parameter_label(p).name for p in wider.widened)
+        are = "is at the edge of its range" if len(wider.widened) == 1 else "are at the edges of their ranges"
+        beside = facts.campaign.directory.with_name(f"{facts.campaign.directory.name}-wider")
+        file = shlex.quote(str(facts.campaign.directory / WIDER_FILE))
         return (
-            "Fly more: what could be gained is not yet told from noise.",
-            f"{resume} --missions {2 * status.budget}",
-        )
-    edges = [p for p in at_edge(facts, values) if values[p] != facts.default[p]]
-    if edges and facts.settings.mission is None:
-        names = ", ".join(parameter_label(p).name for p in edges)
-        are = "is at the edge of its range" if len(edges) == 1 else "are at the edges of their ranges"
-        return (
-            f"Widen a bound: {names} {are}. Copy `search_space` of `campaign.yaml` into widened.yaml, widen it there, and search again.",
-            f"gatetune campaign run --space widened.yaml --learn-from {run}",
+            f"Search wider: {names} {are}, and a mission can fly beyond. Everything else stays as it was.",
+            f"gatetune campaign run {file} --out {shlex.quote(str(beside))}",
         )
     if is_geometric(facts.settings.fidelity):
         return "Fly it with photographs, on rocks it has not seen: so far it is a prediction.", evaluate
@@ -324,12 +238,6 @@ def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
             f"gatetune confirm {run} --rock {shlex.quote(facts.settings.rocks[0])}",
         )
     return "Measure it on rocks it has not seen.", evaluate
-
-
-def at_edge(facts: CampaignFacts, values: Mapping[str, Any]) -> list[str]:
-    """Ordered parameters whose value lies at a bound of the searched range."""
-    ordered = [p for p in facts.settings.space.parameters if p.kind != "categorical"]
-    return [p.path for p in ordered if not EDGE < p.to_unit(values[p.path]) < 1 - EDGE]
 
 
 # -- small things --------------------------------------------------------------------------------------------
@@ -349,17 +257,9 @@ def measure_text(facts: CampaignFacts) -> str:
     return f"{facts.label.full}; {fidelity}; {'conditions' if len(names) > 1 else 'condition'} {', '.join(names)}{worst}"
 
 
-def _value(values: Mapping[str, Any], path: str) -> str:
-    return f"{parameter_value(values[path])} {parameter_label(path).unit}".strip()
-
-
 def _mean(values: Sequence[float]) -> float | None:
     return sum(values) / len(values) if values else None
 
 
 def _share(part: int, whole: int) -> str:
     return f"{100 * part / whole:.0f} %" if whole else "0 %"
-
-
-def _digits(interval: tuple[float, float]) -> int:
-    return decimals_for((interval[1] - interval[0]) / 4)

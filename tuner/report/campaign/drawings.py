@@ -12,9 +12,9 @@ from matplotlib.colors import Normalize
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.types import Floats
+from tuner.campaign.shown import SHOWN
 from tuner.missions.registry import is_geometric
 from tuner.report.campaign.answers import EQUAL, GateRow, Pair
-from tuner.report.campaign.shown import SHOWN
 from tuner.report.labels import format_number, strategy_label
 from tuner.report.mission.run_files import mission_config, read_result
 from tuner.report.mission.walk_data import measured_cloud
@@ -104,16 +104,18 @@ def gate_drawing(rows: Sequence[GateRow]) -> Markup:
 
 
 def clouds_picture(directory: Path, figures: Path) -> Illustration | None:
-    """The default's and the recommended mission's clouds, coloured by distance to the truth; None where neither flew.
+    """The default's and the recommended mission's clouds, coloured by distance to the truth; None where neither was measured.
 
-    ``directory`` is the campaign's; its ``shown/`` holds the two missions (`tuner.report.campaign.shown`).
+    ``directory`` is the campaign's; its ``shown/`` holds the two missions (`tuner.campaign.shown`).
     """
     found: list[tuple[str, Floats, Floats]] = []
-    world, rock, measured = None, "", True
+    world, rock = None, ""
     for name in ("default", "recommended"):
         run = directory / SHOWN / name
         try:
             result = read_result(run)
+            if is_geometric(result["provenance"].get("fidelity", "")):
+                return None
             cloud = measured_cloud(run)
             if cloud is None:
                 continue
@@ -121,7 +123,7 @@ def clouds_picture(directory: Path, figures: Path) -> Illustration | None:
             world = world or make_world(config, the_rock(run, result, None, store), store)
         except UserError:
             continue
-        rock, measured = str(result["rock"]), not is_geometric(result["provenance"].get("fidelity", ""))
+        rock = str(result["rock"])
         points = cloud[0][world.near(cloud[0])]
         found.append((name, points, world.errors_mm(points)))
     if world is None or not found:
@@ -142,31 +144,21 @@ def clouds_picture(directory: Path, figures: Path) -> Illustration | None:
                 rasterized=True,
             )
             far = 100 * float(np.mean(errors > _FAR_MM))
-            worth = (
-                f", median {np.median(errors):.1f} mm, {far:.0f} % beyond {_FAR_MM:.0f} mm"
-                if measured
-                else ""
-            )
-            ax.set_title(f"{name}: {len(points)} points{worth}")
+            worth = f"median {np.median(errors):.1f} mm, {far:.0f} % beyond {_FAR_MM:.0f} mm"
+            ax.set_title(f"{name}: {len(points)} points, {worth}")
             ax.set_aspect("equal")
             ax.set_axis_off()
         limits = np.array([[*ax.get_xlim(), *ax.get_ylim()] for ax in axes])
         for ax in axes:
             ax.set_xlim(limits[:, 0].min(), limits[:, 1].max())
             ax.set_ylim(limits[:, 2].min(), limits[:, 3].max())
-        if measured:
-            figure.colorbar(dots, ax=list(axes), label="distance to the truth (mm)", shrink=0.8, extend="max")
-    what = (
-        "Reconstructed clouds, bright where far from the rock and the ground,"
-        if measured
-        else "Points that the low-fidelity simulator predicts, which have no errors,"
-    )
+        figure.colorbar(dots, ax=list(axes), label="distance to the truth (mm)", shrink=0.8, extend="max")
     one = "" if len(found) == 2 else f" Only the {found[0][0]} was flown whole."
     return embed(
         figure,
         "clouds",
         "Point clouds of the default's and the recommended mission, coloured by their distance to the true surface.",
-        f"{what} on {Path(rock).stem}, seen from the same side.{one}",
+        f"Reconstructed clouds, bright where far from the rock and the ground, on {Path(rock).stem}, seen from the same side.{one}",
         figures,
         form="png",
     )

@@ -11,10 +11,10 @@ from markupsafe import Markup
 from tuner.campaign.ledger import TrialRecord
 from tuner.problem.search_space import Parameter, Value
 from tuner.report.campaign.facts import CampaignFacts
-from tuner.report.campaign.shown import PAGE
+from tuner.report.campaign.walks import PAGE
 from tuner.report.labels import parameter_label, parameter_value
 
-_MOST_MISSIONS = 3000  # a browser draws more only slowly
+MOST_MISSIONS = 2000  # a browser draws more only slowly
 
 
 def mission_link(facts: CampaignFacts, trial: TrialRecord) -> str:
@@ -31,13 +31,16 @@ def explorer_data(facts: CampaignFacts) -> Markup:
     s, best = facts.settings, facts.recommendation
     adjusted: dict[int, float] = {}
     if facts.model is not None:
-        adjusted = {o.number: float(v) for o, v in zip(facts.model.observations, facts.adjusted, strict=True)}
+        adjusted = {
+            o.number: round(float(v), 6)
+            for o, v in zip(facts.model.observations, facts.adjusted, strict=True)
+        }
     trials = [
         {
             "n": t.number + 1,
             "where": facts.world_name(t.world),
             "rep": t.replicate,
-            "raw": t.raw,
+            "raw": facts.outcome(t),
             "adj": adjusted.get(t.number),
             "state": t.status if t.state == "complete" else f"failed: {t.reason}",
             "why": str(t.why.get("phase", "")),
@@ -47,7 +50,7 @@ def explorer_data(facts: CampaignFacts) -> Markup:
             "u": [_position(p, t.values[p.path]) for p in s.space.parameters],
             "v": [parameter_value(t.values[p.path]) for p in s.space.parameters],
         }
-        for t in facts.trials[-_MOST_MISSIONS:]
+        for t in facts.trials[-MOST_MISSIONS:]
         if t.state != "running"
     ]
     tree = {

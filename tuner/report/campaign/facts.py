@@ -25,9 +25,7 @@ from tuner.recommendation.recommendation import Recommendation
 from tuner.report.labels import MetricLabel, decimals_for, metric_label
 from tuner.report.style import short_names
 from tuner.surrogate.model import RockMeanGP
-from tuner.surrogate.rock_calibration import RockCheck, leave_one_rock_out
 
-CHECKPOINTS = 8  # each is one more fit of the surrogate
 SLICE_POINTS = 61
 MAP_POINTS = 41
 
@@ -59,17 +57,6 @@ class Surface:
     sd: Floats  # (ny, nx)
 
 
-@dataclass(frozen=True)
-class Checkpoint:
-    """The recommendation after a prefix of the history."""
-
-    missions: int
-    values: dict[str, Any]
-    mean: float  # as believed then
-    sd: float
-    final_mean: float  # the same configuration in the light of all missions
-
-
 class CampaignFacts:
     """Lazily computed facts of one campaign; nothing is written.
 
@@ -82,44 +69,48 @@ class CampaignFacts:
         self.trials: list[TrialRecord] = campaign.trials()
         self.observations: list[Observation] = campaign.history(self.trials)
         self.status: CampaignStatus = campaign.status()
-        self.label: MetricLabel = metric_label(self.settings.objective.metric)
-        if (mission := self.settings.mission) is not None:
-            self.label = dataclasses.replace(
-                self.label, larger_is_better=mission.objective.direction == "maximise"
-            )
-        self.default_name = "paper’s default" if mission is None else "default"
-        self.sign = self.settings.objective.sign
-        self.modelled: Objective = (
-            campaign.modelled_objective
-        )  # what the model, its maps and its checks are of
+        self.modelled: Objective = campaign.modelled_objective  # of the model, its maps and its checks
+        self.label: MetricLabel = dataclasses.replace(
+            metric_label(self.modelled.metric), larger_is_better=self.modelled.direction == "maximise"
+        )
+        self.sign = self.modelled.sign
         self.default: dict[str, Any] = self.settings.default_values()
         self.rock_names: dict[str, str] = dict(zip(self.settings.rocks, short_names(self.settings.rocks)))
         self.several_conditions = len(self.settings.conditions) > 1
 
     @cached_property
     def recommendation(self) -> Recommendation | None:
-        """After all finished missions."""
-        return self.campaign.recommend_from(self.observations)
+        """After all finished missions; the very one that status, export and evaluation have."""
+        return self.campaign.recommendation(save=False)
 
     @cached_property
     def model(self) -> RockMeanGP | None:
-        """The surrogate behind the recommendation."""
+        """The surrogate behind the recommendation; None, too, where the configuration decides all that was asked."""
         feasible = [o for o in self.observations if o.feasible]
-        if not feasible:
+        if not feasible or (self.settings.second is None and self.campaign.exact(feasible).first is not None):
             return None
         return self.campaign.surrogate_from(feasible)
 
     @cached_property
     def twin(self) -> Objective | None:
         """Tanks and Temples' form of the metric, if missions have it: shown beside the metric, tuned for by nobody."""
-        path = tanks_and_temples_twin(self.settings.objective.metric)
+        path = tanks_and_temples_twin(self.modelled.metric)
         found = Objective(path) if path else None
         return found if found and any(t.measured(found) is not None for t in self.trials) else None
 
     @property
     def digits(self) -> int:
-        """Decimals with which the metric is written: what its uncertainty deserves."""
-        return decimals_for(self.recommendation.sd) if self.recommendation is not None else 2
+        """Decimals with which the modelled metric is written: what its uncertainty deserves."""
+        best = self.recommendation
+        if best is None:
+            return 2
+        return decimals_for(
+            best.limit.sd if best.exact and best.limit is not None else best.sd or best.noise_sd
+        )
+
+    def outcome(self, trial: TrialRecord) -> float | None:
+        """What a mission had of the modelled metric."""
+        return trial.raw if self.modelled == self.settings.objective else trial.measured(self.modelled)
 
     # -- stop reason -----------------------------------------------------------------------------------------
 
@@ -147,7 +138,7 @@ class CampaignFacts:
         """Posterior mean and sd of the mean (or risk measure) over the training worlds, modelled metric's unit."""
         assert self.model is not None
         posterior = self.model.posterior(configurations, self.settings.risk)
-        return self.modelled.sign * posterior.mean, posterior.sd
+        return self.sign * posterior.mean, posterior.sd
 
     @cached_property
     def adjusted(self) -> Floats:
@@ -155,21 +146,6 @@ class CampaignFacts:
         assert self.model is not None
         offset, factor = self.model.standardiser.mean_over(self.model.worlds)
         return self.sign * (offset + factor * self.model.targets)
-
-    def closeness(self, parameters: Sequence[str]) -> Floats:
-        """(n,) in [0, 1]: how near each feasible observation lies to the slice that varies ``parameters``."""
-        assert self.model is not None and self.recommendation is not None
-        lengths, space = self.model.lengthscales, self.settings.space
-        centre = space.to_unit(self.recommendation.values)
-        squared = np.zeros(len(self.model.unit))
-        for i, p in enumerate(space.parameters):
-            if p.path in parameters:
-                continue
-            distance = self.model.unit[:, i] - centre[i]
-            squared += (
-                (distance / lengths[p.path]) ** 2 if p.path in lengths else (distance != 0).astype(float)
-            )
-        return np.exp(-0.5 * squared)
 
     @cached_property
     def slices(self) -> list[Slice]:
@@ -216,28 +192,6 @@ class CampaignFacts:
         mean, sd = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
         return Surface(x, y, x_values, y_values, mean, sd)
 
-    @cached_property
-    def checkpoints(self) -> list[Checkpoint]:
-        """The running recommendation at a few prefixes of the history (in trial order)."""
-        if self.recommendation is None or self.model is None:
-            return []
-        n = len(self.observations)
-        first = next(i for i, o in enumerate(self.observations) if o.feasible) + 1
-        sizes = sorted({round(float(v)) for v in np.linspace(first, n, min(CHECKPOINTS, n - first + 1))})
-        found: list[tuple[int, Recommendation]] = []
-        for size in sizes:
-            result = (
-                self.recommendation
-                if size == n
-                else self.campaign.recommend_from(self.observations[:size], simplify=False)
-            )
-            if result is not None:
-                found.append((size, result))
-        final, _ = self.belief([r.values for _, r in found])
-        return [
-            Checkpoint(size, r.values, r.mean, r.sd, float(mean)) for (size, r), mean in zip(found, final)
-        ]
-
     def world_name(self, world: World) -> str:
         """``slab``, or ``slab, field`` where there is more than one condition."""
         rock = self.rock_names.get(world.rock, world.rock)
@@ -254,12 +208,6 @@ class CampaignFacts:
         flown = [o.world for o in self.model.observations]
         centre = np.array([standard.centre(world) for world in flown])
         scale = np.array([standard.scale(world) for world in flown])
-        observed = self.modelled.sign * (centre + scale * check.observed)
-        predicted = self.modelled.sign * (centre + scale * check.mean)
+        observed = self.sign * (centre + scale * check.observed)
+        predicted = self.sign * (centre + scale * check.mean)
         return observed, predicted, scale * check.sd, flown
-
-    @cached_property
-    def leave_one_rock_out(self) -> list[RockCheck]:
-        """Every rock predicted from the others; empty for a single rock."""
-        own = self.campaign.modelled(self.observations)
-        return leave_one_rock_out(own, self.settings.rocks, self.campaign.surrogate_of)

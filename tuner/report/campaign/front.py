@@ -9,22 +9,26 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tuner.acquisition.pareto import FrontPoint, pareto_front
+from tuner.problem.quality_at_cost import COUNTS
 from tuner.report.campaign.facts import CampaignFacts
-from tuner.report.labels import decimals_for, format_number, metric_label, parameter_value, with_unit
+from tuner.report.labels import believed, metric_label, parameter_value, with_unit
 from tuner.report.style import BLACK, BLUE, GREY, VERMILION, embed, look, new_figure
 from tuner.surrogate.numerics import NORMAL_95
 
 
-def second_text(facts: CampaignFacts) -> str:
-    """What is asked of the second objective, for the page's subtitle; empty where there is none."""
-    second, limit = facts.settings.second, facts.settings.limit
-    if second is None:
-        return ""
-    name = metric_label(second.metric).full
-    if limit is None:
-        return f" against {name} ({second.direction}d)"
-    bound = with_unit(limit, metric_label(second.metric).unit, 0 if limit == int(limit) else 2)
-    return f" with {name} {'at most' if second.direction == 'minimise' else 'at least'} {bound}"
+def asked_text(facts: CampaignFacts) -> str:
+    """What the campaign was asked for, in words."""
+    s, label = facts.settings, metric_label(facts.settings.objective.metric)
+    less = "Fewest" if s.objective.metric in COUNTS else "Lowest"
+    full = label.full[:1].lower() + label.full[1:] if less == "Fewest" else label.full
+    said = f"{less if s.objective.direction == 'minimise' else 'Highest'} {full}"
+    if s.second is None:
+        return said
+    name = metric_label(s.second.metric).full
+    if s.limit is None:
+        return f"{said}, against {name} ({s.second.direction}d)"
+    bound = with_unit(s.limit, metric_label(s.second.metric).unit, 0 if s.limit == int(s.limit) else 2)
+    return f"{said} with {name} {'at most' if s.second.direction == 'minimise' else 'at least'} {bound}"
 
 
 def front_note(facts: CampaignFacts) -> list[str]:
@@ -33,7 +37,7 @@ def front_note(facts: CampaignFacts) -> list[str]:
     if second is None or facts.settings.limit is not None:
         return []
     return [
-        f"This is the best by {facts.label.name} alone: what it takes in {metric_label(second.metric).name} is below, "
+        f"This is the best by {metric_label(facts.settings.objective.metric).name} alone: what it takes in {metric_label(second.metric).name} is below, "
         'under "Pareto front", with the configurations that take less.'
     ]
 
@@ -45,17 +49,17 @@ def front_context(facts: CampaignFacts, figures: Path) -> dict[str, Any] | None:
     if s.second is None or not points:
         return None
     front = pareto_front(points, (s.objective, s.second))
-    one, two = facts.label, metric_label(s.second.metric)
-    digits = decimals_for(min(p.first_sd for p in front)), decimals_for(min(p.second_sd for p in front))
+    one, two = metric_label(s.objective.metric), metric_label(s.second.metric)
     return {
         "figure": embed(
             front_figure(facts, points, front),
             "front",
             f"Scatter plot of {one.name} against {two.name} of all configurations flown; the Pareto front is a line.",
             f"{one.full} ({s.objective.direction}d) against {two.name} ({s.second.direction}d): what the model believes of "
-            "every configuration flown, as means over the training rocks, with 95 % bars on the front.",
+            "every configuration flown, as means over the training rocks, with 95 % bars on the front where it is not known exactly.",
             figures,
             title="Both objectives",
+            form="png",
         ),
         "first": one.axis,
         "second": two.axis,
@@ -64,8 +68,8 @@ def front_context(facts: CampaignFacts, figures: Path) -> dict[str, Any] | None:
         else "The recommendation above is the best by the first that keeps the limit of the second.",
         "rows": [
             [
-                f"{format_number(p.first, digits[0])} ± {format_number(p.first_sd, digits[0])}",
-                f"{format_number(p.second, digits[1])} ± {format_number(p.second_sd, digits[1])}",
+                believed(p.first, p.first_sd),
+                believed(p.second, p.second_sd),
                 *(parameter_value(p.values[path]) for path in s.space.paths),
             ]
             for p in front
@@ -74,7 +78,7 @@ def front_context(facts: CampaignFacts, figures: Path) -> dict[str, Any] | None:
 
 
 def front_figure(facts: CampaignFacts, points: list[FrontPoint], front: list[FrontPoint]) -> Figure:
-    """All configurations, the front as a line with 95 % bars, the paper's default and the recommendation marked."""
+    """All configurations, the front as a line with 95 % bars, the default and the recommendation marked."""
     s = facts.settings
     assert s.second is not None
     with look():
@@ -103,7 +107,7 @@ def front_figure(facts: CampaignFacts, points: list[FrontPoint], front: list[Fro
             capsize=2,
             label="Pareto front, 95 %",
         )
-        marked = {facts.default_name: (facts.default, "D", BLACK)}
+        marked = {"default": (facts.default, "D", BLACK)}
         if facts.recommendation is not None:
             marked["recommended"] = (facts.recommendation.values, "s", VERMILION)
         for label, (values, shape, colour) in marked.items():
@@ -123,6 +127,6 @@ def front_figure(facts: CampaignFacts, points: list[FrontPoint], front: list[Fro
         if s.limit is not None:
             ax.axvline(s.limit, color=VERMILION, ls="--", lw=1.2, label=f"limit {s.limit:g}")
         ax.set_xlabel(metric_label(s.second.metric).axis)
-        ax.set_ylabel(facts.label.axis)
+        ax.set_ylabel(metric_label(s.objective.metric).axis)
         figure.legend(*ax.get_legend_handles_labels(), loc="outside lower center", ncols=2)
         return figure

@@ -22,26 +22,18 @@ from tuner.missions.registry import GEOMETRIC_NOTE, ignored_by, is_geometric
 from tuner.problem.search_space import SearchSpace
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.campaign.answers import (
-    at_edge,
     gate_answer,
     measure_text,
     next_answer,
     pairs,
     sure_answer,
     use_answer,
-    use_values,
 )
 from tuner.report.campaign.drawings import clouds_picture, gate_drawing, pairs_drawing
-from tuner.report.campaign.explorer import explorer_data, mission_link
+from tuner.report.campaign.explorer import MOST_MISSIONS, explorer_data, mission_link
 from tuner.report.campaign.facts import CampaignFacts
-from tuner.report.campaign.front import front_context, front_note, second_text
-from tuner.report.campaign.illustrations import (
-    compute_time,
-    history,
-    model_illustrations,
-    running_recommendation,
-    trend_text,
-)
+from tuner.report.campaign.front import asked_text, front_context, front_note
+from tuner.report.campaign.illustrations import model_illustrations, trend_text
 from tuner.report.campaign.provenance import command_note, provenance_rows, reproduce_command
 from tuner.report.campaign.rows import (
     cost_rows,
@@ -51,19 +43,14 @@ from tuner.report.campaign.rows import (
     rock_rows,
     trial_row,
 )
-from tuner.report.campaign.shown import REPORT_FILE, linked_pages
 from tuner.report.campaign.vehicle_files import vehicle_files
+from tuner.report.campaign.walks import REPORT_FILE, linked_pages
+from tuner.report.campaign.wider import write_wider_settings
 from tuner.report.comparison.page import comparison_context
-from tuner.report.labels import (
-    format_number,
-    metric_label,
-    parameter_label,
-    parameter_value,
-    verdict,
-    with_unit,
-)
+from tuner.report.labels import believed, metric_label, parameter_value, verdict, with_unit
 from tuner.report.pages import write_page
 
+MOST_ROWS = 500  # of missions in the table
 FIGURES_DIRECTORY = "figures"
 # Coverage of 95 % intervals below which the page says that they are too narrow.
 POOR_COVERAGE = 0.85
@@ -71,7 +58,7 @@ MIN_MISSIONS_FOR_COVERAGE = 12
 
 
 def write_campaign_report(campaign: Campaign, evaluation: EvaluationRun | None = None) -> Path:
-    """Write ``report.html`` and ``figures/*.png`` into the campaign's run directory.
+    """Write ``report.html``, ``figures/*.png`` and settings to search on with into the campaign's run directory.
 
     Parameters
     ----------
@@ -97,6 +84,8 @@ def write_campaign_report(campaign: Campaign, evaluation: EvaluationRun | None =
     if evaluation is not None:
         comparison = comparison_context(evaluation, figures, metric=facts.settings.objective.metric)
     try:
+        if facts.recommendation is not None:
+            write_wider_settings(campaign, facts.recommendation)
         context = _context(facts, figures, evaluated=evaluation is not None)
     except OSError as error:
         raise UserError(f"cannot write {figures}: {error.strerror}; choose another directory") from error
@@ -119,25 +108,26 @@ def _context(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[st
     context: dict[str, Any] = {
         "title": f"{s.name} · gatetune campaign",
         "name": f"Campaign {s.name}",
-        "subtitle": f"{s.space.dimension} parameters of the search space “{s.space.name}” tuned for "
-        f"{label.full} ({s.objective.direction}d){second_text(facts)} on {len(s.rocks)} "
-        f"{'rock' if len(s.rocks) == 1 else 'rocks'}: {rocks}{_under_conditions(facts)}"
-        f"{', the worst of these' if s.risk == 'worst' else ''}",
+        "subtitle": f"{asked_text(facts)}, on {rocks}{_under_conditions(facts)}"
+        f"{', the worst of these' if s.risk == 'worst' else ''}; {s.space.dimension} parameters tuned (search space "
+        f"{s.space.name})",
         "warnings": _warnings(facts),
         "kpis": key_figures(facts),
         "ours": s.mission is None,
         "recommended": best is not None,
         "parameters": [parameter_row(facts, p) for p in s.space.parameters],
-        "default_name": facts.default_name,
         "metric_name": label.name,
         "metric_full": label.full,
         "unit": label.unit,
-        "difference_unit": label.difference_unit,
         "stop_reason": facts.stop_reason,
         "costs": cost_rows(facts),
         "failures": failure_rows(facts),
         "twin_name": metric_label(facts.twin.metric).name if facts.twin else "",
-        "trials": [(mission_link(facts, t), trial_row(facts, t)) for t in facts.trials],
+        "cost_name": "" if facts.modelled == s.objective else metric_label(s.objective.metric).axis,
+        "trials": [(mission_link(facts, t), trial_row(facts, t)) for t in facts.trials[-MOST_ROWS:]],
+        "left_out": max(0, len(facts.trials) - MOST_ROWS),
+        "not_drawn": max(0, len(facts.trials) - MOST_MISSIONS),
+        "run": shlex.quote(str(facts.campaign.directory)),
         "command": reproduce_command(facts.campaign),
         "command_note": command_note(facts.campaign),
         "provenance": provenance,
@@ -152,21 +142,16 @@ def _context(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[st
         "top": [],
         "model_text": "",
         "front": front_context(facts, figures),
-        "mission_figures": [],
-        "script_figures": [history(facts, figures)],
         "explorer": explorer_data(facts),
         "model_figures": [],
-        "rock_checks": [],
-        "cost_figures": compute_time(facts, figures),
         "walks": linked_pages(facts.campaign),
         **_answers(facts, figures, evaluated=evaluated),
     }
     if best is not None:
-        context |= _recommended_context(facts, best, figures)
-        context["mission_figures"].append(running_recommendation(facts, figures))
-        drawn = {item.name: item for item in context["model_figures"]}
-        context["model_figures"] = [item for name, item in drawn.items() if name != "slices"]
-        context["script_figures"].append(drawn["slices"])
+        context |= _recommended_context(facts, best)
+        if facts.model is not None:
+            context["model_text"] = _model_text(facts, best)
+            context["model_figures"] = model_illustrations(facts, best, figures)
     return context
 
 
@@ -177,10 +162,10 @@ def _answers(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[st
     why, command = next_answer(facts, evaluated=evaluated)
     use = use_answer(facts)
     use["notes"] += front_note(facts)
-    differs = best is not None and best.values != best.default_values
+    better = best is not None and not best.keep_default and (best.limit is None or best.limit.kept)
     return {
         "measure": measure_text(facts),
-        "verdict_kind": verdict(best.improvement_interval_95).split()[0] if best and differs else "",
+        "verdict_kind": verdict(best.improvement_interval_95).split()[0] if best and better else "",
         "use": use,
         "sure": sure_answer(facts),
         "pairs": "" if best is None else pairs_drawing(pairs(facts, best), facts.label.axis, facts.digits),
@@ -189,15 +174,16 @@ def _answers(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[st
         "next_why": why,
         "next_command": command,
         "clouds": clouds_picture(facts.campaign.directory, figures),
-        "no_clouds": "Nothing has flown whole yet: the default and the recommended mission are flown once more when the "
-        "campaign ends.",
+        "no_clouds": "Geometric missions have no photographs and measure no cloud."
+        if is_geometric(facts.settings.fidelity)
+        else "The default and the recommended mission are flown once more, whole, when the campaign ends.",
         "files": [] if best is None else _files(facts, best),
     }
 
 
 def _files(facts: CampaignFacts, best: Recommendation) -> list[dict[str, Any]]:
     """The configuration to use as files, each with what does not transfer."""
-    s, values = facts.settings, use_values(facts)
+    s, values = facts.settings, best.values
     written = [("configuration.yaml", values_yaml(values, s.space), list[str](), "everything")]
     if s.mission is None:
         files = vehicle_files(facts.campaign, best)
@@ -250,9 +236,8 @@ def _under_conditions(facts: CampaignFacts) -> str:
     return "" if names == [IDEAL] else f"; under {', '.join(names)}"
 
 
-def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Path) -> dict[str, Any]:
-    label, s = facts.label, facts.settings
-    assert facts.model is not None
+def _recommended_context(facts: CampaignFacts, best: Recommendation) -> dict[str, Any]:
+    s = facts.settings
     text = values_yaml(best.values, s.space)
     sets = " ".join(
         f"--set {shlex.quote(f'{k}={v}')}" for k, v in parse_yaml(text, "the recommendation").items()
@@ -268,42 +253,40 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation, figures: Pa
             f"gatetune mission run --rock {shlex.quote(s.rocks[0])} --preset {s.preset} {condition} {base} {sets}".split()
         ),
         "per_rock": rock_rows(facts, best),
+        "top_name": metric_label(best.metric).axis,
         "top": [
             {
-                "mean": f"{format_number(c.mean, facts.digits)} ± {format_number(c.sd, facts.digits)}",
-                "share": f"{100 * c.probability_best:.0f} %",
+                "mean": believed(c.mean, c.sd),
+                "keeps": "" if c.probability is None else f"{c.probability:.2f}",
                 "missions": f"{c.missions} ({c.failed})" if c.failed else str(c.missions),
-                "parameters": {path: parameter_value(c.values[path]) for path in s.space.paths},
+                "parameters": [parameter_value(c.values[path]) for path in s.space.paths],
+                "recommended": c.values == best.values,
             }
             for c in best.top
         ],
-        "model_text": (
-            f"A Gaussian process (Matérn 5/2, one length scale per parameter{trend_text(facts)}) on "
-            f"{best.observations} missions, outcomes "
-            f"standardised per {'rock and condition' if facts.several_conditions else 'rock'}. One mission scatters about its configuration’s mean over rocks with a standard "
-            f"deviation of {with_unit(best.noise_sd, label.difference_unit, facts.digits)}: that is the noise against which "
-            "differences have to be seen."
-            + (
-                " What all missions on one rock and replicate share is modelled apart and cancels between "
-                f"configurations; its standard deviation is {with_unit(best.block_sd, label.difference_unit, facts.digits)}."
-                if best.block_sd is not None
-                else ""
-            )
-            + _earlier_text(facts)
-            + _verification_text(facts)
-        ),
-        "model_figures": model_illustrations(facts, best, figures),
-        "rock_checks": [
-            [
-                facts.rock_names[c.rock],
-                str(c.missions),
-                f"{100 * c.inside_95:.0f} %",
-                format_number(c.z_sd, 2),
-                format_number(c.spearman, 2, signed=True),
-            ]
-            for c in facts.leave_one_rock_out
-        ],
     }
+
+
+def _model_text(facts: CampaignFacts, best: Recommendation) -> str:
+    unit = facts.label.difference_unit
+    shared = (
+        ""
+        if best.block_sd is None
+        else " What all missions on one rock and replicate share is modelled apart and cancels between configurations; its "
+        f"standard deviation is {with_unit(best.block_sd, unit, facts.digits)}."
+    )
+    exact = (
+        f" {metric_label(best.metric).name} is no part of it: the configuration decides it."
+        if best.exact
+        else ""
+    )
+    return (
+        f"A Gaussian process (Matérn 5/2, one length scale per parameter{trend_text(facts)}) of {facts.label.full} on "
+        f"{best.observations} missions, outcomes standardised per {'rock and condition' if facts.several_conditions else 'rock'}."
+        f"{exact} One mission scatters about its configuration’s mean over rocks with a standard deviation of "
+        f"{with_unit(best.noise_sd, unit, facts.digits)}: that is the noise against which differences have to be seen."
+        f"{shared}{_earlier_text(facts)}{_verification_text(facts)}"
+    )
 
 
 def _warnings(facts: CampaignFacts) -> list[str]:
@@ -326,12 +309,6 @@ def _warnings(facts: CampaignFacts) -> list[str]:
         out.append(
             f"The model’s 95 % intervals held only {100 * coverage:.0f} % of the left-out missions: read all "
             "intervals on this page as too narrow."
-        )
-    edges = [parameter_label(path).name for path in at_edge(facts, best.values)]
-    if edges:
-        out.append(
-            f"Recommended at the edge of the searched range: {', '.join(edges)}. Where such a parameter matters (see "
-            "below), a wider range may hold something better."
         )
     if (degraded := sum(t.status == "degraded" for t in facts.trials)) > 0.2 * facts.status.finished:
         out.append(f"{degraded} of {facts.status.finished} finished missions were degraded; see Costs.")

@@ -14,6 +14,8 @@ from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.missions.job import RESULT_FILE
 from tuner.report.campaign.facts import CampaignFacts
 
+MOST_READ = 200  # missions whose documents are read
+
 
 def provenance_rows(facts: CampaignFacts) -> tuple[list[tuple[str, str]], str]:
     """Rows for the page, and the revision that flew the missions (several are all listed)."""
@@ -22,15 +24,7 @@ def provenance_rows(facts: CampaignFacts) -> tuple[list[tuple[str, str]], str]:
     software = trees[-1].get("versions", {}) if trees else versions()
     machines = sorted({str(tree["machine"]) for tree in trees if "machine" in tree})
     backends = sorted({str(tree["backend"]) for tree in trees if "backend" in tree})
-    hashes = (
-        {
-            facts.rock_names.get(t.rock, t.rock): str(tree["rock_sha256"])[:12]
-            for t, tree in zip([t for t in facts.trials if t.state != "running"], trees)
-            if "rock_sha256" in tree
-        }
-        if len(trees) == facts.status.finished
-        else {}
-    )
+    hashes = {facts.rock_names.get(t.rock, t.rock): t.rock_sha256[:12] for t in facts.trials if t.rock_sha256}
     times = [t.started for t in facts.trials if t.started], [t.finished for t in facts.trials if t.finished]
     rows = [
         (
@@ -65,9 +59,9 @@ def flown_by(campaign: Campaign) -> list[str]:
 
 
 def _provenance_of_missions(campaign: Campaign) -> list[dict[str, Any]]:
-    """What each mission that ended recorded of itself, where it did."""
-    trees = []
-    for t in campaign.trials():
+    """What missions that ended recorded of themselves, where they did: of many every few."""
+    trees, trials = [], campaign.trials()
+    for t in trials[:: -(-len(trials) // MOST_READ) or 1]:
         path = campaign.directory / t.directory / RESULT_FILE
         try:
             tree = read_json(path, RESULT_BYTES, RESULT_NODES).get("provenance") or {}

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import collections
 from collections.abc import Sequence
-from typing import Any
 
 from tuner.campaign.ledger import TrialRecord
 from tuner.missions.registry import is_geometric
 from tuner.problem.search_space import Parameter
 from tuner.recommendation.recommendation import Recommendation
+from tuner.report.answer import exact_text
 from tuner.report.campaign.facts import CampaignFacts
-from tuner.report.labels import format_number, parameter_label, parameter_value
+from tuner.report.labels import format_number, metric_label, parameter_label, parameter_value
 from tuner.report.pages import duration
 
 _KEY_FIGURES_OF_ANY_MISSION = 3  # the others are of flights and photographs
 _COSTS_OF_ANY_MISSION = 2  # likewise
+_STAGES = 3  # of a mission that are named
 
 
 def key_figures(facts: CampaignFacts) -> list[tuple[str, str]]:
@@ -57,8 +58,10 @@ def rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
     done = [t for t in facts.trials if t.state != "running"]
     for row in best.per_rock:
         own = [t for t in done if t.world == row.world]
-        with_default = [t for t in own if t.values == best.default_values and t.raw is not None]
-        with_best = [t for t in own if t.values == best.values and t.raw is not None]
+        with_default, with_best = (
+            [t for t in own if t.values == values and facts.outcome(t) is not None]
+            for values in (best.default_values, best.values)
+        )
         rows.append(
             [
                 facts.rock_names[row.rock],
@@ -70,7 +73,7 @@ def rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
                 format_number(row.observed, facts.digits),
                 *_twin_mean(facts, with_best),
                 str(len(with_default)),
-                format_number(_mean([t.raw for t in with_default]), facts.digits),
+                format_number(_mean([facts.outcome(t) for t in with_default]), facts.digits),
                 *_twin_mean(facts, with_default),
             ]
         )
@@ -87,11 +90,24 @@ def cost_rows(facts: CampaignFacts) -> list[list[str]]:
             f"{st.finished} ({st.complete} successful, {_degraded(facts)} of them degraded; {st.failed} failed)",
             "",
         ],
-        ["compute time", duration(st.mission_wall_s), duration(st.mission_wall_s / done)],
+        ["compute time", duration(st.mission_wall_s) + _stages(facts), duration(st.mission_wall_s / done)],
         ["simulated flight time", duration(st.flight_time_s), duration(st.flight_time_s / done)],
         ["distance flown", _distance(st.path_length_m), _distance(st.path_length_m / done)],
         [_photographs(facts), f"{st.images:.0f}", f"{st.images / done:.1f}"],
     ][: None if facts.settings.mission is None else _COSTS_OF_ANY_MISSION]
+
+
+def _stages(facts: CampaignFacts) -> str:
+    """The stages that took most of the missions' time; empty where missions recorded none."""
+    totals: dict[str, float] = collections.defaultdict(float)
+    for trial in facts.trials:
+        for stage, value in trial.timings_s.items():
+            if "." not in stage and stage != "total" and isinstance(value, (int, float)):
+                totals[stage] += value
+    whole = sum(totals.values())
+    longest = sorted(totals, key=lambda stage: -totals[stage])[:_STAGES]
+    shares = [f"{stage} {100 * totals[stage] / whole:.0f} %" for stage in longest if totals[stage] > 0]
+    return f" ({', '.join(shares)})" if shares else ""
 
 
 def failure_rows(facts: CampaignFacts) -> list[list[str]]:
@@ -127,20 +143,20 @@ def trial_row(facts: CampaignFacts, t: TrialRecord) -> list[str]:
         facts.rock_names.get(t.rock, t.rock),
         *facts.condition_cells(t.world),
         str(t.replicate),
-        format_number(t.raw, facts.digits),
+        format_number(facts.outcome(t), facts.digits),
         *_twin_mean(facts, [t]),
+        *_cost_cell(facts, t),
         outcome,
         *(parameter_value(t.values[path]) for path in facts.settings.space.paths),
     ]
 
 
-def inline_values(values: dict[str, Any]) -> str:
-    """A configuration in one line."""
-    labels = {path: parameter_label(path) for path in values}
-    return ", ".join(
-        f"{labels[path].name} = {f'{parameter_value(value)} {labels[path].unit}'.strip()}"
-        for path, value in values.items()
-    )
+def _cost_cell(facts: CampaignFacts, t: TrialRecord) -> list[str]:
+    """The objective where the configuration decides it; no cell elsewhere."""
+    objective = facts.settings.objective
+    if facts.modelled == objective:
+        return []
+    return ["–" if t.raw is None else exact_text(t.raw, metric_label(objective.metric))]
 
 
 def _twin_mean(facts: CampaignFacts, trials: list[TrialRecord]) -> list[str]:

@@ -1,0 +1,52 @@
+"""The default's and the recommended mission once more, with everything kept, to be looked at."""
+
+from __future__ import annotations
+
+from nbv.errors import UserError
+from nbv.mission.result import MissionResult
+from tuner.campaign.campaign import Campaign
+from tuner.missions.executors import Executor
+from tuner.missions.job import MissionJob
+from tuner.missions.registry import DEFAULT_FIDELITY, is_geometric
+
+SHOWN = "shown"  # in a campaign's directory
+_WAIT_S = 1.0
+
+
+def shown_jobs(campaign: Campaign) -> list[MissionJob]:
+    """Both missions on the campaign's first rock, in ``RUN/shown/``; one where both are the same.
+
+    None without a recommendation, and none of missions that are not ours.
+    """
+    s, best = campaign.settings, campaign.recommendation(save=False)
+    if best is None or not (s.fidelity == DEFAULT_FIDELITY or is_geometric(s.fidelity)):
+        return []
+    world = s.worlds[0]
+    jobs: dict[str, MissionJob] = {}
+    for name, values in (("default", best.default_values), ("recommended", best.values)):
+        config = s.config(values, world.condition)
+        folder = campaign.directory / SHOWN / name
+        job = MissionJob(f"{SHOWN}-{name}", config, world.rock, 0, folder, "all", s.fidelity)
+        jobs.setdefault(config.digest(), job)
+    return list(jobs.values())
+
+
+def fly_shown_missions(campaign: Campaign, executor: Executor) -> None:
+    """Fly those of `shown_jobs` that are not there yet; one that fails is not shown."""
+    for job in shown_jobs(campaign):
+        if was_flown(job):
+            continue
+        job.directory.mkdir(parents=True, exist_ok=True)
+        (job.directory / "mission.json").unlink(missing_ok=True)
+        executor.submit(job)
+    while executor.in_flight:
+        executor.wait_any(_WAIT_S)
+
+
+def was_flown(job: MissionJob) -> bool:
+    """Whether the mission of this very configuration is there."""
+    try:
+        result = MissionResult.load(job.directory)
+    except UserError:
+        return False
+    return result.config_digest == job.config.digest() and result.status != "failed"

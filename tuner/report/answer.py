@@ -1,0 +1,235 @@
+"""The answer of a campaign in a surveyor's words: what page and terminal both say."""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING
+
+from nbv.config import MissionConfig, preset
+from tuner.missions.registry import is_geometric
+from tuner.problem.search_space import Configuration
+from tuner.report.labels import (
+    MetricLabel,
+    decimals_for,
+    format_number,
+    metric_label,
+    parameter_label,
+    parameter_value,
+    with_unit,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from typing import Any
+
+    from tuner.campaign.settings import CampaignSettings
+    from tuner.recommendation.recommendation import Limit, Recommendation
+
+FEW = 3  # changes that a sentence can name
+PLAN = ("seed.", "stop.", "pool.max_altitude_m")  # parameters that `plan_words` puts into words
+LEANS = "The intervals are of the best of those flown, on the rocks tuned on: they lean towards optimism."
+GEOMETRIC = "Predicted by geometric missions: no photograph was taken."
+
+
+# -- what to use ---------------------------------------------------------------------------------------------
+
+
+def use_sentence(best: Recommendation, s: CampaignSettings) -> str:
+    """``Use 14 photographs on rings, then 12 chosen by the planner, none above 1.45 m.``"""
+    if best.limit is not None and not best.limit.kept:
+        likeliest = "the default" if best.keep_default else configuration_words(best.values, best, s)
+        return f"Nothing flown is likely to keep {limit_words(best.limit)}; the likeliest is {likeliest}."
+    if best.keep_default:
+        plan = plan_words(s.config(best.values), ceiling=False)
+        return f"Keep the default{f' ({plan})' if plan else ''}: nothing flown is known to be better."
+    return f"Use {configuration_words(best.values, best, s)}."
+
+
+def configuration_words(values: Mapping[str, Any], best: Recommendation, s: CampaignSettings) -> str:
+    """A configuration by what it changes of the default."""
+    changed = [path for path, value in values.items() if value != best.default_values[path]]
+    planned = [path for path in changed if path.startswith(PLAN)]
+    plan = plan_words(s.config(values), ceiling="pool.max_altitude_m" in changed) if planned else ""
+    rest = [path for path in changed if not plan or path not in planned]
+    if len(rest) > FEW:
+        named = f"{len(rest)} changes"
+    else:
+        named = ", ".join(f"{parameter_label(path).name} {value_text(values, path)}" for path in rest)
+    if plan:
+        return f"{plan}; and {named}" if rest else plan
+    return f"the default with {named}" if rest else "the default"
+
+
+def plan_words(config: Configuration, *, ceiling: bool) -> str:
+    """How many photographs are taken where; empty for a mission that is not ours."""
+    if not isinstance(config, MissionConfig):
+        return ""
+    seed, stop = config.seed, config.stop
+    may_end = stop.criterion != "budget" or stop.min_gain_percent > 0
+    rings = "one ring" if seed.count and seed.rings == 1 else "rings"
+    words = f"{seed.total} photographs on {rings}, then {'up to ' if may_end else ''}{config.adaptive_budget} chosen by the planner"
+    return f"{words}, none above {config.pool.max_altitude_m:.3g} m" if ceiling else words
+
+
+def value_text(values: Mapping[str, Any], path: str) -> str:
+    """A tuned value with its unit."""
+    return f"{parameter_value(values[path])} {parameter_label(path).unit}".strip()
+
+
+# -- what it is worth ----------------------------------------------------------------------------------------
+
+
+def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
+    """What the recommendation is worth on the training rocks, then on the next one."""
+    said = _exact_worth(best, s) if best.exact else _modelled_worth(best, s)
+    if best.next_rock is not None:
+        said += best.next_rock.warnings(of_gain=not best.exact)
+    if is_geometric(s.fidelity):
+        said.append(GEOMETRIC)
+    return said
+
+
+def _exact_worth(best: Recommendation, s: CampaignSettings) -> list[str]:
+    cost, limit = metric_label(best.metric), best.limit
+    name = cost.name[:1].lower() + cost.name[1:]
+    said = exact_text(best.mean, cost, name)
+    if not best.keep_default:
+        said += f" in place of {exact_text(best.default_mean, cost)}"
+    if limit is None:
+        return [f"{said}; what that does to {_short(metric_label(best.modelled_metric))} is below."]
+    label, digits = metric_label(limit.metric), _decimals(limit.sd)
+    quality = f"{_short(label)} {label.value(limit.mean, digits)} on {_where(s)} ({_interval(limit.interval_95, digits)}"
+    if not best.keep_default:
+        quality += f"; {label.value(limit.default_mean, digits)} with the default"
+    lines = [f"{said}. {quality})."]
+    if limit.next_rock_keeps is not None:
+        bound = "at least" if limit.direction == "maximise" else "at most"
+        asked = label.value(limit.limit, _digits(limit.limit))
+        line = f"On the next rock {bound} {asked} with probability {limit.next_rock_keeps:.2f}"
+        if limit.next_rock_no_worse is not None:
+            with_default = exact_text(best.default_mean, cost)
+            line += f"; no worse than with {with_default} with probability {limit.next_rock_no_worse:.2f}"
+        lines.append(f"{line}.")
+    return lines
+
+
+def _modelled_worth(best: Recommendation, s: CampaignSettings) -> list[str]:
+    label, digits = metric_label(best.metric), _decimals(best.sd)
+    said = f"{_short(label)} {label.value(best.mean, digits)}"
+    if best.keep_default:
+        lines = [f"{said} on {_where(s)} ({_interval(best.interval_95, digits)})."]
+    else:
+        of_gain = _decimals(best.improvement_sd)
+        gain = with_unit(best.improvement, label.difference_unit, of_gain, signed=True)
+        interval = _interval(best.improvement_interval_95, of_gain, signed=True)
+        lines = [
+            f"{said} in place of {label.value(best.default_mean, digits)} on {_where(s)}: {gain} ({interval})"
+            f"{_sign_note(label, best)}."
+        ]
+    if best.limit is not None:
+        lines.append(_cost_sentence(best, best.limit))
+    if (next_rock := best.next_rock) is not None:
+        digits = _decimals((next_rock.interval_95[1] - next_rock.interval_95[0]) / 4)
+        gain = with_unit(next_rock.gain, label.difference_unit, digits, signed=True)
+        interval = _interval(next_rock.interval_95, digits, signed=True)
+        lines.append(
+            f"On the next rock {gain} ({interval}); no worse than the default with probability {next_rock.no_worse:.2f}."
+        )
+    return lines
+
+
+def _cost_sentence(best: Recommendation, limit: Limit) -> str:
+    label = metric_label(limit.metric)
+    if limit.exact:
+        has, default = (exact_text(mean, label) for mean in (limit.mean, limit.default_mean))
+        said = f"{label.name} {has}"
+    else:
+        digits = _decimals(limit.sd)
+        has, default = label.value(limit.mean, digits), label.value(limit.default_mean, digits)
+        said = f"{label.name} {has} (kept with probability {limit.probability:.2f})"
+    rest = "" if best.keep_default else f"; the default has {default}"
+    return f"{said}, asked for {limit_words(limit).removeprefix(f'{_short(label)} ')}{rest}."
+
+
+def runner_up_sentence(best: Recommendation, s: CampaignSettings) -> str:
+    """What may be better and is not known to be; empty where there is nothing."""
+    rival = best.runner_up
+    if rival is None:
+        return ""
+    flown = (
+        "predicted, never flown"
+        if not rival.missions
+        else f"flown {rival.missions} {'time' if rival.missions == 1 else 'times'}"
+    )
+    label = metric_label(best.metric)
+    if best.exact:
+        worth = exact_text(rival.mean, label, label.name[:1].lower() + label.name[1:])
+    else:
+        digits = _decimals((rival.difference_interval_95[1] - rival.difference_interval_95[0]) / 4)
+        gain = with_unit(rival.difference, label.difference_unit, digits, signed=True)
+        interval = _interval(rival.difference_interval_95, digits, signed=True)
+        worth = f"{gain} ({interval}) against the above"
+    keeps = "" if rival.probability is None else f"; keeps the limit with probability {rival.probability:.2f}"
+    return f"Runner-up ({flown}): {configuration_words(rival.values, best, s)}. {worth[:1].upper()}{worth[1:]}{keeps}."
+
+
+# -- small things --------------------------------------------------------------------------------------------
+
+
+def exact_text(value: float, label: MetricLabel, name: str = "") -> str:
+    """``26 photographs``, ``12.5 s``: what a configuration decides, without an uncertainty."""
+    text = f"{value:.0f}" if value == int(value) else f"{value:.4g}"
+    return " ".join(filter(None, (text, label.unit or name)))
+
+
+def limit_words(limit: Limit) -> str:
+    """``F-score at least 98 %``."""
+    label = metric_label(limit.metric)
+    bound = "at least" if limit.direction == "maximise" else "at most"
+    return f"{_short(label)} {bound} {label.value(limit.limit, _digits(limit.limit))}"
+
+
+def _where(s: CampaignSettings) -> str:
+    rocks = "the training rocks" if s.mission is None else "the training instances"
+    return f"the worst of {rocks}" if s.risk == "worst" else rocks
+
+
+def _sign_note(label: MetricLabel, best: Recommendation) -> str:
+    """That a gain of what is minimised is written as positive."""
+    return ", positive where less" if best.direction == "minimise" else ""
+
+
+def _short(label: MetricLabel) -> str:
+    """``F-score`` of ``F-score @ 48 mm``."""
+    return label.name.partition(" @")[0]
+
+
+def _interval(interval: tuple[float, float], digits: int, *, signed: bool = False) -> str:
+    low, high = (format_number(value, digits, signed=signed) for value in interval)
+    return f"95 % interval {low} to {high}"
+
+
+def _decimals(sd: float) -> int:
+    """One significant digit of the uncertainty."""
+    return max(1, decimals_for(sd) - 1)
+
+
+def _digits(value: float) -> int:
+    return 0 if value == int(value) else 2
+
+
+def default_note(s: CampaignSettings) -> str:
+    """Where the default is not the paper's, in what was tuned; empty for a mission that is not ours."""
+    if s.mission is not None:
+        return ""
+    paper, default, differs = preset("paper"), s.default_values(), []
+    for path, value in default.items():
+        theirs = functools.reduce(getattr, path.split("."), paper)
+        if path == "seed.count" and value == paper.seed.total:  # its rings have as many
+            continue
+        if theirs != value:
+            differs.append(f"{parameter_label(path).name} {value_text({path: theirs}, path)}")
+    if not differs:
+        return "The default has the paper's values."
+    named = ", ".join(differs) if len(differs) <= 2 * FEW else f"other values of {len(differs)} parameters"
+    return f"The default is preset {s.preset} with the search space's own defaults; the paper has {named}."
