@@ -45,7 +45,8 @@ def write_dashboard(campaign: Campaign, directory: Path) -> Dashboard:
     """Write a study beside the ledger, which stays as it is; an older one in ``directory`` is replaced.
 
     The objective is the campaign's metric with the rocks' (and conditions') differences taken out, as the surrogate sees
-    it, in the metric's unit: values of different rocks compare, and importances are those of the parameters. Failed
+    it, in the metric's unit: values of different rocks compare, and importances are those of the parameters; what the
+    configuration decides stays as it is, beside the quality. Failed
     missions are trials that failed, with constraint 1 where measured ones have 0. What a mission kept (photographs in
     one sheet, cloud, page, configuration) are its artefacts.
 
@@ -55,7 +56,7 @@ def write_dashboard(campaign: Campaign, directory: Path) -> Dashboard:
         No mission has succeeded yet, or the directory cannot be written.
     """
     facts = CampaignFacts(campaign)
-    if facts.model is None:
+    if facts.recommendation is None:
         raise UserError(
             f"{campaign.directory} has no successful mission yet; run or resume the campaign first"
         )
@@ -99,24 +100,27 @@ def _trial(
         datetime_complete=trial.finished,
         params=trial.values,
         distributions=distributions(facts.settings.space),
-        user_attrs=_attributes(trial),
+        user_attrs=_attributes(facts, trial),
         system_attrs={**study.trials[0].system_attrs, **notes},
         intermediate_values={},
     )
 
 
 def _adjusted(facts: CampaignFacts, trial: TrialRecord) -> float | None:
-    """The metric as if flown in the mean of the worlds."""
-    if trial.raw is None or facts.model is None:
-        return None
+    """The metric as if flown in the mean of the worlds; as it is where the configuration decides it."""
+    if trial.raw is None or facts.model is None or facts.modelled != facts.settings.objective:
+        return trial.raw
     standard = facts.model.standardiser
     offset, factor = standard.mean_over(facts.model.worlds)
     (z,) = standard.standardise([trial.world], [facts.sign * trial.raw])
     return float(facts.sign * (offset + factor * z))
 
 
-def _attributes(trial: TrialRecord) -> dict[str, Any]:
+def _attributes(facts: CampaignFacts, trial: TrialRecord) -> dict[str, Any]:
+    best, quality = facts.recommendation, facts.modelled
     attributes = {
+        "recommended": True if best is not None and trial.values == best.values else None,
+        quality.metric: None if quality == facts.settings.objective else facts.outcome(trial),
         "rock": trial.rock,
         "condition": trial.condition,
         "replicate": trial.replicate,
