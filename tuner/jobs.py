@@ -10,29 +10,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
 from nbv.config import load_conditions, preset
-from nbv.errors import UserError
 from tuner.campaign.asked_settings import DEFAULTS, CampaignFields, asked_settings
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
-from tuner.campaign.rock_choice import rock_arguments, unseen_rocks
+from tuner.campaign.rock_choice import rock_arguments
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE, read_settings
-from tuner.evaluation.baselines import (
-    EVALUATION_BASELINES,
-    REPRODUCTION_STRATEGIES,
-    baseline_configs,
-    tuned_configs,
-)
+from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
 from tuner.evaluation.flying import EvaluationRun, run_evaluation
+from tuner.evaluation.of_campaign import held_out
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import local_executor
-from tuner.problem.search_space import ours
 from tuner.report.records import frame_of
 
 if TYPE_CHECKING:
     import pandas as pd
+
+    from tuner.missions.external import MissionFile
 
 __all__ = ["evaluate", "frame", "reproduce", "tune"]
 
@@ -86,7 +82,7 @@ def evaluate(
     *,
     rocks: Sequence[str] | None = None,
     replicates: int = 3,
-    strategies: Sequence[str] = EVALUATION_BASELINES,
+    strategies: Sequence[str] | None = None,
     conditions: Sequence[str] | None = None,
     fidelity: str = "photogrammetric",
     directory: str | Path | None = None,
@@ -98,9 +94,10 @@ def evaluate(
     Parameters
     ----------
     rocks
-        By default the procedural held-out ones.
+        By default the procedural held-out ones, or what a mission file holds out.
     strategies
-        The baselines.
+        The baselines, by default the command's; at the recommendation's number of photographs, and the default's own plan
+        beside them.
     conditions
         Names or files; by default the campaign's.
     directory
@@ -109,24 +106,20 @@ def evaluate(
     Raises
     ------
     UserError
-        The campaign has no recommendation, was tuned on one of the rocks, or is of a mission file
-        (``gatetune evaluate`` reads what that says).
+        The campaign has no recommendation, or was tuned on one of the rocks.
     """
     source = campaign if isinstance(campaign, Campaign) else Campaign.open(Path(campaign), read_only=True)
-    if source.settings.mission is not None:
-        raise UserError("a mission file says itself what to evaluate; run: gatetune evaluate")
-    base = ours(source.settings.base_config())
-    plan = EvaluationPlan(
-        {
-            **tuned_configs(ours(source.recommended_config()), base),
-            **baseline_configs(list(strategies), base),
-        },
-        unseen_rocks(source, rocks),
-        replicates,
+    source.allow_program(named=False)
+    asked = held_out(
+        source,
+        rocks=rocks,
+        replicates=replicates,
+        strategies=strategies,
+        conditions=load_conditions(conditions) if conditions else None,
         fidelity=fidelity,
-        conditions=load_conditions(conditions) if conditions else source.settings.conditions,
     )
-    return _fly(plan, Path(directory or source.directory / "evaluation"), workers, timeout_s)
+    where = Path(directory or source.directory / "evaluation")
+    return _fly(asked.plan, where, workers, timeout_s, source.settings.mission)
 
 
 def reproduce(
@@ -182,6 +175,12 @@ def _asked(usual: Mapping[str, Any], given: CampaignFields) -> CampaignSettings:
     return asked_settings({**usual, **given, **lists}, "tune()")
 
 
-def _fly(plan: EvaluationPlan, directory: Path, workers: int | None, timeout_s: float) -> EvaluationRun:
-    with local_executor(plan.fidelity, workers, timeout_s) as executor:
+def _fly(
+    plan: EvaluationPlan,
+    directory: Path,
+    workers: int | None,
+    timeout_s: float,
+    mission: MissionFile | None = None,
+) -> EvaluationRun:
+    with local_executor(plan.fidelity, workers, timeout_s, mission) as executor:
         return run_evaluation(plan, directory, executor)

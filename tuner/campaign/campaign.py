@@ -389,7 +389,11 @@ class Campaign:
         return ask_many(self._sampler, asked, history, flying, count)
 
     def recommended_config(self) -> Configuration:
-        """The recommendation as a complete mission configuration, under no condition.
+        """The recommendation as a complete mission configuration, under no condition; raises as `recommended`."""
+        return self.settings.config(self.recommended().values)
+
+    def recommended(self) -> Recommendation:
+        """`recommendation`, which is not saved.
 
         Raises
         ------
@@ -401,7 +405,7 @@ class Campaign:
             raise UserError(
                 f"{self.directory} has no successful mission yet; run or resume the campaign first"
             )
-        return self.settings.config(result.values)
+        return result
 
     def saved_recommendation(self, history: Sequence[Observation] | None = None) -> Recommendation | None:
         """What was saved after exactly ``history`` (None: all missions), its values flown in it; None without such a file."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,6 +13,7 @@ from rich.markup import escape
 
 from tuner.commands.console import (
     FlightProgress,
+    answer_json,
     beating,
     local_executor,
     output,
@@ -26,10 +28,10 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
     from tuner.evaluation.flying import EvaluationEvent
+    from tuner.evaluation.of_campaign import Asked
     from tuner.evaluation.plan import EvaluationPlan
     from tuner.missions.external import MissionFile
-    from tuner.problem.objective import Objective
-    from tuner.report.comparison.verdicts import LimitAsked
+    from tuner.report.comparison.facts import ComparisonFacts
 
 
 class ComparisonProgress(FlightProgress):
@@ -72,76 +74,62 @@ def compare(
     *,
     workers: int | None,
     timeout_s: float,
-    objective: Objective,
-    reference: str | None,
     title: str,
-    paper: bool,
+    asked: Asked,
+    reference: str | None,
+    notes: Sequence[str] = (),
+    paper: bool = False,
     mission: MissionFile | None = None,
-    asked: LimitAsked | None = None,
 ) -> None:
-    """Fly what is missing, print Table I's layout with intervals, write the report."""
-    from tuner.evaluation.comparison import comparison_table
+    """Fly what is missing, say what was found, write the report."""
     from tuner.evaluation.flying import run_evaluation
     from tuner.report import write_comparison_report
-    from tuner.report.comparison.page import leading_verdict
-    from tuner.report.comparison.tables import (
-        PAPER_NOT_COMPARABLE,
-        comparison_terminal_table,
-        difference_terminal_table,
-        mission_file_rows,
-    )
-    from tuner.report.comparison.verdicts import limit_rows
+    from tuner.report.comparison.facts import comparison_facts
 
     executor = local_executor(plan.fidelity, workers, timeout_s, mission)
+    for note in notes:
+        output.print(note, style="yellow")
     output.print(
         f"{len(plan.strategies)} strategies on {len(plan.rocks)} {'rock' if len(plan.rocks) == 1 else 'rocks'} x {plan.replicates} replicates{under_conditions(plan.conditions)}: "
         f"{plan.missions} missions, {executor.capacity} workers"
     )
     with executor, progress_bar() as bar:
-        show = ComparisonProgress(bar, objective.metric)
+        show = ComparisonProgress(bar, (asked.quality or asked.objective).metric)
         with beating(show.tick):
             run = run_evaluation(plan, directory, executor, show)
-    ours = mission is None or mission.score is not None
-    rows = None if ours else mission_file_rows(objective, run.records)
-    if sentence := leading_verdict(run, reference, objective.metric, rows, asked):
-        output.print(sentence, style="bold")
-    several = len(plan.conditions) > 1
-    for condition in plan.conditions if several else ():
-        own = [r for r in run.records if r.condition == condition.name]
-        output.print(f"under {condition.name}:")
-        output.print(
-            comparison_terminal_table(comparison_table(own, tuple(plan.strategies), reference), paper=paper),
-            markup=True,
-        )
-    if several:
-        output.print("over all conditions:")
-    if rows is None:
-        name = "Dense cloud against ground truth"
-        table = comparison_table(run.records, tuple(plan.strategies), reference)
-    else:
-        name = "Metrics and costs"
-        table = comparison_table(run.records, tuple(plan.strategies), reference, None, rows)
-    shown = limit_rows(table, run.records, asked)
-    output.print(comparison_terminal_table(shown, title=name, paper=paper), markup=True)
-    if (differences := difference_terminal_table(table)) is not None:
-        output.print(differences, markup=True)
-    if paper:
-        output.print(PAPER_NOT_COMPARABLE)
+    facts = comparison_facts(run, reference, asked, notes=notes)
+    _show(facts, paper=paper)
     with working("writing the report"):
         report = write_comparison_report(
-            run,
-            directory,
-            title=title,
-            reference=reference,
-            metric=objective.metric,
-            paper=paper,
-            command=f"gatetune {shlex.join(sys.argv[1:])}",
-            rows=rows,
-            asked=asked,
+            facts, directory, title=title, paper=paper, command=f"gatetune {shlex.join(sys.argv[1:])}"
         )
     output.print(f"{seconds(run.elapsed_s)}; report: {report}")
+    answer_json({"title": title, "directory": str(directory), "report": str(report), **facts.to_dict()})
     for reason, times in run.failures.items():
         output.print(f"failed {times} times: {reason}", style="red")
     if not run.complete:
         output.print("not complete; the same command goes on where it stopped")
         raise typer.Exit(130)
+
+
+def _show(facts: ComparisonFacts, *, paper: bool) -> None:
+    """The verdicts, then the tables from the shortest to the longest."""
+    from tuner.report.comparison.tables import (
+        PAPER_NOT_COMPARABLE,
+        comparison_terminal_table,
+        difference_terminal_table,
+    )
+
+    for line in facts.verdicts:
+        output.print(line.text, style="bold")
+    short = {} if facts.summary is None else {"What the campaign was asked for": facts.summary}
+    short |= {f"Under {name}": table for name, table in facts.conditions.items()}
+    for title, table in short.items():
+        output.print(comparison_terminal_table(table, title=title), markup=True)
+    part = facts.parts[0]
+    title = f"Dense cloud against ground truth, {part.surface} surface" if part.surface else part.title
+    output.print(comparison_terminal_table(part.table, title=title, paper=paper), markup=True)
+    if (differences := difference_terminal_table(part.table)) is not None:
+        output.print(differences, markup=True)
+    if paper:
+        output.print(PAPER_NOT_COMPARABLE)

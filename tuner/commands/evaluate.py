@@ -1,25 +1,19 @@
-"""``gatetune evaluate``: job 2."""
+"""``gatetune evaluate`` and ``gatetune confirm``: job 2."""
 
 from __future__ import annotations
 
-import dataclasses
 import re
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from nbv.config import IDEAL, Condition, load_conditions
-from nbv.errors import UserError
+from nbv.config import load_conditions
 from tuner.commands.comparison import compare
-from tuner.commands.console import MISSION_HELP, load, output, working
+from tuner.commands.console import MISSION_HELP, AsJson, answer_json, load, output, working
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
-    from tuner.campaign.settings import CampaignSettings
-    from tuner.evaluation.plan import EvaluationPlan
-    from tuner.report.comparison.verdicts import LimitAsked
 
 
 LONGEST_NAME = 100  # characters of a folder's name
@@ -57,7 +51,7 @@ def evaluate(
     reference: Annotated[
         str | None,
         typer.Option(
-            help="Paired differences are against this strategy (default: hyb-h; of a mission file default)."
+            help="Paired differences are against this strategy (default: hyb-h, of a mission file default; else the first)."
         ),
     ] = None,
     workers: Annotated[
@@ -67,69 +61,38 @@ def evaluate(
     margin: MarginOption = 1.0,
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/evaluation).")] = None,
     mission: Annotated[Path | None, typer.Option(help=MISSION_HELP)] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Fly the recommended configuration and the baselines on held-out rocks; print Table I with intervals.
 
     Example: gatetune evaluate runs/mine --replicates 3
     """
     output.print(f"evaluating the recommendation of {campaign}")  # before what takes seconds to load
-    load("tuner.campaign.campaign")
-    from tuner.campaign.campaign import Campaign
-    from tuner.campaign.rock_choice import unseen_rocks
-    from tuner.evaluation.baselines import (
-        EVALUATION_BASELINES,
-        at_equal_number,
-        baseline_configs,
-        tuned_configs,
-    )
-    from tuner.evaluation.plan import EvaluationPlan
-    from tuner.problem.search_space import ours
+    load("tuner.evaluation.of_campaign")
+    from tuner.evaluation.of_campaign import held_out
 
-    source = Campaign.open(campaign, read_only=True, mission=mission)
-    source.allow_program(named=mission is not None)
-    if source.settings.mission is not None:
-        if conditions:
-            raise UserError("--condition is of our own missions; a mission file has instances")
-        plan, against = _of_mission_file(source, rocks, replicates, strategies, reference)
-        compare(
-            plan,
-            out or campaign / "evaluation",
-            workers=workers,
-            timeout_s=timeout_s,
-            objective=source.settings.objective,
-            reference=against,
-            title=f"{source.settings.name}: tuned against baselines on held-out instances",
-            paper=False,
-            mission=source.settings.mission,
-            asked=_asked(source.settings, margin),
-        )
-        return
-    worlds = load_conditions(conditions) if conditions else source.settings.conditions
-    dataclasses.replace(source.settings, conditions=worlds)  # says where the two contradict each other
-    _say_what_is_unseen(source, worlds)
-    chosen = unseen_rocks(source, rocks, working)
-    base = ours(source.settings.base_config())
-    configs = baseline_configs(list(strategies or EVALUATION_BASELINES), base)
-    reference = reference or "hyb-h"
-    if reference not in configs:
-        raise UserError(f"--reference {reference!r} is not evaluated; choose from {', '.join(configs)}")
-    recommended = ours(source.recommended_config())
-    if recommended.digest() == base.digest():
-        output.print("the campaign recommends to keep the default: Tuned is the default")
-    tuned = tuned_configs(recommended, base)
-    plan = EvaluationPlan(
-        {**tuned, **at_equal_number(configs, recommended, reference)}, chosen, replicates, conditions=worlds
+    source = _open(campaign, mission)
+    asked = held_out(
+        source,
+        rocks=rocks,
+        replicates=replicates,
+        strategies=strategies,
+        reference=reference,
+        conditions=load_conditions(conditions) if conditions else None,
+        margin=margin,
+        making=working,
     )
     compare(
-        plan,
+        asked.plan,
         out or campaign / "evaluation",
         workers=workers,
         timeout_s=timeout_s,
-        objective=source.settings.objective,
-        reference=reference,
-        title=f"{source.settings.name}: tuned against baselines on held-out rocks",
-        paper=False,
-        asked=_asked(source.settings, margin),
+        title=f"{source.settings.name}: tuned against baselines on held-out "
+        f"{'rocks' if source.settings.mission is None else 'instances'}",
+        asked=asked.asked,
+        reference=asked.reference,
+        notes=asked.notes,
+        mission=source.settings.mission,
     )
 
 
@@ -149,107 +112,43 @@ def confirm(
         Path | None, typer.Option(help="Directory (default: CAMPAIGN/confirmation-ROCKS).")
     ] = None,
     mission: Annotated[Path | None, typer.Option(help=MISSION_HELP)] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Fly the recommendation and the default on training rocks with fresh replicates; say whether the rocks gained.
 
     Example: gatetune confirm runs/mine --rock mine
     """
     output.print(f"confirming the recommendation of {campaign}")  # before what takes seconds to load
-    load("tuner.campaign.campaign")
-    from tuner.campaign.campaign import Campaign
-    from tuner.evaluation.baselines import TUNED
-    from tuner.evaluation.plan import EvaluationPlan
-    from tuner.missions.registry import DEFAULT_FIDELITY
+    load("tuner.evaluation.of_campaign")
+    from tuner.evaluation.of_campaign import confirmation
 
-    source = Campaign.open(campaign, read_only=True, mission=mission)
-    source.allow_program(named=mission is not None)
-    s = source.settings
-    known = {rock if s.mission is not None else Path(rock).stem: rock for rock in s.rocks}
-    chosen = [rock if rock in s.rocks else known.get(Path(rock).stem, rock) for rock in rocks or s.rocks]
-    for rock in chosen:
-        if rock not in s.rocks:
-            raise UserError(
-                f"{campaign} was not tuned on {rock!r}; name one of {', '.join(known)}, or use evaluate"
-            )
-    tuned, default = source.recommended_config(), s.config(s.default_values())
-    if tuned.digest() == default.digest():
-        output.print(f"{campaign} recommends to keep the default: there is nothing to confirm")
-        return
-    plan = EvaluationPlan(
-        {TUNED: tuned, "default": default},
-        tuple(chosen),
-        replicates,
-        first_replicate=s.replicates,
-        fidelity=s.fidelity if s.mission is not None else DEFAULT_FIDELITY,
-        conditions=s.conditions,
-    )
-    names = "-".join(re.sub(r"[^\w.-]", "-", name) for name, rock in known.items() if rock in chosen)
+    source = _open(campaign, mission)
+    asked = confirmation(source, rocks=rocks, replicates=replicates, margin=margin)
+    if asked is None:
+        note = f"{campaign} recommends to keep the default: there is nothing to confirm"
+        output.print(note)
+        return answer_json({"notes": [note]})
+    ours = source.settings.mission is None
+    stems = [Path(rock).stem if ours else rock for rock in asked.plan.rocks]
+    names = "-".join(re.sub(r"[^\w.-]", "-", stem) for stem in stems)
     if len(names) > LONGEST_NAME:
-        names = f"{len(chosen)}-rocks"
+        names = f"{len(stems)}-rocks"
     compare(
-        plan,
+        asked.plan,
         out or campaign / f"confirmation-{names}",
         workers=workers,
         timeout_s=timeout_s,
-        objective=s.objective,
-        reference="default",
-        title=f"{s.name}: the recommendation against the default on training rocks, fresh replicates",
-        paper=False,
-        mission=s.mission,
-        asked=_asked(s, margin),
+        title=f"{source.settings.name}: the recommendation against the default on training rocks, fresh replicates",
+        asked=asked.asked,
+        reference=asked.reference,
+        notes=asked.notes,
+        mission=source.settings.mission,
     )
 
 
-def _asked(settings: CampaignSettings, margin: float) -> LimitAsked | None:
-    """The limit that the campaign was given; None where it has none."""
-    from tuner.report.comparison.verdicts import LimitAsked
+def _open(directory: Path, mission: Path | None) -> Campaign:
+    from tuner.campaign.campaign import Campaign
 
-    if settings.second is None or settings.limit is None:
-        return None
-    return LimitAsked(settings.objective, settings.second, settings.limit, margin)
-
-
-def _say_what_is_unseen(campaign: Campaign, conditions: Sequence[Condition]) -> None:
-    """Which conditions the campaign, and those that it learned from, have flown under."""
-    flown = {condition.name for condition in campaign.settings.conditions}
-    if campaign.learned is not None:
-        flown |= {o.condition for o in campaign.learned.observations}
-    names = [condition.name for condition in conditions]
-    unseen = [name for name in names if name not in flown]
-    if unseen:
-        output.print(f"conditions that the campaign has not seen: {', '.join(unseen)}")
-    if (seen := [name for name in names if name in flown]) and names != [IDEAL]:
-        output.print(f"tuned under, so no test of transfer: {', '.join(seen)}", style="yellow")
-
-
-def _of_mission_file(
-    source: Campaign,
-    rocks: list[str] | None,
-    replicates: int,
-    strategies: list[str] | None,
-    reference: str | None,
-) -> tuple[EvaluationPlan, str]:
-    """What a mission file says to evaluate: tuned, its defaults and its baselines on its held-out instances."""
-    from tuner.evaluation.baselines import TUNED
-    from tuner.evaluation.plan import EvaluationPlan
-    from tuner.missions.external import external_config
-    from tuner.missions.registry import EXTERNAL
-
-    mission = source.settings.mission
-    assert mission is not None
-    held_out = [instance.name for instance in mission.held_out]
-    if not held_out:
-        raise UserError(f"{mission.path} holds nothing out; name instances under held_out")
-    for rock in rocks or ():
-        if rock not in held_out:
-            raise UserError(f"{rock!r} is not held out; {mission.path} holds out {', '.join(held_out)}")
-    known = {"default": {}, **mission.baselines}
-    for name in strategies or ():
-        if name not in known:
-            raise UserError(f"{mission.path} has no baseline {name!r}; there are {', '.join(known)}")
-    configs = {name: external_config(mission, known[name]) for name in strategies or known}
-    reference = reference or next(iter(configs))
-    if reference not in configs:
-        raise UserError(f"--reference {reference!r} is not evaluated; choose from {', '.join(configs)}")
-    flown = {TUNED: source.recommended_config(), **configs}
-    return EvaluationPlan(flown, tuple(rocks or held_out), replicates, fidelity=EXTERNAL), reference
+    source = Campaign.open(directory, read_only=True, mission=mission)
+    source.allow_program(named=mission is not None)
+    return source

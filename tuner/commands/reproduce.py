@@ -9,7 +9,7 @@ import typer
 
 from nbv.config import IDEAL, PRESETS, load_conditions
 from tuner.commands.comparison import compare
-from tuner.commands.console import CONDITION_HELP, load, mission_config, output, rock_arguments
+from tuner.commands.console import CONDITION_HELP, AsJson, load, mission_config, output, rock_arguments
 from tuner.problem.objective import Objective
 
 
@@ -38,6 +38,7 @@ def reproduce(
     ] = None,
     timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 7200.0,
     out: Annotated[Path, typer.Option(help="Directory.")] = Path("runs/reproduce"),
+    as_json: AsJson = False,
 ) -> None:
     """Fly the paper's default configuration for its strategies and two references; print its Table I beside the paper's numbers.
 
@@ -46,6 +47,7 @@ def reproduce(
     output.print(f"reproducing Table I with preset {preset}")  # before what takes seconds to load
     load("tuner.evaluation.baselines")
     from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
+    from tuner.evaluation.of_campaign import Asked
     from tuner.evaluation.plan import EvaluationPlan
 
     base = mission_config(preset, set_ or [])
@@ -63,7 +65,7 @@ def reproduce(
         out,
         workers=workers,
         timeout_s=timeout_s,
-        objective=Objective("whole.completeness_48mm"),
+        asked=Asked(Objective("whole.completeness_48mm")),
         reference=next(iter(configs)) if len(configs) > 1 else None,
         title=f"Table I reproduced with preset {preset}: {PRESETS[preset].purpose}",
         paper=True,

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from nbv.config import GATES, MissionConfig
 from nbv.errors import UserError
+from tuner.problem.search_space import Configuration
 
 
 @dataclass(frozen=True)
@@ -122,12 +123,18 @@ def photographs(config: MissionConfig) -> int:
     return config.seed.total + config.adaptive_budget
 
 
-def controls_at_equal_number(strategies: Iterable[str]) -> tuple[str, ...]:
-    """Those of ``strategies`` that fly as many photographs as the tuned one and see nothing of the true surface."""
+def controls_at_equal_number(strategies: Mapping[str, Configuration]) -> tuple[str, ...]:
+    """Those that fly as many photographs as the tuned one, are not its equal, and see nothing of the true surface."""
+    tuned = strategies.get(TUNED)
+    if not isinstance(tuned, MissionConfig):
+        return ()
     return tuple(
         name
-        for name in strategies
-        if name == TUNED_POOL_RANDOM or (_split(name)[1] and not sees_ground_truth(name))
+        for name, config in strategies.items()
+        if isinstance(config, MissionConfig)
+        and photographs(config) == photographs(tuned)
+        and config.digest() != tuned.digest()
+        and not sees_ground_truth(name)
     )
 
 

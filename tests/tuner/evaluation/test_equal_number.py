@@ -23,9 +23,12 @@ def test_every_control_has_the_tuned_number_beside_the_default_plan() -> None:
     pool = tuned_configs(tuned, BASE)["random-tuned-pool"]
     assert (photographs(pool), pool.pool) == (number, tuned.pool)
     assert label(f"hyb-h-{number}") == f"Hyb-H, {number}"
-    assert controls_at_equal_number(found) == (f"hyb-h-{number}", f"random-{number}")
+    flown = {"tuned": tuned, "hyb-h": BASE, **found}
+    assert controls_at_equal_number(flown) == (f"hyb-h-{number}", f"random-{number}")
 
 
 def test_an_equal_number_changes_nothing() -> None:
     configs = baseline_configs(["hyb-h", "random"], BASE)
-    assert at_equal_number(configs, BASE.with_values({"gate.budget_fraction": 0.1}), "hyb-h") == configs
+    tuned = BASE.with_values({"gate.budget_fraction": 0.1})
+    assert at_equal_number(configs, tuned, "hyb-h") == configs
+    assert controls_at_equal_number({"tuned": tuned, **configs}) == ("hyb-h", "random")

@@ -10,13 +10,16 @@ import yaml
 
 from nbv.config import load_conditions, preset
 from nbv.errors import UserError
+from tuner.campaign.campaign import Campaign
 from tuner.evaluation.comparison import comparison_table, strategy_difference, values_of
 from tuner.evaluation.flying import EvaluationRun, run_evaluation
+from tuner.evaluation.of_campaign import held_out
 from tuner.evaluation.paper_table import MetricRow
 from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
 from tuner.missions.executors import InProcessExecutor
 from tuner.missions.registry import ignored_by
 from tuner.problem.worlds import World
+from tuner.report.comparison.facts import comparison_facts
 from tuner.report.comparison.page import write_comparison_report
 
 BASE = preset("campaign")
@@ -55,12 +58,15 @@ def test_every_strategy_flies_every_world_and_is_paired(tmp_path: Path) -> None:
 
 def test_its_page_has_a_row_per_condition(tmp_path: Path) -> None:
     run = evaluated(tmp_path / "out", replicates=1)
-    page = write_comparison_report(run, tmp_path / "page", metric=F48.key).read_text()
+    page = write_comparison_report(comparison_facts(run), tmp_path / "page").read_text()
     rows = page.split('id="conditions">')[1].split("</table>")[0]
-    assert rows.count("<tr><td>") == 2 and "<td>field</td>" in rows
+    assert rows.count("<tr><td>Photographs") == 2 == rows.count("<tr><td>F-score") and "field</th>" in rows
     assert "ideal, field" in page
     ideal = evaluated(tmp_path / "ideal", conditions=TWO[:1], replicates=1)
-    assert 'id="conditions"' not in write_comparison_report(ideal, tmp_path / "plain").read_text()
+    assert (
+        'id="conditions"'
+        not in write_comparison_report(comparison_facts(ideal), tmp_path / "plain").read_text()
+    )
 
 
 def test_a_plan_of_before_conditions_is_one_under_ideal(tmp_path: Path) -> None:
@@ -80,15 +86,20 @@ def test_a_plan_without_a_condition_is_told() -> None:
 
 
 def test_evaluate_says_what_the_campaign_has_not_seen(gatetune, tmp_path: Path) -> None:
-    """It stops at the first mistake after that: a campaign that contradicts a condition."""
     fake_campaigns.run(
         tmp_path / "run", budget=2, sampler="sobol", overrides={"telemetry": "rtk"}, rocks=("slab", "arch")
     )
     code, _, err = gatetune("evaluate", "run", "--rock", "boulder", "--condition", "field")
     assert code == 2 and "telemetry is set by condition 'field' and by overrides" in " ".join(err.split())
-    code, out, err = gatetune("evaluate", "run", "--rock", "noroc", "--condition", "low-sun")
-    assert code == 2 and "has not seen: low-sun" in out and "noroc" in err
-    code, out, err = gatetune("evaluate", "run", "--rock", "boulder", "--condition", "nowhere")
+    code, _, err = gatetune("evaluate", "run", "--rock", "noroc", "--condition", "low-sun")
+    assert code == 2 and "noroc" in err
+    asked = held_out(
+        Campaign.open(tmp_path / "run", read_only=True),
+        rocks=["boulder"],
+        conditions=load_conditions(["low-sun"]),
+    )
+    assert asked.notes[-1] == "Conditions that the campaign has not seen: low-sun."
+    code, _, err = gatetune("evaluate", "run", "--rock", "boulder", "--condition", "nowhere")
     assert code == 2 and "unknown condition 'nowhere'" in err
 
 

@@ -13,6 +13,7 @@ from nbv.config import preset
 from nbv.geometric import run_geometric_mission
 from tuner.problem.space_files import load_search_space
 from tuner.report import write_campaign_report, write_comparison_report, write_mission_view
+from tuner.report.comparison.facts import comparison_facts
 
 WIDTHS = (420, 1200)
 
@@ -25,7 +26,7 @@ def campaign_page(folder: Path) -> Path:
 def evaluation_page(folder: Path) -> Path:
     names = ("tuned", "hyb-h", "hyb-o", "covis", "b-aware", "matchable", "random")
     run = made_run({name: 60.0 - i for i, name in enumerate(names)}, rocks=("arch", "fin"), replicates=3)
-    return write_comparison_report(run, folder, title="Held out", reference="hyb-h")
+    return write_comparison_report(comparison_facts(run, "hyb-h"), folder, title="Held out")
 
 
 def mission_page(folder: Path) -> Path:

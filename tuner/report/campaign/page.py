@@ -18,6 +18,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
 from tuner.evaluation.flying import EvaluationRun
+from tuner.evaluation.of_campaign import asked_of
 from tuner.missions.registry import GEOMETRIC_NOTE, ignored_by, is_geometric
 from tuner.problem.search_space import SearchSpace
 from tuner.recommendation.recommendation import Recommendation
@@ -46,6 +47,7 @@ from tuner.report.campaign.rows import (
 from tuner.report.campaign.vehicle_files import vehicle_files
 from tuner.report.campaign.walks import REPORT_FILE, linked_pages
 from tuner.report.campaign.wider import write_wider_settings
+from tuner.report.comparison.facts import comparison_facts
 from tuner.report.comparison.page import comparison_context
 from tuner.report.labels import believed, metric_label, parameter_value, verdict, with_unit
 from tuner.report.pages import write_page
@@ -82,7 +84,7 @@ def write_campaign_report(campaign: Campaign, evaluation: EvaluationRun | None =
     figures = campaign.directory / FIGURES_DIRECTORY
     comparison: dict[str, Any] | None = None
     if evaluation is not None:
-        comparison = comparison_context(evaluation, figures, metric=facts.settings.objective.metric)
+        comparison = comparison_context(comparison_facts(evaluation, asked=asked_of(facts.settings)), figures)
     try:
         if facts.recommendation is not None:
             write_wider_settings(campaign, facts.recommendation)

@@ -142,7 +142,7 @@ def difference_cell(row: ComparisonRow, strategy: str) -> DifferenceCell | None:
         return None
     i = d.interval
     bounds = MISSING
-    if i.low is not None and i.high is not None:
+    if i.low is not None and i.high is not None and i.low != i.high:
         bounds = (
             f"{format_number(i.low, decimals, signed=True)} to {format_number(i.high, decimals, signed=True)}"
         )
@@ -202,7 +202,8 @@ def comparison_markdown(table: ComparisonTable, *, paper: bool = False, differen
         "|---|" + "---:|" * len(columns),
     ]
     for group, rows in _groups(table):
-        lines.append(f"| *{group}* |" + " |" * len(columns))
+        if group:
+            lines.append(f"| *{group}* |" + " |" * len(columns))
         for row in rows:
             texts = []
             for _, name, from_paper in columns:
@@ -288,7 +289,8 @@ def comparison_terminal_table(
     def build(strategies: Sequence[str]) -> Table:
         out = _terminal_table(strategies)
         for group, rows in _groups(table):
-            out.add_row(f"[italic]{group}[/]", *([""] * len(strategies)))
+            if group:
+                out.add_row(f"[italic]{group}[/]", *([""] * len(strategies)))
             for row in rows:
                 texts = []
                 for name in strategies:

@@ -1,60 +1,73 @@
-"""What an evaluation says of a campaign with a limit: photographs saved or quality gained, and whether the limit is kept."""
+"""What a comparison says in words: a sentence per objective, the limit, the best control, and the other strategies."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
 
 from scipy import stats
 
 from tuner.evaluation.baselines import TUNED, controls_at_equal_number
 from tuner.evaluation.baselines import label as strategy_label
-from tuner.evaluation.comparison import (
-    ComparisonRow,
-    ComparisonTable,
-    strategy_difference,
-    strategy_interval,
-    values_of,
-)
+from tuner.evaluation.comparison import strategy_difference, strategy_interval, values_of
+from tuner.evaluation.flying import EvaluationRun
+from tuner.evaluation.of_campaign import Asked
 from tuner.evaluation.paper_table import MetricRow
 from tuner.evaluation.plan import EvaluationRecord
 from tuner.evaluation.statistics import Interval, PairedDifference
 from tuner.problem.objective import Objective
-from tuner.problem.quality_at_cost import COUNTS
-from tuner.report.comparison.tables import gain_interval
+from tuner.report.comparison.tables import difference_verdict, gain_interval
 from tuner.report.labels import format_number, metric_label, with_unit
 
-DEFAULT_MARGIN = 1.0  # percent points of F-score
+
+class Sentence(NamedTuple):
+    """One line for a reader, and whether it is good news."""
+
+    text: str
+    kind: str = ""  # better, worse, no
 
 
-@dataclass(frozen=True)
-class LimitAsked:
-    """An objective with a limit on a second one, and how much quality may be lost and still count as kept."""
-
-    objective: Objective
-    second: Objective
-    limit: float  # of the second, its unit
-    margin: float = DEFAULT_MARGIN  # of the quality, its unit
-
-    @property
-    def text(self) -> str:
-        """``F-score at least 98.0 %``."""
-        label = metric_label(self.second.metric)
-        bound = "at least" if self.second.direction == "maximise" else "at most"
-        return f"{label.name} {bound} {with_unit(self.limit, label.unit, 0 if self.second.metric in COUNTS else 1)}"
-
-
-def row_of(objective: Objective) -> MetricRow:
+def row_of(objective: Objective, group: str = "", decimals: int = 1) -> MetricRow:
     """A table row in the direction of an objective."""
     label = metric_label(objective.metric)
-    return MetricRow("", label.name, objective.metric, label.unit, objective.direction == "maximise", 1)
+    more_is_better = objective.direction == "maximise"
+    return MetricRow(group, label.name, objective.metric, label.unit, more_is_better, decimals)
 
 
-def share_kept(records: Sequence[EvaluationRecord], strategy: str, asked: LimitAsked) -> Interval | None:
+def verdicts(run: EvaluationRun, reference: str, asked: Asked) -> list[Sentence]:
+    """The verdict on the tuned strategy, without one on the first that is not ``reference``, line by line."""
+    names = run.plan.strategies
+    others = [name for name in names if name != reference]
+    if not others:
+        return []
+    subject = TUNED if TUNED in others else others[0]
+    out = []
+    if names[subject].digest() != names[reference].digest():
+        objectives = [*asked.counts, asked.quality] if asked.quality else asked.counts
+        out = [_against(run.records, subject, reference, o, asked) for o in objectives]
+    if subject == TUNED and asked.limit is not None:
+        out += _limit(run.records, asked)
+    if subject == TUNED and asked.quality is not None:
+        out += _best_control(run, reference, asked.quality)
+    return list(dict.fromkeys(out))
+
+
+def other_strategies(run: EvaluationRun, reference: str, asked: Asked) -> list[Sentence]:
+    """A sentence for each of the others against ``reference``, in the quality where there is one."""
+    objective = asked.quality or asked.objective
+    others = [name for name in run.plan.strategies if name != reference]
+    plain = Asked(objective, decided=asked.decided)
+    shown = others[1:] if TUNED not in others else [name for name in others if name != TUNED]
+    return [_against(run.records, name, reference, objective, plain) for name in shown]
+
+
+def share_kept(records: Sequence[EvaluationRecord], strategy: str, asked: Asked) -> Interval | None:
     """Share of the rocks, in percent, whose mean keeps the limit; Wilson's 95 % interval.
 
     A rock on which a mission failed has not kept it. None where the strategy has no mission.
     """
+    assert asked.second is not None and asked.limit is not None
     own = [r for r in records if r.strategy == strategy]
     rocks = sorted({r.rock for r in own})
     if not rocks:
@@ -66,102 +79,119 @@ def share_kept(records: Sequence[EvaluationRecord], strategy: str, asked: LimitA
         if values and len(values) == sum(r.rock == rock for r in own):
             mean = sum(values) / len(values)
             kept += asked.second.sign * mean >= asked.second.sign * asked.limit - 1e-9
+    share = 100 * kept / len(rocks)
+    if asked.second.metric in asked.decided:
+        return Interval(share, None, None, len(rocks), len(own), "none")
     bounds = stats.binomtest(kept, len(rocks)).proportion_ci(method="wilson")
-    return Interval(
-        100 * kept / len(rocks), 100 * bounds.low, 100 * bounds.high, len(rocks), len(own), "wilson"
-    )
+    return Interval(share, 100 * bounds.low, 100 * bounds.high, len(rocks), len(own), "wilson")
 
 
-def limit_rows(
-    table: ComparisonTable, records: Sequence[EvaluationRecord], asked: LimitAsked | None
-) -> ComparisonTable:
-    """``table`` with what the campaign limited first: photographs, and the share of rocks that kept the limit."""
-    if asked is None:
-        return table
-    rows = []
-    for objective in (asked.objective, asked.second):
-        if objective.metric in COUNTS:
-            metric = replace(row_of(objective), group="Campaign")
-            cells = {name: strategy_interval(records, name, metric.key) for name in table.strategies}
-            rows.append(ComparisonRow(metric, cells, _best(cells, min), None, {}))
-    shares = {name: share_kept(records, name, asked) for name in table.strategies}
-    kept = MetricRow("Campaign", "Limit kept", "limit", "% of rocks", True, 0)
-    rows.append(ComparisonRow(kept, shares, _best(shares, max), None, {}))
-    return replace(table, rows=[*rows, *table.rows])
-
-
-def _best(cells: dict[str, Interval | None], pick: Callable[[list[float]], float]) -> tuple[str, ...]:
-    means = {name: cell.mean for name, cell in cells.items() if cell is not None}
-    return tuple(name for name, mean in means.items() if mean == pick(list(means.values())))
-
-
-def limit_sentences(records: Sequence[EvaluationRecord], reference: str, asked: LimitAsked) -> list[str]:
-    """One sentence per verdict on the tuned strategy against ``reference``; empty without common missions."""
-    out = []
-    for objective in (asked.objective, asked.second):
-        d = strategy_difference(records, TUNED, reference, row_of(objective))
-        if d is None:
-            return []
-        if objective.metric in COUNTS:
-            ours = strategy_interval(records, TUNED, objective.metric)
-            theirs = strategy_interval(records, reference, objective.metric)
-            assert ours is not None and theirs is not None
-            out.append(_count(objective, ours.mean, theirs.mean, strategy_label(reference)))
-        else:
-            out.append(_quality(objective, d, strategy_label(reference), asked.margin))
-    if best := _best_control(records, asked):
-        out.append(best)
+def _limit(records: Sequence[EvaluationRecord], asked: Asked) -> list[Sentence]:
     share = share_kept(records, TUNED, asked)
-    if share is not None and share.low is not None and share.high is not None:
-        kept = round(share.mean * share.rocks / 100)
-        out.append(
-            f"Limit ({asked.text}): kept on {kept} of {share.rocks} rocks "
-            f"({share.mean:.0f} %, 95 % interval {share.low:.0f} to {share.high:.0f} %)."
-        )
-    return out
+    if share is None or asked.second is None:
+        return []
+    label, kept = metric_label(asked.second.metric), round(share.mean * share.rocks / 100)
+    bound = "at least" if asked.second.direction == "maximise" else "at most"
+    unit = f" {label.unit}" if label.unit else ""
+    text = f"Limit ({label.full}: {bound} {asked.limit:g}{unit}): kept on {kept} of {rocks_text(share.rocks)}"
+    if share.low is not None and share.high is not None:
+        text += f" ({share.mean:.0f} %, 95 % interval {share.low:.0f} to {share.high:.0f} %)"
+    return [Sentence(f"{text}.", "better" if kept == share.rocks else "worse" if kept == 0 else "no")]
 
 
-def _best_control(records: Sequence[EvaluationRecord], asked: LimitAsked) -> str:
-    """The gain over the best control at equal number in the quality; empty where none was flown."""
-    quality = next((o for o in (asked.objective, asked.second) if o.metric not in COUNTS), None)
-    names = controls_at_equal_number(sorted({r.strategy for r in records}))
-    if quality is None:
-        return ""
-    means = {name: strategy_interval(records, name, quality.metric) for name in names}
+def _best_control(run: EvaluationRun, reference: str, quality: Objective) -> list[Sentence]:
+    """Against the best control at equal number that is not the reference itself; nothing where none was flown."""
+    names = [name for name in controls_at_equal_number(run.plan.strategies) if name != reference]
+    means = {name: strategy_interval(run.records, name, quality.metric) for name in names}
     known = {name: quality.sign * cell.mean for name, cell in means.items() if cell is not None}
     if not known:
-        return ""
+        return []
     best = max(known, key=lambda name: known[name])
-    d = strategy_difference(records, TUNED, best, row_of(quality))
+    whom = f"the best control at equal number ({strategy_label(best)})"
+    d = strategy_difference(run.records, TUNED, best, row_of(quality))
+    return [] if d is None else [_plain(strategy_label(TUNED), whom, quality, d)]
+
+
+def _against(
+    records: Sequence[EvaluationRecord], name: str, reference: str, objective: Objective, asked: Asked
+) -> Sentence:
+    who, whom = strategy_label(name), strategy_label(reference)
+    d = strategy_difference(records, name, reference, row_of(objective))
     if d is None:
-        return ""
-    said = _quality(quality, d, strategy_label(best), asked.margin)
-    return f"Over the best control at equal number ({strategy_label(best)}): {said[0].lower()}{said[1:]}"
+        return Sentence(f"{who}: no mission in common with {whom}.")
+    if objective.metric in asked.decided:
+        ours, theirs = (strategy_interval(records, n, objective.metric) for n in (name, reference))
+        assert ours is not None and theirs is not None
+        return _count(objective, ours.mean, theirs.mean, "" if name == TUNED else who, whom)
+    return _plain(who, whom, objective, d) if asked.limit is None else _kept(whom, objective, d, asked.margin)
 
 
-def _count(objective: Objective, ours: float, theirs: float, reference: str) -> str:
-    name, saved = metric_label(objective.metric).name, theirs - ours
-    what = "saved" if saved > 0 else "more" if saved < 0 else "no difference"
-    amount = f"{_number(abs(saved))} {what}" if saved else what
-    return f"{name}: {_number(ours)} in place of {_number(theirs)} of {reference}, {amount}."
+def _count(objective: Objective, ours: float, theirs: float, who: str, whom: str) -> Sentence:
+    """``Photographs: 26 in place of 32 of Hyb-H, 6 saved.``; counts have no interval."""
+    label, fewer = metric_label(objective.metric), ours < theirs
+    change = "as many"
+    if ours != theirs:
+        saved = "saved" if objective.direction == "minimise" else "fewer"
+        change = f"{_number(abs(ours - theirs))} {saved if fewer else 'more'}"
+    name = f"{who}, {label.name}" if who else label.name
+    better = fewer == (objective.direction == "minimise")
+    text = f"{name}: {_number(ours)} in place of {_number(theirs)} of {whom}, {change}."
+    return Sentence(text, "no" if ours == theirs else "better" if better else "worse")
 
 
 def _number(value: float) -> str:
     return f"{value:.0f}" if float(value).is_integer() else f"{value:.1f}"
 
 
-def _quality(objective: Objective, d: PairedDifference, reference: str, margin: float) -> str:
+def _plain(who: str, whom: str, objective: Objective, d: PairedDifference) -> Sentence:
+    label, kind = metric_label(objective.metric), difference_verdict(d, row_of(objective))
+    begin = {
+        "better": f"{who} is better than {whom}",
+        "worse": f"{who} is worse than {whom}",
+        "no difference detected": f"No difference detected between {who} and {whom}",
+        "no interval": f"{who} against {whom}",
+    }[kind]
+    if kind == "worse":  # by so much, rather than an improvement below zero
+        loss = replace(objective, direction="minimise" if objective.direction == "maximise" else "maximise")
+        return Sentence(f"{begin} in {label.full} by {_gain(loss, d).removeprefix('+')}.", kind)
+    return Sentence(f"{begin} in {label.full}: improvement {_gain(objective, d)}.", kind.split()[0])
+
+
+def _kept(whom: str, objective: Objective, d: PairedDifference, margin: float) -> Sentence:
+    """Whether the quality is no worse than ``whom``'s by more than the margin."""
     label = metric_label(objective.metric)
     gain, low, high = gain_interval(d, row_of(objective))
-    how = f"{label.full} {with_unit(gain, label.difference_unit, 1, signed=True)} against {reference}"
+    how = f"{label.full} against {whom}: {_gain(objective, d)}."
+    allowed, worse = with_unit(margin, label.difference_unit), with_unit(-gain, label.difference_unit)
     if low is None or high is None:
-        return f"Quality: {how}; too few missions for an interval, so nothing is said about the margin."
-    how += f", 95 % interval {format_number(low, 1, signed=True)} to {format_number(high, 1, signed=True)}"
-    allowed = with_unit(margin, label.difference_unit, 1)
+        return Sentence(f"Quality: {how}", "no")
     if low > 0:
-        return f"Quality gained: {how}."
-    if low >= -margin:
-        return f"Quality kept within {allowed}: {how}."
+        return Sentence(f"Quality gained: {how}", "better")
     if high < -margin:
-        return f"Quality lost by more than {allowed}: {how}."
-    return f"Not shown that quality is kept within {allowed}: {how}."
+        return Sentence(f"Quality lost by more than {allowed}: {how}", "worse")
+    if low >= -margin:
+        if high < 0:
+            return Sentence(f"Quality worse by {worse}, within the margin of {allowed}: {how}", "no")
+        return Sentence(f"Quality kept within {allowed}: {how}", "better")
+    if high < 0:
+        return Sentence(f"Quality worse by {worse}, not shown to be within {allowed}: {how}", "worse")
+    return Sentence(f"Quality not shown to be kept within {allowed}: {how}", "no")
+
+
+def _gain(objective: Objective, d: PairedDifference) -> str:
+    """``+1.8 points (95 % interval +1.2 to +2.3; 12 paired missions on 4 rocks)``."""
+    label = metric_label(objective.metric)
+    gain, low, high = gain_interval(d, row_of(objective))
+    bounds = "too few missions for an interval"
+    if low is not None and high is not None:
+        bounds = f"95 % interval {format_number(low, signed=True)} to {format_number(high, signed=True)}"
+    rocks, missions = rocks_text(d.interval.rocks), "mission" if d.pairs == 1 else "missions"
+    where = f"{d.pairs} paired {missions} on {rocks}"
+    if d.interval.method == "replicates":  # such an interval has no spread between rocks
+        where += f", for {'this' if d.interval.rocks == 1 else 'these'} alone"
+    return f"{with_unit(gain, label.difference_unit, signed=True)} ({bounds}; {where})"
+
+
+def rocks_text(count: int) -> str:
+    """``3 rocks``."""
+    return "1 rock" if count == 1 else f"{count} rocks"

@@ -1,0 +1,205 @@
+"""What is flown of a campaign: its recommendation against baselines on unseen rocks, or against the default on its own."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+
+from nbv.config import IDEAL, Condition
+from nbv.errors import UserError
+from tuner.campaign.campaign import Campaign
+from tuner.campaign.rock_choice import Making, unseen_rocks
+from tuner.campaign.settings import CampaignSettings
+from tuner.evaluation.baselines import (
+    EVALUATION_BASELINES,
+    TUNED,
+    at_equal_number,
+    baseline_configs,
+    tuned_configs,
+)
+from tuner.evaluation.plan import EvaluationPlan
+from tuner.missions.external import external_config
+from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL
+from tuner.problem.objective import Objective
+from tuner.problem.quality_at_cost import COUNTS
+from tuner.problem.search_space import Configuration, ours
+from tuner.recommendation.recommendation import Recommendation
+
+DEFAULT_MARGIN = 1.0  # percent points of F-score
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What strategies are compared in, and how much quality may be lost and still counts as kept."""
+
+    objective: Objective
+    second: Objective | None = None
+    limit: float | None = None  # of the second, its unit
+    margin: float = DEFAULT_MARGIN  # of the quality, its unit
+    decided: frozenset[str] = frozenset(
+        COUNTS
+    )  # metrics that the configuration decides: they have no interval
+
+    @property
+    def counts(self) -> list[Objective]:
+        """Those objectives that the configuration decides."""
+        return [o for o in (self.objective, self.second) if o is not None and o.metric in self.decided]
+
+    @property
+    def quality(self) -> Objective | None:
+        """The objective that missions decide; None where the configuration decides all."""
+        both = (self.objective, self.second)
+        return next((o for o in both if o is not None and o.metric not in self.decided), None)
+
+
+@dataclass(frozen=True)
+class CampaignEvaluation:
+    """What is flown, against what, in which metrics, and what to know before the outcome."""
+
+    plan: EvaluationPlan
+    reference: str
+    asked: Asked
+    notes: tuple[str, ...] = ()
+
+
+def held_out(
+    source: Campaign,
+    *,
+    rocks: Sequence[str] | None = None,
+    replicates: int = 3,
+    strategies: Sequence[str] | None = None,
+    reference: str | None = None,
+    conditions: Sequence[Condition] | None = None,
+    fidelity: str = DEFAULT_FIDELITY,
+    margin: float = DEFAULT_MARGIN,
+    making: Making = nullcontext,
+) -> CampaignEvaluation:
+    """The recommendation and the baselines on rocks, or a mission file's instances, that the campaign has not seen.
+
+    Raises
+    ------
+    UserError
+        No mission has succeeded, a rock was tuned on, a name is unknown, a condition contradicts the campaign.
+    """
+    s, found = source.settings, source.recommended()
+    recommended, notes = s.config(found.values), _notes(found)
+    if s.mission is not None:
+        if conditions:
+            raise UserError("--condition is of our own missions; a mission file has instances")
+        known = {"default": {}, **s.mission.baselines}
+        for name in strategies or ():
+            if name not in known:
+                raise UserError(f"{s.mission.path} has no baseline {name!r}; there are {', '.join(known)}")
+        configs: dict[str, Configuration] = {
+            name: external_config(s.mission, known[name]) for name in strategies or known
+        }
+        against = _reference(reference, configs, "default")
+        flown = {TUNED: recommended, **configs}
+        plan = EvaluationPlan(flown, _instances(s, rocks), replicates, fidelity=EXTERNAL)
+        return CampaignEvaluation(plan, against, asked_of(s, margin), notes)
+    worlds = tuple(conditions or s.conditions)
+    dataclasses.replace(s, conditions=worlds)  # says where the two contradict each other
+    base, tuned = ours(s.base_config()), ours(recommended)
+    baselines = baseline_configs(list(strategies or EVALUATION_BASELINES), base)
+    against = _reference(reference, baselines, "hyb-h")
+    plan = EvaluationPlan(
+        {**tuned_configs(tuned, base), **at_equal_number(baselines, tuned, against)},
+        unseen_rocks(source, rocks, making),
+        replicates,
+        fidelity=fidelity,
+        conditions=worlds,
+    )
+    return CampaignEvaluation(plan, against, asked_of(s, margin), (*notes, *_conditions(source, worlds)))
+
+
+def confirmation(
+    source: Campaign,
+    *,
+    rocks: Sequence[str] | None = None,
+    replicates: int = 4,
+    fidelity: str = DEFAULT_FIDELITY,
+    margin: float = DEFAULT_MARGIN,
+) -> CampaignEvaluation | None:
+    """The recommendation and the default on training rocks with replicates that nobody has flown; None where both are one.
+
+    Raises
+    ------
+    UserError
+        No mission has succeeded; a rock was not tuned on.
+    """
+    s = source.settings
+    known = {rock if s.mission is not None else Path(rock).stem: rock for rock in s.rocks}
+    chosen = tuple(rock if rock in s.rocks else known.get(Path(rock).stem, rock) for rock in rocks or s.rocks)
+    for rock in chosen:
+        if rock not in s.rocks:
+            raise UserError(
+                f"{source.directory} was not tuned on {rock!r}; name one of {', '.join(known)}, or use evaluate"
+            )
+    found = source.recommended()
+    if found.keep_default:
+        return None
+    plan = EvaluationPlan(
+        {TUNED: s.config(found.values), "default": s.config(s.default_values())},
+        chosen,
+        replicates,
+        first_replicate=s.replicates,
+        fidelity=EXTERNAL if s.mission is not None else fidelity,
+        conditions=s.conditions,
+    )
+    return CampaignEvaluation(plan, "default", asked_of(s, margin), _notes(found))
+
+
+def asked_of(settings: CampaignSettings, margin: float = DEFAULT_MARGIN) -> Asked:
+    """What the campaign was asked for."""
+    exact = settings.exact
+    computed = {cost.objective.metric for cost in (exact.first, exact.second) if cost is not None}
+    decided = frozenset({*COUNTS, *computed})
+    return Asked(settings.objective, settings.second, settings.limit, margin, decided)
+
+
+def _reference(asked: str | None, configs: Mapping[str, Configuration], usual: str) -> str:
+    found = asked or (usual if usual in configs else next(iter(configs)))
+    if found not in configs:
+        raise UserError(f"--reference {found!r} is not evaluated; choose from {', '.join(configs)}")
+    return found
+
+
+def _instances(settings: CampaignSettings, rocks: Sequence[str] | None) -> tuple[str, ...]:
+    assert settings.mission is not None
+    names, path = [instance.name for instance in settings.mission.held_out], settings.mission.path
+    if not names:
+        raise UserError(f"{path} holds nothing out; name instances under held_out")
+    for rock in rocks or ():
+        if rock not in names:
+            raise UserError(f"{rock!r} is not held out; {path} holds out {', '.join(names)}")
+    return tuple(rocks or names)
+
+
+def _notes(found: Recommendation) -> tuple[str, ...]:
+    """What a reader of the outcome must know of the recommendation."""
+    notes = []
+    if found.keep_default:
+        notes.append("The campaign recommends to keep the default: Tuned is the default.")
+    if found.limit is not None and not found.limit.kept:
+        notes.append(
+            "Nothing that the campaign flew is known to keep its limit: Tuned is the likeliest to, with probability "
+            f"{found.limit.probability:.0%}."
+        )
+    return tuple(notes)
+
+
+def _conditions(source: Campaign, conditions: Sequence[Condition]) -> list[str]:
+    """Which conditions the campaign, and those that it learned from, have flown under."""
+    flown = {condition.name for condition in source.settings.conditions}
+    if source.learned is not None:
+        flown |= {o.condition for o in source.learned.observations}
+    names = [condition.name for condition in conditions]
+    notes = []
+    if unseen := [name for name in names if name not in flown]:
+        notes.append(f"Conditions that the campaign has not seen: {', '.join(unseen)}.")
+    if (seen := [name for name in names if name in flown]) and names != [IDEAL]:
+        notes.append(f"Tuned under, so no test of transfer: {', '.join(seen)}.")
+    return notes
