@@ -11,6 +11,7 @@ import pytest
 
 from nbv.config import preset
 from nbv.mission.result import IterationRecord
+from tuner.campaign.asked_settings import asked_fields, asked_settings
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.ledger import TrialRecord
 from tuner.problem.objective import Objective
@@ -29,6 +30,7 @@ from tuner.report.campaign.answers import (
 from tuner.report.campaign.drawings import gate_drawing, pairs_drawing
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.campaign.rows import failure_rows, key_figures
+from tuner.report.campaign.wider import WIDER_FILE, write_wider_settings
 from tuner.report.dashboard import _adjusted
 
 
@@ -242,3 +244,32 @@ def test_a_count_in_the_dashboard_is_a_count(campaign: Campaign) -> None:
     assert _adjusted(facts, trial) != 26.0
     facts.modelled = Objective("whole.completeness_48mm")  # the photographs are known, this is modelled
     assert _adjusted(facts, trial) == 26.0
+
+
+def test_searching_wider_keeps_everything_else(campaign: Campaign, tmp_path: Path) -> None:
+    s = dataclasses.replace(
+        campaign.settings,
+        space=load_search_space("photographs"),
+        rocks=("slab", "cavern"),
+        sampler="gp",
+        fidelity="geometric",
+        objective=Objective("costs.images", "minimise"),
+        second=Objective(),
+        limit=98.0,
+        overrides={"dense.agreeing_views": 3},
+    )
+    best = CampaignFacts(campaign).recommendation
+    assert best is not None
+    default = s.default_values()
+    values = {"seed.count": 10, "stop.adaptive_budget": 16, "pool.max_altitude_m": 1.45}
+    made = Campaign(tmp_path, s, campaign.ledger)
+    write_wider_settings(made, dataclasses.replace(best, values=values, default_values=default, inactive=[]))
+    wider = asked_settings(asked_fields(tmp_path / WIDER_FILE, {}, {}, quick=False), "wider")
+    bounds = {p.path: (p.low, p.high) for p in wider.space.parameters}
+    assert bounds == {  # below 1.45 m there is hardly anything that can be flown
+        "seed.count": (8, 24),
+        "stop.adaptive_budget": (2, 23),
+        "pool.max_altitude_m": (1.45, 4.0),
+    }
+    own = {"name": wider.name, "space": wider.space}
+    assert dataclasses.replace(s, **own).to_dict() == wider.to_dict()
