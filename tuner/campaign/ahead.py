@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import collections
 import concurrent.futures
+import ctypes
 from collections.abc import Sequence
 
 from tuner.campaign.campaign import Campaign
@@ -49,7 +50,11 @@ class ProposalsAhead:
             concurrent.futures.wait([self._asked], timeout_s)
 
     def close(self) -> None:
-        """Forget what is ahead; a batch that is being made is waited for, some seconds."""
+        """Forget what is ahead, and what is being made."""
+        if self._asked is not None and not self._asked.cancel():
+            for thread in self._thread._threads:  # its next instruction raises this
+                raise_in = ctypes.pythonapi.PyThreadState_SetAsyncExc
+                raise_in(ctypes.c_ulong(thread.ident or 0), ctypes.py_object(SystemExit))
         self._thread.shutdown(wait=True, cancel_futures=True)
 
     def _collect(self) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import collections
 import dataclasses
-import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import Literal
@@ -19,7 +18,7 @@ from tuner.campaign.storage import DATABASE_ERRORS
 from tuner.missions.executors import Executor
 from tuner.missions.external.trust import trust
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
-from tuner.missions.long_runs import exclusive, stop_signals
+from tuner.missions.long_runs import Stop, exclusive, stop_signals
 from tuner.problem.blocks import next_block
 from tuner.problem.objective import dotted
 from tuner.problem.observations import Proposal
@@ -44,7 +43,7 @@ def fly_campaign(
 
     Missions that were in flight when an earlier session ended are flown again under their old trial numbers (or
     entered, if they had finished). The executor is left open; missions still in flight at an interruption are killed.
-    A second Ctrl-C interrupts at once. A mission that the machine ended (`MissionOutcome.lost`) stays open too.
+    A stop waits for no proposal or recommendation, and a second Ctrl-C interrupts at once. A mission that the machine ended (`MissionOutcome.lost`) stays open too.
 
     Parameters
     ----------
@@ -115,7 +114,8 @@ class _Session:
             trust(campaign.identity, mission)
         self.ahead = ProposalsAhead(campaign)
 
-    def fly(self, stop: threading.Event) -> CampaignSummary:
+    def fly(self, stop: Stop) -> CampaignSummary:
+        self._stop = stop
         again = self._recover()
         while True:
             if stop.is_set():
@@ -175,7 +175,7 @@ class _Session:
         """Whether it says nothing of this campaign: lost, or on a mesh that has been put back since."""
         return outcome.lost or self._world.is_another(trial, outcome.rock_sha256)
 
-    def _next_trials(self, again: collections.deque[TrialRecord], stop: threading.Event) -> list[TrialRecord]:
+    def _next_trials(self, again: collections.deque[TrialRecord], stop: Stop) -> list[TrialRecord]:
         """The next to launch, entered together: several where proposals are made ahead."""
         batch: list[TrialRecord] = []
         with self._ledger.together():
@@ -206,7 +206,9 @@ class _Session:
             if any(t.state == "running" for t in known):
                 return None  # its turn comes when they have ended
         started = time.monotonic()
-        proposal = self._campaign.propose(trials, len(known))
+        proposal = self._stop.computed(lambda: self._campaign.propose(trials, len(known)))
+        if proposal is None:
+            return None
         ask_s = time.monotonic() - started
         self._ask_s += ask_s
         return self._start(trials, proposal, ask_s)
@@ -299,7 +301,7 @@ class _Session:
             self._failures_in_row = 0
         self._emit("failed" if record.state == "failed" else "finished", record, message=record.message)
         if self._recommend_every and self._finished % self._recommend_every == 0:
-            recommendation = self._campaign.recommendation()
+            recommendation = self._stop.computed(self._campaign.recommendation)
             if recommendation is not None:
                 self._emit("recommendation", recommendation=recommendation)
 
@@ -310,7 +312,8 @@ class _Session:
             time.monotonic() - self._began,
             self._ask_s,
             self._campaign.status(),
-            self._campaign.recommendation(),
+            # What is known is enough for who waits for the prompt.
+            None if stopped == "interrupted" else self._campaign.recommendation(),
         )
 
     def _emit(

@@ -378,6 +378,12 @@ def fly(
                 summary = fly_campaign(
                     campaign, executor, show, recommend_every=every, accept_changes=accept_changes
                 )
+        if summary.stopped == "interrupted":  # and the prompt is back at once
+            again, page = (
+                f"gatetune {command} {campaign.directory}" for command in ("campaign resume", "mission view")
+            )
+            output.print(f"go on with: {again}\nits page so far: {page}", soft_wrap=True)
+            raise typer.Exit(130)
         quiet = spoken() == "quiet"
         if quiet:
             speak("all")
@@ -388,9 +394,6 @@ def fly(
         output.print(
             f"{summary.message}; {seconds(summary.elapsed_s)}, of which the sampler {seconds(summary.ask_s)}"
         )
-        if summary.stopped == "interrupted":
-            output.print(f"go on with: gatetune campaign resume {campaign.directory}", soft_wrap=True)
-            raise typer.Exit(130)
         report = campaign.directory / REPORT
         if summary.status.finished > LARGE and summary.status.finished == before and report.is_file():
             output.print(f"report, as it was: {report}", soft_wrap=True)  # of many missions it takes a minute

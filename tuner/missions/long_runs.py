@@ -6,12 +6,14 @@ import contextlib
 import fcntl
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TypeVar
 
 from nbv.errors import UserError
 
 LOCK_FILE = "run.lock"
+T = TypeVar("T")
 
 
 @contextlib.contextmanager
@@ -35,21 +37,42 @@ def exclusive(directory: Path) -> Iterator[None]:
         yield
 
 
+class Stop(threading.Event):
+    """Whether somebody asked for a stop."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.breaks = False  # what goes on, at once
+
+    def computed(self, compute: Callable[[], T]) -> T | None:
+        """What ``compute``, which writes nothing, returns; None where somebody asks for a stop, which ends it at once."""
+        try:
+            self.breaks = True
+            return None if self.is_set() else compute()
+        except KeyboardInterrupt:
+            if not self.is_set():
+                raise
+            return None
+        finally:
+            self.breaks = False
+
+
 @contextlib.contextmanager
-def stop_signals() -> Iterator[threading.Event]:
+def stop_signals() -> Iterator[Stop]:
     """Turn the first SIGINT or SIGTERM into a flag to be looked at between writes; a second one interrupts.
 
     Outside the main thread, where Python allows no handlers, the flag is never set.
     """
-    stop = threading.Event()
+    stop = Stop()
     if threading.current_thread() is not threading.main_thread():
         yield stop
         return
 
     def ask_to_stop(number: int, frame: object) -> None:
-        if stop.is_set():
-            raise KeyboardInterrupt
+        again = stop.is_set()
         stop.set()
+        if again or stop.breaks:
+            raise KeyboardInterrupt
 
     before = {number: signal.signal(number, ask_to_stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

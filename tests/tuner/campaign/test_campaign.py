@@ -17,6 +17,7 @@ import fake_campaigns
 import fake_missions
 import numpy as np
 import pytest
+import typer
 import yaml
 from fake_campaigns import FIDELITY
 
@@ -25,7 +26,9 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
 from tuner.campaign.session import fly_campaign
+from tuner.commands.campaign import fly
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
+from tuner.missions.job import MissionOutcome
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
 
@@ -91,11 +94,55 @@ def test_interrupted_campaign_goes_on_as_if_it_had_not_been(tmp_path: Path) -> N
     summary = fly_campaign(campaign, InProcessExecutor(), interrupt)
     assert summary.stopped == "interrupted" and summary.status.finished == 5
     assert signal.getsignal(signal.SIGINT) is handler
-    resumed = Campaign.open(tmp_path / "parts", settings(**changes))
+    resumed = Campaign.open(tmp_path / "parts", settings(**changes), fidelity=FIDELITY)
     assert fly_campaign(resumed, InProcessExecutor()).stopped == "budget"
     assert [t.number for t in resumed.trials()] == list(range(7))
     for a, b in zip(whole.trials(), resumed.trials()):
         np.testing.assert_allclose(list(a.values.values()), list(b.values.values()), rtol=1e-6)
+
+
+@pytest.mark.parametrize("while_in", ["propose", "recommendation"])
+def test_ctrl_c_does_not_wait_for_a_model(
+    while_in: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    campaign, worked_on = begin_campaign(tmp_path / "run", settings()), []
+
+    def think(*_: object) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+        worked_on.append(sum(range(1000)))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(campaign, while_in, think)
+        summary = fly_campaign(campaign, InProcessExecutor(), recommend_every=2)
+    assert summary.stopped == "interrupted" and not worked_on and summary.recommendation is None
+    assert summary.status.finished == (0 if while_in == "propose" else 2)
+    resumed = Campaign.open(tmp_path / "run", fidelity=FIDELITY)
+    assert fly_campaign(resumed, InProcessExecutor()).status.complete == 6
+
+
+def test_ctrl_c_gives_the_prompt_back_without_a_page(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Interrupted(InProcessExecutor):
+        def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
+            os.kill(os.getpid(), signal.SIGINT)
+            return super().wait_any(timeout_s)
+
+        def __enter__(self) -> Interrupted:
+            return self
+
+        def __exit__(self, *_: object) -> None:
+            self.close()
+
+    directory = tmp_path / "run"
+    campaign = begin_campaign(directory, settings())
+    monkeypatch.setattr("tuner.report.campaign.write_campaign_report", None)
+    monkeypatch.setattr("tuner.report.campaign.shown.write_mission_pages", None)
+    with pytest.raises(typer.Exit) as ended:
+        fly(campaign, 1, 60.0, ready=Interrupted())  # type: ignore[arg-type]
+    assert ended.value.exit_code == 130
+    assert f"go on with: gatetune campaign resume {directory}" in capsys.readouterr().out
+    assert [t.state for t in campaign.trials()] == ["complete"]
 
 
 @pytest.mark.slow
@@ -213,7 +260,7 @@ def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
     lock.unlink(missing_ok=True)
     lock.symlink_to(directory / "study.journal")
 
-    resumed = Campaign.open(directory, campaign.settings)
+    resumed = Campaign.open(directory, campaign.settings, fidelity=FIDELITY)
     before = {t.number: t for t in resumed.trials()}
     finished_before = [n for n, t in before.items() if t.state != "running"]
     assert 1 <= len(finished_before) < 12
