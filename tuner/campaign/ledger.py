@@ -11,10 +11,11 @@ from __future__ import annotations
 import contextlib
 import datetime
 import functools
-from collections.abc import Iterator, Mapping, Sequence
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import optuna
 from optuna.trial import TrialState, create_trial
@@ -31,7 +32,15 @@ from tuner.campaign.seals import (
     require_all_there,
     require_trial,
 )
-from tuner.campaign.storage import JOURNAL_FILE, Journal, journal_path, one_writer, open_storage, reachable
+from tuner.campaign.storage import (
+    JOURNAL_FILE,
+    Journal,
+    journal_path,
+    one_writer,
+    open_storage,
+    patiently,
+    reachable,
+)
 from tuner.missions.job import MissionOutcome
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Pending, Proposal
@@ -39,6 +48,7 @@ from tuner.problem.search_space import SearchSpace
 from tuner.problem.worlds import World
 from tuner.samplers.distributions import distributions
 
+T = TypeVar("T")
 _CAMPAIGN_ID, _FILES = "campaign_id", "files"
 
 
@@ -141,6 +151,7 @@ class Ledger:
         self._objective = objective
         self._distributions = distributions(space)
         self._known: dict[int, tuple[optuna.trial.FrozenTrial, TrialRecord]] = {}
+        self.pause: Callable[[float], bool] = threading.Event().wait  # for a database that is away
         self._alone = False  # while nobody else may write, what is known is all there is
         self._campaign_id = campaign_id
         self._journal = journal_path(storage, directory)
@@ -240,14 +251,6 @@ class Ledger:
         code: str = "",
     ) -> TrialRecord:
         """Enter a mission that is about to fly, in one write."""
-        with reachable(self._shown):
-            if self._lock is not None:
-                self._lock.require()
-            return self._start(proposal, world, replicate, config_digest, seed, code)
-
-    def _start(
-        self, proposal: Proposal, world: World, replicate: int, config_digest: str, seed: int, code: str
-    ) -> TrialRecord:
         number = len(self.trials())
         attributes = {
             "rock": world.rock,
@@ -268,19 +271,22 @@ class Ledger:
             distributions=self._distributions,
             user_attrs=attributes,
         )
-        record = self._record(self._storage.get_trial(self._storage.create_new_trial(self._study_id, trial)))
+
+        def enter(again: bool) -> int:
+            if self._lock is not None:
+                self._lock.require()
+            known = self._storage.get_all_trials(self._study_id, deepcopy=False) if again else []
+            if len(known) == number + 1 and known[-1].user_attrs.get(ENTERED) == attributes[ENTERED]:
+                return known[-1]._trial_id  # the answer to the first try was lost
+            return self._storage.create_new_trial(self._study_id, trial)
+
+        record = self._record(self._read_back(self._patiently(enter)))
         if record.number != number or record.directory != attributes["directory"]:
             raise UserError("another process writes to this campaign's study; let only one run at a time")
         return record
 
     def finish(self, number: int, outcome: MissionOutcome) -> TrialRecord:
         """Enter how a mission ended; once per mission."""
-        with reachable(self._shown):
-            if self._lock is not None:
-                self._lock.require()
-            return self._finish(number, outcome)
-
-    def _finish(self, number: int, outcome: MissionOutcome) -> TrialRecord:
         self.trials()
         frozen = self._known[number][0]
         if frozen.state.is_finished():
@@ -300,11 +306,25 @@ class Ledger:
         if ENTERED in frozen.user_attrs:
             attributes[ENDED] = ending_seal(frozen.user_attrs[ENTERED], value, attributes)
         state, values = (TrialState.FAIL, None) if value is None else (TrialState.COMPLETE, [value])
-        with self.together():
-            for key, content in attributes.items():  # before its state: finished trials are frozen
-                self._storage.set_trial_user_attr(frozen._trial_id, key, content)
-            self._storage.set_trial_state_values(frozen._trial_id, state, values)
-        return self._record(self._storage.get_trial(frozen._trial_id))
+
+        def end(again: bool) -> None:
+            if self._lock is not None:
+                self._lock.require()
+            if again and self._storage.get_trial(frozen._trial_id).state.is_finished():
+                return  # the answer to the first try was lost
+            with self.together():
+                for key, content in attributes.items():  # before its state: finished trials are frozen
+                    self._storage.set_trial_user_attr(frozen._trial_id, key, content)
+                self._storage.set_trial_state_values(frozen._trial_id, state, values)
+
+        self._patiently(end)
+        return self._record(self._read_back(frozen._trial_id))
+
+    def _read_back(self, trial_id: int) -> optuna.trial.FrozenTrial:
+        return self._patiently(lambda _: self._storage.get_trial(trial_id))
+
+    def _patiently(self, step: Callable[[bool], T]) -> T:
+        return patiently(self._shown, step, self.pause)
 
     def keep_files(self, files: Mapping[str, str]) -> None:
         """Keep these of the run directory's files beside the missions of a database, for a coordinator on another machine."""
@@ -318,8 +338,8 @@ class Ledger:
         """All missions in trial order."""
         if self._alone:
             return [record for _, record in self._known.values()]
-        with reachable(self._shown):
-            return [self._record(trial) for trial in self._study.get_trials(deepcopy=False)]
+        found = self._patiently(lambda _: self._study.get_trials(deepcopy=False))
+        return [self._record(trial) for trial in found]
 
     def _record(self, trial: optuna.trial.FrozenTrial) -> TrialRecord:
         """The one made before where the trial is the same still: finished ones are never touched again."""

@@ -115,7 +115,7 @@ class _Session:
         self.ahead = ProposalsAhead(campaign)
 
     def fly(self, stop: Stop) -> CampaignSummary:
-        self._stop = stop
+        self._stop, self._ledger.pause = stop, stop.wait
         again = self._recover()
         while True:
             if stop.is_set():

@@ -6,12 +6,14 @@ import contextlib
 import fcntl
 import gc
 import json
+import logging
 import os
 import sys
+import time
 import urllib.parse
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import optuna
 from optuna.storages import JournalStorage
@@ -27,6 +29,16 @@ JOURNAL_FILE = "study.journal"
 _AT_ONCE_BYTES = 1 << 16  # of a journal, parsed at once
 # Of a database that goes away.
 DATABASE_ERRORS = (optuna.exceptions.StorageInternalError, SQLAlchemyError)
+
+
+PATIENCE_S = 600.0  # with a database that goes away while missions fly
+_FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
+log = logging.getLogger(__name__)
+T = TypeVar("T")
+
+
+class DatabaseAwayError(UserError):
+    """The ledger's database does not answer."""
 
 
 class Journal(JournalStorage):
@@ -176,10 +188,37 @@ def reachable(shown: str) -> Iterator[None]:
         if not isinstance(error, optuna.exceptions.StorageInternalError) and kind not in _OF_DATABASES:
             raise
         cause = error.__cause__ or error
-        raise UserError(
+        raise DatabaseAwayError(
             f"the ledger's database {shown} does not answer ({_first_line(cause)}); mend it, then resume: finished missions "
             "are kept"
         ) from None
+
+
+def patiently(shown: str, step: Callable[[bool], T], pause: Callable[[float], bool]) -> T:
+    """What ``step`` returns, tried again for `PATIENCE_S` with pauses that double while the database is away.
+
+    Parameters
+    ----------
+    step
+        Is told whether it was tried before: then what it wrote may be there or not.
+    pause
+        Waits for so many seconds, and says whether somebody wants no more of it.
+    """
+    began, pause_s = time.monotonic(), _FIRST_PAUSE_S
+    again = False
+    while True:
+        try:
+            with reachable(shown):
+                return step(again)
+        except DatabaseAwayError as error:
+            if time.monotonic() + pause_s - began > PATIENCE_S:
+                raise
+            if not again:
+                log.warning("%s; trying again for %.0f s", str(error).partition(";")[0], PATIENCE_S)
+            again = True
+            if pause(pause_s):
+                raise
+            pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
 
 
 def _first_line(error: BaseException) -> str:

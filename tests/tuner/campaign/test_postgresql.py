@@ -15,7 +15,7 @@ import pytest
 from fake_campaigns import FIDELITY, settings
 
 from nbv.errors import UserError
-from tuner.campaign import coordinator_lock
+from tuner.campaign import coordinator_lock, storage
 from tuner.campaign.begin import adopt_campaign, begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.extension import extend_campaign
@@ -135,6 +135,7 @@ def test_a_database_that_goes_away_is_one_clear_line(
 ) -> None:
     url = server.url
     campaign = begin_campaign(tmp_path / "run", settings(name="away", storage=url, sampler="sobol"))
+    monkeypatch.setattr(storage, "PATIENCE_S", 0.0)
     with pytest.raises(UserError, match="resume"):
         fly_campaign(
             campaign,
