@@ -291,13 +291,14 @@ class Campaign:
             best_observed=best(values) if values else None,
         )
 
-    def recommendation(self, *, save: bool = True) -> Recommendation | None:
+    def recommendation(self, *, save: bool = True, latest: bool = False) -> Recommendation | None:
         """The best of what may be recommended, by posterior mean over the training worlds.
 
-        The one saved after these very missions, where there is one: a model of a thousand takes minutes.
+        The one saved after these very missions, where there is one, or the ``latest`` one that was saved, however many
+        missions have ended since: a model of thousands takes long.
         """
         history = self.history()
-        if (saved := self.saved_recommendation(history)) is not None:
+        if (saved := self.saved_recommendation(history, latest=latest)) is not None:
             return saved
         result = self.recommend_from(history)
         if result is not None and save:
@@ -407,8 +408,13 @@ class Campaign:
             )
         return result
 
-    def saved_recommendation(self, history: Sequence[Observation] | None = None) -> Recommendation | None:
-        """What was saved after exactly ``history`` (None: all missions), its values flown in it; None without such a file."""
+    def saved_recommendation(
+        self, history: Sequence[Observation] | None = None, *, latest: bool = False
+    ) -> Recommendation | None:
+        """What was saved after exactly ``history`` (None: all missions), its values flown in it; None without such a file.
+
+        ``latest``: however many missions have ended since.
+        """
         history = self.history() if history is None else history
         failures = sum(not o.feasible for o in history)
         try:
@@ -417,4 +423,4 @@ class Campaign:
             return None
         flown = any(saved.values == dict(o.values) for o in history)
         counted = (saved.observations, saved.failures) == (len(history) - failures, failures)
-        return saved if flown and counted else None
+        return saved if flown and (latest or counted) else None

@@ -328,8 +328,10 @@ def status(
     from tuner.campaign.campaign import Campaign
 
     campaign = Campaign.open(directory, read_only=True)
-    counts, best = campaign.status(), campaign.recommendation(save=False)
+    counts, best = campaign.status(), campaign.recommendation(save=False, latest=True)
     show_counts(counts)
+    if best is not None and (known := best.observations + best.failures) < counts.finished:
+        output.print(f"recommended after {known} of them; a resume makes it anew")
     show_recommendation(best, campaign.settings)
     answer_json({"directory": directory, "status": counts, "recommendation": best})
 

@@ -559,6 +559,21 @@ def test_a_recommendation_is_made_once_for_the_same_missions(
     assert found is not None and found == made(campaign.history())
 
 
+def test_status_fits_no_model_where_one_was_saved(
+    tmp_path: Path, gatetune, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    campaign = begin_campaign(tmp_path / "run", settings(budget=6))
+
+    def interrupt(event: CampaignEvent) -> None:
+        if event.kind == "finished" and event.finished == 5:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    fly_campaign(campaign, InProcessExecutor(), interrupt, recommend_every=4)
+    monkeypatch.setattr("tuner.recommendation.choose.recommend", None)
+    code, out, _ = gatetune("campaign", "status", tmp_path / "run")
+    assert code == 0 and "5 of 6 missions" in out and "recommended after 4 of them" in out
+
+
 def test_a_finished_campaign_is_looked_at_without_torch(tmp_path: Path) -> None:
     run(tmp_path / "run", budget=4).recommendation()
     program = (
