@@ -46,7 +46,7 @@ class SameWorld:
         accept: bool,
         program: str = "",  # hash of what a mission file runs
     ) -> None:
-        self._directory = directory
+        self._directory, self._accept = directory, accept
         self._rocks: dict[str, tuple[str, int]] = {}
         self.code = code_of(fidelity)
         if program:
@@ -69,6 +69,11 @@ class SameWorld:
                 f"rock {trial.rock} is another one since trial {number} (content {before[:12]} then, {rock_sha256[:12]} now)"
             )
         self._remember(trial.rock, rock_sha256, trial.number)
+
+    def begin(self) -> None:
+        """From here on missions are flown: where changes are wanted, what was flown before says nothing about their rocks."""
+        if self._accept:
+            self._rocks.clear()
 
     def is_another(self, trial: TrialRecord, rock_sha256: str) -> bool:
         """Whether `require` would refuse."""

@@ -169,6 +169,7 @@ class _Session:
                     self._count(self._enter(trial, self._with_asked_parameters(trial, outcome)))
                 else:
                     again.append(trial)
+        self._world.begin()
         return again
 
     def _of_another_world(self, trial: TrialRecord, outcome: MissionOutcome) -> bool:

@@ -153,8 +153,9 @@ def test_a_changed_rock_is_asked_about(copy):
         another(trial, "2" * 64)
 
 
-def test_a_rock_put_back_makes_the_campaign_go_on(copy, monkeypatch):
-    """A mission in flight that was flown on the changed mesh is flown again."""
+@pytest.mark.parametrize("put_back", [True, False])
+def test_a_rock_put_back_makes_the_campaign_go_on(put_back, copy, monkeypatch):
+    """A mission in flight that was flown on the changed mesh is flown again; one on the mesh of before is no reason to refuse."""
     content = ["1" * 64]
     fly = fake_missions.fake_mission
 
@@ -164,11 +165,11 @@ def test_a_rock_put_back_makes_the_campaign_go_on(copy, monkeypatch):
 
     monkeypatch.setattr(fake_missions, "fake_mission", on_mesh)
     directory = copy.parent / "meshes"
-    begin_campaign(directory, fake_campaigns.settings(sampler="sobol", budget=5))
+    begin_campaign(directory, fake_campaigns.settings(sampler="sobol", budget=7))
 
-    def finished(on_event=None):
+    def finished(on_event=None, **options):
         campaign = Campaign.open(directory, fidelity=FIDELITY)
-        return fly_campaign(campaign, InProcessExecutor(), on_event).status.finished
+        return fly_campaign(campaign, InProcessExecutor(), on_event, **options).status.finished
 
     def kill(event):
         if event.kind == "finished" and event.finished == 3:
@@ -180,8 +181,19 @@ def test_a_rock_put_back_makes_the_campaign_go_on(copy, monkeypatch):
     for _ in range(2):
         with pytest.raises(UserError, match="is another one since trial"):
             finished()
-    content[0] = "1" * 64
-    assert finished() == 5
+    if put_back:
+        content[0] = "1" * 64
+        assert finished() == 7
+        return
+    trial = next(t for t in Campaign.open(directory, read_only=True).trials() if t.state == "running")
+    shutil.rmtree(directory / trial.directory)
+    (directory / trial.directory).mkdir()
+    content[0] = "1" * 64  # flown and not entered when the campaign was killed, before the mesh changed
+    config = fake_campaigns.settings().config(trial.values)
+    flown = fake_missions.fake_mission(config, trial.rock, trial.replicate, directory / trial.directory)
+    (directory / trial.directory / "mission.json").write_text(flown.to_json())
+    content[0] = "2" * 64
+    assert finished(accept_changes=True) == 7
 
 
 @pytest.mark.parametrize("at", ["Ledger", "write_settings", "set_user_attr"])
