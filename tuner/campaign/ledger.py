@@ -273,8 +273,7 @@ class Ledger:
         )
 
         def enter(again: bool) -> int:
-            if self._lock is not None:
-                self._lock.require()
+            self._require_ours()
             known = self._storage.get_all_trials(self._study_id, deepcopy=False) if again else []
             if len(known) == number + 1 and known[-1].user_attrs.get(ENTERED) == attributes[ENTERED]:
                 return known[-1]._trial_id  # the answer to the first try was lost
@@ -287,6 +286,7 @@ class Ledger:
 
     def finish(self, number: int, outcome: MissionOutcome) -> TrialRecord:
         """Enter how a mission ended; once per mission."""
+        self._patiently(lambda _: self._require_ours())
         self.trials()
         frozen = self._known[number][0]
         if frozen.state.is_finished():
@@ -308,8 +308,7 @@ class Ledger:
         state, values = (TrialState.FAIL, None) if value is None else (TrialState.COMPLETE, [value])
 
         def end(again: bool) -> None:
-            if self._lock is not None:
-                self._lock.require()
+            self._require_ours()
             if again and self._storage.get_trial(frozen._trial_id).state.is_finished():
                 return  # the answer to the first try was lost
             with self.together():
@@ -319,6 +318,10 @@ class Ledger:
 
         self._patiently(end)
         return self._record(self._read_back(frozen._trial_id))
+
+    def _require_ours(self) -> None:
+        if self._lock is not None:
+            self._lock.require()
 
     def _read_back(self, trial_id: int) -> optuna.trial.FrozenTrial:
         return self._patiently(lambda _: self._storage.get_trial(trial_id))
