@@ -68,7 +68,7 @@ def observe(mission: Path, rock_name: str) -> dict[str, np.ndarray]:
     depths, poses, check = {}, {}, dense_stage.check_consistency
 
     def listen(maps: Any, at: Any, *rest: Any) -> Any:
-        depths.update({name: item.depth_m for name, item in maps.items()})
+        depths.update(maps)
         poses.update(at)
         return check(maps, at, *rest)
 

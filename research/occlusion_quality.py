@@ -37,9 +37,9 @@ from nbv.geometry.frustum import in_frustum
 from nbv.geometry.raycasting import RayCaster
 from nbv.mission.planning_state import load_state
 from nbv.rocks import load_rock
-from nbv.scorers import box_points
+from nbv.scorers import BoxPoints, box_points
 from nbv.scorers.occlusion import mean_observing_directions, unoccluded
-from nbv.types import Floats, Ints
+from nbv.types import Floats
 
 CASES = (
     ("15016_seed_paper_weights", "apollo_15016_0"),
@@ -100,16 +100,12 @@ class Case:
 
     def __init__(
         self,
-        points_m: Floats,
-        track_offsets: Ints,
-        track_cameras: Ints,
-        camera_centers_m: Floats,
+        box: BoxPoints,
         candidates_m: Floats,
         caster: RayCaster,
         config: MissionConfig,
     ) -> None:
-        self.points, self.offsets, self.cameras = points_m, track_offsets, track_cameras
-        self.centers, self.candidates = camera_centers_m, candidates_m
+        self.box, self.candidates, points_m = box, candidates_m, box.points_m
         self.frustum = in_frustum(points_m, candidates_m, np.array(config.target_m), config.camera)
         to_point = points_m[:, None] - candidates_m[None]
         self.distance = np.linalg.norm(to_point, axis=2)
@@ -127,43 +123,32 @@ class Case:
             inside = (np.abs(z["points_m"] - z["target_m"]) <= 2.0).all(axis=1) & (lengths >= 2)
             order = np.argsort(z["track_point"], kind="stable")
             observed = inside[z["track_point"][order]]
-            return Case(
+            box = BoxPoints(
                 z["points_m"][inside],
+                np.zeros(np.count_nonzero(inside)),
                 np.concatenate([[0], np.cumsum(lengths[inside])]),
                 z["track_camera"][order][observed].astype(np.int64),
                 z["camera_centers_m"],
-                z["candidates_m"][::CANDIDATE_STEP],
-                golden_mesh(mesh),
-                MissionConfig(),
             )
+            return Case(box, z["candidates_m"][::CANDIDATE_STEP], golden_mesh(mesh), MissionConfig())
 
     @staticmethod
     def mission(state: Path, caster: RayCaster, config: MissionConfig) -> Case:
         """A state that a mission saved: exactly the points that its scorers counted."""
         planning, pool = load_state(state)
         box = box_points(planning.model, config)
-        return Case(
-            box.points_m,
-            box.track_offsets,
-            box.track_cameras,
-            planning.model.camera_centers_m,
-            pool.positions_m[::CANDIDATE_STEP],
-            caster,
-            config,
-        )
+        return Case(box, pool.positions_m[::CANDIDATE_STEP], caster, config)
 
     def mean_ray_test(self, limit_deg: float) -> Mask:
         """(P, C) candidate within ``limit_deg`` of the point's mean observing ray."""
-        mean = mean_observing_directions(self.points, self.offsets, self.cameras, self.centers)
-        to_candidate = (self.candidates[None] - self.points[:, None]) / self.distance[..., None]
+        mean = mean_observing_directions(self.box)
+        to_candidate = (self.candidates[None] - self.box.points_m[:, None]) / self.distance[..., None]
         cosine = np.einsum("pcj,pj->pc", to_candidate, mean)
         return self.frustum & (cosine > np.cos(np.deg2rad(limit_deg)))
 
     def surfel_test(self) -> Mask:
         """(P, C) what the scorers use with visibility.mode=occlusion."""
-        return unoccluded(
-            self.frustum, self.points, self.offsets, self.cameras, self.centers, self.candidates
-        )
+        return unoccluded(self.frustum, self.box, self.candidates)
 
     def counts(self, visible: Mask, rock_only: bool) -> Counts:
         """Pairs in the frustum."""
@@ -197,9 +182,7 @@ def text(value: float) -> str:
 
 def rows(name: str, cases: Sequence[Case]) -> None:
     """Print one table row per test for the states of one rock."""
-    points = (
-        f"{int(np.mean([c.on_rock.sum() for c in cases]))} of {int(np.mean([len(c.points) for c in cases]))}"
-    )
+    points = f"{int(np.mean([c.on_rock.sum() for c in cases]))} of {int(np.mean([len(c.box.points_m) for c in cases]))}"
     for test, answer in TESTS.items():
         answers = [answer(case) for case in cases]
         rock = sum((c.counts(a, True) for c, a in zip(cases, answers)), Counts())

@@ -100,18 +100,7 @@ def report(points: int, repeats: int) -> None:
     )
     measure(
         "  gain and repair",
-        lambda: repair_single(
-            terms.visible,
-            weak,
-            pool.positions_m,
-            box.points_m,
-            box.track_offsets[:-1],
-            box.track_lengths,
-            box.track_cameras,
-            box.camera_centers_m,
-            5.0,
-            25.0,
-        ),
+        lambda: repair_single(terms.visible, weak, pool.positions_m, terms.box, terms.order, 5.0, 25.0),
         repeats,
     )
     for mode, n in (("frustum", repeats), ("occlusion", max(3, repeats // 4))):

@@ -1,14 +1,13 @@
 """The dense stage: depth maps from posed photographs, checked against each other and fused."""
 
 from nbv.dense.cuda import best_dense_stage, patchmatch_runs
-from nbv.dense.interface import DenseReport, DepthBackend, DepthMap
+from nbv.dense.interface import DenseReport, DepthBackend
 from nbv.dense.reconstruct import CheckedDepths, check_depths, make_backend, reconstruct_dense
 
 __all__ = [
     "CheckedDepths",
     "DenseReport",
     "DepthBackend",
-    "DepthMap",
     "best_dense_stage",
     "check_depths",
     "make_backend",

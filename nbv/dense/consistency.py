@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, DenseConfig
-from nbv.dense.interface import DepthMap, Floats32
+from nbv.dense.interface import Floats32
 from nbv.dense.stereo import camera_center_m, pixel_matrix, viewing_angle_deg
 from nbv.types import Floats
 
@@ -44,7 +44,7 @@ def choose_witnesses(
 
 
 def check_consistency(
-    depth_maps: Mapping[str, DepthMap],
+    depth_maps: Mapping[str, Floats32],
     camera_from_world: Mapping[str, Floats],
     camera: CameraConfig,
     target_m: tuple[float, float, float] | Floats,
@@ -61,10 +61,10 @@ def check_consistency(
     poses = {name: camera_from_world[name] for name in depth_maps}
     return {
         name: _check(
-            depth_maps[name].depth_m,
+            depth_maps[name],
             poses[name],
             [
-                (depth_maps[other].depth_m, poses[other])
+                (depth_maps[other], poses[other])
                 for other in choose_witnesses(name, poses, target_m, config.consistency_views)
             ],
             camera,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Protocol
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,19 +17,6 @@ Floats32 = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
-class DepthMap:
-    """Depth along the optical axis of one view; NaN where unknown."""
-
-    depth_m: Floats32  # (H, W)
-    normals: Floats32 | None = None  # (H, W, 3) unit, camera frame, towards the camera; NaN where unknown
-
-    @property
-    def n_valid(self) -> int:
-        """Number of pixels with a depth."""
-        return int(np.isfinite(self.depth_m).sum())
-
-
-@dataclass(frozen=True)
 class DenseReport:
     """What the dense stage did."""
 
@@ -37,7 +24,6 @@ class DenseReport:
     n_points: int
     timings_s: dict[str, float]  # depth, consistency, fusion
     views: dict[str, dict[str, float]]  # per view: depth_pixels, consistent_pixels
-    details: dict[str, Any] = field(default_factory=dict)
 
 
 class DepthBackend(Protocol):
@@ -53,8 +39,10 @@ class DepthBackend(Protocol):
         target_m: tuple[float, float, float] | Floats,
         config: DenseConfig,
         surface_m: Floats | None = None,
-    ) -> dict[str, DepthMap]:
+    ) -> dict[str, Floats32]:
         """Depth maps of the views that have at least one usable neighbour, in sorted name order.
+
+        Each is (H, W): metres along the optical axis, NaN where unknown.
 
         Parameters
         ----------

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 # isort: off
-from nbv.dense.colmap_workspace import read_depth_maps, write_images, write_stereo_sources
+# cv2 (through stereo) before pycolmap: the other order makes libpng crash the process.
+from nbv.dense.stereo import camera_center_m, choose_neighbours, pixel_matrix
 import pycolmap
 # isort: on
 
 import numpy as np
+from PIL import Image as PillowImage
 
 from nbv.config import CameraConfig, DenseConfig
-from nbv.dense.interface import DepthMap, Image
-from nbv.dense.stereo import camera_center_m, choose_neighbours
+from nbv.dense.interface import Floats32, Image
 from nbv.errors import UserError
 from nbv.types import Floats
 
@@ -50,7 +51,7 @@ class PatchMatchBackend:
         target_m: tuple[float, float, float] | Floats,
         config: DenseConfig,
         surface_m: Floats | None = None,
-    ) -> dict[str, DepthMap]:
+    ) -> dict[str, Floats32]:
         """See `nbv.dense.interface.DepthBackend`; every view is matched with ``consistency_views`` others.
 
         Depths are sought within ``crop_half_width_m`` of the target, as in the SGBM backend without ``surface_m``.
@@ -81,3 +82,79 @@ class PatchMatchBackend:
             write_stereo_sources(workspace, sources)
             pycolmap.patch_match_stereo(workspace, options=options)
             return read_depth_maps(workspace, list(sources))
+
+
+def write_images(
+    workspace: Path,
+    images: Mapping[str, Image],
+    camera_from_world: Mapping[str, Floats],
+    camera: CameraConfig,
+) -> None:
+    """Write photographs and their poses as COLMAP's dense workspace.
+
+    COLMAP's stereo reads pixel centres at integers, so the principal point is written half a pixel off the sparse
+    convention.
+
+    Parameters
+    ----------
+    workspace
+        Gets ``images/``, ``sparse/`` (binary model) and ``stereo/``.
+    images
+        (H, W, 3) RGB by name.
+    camera_from_world
+        (4, 4) by the same names, metres.
+    camera
+        Its intrinsics, the same for all.
+    """
+    for folder in (
+        "images",
+        "sparse",
+        "stereo/depth_maps",
+        "stereo/normal_maps",
+        "stereo/consistency_graphs",
+    ):
+        (workspace / folder).mkdir(parents=True, exist_ok=True)
+    matrix = pixel_matrix(camera)
+    model = pycolmap.Reconstruction()
+    model.add_camera_with_trivial_rig(
+        pycolmap.Camera(
+            camera_id=1,
+            model="PINHOLE",
+            width=camera.width_px,
+            height=camera.height_px,
+            params=[matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]],
+        )
+    )
+    for image_id, name in enumerate(sorted(images), start=1):
+        PillowImage.fromarray(images[name]).save(workspace / "images" / file_name(name))
+        model.add_image_with_trivial_frame(
+            pycolmap.Image(name=file_name(name), keypoints=np.zeros((0, 2)), camera_id=1, image_id=image_id),
+            pycolmap.Rigid3d(np.asarray(camera_from_world[name], dtype=float)[:3]),
+        )
+    model.write(workspace / "sparse")
+
+
+def write_stereo_sources(workspace: Path, sources: Mapping[str, Sequence[str]]) -> None:
+    """Write ``patch-match.cfg``: the views that each reference view is matched with."""
+    lines = []
+    for name in sorted(sources):
+        lines += [file_name(name), ", ".join(file_name(other) for other in sources[name])]
+    (workspace / "stereo" / "patch-match.cfg").write_text("\n".join(lines) + "\n")
+
+
+def read_depth_maps(workspace: Path, names: Sequence[str]) -> dict[str, Floats32]:
+    """COLMAP's depths (H, W) in metres by view; NaN where it has none. Views without a file are left out."""
+    maps = {}
+    for name in sorted(names):
+        file = workspace / "stereo" / "depth_maps" / f"{file_name(name)}.geometric.bin"
+        if file.is_file():
+            found = pycolmap.DepthMap()
+            found.read(file)
+            depth_m = np.array(found.to_array(), dtype=np.float32)
+            maps[name] = np.where(depth_m > 0, depth_m, np.float32(np.nan))
+    return maps
+
+
+def file_name(view: str) -> str:
+    """Image file name of a view; COLMAP wants a suffix."""
+    return view if view.lower().endswith((".png", ".jpg", ".jpeg")) else f"{view}.png"

@@ -174,7 +174,7 @@ def check_depths(
         timings_s=dict(zip(("depth", "consistency"), np.diff(marks).tolist())),
         views={
             name: {
-                "depth_pixels": maps[name].n_valid,
+                "depth_pixels": int(np.isfinite(maps[name]).sum()),
                 "consistent_pixels": int(np.isfinite(consistent[name].depth_m).sum()),
             }
             for name in sorted(maps)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import cv2
 
 from nbv.config import CameraConfig, DenseConfig
-from nbv.dense.interface import DepthMap, Image
+from nbv.dense.interface import Floats32, Image
 from nbv.dense.stereo import choose_neighbours, estimate_depth
 from nbv.types import Floats
 
@@ -25,7 +25,7 @@ class SgbmBackend:
         target_m: tuple[float, float, float] | Floats,
         config: DenseConfig,
         surface_m: Floats | None = None,
-    ) -> dict[str, DepthMap]:
+    ) -> dict[str, Floats32]:
         """See `nbv.dense.interface.DepthBackend`."""
         cv2.setNumThreads(1)
         maps = {}
@@ -35,7 +35,7 @@ class SgbmBackend:
             chosen = choose_neighbours(name, poses, target_m, config)
             if chosen:
                 pairs = [(grey[other], poses[other]) for other in chosen]
-                maps[name] = DepthMap(
-                    estimate_depth(grey[name], poses[name], pairs, camera, target_m, config, surface_m)
+                maps[name] = estimate_depth(
+                    grey[name], poses[name], pairs, camera, target_m, config, surface_m
                 )
         return maps

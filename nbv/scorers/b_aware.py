@@ -22,37 +22,16 @@ def repair_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig)
     order: the order is that of double precision throughout.
     """
     box, b_aware = terms.box, config.b_aware
-    lengths = box.track_lengths
-    weak = weakness(box.points_m, lengths, box.reprojection_error_px, b_aware)[terms.order]
+    weak = weakness(box.points_m, box.track_lengths, box.reprojection_error_px, b_aware)[terms.order]
     angles = (b_aware.theta_low_deg, b_aware.theta_saturation_deg)
 
     def exactly(columns: slice | Ints) -> Floats:
-        ordered = terms.ordered
-        return repair(
-            terms.visible[:, columns],
-            weak,
-            pool.positions_m[columns],
-            ordered.points_m,
-            ordered.track_offsets,
-            ordered.track_cameras,
-            ordered.camera_centers_m,
-            *angles,
-        )
+        return repair(terms.visible[:, columns], weak, pool.positions_m[columns], terms.ordered, *angles)
 
     error = precision(*angles)
     if len(box.points_m) < MIN_POINTS_SINGLE or not np.isfinite(error):
         return exactly(slice(None))
-    main = repair_single(
-        terms.visible,
-        weak,
-        pool.positions_m,
-        terms.points_m,
-        box.track_offsets[terms.order],
-        lengths[terms.order],
-        box.track_cameras,
-        box.camera_centers_m,
-        *angles,
-    )
+    main = repair_single(terms.visible, weak, pool.positions_m, box, terms.order, *angles)
     scores = eq_1(main, terms, b_aware.weights)
     order = falling(scores)
     close = np.abs(np.diff(scores[order])) <= 2.0 * error * b_aware.weights.main + 1e-11

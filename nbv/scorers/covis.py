@@ -16,15 +16,7 @@ def co_visibility(visible: NDArray[np.bool_]) -> Floats:
 
     ``visible`` is (P, C).
     """
-    n_points, n_candidates = visible.shape
-    as_bytes = np.ascontiguousarray(visible).view(np.uint8)
-    # 255 ones fit into a byte, and bytes add up fastest, in long rows.
-    together = -(-n_points // 255)
-    whole = n_points // together * together
-    counts = np.add.reduce(as_bytes[:whole].reshape(-1, together * n_candidates), axis=0, dtype=np.uint8)
-    total = np.add.reduce(counts.reshape(together, n_candidates), axis=0, dtype=np.int64)
-    total += np.add.reduce(as_bytes[whole:], axis=0, dtype=np.int64)
-    return total / n_points
+    return np.count_nonzero(visible, axis=0) / len(visible)
 
 
 def share_seen(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:

@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 
 from nbv.geometry.incidence import SURFEL_MAX_INCIDENCE_DEG
 from nbv.geometry.raycasting import RayCaster
+from nbv.scorers.box import BoxPoints
 from nbv.types import Floats, Ints
 
 NORMAL_NEIGHBOURS = 16
@@ -32,15 +33,13 @@ RIM = 6  # a disc is a hexagon
 BLOCK = 1024  # points at a time
 
 
-def mean_observing_directions(
-    points_m: Floats, track_offsets: Ints, track_cameras: Ints, camera_centers_m: Floats
-) -> Floats:
+def mean_observing_directions(box: BoxPoints) -> Floats:
     """(P, 3) unit mean of the directions from each point (with one ray or more) to its cameras."""
-    point = np.repeat(np.arange(len(points_m)), np.diff(track_offsets))
-    to_camera = np.ascontiguousarray(camera_centers_m.T).take(track_cameras, axis=1)
-    to_camera -= np.ascontiguousarray(points_m.T).take(point, axis=1)
+    point = np.repeat(np.arange(len(box.points_m)), box.track_lengths)
+    to_camera = np.ascontiguousarray(box.camera_centers_m.T).take(box.track_cameras, axis=1)
+    to_camera -= np.ascontiguousarray(box.points_m.T).take(point, axis=1)
     to_camera /= np.sqrt((to_camera**2).sum(axis=0))
-    mean = np.add.reduceat(to_camera, track_offsets[:-1], axis=1)
+    mean = np.add.reduceat(to_camera, box.track_offsets[:-1], axis=1)
     return np.ascontiguousarray((mean / np.maximum(np.sqrt((mean**2).sum(axis=0)), 1e-12)).T)
 
 
@@ -76,17 +75,10 @@ def discs(points_m: Floats, normals: Floats, radius_m: Floats) -> RayCaster:
     return RayCaster(vertices.reshape(-1, 3), faces.reshape(-1, 3))
 
 
-def unoccluded(
-    in_frustum: NDArray[np.bool_],
-    points_m: Floats,
-    track_offsets: Ints,
-    track_cameras: Ints,
-    camera_centers_m: Floats,
-    candidates_m: Floats,
-) -> NDArray[np.bool_]:
-    """(P, C): ``in_frustum`` without the points whose back is seen or which surfels hide."""
-    observing = mean_observing_directions(points_m, track_offsets, track_cameras, camera_centers_m)
-    normals, radius = surfels(points_m, observing)
+def unoccluded(in_frustum: NDArray[np.bool_], box: BoxPoints, candidates_m: Floats) -> NDArray[np.bool_]:
+    """(P, C): ``in_frustum`` (P, C) without the points whose back a candidate (C, 3) sees or which surfels hide."""
+    points_m = box.points_m
+    normals, radius = surfels(points_m, mean_observing_directions(box))
     walls = discs(points_m, normals, radius)
     offset = np.einsum("ij,ij->i", normals, points_m)
     p2, c2 = (points_m**2).sum(axis=1), (candidates_m**2).sum(axis=1)

@@ -1,7 +1,7 @@
-"""Eq. 8 in single precision, several times faster than `nbv.scorers.b_aware.repair`.
+"""Eq. 8 in single precision, several times faster than `nbv.scorers.repair.repair`.
 
 The sums are good to about 1e-6, which is enough to rank candidates unless two of them nearly tie:
-`nbv.scorers.scorer` works out such candidates again in double precision, so that the ranking is that of
+`nbv.scorers.b_aware` works out such candidates again in double precision, so that the ranking is that of
 double precision. Everything is laid out so that each step is one pass over an array in the processor's cache.
 """
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.geometry.scratch import scratch
+from nbv.scorers.box import BoxPoints
 from nbv.types import Floats, Ints
 
 Floats32 = NDArray[np.float32]
@@ -31,15 +32,6 @@ def precision(theta_low_deg: float, theta_saturation_deg: float) -> float:
     low, high = np.deg2rad(theta_low_deg), np.deg2rad(theta_saturation_deg)
     error = 1e-6 + float(3e-8 / ((high - low) * np.sin(low))) if theta_low_deg >= MIN_ANGLE_DEG else np.inf
     return error if error <= MAX_ERROR else np.inf
-
-
-def longest_first(track_offsets: Ints) -> Ints:
-    """(P,) the points by falling track length; of equals, the earlier first."""
-    lengths = np.diff(track_offsets)
-    # Short integers are sorted by counting, four times faster.
-    if lengths.max(initial=0) <= np.iinfo(np.int16).max:
-        return np.argsort(-lengths.astype(np.int16), kind="stable")
-    return np.argsort(-lengths, kind="stable")
 
 
 def observation_rays(
@@ -80,21 +72,26 @@ def repair_single(
     visible: NDArray[np.bool_],
     weak: Floats,
     candidates_m: Floats,
-    points_m: Floats,
-    track_starts: Ints,
-    track_lengths: Ints,
-    track_cameras: Ints,
-    camera_centers_m: Floats,
+    box: BoxPoints,
+    order: Ints,
     theta_low_deg: float,
     theta_saturation_deg: float,
 ) -> Floats:
     """Eq. 8: (C,) share of all weakness that each candidate would repair, to about 1e-6.
 
-    Arguments as for `nbv.scorers.b_aware.repair`, but the points must come longest track first; their tracks may
-    lie anywhere in ``track_cameras``: ``track_starts`` and ``track_lengths`` (P,) say where.
+    Parameters
+    ----------
+    visible, weak
+        As for `nbv.scorers.repair.repair`, but with rows in that ``order``.
+    candidates_m, box, theta_low_deg, theta_saturation_deg
+        As there.
+    order
+        (P,) the points of ``box``, longest track first.
     """
+    points_m = box.points_m[order]
+    starts_of_tracks, lengths = box.track_offsets[order], box.track_lengths[order]
     origin = candidates_m.mean(axis=0)  # coordinates near 0 lose the fewest digits
-    centers = (camera_centers_m - origin).T
+    centers = (box.camera_centers_m - origin).T
     points = np.subtract(points_m.T, origin[:, None], order="C")  # (3, P)
     candidates: Floats = (candidates_m - origin).astype(np.float32).astype(float)  # the same in every product
     n_points, n_candidates = len(points_m), len(candidates)
@@ -103,7 +100,7 @@ def repair_single(
     # The angles of the rounded cosines: what is clipped must gain 0 and 1 to the last digit, as most pairs do.
     low32, high32 = np.arccos(cos_low), np.arccos(cos_high)
 
-    rays, n_rays = observation_rays(points, track_starts, track_lengths, track_cameras, centers)
+    rays, n_rays = observation_rays(points, starts_of_tracks, lengths, box.track_cameras, centers)
     starts = [0, *np.cumsum(n_rays).tolist()]
     minus_c = np.concatenate([-candidates.T, np.ones((1, n_candidates))]).astype(np.float32)
     # |p - c|^2 = |p|^2 - 2 p . c + |c|^2, one product as well

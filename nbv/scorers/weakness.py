@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from nbv.config import BAwareConfig
@@ -11,23 +9,9 @@ from nbv.geometry.neighbours import neighbour_distances
 from nbv.types import Floats, Ints
 
 
-def percentiles(values: Floats, percents: Sequence[float]) -> list[float]:
-    """`numpy.percentile` of finite values (N,), to the bit, without its overhead of 0.1 ms."""
-    last = len(values) - 1
-    places = [last * (percent / 100.0) for percent in percents]
-    ordered = np.partition(values, [i for place in places for i in (int(place), min(int(place) + 1, last))])
-    found = []
-    for place in places:
-        below = int(place)
-        a, b = float(ordered[below]), float(ordered[min(below + 1, last)])
-        t = place - below
-        found.append(b - (b - a) * (1.0 - t) if t >= 0.5 else a + (b - a) * t)
-    return found
-
-
 def percentile_scaled(values: Floats) -> Floats:
     """Values scaled so that their 5th and 95th percentiles are 0 and 1, clipped; all 0 if these coincide."""
-    low, high = percentiles(values, (5.0, 95.0))
+    low, high = np.percentile(values, (5.0, 95.0))
     if high - low < 1e-8:
         return np.zeros_like(values)
     return np.clip((values - low) / (high - low), 0.0, 1.0)

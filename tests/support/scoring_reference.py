@@ -37,8 +37,7 @@ def in_frustum(points_m: Floats, positions_m: Floats, target_m: Floats, camera: 
 def unoccluded(visible: Mask, box: BoxPoints, candidates_m: Floats) -> Mask:
     """(P, C) like `nbv.scorers.occlusion.unoccluded`: every ray is cast."""
     points = box.points_m
-    observing = mean_observing_directions(points, box.track_offsets, box.track_cameras, box.camera_centers_m)
-    normals, radius = surfels(points, observing)
+    normals, radius = surfels(points, mean_observing_directions(box))
     to_candidate = candidates_m[None] - points[:, None]
     distance = np.linalg.norm(to_candidate, axis=2)
     facing = np.einsum("pck,pk->pc", to_candidate, normals)
@@ -74,10 +73,7 @@ def scores(state: PlanningState, pool: CandidatePool, config: MissionConfig) -> 
             visible,
             weak,
             pool.positions_m,
-            box.points_m,
-            box.track_offsets,
-            box.track_cameras,
-            box.camera_centers_m,
+            box,
             config.b_aware.theta_low_deg,
             config.b_aware.theta_saturation_deg,
         ),

@@ -8,10 +8,9 @@ import pytest
 
 from nbv.config import CameraConfig, DenseConfig
 from nbv.dense import patchmatch_runs
-from nbv.dense.colmap_workspace import fuse_with_colmap, read_depth_maps, write_depth_maps, write_images
 from nbv.dense.consistency import check_consistency, choose_witnesses
 from nbv.dense.fusion import fuse
-from nbv.dense.interface import DepthMap
+from nbv.dense.patchmatch import read_depth_maps, write_images
 from nbv.dense.reconstruct import check_depths, make_backend, reconstruct_dense
 from nbv.dense.sgbm import SgbmBackend
 from nbv.dense.surface import points_to_search
@@ -97,16 +96,16 @@ def test_more_agreement_keeps_fewer_and_better_points(scene, maps):
 
 
 def test_true_depths_confirm_each_other_a_wrong_one_is_dropped(scene):
-    truth = {n: DepthMap(np.where(d < 6, d, np.nan).astype(np.float32)) for n, d in scene.depths.items()}
+    truth = {n: np.where(d < 6, d, np.nan).astype(np.float32) for n, d in scene.depths.items()}
     config = dataclasses.replace(CONFIG, agreeing_views=5)
     checked = check_consistency(truth, scene.poses, scene.camera, TARGET, config)
     middle = np.s_[100:140, 140:180]
     assert (checked["view_018.png"].agreeing[middle] == 5).mean() > 0.95
     assert np.abs(checked["view_018.png"].depth_m - scene.depths["view_018.png"])[middle].max() < 0.01
-    wrong = truth["view_018.png"].depth_m.copy()
+    wrong = truth["view_018.png"].copy()
     wrong[middle] += 0.2
     checked = check_consistency(
-        {**truth, "view_018.png": DepthMap(wrong)},
+        {**truth, "view_018.png": wrong},
         scene.poses,
         scene.camera,
         TARGET,
@@ -184,24 +183,17 @@ def test_patchmatch_with_cuda_agrees_with_the_closed_form(scene):
     assert np.median(surface_distance_m(cloud.points_m)) < 0.01
 
 
-def test_depth_maps_survive_colmaps_format(scene, maps, tmp_path):
+def test_colmaps_depth_maps_are_read_back(scene, tmp_path):
+    import pycolmap
+
     write_images(tmp_path, scene.images, scene.poses, scene.camera)
-    write_depth_maps(tmp_path, maps, scene.camera)
-    back = read_depth_maps(tmp_path, list(maps))
-    assert list(back) == list(maps)
-    for name, item in back.items():
-        known = np.isfinite(item.depth_m)
-        assert known.sum() > 0.8 * maps[name].n_valid  # border pixels have no normal and are not written
-        assert np.array_equal(item.depth_m[known], maps[name].depth_m[known])
-        assert np.allclose(np.linalg.norm(item.normals[known], axis=1), 1, atol=1e-5)
-
-
-def test_colmaps_own_fusion_finds_the_same_surface(scene, maps, tmp_path):
-    cloud = fuse_with_colmap(tmp_path / "ws", maps, scene.images, scene.poses, scene.camera, CONFIG)
-    error = surface_distance_m(cloud.points_m)
-    assert len(cloud.points_m) > 3_000
-    assert np.median(error) < 0.008
-    assert (tmp_path / "ws" / "fused.ply").stat().st_size > 0
+    depth_m = np.full((240, 320), 2.5, np.float32)
+    depth_m[3, 4] = 0
+    file = tmp_path / "stereo" / "depth_maps" / "view_000.png.geometric.bin"
+    pycolmap.DepthMap.from_array(depth_m, 2.0, 3.0).write(file)
+    back = read_depth_maps(tmp_path, list(scene.poses))
+    assert list(back) == ["view_000.png"]
+    np.testing.assert_array_equal(back["view_000.png"], np.where(depth_m > 0, depth_m, np.nan))
 
 
 def test_a_search_near_the_sparse_model_finds_the_same_sphere(scene, dense):

@@ -13,7 +13,7 @@ from nbv.config import BAwareConfig, CameraConfig, MissionConfig
 from nbv.errors import MissionFailure
 from nbv.geometry.frames import heading_to, intrinsic_matrix, look_at
 from nbv.geometry.frustum import in_frustum, look_at_many
-from nbv.scorers import box_points, rank_candidates
+from nbv.scorers import BoxPoints, box_points, rank_candidates
 from nbv.scorers.covis import co_visibility
 from nbv.scorers.repair import geometry_gain, repair
 from nbv.scorers.terms import angular_penalty, movement, novelty
@@ -21,6 +21,10 @@ from nbv.scorers.weakness import mean_neighbour_distance, percentile_scaled, wea
 from nbv.types import CandidatePool, PlanningState, SparseModel
 
 TARGET = np.array([0.0, 0.0, 0.8])
+
+
+def observed(points: np.ndarray, offsets: list[int], cameras: list[int], centers: np.ndarray) -> BoxPoints:
+    return BoxPoints(points, np.ones(len(points)), np.array(offsets), np.array(cameras, dtype=int), centers)
 
 
 def ring(angles_deg: list[float], radius: float = 3.5, z: float = 0.8) -> np.ndarray:
@@ -112,31 +116,28 @@ def test_weakness_of_few_or_even_points() -> None:
 def test_geometry_gain() -> None:  # Eq. 7
     point = TARGET[None]
     candidates = ring([0.0, 5.0, 15.0, 25.0, 40.0, 180.0])
-    offsets, cameras = np.array([0, 1]), np.array([0])
-    gain = geometry_gain(candidates, point, offsets, cameras, ring([0.0], 4.0), 5.0, 25.0)
+    gain = geometry_gain(candidates, observed(point, [0, 1], [0], ring([0.0], 4.0)), 5.0, 25.0)
     np.testing.assert_allclose(gain[0], [0, 0, 0.5, 1, 1, 1], atol=1e-9)
     # A second ray at 40 degrees: the nearest counts.
-    gain = geometry_gain(candidates, point, np.array([0, 2]), np.array([0, 1]), ring([0.0, 40.0]), 5.0, 25.0)
+    gain = geometry_gain(candidates, observed(point, [0, 2], [0, 1], ring([0.0, 40.0])), 5.0, 25.0)
     np.testing.assert_allclose(gain[0], [0, 0, 0.5, 0.5, 0, 1], atol=1e-9)
 
 
 def test_gain_without_observations_is_one() -> None:
-    gain = geometry_gain(
-        ring([0.0]), TARGET[None], np.array([0, 0]), np.zeros(0, int), ring([0.0]), 5.0, 25.0
-    )
+    gain = geometry_gain(ring([0.0]), observed(TARGET[None], [0, 0], [], ring([0.0])), 5.0, 25.0)
     assert gain[0, 0] == 1.0
 
 
 def test_repair() -> None:  # Eq. 8
     # Three points near the target, far apart in observation: gains are read off geometry_gain.
     points = TARGET + np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
-    offsets, cameras, centers = np.array([0, 1, 2, 3]), np.array([0, 1, 2]), ring([0.0, 20.0, 60.0])
+    box = observed(points, [0, 1, 2, 3], [0, 1, 2], ring([0.0, 20.0, 60.0]))
     candidates = ring([10.0, 70.0])
-    gain = geometry_gain(candidates, points, offsets, cameras, centers, 5.0, 25.0)
+    gain = geometry_gain(candidates, box, 5.0, 25.0)
     assert 0.1 < gain.min() < gain.max() <= 1.0  # neither all 0 nor all 1
     visible = np.array([[1, 1], [1, 0], [0, 1]], dtype=bool)
     weak = np.array([1.0, 0.5, 0.25])
-    arguments = (candidates, points, offsets, cameras, centers, 5.0, 25.0)
+    arguments = (candidates, box, 5.0, 25.0)
     expected = [(gain[0, 0] + 0.5 * gain[1, 0]) / 1.75, (gain[0, 1] + 0.25 * gain[2, 1]) / 1.75]
     np.testing.assert_allclose(repair(visible, weak, *arguments), expected, atol=1e-12)
     np.testing.assert_array_equal(repair(visible, np.zeros(3), *arguments), 0.0)
@@ -155,7 +156,7 @@ def test_gain_equals_the_plain_definition(seed: int, n_points: int) -> None:
     lengths = rng.integers(0, 8, n_points)
     offsets = np.concatenate([[0], np.cumsum(lengths)])
     track = np.concatenate([rng.permutation(9)[:k] for k in lengths]).astype(np.int64)
-    got = geometry_gain(candidates, points, offsets, track, cameras, 5.0, 25.0)
+    got = geometry_gain(candidates, observed(points, offsets, track, cameras), 5.0, 25.0)
     for p in rng.choice(n_points, min(n_points, 10), replace=False):
         for c, position in enumerate(candidates):
             a = (points[p] - position) / np.linalg.norm(points[p] - position)

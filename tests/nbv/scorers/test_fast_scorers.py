@@ -11,11 +11,10 @@ from scoring_state import synthetic_state
 
 from nbv.config import MissionConfig
 from nbv.geometry.frustum import in_frustum
-from nbv.scorers import b_aware, rank_candidates, shared_terms
-from nbv.scorers.covis import co_visibility
+from nbv.scorers import BoxPoints, b_aware, rank_candidates, shared_terms
 from nbv.scorers.repair import repair
 from nbv.scorers.repair_single import precision, repair_single
-from nbv.scorers.weakness import percentiles, weakness
+from nbv.scorers.weakness import weakness
 
 
 @settings(max_examples=10)
@@ -60,17 +59,9 @@ def test_single_precision_is_as_good_as_it_says(
     terms = shared_terms(state, pool, config)
     box = terms.ordered
     weak = weakness(box.points_m, box.track_lengths, box.reprojection_error_px, config.b_aware)
-    cameras = (box.track_cameras, box.camera_centers_m, low_deg, low_deg + width_deg)
-    single = repair_single(
-        terms.visible,
-        weak,
-        pool.positions_m,
-        box.points_m,
-        box.track_offsets[:-1],
-        box.track_lengths,
-        *cameras,
-    )
-    double = repair(terms.visible, weak, pool.positions_m, box.points_m, box.track_offsets, *cameras)
+    angles = (low_deg, low_deg + width_deg)
+    single = repair_single(terms.visible, weak, pool.positions_m, terms.box, terms.order, *angles)
+    double = repair(terms.visible, weak, pool.positions_m, box, *angles)
     assert np.abs(single - double).max() < precision(low_deg, low_deg + width_deg)
 
 
@@ -82,32 +73,15 @@ def test_degenerate_geometry_is_no_trouble_in_single_precision() -> None:
     points[7] = pool.positions_m[3]
     seen = np.ones((1_400, len(pool)), dtype=bool)
     points = np.concatenate([points, points[:200] + 0.01])  # the last 200 are observed by nobody
-    starts = np.concatenate([box.track_offsets[:-1], np.zeros(200, dtype=np.int64)])
-    lengths = np.concatenate([box.track_lengths, np.zeros(200, dtype=np.int64)])
     offsets = np.concatenate([box.track_offsets, np.full(200, box.track_offsets[-1])])
-    cameras = (box.track_cameras, box.camera_centers_m, 5.0, 25.0)
+    box = BoxPoints(points, np.zeros(1_400), offsets, box.track_cameras, box.camera_centers_m)
     weak = np.linspace(0.1, 1.0, 1_400)
-    single = repair_single(seen, weak, pool.positions_m, points, starts, lengths, *cameras)
-    double = repair(seen, weak, pool.positions_m, points, offsets, *cameras)
+    single = repair_single(seen, weak, pool.positions_m, box, np.arange(1_400), 5.0, 25.0)
+    double = repair(seen, weak, pool.positions_m, box, 5.0, 25.0)
     others = np.arange(len(pool)) != 3  # its own angle to that point means nothing
     assert np.isfinite(single).all()
     np.testing.assert_allclose(single[others], double[others], rtol=0, atol=precision(5.0, 25.0))
     assert abs(single[3] - double[3]) <= weak[7] / weak.sum() + precision(5.0, 25.0)
-
-
-@settings(max_examples=50)
-@given(seed=st.integers(0, 10_000), n=st.integers(1, 400), percent=st.floats(0.0, 100.0))
-def test_percentiles_are_numpys_to_the_bit(seed: int, n: int, percent: float) -> None:
-    values = np.random.default_rng(seed).gamma(2.0, 0.5, n)
-    expected = np.percentile(values, [percent, 95.0])
-    assert percentiles(values, (percent, 95.0)) == expected.tolist()
-
-
-@pytest.mark.parametrize("n_points", [1, 254, 255, 256, 510, 511, 2_000])
-def test_co_visibility_counts_any_number_of_points(n_points: int) -> None:
-    visible = np.random.default_rng(n_points).random((n_points, 7)) < 0.9
-    visible[:, 0], visible[:, 1] = True, False
-    np.testing.assert_array_equal(co_visibility(visible), visible.mean(axis=0))
 
 
 def test_near_ties_are_settled_in_double_precision(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -117,10 +91,8 @@ def test_near_ties_are_settled_in_double_precision(monkeypatch: pytest.MonkeyPat
     rng = np.random.default_rng(0)
     asked: list[int] = []
 
-    def noisy(visible, weak, candidates_m, points_m, starts, lengths, cameras, *rest):  # type: ignore[no-untyped-def]
-        offsets = np.concatenate([[0], np.cumsum(lengths)])
-        ordered = np.concatenate([cameras[s : s + n] for s, n in zip(starts, lengths)])
-        exact = repair(visible, weak, candidates_m, points_m, offsets, ordered, *rest)
+    def noisy(visible, weak, candidates_m, box, order, *angles):  # type: ignore[no-untyped-def]
+        exact = repair(visible, weak, candidates_m, box.select(order), *angles)
         return exact + rng.uniform(-0.01, 0.01, len(exact))
 
     def counting(*arguments: object) -> np.ndarray:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from nbv.scorers import BoxPoints
 from nbv.scorers.occlusion import mean_observing_directions, surfels, unoccluded
 
 CENTER, RADIUS = np.array([0.0, 0.0, 1.0]), 0.8
 
 
-def sphere_and_ground(noise_m: float) -> tuple[np.ndarray, ...]:
+def sphere_and_ground(noise_m: float) -> BoxPoints:
     """Points on a sphere and on the ground, each observed by the cameras that truly see it."""
     rng = np.random.default_rng(3)
     n = rng.normal(size=(900, 3))
@@ -23,7 +24,8 @@ def sphere_and_ground(noise_m: float) -> tuple[np.ndarray, ...]:
     points, seen = points[keep], seen[keep]
     offsets = np.concatenate([[0], np.cumsum(seen.sum(axis=1))])
     track = np.nonzero(seen)[1]
-    return points + noise_m * rng.normal(size=points.shape), offsets, track, cameras
+    points = points + noise_m * rng.normal(size=points.shape)
+    return BoxPoints(points, np.zeros(len(points)), offsets, track, cameras)
 
 
 def true_visibility(points: np.ndarray, cameras: np.ndarray) -> np.ndarray:
@@ -36,12 +38,12 @@ def true_visibility(points: np.ndarray, cameras: np.ndarray) -> np.ndarray:
 
 
 def test_agrees_with_the_truth_on_a_sphere() -> None:
-    points, offsets, track, cameras = sphere_and_ground(noise_m=0.004)
+    box = sphere_and_ground(noise_m=0.004)
     a = np.deg2rad([10.0, 100.0, 190.0, 280.0])
     candidates = np.column_stack([3.4 * np.cos(a), 3.4 * np.sin(a), [1.4, 1.8, 2.6, 3.4]])
-    truth = true_visibility(points, candidates)
-    ours = unoccluded(np.ones_like(truth), points, offsets, track, cameras, candidates)
-    on_sphere = points[:, 2] > 0.1
+    truth = true_visibility(box.points_m, candidates)
+    ours = unoccluded(np.ones_like(truth), box, candidates)
+    on_sphere = box.points_m[:, 2] > 0.1
     # On the sphere, what is lost is its limb: grazing views beyond the incidence limit.
     for part, hit_rate, reject_rate in ((on_sphere, 0.82, 0.98), (~on_sphere, 0.97, 0.97)):
         assert ours[part][truth[part]].mean() > hit_rate
@@ -49,15 +51,15 @@ def test_agrees_with_the_truth_on_a_sphere() -> None:
 
 
 def test_never_adds_to_the_frustum() -> None:
-    points, offsets, track, cameras = sphere_and_ground(noise_m=0.0)
-    inside = np.random.default_rng(0).random((len(points), 3)) < 0.5
-    assert not (unoccluded(inside, points, offsets, track, cameras, cameras[:3] * 0.9) & ~inside).any()
+    box = sphere_and_ground(noise_m=0.0)
+    inside = np.random.default_rng(0).random((len(box.points_m), 3)) < 0.5
+    assert not (unoccluded(inside, box, box.camera_centers_m[:3] * 0.9) & ~inside).any()
 
 
 def test_normals_are_the_surfaces_on_the_observed_side() -> None:
-    points, offsets, track, cameras = sphere_and_ground(noise_m=0.0)
-    observing = mean_observing_directions(points, offsets, track, cameras)
-    normals, radius = surfels(points, observing)
+    box = sphere_and_ground(noise_m=0.0)
+    points = box.points_m
+    normals, radius = surfels(points, mean_observing_directions(box))
     top = points[:, 2] > 1.0  # clear of the ground's neighbourhood
     cosine = np.einsum("ij,ij->i", normals[top], (points[top] - CENTER) / RADIUS)
     assert np.percentile(cosine, 2) > np.cos(np.deg2rad(15.0))
@@ -67,12 +69,6 @@ def test_normals_are_the_surfaces_on_the_observed_side() -> None:
 def test_few_points_fall_back_to_the_observing_direction() -> None:
     points = np.array([[0.0, 0, 1], [0.1, 0, 1]])
     cameras = np.array([[4.0, 0, 1], [4.0, 1, 1]])
-    ours = unoccluded(
-        np.ones((2, 2), dtype=bool),
-        points,
-        np.array([0, 2, 4]),
-        np.array([0, 1, 0, 1]),
-        cameras,
-        np.array([[3.5, 0.0, 1.0], [-3.5, 0.0, 1.0]]),
-    )
+    box = BoxPoints(points, np.zeros(2), np.array([0, 2, 4]), np.array([0, 1, 0, 1]), cameras)
+    ours = unoccluded(np.ones((2, 2), dtype=bool), box, np.array([[3.5, 0.0, 1.0], [-3.5, 0.0, 1.0]]))
     assert ours.tolist() == [[True, False], [True, False]]
