@@ -36,7 +36,6 @@ import numpy as np
 from nbv.cache import Store
 from nbv.config import preset
 from nbv.dense.stereo import estimate_depth
-from nbv.geometry.knn import knn_statistics
 from nbv.mission.planning_state import load_state
 from nbv.photogrammetric.studio import Studio
 from nbv.rocks import load_rock
@@ -178,7 +177,7 @@ def planning(state: PlanningState) -> list[Curve]:
             for repeat in range(3):  # other points each time: neighbour distances are remembered per cloud
                 varied = dataclasses.replace(state, model=resampled(state.model, count + repeat))
                 started = time.process_time()
-                knn_statistics(varied.model.points_m)
+                knn_d95_m(varied.model.points_m)
                 rank_candidates(varied, pool, config)
                 costs.append(time.process_time() - started)
             seconds.append(min(costs))

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.geometry.incidence import OBSERVABLE_MAX_INCIDENCE_DEG
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface_evenly
-from nbv.geometry.visibility import lifted, seen_from
+from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG, lifted, seen_from
 from nbv.types import Floats, Ints
 
 MIN_OBSERVING_VIEWS = 2  # a depth needs two rays
@@ -34,21 +33,13 @@ class GroundTruthSamples:
 
 
 def observable_mask(
-    vertices_m: Floats,
-    faces: Ints,
-    points_m: Floats,
-    normals: Floats,
-    camera_centers_m: Floats,
-    *,
-    min_views: int = MIN_OBSERVING_VIEWS,
-    max_incidence_deg: float = OBSERVABLE_MAX_INCIDENCE_DEG,
-    ground_height_m: float = 0.0,
+    vertices_m: Floats, faces: Ints, points_m: Floats, normals: Floats, camera_centers_m: Floats
 ) -> NDArray[np.bool_]:
-    """Which samples at least ``min_views`` of the reachable cameras see.
+    """Which samples at least two of the reachable cameras see.
 
-    A camera sees a sample that lies above the ground, faces the camera with an incidence of at most
-    ``max_incidence_deg``, and is not hidden by the mesh (`nbv.geometry.visibility`). Image borders are ignored: cameras aim at the target and the rock fits the frame. With
-    sample and camera above the ground, the ground plane cannot occlude.
+    A camera sees a sample that lies above the ground (z = 0), faces the camera with an incidence of at most 80 degrees,
+    and is not hidden by the mesh (`nbv.geometry.visibility`). Image borders are ignored: cameras aim at the target and
+    the rock fits the frame. With sample and camera above the ground, the ground plane cannot occlude.
 
     Parameters
     ----------
@@ -67,17 +58,19 @@ def observable_mask(
     points, facing = np.asarray(points_m, dtype=float), np.asarray(normals, dtype=float)
     starts = lifted(points, facing)
     views = np.zeros(len(points), dtype=np.int64)
-    open_samples = np.flatnonzero(points[:, 2] > ground_height_m)
+    open_samples = np.flatnonzero(points[:, 2] > 0)
     # Cameras in a stride order: neighbours on a ring see the same samples, so spreading the first few
     # settles most samples early. The result does not depend on the order.
     centers = np.asarray(camera_centers_m, dtype=float).reshape(-1, 3)
     for center in centers[_spread_order(len(centers))]:
         if open_samples.size == 0:
             break
-        seen = seen_from(center, starts[open_samples], facing[open_samples], caster, max_incidence_deg)
+        seen = seen_from(
+            center, starts[open_samples], facing[open_samples], caster, OBSERVABLE_MAX_INCIDENCE_DEG
+        )
         views[open_samples[seen]] += 1
-        open_samples = open_samples[views[open_samples] < min_views]
-    return views >= min_views
+        open_samples = open_samples[views[open_samples] < MIN_OBSERVING_VIEWS]
+    return views >= MIN_OBSERVING_VIEWS
 
 
 def build_ground_truth(

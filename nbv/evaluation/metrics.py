@@ -16,7 +16,7 @@ al. 2017, Eq. 4 to 8). The authors' code uses "at most"; on measured distances t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -49,7 +49,7 @@ class Metrics:
 
     n_points: int
     gt_gate_m: float
-    sector_centers_deg: tuple[float, ...]
+    sector_centers_deg: list[float]
     whole: dict[str, Any]
     observable: dict[str, Any]
     ungated: dict[str, Any]
@@ -57,15 +57,7 @@ class Metrics:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain dictionary, ready for JSON."""
-        return {
-            "n_points": self.n_points,
-            "gt_gate_m": self.gt_gate_m,
-            "sector_centers_deg": list(self.sector_centers_deg),
-            "whole": self.whole,
-            "observable": self.observable,
-            "ungated": self.ungated,
-            "gated": self.gated,
-        }
+        return asdict(self)
 
 
 def compute_metrics(
@@ -139,7 +131,7 @@ def compute_metrics(
     return Metrics(
         n_points=headline["n_points"],
         gt_gate_m=config.gt_gate_m,
-        sector_centers_deg=tuple(sector_centers_deg(config.azimuth_sectors)),
+        sector_centers_deg=sector_centers_deg(config.azimuth_sectors).tolist(),
         whole=headline["whole"],
         observable=headline["observable"],
         ungated=ungated,

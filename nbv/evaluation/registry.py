@@ -97,75 +97,46 @@ def _by_sector(distances: Distances, _: float) -> list[float | None]:
     return sector_completeness(distances.to_cloud_mm, distances.sectors, count, SECTOR_THRESHOLD_MM)
 
 
-def _largest(missing: bool, wrong: bool) -> Callable[[Distances, float], float]:
-    def measure(distances: Distances, _: float) -> float:
-        parts = (distances.to_cloud_mm,) * missing + (distances.to_truth_mm,) * wrong
-        return max(float(part.max()) for part in parts)
-
-    return measure
-
-
-def _c2c(
-    statistic: Callable[[Floats], Any], *, to_truth: bool = False
-) -> Callable[[Distances, float], float]:
-    def measure(distances: Distances, _: float) -> float:
-        return float(statistic(distances.to_truth_mm if to_truth else distances.to_cloud_mm))
-
-    return measure
-
-
 def _p95(distances: Floats) -> Any:
     return np.percentile(distances, 95)
+
+
+def _distance(key: str, label: str, statistic: Callable[[Floats], Any], surfaces: str = "missing") -> Metric:
+    """A metric in mm: a statistic of what is missing, of what is wrong, or the larger of both."""
+    sides = {
+        "missing": lambda d: (d.to_cloud_mm,),
+        "wrong": lambda d: (d.to_truth_mm,),
+        "both": lambda d: (d.to_cloud_mm, d.to_truth_mm),
+    }[surfaces]
+    return Metric(key, label, "mm", False, lambda d, _: max(float(statistic(side)) for side in sides(d)))
+
+
+def _percentage(key: str, label: str, measure: Callable[[Distances, float], Any]) -> Metric:
+    return Metric(key, label, "%", True, measure)
 
 
 METRICS: dict[str, Metric] = {
     metric.key: metric
     for metric in (
-        Metric("hausdorff_gt_to_cloud_mm", "Hausdorff distance", "mm", False, _largest(True, False)),
-        Metric(
-            "hausdorff_cloud_to_gt_mm",
-            "Hausdorff distance, cloud to truth",
-            "mm",
-            False,
-            _largest(False, True),
-        ),
-        Metric("hausdorff_symmetric_mm", "Symmetric Hausdorff distance", "mm", False, _largest(True, True)),
-        Metric("c2c_mean_mm", "Mean C2C distance", "mm", False, _c2c(np.mean)),
-        Metric("c2c_median_mm", "Median C2C distance", "mm", False, _c2c(np.median)),
-        Metric("c2c_p95_mm", "P95 C2C distance", "mm", False, _c2c(_p95)),
-        Metric(
-            "c2c_cloud_to_gt_mean_mm",
-            "Mean C2C distance, cloud to truth",
-            "mm",
-            False,
-            _c2c(np.mean, to_truth=True),
-        ),
-        Metric(
-            "c2c_cloud_to_gt_median_mm",
-            "Median C2C distance, cloud to truth",
-            "mm",
-            False,
-            _c2c(np.median, to_truth=True),
-        ),
-        Metric(
-            "c2c_cloud_to_gt_p95_mm",
-            "P95 C2C distance, cloud to truth",
-            "mm",
-            False,
-            _c2c(_p95, to_truth=True),
-        ),
-        Metric("completeness_{t}mm", "Completeness @ {t} mm", "%", True, completeness),
-        Metric("accuracy_{t}mm", "Accuracy @ {t} mm", "%", True, accuracy),
-        Metric("f_score_{t}mm", "F-score @ {t} mm", "%", True, f_score_at),
-        Metric("tt_precision_{t}mm", "T&T precision @ {t} mm", "%", True, tt_precision),
-        Metric("tt_recall_{t}mm", "T&T recall @ {t} mm", "%", True, tt_recall),
-        Metric("tt_f_score_{t}mm", "T&T F-score @ {t} mm", "%", True, tt_f_score),
-        Metric("f_score_auc", "F-score, mean over thresholds", "%", True, _auc),
-        Metric(
+        _distance("hausdorff_gt_to_cloud_mm", "Hausdorff distance", np.max),
+        _distance("hausdorff_cloud_to_gt_mm", "Hausdorff distance, cloud to truth", np.max, "wrong"),
+        _distance("hausdorff_symmetric_mm", "Symmetric Hausdorff distance", np.max, "both"),
+        _distance("c2c_mean_mm", "Mean C2C distance", np.mean),
+        _distance("c2c_median_mm", "Median C2C distance", np.median),
+        _distance("c2c_p95_mm", "P95 C2C distance", _p95),
+        _distance("c2c_cloud_to_gt_mean_mm", "Mean C2C distance, cloud to truth", np.mean, "wrong"),
+        _distance("c2c_cloud_to_gt_median_mm", "Median C2C distance, cloud to truth", np.median, "wrong"),
+        _distance("c2c_cloud_to_gt_p95_mm", "P95 C2C distance, cloud to truth", _p95, "wrong"),
+        _percentage("completeness_{t}mm", "Completeness @ {t} mm", completeness),
+        _percentage("accuracy_{t}mm", "Accuracy @ {t} mm", accuracy),
+        _percentage("f_score_{t}mm", "F-score @ {t} mm", f_score_at),
+        _percentage("tt_precision_{t}mm", "T&T precision @ {t} mm", tt_precision),
+        _percentage("tt_recall_{t}mm", "T&T recall @ {t} mm", tt_recall),
+        _percentage("tt_f_score_{t}mm", "T&T F-score @ {t} mm", tt_f_score),
+        _percentage("f_score_auc", "F-score, mean over thresholds", _auc),
+        _percentage(
             f"sector_completeness_{SECTOR_THRESHOLD_MM:g}mm",
             f"Completeness @ {SECTOR_THRESHOLD_MM:g} mm by sector",
-            "%",
-            True,
             _by_sector,
         ),
     )

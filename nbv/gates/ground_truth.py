@@ -13,11 +13,10 @@ from scipy.spatial import cKDTree
 
 from nbv.config import MissionConfig
 from nbv.geometry.frustum import in_frustum
-from nbv.geometry.incidence import MATCHABLE_MAX_INCIDENCE_DEG
 from nbv.geometry.matchability import matchable_views, matchable_views_with, usable_cosines
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
-from nbv.geometry.visibility import lifted, seen_from
+from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG, lifted, seen_from
 from nbv.rocks.rock import Rock
 from nbv.types import CandidatePool, Floats, PlanningState, Ranking
 

@@ -2,15 +2,32 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from nbv.config import GATES, SCORERS, MissionConfig
 from nbv.errors import UserError
 from nbv.gates.base import Gate, GateInputs
-from nbv.gates.fixed import FixedGate
+from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
 
 if TYPE_CHECKING:
     from nbv.gates.ground_truth import GroundTruthOracle
+
+
+@dataclass(frozen=True)
+class FixedGate(Gate):
+    """One scorer flown alone. It has no kind of its own: every scorer's name is one."""
+
+    scorer: str
+
+    @classmethod
+    def make(cls, given: GateInputs) -> FixedGate:
+        """Of the scorer that the kind names."""
+        return cls(given.config.gate.kind)
+
+    def decide(self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]) -> GateDecision:
+        """The fixed scorer's ranking."""
+        return GateDecision(rankings[self.scorer], f"always {self.scorer}")
 
 
 def gate_class(kind: str) -> type[Gate]:

@@ -20,10 +20,14 @@ from nbv.cache import Store, holds, remember
 from nbv.config import CameraConfig, MissionConfig, SeedConfig
 from nbv.evaluation.ground_truth import MIN_OBSERVING_VIEWS
 from nbv.geometry.frustum import frustum_planes
-from nbv.geometry.incidence import LANDMARK_MAX_INCIDENCE_DEG, OBSERVABLE_MAX_INCIDENCE_DEG
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.geometry.sampling import sample_surface
-from nbv.geometry.visibility import lifted, seen_from
+from nbv.geometry.visibility import (
+    LANDMARK_MAX_INCIDENCE_DEG,
+    OBSERVABLE_MAX_INCIDENCE_DEG,
+    lifted,
+    seen_from,
+)
 from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
 from nbv.rocks.mesh import vertex_normals

@@ -15,7 +15,7 @@ from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.foreign import read_yaml
 from nbv.gates import Gate, make_gate
-from nbv.geometry.knn import knn_statistics
+from nbv.geometry.neighbours import knn_d95_m
 from nbv.scorers import expected_gain_percent, rank_candidates
 from nbv.scorers.registry import Rankings
 from nbv.types import CandidatePool, Floats, GateDecision, PlanningState, SparseModel, Viewpoint
@@ -51,13 +51,13 @@ class Plan:
 
 def density_d95_m(model: SparseModel, config: MissionConfig) -> float:
     """Of the sparse points that ``stop`` counts: the 95th percentile of the distance to the k-th neighbour (m)."""
-    return knn_statistics(
+    return knn_d95_m(
         model.points_m,
         k=config.stop.knn_neighbours,
         region=config.stop.knn_region,
         target_m=config.target_m,
         box_half_extent_m=config.shared.box_half_extent_m,
-    ).d95_m
+    )
 
 
 class Planner:

@@ -184,11 +184,22 @@ def with_relief(vertices: NDArray[np.float32], faces: NDArray[np.uint32], relief
 def relief_within(relief: Relief, half_extent_m: float) -> tuple[Floats32, NDArray[np.uint32]]:
     """The relief, and flat ground from there to the square of half side ``half_extent_m``."""
     vertices, faces = relief.mesh()
-    sides = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
-    rim = np.concatenate([half_extent_m * sides, RELIEF_HALF_EXTENT_M * sides])
-    around = [face for i in range(4) for j in [(i + 1) % 4] for face in ((i, j, 4 + j), (i, 4 + j, 4 + i))]
-    all_faces = np.concatenate([faces, np.array(around) + len(vertices)])
+    rim, around = square_frame(RELIEF_HALF_EXTENT_M, half_extent_m)
+    all_faces = np.concatenate([faces, around + len(vertices)])
     return np.concatenate([vertices, rim]).astype(np.float32), all_faces.astype(np.uint32)
+
+
+def square_frame(inner_m: float, outer_m: float) -> tuple[Floats32, NDArray[np.uint32]]:
+    """Vertices (8, 3) and faces (8, 3) of a square of z = 0 around a square hole; (4, 3) and (2, 3) without one.
+
+    ``inner_m`` and ``outer_m`` are half the sides of the hole and of the square.
+    """
+    square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=np.float32)
+    if inner_m <= 0:
+        return np.float32(outer_m) * square, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
+    faces = [face for i in range(4) for j in [(i + 1) % 4] for face in ((i, j, 4 + j), (i, 4 + j, 4 + i))]
+    vertices = np.concatenate([np.float32(outer_m) * square, np.float32(inner_m) * square])
+    return vertices, np.array(faces, dtype=np.uint32)
 
 
 def _ground_arrays(

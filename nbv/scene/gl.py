@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.errors import UserError
-from nbv.scene.bake import GROUND_TINT, Scene, relief_within
+from nbv.scene.bake import GROUND_TINT, Scene, relief_within, square_frame
 from nbv.scene.raycast import FADE_START
 from nbv.scene.view import RenderedView, camera_position, grey_levels, srgb_from_linear
 from nbv.types import Floats
@@ -120,13 +120,13 @@ class GLRenderer:
             sampler=self._pyrender.Sampler(wrapS=33071, wrapT=33071),  # GL_CLAMP_TO_EDGE
         )
         inner = spec.half_extent_m(level - 1) if level else 0.0
-        vertices, faces = _ring(inner, half)
+        vertices, faces = square_frame(inner, half)
         if level == 0 and scene.relief is not None:
             vertices, faces = relief_within(scene.relief, half)
         return self._flat_mesh(vertices, faces, texture, (vertices[:, :2] + half) / (2 * half))
 
     def _plain_mesh(self, scene: Scene) -> Any:
-        vertices, faces = _ring(scene.ground_spec.reach_m, HORIZON_M)
+        vertices, faces = square_frame(scene.ground_spec.reach_m, HORIZON_M)
         tint = srgb_from_linear(scene.ground_mean_radiance * GROUND_TINT)
         return self._flat_mesh(vertices, faces, None, None, (*map(float, tint), 0.0))
 
@@ -148,22 +148,6 @@ class GLRenderer:
             material=material,
         )
         return self._pyrender.Mesh([primitive])
-
-
-def _ring(inner: float, outer: float) -> tuple[np.ndarray, np.ndarray]:
-    """Square of half side ``outer`` on z = 0 without the square of half side ``inner``."""
-    if inner == 0.0:
-        corners = [(-outer, -outer), (outer, -outer), (outer, outer), (-outer, outer)]
-        faces = [(0, 1, 2), (0, 2, 3)]
-    else:
-        corners = [
-            (sx * h, sy * h) for h in (outer, inner) for sx, sy in ((-1, -1), (1, -1), (1, 1), (-1, 1))
-        ]
-        faces = []
-        for i in range(4):
-            j = (i + 1) % 4
-            faces += [(i, j, 4 + j), (i, 4 + j, 4 + i)]
-    return np.array([(x, y, 0.0) for x, y in corners]), np.array(faces, dtype=np.uint32)
 
 
 def _above_the_ground() -> Floats:

@@ -18,7 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.errors import UserError
-from nbv.scene.bake import GROUND_TINT, Scene, direction_to_sun, relief_within, vertex_normals
+from nbv.scene.bake import (
+    GROUND_TINT,
+    Scene,
+    direction_to_sun,
+    relief_within,
+    square_frame,
+    vertex_normals,
+)
 from nbv.scene.view import RenderedView, camera_position, grey_levels
 from nbv.types import Floats
 
@@ -150,7 +157,7 @@ class MitsubaRenderer:
     def _ground(self, level: int, texture: NDArray[np.float32], table: str) -> Any:
         spec = self._scene.ground_spec
         inner = spec.half_extent_m(level - 1) if level else 0.0
-        vertices, faces = _frame(inner, spec.half_extent_m(level))
+        vertices, faces = square_frame(inner, spec.half_extent_m(level))
         normals = None
         if level == 0 and (relief := self._scene.relief) is not None:
             vertices, faces = relief_within(relief, spec.half_extent_m(0))
@@ -165,7 +172,7 @@ class MitsubaRenderer:
         return self._mesh(f"ground_{level}", vertices, faces, _lunar(bitmap, table), normals=normals, uv=uv)
 
     def _plain(self, reflectance: float, table: str) -> Any:
-        vertices, faces = _frame(self._scene.ground_spec.reach_m, HORIZON_M)
+        vertices, faces = square_frame(self._scene.ground_spec.reach_m, HORIZON_M)
         return self._mesh("plain", vertices, faces, _lunar(reflectance, table))
 
     def _mesh(
@@ -212,17 +219,6 @@ def _lunar(weight: Any, table: str) -> dict[str, Any]:
     lunar = {"type": "twosided", "front": {"type": "measured", "filename": table}}
     black = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
     return {"type": "blendbsdf", "weight": weight, "black": black, "lunar": lunar}
-
-
-def _frame(inner_m: float, outer_m: float) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-    """Vertices (8, 3) and faces (8, 3) of a square of z = 0 around a square hole; (4, 3) and (2, 3) without one."""
-    square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=np.float32)
-    if inner_m <= 0:
-        return square * np.float32(outer_m), np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
-    vertices = np.concatenate([square * np.float32(outer_m), square * np.float32(inner_m)])
-    sides = [(a, (a + 1) % 4) for a in range(4)]
-    faces = [face for a, b in sides for face in ((a, b, b + 4), (a, b + 4, a + 4))]
-    return vertices, np.array(faces, dtype=np.uint32)
 
 
 def _lunar_table() -> dict[str, NDArray[Any]]:

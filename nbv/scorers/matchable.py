@@ -17,9 +17,9 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from nbv.config import MissionConfig
 from nbv.geometry.frustum import in_frustum
-from nbv.geometry.incidence import MATCHABLE_MAX_INCIDENCE_DEG
 from nbv.geometry.matchability import matchable_views, matchable_views_with, partners, usable_cosines
 from nbv.geometry.sampling import sample_surface
+from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG
 from nbv.scorers.scorer import Scorer
 from nbv.scorers.shared import SharedTerms
 from nbv.types import CandidatePool, Floats

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from nbv.geometry.incidence import SURFEL_MAX_INCIDENCE_DEG
 from nbv.geometry.raycasting import RayCaster
+from nbv.geometry.visibility import SURFEL_MAX_INCIDENCE_DEG
 from nbv.scorers.box import BoxPoints
 from nbv.types import Floats, Ints
 

@@ -33,6 +33,7 @@ _GLOBAL_CHANGE = 5e-4
 _GUARDED_POSE_INLIERS, _GUARDED_POSE_INLIER_RATIO = 15, 0.15
 # For seeds that are left over after that, each pose compared with telemetry before it is kept.
 _JUDGED_POSE_INLIERS, _JUDGED_POSE_INLIER_RATIO, _JUDGED_POSE_TRIALS = 6, 0.05, 10
+NO_POSE = "no consistent pose"
 _ENOUGH_SEEDS = 0.75  # share of them; points that came with the rest once hid a target
 
 Judge = Callable[[pycolmap.Reconstruction, int], str]
@@ -122,10 +123,6 @@ class IncrementalModel:
         """Ids of the images with a pose, ascending."""
         return sorted(int(i) for i in self.reconstruction.reg_image_ids())
 
-    def is_registered(self, image_id: int) -> bool:
-        """Whether the image has a pose."""
-        return image_id in self.registered_ids
-
     # ------------------------------------------------------------------------------------------ bootstrap
 
     def bootstrap(self, judge: JudgeSeed = lambda reconstruction: "", judge_pose: Judge | None = None) -> str:
@@ -213,7 +210,7 @@ class IncrementalModel:
         while True:
             with self.timer("mapping"):
                 candidates = mapper.find_next_images(self._mapper_options, False)
-            if not any(self._register(mapper, image_id, judge) for image_id in candidates):
+            if all(self._register(mapper, image_id, judge) for image_id in candidates):
                 break
             if model.num_reg_images() >= _BOOTSTRAP_GROWTH * last_images:
                 self._refine_globally(mapper)
@@ -323,27 +320,21 @@ class IncrementalModel:
         if visible < self._mapper_options.abs_pose_min_num_inliers:
             needed = self._mapper_options.abs_pose_min_num_inliers
             return f"sees {visible} points of the model, registration needs {needed}"
+        if reason := self._register(mapper, image_id, judge):
+            return reason if reason != NO_POSE else f"{NO_POSE} from {visible} visible points"
+        return "" if mapper.reconstruction.image(image_id).has_pose else "lost its points in the adjustment"
+
+    def _register(self, mapper: pycolmap.IncrementalMapper, image_id: int, judge: Judge | None) -> str:
+        """Register one image and adjust locally about it. Returns "" or why it was left out."""
         with self.timer("mapping"):
             if not mapper.register_next_image(self._mapper_options, image_id):
-                return f"no consistent pose from {visible} visible points"
-            reason = judge(mapper.reconstruction, image_id)
-            if reason:
+                return NO_POSE
+            if judge is not None and (reason := judge(mapper.reconstruction, image_id)):
                 mapper.observation_manager.deregister_frame(image_id)
                 return reason
             mapper.triangulate_image(self._triangulation, image_id)
         self._refine_locally(mapper, image_id)
-        return "" if mapper.reconstruction.image(image_id).has_pose else "lost its points in the adjustment"
-
-    def _register(self, mapper: pycolmap.IncrementalMapper, image_id: int, judge: Judge | None) -> bool:
-        with self.timer("mapping"):
-            if not mapper.register_next_image(self._mapper_options, image_id):
-                return False
-            if judge is not None and judge(mapper.reconstruction, image_id):
-                mapper.observation_manager.deregister_frame(image_id)
-                return False
-            mapper.triangulate_image(self._triangulation, image_id)
-        self._refine_locally(mapper, image_id)
-        return True
+        return ""
 
     def _refine_locally(self, mapper: pycolmap.IncrementalMapper, image_id: int) -> None:
         with self.timer("ba"):

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, MissionConfig
 from nbv.geometry.frustum import frustum_planes
-from nbv.geometry.incidence import SURFEL_MAX_INCIDENCE_DEG
+from nbv.geometry.visibility import SURFEL_MAX_INCIDENCE_DEG
 from nbv.scorers import BoxPoints, box_points
 from nbv.scorers.occlusion import (
     CLEARANCE_M,

@@ -1,10 +1,10 @@
-"""The reordered query returns what a plain one returns."""
+"""The reordered query returns what a plain one returns; the spacing of a cloud."""
 
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from nbv.geometry.neighbours import nearest_neighbours
+from nbv.geometry.neighbours import knn_d95_m, nearest_neighbours
 
 
 @pytest.mark.parametrize("k", [1, 5])
@@ -16,3 +16,34 @@ def test_equals_a_plain_query(k):
         distance, index = nearest_neighbours(points, asked, k)
         assert np.array_equal(distance, expected_distance)
         assert np.array_equal(index, expected_index)  # no ties among random points
+
+
+def grid(n, spacing_m):
+    return spacing_m * np.stack(np.meshgrid(*[np.arange(n)] * 3), axis=-1).reshape(-1, 3)
+
+
+def test_the_fifth_neighbour_of_a_cubic_grid():
+    """Inside and on faces 5 neighbours are at one spacing; only on the 12 edges the 5th is farther."""
+    assert knn_d95_m(grid(20, 0.1)) == pytest.approx(0.1)
+
+
+def test_the_point_itself_is_not_its_neighbour():
+    line = np.c_[np.arange(2.0), np.zeros(2), np.zeros(2)]
+    assert knn_d95_m(line, k=1) == pytest.approx(1.0)
+
+
+def test_too_few_points_have_not_converged():
+    assert [np.isinf(knn_d95_m(np.zeros((count, 3)))) for count in (0, 5, 6)] == [True, True, False]
+
+
+def test_the_box_keeps_only_points_near_the_target():
+    near = grid(8, 0.1) + np.array([-0.35, -0.35, 0.45])
+    far = np.random.default_rng(0).uniform(5, 50, (400, 3))
+    cloud = np.concatenate([near, far])
+    assert knn_d95_m(cloud) > 1.0
+    assert knn_d95_m(cloud, region="box") == knn_d95_m(near)
+
+
+def test_scales_with_the_cloud():
+    points = np.random.default_rng(1).uniform(0, 1, (300, 3))
+    assert knn_d95_m(3 * points) == pytest.approx(3 * knn_d95_m(points))
