@@ -36,6 +36,7 @@ import numpy as np
 from nbv.cache import Store
 from nbv.config import preset
 from nbv.dense.stereo import estimate_depth
+from nbv.geometry.neighbours import knn_d95_m
 from nbv.mission.planning_state import load_state
 from nbv.photogrammetric.studio import Studio
 from nbv.rocks import load_rock
