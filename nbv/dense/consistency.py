@@ -57,6 +57,19 @@ def check_consistency(
     back within ``consistency_px`` of the pixel. Pixels with at least ``agreeing_views`` agreeing views
     *including the reference itself* are kept (so 2 means one confirmation), and their depth becomes the
     mean of the agreeing depths along the reference's ray.
+
+    Parameters
+    ----------
+    depth_maps
+        (H, W) metres along the optical axis by view; NaN where unknown.
+    camera_from_world
+        (4, 4) by view, metres.
+    camera
+        Known intrinsics.
+    target_m
+        (3,) the point that the cameras aim at.
+    config
+        Its ``consistency_*`` and ``agreeing_views``.
     """
     poses = {name: camera_from_world[name] for name in depth_maps}
     return {

@@ -61,6 +61,17 @@ def choose_neighbours(
     target; the best angle is ``best_pair_angle_deg``, and a factor off it costs the same either way
     (too narrow: imprecise; too wide: different looks). Ties are broken by name. A view less than
     ``min_baseline_angle_deg`` off the line to the target, in front or behind, is not usable.
+
+    Parameters
+    ----------
+    reference
+        Name of the view.
+    camera_from_world
+        (4, 4) of all views by name, metres.
+    target_m
+        (3,) the point that the cameras aim at.
+    config
+        Its ``neighbours`` and limits on angles.
     """
     target = np.asarray(target_m, dtype=float)
     center = camera_center_m(camera_from_world[reference])
@@ -154,6 +165,23 @@ def pair_depth(
 
     With ``surface_m`` (N, 3) only the part of the rectified images and the disparities around these points are
     matched: `SEARCH_MARGIN_M` beyond them.
+
+    Parameters
+    ----------
+    grey, camera_from_world
+        The reference (H, W) and its pose (4, 4).
+    other_grey, other_from_world
+        The neighbour and its pose.
+    camera
+        Known intrinsics of both.
+    target_m
+        (3,) the point that the cameras aim at.
+    config
+        Its ``crop_half_width_m``.
+    roi
+        Window ``x0, y0, x1, y1`` of the reference, ends excluded.
+    surface_m
+        (N, 3) points near which the surface lies; ``None``: anywhere in the crop.
     """
     x0, y0, x1, y1 = roi
     unknown = np.full((y1 - y0, x1 - x0), np.nan, dtype=np.float32)

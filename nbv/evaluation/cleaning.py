@@ -136,6 +136,17 @@ def select(cloud: Cloud, keep: NDArray[np.bool_]) -> PointCloud:
 def find_ground(points_m: Floats, config: EvaluationConfig, target_m: Floats, seed: int) -> Plane | None:
     """The near-horizontal plane with most points within the threshold (RANSAC, Fischler and Bolles 1981).
 
+    Parameters
+    ----------
+    points_m
+        (N, 3) in the world frame.
+    config
+        Its ``ground_*``.
+    target_m
+        (3,) below which the plane must lie near z = 0.
+    seed
+        Decides the hypotheses.
+
     Returns
     -------
     The plane, or None if there are fewer than 10 points or no hypothesis meets the constraints.

@@ -21,6 +21,15 @@ def arrival_position(viewpoint: Viewpoint, limits: FlightConfig, rock_sha256: st
     does not use it up evenly: the error of each axis is normal with a third of the tolerance as standard
     deviation, truncated to the box. It is drawn per (rock, replicate, viewpoint), so it does not depend on
     when or from where the viewpoint is flown to. Never below ``min_camera_altitude_m``.
+
+    Parameters
+    ----------
+    viewpoint
+        Where the vehicle was sent.
+    limits
+        Its arrival tolerance and lowest altitude.
+    rock_sha256, replicate
+        Key of the draw.
     """
     return _arrival_position(viewpoint, limits, rock_sha256, replicate).copy()
 

@@ -54,6 +54,15 @@ def fly_straight(start: Pose, end: Pose, limits: FlightConfig, wind_m_s: tuple[f
     own limits, acceleration and jerk theirs along the line; heading has its own rate, acceleration and
     jerk. The slower axis sets the duration. Wind (east, north) slows what goes against it (`nbv.flight.wind`).
 
+    Parameters
+    ----------
+    start, end
+        Hovering poses.
+    limits
+        Speeds, accelerations and jerks of the vehicle.
+    wind_m_s
+        East and north.
+
     Raises
     ------
     MissionFailure

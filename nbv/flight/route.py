@@ -19,7 +19,17 @@ MARGIN_M = 0.05  # detours keep this much more than the keep-out asks for
 
 
 def clear(a_m: Floats, b_m: Floats, target_m: Floats, radius_m: float, height_m: float) -> bool:
-    """Does the segment a-b stay out of the upright cylinder around the target, from below to ``height_m``?"""
+    """Does the segment a-b stay out of the upright cylinder around the target, from below to ``height_m``?
+
+    Parameters
+    ----------
+    a_m, b_m
+        (3,) ends of the segment.
+    target_m
+        (3,) on the cylinder's axis.
+    radius_m, height_m
+        Of the cylinder; the height above z = 0.
+    """
     a, b = np.asarray(a_m, dtype=float), np.asarray(b_m, dtype=float)
     t_low, t_high = 0.0, 1.0  # the part of the segment that is below height_m
     rise = b[2] - a[2]
@@ -52,6 +62,19 @@ def route(
 
     With ``obstacles``, from which to stay out too, the detour is the fastest such one around any of them that is clear of
     all; where there is none the vehicle climbs above them, crosses and descends.
+
+    Parameters
+    ----------
+    start, end
+        Hovering poses.
+    target_m
+        On the axis of the keep-out cylinder.
+    limits
+        The vehicle, and size of that cylinder.
+    wind_m_s
+        East and north.
+    obstacles
+        Other cylinders to stay out of.
     """
     legs = _route(start, end, target_m, limits, wind_m_s)
     return list(_among(legs, target_m, limits, wind_m_s, obstacles) if obstacles else legs)

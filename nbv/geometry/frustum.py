@@ -76,6 +76,15 @@ def in_frustum(
 
     Worked out in single precision, and again in double precision where a point comes within
     ``BORDER_M`` of the image's border: the result is that of double precision.
+
+    Parameters
+    ----------
+    points_m, positions_m
+        (P, 3) and (C, 3).
+    target_m
+        (3,) at which every camera aims.
+    camera
+        Its intrinsics.
     """
     x, y, z = frustum_planes(positions_m, target_m, camera)
     n_candidates = len(positions_m)

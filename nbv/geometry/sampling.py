@@ -53,6 +53,11 @@ def sample_surface_evenly(vertices_m: Floats, faces: Ints, n: int, seed: int) ->
     Stratified sampling (Cochran, "Sampling Techniques", 1977, chapter 5): faces in the order of a Morton curve through
     their centres, so that a patch is compact, cut into n parts of equal area. A share of the surface that the samples
     tell scatters less over seeds, since only patches on the border of that part of the surface are drawn by lot.
+
+    Parameters
+    ----------
+    vertices_m, faces, n, seed
+        As in `sample_surface`.
     """
     corners = np.asarray(vertices_m, dtype=float)[np.asarray(faces)]
     cross, doubled_area = _areas(vertices_m, faces)

@@ -28,6 +28,15 @@ def procedural_albedo(
 
     Mottling from 0.5 m down to 1.5 cm, clasts, mineral grains about two pixels wide (8.6 mm a pixel at
     4 m; finer ones would alias and match nothing), and patches of dust, chiefly on faces that look up, where the texture fades to a seventh.
+
+    Parameters
+    ----------
+    points, normals
+        (N, 3) places on the surface in metres, and unit normals there.
+    seed
+        Of the texture.
+    paint
+        How much of each kind of texture; the default rock's where left out.
     """
     paint = paint or Paint()
     mottling = octaves(

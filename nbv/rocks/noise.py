@@ -70,7 +70,17 @@ def _component(h: _U32) -> NDArray[np.float32]:
 def octaves(
     points: Floats, wavelengths: Sequence[float], amplitudes: Sequence[float], seed: int
 ) -> NDArray[np.float32]:
-    """Sum of gradient noises (N,), each octave in a rotated frame and with its own seed."""
+    """Sum of gradient noises (N,), each octave in a rotated frame and with its own seed.
+
+    Parameters
+    ----------
+    points
+        (N, 3) in metres.
+    wavelengths, amplitudes
+        Of each octave; wavelengths in metres.
+    seed
+        Any integer.
+    """
     total = np.zeros(len(points), dtype=np.float32)
     turned = points
     for k, (wavelength, amplitude) in enumerate(zip(wavelengths, amplitudes)):

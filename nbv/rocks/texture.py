@@ -120,6 +120,15 @@ def triplanar(image: Linear, points: Floats, normals: Floats, tile_m: float) -> 
     """The image projected along the three axes and blended by the normal: (N, 3) at points (N, 3).
 
     One tile covers ``tile_m`` metres and is mirrored beyond.
+
+    Parameters
+    ----------
+    image
+        (H, W, 3) linear values.
+    points, normals
+        (N, 3) places in metres, and unit normals there.
+    tile_m
+        Side of a tile.
     """
     weights = np.abs(normals) ** 4 + 1e-6
     weights /= weights.sum(1, keepdims=True)

@@ -43,7 +43,17 @@ class Sensor:
     def photograph(
         self, renderer: Renderer, camera_from_world: Floats, rock: RockLike, replicate: int, viewpoint_id: str
     ) -> NDArray[np.uint8]:
-        """(H, W, 3) RGB seen from ``camera_from_world`` (4, 4); a function of its arguments alone."""
+        """(H, W, 3) RGB seen from ``camera_from_world`` (4, 4); a function of its arguments alone.
+
+        Parameters
+        ----------
+        renderer
+            Draws the scene with the camera `drawn`.
+        camera_from_world
+            (4, 4) where the camera really is.
+        rock, replicate, viewpoint_id
+            Key of the random draws.
+        """
         key = (rock.sha256, replicate, viewpoint_id)
         image = self.exposed(
             renderer.rgb(camera_from_world), camera_from_world, keyed_rng("exposure and motion", *key)

@@ -126,6 +126,15 @@ def views_gained(
     """(C,) matchable views that each candidate would add over all samples, and how many are missing.
 
     What a sample has is counted in `nbv.geometry.matchability`; it needs ``matchable.views``.
+
+    Parameters
+    ----------
+    surface
+        What is to be seen.
+    candidates_m, visited_m
+        (C, 3) and (V, 3) positions.
+    config
+        Camera, target and the angles that can be matched.
     """
     need = config.matchable.views
     n_visited = len(visited_m)

@@ -31,7 +31,17 @@ def movement(
     vehicle_heading_rad: float,
     d_travel_m: float,
 ) -> Floats:
-    """Eq. 3: (C,) straight-line travel and heading change from the vehicle's actual pose; unbounded."""
+    """Eq. 3: (C,) straight-line travel and heading change from the vehicle's actual pose; unbounded.
+
+    Parameters
+    ----------
+    candidates_m, headings_rad
+        (C, 3) positions and (C,) headings there.
+    vehicle_position_m, vehicle_heading_rad
+        (3,) and a number: where the vehicle is.
+    d_travel_m
+        Travel that costs 0.7.
+    """
     travel = np.linalg.norm(candidates_m - vehicle_position_m, axis=1)
     turn = np.abs(wrap_angle(headings_rad - vehicle_heading_rad))
     return 0.7 * travel / d_travel_m + 0.3 * turn / np.pi
@@ -43,6 +53,15 @@ def angular_penalty(
     """Eq. 4: (C,) 1 for a viewing direction already visited, falling to 0 at ``theta_min_deg``.
 
     A viewing direction is the unit vector from a viewpoint towards the target.
+
+    Parameters
+    ----------
+    candidates_m, visited_m
+        (C, 3) and (V, 3) positions.
+    target_m
+        (3,).
+    theta_min_deg
+        From this angle on there is no penalty.
     """
     if len(visited_m) == 0:
         return np.zeros(len(candidates_m))

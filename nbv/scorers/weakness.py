@@ -33,6 +33,17 @@ def weakness(
 
     Inverse track support and local sparsity; with ``alpha_reprojection`` (0 in the paper's text, 0.2
     in the authors' code) also the percentile-scaled reprojection error.
+
+    Parameters
+    ----------
+    points_m
+        (P, 3).
+    track_lengths
+        (P,) number of views of each point.
+    reprojection_error_px
+        (P,) mean of each point.
+    config
+        Weights of the three parts, and the track length that is long enough.
     """
     target = config.target_track_length
     w = config.alpha_track * np.clip((target - track_lengths) / target, 0.0, 1.0)

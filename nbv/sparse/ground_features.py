@@ -37,6 +37,19 @@ def extract_ground_features(
     """Upright SIFT of the ground about ``target_m`` (3,), from an (H, W, 3) photograph with pose (4, 4).
 
     Keypoints are in pixels of the photograph; their scale and orientation are those seen from above.
+
+    Parameters
+    ----------
+    image
+        (H, W, 3) RGB photograph.
+    camera_from_world
+        (4, 4) its pose, as telemetry reports it.
+    camera
+        Its intrinsics.
+    target_m
+        (3,) about which the ground is drawn.
+    max_features, peak_threshold
+        SIFT's limits.
     """
     x_m, y_m = _grid(float(target_m[0]), float(target_m[1]))
     across, down, depth_m = (row[0] * x_m + row[1] * y_m + row[3] for row in camera_from_world[:3])

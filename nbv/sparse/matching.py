@@ -73,6 +73,17 @@ def match_pair(
     ``max_distance_rad`` and than ``max_ratio`` times the second-nearest distance, in both directions.
     Exact: sums of products of bytes stay below 2**24, so the float32 matrix product has no rounding
     and the result does not depend on the linear-algebra library, its threads or the way to ``nearest``.
+
+    Parameters
+    ----------
+    a, b
+        (Ka, 128) and (Kb, 128) descriptors.
+    max_ratio
+        Largest ratio of the nearest to the second-nearest distance.
+    max_distance_rad
+        Largest angle between matching descriptors.
+    nearest
+        How the two nearest are found.
     """
     empty = np.zeros((0, 2), np.uint32)
     if len(a) == 0 or len(b) == 0:
@@ -100,6 +111,17 @@ def verify_pair(
     """Keep the matches (M, 2) that fit one two-view geometry with known intrinsics (COLMAP's RANSAC).
 
     The random seed is fixed, so the result is a function of the arguments alone.
+
+    Parameters
+    ----------
+    a, b
+        Features of the two photographs.
+    matches
+        (M, 2) indices of keypoints in ``a`` and in ``b``.
+    camera
+        Known intrinsics of both.
+    config
+        Its ``min_inliers`` and ``min_ransac_trials``.
     """
     rejected = VerifiedPair(
         np.zeros((0, 2), np.uint32), int(pycolmap.TwoViewGeometryConfiguration.DEGENERATE)

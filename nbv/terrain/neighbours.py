@@ -81,7 +81,17 @@ def neighbour_cylinders(ground: GroundConfig, ground_seed: int, rock_sha256: str
 def neighbour_bodies(
     cylinders: tuple[Cylinder, ...], ground_seed: int, rock_sha256: str, store: Store | None
 ) -> tuple[Body, ...]:
-    """The neighbours' meshes: training rocks turned and scaled into their cylinders, each with a texture of its own seed."""
+    """The neighbours' meshes: training rocks turned and scaled into their cylinders, each with a texture of its own seed.
+
+    Parameters
+    ----------
+    cylinders
+        Where they stand (`neighbour_cylinders`).
+    ground_seed, rock_sha256
+        Key of the draws.
+    store
+        Where their shapes are kept; nowhere where left out.
+    """
     rng = keyed_rng("neighbour shapes", ground_seed, rock_sha256)
     bodies = []
     for cylinder in cylinders:
