@@ -104,7 +104,7 @@ def _condition(path: Path) -> None:
 
 def _config(path: Path) -> None:
     from nbv.config import config_from_dict
-    from nbv.foreign import read_yaml
+    from nbv.safe_files import read_yaml
 
     config_from_dict(read_yaml(path))
 

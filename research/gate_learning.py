@@ -24,11 +24,11 @@ from sklearn.preprocessing import StandardScaler
 from sklearn.tree import DecisionTreeClassifier
 
 from nbv.errors import UserError
-from nbv.foreign import parse_json
 from nbv.gates.features import FEATURE_NAMES
 from nbv.gates.learned import check_policy
 from nbv.mission.run_directory import write_atomic
 from nbv.rocks import list_rocks
+from nbv.safe_files import parse_json
 from nbv.scorers import PAPER_SCORERS
 from nbv.types import Floats, Ints
 from tuner.studies.missions_as_data import FlownMission

@@ -27,7 +27,7 @@ import numpy as np
 
 from nbv.cache.layout import Arrays, Check
 from nbv.errors import UserError
-from nbv.foreign import expanded, read_bytes
+from nbv.safe_files import expanded, read_bytes
 
 _MAGIC = b"gatetune-entry-2"
 _HEAD_BYTES = len(_MAGIC) + hashlib.sha256().digest_size

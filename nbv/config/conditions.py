@@ -22,7 +22,7 @@ from typing import Any
 from nbv.config.mission_config import IDEAL, MissionConfig, config_from_dict
 from nbv.config.telemetry import telemetry_level
 from nbv.errors import UserError
-from nbv.foreign import read_yaml
+from nbv.safe_files import read_yaml
 
 _NAMES = {f.name for f in dataclasses.fields(MissionConfig)}
 WORLD_SECTIONS = ("scene", "sensor", "ground", "wind", "telemetry", "target")

@@ -20,9 +20,9 @@ from typing import Any
 
 from nbv.config import SCORERS, MissionConfig
 from nbv.errors import UserError
-from nbv.foreign import parse_json, read_json
 from nbv.gates.base import Gate, GateInputs
 from nbv.gates.features import FEATURE_NAMES, gate_features
+from nbv.safe_files import parse_json, read_json
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
 
 

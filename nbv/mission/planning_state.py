@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from nbv.errors import UserError
-from nbv.foreign import read_npz
+from nbv.safe_files import read_npz
 from nbv.types import CandidatePool, PlanningState, SparseModel
 
 _MODEL_ARRAYS = ("points_m", "reprojection_error_px", "track_offsets", "track_cameras", "camera_centers_m")
@@ -69,7 +69,7 @@ def load_state(path: Path) -> tuple[PlanningState, CandidatePool]:
     Raises
     ------
     UserError
-        The file is missing or is not a planning state; as `nbv.foreign.read_npz`.
+        The file is missing or is not a planning state; as `nbv.safe_files.read_npz`.
     """
     data = read_npz(path, _ARRAYS)
     _check(data, path)

@@ -9,9 +9,10 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal, get_args
 
+from nbv.checksums import CHECKSUM, require_checksum, with_checksum
 from nbv.config import IDEAL
 from nbv.errors import UserError
-from nbv.foreign import RESULT_BYTES, RESULT_NODES, SEAL, parse_json, read_text, require_seal, sealed
+from nbv.safe_files import RESULT_BYTES, RESULT_NODES, parse_json, read_text
 
 SCHEMA_VERSION = 1
 
@@ -98,7 +99,7 @@ class MissionResult:
 
     def to_json(self) -> str:
         """JSON text with a checksum; non-finite numbers become null."""
-        return json.dumps(sealed(json_ready(asdict(self))), indent=1)
+        return json.dumps(with_checksum(json_ready(asdict(self))), indent=1)
 
     @staticmethod
     def from_json(text: str, source: str = "the mission result") -> MissionResult:
@@ -111,8 +112,8 @@ class MissionResult:
         """
         try:
             tree = parse_json(text, source, RESULT_NODES)
-            require_seal(tree, source)
-            tree.pop(SEAL, None)
+            require_checksum(tree, source)
+            tree.pop(CHECKSUM, None)
             if tree["schema_version"] != SCHEMA_VERSION:
                 raise UserError(
                     f"mission result has schema version {tree['schema_version']}, this version reads {SCHEMA_VERSION}"

@@ -13,9 +13,9 @@ import numpy as np
 
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
-from nbv.foreign import read_yaml
 from nbv.gates import Gate, make_gate
 from nbv.geometry.neighbours import knn_d95_m
+from nbv.safe_files import read_yaml
 from nbv.scorers import expected_gain_percent, rank_candidates
 from nbv.scorers.registry import Rankings
 from nbv.types import CandidatePool, Floats, GateDecision, PlanningState, SparseModel, Viewpoint

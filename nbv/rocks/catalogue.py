@@ -9,13 +9,13 @@ from pathlib import Path
 
 from nbv.cache import Store
 from nbv.errors import UserError
-from nbv.foreign import expanded, is_file
 from nbv.rocks.families import FAMILIES, generated_name
 from nbv.rocks.imported import DamagedRockError, imported_path, list_imported, read_rock
 from nbv.rocks.importer import import_mesh
 from nbv.rocks.procedural import procedural_rock
 from nbv.rocks.recipes import RECIPES
 from nbv.rocks.rock import Rock, RockInfo
+from nbv.safe_files import expanded, is_file
 
 KEPT = ".npz"  # of a rock as this program keeps it
 _MAX_LOADED = 16  # about 25 MB each

@@ -16,9 +16,9 @@ import numpy as np
 
 from nbv.cache import home
 from nbv.errors import UserError
-from nbv.foreign import read_npz
 from nbv.rocks.recipes import RECIPES
 from nbv.rocks.rock import SPLITS, Rock, RockInfo, Split, make_rock
+from nbv.safe_files import read_npz
 
 log = logging.getLogger(__name__)
 

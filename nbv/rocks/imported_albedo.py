@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.foreign import expanded
 from nbv.rocks import mesh as meshes
 from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.mesh_file import Soup
@@ -21,6 +20,7 @@ from nbv.rocks.texture import (
     shrink,
     triplanar,
 )
+from nbv.safe_files import expanded
 from nbv.types import Floats, Ints
 
 TILE_M = 1.6  # one tile of a triplanar albedo image

@@ -9,12 +9,12 @@ from typing import Literal, get_args
 import numpy as np
 
 from nbv.errors import UserError
-from nbv.foreign import expanded
 from nbv.geometry.frames import Similarity
 from nbv.rocks import mesh as meshes
 from nbv.rocks.imported_albedo import FineMesh, imported_albedo
 from nbv.rocks.mesh_file import Soup, read_mesh_file
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, SPLITS, Rock, Split, make_rock
+from nbv.safe_files import expanded
 from nbv.types import Floats, Ints
 
 Up = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]

@@ -10,12 +10,12 @@ from typing import Any, Literal
 import numpy as np
 
 from nbv.errors import UserError
-from nbv.foreign import read_bytes, require
 from nbv.rocks.texture import (
     Linear,
     linear_from_srgb,
     linear_image,
 )
+from nbv.safe_files import read_bytes, require
 from nbv.types import Floats, Ints
 
 MAX_COORDINATE = 1e9  # a map's in millimetres are below

@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw, UnidentifiedImageError
 from scipy.ndimage import distance_transform_edt
 
 from nbv.errors import UserError
-from nbv.foreign import read_bytes, require
+from nbv.safe_files import read_bytes, require
 from nbv.types import Floats, Ints
 
 Linear = NDArray[np.float32]

@@ -13,7 +13,7 @@ import pycolmap
 
 from nbv.config import CameraConfig, SparseConfig, TelemetryConfig, canonical
 from nbv.errors import MissionFailure, UserError
-from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json, read_npz
+from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json, read_npz
 from nbv.sparse.alignment import Alignment, align_cameras, camera_centers, outlier_limit_m, turns_deg
 from nbv.sparse.correspondences import ComputedCorrespondences, Correspondences
 from nbv.sparse.features import DESCRIPTOR_SIZE, Features

@@ -7,9 +7,10 @@ import datetime
 import uuid
 from pathlib import Path
 
+from nbv.checksums import require_checksum
 from nbv.errors import UserError
-from nbv.foreign import parse_yaml, require_seal
 from nbv.mission.run_directory import write_atomic
+from nbv.safe_files import parse_yaml
 from tuner.campaign.campaign import LEARNED_FILE, Campaign, sampler_of
 from tuner.campaign.ledger import Ledger, kept_files
 from tuner.campaign.settings import CampaignSettings
@@ -111,7 +112,7 @@ def adopt_campaign(directory: Path, storage: str) -> None:
         return
     files = kept_files(storage, directory.resolve().name, directory)
     tree = parse_yaml(files.pop(SETTINGS_FILE), f"{SETTINGS_FILE} in {storage}")
-    require_seal(tree, f"{SETTINGS_FILE} in {storage}")
+    require_checksum(tree, f"{SETTINGS_FILE} in {storage}")
     tree["settings"]["storage"] = storage
     try:
         directory.mkdir(parents=True, exist_ok=True)

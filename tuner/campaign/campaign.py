@@ -24,9 +24,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nbv.errors import UserError
-from nbv.foreign import RESULT_BYTES, read_json, read_text
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import write_atomic
+from nbv.safe_files import RESULT_BYTES, read_json, read_text
 from tuner import (  # only what is used is loaded: who looks need not wait for torch
     acquisition,
     recommendation,

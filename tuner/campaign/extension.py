@@ -7,7 +7,7 @@ import datetime
 from pathlib import Path
 
 from nbv.errors import UserError
-from nbv.foreign import read_yaml
+from nbv.safe_files import read_yaml
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE, settings_text, without_storage, write_settings
 from tuner.missions.long_runs import exclusive

@@ -20,9 +20,9 @@ from typing import Any, Literal, TypeVar
 import optuna
 from optuna.trial import TrialState, create_trial
 
+from nbv.checksums import checksum_of
 from nbv.config import IDEAL
 from nbv.errors import UserError
-from nbv.foreign import seal_of
 from tuner.campaign.coordinator_lock import coordinator_lock
 from tuner.campaign.seals import (
     ENDED,
@@ -188,7 +188,7 @@ class Ledger:
                 "choose another name or storage"
             )
         for key, content in identity.items():
-            if key in found and seal_of(found[key]) != seal_of(content):
+            if key in found and checksum_of(found[key]) != checksum_of(content):
                 raise UserError(
                     f"the ledger {shown} has another {key.replace('_', ' ')} than the campaign's settings: one of them was "
                     "changed; restore it from a copy"

@@ -13,8 +13,8 @@ from typing import Any
 
 from optuna.trial import FrozenTrial
 
+from nbv.checksums import checksum_of
 from nbv.errors import UserError
-from nbv.foreign import seal_of
 
 ENTERED, ENDED = "seal_entered", "seal_ended"
 _ENDING = (
@@ -72,7 +72,7 @@ def require_all_there(count: Callable[[], int], directory: Path, ledger: str) ->
 
 
 def _seal(*parts: Any) -> str:
-    return seal_of(_plain(parts))
+    return checksum_of(_plain(parts))
 
 
 def _plain(value: Any) -> Any:

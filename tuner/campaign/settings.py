@@ -13,8 +13,8 @@ from typing import Any
 
 from nbv.config import IDEAL, IDEAL_CONDITION, Condition, MissionConfig, preset, require_distinct, under
 from nbv.errors import UserError
-from nbv.foreign import require
 from nbv.mission.function import Keep
+from nbv.safe_files import require
 from tuner.missions.external import MissionFile, external_config
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, require_fidelity
 from tuner.problem.blocks import MAX_MISSIONS, MAX_REPLICATES

@@ -13,10 +13,11 @@ from typing import Any
 
 import yaml
 
+from nbv.checksums import require_checksum, with_checksum
 from nbv.config import Condition, condition_from_dict, load_conditions
 from nbv.errors import UserError
-from nbv.foreign import read_yaml, require_seal, sealed
 from nbv.mission.run_directory import write_atomic
+from nbv.safe_files import read_yaml
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.external import MissionFile, load_mission_file
 from tuner.missions.external.configuration import same_mission_file
@@ -232,7 +233,7 @@ def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
         if not isinstance(tree, Mapping):
             raise UserError(f"{path} is empty or no campaign's settings; restore the file")
         _check_format(tree, path)
-        require_seal(tree, str(path))
+        require_checksum(tree, str(path))
         return renamed(tree["settings"]), tree["id"], tree["base_config_digest"]
     except (KeyError, TypeError) as error:
         raise UserError(f"{path} is not a campaign's settings ({error!r}); restore the file") from error
@@ -250,7 +251,7 @@ def without_storage(tree: Mapping[str, Any]) -> dict[str, Any]:
 
 def settings_text(tree: Mapping[str, Any]) -> str:
     """What ``campaign.yaml`` holds."""
-    return yaml.safe_dump(sealed(tree), sort_keys=False, allow_unicode=True)
+    return yaml.safe_dump(with_checksum(tree), sort_keys=False, allow_unicode=True)
 
 
 def _check_format(tree: Mapping[str, Any], path: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from nbv.errors import UserError
-from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json
+from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace

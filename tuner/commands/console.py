@@ -19,8 +19,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from nbv.config import IDEAL, PRESETS, Condition, MissionConfig, load_condition, preset, under
 from nbv.dense import best_dense_stage
 from nbv.errors import UserError
-from nbv.foreign import parse_yaml
 from nbv.mission.result import json_ready
+from nbv.safe_files import parse_yaml
 from tuner.campaign import rock_choice
 from tuner.missions.executors import local_executor
 from tuner.missions.now import doing_now

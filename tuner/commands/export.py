@@ -13,8 +13,8 @@ import yaml
 
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
-from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json, read_yaml
 from nbv.mission.run_directory import write_atomic
+from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json, read_yaml
 from tuner.commands.console import AsJson, answer_json, load, output, working
 
 if TYPE_CHECKING:

@@ -22,8 +22,8 @@ from nbv.config import (
     under,
 )
 from nbv.errors import UserError
-from nbv.foreign import read_yaml, require
 from nbv.mission.function import Keep
+from nbv.safe_files import read_yaml, require
 from tuner.missions.external import configuration_from_dict
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
 from tuner.missions.registry import DEFAULT_FIDELITY, renamed

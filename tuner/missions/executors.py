@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from nbv.errors import UserError
-from nbv.foreign import require
+from nbv.safe_files import require
 from nbv.threads import ONE_THREAD
 from tuner.missions.job import (
     LOG_FILE,
@@ -111,7 +111,7 @@ MAX_WORKERS = 1024
 MAX_FLIGHTS = 3  # of one mission that the machine keeps ending
 # A mission that has not been started (the server is still importing) gets this much longer.
 _START_GRACE_S = 120.0
-_SCORING_S = 900.0  # of a foreign mission's cloud
+_SCORING_S = 900.0  # of an own mission's cloud
 # A server that is listened to and says nothing for so long stands still; it beats every `server.BEAT_S`.
 _SILENCE_LIMIT_S = 60.0
 _SILENCE_LIMIT_AFTER_KILL_S = 10.0

@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from nbv.checksums import require_checksum
 from nbv.errors import UserError
-from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json, require_seal
 from nbv.mission.function import Keep
 from nbv.mission.run_directory import write_atomic
+from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json
 from tuner.missions.external.configuration import configuration_from_dict
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.search_space import Configuration
@@ -158,7 +159,7 @@ def _is_of(tree: Mapping[str, Any], job: MissionJob) -> bool:
 def _read_json(path: Path) -> dict[str, Any] | None:
     try:
         tree = read_json(path, RESULT_BYTES, RESULT_NODES)
-        require_seal(tree, str(path))
+        require_checksum(tree, str(path))
     except UserError:
         return None
     return tree if isinstance(tree, dict) else None

@@ -11,7 +11,7 @@ import importlib
 import sys
 from typing import Any
 
-from nbv.foreign import expanded
+from nbv.safe_files import expanded
 from tuner.missions.registry import EXTERNAL, FIDELITIES, module_of
 
 MAX_HELD_BYTES = 256 * 2**20  # eight to ten rocks of the catalogue

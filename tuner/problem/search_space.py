@@ -16,7 +16,7 @@ import numpy as np
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
-from nbv.foreign import require
+from nbv.safe_files import require
 from nbv.types import Floats
 
 

@@ -23,7 +23,7 @@ from typing import Any
 
 from nbv.config import MissionConfig, parameter_paths
 from nbv.errors import UserError
-from nbv.foreign import is_file, parse_yaml, read_text, require
+from nbv.safe_files import is_file, parse_yaml, read_text, require
 from tuner.problem.search_space import Parameter, SearchSpace
 
 MAX_PARAMETERS = 100

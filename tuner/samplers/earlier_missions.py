@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nbv.config import IDEAL
-from nbv.foreign import RESULT_NODES, parse_json
+from nbv.safe_files import RESULT_NODES, parse_json
 from nbv.types import Floats
 from tuner import surrogate  # loaded when used: a campaign is looked at without torch
 from tuner.problem.configurations import distinct_configurations

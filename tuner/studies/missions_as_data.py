@@ -10,8 +10,8 @@ from typing import Any
 
 from nbv.config import MissionConfig, config_from_dict, parameter_paths
 from nbv.errors import UserError
-from nbv.foreign import read_yaml
 from nbv.mission.result import MissionResult
+from nbv.safe_files import read_yaml
 from tuner.campaign.campaign import Campaign
 from tuner.problem.objective import DEFAULT_METRIC, Objective
 from tuner.problem.observations import Observation

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeVar, cast
 import yaml
 
 from nbv.errors import UserError
-from nbv.foreign import read_yaml
 from nbv.mission.run_directory import write_atomic
+from nbv.safe_files import read_yaml
 from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluation
 from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.missions.executors import Executor

@@ -7,8 +7,8 @@ import shutil
 import pytest
 import yaml
 
+from nbv.checksums import with_checksum
 from nbv.errors import UserError
-from nbv.foreign import sealed
 from tuner.campaign import Campaign
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.session import fly_campaign
@@ -113,7 +113,7 @@ def test_somebody_else_s_run_directory_runs_nothing(gatetune, toy, monkeypatch, 
         file = toy / "runs/toy/campaign.yaml"
         tree = yaml.safe_load(file.read_text())
         tree["settings"]["mission"]["file"] = path
-        file.write_text(yaml.safe_dump(sealed(tree)))
+        file.write_text(yaml.safe_dump(with_checksum(tree)))
     code, _, err = gatetune(*command)
     assert code == 2 and f"if you trust it, name it: --mission {toy}/toy.yaml" in err and err.count("\n") == 1
     assert not (toy / "ran").exists()
@@ -142,7 +142,7 @@ def test_nor_does_it_copied_or_behind_a_link(gatetune, toy, monkeypatch, how):
     tree = yaml.safe_load((there / "campaign.yaml").read_text())
     tree["settings"]["mission"] = {"file": str(evil.path), "sha256": evil.sha256}
     tree["base_config_digest"] = external_config(evil).digest()
-    (there / "campaign.yaml").write_text(yaml.safe_dump(sealed(tree)))
+    (there / "campaign.yaml").write_text(yaml.safe_dump(with_checksum(tree)))
     refused()
     assert not (toy / "ran").exists()
 

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from nbv.errors import UserError
-from nbv.foreign import read_yaml, write_new_folder
+from nbv.safe_files import read_yaml, write_new_folder
 from tuner.bridges.photogrammetry_nbv.keys import FILES
 
 

@@ -15,7 +15,7 @@ import yaml
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
-from nbv.foreign import MIB, read_bytes
+from nbv.safe_files import MIB, read_bytes
 from tuner.bridges.photogrammetry_nbv.configuring import configuration, files_beside
 from tuner.bridges.photogrammetry_nbv.files import write_text
 from tuner.bridges.photogrammetry_nbv.result import MissionUnfinishedError, read_run

@@ -16,10 +16,10 @@ import numpy as np
 
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
-from nbv.foreign import expanded, read_yaml
 from nbv.gates import make_gate
 from nbv.geometry.frames import wrap_angle
 from nbv.planner import density_d95_m
+from nbv.safe_files import expanded, read_yaml
 from nbv.scorers import rank_candidates
 from nbv.types import CandidatePool, Floats, PlanningState
 from tuner.bridges.photogrammetry_nbv.workspace import best_model, sparse_model

@@ -11,7 +11,7 @@ import numpy as np
 import trimesh
 
 from nbv.errors import UserError
-from nbv.foreign import parse_json, read_text
+from nbv.safe_files import parse_json, read_text
 from nbv.types import Floats
 from tuner.bridges.photogrammetry_nbv.workspace import best_model, camera_centers
 

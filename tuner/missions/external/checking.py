@@ -9,7 +9,7 @@ from typing import Any
 import jsonschema
 
 from nbv.errors import UserError
-from nbv.foreign import parse_json
+from nbv.safe_files import parse_json
 
 KINDS = ("mission", "request", "result")
 

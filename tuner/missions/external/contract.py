@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from nbv.errors import UserError
-from nbv.foreign import RESULT_NODES, parse_json, read_text
 from nbv.mission.run_directory import write_atomic
+from nbv.safe_files import RESULT_NODES, parse_json, read_text
 from tuner.missions.external.checking import check, schema
 from tuner.missions.external.mission_file import MissionFile, variable_of
 from tuner.missions.external.slots import Slot

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nbv.errors import MissionFailure, UserError
-from nbv.foreign import read_bytes
+from nbv.safe_files import read_bytes
 from tuner.missions.external.contract import REQUEST_FILE, RESULT_FILE, Failure, Request, Result, read_result
 from tuner.missions.external.ending import end_all, marked
 from tuner.missions.external.process import LARGEST_LOG_BYTES, Ended, run_command

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from nbv.errors import UserError
-from nbv.foreign import is_file, parse_yaml, read_bytes
+from nbv.safe_files import is_file, parse_yaml, read_bytes
 from tuner.missions.external.checking import check
 from tuner.missions.external.program import program_digest
 from tuner.problem.objective import Direction, Objective

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import IO, NoReturn
 
 from nbv.errors import UserError
-from nbv.foreign import parse_json
+from nbv.safe_files import parse_json
 from tuner.missions.external.ending import (
     MARK,
     POLL_S,

@@ -16,9 +16,9 @@ from nbv.cache import Store
 from nbv.config import MissionConfig, preset
 from nbv.errors import MissionFailure
 from nbv.evaluation import evaluate_cloud
-from nbv.foreign import read_bytes
 from nbv.geometry.frames import Similarity, align_umeyama
 from nbv.rocks import Rock, frame_of_file, load_rock
+from nbv.safe_files import read_bytes
 from nbv.types import Floats, PointCloud
 from tuner.missions.external.mission_file import MissionFile
 

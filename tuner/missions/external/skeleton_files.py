@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib import cbook
 
 from nbv.errors import UserError
-from nbv.foreign import write_new_folder
+from nbv.safe_files import write_new_folder
 from tuner.missions.external.checking import schema
 
 _RUN = {

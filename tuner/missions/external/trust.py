@@ -12,8 +12,8 @@ from pathlib import Path
 
 from nbv.cache import home
 from nbv.errors import UserError
-from nbv.foreign import read_json
 from nbv.mission.run_directory import write_atomic
+from nbv.safe_files import read_json
 from tuner.missions.external.mission_file import MissionFile
 
 

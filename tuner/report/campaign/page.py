@@ -12,8 +12,8 @@ import yaml
 
 from nbv.config import IDEAL
 from nbv.errors import UserError
-from nbv.foreign import parse_yaml
 from nbv.provenance import versions
+from nbv.safe_files import parse_yaml
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED

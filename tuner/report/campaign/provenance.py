@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from nbv.errors import UserError
-from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json
 from nbv.provenance import git_revision, versions
+from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.missions.job import RESULT_FILE

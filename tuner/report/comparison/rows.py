@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from nbv.errors import UserError
-from nbv.foreign import RESULT_BYTES, RESULT_NODES, read_json
 from nbv.provenance import git_revision, versions
+from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json
 from tuner.evaluation.baselines import description, sees_ground_truth
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.flying import EvaluationRun

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from nbv.config import MissionConfig, config_from_dict
-from nbv.foreign import read_yaml
 from nbv.mission.result import IterationRecord, MissionResult
 from nbv.mission.run_directory import CONFIG, LOCATED
+from nbv.safe_files import read_yaml
 from nbv.scorers import COVIS
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-import nbv.foreign as foreign
+from nbv import safe_files
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.mission.result import IterationRecord, MissionResult, require_kinds
@@ -21,7 +21,7 @@ def mission_config(run: Path) -> MissionConfig:
     file = run / "config.yaml"
     if not file.is_file():
         raise UserError(f"{run} holds no config.yaml; name a directory that `gatetune mission run` wrote")
-    return config_from_dict(foreign.read_yaml(file))
+    return config_from_dict(safe_files.read_yaml(file))
 
 
 def read_json(run: Path, name: str) -> dict[str, Any]:
@@ -31,7 +31,7 @@ def read_json(run: Path, name: str) -> dict[str, Any]:
         raise UserError(
             f"{run} holds no {name}; fly the mission with everything kept (`gatetune mission run`, or --keep all)"
         )
-    tree = foreign.read_json(file, foreign.RESULT_BYTES, foreign.RESULT_NODES)
+    tree = safe_files.read_json(file, safe_files.RESULT_BYTES, safe_files.RESULT_NODES)
     if not isinstance(tree, dict):
         raise UserError(f"{file} is not an object; restore it")
     return tree
@@ -44,8 +44,8 @@ def read_trace(run: Path) -> list[dict[str, Any]]:
         if (run / "flight.json").is_file():
             return []
         raise UserError(f"{run} holds no trace.jsonl; fly the mission with everything kept")
-    lines = foreign.read_text(file, foreign.RESULT_BYTES).splitlines()
-    records = [foreign.parse_json(line, str(file)) for line in lines if line.strip()]
+    lines = safe_files.read_text(file, safe_files.RESULT_BYTES).splitlines()
+    records = [safe_files.parse_json(line, str(file)) for line in lines if line.strip()]
     try:
         for record in records:
             require_kinds(record, IterationRecord)

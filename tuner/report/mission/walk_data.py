@@ -21,10 +21,10 @@ from PIL import Image
 from nbv.cache import Store
 from nbv.config import IDEAL, SCORERS, MissionConfig, config_from_dict
 from nbv.errors import MissionFailure, UserError
-from nbv.foreign import read_yaml
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.mission.planning_state import load_state
 from nbv.mission.run_directory import LOCATED, read_ply
+from nbv.safe_files import read_yaml
 from nbv.scorers import PAPER_SCORERS, find_scorer, rank_candidates
 from nbv.types import CandidatePool, Floats, PlanningState, SparseModel
 from tuner.report.mission.run_files import (

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import errno
 import functools
-import hashlib
 import io
 import json
 import os
@@ -33,7 +32,6 @@ TREE_NODES = 50_000
 RESULT_NODES = 5_000_000
 TREE_DEPTH = 40
 _INT_BOUND = 2**63
-SEAL = "checksum"  # in documents of our own, of all the rest
 _SafeLoader: type[Any] = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
@@ -300,22 +298,3 @@ def _not_finite(source: str, name: str) -> float:
 
 def _first_line(error: BaseException) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0]
-
-
-def sealed(tree: Mapping[str, Any]) -> dict[str, Any]:
-    """``tree``, of JSON's kinds of values, with a checksum of the rest under `SEAL`."""
-    plain = json.loads(json.dumps({key: value for key, value in tree.items() if key != SEAL}))
-    return {**plain, SEAL: seal_of(plain)}
-
-
-def require_seal(tree: Any, source: str) -> None:
-    """`UserError` where ``tree`` has a checksum and it is not that of the rest; older documents have none."""
-    if isinstance(tree, dict) and SEAL in tree:
-        rest = {key: value for key, value in tree.items() if key != SEAL}
-        if seal_of(rest) != tree[SEAL]:
-            raise UserError(f"{source} was changed since it was written (its checksum differs); restore it")
-
-
-def seal_of(tree: Any) -> str:
-    """Checksum of a tree as JSON reads it back."""
-    return hashlib.sha256(json.dumps(tree, sort_keys=True, separators=(",", ":")).encode()).hexdigest()

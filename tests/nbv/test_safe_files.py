@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nbv import foreign
+from nbv import safe_files
 from nbv.config import preset
 from nbv.errors import UserError
 from nbv.gates.learned import LearnedGate
@@ -41,24 +41,24 @@ BOMB = "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(
         ("a: 1\na: 2", "duplicate key 'a'"),
         ("{[1]: 2}", "unhashable key"),
         ("\0", "not YAML"),
-        ("x" * (foreign.TEXT_BYTES + 1), "the size of it in characters"),
+        ("x" * (safe_files.TEXT_BYTES + 1), "the size of it in characters"),
     ],
 )
 def test_yaml_beyond_its_limits_is_one_line(text: str, says: str) -> None:
     with pytest.raises(UserError) as caught:
-        foreign.parse_yaml(text, "it")
+        safe_files.parse_yaml(text, "it")
     assert says in str(caught.value) and len(str(caught.value).splitlines()) == 1
 
 
 def test_yaml_with_anchors_and_merges_is_read() -> None:
-    tree = foreign.parse_yaml("a: &a {x: 1}\nb: {<<: *a, y: [*a, *a]}", "it")
+    tree = safe_files.parse_yaml("a: &a {x: 1}\nb: {<<: *a, y: [*a, *a]}", "it")
     assert tree == {"a": {"x": 1}, "b": {"x": 1, "y": [{"x": 1}, {"x": 1}]}}
 
 
 @given(st.text(alphabet="{}[]&*a:-!?|>'\"\n ,#%@1.", max_size=60))
 def test_no_yaml_text_ends_in_another_error(text: str) -> None:
     try:
-        foreign.parse_yaml(text, "it")
+        safe_files.parse_yaml(text, "it")
     except UserError as error:
         assert "\n" not in str(error)
 
@@ -66,15 +66,15 @@ def test_no_yaml_text_ends_in_another_error(text: str) -> None:
 def test_only_regular_files_of_a_size_are_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(UserError, match="pipe is not a regular file"):
-        foreign.read_text(tmp_path / "pipe")
+        safe_files.read_text(tmp_path / "pipe")
     for path in (tmp_path, tmp_path / "none", tmp_path / ("x" * 300), Path("a\0b"), Path("/dev/zero")):
         with pytest.raises(UserError):
-            foreign.read_bytes(path)
+            safe_files.read_bytes(path)
     (tmp_path / "large").write_bytes(bytes(11))
     with pytest.raises(UserError, match=r"in bytes is 11; the limit is 10 \(GATETUNE_LIMITS=10 raises"):
-        foreign.read_bytes(tmp_path / "large", 10)
+        safe_files.read_bytes(tmp_path / "large", 10)
     monkeypatch.setenv("GATETUNE_LIMITS", "2")
-    assert len(foreign.read_bytes(tmp_path / "large", 10)) == 11
+    assert len(safe_files.read_bytes(tmp_path / "large", 10)) == 11
 
 
 @pytest.mark.parametrize(
