@@ -136,8 +136,7 @@ def test_ctrl_c_gives_the_prompt_back_without_a_page(
 
     directory = tmp_path / "run"
     campaign = begin_campaign(directory, settings())
-    monkeypatch.setattr("tuner.report.campaign.write_campaign_report", None)
-    monkeypatch.setattr("tuner.report.campaign.shown.write_mission_pages", None)
+    monkeypatch.setattr("tuner.commands.campaign._write_pages", None)
     with pytest.raises(typer.Exit) as ended:
         fly(campaign, 1, 60.0, ready=Interrupted())  # type: ignore[arg-type]
     assert ended.value.exit_code == 130
