@@ -7,22 +7,23 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import TYPE_CHECKING, Any
 
 from nbv.config import load_conditions, preset
-from tuner.campaign.asked_settings import DEFAULTS, CampaignFields, asked_settings
+from nbv.mission.function import Keep
+from tuner.campaign.asked_settings import DEFAULTS, asked_settings
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
 from tuner.campaign.rock_choice import rock_arguments
 from tuner.campaign.session import fly_campaign
-from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import SETTINGS_FILE, read_settings
 from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
 from tuner.evaluation.flying import EvaluationRun, run_evaluation
 from tuner.evaluation.of_campaign import held_out
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import local_executor
+from tuner.problem.options import Risk
 from tuner.report.records import frame_of
 
 if TYPE_CHECKING:
@@ -36,24 +37,78 @@ __all__ = ["evaluate", "frame", "reproduce", "tune"]
 def tune(
     directory: str | Path,
     *,
+    name: str | None = None,
+    search_space: str | Mapping[str, Any] | None = None,
+    rocks: Sequence[str] | None = None,
+    conditions: Sequence[str] | Mapping[str, Any] | None = None,
+    mission: str | Path | None = None,
+    objective: str | Mapping[str, str] | None = None,
+    second: str | Mapping[str, str] | None = None,
+    limit: float | None = None,
+    risk: Risk | None = None,
+    preset: str | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    fidelity: str | None = None,
+    replicates: int | None = None,
+    budget: int | None = None,
+    sampler: str | None = None,
+    initial: int | None = None,
+    learn_from: Sequence[str] | None = None,
+    seed: int | None = None,
+    keep: Keep | None = None,
+    storage: str | None = None,
+    in_step: int | None = None,
     workers: int | None = None,
     timeout_s: float = 3600.0,
     on_event: Callable[[CampaignEvent], None] | None = None,
-    **settings: Unpack[CampaignFields],
 ) -> Campaign:
     """Job 1: run a campaign in ``directory``, or go on with the one that is there.
 
+    What is left out has the command's default (docs/reference/campaign_settings.md); of a campaign that is there already it
+    is its own, and what is given must be that.
+
     Parameters
     ----------
+    name
+        By default the directory's.
+    search_space
+        What is tuned: a space's name, a YAML file, or the space itself.
+    rocks
+        Training rocks: names or mesh files.
+    conditions
+        Worlds to fly every rock in: names or YAML files, or sections by name.
+    mission
+        A mission file, of a mission that is not ours; it says the space, the instances and the objective.
+    objective
+        ``"f_score"``, ``"f_score@photographs<=21"``, ``"photographs@f_score>=97"``, or metric and direction.
+    second, limit
+        Another objective, and how much of it is asked for, where ``objective`` does not say so in one text.
+    risk
+        ``"mean"`` over rocks and conditions, or ``"worst"``.
+    preset, overrides
+        What missions fly: a preset, and values by parameter path laid over it.
+    fidelity
+        ``"photogrammetric"``, ``"geometric"`` (a second a mission, no photographs), or ``"module:function"``.
+    replicates
+        Draws of arrival errors and noise per rock.
+    budget
+        Missions.
+    sampler, initial, seed
+        What proposes, after how many missions of an initial design, and the seed of both.
+    learn_from
+        Run directories of earlier campaigns; ``["nothing"]``: none, not even those that come with this program.
+    keep
+        Files of every mission: ``"summary"``, or ``"all"`` with images and models.
+    storage
+        Optuna storage URL of the ledger; by default a file in ``directory``.
+    in_step
+        A proposal knows all missions but the last ``in_step - 1``: the same campaign with any number of workers.
     workers
         Missions side by side; by default one per core.
     timeout_s
         A mission that takes longer is killed.
     on_event
         Called with everything that happens, in this process.
-    settings
-        The fields of a campaign's settings file (`CampaignFields`), with the command's defaults. Of a campaign that is
-        there already they must be left out, or be its own.
 
     Raises
     ------
@@ -61,15 +116,39 @@ def tune(
         A setting is wrong, or the directory holds something else.
     """
     where = Path(directory)
+    given = _given(
+        name=name,
+        search_space=search_space,
+        rocks=rocks,
+        conditions=conditions,
+        mission=None if mission is None else str(mission),
+        objective=objective,
+        second=second,
+        limit=limit,
+        risk=risk,
+        preset=preset,
+        overrides=overrides,
+        fidelity=fidelity,
+        replicates=replicates,
+        budget=budget,
+        sampler=sampler,
+        initial=initial,
+        learn_from=learn_from,
+        seed=seed,
+        keep=keep,
+        storage=storage,
+        in_step=in_step,
+    )
     if (where / SETTINGS_FILE).is_file():
-        same = _asked(read_settings(where)[0], settings) if settings else None
-        named = settings.get("mission")
+        same = asked_settings({**read_settings(where)[0], **given}, "tune()") if given else None
         campaign = Campaign.open(
-            where, same, fidelity=settings.get("fidelity"), mission=None if named is None else Path(named)
+            where, same, fidelity=fidelity, mission=None if mission is None else Path(mission)
         )
     else:
-        usual = {} if settings.get("mission") else DEFAULTS
-        campaign = begin_campaign(where, _asked({**usual, "name": where.resolve().name}, settings))
+        asked = asked_settings(
+            {**({} if mission else DEFAULTS), "name": where.resolve().name, **given}, "tune()"
+        )
+        campaign = begin_campaign(where, asked)
     with local_executor(
         campaign.settings.fidelity, workers, timeout_s, campaign.settings.mission
     ) as executor:
@@ -169,10 +248,9 @@ def frame(source: Campaign | EvaluationRun) -> pd.DataFrame:
     return frame_of(source)
 
 
-def _asked(usual: Mapping[str, Any], given: CampaignFields) -> CampaignSettings:
-    """``given``, laid over the fields of ``usual``; sequences of names become lists, as a file has them."""
-    lists = {k: list(v) for k, v in given.items() if isinstance(v, tuple)}
-    return asked_settings({**usual, **given, **lists}, "tune()")
+def _given(**settings: Any) -> dict[str, Any]:
+    """Those that are not None, as a settings file has them: sequences as lists."""
+    return {k: list(v) if isinstance(v, tuple) else v for k, v in settings.items() if v is not None}
 
 
 def _fly(
