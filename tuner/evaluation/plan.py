@@ -8,7 +8,7 @@ from __future__ import annotations
 import collections
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +24,7 @@ from nbv.config import (
 from nbv.errors import UserError
 from nbv.mission.function import Keep
 from nbv.safe_files import read_yaml, require
-from tuner.missions.external import configuration_from_dict
+from tuner.missions.external import ExternalConfig, configuration_from_dict
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
 from tuner.missions.registry import DEFAULT_FIDELITY, renamed
 from tuner.problem.blocks import MAX_REPLICATES
@@ -158,12 +158,15 @@ class EvaluationPlan:
     def records(self, directory: Path) -> list[EvaluationRecord]:
         """What is known of every combination so far; missions not flown yet are left out."""
         records = []
-        for name in self.strategies:
+        for name, config in self.strategies.items():
             for world in self.worlds:
                 for k in range(self.first_replicate, self.first_replicate + self.replicates):
                     outcome = collect_outcome(self._job(directory, name, world, k))
                     if outcome is not None and not outcome.lost:
-                        records.append(EvaluationRecord(name, world.rock, k, outcome, world.condition))
+                        parameters = config.values if isinstance(config, ExternalConfig) else {}
+                        records.append(
+                            EvaluationRecord(name, world.rock, k, outcome, world.condition, parameters)
+                        )
         return records
 
 
@@ -176,6 +179,9 @@ class EvaluationRecord:
     replicate: int
     outcome: MissionOutcome
     condition: str = IDEAL
+    parameters: Mapping[str, Any] = field(
+        default_factory=dict
+    )  # of a mission file: costs, unless it says otherwise
 
     def __repr__(self) -> str:
         """``EvaluationRecord(tuned: ok on slab r1)``."""
@@ -188,7 +194,7 @@ class EvaluationRecord:
 
     def value(self, key: str) -> float | None:
         """A metric by path, or a cost by ``costs.NAME``; None where the mission has none."""
-        tree: Mapping[str, Any] = {**self.outcome.metrics, "costs": self.outcome.costs}
+        tree: Mapping[str, Any] = {**self.outcome.metrics, "costs": {**self.parameters, **self.outcome.costs}}
         if self.outcome.status == "failed":
             return None
         return Objective(key).measure(tree)

@@ -68,7 +68,7 @@ def begun(toy, missions=0):
     return campaign
 
 
-def test_an_own_cost_is_an_objective_and_a_parameter_is_computed(toy):
+def test_an_own_cost_is_an_objective_and_a_parameter_is_computed(gatetune, toy):
     """``gain`` is a parameter that the mission leaves out of its costs."""
     asked = {"mission": str(toy / "toy.yaml"), "budget": 5, "initial": 4, "objective": "loss@costs.gain<=2"}
     campaign = begin_campaign(toy / "runs/two", settings_from_dict({"name": "two", **asked}, "test"))
@@ -77,6 +77,8 @@ def test_an_own_cost_is_an_objective_and_a_parameter_is_computed(toy):
     assert trials and all(t.costs["gain"] == t.values["gain"] for t in trials)
     found = campaign.recommendation()
     assert found is not None and found.values["gain"] <= 2
+    code, _, err = gatetune("evaluate", "runs/two", "--replicates", 1, "--workers", 1)
+    assert code == 0, err
 
 
 def test_paths_in_a_settings_file_are_taken_from_its_folder(toy):

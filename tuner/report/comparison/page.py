@@ -146,7 +146,7 @@ def _table_rows(
     for row in table.rows:
         if row.metric.group != group:
             group = row.metric.group
-            rows.append({"group": group})
+            rows += [{"group": group}] if group else []
         cells = []
         for name in table.strategies:
             c = cell(row, name)
