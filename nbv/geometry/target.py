@@ -23,6 +23,7 @@ AIM_SD_M = 1.5  # how far from the aim a target may well stand: what is known of
 MAX_BELOW = 0.1  # share of the points that may lie below the ground
 MIN_POINTS = 10  # of a target. With this and `_COMPANION_M` 10 of 11 training rocks are found in a fifth of their points
 MIN_HALF_EXTENT_M, MAX_HALF_EXTENT_M = 0.2, 2.5
+ONE_SIDED = 0.3  # length of the mean direction to the cameras: 0 all round, 0.64 from half of a circle
 _TRIALS = 400
 _SHIFTS = 20
 _CELL_M = 0.1  # of the cells that bound votes
@@ -39,13 +40,17 @@ class FoundTarget:
     ground_m: float  # height of the ground below its centre
 
 
-def find_target(points_m: Floats, aim_m: tuple[float, float, float] | Floats) -> FoundTarget | None:
+def find_target(
+    points_m: Floats, aim_m: tuple[float, float, float] | Floats, cameras_m: Floats | None = None
+) -> FoundTarget | None:
     """What rises highest and most from the ground near ``aim_m`` (3,), from points (N, 3); None where nothing does.
 
     The ground is the near-horizontal plane with most points about it of all that have hardly any points below (RANSAC,
     Fischler and Bolles 1981). Points above it vote, by their height, for places within `RADIUS_M`, near the aim more than
     far from it; the best place moves to the middle of its voters (mean shift) until it stays. Ground has a point for
     every pixel and a rock in hard light few, so nothing asks the target's points to hang together.
+
+    ``cameras_m`` (C, 3) are given where they may not have gone round it yet: see `_as_deep_as_wide`.
     """
     points, aim = np.asarray(points_m, dtype=float), np.asarray(aim_m, dtype=float)
     points = points[np.isfinite(points).all(axis=1)]
@@ -68,6 +73,8 @@ def find_target(points_m: Floats, aim_m: tuple[float, float, float] | Floats) ->
         return None
     low, high = np.percentile(risen[members], [1.0, 99.0], axis=0)
     center = (low + high) / 2
+    if cameras_m is not None:
+        center[:2] = _as_deep_as_wide(risen[members][:, :2], center[:2], cameras_m[:, :2])
     ground_z_m = (offset_m - normal[:2] @ center[:2]) / normal[2]
     center[2] = (ground_z_m + high[2]) / 2
     half_m = max(float((high - low)[:2].max()) / 2, float(high[2] - ground_z_m) / 2)
@@ -75,6 +82,24 @@ def find_target(points_m: Floats, aim_m: tuple[float, float, float] | Floats) ->
         return None
     x, y, z = (float(v) for v in center)
     return FoundTarget((x, y, z), half_m, float(ground_z_m))
+
+
+def _as_deep_as_wide(places_m: Floats, center_m: Floats, cameras_m: Floats) -> Floats:
+    """(2,) the centre of a target of which one side has been seen: as far behind its front as it is wide to both sides.
+
+    ``places_m`` (K, 2) are its points, ``center_m`` (2,) the middle of their box, kept where cameras (C, 2) are all round.
+    """
+    sight = cameras_m - center_m
+    toward = (sight / np.linalg.norm(sight, axis=1, keepdims=True)).mean(axis=0)
+    one_sided = float(np.linalg.norm(toward))
+    if one_sided < ONE_SIDED:
+        return center_m
+    toward /= one_sided
+    across = np.array([-toward[1], toward[0]])
+    left, right = np.percentile(places_m @ across, [1.0, 99.0])
+    back, front = np.percentile(places_m @ toward, [1.0, 99.0])
+    depth = min((front + back) / 2, front - (right - left) / 2)
+    return np.asarray(across * (left + right) / 2 + toward * depth)
 
 
 def _densest(places_m: Floats, heights_m: Floats, aim_m: Floats) -> NDArray[np.bool_]:

@@ -67,7 +67,11 @@ class AdaptiveMission:
         """The other seeds are flown around the target as the photographs so far show it; as before if they show none."""
         with self.observer.timed("glimpse"):
             model = self.reconstructor.glimpse(self.captures)
-        found = None if model is None else find_target(model.points_m, self.config.target_m)
+        found = (
+            None
+            if model is None
+            else find_target(model.points_m, self.config.target_m, model.camera_centers_m)
+        )
         if found is not None:
             self._turn_to_target(dataclasses.replace(self.config, target_m=found.center_m))
         self.observer.aimed_anew(None if found is None else found.center_m)

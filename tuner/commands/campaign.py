@@ -91,7 +91,7 @@ def run(
         str | None,
         typer.Option(
             help="Search space: gate, gate_and_weights, paper_ten, gate_weights_and_pool (default), full, beyond_paper, "
-            "few_photographs, photographs, or a YAML file.",
+            "few_photographs, photographs, plan, or a YAML file.",
             rich_help_panel=_WHAT,
         ),
     ] = None,

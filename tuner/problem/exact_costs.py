@@ -17,6 +17,7 @@ from tuner.problem.observations import PREDICTED, Observation
 from tuner.problem.search_space import Configuration, SearchSpace
 
 PHOTOGRAPHS = "costs.images"
+DECIDES_PHOTOGRAPHS = ("seed.count", "stop.adaptive_budget", "stop.max_photographs")
 ENDS_EARLY = ("stop.criterion", "stop.min_gain_percent")
 PREDICTED_SECOND = "predicted_second"  # in a mission's memory: likewise, of the second objective
 _NO_MISSION = 1e6  # the cost of values that exclude one another
@@ -119,8 +120,6 @@ def exact_cost(
             return _NO_MISSION
 
     deciding = tuple(
-        p.path
-        for p in space.parameters
-        if any(path.partition(".")[0] in ("seed", "stop") for path in (p.path, *p.also))
+        p.path for p in space.parameters if any(path in DECIDES_PHOTOGRAPHS for path in (p.path, *p.also))
     )
     return ExactCost(objective, deciding, photographs)

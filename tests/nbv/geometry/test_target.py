@@ -36,6 +36,24 @@ def test_a_tilted_and_shifted_frame_does_not_hide_it() -> None:
     np.testing.assert_allclose(found.center_m, tilt @ [0, 0, 0.8] + [0.5, 0.5, 0.9], atol=0.15)
 
 
+def test_one_side_of_it_is_taken_for_half() -> None:
+    """Seen from the south alone, the egg's northern half is not in the model: it lies behind its front all the same."""
+    points = scene((0.7, -0.6))
+    front = points[(points[:, 2] < 0.25) | (points[:, 1] < -0.75)]
+    bearings = np.deg2rad(np.linspace(-60.0, 60.0, 8))
+    cameras = np.c_[3.5 * np.sin(bearings), -3.5 * np.cos(bearings), np.full(8, 1.4)] + [0.7, -0.6, 0.0]
+    plain, corrected = find_target(front, (0.0, 0.0, 0.8)), find_target(front, (0.0, 0.0, 0.8), cameras)
+    assert plain is not None and corrected is not None
+    off_m = [np.linalg.norm(np.array(f.center_m)[:2] - [0.7, -0.6]) for f in (plain, corrected)]
+    assert off_m[0] > 0.3 and off_m[1] < 0.15
+
+
+def test_cameras_all_round_change_nothing() -> None:
+    bearings = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)
+    cameras = np.c_[3.5 * np.sin(bearings), 3.5 * np.cos(bearings), np.full(12, 1.4)]
+    assert find_target(scene(), (0.0, 0.0, 0.8), cameras) == find_target(scene(), (0.0, 0.0, 0.8))
+
+
 def test_of_two_things_the_nearer_is_meant() -> None:
     both = np.concatenate([scene((0.4, 0.0)), scene((2.8, 0.0), height_m=2.2)])
     found = find_target(both, (0.0, 0.3, 0.8))

@@ -48,7 +48,8 @@ class CountingReconstructor:
 
     def glimpse(self, captures):
         self.glimpsed = [capture.name for capture in captures]
-        return self._model()
+        centers_m = np.array([capture.camera_center_m for capture in captures])
+        return dataclasses.replace(self._model(), camera_centers_m=centers_m)
 
     def add(self, capture):
         self.adds += 1

@@ -32,6 +32,7 @@ def test_photographs_are_seeds_and_planned_views() -> None:
     assert found is not None and found.paths == ("seed.count", "stop.adaptive_budget")
     values = {"seed.count": 14, "stop.adaptive_budget": 12, "pool.max_altitude_m": 1.5}
     assert found.of(values) == 26.0 and found.outcome(values) == -26.0
+    assert found.of({**values, "seed.count": 20, "stop.adaptive_budget": 0}) == 20.0
     cut = photographs(stop__max_photographs=30)
     most = {**values, "seed.count": 24}
     assert cut is not None and cut.of(values) == 26.0 and cut.of(most) == 30.0
