@@ -45,7 +45,8 @@ def evaluate(
         list[str] | None,
         typer.Option(
             "--against",
-            help="Baseline, repeatable (default: the paper's four, learned, matchable, random, greedy-oracle).",
+            help="Baseline, repeatable (default: the paper's four, learned, matchable, random, greedy-oracle, orbit, orbit-two; "
+            "where the target has to be looked for orbit-reaimed and orbit-two-reaimed, too).",
         ),
     ] = None,
     reference: Annotated[
@@ -114,7 +115,7 @@ def confirm(
     mission: Annotated[Path | None, typer.Option(help=MISSION_HELP)] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Fly the recommendation and the default on training rocks with fresh replicates; say whether the rocks gained.
+    """Fly the recommendation, the default and plain orbits on training rocks with fresh replicates; say whether the rocks gained.
 
     Example: gatetune confirm runs/mine --rock mine
     """

@@ -8,8 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from nbv.config import GATES, MissionConfig
+from nbv.config import GATES, Condition, MissionConfig, under
 from nbv.errors import UserError
+from nbv.mission.belief import must_look
 from tuner.problem.search_space import Configuration
 
 
@@ -22,6 +23,8 @@ class Baseline:
     description: str
     in_paper: bool = False
     values: dict[str, Any] = field(default_factory=dict)  # further parameters of the strategy
+    plans: bool = True  # False: all photographs are seeds on a plain orbit, and no view is planned
+    reaimed: bool = False  # of an orbit: half of it is flown around where the first half has found the target
 
     @property
     def uses_ground_truth(self) -> bool:
@@ -30,8 +33,30 @@ class Baseline:
 
     def config(self, base: MissionConfig) -> MissionConfig:
         """``base`` flying this strategy."""
+        if not self.plans:
+            return self.orbit(base, photographs(base))
         return base.with_values({"gate.kind": self.name, **self.values})
 
+    def orbit(self, base: MissionConfig, number: int) -> MissionConfig:
+        """``base`` with ``number`` photographs on this plain orbit, as far away as its candidates."""
+        values = {
+            "seed.count": number,
+            "seed.rings": 1,
+            "seed.radius_m": base.pool.radius_m,
+            "seed.start_bearing_deg": 0.0,
+            "seed.reaim_after": number // 2 if self.reaimed else 0,
+            "sparse.min_registered_seeds": min(base.sparse.min_registered_seeds, FEWEST_SEEDS, number),
+            "sparse.ground_features": base.sparse.ground_features or GROUND_FEATURES,
+            "stop.adaptive_budget": 0,
+            "stop.max_photographs": 0,
+        }
+        return base.with_values({**values, **self.values})
+
+
+# Of the splits over 10 and 35 degrees these two were best on rocks that nothing was chosen on.
+ONE_RING: dict[str, Any] = {"seed.lowest_deg": 10.0, "seed.span_deg": 0.0, "seed.upper_share": 0.0}
+TWO_RINGS: dict[str, Any] = {"seed.lowest_deg": 10.0, "seed.span_deg": 25.0, "seed.upper_share": 0.38}
+FEWEST_SEEDS, GROUND_FEATURES = 6, 2000  # as in the search space photographs
 
 BASELINES: dict[str, Baseline] = {
     b.name: b
@@ -58,12 +83,37 @@ BASELINES: dict[str, Baseline] = {
             "our own scorer alone: the surface that lacks matchable views",
             values={f"matchable.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
         ),
+        Baseline("orbit", "Plain orbit", "a plain orbit at 10°", values=ONE_RING, plans=False),
+        Baseline(
+            "orbit-two",
+            "Plain orbit, two rings",
+            "a plain orbit, 62 % of it at 10° and the rest at 35°",
+            values=TWO_RINGS,
+            plans=False,
+        ),
+        Baseline(
+            "orbit-reaimed",
+            "Plain orbit, re-aimed",
+            "a plain orbit at 10°, its second half around where the first has found the target",
+            values=ONE_RING,
+            plans=False,
+            reaimed=True,
+        ),
+        Baseline(
+            "orbit-two-reaimed",
+            "Plain orbit, two rings, re-aimed",
+            "the orbit of two rings, its second half around where the first has found the target",
+            values=TWO_RINGS,
+            plans=False,
+            reaimed=True,
+        ),
     )
 }
 PAPER_STRATEGIES = tuple(name for name, b in BASELINES.items() if b.in_paper)
 # What `gatetune evaluate` compares with unless told otherwise: the paper's four, the learned gate, our own scorer,
-# and what chance and a planner that looks at the true surface reach.
-EVALUATION_BASELINES = (*PAPER_STRATEGIES, "learned", "matchable", "random", "greedy-oracle")
+# what chance and a planner that looks at the true surface reach, and plain orbits.
+ORBITS, REAIMED_ORBITS = ("orbit", "orbit-two"), ("orbit-reaimed", "orbit-two-reaimed")
+EVALUATION_BASELINES = (*PAPER_STRATEGIES, "learned", "matchable", "random", "greedy-oracle", *ORBITS)
 # What `gatetune reproduce` flies: Table I's columns, and the same two references for the gates.
 REPRODUCTION_STRATEGIES = (*PAPER_STRATEGIES, "learned", "greedy-oracle")
 TUNED = "tuned"
@@ -97,25 +147,49 @@ def at_equal_number(
 ) -> dict[str, MissionConfig]:
     """The baselines with the seeds and planned views of ``tuned``, and ``reference`` at its own number beside them.
 
-    Names say the number, as in ``hyb-h-26``; where the number is the same anyway, ``configs`` as they are.
+    Names say the number, as in ``hyb-h-26``; where the number is the same anyway, ``configs`` as they are. Where ``tuned``
+    plans no view, those that plan share the number out as they did before.
     """
     number = photographs(tuned)
-    if all(config.seed == tuned.seed and photographs(config) == number for config in configs.values()):
+    planning = [config for name, config in configs.items() if not _is_orbit(name)]
+    if all(config.seed == tuned.seed and photographs(config) == number for config in planning):
         return configs
-    equal = {
-        f"{name}-{number}": dataclasses.replace(
-            config,
-            seed=tuned.seed,
-            sparse=tuned.sparse,  # what seeds far apart need to register
-            stop=dataclasses.replace(
-                config.stop,
-                adaptive_budget=tuned.stop.adaptive_budget,
-                max_photographs=tuned.stop.max_photographs,
-            ),
-        )
-        for name, config in configs.items()
-    }
+    equal = {f"{name}-{number}": _at_number(name, config, tuned) for name, config in configs.items()}
     return {reference: configs[reference], **equal}
+
+
+def _at_number(name: str, config: MissionConfig, tuned: MissionConfig) -> MissionConfig:
+    number = photographs(tuned)
+    if _is_orbit(name):
+        return BASELINES[name].orbit(config, number)
+    seed, budget = tuned.seed, tuned.stop.adaptive_budget
+    if tuned.adaptive_budget == 0 and config.seed.count:
+        seeds = max(FEWEST_SEEDS, round(number * config.seed.total / photographs(config)))
+        seed, budget = dataclasses.replace(config.seed, count=min(seeds, number)), max(0, number - seeds)
+    return dataclasses.replace(
+        config,
+        seed=seed,
+        sparse=tuned.sparse,  # what seeds far apart need to register
+        stop=dataclasses.replace(
+            config.stop, adaptive_budget=budget, max_photographs=tuned.stop.max_photographs
+        ),
+    )
+
+
+def orbits_at_number(tuned: MissionConfig, conditions: Iterable[Condition]) -> dict[str, MissionConfig]:
+    """The plain orbits with as many photographs as ``tuned``; re-aimed ones where a target has to be looked for."""
+    number = photographs(tuned)
+    names = [*ORBITS, *(REAIMED_ORBITS if any_must_look(tuned, conditions) else ())]
+    return {f"{name}-{number}": BASELINES[name].orbit(tuned, number) for name in names}
+
+
+def any_must_look(config: MissionConfig, conditions: Iterable[Condition]) -> bool:
+    """Whether under one of these a mission has to look for its target; elsewhere an orbit re-aimed is the same orbit."""
+    return any(must_look(under(config, condition)) for condition in conditions)
+
+
+def _is_orbit(name: str) -> bool:
+    return name in BASELINES and not BASELINES[name].plans
 
 
 def photographs(config: MissionConfig) -> int:

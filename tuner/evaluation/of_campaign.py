@@ -8,16 +8,19 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
-from nbv.config import IDEAL, Condition
+from nbv.config import IDEAL, Condition, MissionConfig
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.rock_choice import Making, unseen_rocks
 from tuner.campaign.settings import CampaignSettings
 from tuner.evaluation.baselines import (
     EVALUATION_BASELINES,
+    REAIMED_ORBITS,
     TUNED,
+    any_must_look,
     at_equal_number,
     baseline_configs,
+    orbits_at_number,
     tuned_configs,
 )
 from tuner.evaluation.plan import EvaluationPlan
@@ -103,7 +106,8 @@ def held_out(
     worlds = tuple(conditions or s.conditions)
     dataclasses.replace(s, conditions=worlds)  # says where the two contradict each other
     base, tuned = ours(s.base_config()), ours(recommended)
-    baselines = baseline_configs(list(strategies or EVALUATION_BASELINES), base)
+    reaimed = REAIMED_ORBITS if any_must_look(base, worlds) else ()
+    baselines = baseline_configs(list(strategies or (*EVALUATION_BASELINES, *reaimed)), base)
     against = _reference(reference, baselines, "hyb-h")
     plan = EvaluationPlan(
         {**tuned_configs(tuned, base), **at_equal_number(baselines, tuned, against)},
@@ -123,7 +127,8 @@ def confirmation(
     fidelity: str = DEFAULT_FIDELITY,
     margin: float = DEFAULT_MARGIN,
 ) -> CampaignEvaluation | None:
-    """The recommendation and the default on training rocks with replicates that nobody has flown; None where both are one.
+    """The recommendation, the default and plain orbits on training rocks with fresh replicates; None where the first two
+    are one.
 
     Raises
     ------
@@ -141,8 +146,10 @@ def confirmation(
     found = source.recommended()
     if found.keep_default:
         return None
+    tuned = s.config(found.values)
+    orbits = orbits_at_number(tuned, s.conditions) if isinstance(tuned, MissionConfig) else {}
     plan = EvaluationPlan(
-        {TUNED: s.config(found.values), "default": s.config(s.default_values())},
+        {TUNED: tuned, "default": s.config(s.default_values()), **orbits},
         chosen,
         replicates,
         first_replicate=s.replicates,

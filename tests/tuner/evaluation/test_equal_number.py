@@ -1,14 +1,18 @@
 """Controls fly as many photographs as the tuned configuration."""
 
-from nbv.config import preset
+import pytest
+
+from nbv.config import IDEAL_CONDITION, load_condition, preset
 from tuner.evaluation.baselines import (
     at_equal_number,
     baseline_configs,
     controls_at_equal_number,
     label,
+    orbits_at_number,
     photographs,
     tuned_configs,
 )
+from tuner.problem.space_files import load_search_space
 
 BASE = preset("campaign")
 
@@ -32,3 +36,38 @@ def test_an_equal_number_changes_nothing() -> None:
     tuned = BASE.with_values({"gate.budget_fraction": 0.1})
     assert at_equal_number(configs, tuned, "hyb-h") == configs
     assert controls_at_equal_number({"tuned": tuned, **configs}) == ("hyb-h", "random")
+
+
+def test_an_orbit_flies_the_whole_number() -> None:
+    """62 % at 10 degrees and the rest at 35, nothing planned, whatever the tuned plan's own seeds are."""
+    tuned = BASE.with_values({"stop.adaptive_budget": 2, "seed.radius_m": 4.4})
+    found = at_equal_number(baseline_configs(["hyb-h", "orbit", "orbit-two"], BASE), tuned, "hyb-h")
+    assert list(found) == ["hyb-h", "hyb-h-26", "orbit-26", "orbit-two-26"]
+    one, two = found["orbit-26"], found["orbit-two-26"]
+    assert [c.seed.total for c in (one, two)] == [26, 26] and [c.adaptive_budget for c in (one, two)] == [
+        0,
+        0,
+    ]
+    assert one.seed.upper_count == 0 and two.seed.upper_count == 10
+    assert (two.seed.lowest_deg, two.seed.upper_deg, two.seed.radius_m) == (10.0, 35.0, 3.5)
+    assert "orbit-26" in controls_at_equal_number({"tuned": tuned, **found}) and label(
+        "orbit-two-26"
+    ).endswith("two rings, 26")
+
+
+def test_an_orbit_is_reaimed_where_the_target_must_be_found() -> None:
+    worlds = (IDEAL_CONDITION, load_condition("field"))
+    assert list(orbits_at_number(BASE, worlds[:1])) == ["orbit-32", "orbit-two-32"]
+    found = orbits_at_number(BASE, worlds)
+    assert [c.seed.reaim_after for c in found.values()] == [0, 0, 16, 16]
+
+
+@pytest.mark.parametrize("number", [8, 20])
+def test_beside_a_tuned_orbit_planners_keep_their_share(number: int) -> None:
+    space = load_search_space("photographs")
+    base = space.config(BASE, space.default(BASE))
+    plain = {**space.default(BASE), "seed.count": number, "seed.upper_share": 0.0, "stop.adaptive_budget": 0}
+    found = at_equal_number(baseline_configs(["hyb-h"], base), space.config(BASE, plain), "hyb-h")
+    equal = found[f"hyb-h-{number}"]
+    assert (equal.seed.total, equal.adaptive_budget) == {8: (6, 2), 20: (15, 5)}[number]
+    assert equal.seed.upper_share == 0.42
