@@ -83,7 +83,7 @@ def test_a_mission_without_planned_views_is_shown(orbit: Path, tmp_path: Path) -
 def test_a_mission_without_planned_views_has_figures(orbit: Path, gatetune) -> None:
     (legend,) = trajectory_figure(orbit).legends
     said = [text.get_text() for text in legend.get_texts()]
-    assert said == ["16 seed views", "flown in the seed phase (markers: as commanded)"]
+    assert said == ["16 seed views", "flown in the seed phase (markers: as flown)"]
     code, _, err = gatetune("mission", "explain", str(orbit))
     assert code == 2 and "planned no view; there is nothing to explain" in err
 

@@ -109,17 +109,22 @@ def trajectory_figure(run: Path) -> Figure:
         )
         space.view_init(elev=27, azim=-58)
         figure.legend(
-            *zip(*_trajectory_legend(len(seeds), len(chosen), len(candidates), len(rock) > 0)),
+            *zip(*_trajectory_legend(len(seeds), len(chosen), len(candidates), len(rock) > 0, bool(states))),
             loc="outside lower center",
             ncols=3,
         )
         return figure
 
 
-def _trajectory_legend(seeds: int, chosen: int, pool: int, rock: bool) -> list[tuple[Line2D, str]]:
+def _trajectory_legend(
+    seeds: int, chosen: int, pool: int, rock: bool, commanded: bool
+) -> list[tuple[Line2D, str]]:
     names = [
         (Line2D([], [], color=BLUE, marker="o", ls="none", mec="white"), f"{seeds} seed views"),
-        (Line2D([], [], color=GREY, lw=1, ls=(0, (4, 2))), "flown in the seed phase (markers: as commanded)"),
+        (
+            Line2D([], [], color=GREY, lw=1, ls=(0, (4, 2))),
+            f"flown in the seed phase (markers: as {'commanded' if commanded else 'flown'})",
+        ),
     ]
     if chosen:
         disc = Line2D([], [], color=ORANGE, marker="^", ls="none", ms=8, mec="black", mew=0.6)

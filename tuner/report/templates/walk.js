@@ -173,10 +173,10 @@ function bars(now) {
   return `<svg viewBox="0 0 340 ${best.length * 19 + 4}" role="img" aria-label="terms of Eq. 1">${rows.join("")}<line x1="${x(0)}" x2="${x(0)}" y1="0" y2="${best.length * 19}" stroke="#a9b4bf"/></svg><div class="legend">${TERMS.map(([t, c]) => `<span><b style="background:${c}"></b>${t}</span>`).join("")}</div>`;
 }
 function curve(mission, key, title, unit) {
-  const values = mission.steps.map((s, i) => [i, s[key]]).filter(([, v]) => v != null); if (!values.length) return "";
+  const values = mission.steps.map((s, i) => [i, s[key]]).filter(([, v]) => v != null); if (values.length < 2) return "";
   const all = values.map(v => v[1]), least = Math.min(...all), most = Math.max(...all), first = values[0][0], count = Math.max(1, mission.steps.length - 1 - first), x = i => 6 + 250 * (i - first) / count, y = v => 50 - 40 * (v - least) / (most - least || 1);
   const here = values.filter(([i]) => i <= step).pop();
-  return `<svg viewBox="0 0 340 60" role="img" aria-label="${title}"><polyline fill="none" stroke="#56B4E9" stroke-width="1.6" points="${values.map(([i, v]) => `${x(i).toFixed(1)},${y(v).toFixed(1)}`).join(" ")}"/><line x1="6" x2="256" y1="52" y2="52" stroke="#3c454f"/>${here ? `<circle cx="${x(here[0])}" cy="${y(here[1])}" r="4" fill="#E69F00"/><text x="264" y="30">${here[1].toFixed(1)} ${unit}</text>` : ""}<text class="soft" x="264" y="48">${least.toFixed(0)} to ${most.toFixed(0)}</text></svg>`;
+  return `<h2>${title}</h2><svg viewBox="0 0 340 60" role="img" aria-label="${title}"><polyline fill="none" stroke="#56B4E9" stroke-width="1.6" points="${values.map(([i, v]) => `${x(i).toFixed(1)},${y(v).toFixed(1)}`).join(" ")}"/><line x1="6" x2="256" y1="52" y2="52" stroke="#3c454f"/>${here ? `<circle cx="${x(here[0])}" cy="${y(here[1])}" r="4" fill="#E69F00"/><text x="264" y="30">${here[1].toFixed(1)} ${unit}</text>` : ""}<text class="soft" x="264" y="48">${least.toFixed(0)} to ${most.toFixed(0)}</text></svg>`;
 }
 function tell(mission, side) {
   const now = mission.steps[Math.min(step, mission.steps.length - 1)], last = now.views - 1, picked = mission.picked != null && mission.picked <= last, view = mission.views[picked ? mission.picked : last], facts = [];
@@ -186,7 +186,7 @@ function tell(mission, side) {
   if (step >= mission.steps.length - 1) facts.push(["status", mission.status + (mission.message ? ": " + mission.message : "")], ...mission.scores);
   side.innerHTML = `<h2>${safe(now.label)}</h2>` + (view.image ? `<img alt="photograph ${safe(view.name)}" src="data:image/jpeg;base64,${view.image}">` : "") + `<dl><dt>${picked ? "camera picked" : "last view"}</dt><dd>${safe(view.name)}${view.lost ? ", not registered" : ""}</dd>` + facts.map(([k, v]) => `<dt>${safe(k)}</dt><dd>${safe(v)}</dd>`).join("") + "</dl>" +
     (now.pool ? `<h2>Terms of Eq. 1, best candidates of ${safe(chosenScorer(now) || "")}</h2>${bars(now)}` : "") +
-    `<h2>d95 of the sparse cloud</h2>${curve(mission, "d95_mm", "d95", "mm")}<h2>Observable surface within 48 mm of the sparse cloud</h2>${curve(mission, "sparse_completeness", "completeness", "%")}`;
+    curve(mission, "d95_mm", "d95 of the sparse cloud", "mm") + curve(mission, "sparse_completeness", "Observable surface within 48 mm of the sparse cloud", "%");
 }
 function key(mission, box) {
   const last = step >= mission.steps.length - 1, parts = [];
