@@ -22,6 +22,7 @@ from tuner.commands.console import (
     under_conditions,
     working,
 )
+from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 from tuner.problem.worlds import World
 
 if TYPE_CHECKING:
@@ -87,6 +88,7 @@ def compare(
     from tuner.report.comparison.facts import comparison_facts
 
     executor = local_executor(plan.fidelity, workers, timeout_s, mission)
+    notes = (*notes, GEOMETRIC_NOTE) if is_geometric(plan.fidelity) else notes
     for note in notes:
         output.print(note, style="yellow")
     output.print(
@@ -117,7 +119,6 @@ def _show(facts: ComparisonFacts, *, paper: bool) -> None:
     from tuner.report.comparison.tables import (
         PAPER_NOT_COMPARABLE,
         comparison_terminal_table,
-        difference_terminal_table,
     )
 
     for line in facts.verdicts:
@@ -126,10 +127,10 @@ def _show(facts: ComparisonFacts, *, paper: bool) -> None:
     short |= {f"Under {name}": table for name, table in facts.conditions.items()}
     for title, table in short.items():
         output.print(comparison_terminal_table(table, title=title), markup=True)
+    if facts.summary is not None:
+        return
     part = facts.parts[0]
-    title = f"Dense cloud against ground truth, {part.surface} surface" if part.surface else part.title
+    title = f"Against ground truth, {part.surface} surface" if part.surface else part.title
     output.print(comparison_terminal_table(part.table, title=title, paper=paper), markup=True)
-    if (differences := difference_terminal_table(part.table)) is not None:
-        output.print(differences, markup=True)
     if paper:
         output.print(PAPER_NOT_COMPARABLE)

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from nbv.config import load_conditions
+from nbv.errors import UserError
 from tuner.commands.comparison import compare
-from tuner.commands.console import MISSION_HELP, AsJson, answer_json, load, output, working
+from tuner.commands.console import MISSION_HELP, AsJson, FidelityOption, answer_json, load, output, working
+from tuner.missions.registry import DEFAULT_FIDELITY
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
@@ -60,6 +62,7 @@ def evaluate(
     ] = None,
     timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
     margin: MarginOption = 1.0,
+    fidelity: FidelityOption = DEFAULT_FIDELITY,
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/evaluation).")] = None,
     mission: Annotated[Path | None, typer.Option(help=MISSION_HELP)] = None,
     as_json: AsJson = False,
@@ -72,7 +75,7 @@ def evaluate(
     load("tuner.evaluation.of_campaign")
     from tuner.evaluation.of_campaign import held_out
 
-    source = _open(campaign, mission)
+    source = _open(campaign, mission, fidelity)
     asked = held_out(
         source,
         rocks=rocks,
@@ -81,6 +84,7 @@ def evaluate(
         reference=reference,
         conditions=load_conditions(conditions) if conditions else None,
         margin=margin,
+        fidelity=fidelity,
         making=working,
     )
     compare(
@@ -109,6 +113,7 @@ def confirm(
     ] = None,
     timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
     margin: MarginOption = 1.0,
+    fidelity: FidelityOption = DEFAULT_FIDELITY,
     out: Annotated[
         Path | None, typer.Option(help="Directory (default: CAMPAIGN/confirmation-ROCKS).")
     ] = None,
@@ -123,8 +128,8 @@ def confirm(
     load("tuner.evaluation.of_campaign")
     from tuner.evaluation.of_campaign import confirmation
 
-    source = _open(campaign, mission)
-    asked = confirmation(source, rocks=rocks, replicates=replicates, margin=margin)
+    source = _open(campaign, mission, fidelity)
+    asked = confirmation(source, rocks=rocks, replicates=replicates, margin=margin, fidelity=fidelity)
     if asked is None:
         note = f"{campaign} recommends to keep the default: there is nothing to confirm"
         output.print(note)
@@ -147,9 +152,11 @@ def confirm(
     )
 
 
-def _open(directory: Path, mission: Path | None) -> Campaign:
+def _open(directory: Path, mission: Path | None, fidelity: str) -> Campaign:
     from tuner.campaign.campaign import Campaign
 
     source = Campaign.open(directory, read_only=True, mission=mission)
     source.allow_program(named=mission is not None)
+    if source.settings.mission is not None and fidelity != DEFAULT_FIDELITY:
+        raise UserError("--fidelity is of our own missions; a mission file says itself how it flies")
     return source

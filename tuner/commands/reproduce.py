@@ -9,7 +9,16 @@ import typer
 
 from nbv.config import IDEAL, PRESETS, load_conditions
 from tuner.commands.comparison import compare
-from tuner.commands.console import CONDITION_HELP, AsJson, load, mission_config, output, rock_arguments
+from tuner.commands.console import (
+    CONDITION_HELP,
+    AsJson,
+    FidelityOption,
+    load,
+    mission_config,
+    output,
+    rock_arguments,
+)
+from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.objective import Objective
 
 
@@ -32,6 +41,7 @@ def reproduce(
         typer.Option("--strategy", help="Repeatable (default: the paper's four, learned, greedy-oracle)."),
     ] = None,
     set_: Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE for every mission.")] = None,
+    fidelity: FidelityOption = DEFAULT_FIDELITY,
     keep: Annotated[bool, typer.Option(help="Keep images, models and clouds of every mission.")] = True,
     workers: Annotated[
         int | None, typer.Option(help="Missions side by side (default: one per core).")
@@ -58,6 +68,7 @@ def reproduce(
         chosen,
         replicates,
         keep="all" if keep else "summary",
+        fidelity=fidelity,
         conditions=load_conditions(conditions or [IDEAL]),
     )
     compare(

@@ -24,6 +24,7 @@ from tuner.report.comparison.tables import (
     floor_name,
     floor_text,
     full_row_name,
+    measured,
     methods_sentence,
     row_name,
 )
@@ -143,7 +144,7 @@ def _table_rows(
 ) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     group = ""
-    for row in table.rows:
+    for row in measured(table.rows):
         if row.metric.group != group:
             group = row.metric.group
             rows += [{"group": group}] if group else []
@@ -160,7 +161,10 @@ def _table_rows(
 
 
 def _difference_rows(table: ComparisonTable, name: str) -> dict[str, Any]:
-    rows = [{"name": full_row_name(row.metric), "cell": difference_cell(row, name)} for row in table.rows]
+    rows = [
+        {"name": full_row_name(row.metric), "cell": difference_cell(row, name)}
+        for row in measured(table.rows)
+    ]
     return {"strategy": strategy_label(name), "rows": rows}
 
 

@@ -173,9 +173,14 @@ def methods_sentence(tables: Sequence[ComparisonTable]) -> str:
     return interval_methods(found)
 
 
+def measured(rows: Sequence[ComparisonRow]) -> list[ComparisonRow]:
+    """Those that a mission has a value of: geometric ones have no distances."""
+    return [row for row in rows if any(cell is not None for cell in row.cells.values())]
+
+
 def _groups(table: ComparisonTable) -> list[tuple[str, list[ComparisonRow]]]:
     groups: dict[str, list[ComparisonRow]] = {}
-    for row in table.rows:
+    for row in measured(table.rows):
         groups.setdefault(row.metric.group, []).append(row)
     return list(groups.items())
 
@@ -310,35 +315,6 @@ def comparison_terminal_table(
         return out
 
     return InBlocks(table.strategies, title, "mean over rocks ± 95 % interval; best mean in bold", build)
-
-
-def difference_terminal_table(table: ComparisonTable) -> InBlocks | None:
-    """Paired differences for the terminal; None without a reference or without another strategy."""
-    others = [name for name in table.strategies if name != table.reference]
-    if table.reference is None or not others:
-        return None
-    colours = {"better": "green", "worse": "red"}
-
-    def build(strategies: Sequence[str]) -> Table:
-        out = _terminal_table(strategies)
-        for row in table.rows:
-            texts = []
-            for name in strategies:
-                d = difference_cell(row, name)
-                if d is None:
-                    texts.append(MISSING)
-                    continue
-                text = f"{d.difference}\n{d.interval}"
-                texts.append(f"[{colours[d.verdict]}]{text}[/]" if d.verdict in colours else text)
-            out.add_row(full_row_name(row.metric), *texts)
-        return out
-
-    return InBlocks(
-        others,
-        f"Paired differences against {strategy_label(table.reference)}",
-        "95 % interval; green better, red worse, plain: no difference detected",
-        build,
-    )
 
 
 def _terminal_table(strategies: Sequence[str]) -> Table:
