@@ -10,7 +10,6 @@ settings', ``reference/parameters.md`` from the configuration's, ``internals/roo
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -74,10 +73,7 @@ def commands_page() -> str:
 
 def settings_page() -> str:
     """Every field of a campaign's settings file, as Markdown."""
-    from tuner.campaign import CampaignSettings
-    from tuner.campaign.asked_settings import DEFAULTS
-    from tuner.campaign.settings_file import FIELDS
-    from tuner.problem.objective import DEFAULT_METRIC
+    from tuner.campaign.settings_file import SETTINGS
 
     lines = [
         "# A campaign's settings file",
@@ -87,28 +83,21 @@ def settings_page() -> str:
         "`gatetune campaign run runs/first/campaign.yaml --name second --seed 1`.",
         "",
         "    name: shale",
-        "    search_space: beyond_paper",
+        "    space: beyond_paper",
         "    rocks: [slab, scans/shale.obj]",
         "    budget: 96",
         "    overrides: {stop.adaptive_budget: 12}",
         "    objective: {metric: observable.c2c_mean_mm, direction: minimise}",
         "    in_step: 2",
         "",
-        "|field|default|meaning|",
-        "|-|-|-|",
+        "|setting|option|default|meaning|",
+        "|-|-|-|-|",
     ]
-    defaults: dict[str, Any] = {f.name: f.default for f in dataclasses.fields(CampaignSettings)}
-    defaults |= {
-        **DEFAULTS,
-        "objective": DEFAULT_METRIC,
-        "overrides": "none",
-        "rocks": "the procedural training rocks",
-        "conditions": "ideal",
-    }
-    defaults |= {"learn_from": "shipped where there are some, else none"}
-    for key, meaning in FIELDS.items():
-        default = "null" if defaults[key] is None else defaults[key]
-        lines.append(f"|`{key}`|{default}|{meaning}|")
+    for name, s in SETTINGS.items():
+        default = f"{s.default_text or 'none'}{f' ({s.why})' if s.why else ''}"
+        meaning = f"{s.text}{f'; {s.in_file}' if s.in_file else ''}"
+        option = f"`{s.option.split()[0]}`" if s.option else ""
+        lines.append(f"|`{name}`|{option}|{default}|{meaning}|")
     return "\n".join(lines) + "\n"
 
 

@@ -53,7 +53,7 @@ def measured(folder: Path) -> dict[str, dict[str, Any]]:
     campaign = tuner.tune(
         folder / "campaign",
         rocks=["slab", "vesicular"],
-        search_space="gate_and_weights",
+        space="gate_and_weights",
         budget=10,
         seed=7,
         learn_from=[],

@@ -50,7 +50,7 @@ COLUMNS = (
 )
 SETTINGS = """
 name: faults
-search_space: gate
+space: gate
 rocks: [boulder, slab]
 conditions: [ideal]
 budget: {budget}

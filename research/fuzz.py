@@ -315,7 +315,7 @@ def make_seeds(folder: Path) -> None:
         "fidelity": "geometric",
         "rocks": ["boulder"],
     }
-    small = b"rocks: [boulder, slab]\nbudget: 8\nsearch_space: gate\nconditions: [ideal, field]\nname: x\n"
+    small = b"rocks: [boulder, slab]\nbudget: 8\nspace: gate\nconditions: [ideal, field]\nname: x\n"
     SEEDS["settings file"] = [yaml.safe_dump(settings).encode(), small]
     SEEDS["search space"] = [p.read_bytes() for p in sorted((ROOT / "search_spaces").glob("*.yaml"))]
     SEEDS["condition"] = [p.read_bytes() for p in sorted((ROOT / "conditions").glob("*.yaml"))]

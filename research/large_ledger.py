@@ -105,7 +105,7 @@ def small_against_exact(seeds: int, count: int) -> list[dict[str, Any]]:
 
 def make_ledger(directory: Path, count: int) -> None:
     """A finished campaign of ``count`` missions."""
-    settings = CampaignSettings("large", SPACE, ROCKS, budget=count, replicates=2, fidelity="geometric")
+    settings = CampaignSettings(name="large", space=SPACE, rocks=ROCKS, budget=count, fidelity="geometric")
     ledger = begin_campaign(directory, settings).ledger
     extra = {f"metric_{i}": float(i) for i in range(40)}
     for o in Landscape(0).missions(count):

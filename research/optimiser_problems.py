@@ -293,7 +293,7 @@ class GeometricProblem:
         from tuner.problem.space_files import load_search_space
 
         self.space = load_search_space(self.space_name)
-        overrides = QUICK["overrides"] if self.space_name == QUICK["search_space"] else {}
+        overrides = QUICK["overrides"] if self.space_name == QUICK["space"] else {}
         self._base = self.space.base_config(preset("campaign")).with_values(overrides)
         self.default = self.space.default(self._base)
         self.name = f"geometric:{self.space_name}" + (f":{self.price:g}" if self.price else "")

@@ -56,12 +56,12 @@ def campaign(arguments: argparse.Namespace, rocks: tuple[str, ...], sampler: str
         found = begin_campaign(
             directory,
             CampaignSettings(
-                directory.name,
-                space,
-                rocks,
-                budget,
-                REPLICATES,
-                seed,
+                name=directory.name,
+                space=space,
+                rocks=rocks,
+                budget=budget,
+                replicates=REPLICATES,
+                seed=seed,
                 sampler=name,
                 fidelity=registered(fidelity or DEFAULT_FIDELITY),
                 learn_from={"earlier": (arguments.earlier.format(seed=seed),), "shipped": (SHIPPED,)}.get(

@@ -98,7 +98,9 @@ def busy(workers: int, seconds: float, rounds: int) -> dict[str, Any]:
     worker.fly = waits  # type: ignore[assignment]
     space = load_search_space("gate_and_weights")
     with tempfile.TemporaryDirectory() as home:
-        settings = CampaignSettings("scaling", space, ROCKS, missions, 2, fidelity="geometric")
+        settings = CampaignSettings(
+            name="scaling", space=space, rocks=ROCKS, budget=missions, fidelity="geometric"
+        )
         campaign = begin_campaign(Path(home) / "run", settings)
         count = min(PROCESSES, workers)
         cluster = LocalCluster(
@@ -141,7 +143,12 @@ def against_local(missions: int, repeats: int, seconds: float | None) -> list[di
         for name in ("local", "dask") if repeat % 2 else ("dask", "local"):
             with tempfile.TemporaryDirectory() as home:
                 settings = CampaignSettings(
-                    "two", space, ROCKS[:3], missions, 2, fidelity=fidelity, sampler="sobol"
+                    name="two",
+                    space=space,
+                    rocks=ROCKS[:3],
+                    budget=missions,
+                    fidelity=fidelity,
+                    sampler="sobol",
                 )
                 campaign = begin_campaign(Path(home) / "run", settings)
                 if name == "local":
@@ -210,11 +217,10 @@ def growth(executor: Any, missions: int) -> dict[str, Any]:
     marks: dict[int, list[int]] = {}
     with tempfile.TemporaryDirectory() as home:
         settings = CampaignSettings(
-            "growth",
-            load_search_space("gate_and_weights"),
-            ROCKS[:3],
-            missions,
-            2,
+            name="growth",
+            space=load_search_space("gate_and_weights"),
+            rocks=ROCKS[:3],
+            budget=missions,
             fidelity="geometric",
             sampler="sobol",
         )

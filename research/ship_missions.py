@@ -37,7 +37,7 @@ def main() -> None:
         parser.error(f"{wrong[0]!r} is not a procedural training rock")
     if campaign.status().remaining:
         parser.error(f"{arguments.run} is not finished")
-    if s.learn_from:
+    if s.sources:
         parser.error(f"{arguments.run} learned from other campaigns; fly it with --learn-from {NOTHING}")
     rocks = " ".join(f"--rock {rock}" for rock in s.rocks)
     command = (

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from nbv.config import load_conditions, preset
 from nbv.mission.function import Keep
-from tuner.campaign.asked_settings import DEFAULTS, asked_settings
+from tuner.campaign.asked_settings import asked_settings
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
@@ -38,7 +38,7 @@ def tune(
     directory: str | Path,
     *,
     name: str | None = None,
-    search_space: str | Mapping[str, Any] | None = None,
+    space: str | Mapping[str, Any] | None = None,
     rocks: Sequence[str] | None = None,
     conditions: Sequence[str] | Mapping[str, Any] | None = None,
     mission: str | Path | None = None,
@@ -71,7 +71,7 @@ def tune(
     ----------
     name
         By default the directory's.
-    search_space
+    space
         What is tuned: a space's name, a YAML file, or the space itself.
     rocks
         Training rocks: names or mesh files.
@@ -118,7 +118,7 @@ def tune(
     where = Path(directory)
     given = _given(
         name=name,
-        search_space=search_space,
+        space=space,
         rocks=rocks,
         conditions=conditions,
         mission=None if mission is None else str(mission),
@@ -145,9 +145,7 @@ def tune(
             where, same, fidelity=fidelity, mission=None if mission is None else Path(mission)
         )
     else:
-        asked = asked_settings(
-            {**({} if mission else DEFAULTS), "name": where.resolve().name, **given}, "tune()"
-        )
+        asked = asked_settings({"name": where.resolve().name, **given}, "tune()")
         campaign = begin_campaign(where, asked)
     with local_executor(
         campaign.settings.fidelity, workers, timeout_s, campaign.settings.mission

@@ -16,6 +16,13 @@ from typing import Any, Literal
 from nbv.config.section import OutOfRange
 from nbv.errors import UserError
 
+_IN_WORDS = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    str: "a text",
+    dict: "a mapping",
+}
 _type_hints = functools.cache(typing.get_type_hints)  # takes longer than everything else of a copy
 
 
@@ -89,14 +96,15 @@ def build(cls: type, tree: dict[str, Any], prefix: str = "") -> Any:
         if dataclasses.is_dataclass(kind):
             values[f.name] = build(typing.cast(type, kind), raw, f"{path}.")
         else:
-            values[f.name] = _coerce(kind, raw, path)
+            values[f.name] = coerce(kind, raw, path)
     try:
         return cls(**values)
     except OutOfRange as error:
         raise UserError(f"{prefix}{error.problem}") from None
 
 
-def _coerce(kind: Any, raw: Any, path: str) -> Any:
+def coerce(kind: Any, raw: Any, path: str) -> Any:
+    """``raw`` of a YAML tree as a value of type ``kind``; `UserError`, which begins with ``path``, where it is none."""
     origin = typing.get_origin(kind)
     if origin is Literal:
         allowed = typing.get_args(kind)
@@ -106,17 +114,17 @@ def _coerce(kind: Any, raw: Any, path: str) -> Any:
     if origin is tuple:
         args = typing.get_args(kind)
         if not isinstance(raw, (list, tuple)):
-            raise UserError(f"{path} must be a list, not {raw!r}")
+            raise UserError(f"{path} is {raw!r}; it must be a list")
         if len(args) == 2 and args[1] is Ellipsis:
-            return tuple(_coerce(args[0], item, path) for item in raw)
+            return tuple(coerce(args[0], item, path) for item in raw)
         if len(raw) != len(args):
             raise UserError(f"{path} needs {len(args)} values, not {len(raw)}")
-        return tuple(_coerce(a, item, path) for a, item in zip(args, raw))
+        return tuple(coerce(a, item, path) for a, item in zip(args, raw))
     if origin is types.UnionType:  # of a type and None
-        return None if raw is None else _coerce(typing.get_args(kind)[0], raw, path)
+        return None if raw is None else coerce(typing.get_args(kind)[0], raw, path)
     if kind is float and isinstance(raw, (int, float)) and not isinstance(raw, bool):
         if raw != raw or raw in (float("inf"), float("-inf")):
-            raise UserError(f"{path} must be finite, not {raw!r}")
+            raise UserError(f"{path} is {raw!r}; it must be finite")
         return float(raw)
     if (
         kind is int
@@ -129,4 +137,6 @@ def _coerce(kind: Any, raw: Any, path: str) -> Any:
         return raw
     if kind is str and isinstance(raw, str):
         return raw
-    raise UserError(f"{path} must be of type {kind.__name__}, not {raw!r}")
+    if origin is dict and isinstance(raw, dict):
+        return dict(raw)
+    raise UserError(f"{path} is {raw!r}; it must be {_IN_WORDS[origin or kind]}")

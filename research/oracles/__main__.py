@@ -11,6 +11,7 @@ from nbv.errors import UserError
 from research.command import run
 from tuner.campaign.rock_choice import QUICK_ROCKS
 from tuner.commands.console import output, parse_overrides
+from tuner.commands.options import Timeout, Workers
 from tuner.commands.studies.flying import (
     Fidelity,
     Out,
@@ -18,8 +19,6 @@ from tuner.commands.studies.flying import (
     ReportOnly,
     SetForAll,
     Surface,
-    Timeout,
-    Workers,
     end_study,
     fly_study,
     study_rocks,

@@ -11,9 +11,9 @@ import typer
 
 from nbv.config import available_conditions, load_conditions
 from research.command import run
-from tuner.campaign.rock_choice import unseen_rocks
 from tuner.commands.console import output, working
-from tuner.commands.studies.flying import ReportOnly, Timeout, Workers, end_study, fly_study
+from tuner.commands.options import Timeout, Workers
+from tuner.commands.studies.flying import ReportOnly, end_study, fly_study
 
 
 def transfer(
@@ -71,7 +71,7 @@ def transfer(
             source.settings.name,
             asked,
             carried_over(source, neighbours),
-            unseen_rocks(source, rocks, working),
+            source.unseen_rocks(rocks, working),
             replicates,
             objective.metric,
             objective.direction,

@@ -2,7 +2,10 @@
 
 import importlib
 import importlib.util
+import os
 import re
+import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -18,6 +21,9 @@ def examples():
     sections = re.split(r"^## ", (ROOT / "docs/extend.md").read_text(), flags=re.MULTILINE)[1:]
     found = [(section.splitlines()[0], BLOCK.findall(section)) for section in sections]
     return [(heading, blocks) for heading, blocks in found if blocks]
+
+
+PARTS = [example for example in examples() if example[0] != "A setting"]
 
 
 def add_file(title, code, folder, monkeypatch):
@@ -49,7 +55,7 @@ def add_line(title, line, new_module, monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("heading", "blocks"), examples(), ids=[heading for heading, _ in examples()])
+@pytest.mark.parametrize(("heading", "blocks"), PARTS, ids=[heading for heading, _ in PARTS])
 def test_an_example_works_as_one_file_and_one_line(heading, blocks, tmp_path, monkeypatch):
     (new_file, code), (registry, line), (trial, check) = blocks
     assert trial == "try it" and "assert" in check
@@ -58,8 +64,24 @@ def test_an_example_works_as_one_file_and_one_line(heading, blocks, tmp_path, mo
     exec(compile(check, f"extend.md, {heading}", "exec"), {})
 
 
+@pytest.mark.slow
+def test_a_setting_is_one_line(tmp_path):
+    [((place, line), (_, check))] = [blocks for heading, blocks in examples() if heading == "A setting"]
+    file, owner = place.split(", ")
+    assert line.strip().count("\n") == 0
+    shutil.copytree(ROOT / "tuner", tmp_path / "tuner", ignore=shutil.ignore_patterns("__pycache__"))
+    (tmp_path / "search_spaces").symlink_to(ROOT / "search_spaces")
+    before, fields = (tmp_path / file).read_text().split(f"class {owner}:\n")
+    last_field, methods = fields.split("\n    def ", 1)
+    (tmp_path / file).write_text(f"{before}class {owner}:\n{last_field}    {line}\n    def {methods}")
+    path = os.pathsep.join([str(tmp_path), str(ROOT)])
+    subprocess.run(
+        [sys.executable, "-c", check], env={**os.environ, "PYTHONPATH": path}, cwd=tmp_path, check=True
+    )
+
+
 def test_every_kind_of_part_has_an_example():
-    kinds = {"scorer", "gate", "renderer", "dense backend", "metric", "sampler", "fidelity"}
+    kinds = {"scorer", "gate", "renderer", "dense backend", "metric", "sampler", "fidelity", "setting"}
     assert {heading.removeprefix("A ") for heading, _ in examples()} == kinds
 
 

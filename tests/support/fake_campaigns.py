@@ -22,6 +22,8 @@ def settings(**changes: object) -> CampaignSettings:
         "space": synthetic.SPACE,
         "rocks": ("a", "b"),
         "budget": 9,
+        "replicates": 1,
+        "learn_from": (),
         "seed": 1,
         "sampler": "gp",
         "fidelity": FIDELITY,

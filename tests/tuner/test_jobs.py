@@ -18,7 +18,7 @@ import pytest
 import tuner
 from nbv.errors import UserError
 from nbv.mission import MissionResult
-from tuner.campaign.settings_file import FIELDS
+from tuner.campaign.settings_file import SETTINGS
 
 API = Path(__file__).resolve().parents[2] / "docs" / "reference" / "api.md"
 SMALL = {"stop.adaptive_budget": 2, "evaluation.gt_samples": 2000}
@@ -56,7 +56,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> tuner.Campaign:
     return tuner.tune(
         tmp_path_factory.mktemp("jobs") / "first",
         rocks=["slab"],
-        search_space="gate_and_weights",
+        space="gate_and_weights",
         budget=3,
         overrides=SMALL,
         sampler="sobol",
@@ -87,11 +87,11 @@ def test_a_campaign_that_is_there_is_gone_on_with(campaign: tuner.Campaign) -> N
     again = tuner.tune(campaign.directory, workers=1)
     assert [t.finished for t in again.trials()] == [t.finished for t in campaign.trials()]
     with pytest.raises(UserError, match="other settings: rocks"):
-        tuner.tune(campaign.directory, rocks=["cavern"], search_space="gate_and_weights", budget=3)
+        tuner.tune(campaign.directory, rocks=["cavern"], space="gate_and_weights", budget=3)
 
 
 def test_every_setting_is_a_typed_argument() -> None:
-    settings = set(FIELDS)
+    settings = set(SETTINGS)
     parameters = inspect.signature(tuner.tune).parameters
     assert {p for p in parameters if p not in ("directory", "workers", "timeout_s", "on_event")} == settings
     assert not [p.name for p in parameters.values() if p.kind is inspect.Parameter.VAR_KEYWORD]

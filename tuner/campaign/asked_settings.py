@@ -1,126 +1,81 @@
-"""From the command line and a settings file to a campaign's settings."""
+"""From a settings file and the command line to a campaign's settings."""
 
 from __future__ import annotations
 
-import dataclasses
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any
 
 from nbv.dense import best_dense_stage
 from nbv.errors import UserError
 from nbv.evaluation.registry import METRICS
-from nbv.mission.function import Keep
-from tuner.campaign.rock_choice import (
-    QUICK_ROCKS,
-    Making,
-    refuse_held_out,
-    rock_arguments,
-    training_rocks,
-)
+from tuner.campaign.rock_choice import QUICK_ROCKS, Making, absolute_rocks, refuse_held_out, rock_arguments
 from tuner.campaign.settings import CampaignSettings
-from tuner.campaign.settings_file import read_settings_file, settings_from_dict
-from tuner.campaign.shipped import NOTHING, sources_by_default
+from tuner.campaign.settings_file import SETTINGS, read_settings_file, settings_from_dict
 from tuner.missions.external import load_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY
-from tuner.problem.options import Risk
 from tuner.problem.search_space import ours
 
-
-class CampaignFields(TypedDict, total=False):
-    """What a campaign is, as its settings file says it (docs/reference/campaign_settings.md)."""
-
-    name: str
-    search_space: str | Mapping[str, Any]
-    rocks: Sequence[str]
-    budget: int
-    replicates: int
-    seed: int
-    conditions: Sequence[str] | Mapping[str, Any]
-    mission: str | None
-    preset: str
-    overrides: Mapping[str, Any]
-    objective: str | Mapping[str, str]
-    second: str | Mapping[str, str] | None
-    limit: float | None
-    risk: Risk
-    learn_from: Sequence[str]
-    sampler: str
-    initial: int | None
-    fidelity: str
-    keep: Keep
-    storage: str | None
-    in_step: int | None
-
-
-DEFAULTS: dict[str, Any] = {
-    "name": "campaign",
-    "search_space": "gate_weights_and_pool",  # gains on other rocks, the paper's own space hardly (docs/results/paper_space.md)
-    "budget": 64,
-    "replicates": 2,
-}
-_OURS = {"space": "search_space", "condition": "conditions", "preset": "preset", "fidelity": "fidelity"}
 # `make tune`: the space where there is most to gain, for the quality that the paper's 24 + 8 have on these rocks.
 QUICK: dict[str, Any] = {
     "budget": 36,
     "rocks": QUICK_ROCKS,
-    "search_space": "photographs",
+    "space": "photographs",
     "objective": "photographs@f_score>=98",
     "overrides": {"dense.agreeing_views": 3},
 }
 
 
-def asked_fields(
-    file: Path | None, given: Mapping[str, Any], overrides: Mapping[str, Any], *, quick: bool
-) -> dict[str, Any]:
-    """Fields as in a settings file: what was ``given`` goes before the file, the file before the defaults.
+def asked_fields(file: Path | None, given: Mapping[str, Any], *, quick: bool) -> dict[str, Any]:
+    """The YAML form of what is asked for: what was ``given`` goes before the file, the file before ``quick``.
 
-    ``overrides`` are laid over the file's. Raises ``UserError`` as `read_settings_file`, and for options of our own missions
-    beside a mission file, which must have been given: a settings file may not choose what is run.
+    Overrides are laid over one another.
+
+    Raises
+    ------
+    UserError
+        As `read_settings_file`; a setting of our own missions beside a mission file; a mission file that was not
+        ``given``: a settings file may not choose what is run.
     """
     read = read_settings_file(file) if file else {}
-    if given.get("mission") is None and read.get("mission") is not None:
-        named = read["mission"]["file"] if isinstance(read["mission"], dict) else read["mission"]
+    layers = (QUICK if quick else {}, read, given)
+    tree = {key: value for layer in layers for key, value in layer.items() if value is not None}
+    if "mission" in given:
+        wrong = [s.option for name, s in SETTINGS.items() if s.ours and name in given]
+        if wrong or quick:
+            raise UserError(f"{[*wrong, '--quick'][0]} is of our own missions; with --mission leave it out")
+        return {"name": load_mission_file(Path(given["mission"])).name, **tree}
+    if "mission" in tree:
+        named = tree["mission"]["file"] if isinstance(tree["mission"], dict) else tree["mission"]
         raise UserError(
             f"{file} asks to run a mission of its own; if you trust it, name it: --mission {named}"
         )
-    if given.get("mission") is not None:
-        options = {f"--{key}": given[field] for key, field in _OURS.items()}
-        for option, value in {**options, "--set": overrides or None, "--quick": quick or None}.items():
-            if value is not None:
-                raise UserError(f"{option} is of our own missions; with --mission leave it out")
-        mission = load_mission_file(Path(given["mission"]))
-        fields = {"name": mission.name, "budget": DEFAULTS["budget"], **read}
-        return fields | {key: value for key, value in given.items() if value is not None}
-    fields = {**DEFAULTS, **(QUICK if quick else {}), **read}
-    fields |= {key: value for key, value in given.items() if value is not None}
-    return {**fields, "overrides": {**(fields.get("overrides") or {}), **overrides}}
+    overrides = {path: value for layer in layers for path, value in (layer.get("overrides") or {}).items()}
+    return {"name": SETTINGS["name"].default, **tree, "overrides": overrides}
 
 
-def asked_settings(fields: Mapping[str, Any], source: str, making: Making = nullcontext) -> CampaignSettings:
-    """The settings that ``fields`` mean, rocks looked up; ``source`` names a file in messages.
+def asked_settings(tree: Mapping[str, Any], source: str, making: Making = nullcontext) -> CampaignSettings:
+    """The settings that a YAML form means on this machine; ``source`` names a file in messages.
 
     Raises
     ------
     UserError
         As `settings_from_dict`; a rock that cannot be loaded or is held out.
     """
-    sources = fields.get("learn_from")
-    if fields.get("mission") is not None:
-        return settings_from_dict({**fields, "learn_from": _sources(sources or [])}, source)
-    if fields.get("fidelity", DEFAULT_FIDELITY) == DEFAULT_FIDELITY:
-        fields = {**fields, "overrides": best_dense_stage(fields.get("overrides") or {})}
-    rocks = fields.get("rocks") or training_rocks()
-    first = settings_from_dict({**fields, "rocks": rocks, "learn_from": _sources(sources or [])}, source)
-    _require_metrics(first)
-    chosen = rock_arguments(first.rocks, making)
-    refuse_held_out(chosen)
-    if sources is None:
-        learned = sources_by_default(first.space, first.objective, first.sampler, first.second)
-        return dataclasses.replace(first, rocks=tuple(chosen), learn_from=learned)
-    return dataclasses.replace(first, rocks=tuple(chosen))
+    if tree.get("mission") is not None:
+        return settings_from_dict(tree, source)
+    tree = dict(tree)
+    if tree.get("fidelity", DEFAULT_FIDELITY) == DEFAULT_FIDELITY:
+        tree["overrides"] = best_dense_stage(tree.get("overrides") or {})
+    if isinstance(tree.get("rocks"), (list, tuple)):
+        tree["rocks"] = absolute_rocks(tree["rocks"])
+    settings = settings_from_dict(tree, source)
+    _require_metrics(settings)
+    rock_arguments(settings.rocks, making)
+    refuse_held_out(settings.rocks)
+    return settings
 
 
 def _require_metrics(settings: CampaignSettings) -> None:
@@ -139,9 +94,3 @@ def _require_metrics(settings: CampaignSettings) -> None:
             raise UserError(
                 f"a mission has no metric {objective.metric!r}; {hint}docs/reference/metrics.md names them"
             )
-
-
-def _sources(given: Sequence[str]) -> Sequence[str]:
-    if NOTHING in given and len(given) > 1:
-        raise UserError(f"--learn-from {NOTHING} stands beside another --learn-from; leave one of them out")
-    return [] if NOTHING in given else given

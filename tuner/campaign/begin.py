@@ -46,8 +46,8 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
     if directory.exists() and (not directory.is_dir() or not all(map(_is_leftover, directory.iterdir()))):
         raise UserError(f"{directory} exists and is not an empty directory; choose another directory")
     learned = None
-    if settings.learn_from:
-        learned = learn_from(settings.learn_from, settings.space, settings.base_config(), settings.objective)
+    if settings.sources:
+        learned = learn_from(settings.sources, settings.space, settings.base_config(), settings.objective)
     sampler_of(settings)
     was_there = directory.exists()
     try:

@@ -20,6 +20,7 @@ import dataclasses
 import functools
 import json
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,7 @@ from tuner import (  # only what is used is loaded: who looks need not wait for 
 from tuner.acquisition.pareto import FrontPoint, pareto_front
 from tuner.campaign.events import CampaignStatus
 from tuner.campaign.ledger import Ledger, TrialRecord
+from tuner.campaign.rock_choice import Making, held_out_rocks, rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import (
     SETTINGS_FILE,
@@ -107,7 +109,7 @@ class Campaign:
         self.identity = identity
         self.settings = settings
         self.ledger = ledger
-        self.learned = self._read_learned() if settings.learn_from else None
+        self.learned = self._read_learned() if settings.sources else None
 
     def __repr__(self) -> str:
         """``Campaign(mine in runs/mine: space gate, rocks slab, fin, 64 missions)``; the ledger is not read for it."""
@@ -388,6 +390,24 @@ class Campaign:
         for proposal in reserved:
             flying.append(in_flight(asked, history, flying, proposal))
         return ask_many(self._sampler, asked, history, flying, count)
+
+    def unseen_rocks(self, rocks: Sequence[str] | None, making: Making = nullcontext) -> tuple[str, ...]:
+        """``rocks``, or the held-out procedural ones, looked up.
+
+        Raises
+        ------
+        UserError
+            A rock that the campaign, or one that it learned from, was tuned on; as `rock_arguments`.
+        """
+        chosen = tuple(rock_arguments(rocks or held_out_rocks(), making))
+        seen = {*self.settings.rocks, *(() if self.learned is None else self.learned.rocks)}
+        for rock in chosen:
+            if rock in seen:
+                raise UserError(
+                    f"rock {rock!r} was tuned on in {self.directory}, or in a campaign that it learned from; evaluate "
+                    "on rocks that neither has seen"
+                )
+        return chosen
 
     def recommended_config(self) -> Configuration:
         """The recommendation as a complete mission configuration, under no condition; raises as `recommended`."""

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.rocks import list_rocks, load_rock
-
-if TYPE_CHECKING:
-    from tuner.campaign.campaign import Campaign
+from nbv.safe_files import is_file
 
 QUICK_ROCKS = ["slab", "vesicular", "cavern"]  # training rocks on which configurations differ most
 
@@ -33,7 +30,14 @@ def rock_arguments(rocks: Sequence[str], making: Making = nullcontext) -> list[s
     for number, rock in enumerate(rocks, 1):
         with making(f"making rock {rock} ({number} of {len(rocks)}); it is kept for later"):
             load_rock(rock, Store())
-    return [str(Path(rock).resolve()) if Path(rock).is_file() else rock for rock in rocks]
+    return absolute_rocks(rocks)
+
+
+def absolute_rocks(rocks: Sequence[str]) -> list[str]:
+    """Rocks as given, mesh files by their absolute path."""
+    return [
+        str(Path(rock).resolve()) if isinstance(rock, str) and is_file(Path(rock)) else rock for rock in rocks
+    ]
 
 
 def training_rocks() -> list[str]:
@@ -59,25 +63,3 @@ def refuse_held_out(rocks: Sequence[str]) -> None:
             raise UserError(
                 f"rock {rock!r} is held out: it may not be tuned on; `gatetune rocks list` names others"
             )
-
-
-def unseen_rocks(
-    campaign: Campaign, rocks: Sequence[str] | None, making: Making = nullcontext
-) -> tuple[str, ...]:
-    """``rocks``, or the held-out procedural ones, looked up.
-
-    Raises
-    ------
-    UserError
-        A rock that the campaign, or one that it learned from, was tuned on; as `rock_arguments`.
-    """
-    chosen = tuple(rock_arguments(rocks or held_out_rocks(), making))
-    for rock in chosen:
-        if rock in campaign.settings.rocks or (
-            campaign.learned is not None and rock in campaign.learned.rocks
-        ):
-            raise UserError(
-                f"rock {rock!r} was tuned on in {campaign.directory}, or in a campaign that it learned from; evaluate "
-                "on rocks that neither has seen"
-            )
-    return chosen

@@ -8,30 +8,81 @@ import dataclasses
 import functools
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from nbv.config import IDEAL, IDEAL_CONDITION, Condition, MissionConfig, preset, require_distinct, under
+from nbv.config import (
+    IDEAL,
+    IDEAL_CONDITION,
+    PRESETS,
+    Condition,
+    MissionConfig,
+    condition_from_dict,
+    load_conditions,
+    preset,
+    require_distinct,
+    under,
+)
 from nbv.errors import UserError
 from nbv.mission.function import Keep
-from nbv.safe_files import require
-from tuner.missions.external import MissionFile, external_config
+from tuner.campaign.declaration import setting, settings_of
+from tuner.campaign.rock_choice import training_rocks
+from tuner.campaign.shipped import NOTHING, SHIPPED, sources_by_default
+from tuner.missions.external import MissionFile, external_config, load_mission_file
+from tuner.missions.external.configuration import same_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, require_fidelity
 from tuner.problem.blocks import MAX_MISSIONS, MAX_REPLICATES
 from tuner.problem.exact_costs import Exact, exact_cost
-from tuner.problem.objective import Objective
-from tuner.problem.options import RISKS, Risk
+from tuner.problem.objective import DEFAULT_METRIC, Objective, direction_of
+from tuner.problem.options import Risk
 from tuner.problem.quality_at_cost import COUNTS
 from tuner.problem.search_space import Configuration, SearchSpace, Values, ours
 from tuner.problem.secrets import require_no_password
+from tuner.problem.space_files import available_search_spaces, load_search_space, space_from_dict
 from tuner.problem.worlds import World, worlds_over
 from tuner.samplers.design import initial_design_size
 from tuner.samplers.registry import SAMPLER_NAMES
 
+# Panels of the command's help.
+WHAT, MISSION, SEARCH, WHERE = "What is tuned", "How missions fly", "How long, how it searches", "Execution"
+_DEFAULT_SPACE = "gate_weights_and_pool"
 
-@dataclass(frozen=True)
+
+def _read_space(raw: Any, source: str) -> SearchSpace:
+    return load_search_space(raw) if isinstance(raw, str) else space_from_dict(raw, source)
+
+
+def _read_conditions(raw: Any, source: str) -> tuple[Condition, ...]:
+    if isinstance(raw, Mapping):
+        return tuple(condition_from_dict(str(name), content, source) for name, content in raw.items())
+    if not isinstance(raw, (list, tuple)) or any(not isinstance(name, str) for name in raw):
+        raise UserError(
+            f"{source}: conditions is {raw!r}; it must be a list of names and YAML files, or {{name: sections}}"
+        )
+    return load_conditions(raw)
+
+
+def _read_objective(raw: Any, source: str) -> Objective:
+    if not isinstance(raw, Mapping) or "metric" not in raw or not set(raw) <= {"metric", "direction"}:
+        raise UserError(f"{source}: an objective is a metric's path or {{metric, direction}}, not {raw!r}")
+    metric = str(raw["metric"])
+    return Objective(metric, raw.get("direction") or direction_of(metric))
+
+
+def _read_mission(raw: Any, source: str) -> MissionFile:
+    if isinstance(raw, str):
+        return load_mission_file(Path(raw))
+    if not isinstance(raw, Mapping) or set(raw) != {"file", "sha256"}:
+        raise UserError(f"{source}: mission is {raw!r}; it must be the path of a mission file")
+    return same_mission_file(Path(str(raw["file"])), str(raw["sha256"]))
+
+
+@dataclass(frozen=True, kw_only=True)
 class CampaignSettings:
     """What a campaign is; two campaigns with equal settings are the same experiment.
+
+    Every setting is one field: command line, settings file, messages and the reference page are made from it.
 
     Raises
     ------
@@ -39,30 +90,149 @@ class CampaignSettings:
         A budget, replicate count or rock list that makes no campaign; an unknown sampler or preset.
     """
 
-    name: str
-    space: SearchSpace
-    rocks: tuple[str, ...]  # training rocks: names or mesh files
-    budget: int  # missions
-    replicates: int = 1  # per rock, numbered from 0
-    seed: int = 0
-    preset: str = "campaign"
-    overrides: dict[str, Any] = field(default_factory=dict)  # parameter paths laid over the preset
-    objective: Objective = field(default_factory=Objective)
-    sampler: str = "gp"
-    initial: int | None = None  # missions of the initial design; None: as many as suit sampler and budget
-    fidelity: str = DEFAULT_FIDELITY  # a name of tuner.missions.registry, or module:function
-    keep: Keep = "summary"
-    storage: str | None = None  # None: study.journal in the run directory
-    risk: Risk = "mean"  # over the training worlds: tune their mean, or the worst of them
-    second: Objective | None = None  # search the front between the objective and this one
-    limit: float | None = None  # of the second objective: the best within it, instead of the front
-    learn_from: tuple[str, ...] = ()  # run directories of earlier campaigns, see tuner.campaign.transfer
-    # A proposal knows every earlier mission but the last in_step - 1, whichever of those have ended: the same campaign
-    # with any number of workers (of which in_step have work). None: it knows what has ended, so that nobody waits.
-    in_step: int | None = None
-    conditions: tuple[Condition, ...] = (IDEAL_CONDITION,)  # every rock is flown under each
-    mission: MissionFile | None = (
-        None  # a mission that is not ours: its space, its instances as rocks, its metric
+    name: str = setting("campaign", "the campaign's name; it lives in runs/NAME", option="--name", panel=WHAT)
+    space: SearchSpace = setting(
+        lambda: load_search_space(_DEFAULT_SPACE),
+        "search space, a YAML file or a name",
+        shown=_DEFAULT_SPACE,
+        why="gains on other rocks, the paper's own space hardly: docs/results/paper_space.md",
+        choices=available_search_spaces,
+        option="--space",
+        panel=WHAT,
+        in_file="in a file also the space itself",
+        has_paths=True,
+        ours=True,
+        read=_read_space,
+        write=SearchSpace.to_dict,
+    )
+    rocks: tuple[str, ...] = setting(
+        lambda: tuple(training_rocks()),
+        "training rocks, names or mesh files",
+        shown="the procedural ones",
+        option="--rock",
+        panel=WHAT,
+        has_paths=True,
+    )
+    conditions: tuple[Condition, ...] = setting(
+        lambda: (IDEAL_CONDITION,),
+        "worlds to fly every rock in, names of conditions/ or YAML files",
+        shown="ideal",
+        option="--condition",
+        panel=WHAT,
+        in_file="in a file also {name: sections}",
+        has_paths=True,
+        ours=True,
+        read=_read_conditions,
+        write=lambda conditions: {condition.name: condition.to_dict() for condition in conditions},
+    )
+    mission: MissionFile | None = setting(
+        None,
+        "a mission of your own to tune, its mission file (see `gatetune mission init`), which says what is not said here",
+        option="--mission",
+        panel=WHAT,
+        has_paths=True,
+        read=_read_mission,
+        write=lambda mission: {"file": str(mission.path), "sha256": mission.sha256},
+    )
+    objective: Objective = setting(
+        Objective,
+        "what is tuned for: a metric, seconds or energy; f_score@photographs<=21, its best at a cost; "
+        "photographs@f_score>=97, the least cost; f_score@photographs, the Pareto front",
+        shown=DEFAULT_METRIC,
+        option="--objective --metric",
+        panel=WHAT,
+        in_file="in a file also {metric, direction: maximise or minimise}",
+        read=_read_objective,
+        write=dataclasses.asdict,
+    )
+    second: Objective | None = setting(
+        None,
+        "a second objective, as the first; the front between both is searched",
+        read=_read_objective,
+        write=dataclasses.asdict,
+    )
+    limit: float | None = setting(
+        None,
+        "of the second objective, at most where less is better, at least where more is: the best within it is "
+        "searched instead of the front",
+    )
+    risk: Risk = setting("mean", "the outcome over rocks and conditions", option="--risk", panel=WHAT)
+    preset: str = setting(
+        "campaign",
+        "mission preset",
+        choices=lambda: PRESETS,
+        option="--preset",
+        panel=MISSION,
+        ours=True,
+    )
+    overrides: dict[str, Any] = setting(
+        dict,
+        "values by parameter path, laid over the preset in every mission",
+        option="--set",
+        panel=MISSION,
+        ours=True,
+    )
+    fidelity: str = setting(
+        DEFAULT_FIDELITY,
+        "how missions fly: photogrammetric; geometric, without photographs in a fraction of the time, which ranks "
+        "configurations and does not measure them; or module:function of your own",
+        option="--fidelity",
+        panel=MISSION,
+        ours=True,
+    )
+    replicates: int = setting(
+        2,
+        "draws of arrival errors and noise per rock",
+        at_least=1,
+        limit=MAX_REPLICATES,
+        option="--replicates",
+        panel=MISSION,
+    )
+    budget: int = setting(
+        64,
+        "length of the campaign",
+        unit="missions",
+        at_least=1,
+        limit=MAX_MISSIONS,
+        option="--budget",
+        panel=SEARCH,
+    )
+    sampler: str = setting(
+        "gp", "what proposes missions", choices=lambda: SAMPLER_NAMES, option="--sampler", panel=SEARCH
+    )
+    initial: int | None = setting(
+        None,
+        "length of the initial design",
+        shown="as many missions as suit sampler, budget and space",
+        unit="missions",
+        at_least=1,
+    )
+    learn_from: tuple[str, ...] | None = setting(
+        None,
+        f"earlier campaigns to learn from: run directories, {SHIPPED} (missions that come with this program) or "
+        f"{NOTHING}",
+        shown=f"{SHIPPED} where there are some",
+        option="--learn-from",
+        panel=SEARCH,
+        has_paths=True,
+    )
+    seed: int = setting(0, "seed of the design and the acquisition", option="--seed", panel=SEARCH)
+    keep: Keep = setting(
+        "summary",
+        "files kept of every mission, all with images and models",
+        option="--keep",
+        panel=WHERE,
+    )
+    storage: str | None = setting(
+        None, "Optuna storage URL of the ledger", shown="a file in the run directory"
+    )
+    in_step: int | None = setting(
+        None,
+        "N: a proposal waits until all missions before it but the last N - 1 have ended, and knows these: the same "
+        "campaign with any number of workers",
+        shown="a proposal knows what has ended, and nobody waits",
+        unit="missions",
+        at_least=1,
     )
 
     def __repr__(self) -> str:
@@ -75,14 +245,8 @@ class CampaignSettings:
     def __post_init__(self) -> None:
         if not self.name:
             raise UserError("the campaign needs a name")
-        if self.budget < 1:
-            raise UserError(f"the budget is {self.budget} missions; give at least 1")
-        if self.replicates < 1:
-            raise UserError(f"replicates is {self.replicates}; give at least 1")
-        require(self.budget, MAX_MISSIONS, "the budget in missions")
-        require(self.replicates, MAX_REPLICATES, "replicates")
-        if self.in_step is not None and self.in_step < 1:
-            raise UserError(f"in step is {self.in_step} missions; give at least 1")
+        for name, declared in settings_of(type(self)).items():
+            declared.check(getattr(self, name))
         if not 0 <= self.seed < 2**63:
             raise UserError(f"the seed is {self.seed}; give 0 or more, below 2**63")
         if not self.rocks:
@@ -91,16 +255,10 @@ class CampaignSettings:
         twice = [rock for rock, count in collections.Counter(self.rocks).items() if count > 1]
         if twice:
             raise UserError(f"rock {twice[0]!r} is named twice; name each rock once")
-        if self.initial is not None and self.initial < 1:
-            raise UserError(f"the initial design has {self.initial} missions; give at least 1")
-        if self.keep not in ("summary", "all"):
-            raise UserError(f"keep is {self.keep!r}; it must be summary or all")
         require_fidelity(self.fidelity)
         require_no_password(self.storage)
         self._check_mission()
         self._check_options()
-        if self.sampler not in SAMPLER_NAMES:
-            raise UserError(f"unknown sampler {self.sampler!r}; there are {', '.join(SAMPLER_NAMES)}")
         self.default_values()  # the space must fit the preset
         self._check_conditions()
         self._check_limit()
@@ -143,15 +301,13 @@ class CampaignSettings:
         asked = {
             f"risk {self.risk}": self.risk != "mean",
             "a second objective": self.second is not None,
-            "learning from earlier campaigns": bool(self.learn_from),
+            "learning from earlier campaigns": bool(self.sources),
         }
         for what, wanted in asked.items():
             if wanted and self.sampler != "gp":
                 raise UserError(f"{what} needs sampler gp, not {self.sampler}; leave it out or choose gp")
             if wanted and self.second is not None and what != "a second objective":
                 raise UserError(f"{what} cannot be combined with a second objective; leave one of them out")
-        if self.risk not in RISKS:
-            raise UserError(f"unknown risk measure {self.risk!r}; there are {', '.join(RISKS)}")
         if self.risk != "mean" and len(self.worlds) < 2:
             raise UserError(
                 f"risk measure {self.risk} is over rocks and conditions; name at least two of either"
@@ -255,33 +411,24 @@ class CampaignSettings:
             self.space.dimension,
             self.budget,
             trusted_default=self.trusted_default,
-            earlier=bool(self.learn_from),
+            earlier=bool(self.sources),
         )
+
+    @functools.cached_property
+    def sources(self) -> tuple[str, ...]:
+        """The campaigns that it learns from."""
+        if self.learn_from is None and self.mission is not None:
+            return ()
+        if self.learn_from is None:
+            return sources_by_default(self.space, self.objective, self.sampler, self.second)
+        if NOTHING in self.learn_from and len(self.learn_from) > 1:
+            raise UserError(
+                f"--learn-from {NOTHING} stands beside another --learn-from; leave one of them out"
+            )
+        return () if NOTHING in self.learn_from else self.learn_from
 
     def to_dict(self) -> dict[str, Any]:
         """YAML form, as ``campaign.yaml`` has it; ``settings_file.settings_from_dict`` reads it back."""
-        return {
-            "name": self.name,
-            "search_space": self.space.to_dict(),
-            "rocks": list(self.rocks),
-            "budget": self.budget,
-            "replicates": self.replicates,
-            "seed": self.seed,
-            "preset": self.preset,
-            "overrides": dict(self.overrides),
-            "objective": {"metric": self.objective.metric, "direction": self.objective.direction},
-            "sampler": self.sampler,
-            "initial": self.initial_size(),
-            "fidelity": self.fidelity,
-            "keep": self.keep,
-            "storage": self.storage,
-            "risk": self.risk,
-            "second": None if self.second is None else dataclasses.asdict(self.second),
-            "limit": self.limit,
-            "learn_from": list(self.learn_from),
-            "in_step": self.in_step,
-            "conditions": {condition.name: condition.to_dict() for condition in self.conditions},
-            "mission": None
-            if self.mission is None
-            else {"file": str(self.mission.path), "sha256": self.mission.sha256},
-        }
+        known = settings_of(type(self))
+        tree = {name: declared.to_yaml(getattr(self, name)) for name, declared in known.items()}
+        return {**tree, "initial": self.initial_size(), "learn_from": list(self.sources)}

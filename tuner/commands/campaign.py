@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from nbv.errors import UserError
+from tuner.campaign.settings import SEARCH, CampaignSettings
 from tuner.commands.campaign_display import (
     CampaignProgress,
     echo_event,
@@ -17,9 +18,6 @@ from tuner.commands.campaign_display import (
     show_verdict,
 )
 from tuner.commands.console import (
-    JSON_HELP,
-    MISSION_HELP,
-    QUIET_HELP,
     AsJson,
     answer_json,
     beating,
@@ -37,6 +35,18 @@ from tuner.commands.console import (
     under_conditions,
     working,
 )
+from tuner.commands.options import (
+    EXECUTION,
+    EventsAsJson,
+    Executor,
+    MissionAllowed,
+    Quiet,
+    Scheduler,
+    Timeout,
+    Unencrypted,
+    Workers,
+    with_settings,
+)
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
@@ -50,161 +60,37 @@ MODEL = "tuner.samplers.gp"  # takes a second to load; a finished campaign is sh
 LEAST_BETWEEN, UPDATES = 8, 6  # missions between two looks at the best so far, and looks per campaign
 RUNS = Path("runs")
 REPORT = "report.html"
-_WHAT, _MISSION, _LONG, _WHERE = "What is tuned", "How missions fly", "How long, how it searches", "Execution"
-
-
-Executor = Annotated[
-    str,
-    typer.Option(
-        help="Where missions fly: local (processes of this machine), dask, or jobs of slurm or pbs.",
-        rich_help_panel=_WHERE,
-    ),
-]
-Scheduler = Annotated[
-    str | None,
-    typer.Option(
-        help="Of --executor dask: tls://HOST:PORT or tcp://127.0.0.1:PORT; none: workers here.",
-        rich_help_panel=_WHERE,
-    ),
-]
-Unencrypted = Annotated[
-    bool,
-    typer.Option(
-        "--unencrypted", help="Allow workers of other machines without TLS.", rich_help_panel=_WHERE
-    ),
-]
 
 
 @app.command()
+@with_settings(CampaignSettings)
 def run(
+    given: dict[str, Any],
     settings: Annotated[
         Path | None,
         typer.Argument(
             help="YAML file of settings, such as another campaign's campaign.yaml; options go before it."
         ),
     ] = None,
-    name: Annotated[
-        str | None,
-        typer.Option(help="Its name; it lives in runs/NAME (default: campaign).", rich_help_panel=_WHAT),
-    ] = None,
-    space: Annotated[
-        str | None,
-        typer.Option(
-            help="Search space: gate, gate_and_weights, paper_ten, gate_weights_and_pool (default), full, beyond_paper, "
-            "few_photographs, photographs, plan, or a YAML file.",
-            rich_help_panel=_WHAT,
-        ),
-    ] = None,
-    rocks: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--rock", help="Training rock, repeatable (default: the procedural ones).", rich_help_panel=_WHAT
-        ),
-    ] = None,
-    conditions: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--condition",
-            help="World to fly the rocks in, a name of conditions/ or a YAML file; repeatable (default: ideal).",
-            rich_help_panel=_WHAT,
-        ),
-    ] = None,
-    mission: Annotated[
-        Path | None,
-        typer.Option(
-            help="Tune a mission of your own: its mission file (see `gatetune mission init`).",
-            rich_help_panel=_WHAT,
-        ),
-    ] = None,
-    objective: Annotated[
-        str | None,
-        typer.Option(
-            "--objective",
-            "--metric",
-            help="What is tuned for: a metric (default: observable.f_score_48mm); f_score@photographs<=21, its best at a cost; "
-            "photographs@f_score>=97, the least cost; f_score@photographs, the Pareto front. Also seconds, energy.",
-            rich_help_panel=_WHAT,
-        ),
-    ] = None,
-    risk: Annotated[
-        str | None,
-        typer.Option(
-            help="Over rocks and conditions: mean (default), or worst, the worst one's outcome.",
-            rich_help_panel=_WHAT,
-        ),
-    ] = None,
-    preset: Annotated[
-        str | None, typer.Option(help="Mission preset (default: campaign).", rich_help_panel=_MISSION)
-    ] = None,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="PATH=VALUE for every mission, repeatable.", rich_help_panel=_MISSION),
-    ] = None,
-    fidelity: Annotated[
-        str | None,
-        typer.Option(
-            help="photogrammetric (default), or geometric: no photographs, a fraction of the time; it ranks "
-            "configurations, it does not measure them.",
-            rich_help_panel=_MISSION,
-        ),
-    ] = None,
-    replicates: Annotated[
-        int | None,
-        typer.Option(
-            help="Draws of arrival errors and noise per rock (default: 2).", rich_help_panel=_MISSION
-        ),
-    ] = None,
-    budget: Annotated[int | None, typer.Option(help="Missions (default: 64).", rich_help_panel=_LONG)] = None,
     quick: Annotated[
-        bool, typer.Option("--quick", help="The small campaign of `make tune`.", rich_help_panel=_LONG)
+        bool, typer.Option("--quick", help="The small campaign of `make tune`.", rich_help_panel=SEARCH)
     ] = False,
-    sampler: Annotated[
-        str | None,
-        typer.Option(
-            help="gp (default), sobol, random, tpe, cmaes, optuna-gp.",
-            rich_help_panel=_LONG,
-        ),
-    ] = None,
-    learn_from: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--learn-from",
-            help="Run directory of an earlier campaign, repeatable; shipped (default where missions come with this program) "
-            "or nothing.",
-            rich_help_panel=_LONG,
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(help="Of the design and the acquisition (default: 0).", rich_help_panel=_LONG),
-    ] = None,
-    workers: Annotated[
-        int | None,
-        typer.Option(help="Missions side by side (default: one per core).", rich_help_panel=_WHERE),
-    ] = None,
-    timeout_s: Annotated[
-        float, typer.Option(help="A mission that takes longer is killed.", rich_help_panel=_WHERE)
-    ] = 3600.0,
+    workers: Workers = None,
+    timeout_s: Timeout = 3600.0,
     executor: Executor = "local",
     scheduler: Scheduler = None,
     unencrypted: Unencrypted = False,
-    keep: Annotated[
-        str | None,
-        typer.Option(
-            help="summary (default), or all: images and models of every mission.", rich_help_panel=_WHERE
-        ),
-    ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="Run directory (default: runs/NAME).", rich_help_panel=_WHERE)
+        Path | None, typer.Option(help="Run directory (default: runs/NAME).", rich_help_panel=EXECUTION)
     ] = None,
     resume_if_present: Annotated[
         bool,
         typer.Option(
-            "--resume-if-present", help="Go on if the directory holds it already.", rich_help_panel=_WHERE
+            "--resume-if-present", help="Go on if the directory holds it already.", rich_help_panel=EXECUTION
         ),
     ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help=QUIET_HELP, rich_help_panel=_WHERE)] = False,
-    as_json: Annotated[bool, typer.Option("--json", help=JSON_HELP, rich_help_panel=_WHERE)] = False,
+    quiet: Quiet = False,
+    as_json: EventsAsJson = False,
 ) -> None:
     """Run a campaign: the paper's defaults, an initial design, then a GP proposes; one mission per trial.
 
@@ -217,24 +103,9 @@ def run(
     from tuner.campaign.settings_file import SETTINGS_FILE
     from tuner.missions.registry import DEFAULT_FIDELITY, refuse_code_of_file
 
-    given: dict[str, Any] = {
-        "name": name,
-        "search_space": space,
-        "rocks": rocks,
-        "conditions": conditions,
-        "mission": str(mission) if mission else None,
-        "objective": objective,
-        "risk": risk,
-        "preset": preset,
-        "fidelity": fidelity,
-        "replicates": replicates,
-        "budget": budget,
-        "sampler": sampler,
-        "learn_from": learn_from,
-        "seed": seed,
-        "keep": keep,
-    }
-    fields = asked_fields(settings, given, parse_overrides(set_ or []), quick=quick)
+    if "overrides" in given:
+        given["overrides"] = parse_overrides(given["overrides"])
+    fields = asked_fields(settings, given, quick=quick)
     named = str(fields["name"])
     if out is None and (named in (".", "..") or Path(named).name != named):
         raise UserError(
@@ -246,13 +117,22 @@ def run(
         output.print("it is there already: going on with it")
         flags: dict[str, Any] = {"quiet": quiet, "as_json": as_json, "accept_changes": False}
         return resume(
-            directory, workers, None, timeout_s, executor, scheduler, unencrypted, fidelity, mission, **flags
+            directory,
+            workers,
+            None,
+            timeout_s,
+            executor,
+            scheduler,
+            unencrypted,
+            given.get("fidelity"),
+            given.get("mission") and Path(given["mission"]),
+            **flags,
         )
     flown = str(fields.get("fidelity") or DEFAULT_FIDELITY)
-    refuse_code_of_file(flown, fidelity, str(settings))
+    refuse_code_of_file(flown, given.get("fidelity"), str(settings))
     with contextlib.ExitStack() as stack:
         ready: LocalProcessExecutor | DaskExecutor | None = None
-        if executor == "local" and scheduler is None and mission is None:
+        if executor == "local" and scheduler is None and "mission" not in given:
             ready = local = stack.enter_context(local_executor(flown, workers, timeout_s))
             local.begin()  # its libraries load beside ours
         load(MODEL)
@@ -270,18 +150,18 @@ def run(
 @app.command()
 def resume(
     directory: Annotated[Path, typer.Argument(help="A campaign's run directory.")],
-    workers: Annotated[int | None, typer.Option(help="Missions side by side.")] = None,
+    workers: Workers = None,
     missions: Annotated[
         int | None, typer.Option(help="A larger budget than the campaign began with, to search further.")
     ] = None,
-    timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
+    timeout_s: Timeout = 3600.0,
     executor: Executor = "local",
     scheduler: Scheduler = None,
     unencrypted: Unencrypted = False,
     fidelity: Annotated[
         str | None, typer.Option(help="Only where the campaign has a module:function of yours: that one.")
     ] = None,
-    mission: Annotated[Path | None, typer.Option(help=MISSION_HELP)] = None,
+    mission: MissionAllowed = None,
     ledger: Annotated[
         str | None,
         typer.Option(
@@ -291,8 +171,8 @@ def resume(
     accept_changes: Annotated[
         bool, typer.Option("--accept-changes", help="Rocks or code changed since: go on all the same.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("--quiet", help=QUIET_HELP)] = False,
-    as_json: Annotated[bool, typer.Option("--json", help=JSON_HELP)] = False,
+    quiet: Quiet = False,
+    as_json: EventsAsJson = False,
 ) -> None:
     """Go on with an interrupted campaign; only the missions that were in flight are flown again.
 
@@ -367,7 +247,7 @@ def fly(
             f"learned from {len(campaign.learned.observations)} earlier missions on {', '.join(campaign.learned.rocks)}"
             + (
                 " that come with this program (--learn-from nothing begins without)"
-                if SHIPPED in settings.learn_from
+                if SHIPPED in settings.sources
                 else ""
             )
         )

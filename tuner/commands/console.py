@@ -38,9 +38,6 @@ CONDITION_HELP = "World to fly in: a name of conditions/, or a YAML file."
 
 
 Spoken = Literal["all", "quiet", "json"]
-QUIET_HELP = "Only the verdict and where the report is."
-JSON_HELP = "One JSON object per event, and nothing else."
-MISSION_HELP = "Of a campaign that was not begun here: the mission file whose program you allow to run."
 _SLOW_S, _PACE_S, _BEAT_S = 1.5, 4.0, 0.5
 _NAMED = 2  # missions in flight that a line names
 _spoken: list[Spoken] = ["all"]

@@ -11,7 +11,8 @@ import typer
 from nbv.config import load_conditions
 from nbv.errors import UserError
 from tuner.commands.comparison import compare
-from tuner.commands.console import MISSION_HELP, AsJson, FidelityOption, answer_json, load, output, working
+from tuner.commands.console import AsJson, FidelityOption, answer_json, load, output, working
+from tuner.commands.options import MissionAllowed, Timeout, Workers
 from tuner.missions.registry import DEFAULT_FIDELITY
 
 if TYPE_CHECKING:
@@ -57,14 +58,12 @@ def evaluate(
             help="Paired differences are against this strategy (default: hyb-h, of a mission file default; else the first)."
         ),
     ] = None,
-    workers: Annotated[
-        int | None, typer.Option(help="Missions side by side (default: one per core).")
-    ] = None,
-    timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
+    workers: Workers = None,
+    timeout_s: Timeout = 3600.0,
     margin: MarginOption = 1.0,
     fidelity: FidelityOption = DEFAULT_FIDELITY,
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/evaluation).")] = None,
-    mission: Annotated[Path | None, typer.Option(help=MISSION_HELP)] = None,
+    mission: MissionAllowed = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly the recommended configuration and the baselines on held-out rocks; print Table I with intervals.
@@ -108,16 +107,14 @@ def confirm(
         typer.Option("--rock", help="Training rock, repeatable (default: all of the campaign's)."),
     ] = None,
     replicates: Annotated[int, typer.Option(help="Per rock, none of them flown by the campaign.")] = 4,
-    workers: Annotated[
-        int | None, typer.Option(help="Missions side by side (default: one per core).")
-    ] = None,
-    timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 3600.0,
+    workers: Workers = None,
+    timeout_s: Timeout = 3600.0,
     margin: MarginOption = 1.0,
     fidelity: FidelityOption = DEFAULT_FIDELITY,
     out: Annotated[
         Path | None, typer.Option(help="Directory (default: CAMPAIGN/confirmation-ROCKS).")
     ] = None,
-    mission: Annotated[Path | None, typer.Option(help=MISSION_HELP)] = None,
+    mission: MissionAllowed = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly the recommendation, the default and plain orbits on training rocks with fresh replicates; say whether the rocks gained.

@@ -18,6 +18,7 @@ from tuner.commands.console import (
     output,
     rock_arguments,
 )
+from tuner.commands.options import Timeout, Workers
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.objective import Objective
 
@@ -43,10 +44,8 @@ def reproduce(
     set_: Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE for every mission.")] = None,
     fidelity: FidelityOption = DEFAULT_FIDELITY,
     keep: Annotated[bool, typer.Option(help="Keep images, models and clouds of every mission.")] = True,
-    workers: Annotated[
-        int | None, typer.Option(help="Missions side by side (default: one per core).")
-    ] = None,
-    timeout_s: Annotated[float, typer.Option(help="A mission that takes longer is killed.")] = 7200.0,
+    workers: Workers = None,
+    timeout_s: Timeout = 7200.0,
     out: Annotated[Path, typer.Option(help="Directory.")] = Path("runs/reproduce"),
     as_json: AsJson = False,
 ) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from nbv.config import IDEAL, Condition, MissionConfig
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.rock_choice import Making, unseen_rocks
+from tuner.campaign.rock_choice import Making
 from tuner.campaign.settings import CampaignSettings
 from tuner.evaluation.baselines import (
     EVALUATION_BASELINES,
@@ -111,7 +111,7 @@ def held_out(
     against = _reference(reference, baselines, "hyb-h")
     plan = EvaluationPlan(
         {**tuned_configs(tuned, base), **at_equal_number(baselines, tuned, against)},
-        unseen_rocks(source, rocks, making),
+        source.unseen_rocks(rocks, making),
         replicates,
         fidelity=fidelity,
         conditions=worlds,

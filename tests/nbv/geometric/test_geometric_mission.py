@@ -251,6 +251,7 @@ def test_it_runs_in_a_campaign(tmp_path):
         space=load_search_space("gate_and_weights"),
         rocks=(ROCK,),
         budget=3,
+        replicates=1,
         overrides={"stop.adaptive_budget": 2},
         sampler="sobol",
         fidelity="geometric",

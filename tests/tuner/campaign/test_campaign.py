@@ -401,9 +401,9 @@ def test_cmaes_says_what_it_cannot_do(tmp_path: Path) -> None:
         ({"replicates": 0}, "replicates is 0"),
         ({"rocks": ()}, "no rocks"),
         ({"rocks": ("a", "a")}, "named twice"),
-        ({"sampler": "magic"}, "unknown sampler 'magic'"),
+        ({"sampler": "magic"}, "sampler is 'magic'; it must be one of gp, sobol"),
         ({"fidelity": "magic"}, "unknown fidelity 'magic'; choose from photogrammetric"),
-        ({"preset": "magic"}, "unknown preset 'magic'"),
+        ({"preset": "magic"}, "preset is 'magic'; it must be one of paper"),
         ({"overrides": {"gate.d95": 1.0}}, "did you mean"),
     ],
 )

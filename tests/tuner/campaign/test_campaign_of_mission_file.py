@@ -83,15 +83,13 @@ def test_an_own_cost_is_an_objective_and_a_parameter_is_computed(gatetune, toy):
 
 def test_paths_in_a_settings_file_are_taken_from_its_folder(toy):
     (toy / "deep").mkdir()
-    text = (
-        "mission: ../toy.yaml\nrocks: [slab, scans/a.obj]\nsearch_space: mine.yaml\nlearn_from: [shipped]\n"
-    )
+    text = "mission: ../toy.yaml\nrocks: [slab, scans/a.obj]\nspace: mine.yaml\nlearn_from: [shipped]\n"
     (toy / "deep/settings.yaml").write_text(text)
     found = read_settings_file(toy / "deep/settings.yaml")
     assert found == {
         "mission": str(toy / "deep/../toy.yaml"),
         "rocks": ["slab", str(toy / "deep/scans/a.obj")],
-        "search_space": str(toy / "deep/mine.yaml"),
+        "space": str(toy / "deep/mine.yaml"),
         "learn_from": ["shipped"],
     }
 

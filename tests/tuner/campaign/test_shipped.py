@@ -37,7 +37,7 @@ def test_they_fit_their_space_and_use_procedural_training_rocks(name: str) -> No
 def test_a_mission_of_today_gives_what_is_recorded(name: str) -> None:
     """Fails when missions have changed: then fly the campaign again (research/ship_missions.py)."""
     space = load_search_space(name)
-    earlier, config = shipped_missions(space, Objective()), CampaignSettings("x", space, ("x",), 1).config
+    earlier, config = shipped_missions(space, Objective()), CampaignSettings(space=space, rocks=("x",)).config
     on_one_rock = [o for o in earlier.observations if o.rock == "cavern" and o.raw is not None]
     best = max(on_one_rock, key=lambda o: o.raw or 0.0)
     for each in (on_one_rock[0], best):
@@ -46,7 +46,7 @@ def test_a_mission_of_today_gives_what_is_recorded(name: str) -> None:
 
 
 def test_learning_from_them_needs_their_space_and_metric(tmp_path: Path) -> None:
-    settings = CampaignSettings("x", FULL, ("waist",), 12, learn_from=(SHIPPED,))
+    settings = CampaignSettings(space=FULL, rocks=("waist",), budget=12, learn_from=(SHIPPED,))
     learned = begin_campaign(tmp_path / "run", settings).learned
     assert learned is not None and set(learned.rocks) == {"slab", "vesicular", "breccia", "cavern"}
     assert settings.initial_size() == 4  # a third of the budget

@@ -38,7 +38,7 @@ def earlier(tmp_path_factory: pytest.TempPathFactory) -> Campaign:
 
 
 def learned(campaign: Campaign, space: SearchSpace) -> list[Observation]:
-    s = CampaignSettings("new", space, ("c",), 5, fidelity=FIDELITY)
+    s = CampaignSettings(name="new", space=space, rocks=("c",), budget=5, fidelity=FIDELITY)
     return list(learn_from([str(campaign.directory)], space, s.base_config(), s.objective).observations)
 
 
@@ -140,10 +140,10 @@ def test_what_cannot_be_learned_from_is_named(earlier: Campaign, tmp_path: Path)
     assert not (tmp_path / "run").exists()
     with pytest.raises(UserError, match="learning from earlier campaigns needs sampler gp, not tpe"):
         CampaignSettings(
-            "x",
-            synthetic.SPACE,
-            ("c",),
-            5,
+            name="x",
+            space=synthetic.SPACE,
+            rocks=("c",),
+            budget=5,
             fidelity=FIDELITY,
             sampler="tpe",
             learn_from=(str(earlier.directory),),

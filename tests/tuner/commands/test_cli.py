@@ -10,7 +10,7 @@ import trimesh
 import yaml
 
 from nbv.config import config_from_dict, preset
-from tuner.campaign.settings_file import FIELDS
+from tuner.campaign.settings_file import SETTINGS
 from tuner.cli import main
 
 RUN = ["campaign", "run", "--rock", "boulder"]
@@ -112,7 +112,7 @@ def test_a_bad_search_space_is_named(gatetune, tmp_path, text, says):
         ("budget: many\n", "budget is 'many'; it must be a whole number"),
         ("rocks: boulder\n", "rocks is 'boulder'; it must be a list"),
         ("storage: nosuchdb://x\n", "nosuchdb"),
-        ("- budget\n", "map fields to values"),
+        ("- budget\n", "map names to values"),
         ("objective: {metrik: x}\n", "an objective is a metric's path"),
         ("budget: [4\n", "mend the YAML"),
         ("format: 1\nsettings: {}\n", "has format 1, this version reads"),
@@ -219,7 +219,7 @@ def test_every_setting_is_a_field_of_the_file(gatetune, monkeypatch, tmp_path):
     monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_, **__: None)
     assert gatetune(*RUN)[0] == 0
     found = yaml.safe_load((tmp_path / "runs/campaign/campaign.yaml").read_text())["settings"]
-    assert set(found) == set(FIELDS)
+    assert set(found) == set(SETTINGS)
 
 
 def test_a_directory_with_something_else_in_it_is_left_alone(gatetune, tmp_path):

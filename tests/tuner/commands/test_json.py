@@ -58,7 +58,7 @@ def campaign(tmp_path_factory: pytest.TempPathFactory) -> tuner.Campaign:
     return tuner.tune(
         tmp_path_factory.mktemp("json") / "first",
         rocks=["slab"],
-        search_space="gate",
+        space="gate",
         budget=3,
         overrides={"stop.adaptive_budget": 2, "evaluation.gt_samples": 2000},
         sampler="sobol",

@@ -159,7 +159,7 @@ GOOD = "parameters:\n  gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: lo
         ("parameters:\n  gate.d95_m: 0.3\n", "give a mapping"),
         ("parameters:\n  gate.budget_fraction: {low: 0.0, high: 2.0}\n", "between 0 and 1"),
         ("parameters:\n  dense.neighbours: {kind: int, low: 1.5, high: 4}\n", "whole number"),
-        ("parameters:\n  dense.neighbours: {kind: float, low: 1.5, high: 4}\n", "must be of type int"),
+        ("parameters:\n  dense.neighbours: {kind: float, low: 1.5, high: 4}\n", "it must be a whole number"),
         ("parameters:\n  visibility.mode: {kind: categorical, choices: [frustum]}\n", "at least two"),
         (
             "parameters:\n  visibility.mode: {kind: categorical, choices: [frustum, xray]}\n",

@@ -149,7 +149,7 @@ def test_the_page_names_the_trend_of_many_parameters(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_the_page_of_a_geometric_campaign_says_so(tmp_path: Path) -> None:
     flies = {"space": load_search_space("gate"), "rocks": ("waist",), "budget": 3, "sampler": "sobol"}
-    settings = CampaignSettings("geo", fidelity="geometric", **flies)  # type: ignore[arg-type]
+    settings = CampaignSettings(name="geo", fidelity="geometric", **flies)  # type: ignore[arg-type]
     campaign = begin_campaign(tmp_path / "geo", settings)
     fly_campaign(campaign, InProcessExecutor())
     text = text_of(write_campaign_report(campaign))

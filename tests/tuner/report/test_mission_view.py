@@ -207,6 +207,7 @@ def test_a_campaign_shows_its_default_and_its_kept_missions(tmp_path: Path) -> N
         rocks=("slab",),
         overrides={"stop.adaptive_budget": BUDGET, "evaluation.gt_samples": 2000},
         budget=2,
+        replicates=1,
         sampler="sobol",
         fidelity="geometric",
         keep="all",

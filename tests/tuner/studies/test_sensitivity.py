@@ -189,10 +189,10 @@ def test_small_distances_are_better(tmp_path):
 @pytest.mark.slow
 def test_a_campaigns_ledger_is_enough(tmp_path):
     settings = CampaignSettings(
-        "c",
-        GATE,
-        ("r0", "r1"),
-        8,
+        space=GATE,
+        rocks=("r0", "r1"),
+        budget=8,
+        replicates=1,
         sampler="sobol",
         objective=Objective(METRIC),
         fidelity="fake_study:fake_study_mission",

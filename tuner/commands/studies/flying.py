@@ -25,8 +25,6 @@ Surface = Annotated[str, typer.Option(help="observable or whole.")]
 Fidelity = Annotated[
     str, typer.Option(help="photogrammetric, or geometric: seconds instead of hours, no photographs.")
 ]
-Workers = Annotated[int | None, typer.Option(help="Missions side by side (default: one per core).")]
-Timeout = Annotated[float, typer.Option(help="A mission that takes longer is killed.")]
 Out = Annotated[Path, typer.Option(help="Directory; the same command goes on where it stopped.")]
 ReportOnly = Annotated[bool, typer.Option("--report-only", help="Fly nothing; report on what --out holds.")]
 

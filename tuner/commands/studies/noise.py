@@ -9,12 +9,11 @@ import typer
 
 from tuner.campaign.rock_choice import training_rocks
 from tuner.commands.console import output, parse_overrides
+from tuner.commands.options import Timeout, Workers
 from tuner.commands.studies.flying import (
     Out,
     ReportOnly,
     SetForAll,
-    Timeout,
-    Workers,
     end_study,
     fly_study,
     study_rocks,

@@ -207,7 +207,7 @@ def _earlier_text(facts: CampaignFacts) -> str:
     if earlier is None or facts.model is None:
         return ""
     what = (
-        f"missions of earlier campaigns ({', '.join(_source(s) for s in facts.settings.learn_from)}; on "
+        f"missions of earlier campaigns ({', '.join(_source(s) for s in facts.settings.sources)}; on "
         f"{', '.join(Path(r).stem for r in earlier.rocks)})"
     )
     share = (

@@ -1,0 +1,107 @@
+"""Options of commands: those that several have, and those that are made from settings."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+import typing
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from tuner.campaign.declaration import Setting, settings_of
+
+EXECUTION = "Execution"  # panel of the help
+
+Workers = Annotated[
+    int | None,
+    typer.Option(help="Missions side by side (default: one per core).", rich_help_panel=EXECUTION),
+]
+Timeout = Annotated[
+    float, typer.Option(help="A mission that takes longer is killed.", rich_help_panel=EXECUTION)
+]
+Executor = Annotated[
+    str,
+    typer.Option(
+        help="Where missions fly: local (processes of this machine), dask, or jobs of slurm or pbs.",
+        rich_help_panel=EXECUTION,
+    ),
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        help="Of --executor dask: tls://HOST:PORT or tcp://127.0.0.1:PORT; none: workers here.",
+        rich_help_panel=EXECUTION,
+    ),
+]
+Unencrypted = Annotated[
+    bool,
+    typer.Option(
+        "--unencrypted", help="Allow workers of other machines without TLS.", rich_help_panel=EXECUTION
+    ),
+]
+Quiet = Annotated[
+    bool,
+    typer.Option("--quiet", help="Only the verdict and where the report is.", rich_help_panel=EXECUTION),
+]
+EventsAsJson = Annotated[
+    bool,
+    typer.Option("--json", help="One JSON object per event, and nothing else.", rich_help_panel=EXECUTION),
+]
+MissionAllowed = Annotated[
+    Path | None,
+    typer.Option(
+        help="Of a campaign that was not begun here: the mission file whose program you allow to run."
+    ),
+]
+
+
+def with_settings(declared: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command an option for every setting of a dataclass that has one.
+
+    What the user gave reaches the command's parameter ``given``: values by the setting's name.
+    """
+    options = [s for s in settings_of(declared).values() if s.option]
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(command)
+        def with_options(**arguments: Any) -> None:
+            given = {s.name: arguments.pop(s.name) for s in options}
+            command(given={name: value for name, value in given.items() if value is not None}, **arguments)
+
+        parameters: list[inspect.Parameter] = []
+        for parameter in inspect.signature(command, eval_str=True).parameters.values():
+            parameters += [_parameter(s) for s in options] if parameter.name == "given" else [parameter]
+        with_options.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        with_options.__annotations__ = {p.name: p.annotation for p in parameters}
+        return with_options
+
+    return decorate
+
+
+def _parameter(setting: Setting) -> inspect.Parameter:
+    """A parameter as typer reads it: None where the user says nothing."""
+    kind = typing.get_args(setting.kind)[0] if type(None) in typing.get_args(setting.kind) else setting.kind
+    origin = typing.get_origin(kind)
+    several = origin is tuple or origin is dict
+    option = typer.Option(
+        *setting.option.split(),
+        help=help_text(setting, several),
+        rich_help_panel=setting.panel,
+        metavar="PATH=VALUE" if origin is dict else None,
+    )
+    value: Any = list[str] if several else kind if kind in (int, float) else str
+    return inspect.Parameter(
+        setting.name,
+        inspect.Parameter.POSITIONAL_OR_KEYWORD,
+        default=None,
+        annotation=Annotated[value | None, option],
+    )
+
+
+def help_text(setting: Setting, several: bool) -> str:
+    """``Training rocks, names or mesh files; repeatable (default: the procedural ones).``."""
+    default = f" (default: {setting.default_text})" if setting.default_text else ""
+    return f"{setting.text[0].upper()}{setting.text[1:]}{'; repeatable' if several else ''}{default}."
