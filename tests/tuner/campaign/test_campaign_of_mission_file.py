@@ -1,6 +1,7 @@
 """A campaign over a mission file, from the command line: everything that a campaign over our own missions has."""
 
 import contextlib
+import dataclasses
 import json
 import shutil
 
@@ -177,7 +178,8 @@ def test_confirm_tells_instances_apart(gatetune, toy, monkeypatch):
         plans.append((plan.rocks, directory.name))
 
     monkeypatch.setattr("tuner.commands.evaluate.compare", compare)
-    monkeypatch.setattr(Campaign, "recommended_config", lambda self: self.settings.config({"gain": 2.0}))
+    better = dataclasses.replace(Campaign.open(toy / "runs/toy").recommended(), values={"gain": 2.0})
+    monkeypatch.setattr(Campaign, "recommended", lambda self: better)
     assert gatetune("confirm", "runs/toy", "--rock", "site.1")[0] == 0
     assert gatetune("confirm", "runs/toy")[0] == 0
     assert plans == [(("site.1",), "confirmation-site.1"), (tuple(names), "confirmation-40-rocks")]
