@@ -11,11 +11,12 @@ import pytest
 from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures
 
 from nbv.cache import Store
-from nbv.config import config_from_dict
+from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import MissionFailure
 from nbv.evaluation import evaluate_cloud
 from nbv.geometry.sampling import sample_surface
 from nbv.photogrammetric.cached_sequences import CachedClouds, CachedEvaluation, CachedSparse
+from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.rocks import load_rock
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import PointCloud
@@ -264,3 +265,16 @@ def test_metrics_come_back_as_they_were(store, monkeypatch):
     np.testing.assert_array_equal(second.cleaned.points_m, plain.cleaned.points_m)
     with pytest.raises(TypeError):  # another cloud is another question
         CachedEvaluation(store)(PointCloud(cloud.points_m + 1e-9), rock, config)
+
+
+def test_a_glimpse_leaves_nothing_behind(monkeypatch):
+    """The model of the first six photographs, and afterwards the seed model that there would have been."""
+    monkeypatch.setattr(
+        "nbv.photogrammetric.reconstructor.ComputedCorrespondences", lambda camera, options: Counting(SEEDS)
+    )
+    config = dataclasses.replace(MissionConfig(), camera=CAMERA, sparse=CONFIG, target_m=tuple(TARGET))
+    seen = PhotogrammetricReconstructor(config)
+    model = seen.glimpse(SEEDS[:6])
+    assert model is not None and model.camera_names == tuple(capture.name for capture in SEEDS[:6])
+    assert seen.glimpse(SEEDS[:2]) is None
+    assert bits([seen.bootstrap(SEEDS)]) == bits([PhotogrammetricReconstructor(config).bootstrap(SEEDS)])
