@@ -147,7 +147,7 @@ def outcome(
         fx, fy, cx, cy = model.image(image_id).camera.params
         images[name] = to_known_camera(by_name[name].image, (fx, fy, cx, cy), config)
     points_m = alignment.world_from_model.apply(np.array([p.xyz for p in model.points3D.values()]))
-    checked, _ = check_depths(
+    checked = check_depths(
         images,
         dict(zip(names, poses)),
         config.camera,

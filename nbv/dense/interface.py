@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -14,16 +13,6 @@ from nbv.types import Floats
 
 Image = NDArray[np.uint8]  # (H, W, 3) RGB
 Floats32 = NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class DenseReport:
-    """What the dense stage did."""
-
-    backend: str
-    n_points: int
-    timings_s: dict[str, float]  # depth, consistency, fusion
-    views: dict[str, dict[str, float]]  # per view: depth_pixels, consistent_pixels
 
 
 class DepthBackend(Protocol):

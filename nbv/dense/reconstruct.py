@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -12,7 +11,7 @@ import numpy as np
 from nbv.config import DENSE_BACKENDS, CameraConfig, DenseConfig
 from nbv.dense.consistency import ConsistentDepth, check_consistency
 from nbv.dense.fusion import fuse
-from nbv.dense.interface import DenseReport, DepthBackend, Floats32, Image
+from nbv.dense.interface import DepthBackend, Floats32, Image
 from nbv.dense.surface import points_to_search
 from nbv.errors import MissionFailure, UserError
 from nbv.types import Floats, PointCloud
@@ -77,41 +76,15 @@ class _DepthsAt(Mapping[str, Floats32]):
         return len(self._depths)
 
 
-def reconstruct_dense(
-    images: Mapping[str, Image],
-    camera_from_world: Mapping[str, Floats],
-    camera: CameraConfig,
-    target_m: tuple[float, float, float] | Floats,
-    config: DenseConfig,
-    backend: DepthBackend | None = None,
-    sparse_points_m: Floats | None = None,
-) -> tuple[PointCloud, DenseReport]:
-    """Dense point cloud from images with known poses: ``check_depths``, then ``CheckedDepths.fuse``.
-
-    Returns
-    -------
-    cloud, report
-        Points in the world frame with colours and normals; timings and pixel counts.
-    """
-    checked, report = check_depths(
-        images, camera_from_world, camera, target_m, config, backend, sparse_points_m
-    )
-    started = time.perf_counter()
-    cloud = checked.fuse()
-    timings_s = {**report.timings_s, "fusion": time.perf_counter() - started}
-    return cloud, dataclasses.replace(report, n_points=len(cloud.points_m), timings_s=timings_s)
-
-
 def check_depths(
     images: Mapping[str, Image],
     camera_from_world: Mapping[str, Floats],
     camera: CameraConfig,
     target_m: tuple[float, float, float] | Floats,
     config: DenseConfig,
-    backend: DepthBackend | None = None,
     sparse_points_m: Floats | None = None,
-) -> tuple[CheckedDepths, DenseReport]:
-    """Depth maps from images with known poses, checked against each other.
+) -> CheckedDepths:
+    """Depth maps from images with known poses, checked against each other and ready to be fused.
 
     Parameters
     ----------
@@ -119,15 +92,8 @@ def check_depths(
         RGB images (H, W, 3) uint8 by name. Images without a pose are left out.
     camera_from_world
         (4, 4) rigid transforms by name, metres; poses without an image are left out.
-    backend
-        Default: the one that ``config.backend`` names.
     sparse_points_m
         (N, 3) points of the sparse model, world frame; with ``config.search`` "sparse" depths are sought near these.
-
-    Returns
-    -------
-    checked, report
-        Ready to be fused; timings and pixel counts (``n_points`` is 0 so far).
 
     Raises
     ------
@@ -149,35 +115,17 @@ def check_depths(
             )
     photos = {name: images[name] for name in names}
     poses = {name: np.asarray(camera_from_world[name], dtype=float) for name in names}
-    backend = backend or make_backend(config.backend)
-
-    marks = [time.perf_counter()]
     surface_m = None
     if config.search == "sparse":
         if sparse_points_m is None:
             raise ValueError('dense.search "sparse" needs the points of the sparse model')
         surface_m = points_to_search(sparse_points_m, target_m, config)
-    maps = backend.depth_maps(photos, poses, camera, target_m, config, surface_m)
+    maps = make_backend(config.backend).depth_maps(photos, poses, camera, target_m, config, surface_m)
     if not maps:
         raise MissionFailure(
             "too_few_views",
             f"no two of {len(names)} views lie {config.min_pair_angle_deg:g} to "
             f"{config.max_pair_angle_deg:g} degrees apart",
         )
-    marks.append(time.perf_counter())
     consistent = check_consistency(maps, poses, camera, target_m, config)
-    marks.append(time.perf_counter())
-
-    report = DenseReport(
-        backend=backend.name,
-        n_points=0,
-        timings_s=dict(zip(("depth", "consistency"), np.diff(marks).tolist())),
-        views={
-            name: {
-                "depth_pixels": int(np.isfinite(maps[name]).sum()),
-                "consistent_pixels": int(np.isfinite(consistent[name].depth_m).sum()),
-            }
-            for name in sorted(maps)
-        },
-    )
-    return CheckedDepths(consistent, photos, poses, camera, target_m, config), report
+    return CheckedDepths(consistent, photos, poses, camera, target_m, config)

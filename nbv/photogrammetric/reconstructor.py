@@ -52,7 +52,6 @@ class PhotogrammetricReconstructor:
         if store is not None and isinstance(self._sparse, CachedSparse):
             self._clouds = CachedClouds(self._fuse, self._sparse, config, store)
         self._images: dict[str, Any] = {}
-        self.dense_report: Any = None
         self.has_model = False
         self._finished = False
         self._checked: CheckedDepths | None = None
@@ -123,8 +122,8 @@ class PhotogrammetricReconstructor:
                 self._sparse = None
                 give_back_freed_memory()
             images = {name: self._images[name] for name in poses}
-            self._checked, self.dense_report = check_depths(
-                images, poses, self._config.camera, self._config.target_m, self._config.dense, None, points_m
+            self._checked = check_depths(
+                images, poses, self._config.camera, self._config.target_m, self._config.dense, points_m
             )
             give_back_freed_memory()  # fusion, which comes next, needs the most of all stages
         return self._checked.fuse(agreeing_views)

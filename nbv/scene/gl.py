@@ -26,7 +26,7 @@ HORIZON_M = 2000.0  # half extent of the plain ground beyond the clipmap
 class GLRenderer:
     """OpenGL through EGL (or what ``PYOPENGL_PLATFORM`` says); ``UserError`` where there is none.
 
-    Close it, or use it as a context manager, when another one is to be made in the same process.
+    Close it when another one is to be made in the same process.
     """
 
     name = "gl"
@@ -75,12 +75,6 @@ class GLRenderer:
         if self._offscreen is not None:
             self._offscreen.delete()
             self._offscreen = None
-
-    def __enter__(self) -> GLRenderer:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _build(self, scene: Scene) -> Any:
         sky = float(srgb_from_linear(np.array(scene.sky_radiance)))

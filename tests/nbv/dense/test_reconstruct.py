@@ -1,4 +1,4 @@
-"""From images to one cloud: consistency, fusion, failures, COLMAP's fusion as a cross-check."""
+"""From images to one cloud: consistency, fusion, failures."""
 
 import dataclasses
 import itertools
@@ -11,7 +11,7 @@ from nbv.dense import patchmatch_runs
 from nbv.dense.consistency import check_consistency, choose_witnesses
 from nbv.dense.fusion import fuse
 from nbv.dense.patchmatch import read_depth_maps, write_images
-from nbv.dense.reconstruct import check_depths, make_backend, reconstruct_dense
+from nbv.dense.reconstruct import check_depths, make_backend
 from nbv.dense.sgbm import SgbmBackend
 from nbv.dense.surface import points_to_search
 from nbv.errors import MissionFailure, UserError
@@ -33,24 +33,24 @@ def maps(scene):
     return SgbmBackend().depth_maps(scene.images, scene.poses, scene.camera, TARGET, CONFIG)
 
 
+def cloud_of(scene, config=CONFIG, images=None, poses=None, sparse_points_m=None):
+    images, poses = scene.images if images is None else images, poses or scene.poses
+    return check_depths(images, poses, scene.camera, TARGET, config, sparse_points_m).fuse()
+
+
 @pytest.fixture(scope="module")
-def dense(scene):
-    return reconstruct_dense(scene.images, scene.poses, scene.camera, TARGET, CONFIG)
+def cloud(scene):
+    return cloud_of(scene)
 
 
-def test_cloud_lies_on_the_true_surface(dense):
-    cloud, report = dense
+def test_cloud_lies_on_the_true_surface(cloud):
     error = surface_distance_m(cloud.points_m)
     assert len(cloud.points_m) > 5_000
     assert np.median(error) < 0.006
     assert np.mean(error < 0.03) > 0.95
-    assert report.n_points == len(cloud.points_m) and report.backend == "sgbm"
-    assert set(report.timings_s) == {"depth", "consistency", "fusion"}
-    assert all(0 < v["consistent_pixels"] <= v["depth_pixels"] for v in report.views.values())
 
 
-def test_normals_point_out_of_the_surface(dense):
-    cloud, _ = dense
+def test_normals_point_out_of_the_surface(cloud):
     assert np.allclose(np.linalg.norm(cloud.normals, axis=1), 1, atol=1e-6)
     offset = cloud.points_m - np.array(TARGET)
     on_sphere = np.abs(np.linalg.norm(offset, axis=1) - RADIUS_M) < 0.02
@@ -59,8 +59,7 @@ def test_normals_point_out_of_the_surface(dense):
     assert np.median(cosine) > 0.9
 
 
-def test_colours_are_the_photographs(scene, dense):
-    cloud, _ = dense
+def test_colours_are_the_photographs(scene, cloud):
     assert cloud.colors.dtype == np.uint8 and cloud.colors.shape == cloud.points_m.shape
     # Project the points into the middle view; the sphere's visible side must show the same grey.
     pose, camera = scene.poses["view_018.png"], scene.camera
@@ -73,8 +72,7 @@ def test_colours_are_the_photographs(scene, dense):
     assert np.median(np.abs(photo - cloud.colors[visible])) < 12
 
 
-def test_voxels_hold_one_point_each(dense):
-    cloud, _ = dense
+def test_voxels_hold_one_point_each(cloud):
     cells = np.floor((cloud.points_m - np.array(TARGET)) / CONFIG.fusion_voxel_m).astype(int)
     # Means lie within their voxel; float rounding may push a few over an edge.
     assert len(np.unique(cells, axis=0)) > 0.999 * len(cells)
@@ -120,10 +118,9 @@ def test_witnesses_are_the_nearest_views(scene):
     assert len(choose_witnesses("view_000.png", scene.poses, TARGET, 10)) == 4
 
 
-def test_order_of_views_does_not_matter(scene, dense):
-    cloud, _ = dense
+def test_order_of_views_does_not_matter(scene, cloud):
     backwards = dict(reversed(list(scene.images.items())))
-    again, _ = reconstruct_dense(backwards, scene.poses, scene.camera, TARGET, CONFIG)
+    again = cloud_of(scene, images=backwards)
     assert np.array_equal(cloud.points_m, again.points_m) and np.array_equal(cloud.colors, again.colors)
 
 
@@ -134,14 +131,14 @@ def test_fewer_than_two_usable_views_is_a_failure(scene):
     poses = {**scene.poses, "far.png": look_at(np.array([-3.0, 0, 1.5]), np.array(TARGET))}
     for images in ({}, one, apart):
         with pytest.raises(MissionFailure) as failure:
-            reconstruct_dense(images, poses, scene.camera, TARGET, CONFIG)
+            cloud_of(scene, images=images, poses=poses)
         assert failure.value.reason == "too_few_views"
 
 
 def test_nothing_confirmed_is_a_failure(scene):
     config = dataclasses.replace(CONFIG, agreeing_views=6)  # there are five views
     with pytest.raises(MissionFailure) as failure:
-        reconstruct_dense(scene.images, scene.poses, scene.camera, TARGET, config)
+        cloud_of(scene, config)
     assert failure.value.reason == "empty_dense_cloud"
 
 
@@ -159,7 +156,7 @@ def test_fusion_leaves_out_what_is_far_from_the_target():
 def test_wrong_image_size_names_the_image(scene):
     images = {**scene.images, "view_009.png": np.zeros((100, 100, 3), np.uint8)}
     with pytest.raises(UserError, match=r"view_009\.png has shape"):
-        reconstruct_dense(images, scene.poses, scene.camera, TARGET, CONFIG)
+        cloud_of(scene, images=images)
 
 
 def test_patchmatch_without_cuda_names_the_remedy():
@@ -178,9 +175,7 @@ def test_patchmatch_with_cuda_agrees_with_the_closed_form(scene):
     if not patchmatch_runs():
         pytest.skip("needs an NVIDIA GPU and a pycolmap with CUDA: pip install 'gatetune[cuda]'")
     config = dataclasses.replace(CONFIG, backend="patchmatch")
-    cloud, report = reconstruct_dense(scene.images, scene.poses, scene.camera, TARGET, config)
-    assert report.backend == "patchmatch"
-    assert np.median(surface_distance_m(cloud.points_m)) < 0.01
+    assert np.median(surface_distance_m(cloud_of(scene, config).points_m)) < 0.01
 
 
 def test_colmaps_depth_maps_are_read_back(scene, tmp_path):
@@ -196,24 +191,15 @@ def test_colmaps_depth_maps_are_read_back(scene, tmp_path):
     np.testing.assert_array_equal(back["view_000.png"], np.where(depth_m > 0, depth_m, np.nan))
 
 
-def test_a_search_near_the_sparse_model_finds_the_same_sphere(scene, dense):
+def test_a_search_near_the_sparse_model_finds_the_same_sphere(scene, cloud):
     config = dataclasses.replace(CONFIG, search="sparse")
     with pytest.raises(ValueError, match="sparse model"):
-        reconstruct_dense(scene.images, scene.poses, scene.camera, TARGET, config)
-    cloud, _ = dense
+        cloud_of(scene, config)
     on_sphere = cloud.points_m[
         np.abs(np.linalg.norm(cloud.points_m - np.array(TARGET), axis=1) - RADIUS_M) < 0.02
     ]
     stray = np.add(TARGET, [[0.0, 0.0, 1.4]])
-    near, _ = reconstruct_dense(
-        scene.images,
-        scene.poses,
-        scene.camera,
-        TARGET,
-        config,
-        None,
-        np.concatenate([on_sphere[::20], stray]),
-    )
+    near = cloud_of(scene, config, sparse_points_m=np.concatenate([on_sphere[::20], stray]))
     again = near.points_m[np.abs(np.linalg.norm(near.points_m - np.array(TARGET), axis=1) - RADIUS_M) < 0.02]
     assert 0.97 * len(on_sphere) < len(again) < 1.03 * len(on_sphere)
     assert len(near) < len(cloud)  # less of the ground
@@ -234,12 +220,11 @@ def test_what_is_searched_is_the_sparse_model_without_strays():
 def test_one_check_serves_all_stricter_requirements(scene):
     """Fusing checked depths at N views is, to the bit, a reconstruction that was configured with N."""
     loose = dataclasses.replace(CONFIG, agreeing_views=2)
-    checked, _ = check_depths(scene.images, scene.poses, scene.camera, TARGET, loose)
+    checked = check_depths(scene.images, scene.poses, scene.camera, TARGET, loose)
     sizes = []
     for need in (2, 3, 5):
         config = dataclasses.replace(CONFIG, agreeing_views=need)
-        alone, _ = reconstruct_dense(scene.images, scene.poses, scene.camera, TARGET, config)
-        cloud = checked.fuse(need)
+        alone, cloud = cloud_of(scene, config), checked.fuse(need)
         assert np.array_equal(cloud.points_m, alone.points_m)
         assert np.array_equal(cloud.colors, alone.colors)
         assert np.array_equal(cloud.normals, alone.normals)
