@@ -33,7 +33,13 @@ class SeedConfig(Section):
         added=True,
     )
     rings: int = ours(1, "elevations that the seeds of `count` take in turn", added=True)
-    lowest_deg: float = ours(20.0, "the lowest of them", why="the mean of the paper's is 24", added=True)
+    lowest_deg: float = ours(
+        20.0,
+        "the lowest of them",
+        why="the mean of the paper's is 24",
+        label="elevation of the lowest ring",
+        added=True,
+    )
     span_deg: float = ours(0.0, "from the lowest to the highest of them", why="the paper's: 21", added=True)
     start_bearing_deg: float = ours(
         0.0, "compass bearing of the first seed of `count`", why="shadows and relief know north", added=True
@@ -42,6 +48,7 @@ class SeedConfig(Section):
         0.0,
         "share of the seeds of `count` that fly a second ring, `span_deg` above the first; 0: one turn",
         why="16 at 10° and 9 at 35° are 0.36",
+        label="share on the upper ring",
         added=True,
     )
     reaim_after: int = ours(
