@@ -19,7 +19,7 @@ from tuner.campaign.rock_choice import rock_arguments
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings_file import SETTINGS_FILE, read_settings
 from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
-from tuner.evaluation.flying import EvaluationRun, run_evaluation
+from tuner.evaluation.flying import EvaluationRun, place_for, run_evaluation
 from tuner.evaluation.of_campaign import held_out
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import local_executor
@@ -195,7 +195,7 @@ def evaluate(
         conditions=load_conditions(conditions) if conditions else None,
         fidelity=fidelity,
     )
-    where = Path(directory or source.directory / "evaluation")
+    where = Path(directory) if directory else place_for(asked.plan, source.directory / "evaluation")
     return _fly(asked.plan, where, workers, timeout_s, source.settings.mission)
 
 

@@ -72,6 +72,7 @@ def evaluate(
     """
     output.print(f"evaluating the recommendation of {campaign}")  # before what takes seconds to load
     load("tuner.evaluation.of_campaign")
+    from tuner.evaluation.flying import place_for
     from tuner.evaluation.of_campaign import held_out
 
     source = _open(campaign, mission, fidelity)
@@ -88,7 +89,7 @@ def evaluate(
     )
     compare(
         asked.plan,
-        out or campaign / "evaluation",
+        out or place_for(asked.plan, campaign / "evaluation"),
         workers=workers,
         timeout_s=timeout_s,
         title=f"{source.settings.name}: tuned against baselines on held-out "
@@ -123,6 +124,7 @@ def confirm(
     """
     output.print(f"confirming the recommendation of {campaign}")  # before what takes seconds to load
     load("tuner.evaluation.of_campaign")
+    from tuner.evaluation.flying import place_for
     from tuner.evaluation.of_campaign import confirmation
 
     source = _open(campaign, mission, fidelity)
@@ -138,7 +140,7 @@ def confirm(
         names = f"{len(stems)}-rocks"
     compare(
         asked.plan,
-        out or campaign / f"confirmation-{names}",
+        out or place_for(asked.plan, campaign / f"confirmation-{names}"),
         workers=workers,
         timeout_s=timeout_s,
         title=f"{source.settings.name}: the recommendation against the default on training rocks, fresh replicates",

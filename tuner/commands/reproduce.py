@@ -46,7 +46,7 @@ def reproduce(
     keep: Annotated[bool, typer.Option(help="Keep images, models and clouds of every mission.")] = True,
     workers: Workers = None,
     timeout_s: Timeout = 7200.0,
-    out: Annotated[Path, typer.Option(help="Directory.")] = Path("runs/reproduce"),
+    out: Annotated[Path | None, typer.Option(help="Directory (default: runs/reproduce).")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Fly the paper's default configuration for its strategies and two references; print its Table I beside the paper's numbers.
@@ -56,6 +56,7 @@ def reproduce(
     output.print(f"reproducing Table I with preset {preset}")  # before what takes seconds to load
     load("tuner.evaluation.baselines")
     from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
+    from tuner.evaluation.flying import place_for
     from tuner.evaluation.of_campaign import Asked
     from tuner.evaluation.plan import EvaluationPlan
 
@@ -72,7 +73,7 @@ def reproduce(
     )
     compare(
         plan,
-        out,
+        out or place_for(plan, Path("runs/reproduce")),
         workers=workers,
         timeout_s=timeout_s,
         asked=Asked(Objective("whole.completeness_48mm")),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import itertools
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -116,10 +117,22 @@ def _unfinished(job: MissionJob) -> bool:
     return outcome is None or outcome.reason == "user_error" or outcome.lost
 
 
+def place_for(plan: EvaluationPlan, usual: Path) -> Path:
+    """``usual``, or ``usual-2`` and so on: the first that holds this plan or nothing yet.
+
+    A campaign goes on and recommends something else, other rocks are asked for: what was flown before stays.
+    """
+    for number in itertools.count(1):
+        place = usual if number == 1 else usual.with_name(f"{usual.name}-{number}")
+        if not (place / PLAN_FILE).exists() or EvaluationPlan.load(place).to_dict() == plan.to_dict():
+            return place
+    raise AssertionError
+
+
 def _claim(plan: EvaluationPlan, directory: Path) -> None:
     if (directory / PLAN_FILE).exists():
         if EvaluationPlan.load(directory).to_dict() != plan.to_dict():
-            raise UserError(f"{directory} holds another evaluation; choose another directory")
+            raise UserError(f"{directory} holds another evaluation; name another directory with --out")
         return
     if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
         raise UserError(f"{directory} exists and is not an empty directory; choose another directory")

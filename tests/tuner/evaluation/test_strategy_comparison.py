@@ -20,7 +20,7 @@ from tuner.evaluation.baselines import (
     tuned_configs,
 )
 from tuner.evaluation.comparison import comparison_table, strategy_difference
-from tuner.evaluation.flying import EvaluationEvent, run_evaluation
+from tuner.evaluation.flying import EvaluationEvent, place_for, run_evaluation
 from tuner.evaluation.paper_table import PAPER_TABLE_I, TABLE_I_ROWS, MetricRow
 from tuner.evaluation.plan import FORMAT_VERSION, PLAN_FILE, EvaluationPlan
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
@@ -71,6 +71,14 @@ def test_interrupted_evaluation_flies_only_the_rest(tmp_path: Path) -> None:
     assert all(file.read_text() == "flown\n" for file in (tmp_path / "out").rglob("flown.txt"))
     whole = run_evaluation(plan(), tmp_path / "whole", InProcessExecutor())
     assert [r.outcome.metrics for r in second.records] == [r.outcome.metrics for r in whole.records]
+
+
+def test_another_evaluation_lies_beside_the_first(tmp_path: Path) -> None:
+    usual = tmp_path / "evaluation"
+    for made, name in ((plan(), "evaluation"), (plan(replicates=3), "evaluation-2"), (plan(), "evaluation")):
+        place = place_for(made, usual)
+        assert place == tmp_path / name
+        run_evaluation(made, place, InProcessExecutor())
 
 
 def test_failures_are_counted_and_pairs_are_common_ones(tmp_path: Path) -> None:
