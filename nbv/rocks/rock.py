@@ -96,7 +96,15 @@ def make_rock(
     difficulty: str,
     notes: tuple[str, ...] = (),
 ) -> Rock:
-    """A `Rock` with its content hash; arrays are made read-only, since rocks are shared."""
+    """A `Rock` with its content hash; arrays are made read-only, since rocks are shared.
+
+    Parameters
+    ----------
+    name, split, difficulty, notes
+        As in `Rock`.
+    vertices_m, faces, albedo
+        (V, 3), (F, 3) and (V, 3); albedo is clipped to 0..1.
+    """
     vertices_m = np.ascontiguousarray(vertices_m, dtype=np.float64)
     faces = np.ascontiguousarray(faces, dtype=np.int64)
     albedo = np.ascontiguousarray(np.clip(albedo, 0.0, 1.0), dtype=np.float32)

@@ -23,7 +23,17 @@ def rotation(yaw_deg: float = 0.0, pitch_deg: float = 0.0, roll_deg: float = 0.0
 def ellipsoid(
     points: Floats, center: Sequence[float], radii: Sequence[float], turn: Floats | None = None
 ) -> Floats:
-    """An ellipsoid; the distance is first-order, exact at the surface."""
+    """An ellipsoid; the distance is first-order, exact at the surface.
+
+    Parameters
+    ----------
+    points
+        (N, 3).
+    center, radii
+        (3,) each.
+    turn
+        (3, 3) rotation about its centre; none where left out.
+    """
     local = points - np.asarray(center)
     if turn is not None:
         local = local @ turn
@@ -40,7 +50,19 @@ def box(
     round_m: float = 0.0,
     turn: Floats | None = None,
 ) -> Floats:
-    """A box with rounded edges."""
+    """A box with rounded edges.
+
+    Parameters
+    ----------
+    points
+        (N, 3).
+    center, half_sizes
+        (3,) each.
+    round_m
+        Radius of the edges.
+    turn
+        (3, 3) rotation about its centre; none where left out.
+    """
     local = points - np.asarray(center)
     if turn is not None:
         local = local @ turn
@@ -49,7 +71,17 @@ def box(
 
 
 def capsule(points: Floats, start: Sequence[float], end: Sequence[float], radius: float) -> Floats:
-    """A cylinder with round ends."""
+    """A cylinder with round ends.
+
+    Parameters
+    ----------
+    points
+        (N, 3).
+    start, end
+        (3,) the middles of its round ends.
+    radius
+        Of the cylinder and of its ends.
+    """
     a, b = np.asarray(start), np.asarray(end)
     t = np.clip((points - a) @ (b - a) / ((b - a) @ (b - a)), 0, 1)
     return np.linalg.norm(points - a - t[:, None] * (b - a), axis=1) - radius

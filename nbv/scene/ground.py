@@ -69,7 +69,19 @@ class GroundSurface:
 def synthesise_ground(
     seed: int, to_sun: NDArray[np.float64], spec: GroundSpec, relief: Relief | None = None
 ) -> GroundSurface:
-    """Paint the ground of one seed under a sun in direction ``to_sun`` (3,), a unit vector with z > 0."""
+    """Paint the ground of one seed under a sun in direction ``to_sun`` (3,), a unit vector with z > 0.
+
+    Parameters
+    ----------
+    seed
+        Of the whole landscape.
+    to_sun
+        (3,) unit vector with z > 0.
+    spec
+        Size of the textures.
+    relief
+        What is modelled of the ground's height; flat where left out.
+    """
     shape = (spec.size_px, spec.size_px)
     heights = [np.zeros(shape, np.float32) for _ in range(spec.levels)]
     log_albedos = [np.zeros(shape, np.float32) for _ in range(spec.levels)]

@@ -131,6 +131,17 @@ def export_colmap(
     ``directory`` gets ``cameras.bin``, ``images.bin``, ``points3D.bin``, ``rigs.bin``, ``frames.bin``
     (COLMAP's GUI opens it) and ``points.ply``. With ``images`` (name to (H, W, 3) RGB) the points take
     the mean colour of their observations.
+
+    Parameters
+    ----------
+    reconstruction
+        The model in its own frame.
+    world_from_model
+        Where it belongs.
+    directory
+        Made if absent.
+    images
+        (H, W, 3) RGB by name; without them points have no colour.
     """
     world = pycolmap.Reconstruction(reconstruction)
     world.transform(

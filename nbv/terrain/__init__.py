@@ -1,9 +1,8 @@
 """What the target lies on and among: relief, neighbouring rocks, and the part of the target that is above ground."""
 
 from nbv.terrain.burial import buried_rock
-from nbv.terrain.neighbours import Body, Cylinder, neighbour_cylinders
+from nbv.terrain.neighbours import Body, Cylinder, Surroundings, make_surroundings, neighbour_cylinders
 from nbv.terrain.relief import RELIEF_HALF_EXTENT_M, Relief, make_relief
-from nbv.terrain.surroundings import Surroundings, make_surroundings
 
 __all__ = [
     "RELIEF_HALF_EXTENT_M",

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nbv.cache import Arrays, Store, holds, remember
-from nbv.config import GroundConfig
+from nbv.config import GroundConfig, canonical
 from nbv.errors import UserError
 from nbv.random_streams import keyed_rng
 from nbv.rocks.albedo import procedural_albedo
@@ -113,6 +114,39 @@ def neighbour_bodies(
         albedo = procedural_albedo(vertices, vertex_normals(vertices, faces), int(seed), RECIPES[name].paint)
         bodies.append(Body(vertices + np.array([*cylinder.center_m, cylinder.base_m]), faces, albedo))
     return tuple(bodies)
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """What stands around the target; ``key`` is what it was made from, for addresses in a store."""
+
+    relief: Relief | None
+    neighbours: tuple[Body, ...]
+    key: tuple[Any, ...]
+
+
+def make_surroundings(
+    ground: GroundConfig, ground_seed: int, rock_sha256: str, store: Store | None = None
+) -> Surroundings | None:
+    """The surroundings of the rock as it lies; None on bare flat ground.
+
+    Parameters
+    ----------
+    ground
+        Relief and number of neighbours.
+    ground_seed, rock_sha256
+        Key of the draws.
+    store
+        Where shapes are kept; nowhere where left out.
+    """
+    if ground.relief_m == 0 and ground.neighbours == 0:
+        return None
+    cylinders = neighbour_cylinders(ground, ground_seed, rock_sha256)
+    return Surroundings(
+        relief_of(ground, ground_seed),
+        neighbour_bodies(cylinders, ground_seed, rock_sha256, store),
+        (canonical(ground), ground_seed, rock_sha256),
+    )
 
 
 def _shape(name: str) -> Arrays:
