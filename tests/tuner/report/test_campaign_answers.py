@@ -130,8 +130,14 @@ def test_a_predicted_runner_up_stands_below(campaign: Campaign) -> None:
     rival = RunnerUp(
         {"seed.count": 12, "stop.adaptive_budget": 12, "pool.max_altitude_m": 1.45},
         ("seed.count", "stop.adaptive_budget", "pool.max_altitude_m"),
-        0, 24.0, 2.0, (2.0, 2.0), 8.0, (8.0, 8.0), 0.83,
-    )  # fmt: skip
+        0,
+        24.0,
+        2.0,
+        (2.0, 2.0),
+        8.0,
+        (8.0, 8.0),
+        0.83,
+    )
     answer = use_answer(with_limit(campaign, runner_up=rival))
     assert "14 photographs" in answer["sentence"]
     assert answer["notes"][0] == (
