@@ -66,10 +66,13 @@ def plan_words(config: Configuration, *, ceiling: bool) -> str:
         return ""
     seed, stop = config.seed, config.stop
     may_end = stop.criterion != "budget" or stop.min_gain_percent > 0
-    rings = "one ring" if seed.count and seed.rings == 1 else "rings"
+    rings = f"{seed.total} photographs on rings"
+    if seed.count and seed.rings == 1:
+        rings = f"{seed.count - seed.upper_count} photographs at {seed.lowest_deg:.0f}°"
+        rings += f" and {seed.upper_count} at {seed.upper_deg:.0f}°" if seed.upper_count else ""
     if not config.adaptive_budget:
-        return f"{seed.total} photographs on {rings}"
-    words = f"{seed.total} photographs on {rings}, then {'up to ' if may_end else ''}{config.adaptive_budget} chosen by the planner"
+        return rings
+    words = f"{rings}, then {'up to ' if may_end else ''}{config.adaptive_budget} chosen by the planner"
     return f"{words}, none above {config.pool.max_altitude_m:.3g} m" if ceiling else words
 
 

@@ -84,7 +84,7 @@ def with_limit(campaign: Campaign, **changes: Any) -> CampaignFacts:
     limit = Limit(quality.metric, quality.direction, 98.0, True, False, *means)
     space = load_search_space("photographs")
     default = space.default(preset("campaign"))
-    values = {"seed.count": 14, "stop.adaptive_budget": 12, "pool.max_altitude_m": 1.45}
+    values = {**default, "seed.count": 14, "stop.adaptive_budget": 12, "pool.max_altitude_m": 1.45}
     own = {
         "values": values,
         "default_values": default,
@@ -103,7 +103,7 @@ def with_limit(campaign: Campaign, **changes: Any) -> CampaignFacts:
 def test_photographs_saved_and_quality_kept_are_said(campaign: Campaign) -> None:
     facts = with_limit(campaign)
     assert use_answer(facts)["sentence"] == (
-        "Use 14 photographs on rings, then 12 chosen by the planner, none above 1.45 m."
+        "Use 8 photographs at 18° and 6 at 33°, then 12 chosen by the planner, none above 1.45 m."
     )
     first, second, *_ = sure_answer(facts)
     assert first == (
@@ -123,12 +123,18 @@ def test_photographs_saved_and_quality_kept_are_said(campaign: Campaign) -> None
 
 def test_the_budget_of_the_default_is_not_the_papers(campaign: Campaign) -> None:
     said = use_answer(with_limit(campaign))["notes"]
-    assert "the paper has Stop: adaptive budget 40, Pool: altitude limit 20 m" in said[-1]
+    assert said[-1].endswith("Stop: adaptive budget 40, Pool: altitude limit 20 m.")
 
 
 def test_a_predicted_runner_up_stands_below(campaign: Campaign) -> None:
     rival = RunnerUp(
-        {"seed.count": 12, "stop.adaptive_budget": 12, "pool.max_altitude_m": 1.45},
+        {
+            "seed.upper_share": 0.42,
+            "seed.lowest_deg": 18.0,
+            "seed.count": 12,
+            "stop.adaptive_budget": 12,
+            "pool.max_altitude_m": 1.45,
+        },
         ("seed.count", "stop.adaptive_budget", "pool.max_altitude_m"),
         0,
         24.0,
@@ -139,9 +145,9 @@ def test_a_predicted_runner_up_stands_below(campaign: Campaign) -> None:
         0.83,
     )
     answer = use_answer(with_limit(campaign, runner_up=rival))
-    assert "14 photographs" in answer["sentence"]
+    assert "8 photographs at 18° and 6 at 33°" in answer["sentence"]
     assert answer["notes"][0] == (
-        "Runner-up (predicted, never flown): 12 photographs on rings, then 12 chosen by the planner, none above 1.45 m. "
+        "Runner-up (predicted, never flown): 7 photographs at 18° and 5 at 33°, then 12 chosen by the planner, none above 1.45 m. "
         "24 photographs; keeps the limit with probability 0.83."
     )
 
@@ -267,14 +273,16 @@ def test_searching_wider_keeps_everything_else(campaign: Campaign, tmp_path: Pat
     best = CampaignFacts(campaign).recommendation
     assert best is not None
     default = s.default_values()
-    values = {"seed.count": 10, "stop.adaptive_budget": 16, "pool.max_altitude_m": 1.45}
+    values = {**default, "seed.count": 10, "stop.adaptive_budget": 16, "pool.max_altitude_m": 1.45}
     made = Campaign(tmp_path, s, campaign.ledger)
     write_wider_settings(made, dataclasses.replace(best, values=values, default_values=default, inactive=[]))
-    wider = asked_settings(asked_fields(tmp_path / WIDER_FILE, {}, {}, quick=False), "wider")
+    wider = asked_settings(asked_fields(tmp_path / WIDER_FILE, {}, quick=False), "wider")
     bounds = {p.path: (p.low, p.high) for p in wider.space.parameters}
     assert bounds == {  # below 1.45 m there is hardly anything that can be flown
-        "seed.count": (8, 24),
-        "stop.adaptive_budget": (2, 23),
+        "seed.count": (8, 28),
+        "seed.upper_share": (0.0, 0.6),
+        "seed.lowest_deg": (9.0, 20.0),
+        "stop.adaptive_budget": (0, 24),
         "pool.max_altitude_m": (1.45, 4.0),
     }
     own = {"name": wider.name, "space": wider.space}
