@@ -115,19 +115,11 @@ def run(
     output.print(f"campaign {fields['name']} in {directory}")  # before anything that takes seconds to load
     if resume_if_present and (directory / SETTINGS_FILE).is_file():
         output.print("it is there already: going on with it")
-        flags: dict[str, Any] = {"quiet": quiet, "as_json": as_json, "accept_changes": False}
-        return resume(
-            directory,
-            workers,
-            None,
-            timeout_s,
-            executor,
-            scheduler,
-            unencrypted,
-            given.get("fidelity"),
-            given.get("mission") and Path(given["mission"]),
-            **flags,
-        )
+        from tuner.campaign.campaign import Campaign
+
+        named_mission = given.get("mission") and Path(given["mission"])
+        campaign = Campaign.open(directory, fidelity=given.get("fidelity"), mission=named_mission)
+        return fly(campaign, workers, timeout_s, (executor, scheduler, unencrypted), show_pair=quick)
     flown = str(fields.get("fidelity") or DEFAULT_FIDELITY)
     refuse_code_of_file(flown, given.get("fidelity"), str(settings))
     with contextlib.ExitStack() as stack:
@@ -144,7 +136,8 @@ def run(
         if ready is None:  # before anything is written: a wrong address leaves no campaign behind
             ready = executor_at(where, flown, workers, timeout_s, asked.mission)
             stack.enter_context(ready)
-        fly(begin_campaign(directory, asked), workers, timeout_s, where, ready=ready)
+        campaign = begin_campaign(directory, asked)
+        fly(campaign, workers, timeout_s, where, ready=ready, show_pair=quick)
 
 
 @app.command()
@@ -224,8 +217,12 @@ def fly(
     *,
     accept_changes: bool = False,
     ready: LocalProcessExecutor | DaskExecutor | None = None,
+    show_pair: bool = False,
 ) -> None:
-    """Run or resume, with live progress, and end in the report; ``where`` as the three options of that name."""
+    """Run or resume, with live progress, and end in the report.
+
+    ``where`` as the three options of that name; ``show_pair``: then fly the default and the recommendation whole.
+    """
     from tuner.campaign.session import fly_campaign
     from tuner.campaign.shipped import SHIPPED
     from tuner.missions.registry import ignored_by
@@ -280,35 +277,33 @@ def fly(
         if summary.status.finished > LARGE and summary.status.finished == before and report.is_file():
             output.print(f"report, as it was: {report}", soft_wrap=True)  # of many missions it takes a minute
         elif summary.status.finished:
-            _write_pages(campaign, executor, report, whole=summary.stopped == "budget", quiet=quiet)
+            pair = executor if show_pair and summary.stopped == "budget" else None
+            _write_pages(campaign, pair, report, quiet=quiet)
     if summary.stopped == "failing" or not summary.status.complete:
         raise typer.Exit(1)
 
 
 def _write_pages(
-    campaign: Campaign,
-    executor: LocalProcessExecutor | DaskExecutor,
-    report: Path,
-    *,
-    whole: bool,
-    quiet: bool,
+    campaign: Campaign, pair: LocalProcessExecutor | DaskExecutor | None, report: Path, *, quiet: bool
 ) -> None:
-    """The answer is known: what is left is to draw it. ``whole``: fly what is shown once more, with everything kept."""
+    """The answer is known: what is left is to draw it. ``pair``: where what is shown flies once more, whole."""
     from tuner.campaign.shown import fly_shown_missions, shown_jobs
     from tuner.report import campaign as pages  # what draws is loaded where it is called
     from tuner.report.campaign.walks import write_shown_page
 
+    page = None
     try:
-        if whole and shown_jobs(campaign):
-            with working(
-                "flying the default and the recommendation once more, to show them whole", silent=quiet
-            ):
-                fly_shown_missions(campaign, executor)
-            with working("writing the page to walk around in", silent=quiet):
-                write_shown_page(campaign)
+        if pair is not None and shown_jobs(campaign):
+            with working("flying the default and the recommendation whole, to show them", silent=quiet):
+                fly_shown_missions(campaign, pair)
+                page = write_shown_page(campaign)
         with working("writing the report", silent=quiet):
             pages.write_campaign_report(campaign)
     except KeyboardInterrupt:
         output.print(f"no report: gatetune mission view {campaign.directory} writes it", soft_wrap=True)
         raise typer.Exit(130) from None
     output.print(f"report: {report}", soft_wrap=True)
+    if page is not None:
+        output.print(f"{page.label}: {page.path}", soft_wrap=True)
+    elif shown_jobs(campaign):
+        output.print(f"to walk around in it: gatetune mission view {campaign.directory}", soft_wrap=True)

@@ -39,6 +39,7 @@ CONDITION_HELP = "World to fly in: a name of conditions/, or a YAML file."
 
 Spoken = Literal["all", "quiet", "json"]
 _SLOW_S, _PACE_S, _BEAT_S = 1.5, 4.0, 0.5
+_REPEAT_S = 30.0  # after which a line is said again that has not changed
 _NAMED = 2  # missions in flight that a line names
 _spoken: list[Spoken] = ["all"]
 
@@ -119,10 +120,14 @@ class Pace:
         self._said = time.monotonic()
 
     @property
+    def silent_s(self) -> float:
+        """Since somebody said something."""
+        return time.monotonic() - self._said
+
+    @property
     def due(self) -> bool:
         """Whether it was silent for long."""
-        now = time.monotonic()
-        return now - self._said > (self._first_s if self._said == self._began else _pace_s(now - self._began))
+        return self.silent_s > (self._first_s if self._said == self._began else _pace_s(self.elapsed_s))
 
     @property
     def elapsed_s(self) -> float:
@@ -170,7 +175,7 @@ class FlightProgress:
         self.progress, self.counts = progress, ""
         self._task = progress.add_task("missions", total=total)
         self._flights: dict[str, tuple[str, Path]] = {}
-        self._pace = Pace()
+        self._pace, self._last = Pace(), ""
 
     def took_off(self, key: str, label: str, directory: Path) -> None:
         """A mission, and where it says what it is doing."""
@@ -189,7 +194,10 @@ class FlightProgress:
         """Say what goes on; may be called from any thread."""
         text = f"{self.counts}{self._aloft()}"
         self.progress.update(self._task, description=text)
-        if not self.progress.console.is_terminal and self._pace.due:
+        if self.progress.console.is_terminal or not self._pace.due:
+            return
+        if text != self._last or self._pace.silent_s >= _REPEAT_S:
+            self._last = text
             self.say(text)
 
     def say(self, line: str, *, markup: bool = False) -> None:

@@ -31,6 +31,7 @@ from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
 from tuner.missions.job import MissionOutcome
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
+from tuner.report.campaign.walks import MissionPage
 
 settings = functools.partial(
     fake_campaigns.settings, space=load_search_space("gate"), budget=6, sampler="sobol"
@@ -142,6 +143,27 @@ def test_ctrl_c_gives_the_prompt_back_without_a_page(
     assert ended.value.exit_code == 130
     assert f"go on with: gatetune campaign resume {directory}" in capsys.readouterr().out
     assert [t.state for t in campaign.trials()] == ["complete"]
+
+
+@pytest.mark.parametrize("show_pair", [False, True])
+def test_what_is_shown_flies_after_the_verdict_if_asked(
+    show_pair: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said_before: list[str] = []
+    monkeypatch.setattr("tuner.campaign.shown.shown_jobs", lambda campaign: ["a job"])
+    monkeypatch.setattr(
+        "tuner.campaign.shown.fly_shown_missions", lambda *_: said_before.append(capsys.readouterr().out)
+    )
+    page = MissionPage("default beside recommended", tmp_path / "view.html")
+    monkeypatch.setattr("tuner.report.campaign.walks.write_shown_page", lambda campaign: page)
+    monkeypatch.setattr("tuner.report.campaign.write_campaign_report", lambda campaign: None)
+    campaign = begin_campaign(tmp_path / "run", settings())
+    with workers() as executor:
+        fly(campaign, 1, 60.0, ready=executor, show_pair=show_pair)
+    end = capsys.readouterr().out
+    assert ["the budget is used" in text for text in said_before] == ([True] if show_pair else [])
+    assert (f"beside recommended: {page.path}" in end) == show_pair
+    assert (f"walk around in it: gatetune mission view {campaign.directory}" in end) != show_pair
 
 
 @pytest.mark.slow

@@ -84,6 +84,19 @@ def test_a_pipe_hears_what_flies(
     assert last == "0/9, flies a r1, a r1 (dense cloud) and 1 more"
 
 
+def test_a_pipe_hears_a_line_again_when_it_changes(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(console, "_PACE_S", -1.0)  # always due
+    show = console.FlightProgress(console.progress_bar(), 9)
+    for show.counts in ("1/9", "1/9", "1/9", "2/9", "2/9"):
+        show.tick()
+    assert capsys.readouterr().out.splitlines() == ["1/9", "2/9"]
+    monkeypatch.setattr(console, "_REPEAT_S", 0.0)
+    show.tick()
+    assert capsys.readouterr().out.splitlines() == ["2/9"]
+
+
 def test_a_cluster_without_workers_says_that_missions_wait() -> None:
     said = [console.crew(SimpleNamespace(workers=n, capacity=max(1, n))) for n in (0, 1, 64)]  # type: ignore[arg-type]
     assert said == ["no worker yet: missions wait for the first", "1 worker", "64 workers"]

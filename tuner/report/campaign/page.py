@@ -178,7 +178,7 @@ def _answers(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[st
         "clouds": clouds_picture(facts.campaign.directory, figures),
         "no_clouds": "Geometric missions have no photographs and measure no cloud."
         if is_geometric(facts.settings.fidelity)
-        else "The default and the recommended mission are flown once more, whole, when the campaign ends.",
+        else "",
         "files": [] if best is None else _files(facts, best),
     }
 
