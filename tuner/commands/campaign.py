@@ -202,7 +202,7 @@ def status(
 
     campaign = Campaign.open(directory, read_only=True)
     counts, best = campaign.status(), campaign.recommendation(save=False, latest=True)
-    show_counts(counts)
+    show_counts(counts, "rock" if campaign.settings.mission is None else "instance")
     if best is not None and (known := best.observations + best.failures) < counts.finished:
         output.print(f"recommended after {known} of them; a resume makes it anew")
     show_recommendation(best, campaign.settings)

@@ -122,8 +122,8 @@ def echo_event(event: CampaignEvent) -> None:
     typer.echo(event_line(event))
 
 
-def show_counts(facts: CampaignStatus) -> None:
-    """Missions, failures and costs so far."""
+def show_counts(facts: CampaignStatus, place: str) -> None:
+    """Missions, failures and costs so far; ``place``: what missions are flown on."""
     output.print(
         f"{facts.name}: {facts.finished} of {facts.budget} missions "
         f"({facts.failed} failed, {facts.running} open); "
@@ -131,7 +131,7 @@ def show_counts(facts: CampaignStatus) -> None:
         + (f", {seconds(facts.flight_time_s)} of simulated flight" if facts.flight_time_s else "")
     )
     output.print(
-        "missions per rock: " + ", ".join(f"{rock} {count}" for rock, count in facts.per_rock.items())
+        f"missions per {place}: " + ", ".join(f"{rock} {count}" for rock, count in facts.per_rock.items())
     )
     if list(facts.per_condition) != [IDEAL]:
         output.print(
@@ -157,22 +157,27 @@ def _show_front(recommendation: Recommendation | None, settings: CampaignSetting
     second, points = settings.second, [] if recommendation is None else recommendation.front
     if second is None or settings.limit is not None:
         return
-    from tuner.report.labels import believed, parameter_label  # half a second to load, with every metric
+    from tuner.report.labels import (  # half a second to load, with every metric
+        believed,
+        metric_label,
+        parameter_label,
+    )
 
     if not points:
         output.print(
             f"no front: no mission has both metrics; mission.json lists {second.metric!r}'s neighbours by name"
         )
         return
-    table = Table(title="Configurations flown that no other beats in both (posterior means over the rocks)")
-    for metric in (settings.objective.metric, second.metric):
-        table.add_column(metric.split(".")[-1], justify="right", no_wrap=True)
+    table = Table(title="Configurations flown that no other beats in both (posterior means)")
+    one, two = metric_label(settings.objective.metric), metric_label(second.metric)
+    for label in (one, two):
+        table.add_column(label.axis, justify="right")
     table.add_column("configuration")
     for p in points:
         values = ", ".join(
             f"{parameter_label(path).short} {_short(value)}" for path, value in p.values.items()
         )
-        table.add_row(believed(p.first, p.first_sd), believed(p.second, p.second_sd), values)
+        table.add_row(believed(p.first, p.first_sd, one), believed(p.second, p.second_sd, two), values)
     output.print(table)
 
 
@@ -195,7 +200,7 @@ def show_verdict(recommendation: Recommendation, settings: CampaignSettings) -> 
 
 
 def _show_values(recommendation: Recommendation, settings: CampaignSettings) -> None:
-    from tuner.report.answer import default_note, runner_up_sentence
+    from tuner.report.answer import default_note, place_word, runner_up_sentence
     from tuner.report.labels import decimals_for, format_number, metric_label
 
     silent = {found.path: found.why for found in recommendation.inactive}
@@ -206,14 +211,14 @@ def _show_values(recommendation: Recommendation, settings: CampaignSettings) -> 
         shown = "no effect" if path in silent else _short(value)
         table.add_row(path, _short(recommendation.default_values[path]), shown)
     output.print(table)
-    label = metric_label(recommendation.modelled_metric)
+    label, place = metric_label(recommendation.modelled_metric), place_word(settings)
     digits = decimals_for(recommendation.noise_sd)
     rows = [
-        f"{row.world.label} {format_number(row.predicted, digits)}"
+        f"{row.world.label} {format_number(label.possible(row.predicted), digits)}"
         + ("" if row.observed is None else f" (measured {format_number(row.observed, digits)})")
         for row in recommendation.per_rock
     ]
-    output.print(f"{label.axis}, rock by rock: {', '.join(rows)}", highlight=False)
+    output.print(f"{label.axis}, {place} by {place}: {', '.join(rows)}", highlight=False)
     said = [runner_up_sentence(recommendation, settings), default_note(settings)]
     said += [
         f"no effect: {', '.join(p for p in silent if silent[p] == why)}: {why}"

@@ -86,14 +86,15 @@ def compare(
     from tuner.evaluation.flying import run_evaluation
     from tuner.report import write_comparison_report
     from tuner.report.comparison.facts import comparison_facts
+    from tuner.report.comparison.verdicts import counted
 
     executor = local_executor(plan.fidelity, workers, timeout_s, mission)
     notes = (*notes, GEOMETRIC_NOTE) if is_geometric(plan.fidelity) else notes
     for note in notes:
         output.print(note, style="yellow")
     output.print(
-        f"{len(plan.strategies)} strategies on {len(plan.rocks)} {'rock' if len(plan.rocks) == 1 else 'rocks'} x {plan.replicates} replicates{under_conditions(plan.conditions)}: "
-        f"{plan.missions} missions, {executor.capacity} workers"
+        f"{len(plan.strategies)} strategies on {counted(len(plan.rocks), asked.place)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
+        f"{plan.missions} missions, {counted(executor.capacity, 'worker')}"
     )
     with executor, progress_bar() as bar:
         show = ComparisonProgress(bar, (asked.quality or asked.objective).metric)

@@ -92,8 +92,7 @@ def evaluate(
         out or place_for(asked.plan, campaign / "evaluation"),
         workers=workers,
         timeout_s=timeout_s,
-        title=f"{source.settings.name}: tuned against baselines on held-out "
-        f"{'rocks' if source.settings.mission is None else 'instances'}",
+        title=f"{source.settings.name}: tuned against baselines on held-out {asked.asked.place}s",
         asked=asked.asked,
         reference=asked.reference,
         notes=asked.notes,
@@ -143,7 +142,7 @@ def confirm(
         out or place_for(asked.plan, campaign / f"confirmation-{names}"),
         workers=workers,
         timeout_s=timeout_s,
-        title=f"{source.settings.name}: the recommendation against the default on training rocks, fresh replicates",
+        title=f"{source.settings.name}: the recommendation against the default on training {asked.asked.place}s, fresh replicates",
         asked=asked.asked,
         reference=asked.reference,
         notes=asked.notes,

@@ -241,6 +241,7 @@ def description(strategy: str) -> str:
     """One line on what a strategy does."""
     own = {
         TUNED: "the recommended configuration",
+        "default": "nothing changed",
         TUNED_POOL_RANDOM: "a candidate at random in the pool of the recommended configuration",
     }
     name, number = _split(strategy)

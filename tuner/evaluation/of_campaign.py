@@ -45,6 +45,7 @@ class Asked:
     decided: frozenset[str] = frozenset(
         COUNTS
     )  # metrics that the configuration decides: they have no interval
+    place: str = "rock"  # what missions are flown on: rocks, or the instances of a mission file
 
     @property
     def counts(self) -> list[Objective]:
@@ -164,7 +165,8 @@ def asked_of(settings: CampaignSettings, margin: float = DEFAULT_MARGIN) -> Aske
     exact = settings.exact
     computed = {cost.objective.metric for cost in (exact.first, exact.second) if cost is not None}
     decided = frozenset({*COUNTS, *computed})
-    return Asked(settings.objective, settings.second, settings.limit, margin, decided)
+    place = "rock" if settings.mission is None else "instance"
+    return Asked(settings.objective, settings.second, settings.limit, margin, decided, place)
 
 
 def _reference(asked: str | None, configs: Mapping[str, Configuration], usual: str) -> str:

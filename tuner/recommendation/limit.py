@@ -28,7 +28,7 @@ def limit_of(
 ) -> Limit:
     """Of the recommended ``values``; ``kept``: whether anything flown can be taken to keep it; nothing of the next rock."""
     belief, sign = within.model.posterior([values, default]), second.sign
-    (probability,) = within.probability([values])
+    probability, of_default = within.probability([values, default])
     difference = belief.difference(0, 1)
     mean, sd = sign * float(belief.mean[0]), float(belief.sd[0])
     return Limit(
@@ -41,6 +41,7 @@ def limit_of(
         sd=sd,
         interval_95=CALIBRATED.interval_95(mean, sd),
         probability=float(probability),
+        default_probability=float(of_default),
         default_mean=sign * float(belief.mean[1]),
         default_sd=float(belief.sd[1]),
         difference=difference[0],

@@ -64,6 +64,7 @@ class Limit:
     sd: float
     interval_95: tuple[float, float]
     probability: float  # that the limit is kept
+    default_probability: float  # that the default keeps it
     default_mean: float
     default_sd: float
     difference: float  # to the default
@@ -117,31 +118,35 @@ class NextRock:
     against: tuple[str, ...]  # training rocks that the recommendation probably makes worse
     more_rocks: (
         int | None
-    )  # that tell the mean gain over such rocks from 0, if it is as large as believed; None: too many
+    )  # that tell the mean gain over such {place}s from 0, if it is as large as believed; None: too many
     no_worse: float = 0.5  # probability that the gain is not below 0
 
-    def warnings(self, *, of_gain: bool = True) -> list[str]:
+    def warnings(self, *, of_gain: bool = True, place: str = "rock") -> list[str]:
         """Where training rocks disagree, and how many more would settle it: a sentence each, none where all is well.
 
-        ``of_gain``: whether a gain is asked for at all, not only that nothing is lost.
+        ``of_gain``: whether a gain is asked for at all, not only that nothing is lost. ``place``: what a rock is called.
         """
         said = []
         if len(self.per_rock) == 1:
-            said.append("Only one rock was flown: how rocks differ is not known.")
+            said.append(f"Only one {place} was flown: how {place}s differ is not known.")
         if self.against:
             names = ", ".join(Path(rock).stem for rock in self.against)
-            said.append(f"Training rocks disagree: it is probably worse than the default on {names}.")
+            said.append(f"Training {place}s disagree: it is probably worse than the default on {names}.")
         if not of_gain:
             return said
         if self.more_rocks is None:
             said.append(
-                f"Not even {MOST_ROCKS} training rocks would tell the mean gain over such rocks from 0."
+                f"Not even {MOST_ROCKS} training {place}s would tell the mean gain over such {place}s from 0."
             )
         elif self.more_rocks:
             more = (
-                "1 more training rock" if self.more_rocks == 1 else f"{self.more_rocks} more training rocks"
+                f"1 more training {place}"
+                if self.more_rocks == 1
+                else f"{self.more_rocks} more training {place}s"
             )
-            said.append(f"{more} would tell the mean gain over such rocks from 0, if it is as large as that.")
+            said.append(
+                f"{more} would tell the mean gain over such {place}s from 0, if it is as large as that."
+            )
         return said
 
     @staticmethod

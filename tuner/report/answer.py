@@ -19,7 +19,7 @@ from tuner.report.labels import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
     from typing import Any
 
     from tuner.campaign.settings import CampaignSettings
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 FEW = 3  # changes that a sentence can name
 PLAN = ("seed.", "stop.", "pool.max_altitude_m")  # parameters that `plan_words` puts into words
-LEANS = "The intervals are of the best of those flown, on the rocks tuned on: they lean towards optimism."
+LEANS = "The intervals are of the best of those flown, where it was tuned: they lean towards optimism."
 GEOMETRIC = "Predicted by geometric missions: no photograph was taken."
 
 
@@ -88,7 +88,7 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
     """What the recommendation is worth on the training rocks, then on the next one."""
     said = _exact_worth(best, s) if best.exact else _modelled_worth(best, s)
     if best.next_rock is not None:
-        said += best.next_rock.warnings(of_gain=not best.exact)
+        said += best.next_rock.warnings(of_gain=not best.exact, place=place_word(s))
     if is_geometric(s.fidelity):
         said.append(GEOMETRIC)
     return said
@@ -100,17 +100,19 @@ def _exact_worth(best: Recommendation, s: CampaignSettings) -> list[str]:
     said = exact_text(best.mean, cost, name)
     if not best.keep_default:
         said += f" in place of {exact_text(best.default_mean, cost)}"
+        if limit is not None and best.improvement < 0:  # why anybody should pay more
+            said += f", because the default keeps {_bound_words(limit)} with probability {limit.default_probability:.2f}"
     if limit is None:
         return [f"{said}; what that does to {_short(metric_label(best.modelled_metric))} is below."]
     label, digits = metric_label(limit.metric), _decimals(limit.sd)
-    quality = f"{_short(label)} {label.value(limit.mean, digits)} on {_where(s)} ({_interval(limit.interval_95, digits)}"
+    quality = f"{_short(label)} {label.value(limit.mean, digits)} on {_where(s)} ({_interval(map(label.possible, limit.interval_95), digits)}"
     if not best.keep_default:
         quality += f"; {label.value(limit.default_mean, digits)} with the default"
     lines = [f"{said}. {quality})."]
     if limit.next_rock_keeps is not None:
-        bound = "at least" if limit.direction == "maximise" else "at most"
-        asked = label.value(limit.limit, _digits(limit.limit))
-        line = f"On the next rock {bound} {asked} with probability {limit.next_rock_keeps:.2f}"
+        line = (
+            f"On the next {place_word(s)} {_bound_words(limit)} with probability {limit.next_rock_keeps:.2f}"
+        )
         if limit.next_rock_no_worse is not None:
             with_default = exact_text(best.default_mean, cost)
             line += f"; no worse than with {with_default} with probability {limit.next_rock_no_worse:.2f}"
@@ -122,7 +124,7 @@ def _modelled_worth(best: Recommendation, s: CampaignSettings) -> list[str]:
     label, digits = metric_label(best.metric), _decimals(best.sd)
     said = f"{_short(label)} {label.value(best.mean, digits)}"
     if best.keep_default:
-        lines = [f"{said} on {_where(s)} ({_interval(best.interval_95, digits)})."]
+        lines = [f"{said} on {_where(s)} ({_interval(map(label.possible, best.interval_95), digits)})."]
     else:
         of_gain = _decimals(best.improvement_sd)
         gain = with_unit(best.improvement, label.difference_unit, of_gain, signed=True)
@@ -138,7 +140,7 @@ def _modelled_worth(best: Recommendation, s: CampaignSettings) -> list[str]:
         gain = with_unit(next_rock.gain, label.difference_unit, digits, signed=True)
         interval = _interval(next_rock.interval_95, digits, signed=True)
         lines.append(
-            f"On the next rock {gain} ({interval}); no worse than the default with probability {next_rock.no_worse:.2f}."
+            f"On the next {place_word(s)} {gain} ({interval}); no worse than the default with probability {next_rock.no_worse:.2f}."
         )
     return lines
 
@@ -189,14 +191,22 @@ def exact_text(value: float, label: MetricLabel, name: str = "") -> str:
 
 def limit_words(limit: Limit) -> str:
     """``F-score at least 98 %``."""
-    label = metric_label(limit.metric)
+    return f"{_short(metric_label(limit.metric))} {_bound_words(limit)}"
+
+
+def _bound_words(limit: Limit) -> str:
     bound = "at least" if limit.direction == "maximise" else "at most"
-    return f"{_short(label)} {bound} {label.value(limit.limit, _digits(limit.limit))}"
+    return f"{bound} {metric_label(limit.metric).value(limit.limit, _digits(limit.limit))}"
 
 
 def _where(s: CampaignSettings) -> str:
-    rocks = "the training rocks" if s.mission is None else "the training instances"
-    return f"the worst of {rocks}" if s.risk == "worst" else rocks
+    places = f"the training {place_word(s)}s"
+    return f"the worst of {places}" if s.risk == "worst" else places
+
+
+def place_word(s: CampaignSettings) -> str:
+    """What a campaign is tuned on: rocks, or the instances of a mission file."""
+    return "rock" if s.mission is None else "instance"
 
 
 def _sign_note(label: MetricLabel, best: Recommendation) -> str:
@@ -209,7 +219,7 @@ def _short(label: MetricLabel) -> str:
     return label.name.partition(" @")[0]
 
 
-def _interval(interval: tuple[float, float], digits: int, *, signed: bool = False) -> str:
+def _interval(interval: Iterable[float | None], digits: int, *, signed: bool = False) -> str:
     low, high = (format_number(value, digits, signed=signed) for value in interval)
     return f"95 % interval {low} to {high}"
 

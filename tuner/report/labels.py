@@ -52,9 +52,13 @@ class MetricLabel:
         """Which way is better."""
         return "↑" if self.larger_is_better else "↓"
 
+    def possible(self, number: float | None) -> float | None:
+        """A prediction as something that can be: no share is above 100 %."""
+        return min(number, 100.0) if self.unit == "%" and number is not None else number
+
     def value(self, number: float | None, digits: int = 1) -> str:
         """A value with its unit."""
-        return with_unit(number, self.unit, digits)
+        return with_unit(self.possible(number), self.unit, digits)
 
 
 def with_unit(number: float | None, unit: str, digits: int = 1, *, signed: bool = False) -> str:
@@ -80,11 +84,11 @@ def decimals_for(spread: float) -> int:
     return min(6, max(1, 1 - math.floor(math.log10(spread))))
 
 
-def believed(mean: float, sd: float) -> str:
+def believed(mean: float, sd: float, label: MetricLabel) -> str:
     """With its standard deviation; what the configuration decides has none."""
     if sd == 0.0:
         return f"{mean:.6g}"
-    return f"{format_number(mean, decimals_for(sd))} ± {format_number(sd, decimals_for(sd))}"
+    return f"{format_number(label.possible(mean), decimals_for(sd))} ± {format_number(sd, decimals_for(sd))}"
 
 
 def metric_label(path: str) -> MetricLabel:
@@ -93,9 +97,11 @@ def metric_label(path: str) -> MetricLabel:
     Unknown paths are shown as they are, with the unit that their ending tells.
     """
     *prefix, key = path.split(".")
-    if prefix == ["costs"] and key in COSTS:
-        name, unit = COSTS[key]
-        return MetricLabel(name, unit, "", False)
+    if prefix == ["costs"]:
+        prefix = []  # no surface
+        if key in COSTS:
+            name, unit = COSTS[key]
+            return MetricLabel(name, unit, "", False)
     surface = ", ".join(SURFACES.get(part) or VARIANTS.get(part) or part for part in reversed(prefix))
     floor = "_floor_mm" if key.endswith("_floor_mm") else ""
     if found := find_metric(f"{key.removesuffix(floor)}_mm" if floor else key):
@@ -105,7 +111,7 @@ def metric_label(path: str) -> MetricLabel:
     for ending, unit in (("_mm", "mm"), ("_m", "m"), ("_s", "s"), ("_deg", "°"), ("_px", "px")):
         if key.endswith(ending):
             return MetricLabel(_words(key.removesuffix(ending)), unit, surface, False)
-    return MetricLabel(_words(key), "", surface, True)
+    return MetricLabel(_words(key), "", surface, not path.startswith("costs."))
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from tuner.report.answer import (
     LEANS,
     default_note,
     limit_words,
+    place_word,
     runner_up_sentence,
     use_sentence,
     value_text,
@@ -112,10 +113,10 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
     best = facts.recommendation
     if best is None:
         return ["There is nothing to compare."]
-    said = worth_sentences(best, facts.settings)
+    said, place = worth_sentences(best, facts.settings), place_word(facts.settings)
     if best.keep_default:
         rocks = len({t.rock for t in flown(facts, best.values)})
-        return [*said, f"It flew on {rocks} of {len(facts.settings.rocks)} rocks."]
+        return [*said, f"It flew on {rocks} of {len(facts.settings.rocks)} {place}s."]
     both = [p for p in pairs(facts, best) if None not in (p.default, p.recommended)]
     rocks, of = len({p.place.rsplit(", replicate", 1)[0] for p in both}), len(facts.settings.worlds)
     if both:
@@ -125,13 +126,13 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
             sum(differences) / len(differences), facts.label.difference_unit, facts.digits, signed=True
         )
         said.append(
-            f"Flown side by side on {rocks} of {of} {'rocks and conditions' if facts.several_conditions else 'rocks'}"
+            f"Flown side by side on {rocks} of {of} {place}s{' and conditions' if facts.several_conditions else ''}"
             f" ({len(both)} {'pair' if len(both) == 1 else 'pairs'}): {mean} of {facts.label.name} on average, better in "
             f"{ahead} of {len(both)}."
         )
     else:
         said.append(
-            "Never flown side by side: no rock and replicate has both the recommendation and the default."
+            f"Never flown side by side: no {place} and replicate has both the recommendation and the default."
         )
     return [*said, LEANS]
 
@@ -202,7 +203,7 @@ def _choice(record: IterationRecord) -> str:
 
 def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
     """``(why, command)``: the one thing to do now; an empty command means to stop."""
-    best, status = facts.recommendation, facts.status
+    best, status, place = facts.recommendation, facts.status, place_word(facts.settings)
     run = shlex.quote(str(facts.campaign.directory))
     resume, evaluate = f"gatetune campaign resume {run}", f"gatetune evaluate {run}"
     more = f"{resume} --missions {2 * status.budget}"
@@ -212,7 +213,7 @@ def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
     if status.remaining:
         return f"Finish it: {status.remaining} of {status.budget} missions are left.", resume
     if evaluated:
-        return "Stop: it has been measured on held-out rocks (below).", ""
+        return f"Stop: it has been measured on held-out {place}s (below).", ""
     if best.limit is not None and not best.limit.kept:
         return f"Fly more: nothing flown is likely to keep {limit_words(best.limit)}.", more
     if best.keep_default:
@@ -237,7 +238,7 @@ def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
             "Confirm it where it was tuned: too few pairs were flown.",
             f"gatetune confirm {run} --rock {shlex.quote(facts.settings.rocks[0])}",
         )
-    return "Measure it on rocks it has not seen.", evaluate
+    return f"Measure it on {place}s it has not seen.", evaluate
 
 
 # -- small things --------------------------------------------------------------------------------------------
@@ -247,7 +248,7 @@ def measure_text(facts: CampaignFacts) -> str:
     """What every number of the page is: metric with surface, fidelity, condition."""
     s = facts.settings
     if s.mission is not None:
-        return f"{facts.label.full}; missions of your mission file, whose instances are called rocks here"
+        return f"{facts.label.full}; missions of your mission file"
     if is_geometric(s.fidelity):
         fidelity = "predicted by the low-fidelity simulator (geometric missions, no photographs)"
     else:

@@ -77,9 +77,7 @@ def pairs_drawing(pairs: Sequence[Pair], metric: str, digits: int) -> Markup:
         f'<circle cx="76" cy="{y - 4:.0f}" r="5.5" fill="{BLUE}"/><text x="86" y="{y:.0f}">recommended</text>'
         f'<text x="{_WIDTH}" y="{y:.0f}" text-anchor="end" class="soft">{escape(metric)}</text>'
     )
-    return _svg(
-        parts, y + 6, "Default and recommended configuration on every rock and replicate that flew them."
-    )
+    return _svg(parts, y + 6, "Default and recommended configuration wherever they flew.")
 
 
 def gate_drawing(rows: Sequence[GateRow]) -> Markup:

@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from tuner.acquisition.pareto import FrontPoint, pareto_front
 from tuner.problem.quality_at_cost import COUNTS
+from tuner.report.answer import place_word
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.labels import believed, metric_label, parameter_value, with_unit
 from tuner.report.style import BLACK, BLUE, GREY, VERMILION, embed, look, new_figure
@@ -56,7 +57,7 @@ def front_context(facts: CampaignFacts, figures: Path) -> dict[str, Any] | None:
             "front",
             f"Scatter plot of {one.name} against {two.name} of all configurations flown; the Pareto front is a line.",
             f"{one.full} ({s.objective.direction}d) against {two.name} ({s.second.direction}d): what the model believes of "
-            "every configuration flown, as means over the training rocks, with 95 % bars on the front where it is not known exactly.",
+            f"every configuration flown, as means over the training {place_word(s)}s, with 95 % bars on the front where it is not known exactly.",
             figures,
             title="Both objectives",
             form="png",
@@ -68,8 +69,8 @@ def front_context(facts: CampaignFacts, figures: Path) -> dict[str, Any] | None:
         else "The recommendation above is the best by the first that keeps the limit of the second.",
         "rows": [
             [
-                believed(p.first, p.first_sd),
-                believed(p.second, p.second_sd),
+                believed(p.first, p.first_sd, one),
+                believed(p.second, p.second_sd, two),
                 *(parameter_value(p.values[path]) for path in s.space.paths),
             ]
             for p in front

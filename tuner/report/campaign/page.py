@@ -22,6 +22,7 @@ from tuner.evaluation.of_campaign import asked_of
 from tuner.missions.registry import GEOMETRIC_NOTE, ignored_by, is_geometric
 from tuner.problem.search_space import SearchSpace
 from tuner.recommendation.recommendation import Recommendation
+from tuner.report.answer import place_word
 from tuner.report.campaign.answers import (
     gate_answer,
     measure_text,
@@ -116,6 +117,7 @@ def _context(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[st
         "warnings": _warnings(facts),
         "kpis": key_figures(facts),
         "ours": s.mission is None,
+        "place": place_word(s),
         "recommended": best is not None,
         "parameters": [parameter_row(facts, p) for p in s.space.parameters],
         "metric_name": label.name,
@@ -228,8 +230,8 @@ def _verification_text(facts: CampaignFacts) -> str:
         return ""
     missions = "One mission" if flown == 1 else f"{flown} missions"
     return (
-        f" {missions} near the end of the search flew its favourite on a rock, or with a replicate, it had not seen: only a "
-        "configuration flown on two rocks and with two replicates may be recommended, or the default."
+        f" {missions} near the end of the search flew its favourite on one of the {place_word(facts.settings)}s, or with a replicate, it had not seen: only a "
+        "configuration flown on two of them and with two replicates may be recommended, or the default."
     )
 
 
@@ -258,7 +260,7 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation) -> dict[str
         "top_name": metric_label(best.metric).axis,
         "top": [
             {
-                "mean": believed(c.mean, c.sd),
+                "mean": believed(c.mean, c.sd, metric_label(best.metric)),
                 "keeps": "" if c.probability is None else f"{c.probability:.2f}",
                 "missions": f"{c.missions} ({c.failed})" if c.failed else str(c.missions),
                 "parameters": [parameter_value(c.values[path]) for path in s.space.paths],
@@ -270,11 +272,11 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation) -> dict[str
 
 
 def _model_text(facts: CampaignFacts, best: Recommendation) -> str:
-    unit = facts.label.difference_unit
+    unit, place = facts.label.difference_unit, place_word(facts.settings)
     shared = (
         ""
         if best.block_sd is None
-        else " What all missions on one rock and replicate share is modelled apart and cancels between configurations; its "
+        else f" What all missions on one {place} and replicate share is modelled apart and cancels between configurations; its "
         f"standard deviation is {with_unit(best.block_sd, unit, facts.digits)}."
     )
     exact = (
@@ -284,8 +286,8 @@ def _model_text(facts: CampaignFacts, best: Recommendation) -> str:
     )
     return (
         f"A Gaussian process (Matérn 5/2, one length scale per parameter{trend_text(facts)}) of {facts.label.full} on "
-        f"{best.observations} missions, outcomes standardised per {'rock and condition' if facts.several_conditions else 'rock'}."
-        f"{exact} One mission scatters about its configuration’s mean over rocks with a standard deviation of "
+        f"{best.observations} missions, outcomes standardised per {place}{' and condition' if facts.several_conditions else ''}."
+        f"{exact} One mission scatters about its configuration’s mean over {place}s with a standard deviation of "
         f"{with_unit(best.noise_sd, unit, facts.digits)}: that is the noise against which differences have to be seen."
         f"{shared}{_earlier_text(facts)}{_verification_text(facts)}"
     )

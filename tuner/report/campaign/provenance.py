@@ -12,6 +12,7 @@ from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.missions.job import RESULT_FILE
+from tuner.report.answer import place_word
 from tuner.report.campaign.facts import CampaignFacts
 
 MOST_READ = 200  # missions whose documents are read
@@ -48,7 +49,10 @@ def provenance_rows(facts: CampaignFacts) -> tuple[list[tuple[str, str]], str]:
     ]
     if hashes:
         rows.append(
-            ("rocks (SHA-256)", ", ".join(f"{name} {digest}…" for name, digest in sorted(hashes.items())))
+            (
+                f"{place_word(facts.settings)}s (SHA-256)",
+                ", ".join(f"{name} {digest}…" for name, digest in sorted(hashes.items())),
+            )
         )
     return rows, ", ".join(revisions) or git_revision()
 

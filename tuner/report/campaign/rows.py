@@ -69,7 +69,7 @@ def rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
                 str(len(own)),
                 str(sum(t.raw is None for t in own)),
                 str(row.missions),
-                format_number(row.predicted, facts.digits),
+                format_number(facts.label.possible(row.predicted), facts.digits),
                 format_number(row.observed, facts.digits),
                 *_twin_mean(facts, with_best),
                 str(len(with_default)),

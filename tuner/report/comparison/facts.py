@@ -21,8 +21,8 @@ from tuner.problem.objective import Objective
 from tuner.report.comparison.tables import mission_file_rows
 from tuner.report.comparison.verdicts import (
     Sentence,
+    counted,
     other_strategies,
-    rocks_text,
     row_of,
     share_kept,
     verdicts,
@@ -135,8 +135,8 @@ def comparison_facts(
         tuple(notes),
         verdicts(run, against, asked),
         other_strategies(run, against, asked),
-        _warnings(run, parts[0].table),
-        _measure(run, asked.quality or asked.objective),
+        _warnings(run, parts[0].table, asked.place),
+        _measure(run, asked),
         row_of(asked.quality or asked.objective),
         summary(records) if of_campaign else None,
         {c.name: summary([r for r in records if r.condition == c.name]) for c in plan.conditions}
@@ -174,7 +174,7 @@ def _summary(
     rows += table.rows
     if asked.limit is not None:
         shares = {name: share_kept(records, name, asked) for name in strategies}
-        limit = MetricRow(surface.capitalize(), "Limit kept", "limit", "% of rocks", True, 0)
+        limit = MetricRow(surface.capitalize(), "Limit kept", "limit", f"% of {asked.place}s", True, 0)
         rows.append(ComparisonRow(limit, shares, _best(shares, max), None, {}))
     return dataclasses.replace(table, rows=rows)
 
@@ -191,17 +191,20 @@ def _best(cells: dict[str, Interval | None], pick: Callable[[list[float]], float
     return tuple(name for name, mean in means.items() if mean == pick(list(means.values())))
 
 
-def _measure(run: EvaluationRun, objective: Objective) -> str:
+def _measure(run: EvaluationRun, asked: Asked) -> str:
     """Which surface, fidelity and condition the verdict is of."""
     names = [condition.name for condition in run.plan.conditions]
     where = f"{'conditions' if len(names) > 1 else 'condition'} {', '.join(names)}; "
+    label, places = (
+        metric_label((asked.quality or asked.objective).metric),
+        counted(len(run.plan.rocks), asked.place),
+    )
     if run.plan.fidelity == EXTERNAL:
-        where = ""
-    rocks = rocks_text(len(run.plan.rocks))
-    return f"{metric_label(objective.metric).full}; {run.plan.fidelity} missions; {where}{rocks}."
+        return f"{label.full}; missions of your mission file; {places}."
+    return f"{label.full}; {run.plan.fidelity} missions; {where}{places}."
 
 
-def _warnings(run: EvaluationRun, table: ComparisonTable) -> list[str]:
+def _warnings(run: EvaluationRun, table: ComparisonTable, place: str) -> list[str]:
     out = []
     expected = len(run.plan.strategies) * len(run.plan.worlds) * run.plan.replicates
     if not run.complete:
@@ -217,5 +220,5 @@ def _warnings(run: EvaluationRun, table: ComparisonTable) -> list[str]:
             "A strategy that fails where others succeed is worse than its means say."
         )
     if len(run.plan.rocks) < 3:
-        out.append(f"Only {rocks_text(len(run.plan.rocks))}: nothing here speaks for other rocks.")
+        out.append(f"Only {counted(len(run.plan.rocks), place)}: nothing here speaks for other {place}s.")
     return out

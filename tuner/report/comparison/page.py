@@ -125,12 +125,13 @@ def comparison_context(
             }
             for part in facts.parts
         ],
-        "methods": methods_sentence([*tables, *short]),
+        "methods": methods_sentence([*tables, *short], facts.asked.place),
         "comparisons": len(others) * sum(len(table.rows) for table in tables),
         "paper": PAPER_NOT_COMPARABLE if paper else "",
         "floor": FLOOR_NOTE if any(row.floor is not None for t in tables for row in t.rows) else "",
         "figures": _figures(facts, figures),
-        "provenance": provenance_rows(run),
+        "provenance": provenance_rows(run, facts.asked.place),
+        "place": facts.asked.place,
     }
 
 
@@ -181,23 +182,24 @@ def _figures(facts: ComparisonFacts, figures: Path | None) -> list[Illustration]
                 forest,
                 "differences",
                 f"Forest plots: paired improvement of every strategy over {reference}, one panel per metric.",
-                f"Paired improvement over {reference} on common (rock, replicate) pairs with 95 % intervals"
+                f"Paired improvement over {reference} on common ({facts.asked.place}, replicate) pairs with 95 % intervals"
                 f"{f', {surface} surface' if surface else ''}; right of zero is better in every panel, whatever the metric’s direction.",
                 figures,
                 title=f"Differences from {reference}",
             )
         )
     if any(r.value(headline.key) is not None for r in run.records):
-        by = "rock by rock" + (" and condition by condition" if len(run.plan.conditions) > 1 else "")
+        place = facts.asked.place
+        by = f"{place} by {place}" + (" and condition by condition" if len(run.plan.conditions) > 1 else "")
         out.append(
             embed(
                 rocks_figure(run.records, facts.strategies, run.plan.worlds, headline),
                 "rocks",
-                f"{headline.label} of every mission, grouped by rock, one colour and marker per strategy.",
+                f"{headline.label} of every mission, grouped by {place}, one colour and marker per strategy.",
                 f"{metric_label(headline.key).full} {by}: every mission (dots) and each strategy’s mean (bars). "
                 "Crosses with a count at the bottom: failed missions.",
                 figures,
-                title="Rock by rock",
+                title=f"{place} by {place}".capitalize(),
             )
         )
     sectors, centers = _sectors(facts, surface)

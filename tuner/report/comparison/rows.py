@@ -43,7 +43,7 @@ def strategy_row(run: EvaluationRun, name: str) -> dict[str, str]:
     }
 
 
-def provenance_rows(run: EvaluationRun) -> list[tuple[str, str]]:
+def provenance_rows(run: EvaluationRun, place: str) -> list[tuple[str, str]]:
     """Rocks, conditions, versions and revisions."""
     trees = []
     for r in run.records:
@@ -62,7 +62,7 @@ def provenance_rows(run: EvaluationRun) -> list[tuple[str, str]]:
     presets = sorted({config.preset for config in run.plan.strategies.values()})
     first, last = run.plan.first_replicate, run.plan.first_replicate + run.plan.replicates - 1
     return [
-        ("rocks", ", ".join(short_names(run.plan.rocks))),
+        (f"{place}s", ", ".join(short_names(run.plan.rocks))),
         ("conditions", ", ".join(condition.name for condition in run.plan.conditions)),
         ("replicates", f"{first} to {last}" if last > first else str(first)),
         ("mission preset", ", ".join(presets)),

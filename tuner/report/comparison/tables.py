@@ -164,13 +164,13 @@ def p_text(p: float | None) -> str:
     return "< 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
 
 
-def methods_sentence(tables: Sequence[ComparisonTable]) -> str:
+def methods_sentence(tables: Sequence[ComparisonTable], place: str = "rock") -> str:
     """How the intervals were made."""
     found = {c.method for t in tables for row in t.rows for c in row.cells.values() if c is not None}
     found |= {
         d.interval.method for t in tables for row in t.rows for d in row.differences.values() if d is not None
     }
-    return interval_methods(found)
+    return interval_methods(found).replace("rock", place)
 
 
 def measured(rows: Sequence[ComparisonRow]) -> list[ComparisonRow]:
@@ -314,7 +314,7 @@ def comparison_terminal_table(
         out.add_row("missions", *counts)
         return out
 
-    return InBlocks(table.strategies, title, "mean over rocks ± 95 % interval; best mean in bold", build)
+    return InBlocks(table.strategies, title, "mean ± 95 % interval; best mean in bold", build)
 
 
 def _terminal_table(strategies: Sequence[str]) -> Table:

@@ -49,7 +49,7 @@ def verdicts(run: EvaluationRun, reference: str, asked: Asked) -> list[Sentence]
     if subject == TUNED and asked.limit is not None:
         out += _limit(run.records, asked)
     if subject == TUNED and asked.quality is not None:
-        out += _best_control(run, reference, asked.quality)
+        out += _best_control(run, reference, asked.quality, asked.place)
     return list(dict.fromkeys(out))
 
 
@@ -57,7 +57,7 @@ def other_strategies(run: EvaluationRun, reference: str, asked: Asked) -> list[S
     """A sentence for each of the others against ``reference``, in the quality where there is one."""
     objective = asked.quality or asked.objective
     others = [name for name in run.plan.strategies if name != reference]
-    plain = Asked(objective, decided=asked.decided)
+    plain = Asked(objective, decided=asked.decided, place=asked.place)
     shown = others[1:] if TUNED not in others else [name for name in others if name != TUNED]
     return [_against(run.records, name, reference, objective, plain) for name in shown]
 
@@ -93,13 +93,13 @@ def _limit(records: Sequence[EvaluationRecord], asked: Asked) -> list[Sentence]:
     label, kept = metric_label(asked.second.metric), round(share.mean * share.rocks / 100)
     bound = "at least" if asked.second.direction == "maximise" else "at most"
     unit = f" {label.unit}" if label.unit else ""
-    text = f"Limit ({label.full}: {bound} {asked.limit:g}{unit}): kept on {kept} of {rocks_text(share.rocks)}"
+    text = f"Limit ({label.full}: {bound} {asked.limit:g}{unit}): kept on {kept} of {counted(share.rocks, asked.place)}"
     if share.low is not None and share.high is not None:
         text += f" ({share.mean:.0f} %, 95 % interval {share.low:.0f} to {share.high:.0f} %)"
     return [Sentence(f"{text}.", "better" if kept == share.rocks else "worse" if kept == 0 else "no")]
 
 
-def _best_control(run: EvaluationRun, reference: str, quality: Objective) -> list[Sentence]:
+def _best_control(run: EvaluationRun, reference: str, quality: Objective, place: str) -> list[Sentence]:
     """Against the best control at equal number that is not the reference itself; nothing where none was flown."""
     names = [name for name in controls_at_equal_number(run.plan.strategies) if name != reference]
     means = {name: strategy_interval(run.records, name, quality.metric) for name in names}
@@ -109,7 +109,7 @@ def _best_control(run: EvaluationRun, reference: str, quality: Objective) -> lis
     best = max(known, key=lambda name: known[name])
     whom = f"the best control at equal number ({strategy_label(best)})"
     d = strategy_difference(run.records, TUNED, best, row_of(quality))
-    return [] if d is None else [_plain(strategy_label(TUNED), whom, quality, d)]
+    return [] if d is None else [_plain(strategy_label(TUNED), whom, quality, d, place)]
 
 
 def _against(
@@ -123,7 +123,11 @@ def _against(
         ours, theirs = (strategy_interval(records, n, objective.metric) for n in (name, reference))
         assert ours is not None and theirs is not None
         return _count(objective, ours.mean, theirs.mean, "" if name == TUNED else who, whom)
-    return _plain(who, whom, objective, d) if asked.limit is None else _kept(whom, objective, d, asked.margin)
+    return (
+        _plain(who, whom, objective, d, asked.place)
+        if asked.limit is None
+        else _kept(whom, objective, d, asked)
+    )
 
 
 def _count(objective: Objective, ours: float, theirs: float, who: str, whom: str) -> Sentence:
@@ -143,7 +147,7 @@ def _number(value: float) -> str:
     return f"{value:.0f}" if float(value).is_integer() else f"{value:.1f}"
 
 
-def _plain(who: str, whom: str, objective: Objective, d: PairedDifference) -> Sentence:
+def _plain(who: str, whom: str, objective: Objective, d: PairedDifference, place: str) -> Sentence:
     label, kind = metric_label(objective.metric), difference_verdict(d, row_of(objective))
     begin = {
         "better": f"{who} is better than {whom}",
@@ -153,15 +157,15 @@ def _plain(who: str, whom: str, objective: Objective, d: PairedDifference) -> Se
     }[kind]
     if kind == "worse":  # by so much, rather than an improvement below zero
         loss = replace(objective, direction="minimise" if objective.direction == "maximise" else "maximise")
-        return Sentence(f"{begin} in {label.full} by {_gain(loss, d).removeprefix('+')}.", kind)
-    return Sentence(f"{begin} in {label.full}: improvement {_gain(objective, d)}.", kind.split()[0])
+        return Sentence(f"{begin} in {label.full} by {_gain(loss, d, place).removeprefix('+')}.", kind)
+    return Sentence(f"{begin} in {label.full}: improvement {_gain(objective, d, place)}.", kind.split()[0])
 
 
-def _kept(whom: str, objective: Objective, d: PairedDifference, margin: float) -> Sentence:
+def _kept(whom: str, objective: Objective, d: PairedDifference, asked: Asked) -> Sentence:
     """Whether the quality is no worse than ``whom``'s by more than the margin."""
-    label = metric_label(objective.metric)
+    label, margin = metric_label(objective.metric), asked.margin
     gain, low, high = gain_interval(d, row_of(objective))
-    how = f"{label.full} against {whom}: {_gain(objective, d)}."
+    how = f"{label.full} against {whom}: {_gain(objective, d, asked.place)}."
     allowed, worse = with_unit(margin, label.difference_unit), with_unit(-gain, label.difference_unit)
     if low is None or high is None:
         return Sentence(f"Quality: {how}", "no")
@@ -178,20 +182,19 @@ def _kept(whom: str, objective: Objective, d: PairedDifference, margin: float) -
     return Sentence(f"Quality not shown to be kept within {allowed}: {how}", "no")
 
 
-def _gain(objective: Objective, d: PairedDifference) -> str:
+def _gain(objective: Objective, d: PairedDifference, place: str) -> str:
     """``+1.8 points (95 % interval +1.2 to +2.3; 12 paired missions on 4 rocks)``."""
     label = metric_label(objective.metric)
     gain, low, high = gain_interval(d, row_of(objective))
     bounds = "too few missions for an interval"
     if low is not None and high is not None:
         bounds = f"95 % interval {format_number(low, signed=True)} to {format_number(high, signed=True)}"
-    rocks, missions = rocks_text(d.interval.rocks), "mission" if d.pairs == 1 else "missions"
-    where = f"{d.pairs} paired {missions} on {rocks}"
+    where = f"{counted(d.pairs, 'paired mission')} on {counted(d.interval.rocks, place)}"
     if d.interval.method == "replicates":  # such an interval has no spread between rocks
         where += f", for {'this' if d.interval.rocks == 1 else 'these'} alone"
     return f"{with_unit(gain, label.difference_unit, signed=True)} ({bounds}; {where})"
 
 
-def rocks_text(count: int) -> str:
-    """``3 rocks``."""
-    return "1 rock" if count == 1 else f"{count} rocks"
+def counted(count: int, what: str) -> str:
+    """``1 rock``, ``3 rocks``."""
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"

@@ -92,7 +92,7 @@
         el("text", { x: x(i), y: u < 0.5 ? y(u) + 14 : y(u) - 4, "text-anchor": "middle", class: "soft" }, svg, label);
       }
     });
-    el("text", { x: 4, y: 264, class: "soft" }, svg, "bright: good; thick: recommended; outcomes have their rock's difference taken out");
+    el("text", { x: 4, y: 264, class: "soft" }, svg, "bright: good; thick: recommended; differences between places taken out");
   }
 
   function slices() {
