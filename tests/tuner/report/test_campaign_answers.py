@@ -121,6 +121,17 @@ def test_photographs_saved_and_quality_kept_are_said(campaign: Campaign) -> None
     assert next_answer(missed, evaluated=False)[1].endswith("--missions 12")
 
 
+def test_a_dearer_plan_says_why(campaign: Campaign) -> None:
+    limit = with_limit(campaign).recommendation.limit  # type: ignore[union-attr]
+    high = dataclasses.replace(limit, mean=101.2, interval_95=(99.0, 103.4))
+    first = sure_answer(with_limit(campaign, mean=37.0, improvement=-5.0, limit=high))[0]
+    assert (
+        "37 photographs in place of 32, because the default keeps at least 98 % with probability 0.30. "
+        in first
+    )
+    assert "F-score 100.0 % on the training rocks (95 % interval 99.0 to 100.0;" in first
+
+
 def test_the_budget_of_the_default_is_not_the_papers(campaign: Campaign) -> None:
     said = use_answer(with_limit(campaign))["notes"]
     assert said[-1].endswith("Stop: adaptive budget 40, Pool: altitude limit 20 m.")
