@@ -17,7 +17,6 @@ from tuner.problem.standardise import RockStandardiser
 from tuner.problem.worlds import World, worlds_over
 from tuner.surrogate.kernel import MEAN_LEVEL, NO_OFFSET, mission_kernel
 from tuner.surrogate.model import RockMeanGP
-from tuner.surrogate.rock_calibration import leave_one_rock_out
 from tuner.surrogate.settings import SurrogateSettings
 
 CONDITIONS = ("ideal", "field", "harsh")
@@ -125,17 +124,3 @@ def test_proposals_lean_to_what_the_conditions_like() -> None:
         model = RockMeanGP(synthetic.SPACE, missions(24, 2, worlds), worlds, 0, own)
         values, figures = propose(model, [synthetic.DEFAULT], 0, risk)
         assert synthetic.SPACE.to_unit(values)[0] > 0.6 and figures["expected_gain"] > 0
-
-
-def test_a_rock_is_left_out_under_every_condition() -> None:
-    history = missions(48, 3)
-    built: list[set[str]] = []
-
-    def build(others: Sequence[Observation], rocks: Sequence[str]) -> RockMeanGP:
-        built.append({o.rock for o in others})
-        return RockMeanGP(synthetic.SPACE, others, worlds_over(rocks, CONDITIONS))
-
-    checks = leave_one_rock_out(history, synthetic.ROCKS, build)
-    assert [c.missions for c in checks] == [12] * 4
-    assert all(len(rocks) == 3 for rocks in built)
-    assert np.mean([c.spearman or 0.0 for c in checks]) > 0.2

@@ -1,0 +1,113 @@
+"""Missions of one's own from the campaign to the verdicts: what terminal, JSON and page say of known numbers."""
+
+import json
+from pathlib import Path
+
+import pytest
+import trimesh
+import yaml
+
+from tuner.campaign import Campaign
+from tuner.campaign.begin import begin_campaign
+from tuner.campaign.session import fly_campaign
+from tuner.campaign.settings_file import settings_from_dict
+from tuner.missions.executors import InProcessExecutor
+
+FILE = {
+    "schema": "gatetune.mission/1",
+    "name": "own",
+    "function": "own_mission:fly",
+    "parameters": {"mode": {"kind": "categorical", "choices": ["slow", "quick"], "default": "slow"}},
+    "instances": ["a", "b"],
+    "held_out": ["c"],
+    "metric": "loss",
+    "direction": "minimise",
+    "time_limit_s": 60,
+}
+
+
+def flown(tmp_path, returned: str, file=None, **asked) -> Path:
+    """The directory of a finished campaign over a mission file whose missions return ``returned`` of the mode ``m``."""
+    code = f"def fly(request):\n    m = request['configuration']['mode']\n    return {returned}\n"
+    (tmp_path / "own_mission.py").write_text(code)
+    (tmp_path / "own.yaml").write_text(yaml.safe_dump({**FILE, **(file or {})}))
+    settings = {"name": "own", "mission": str(tmp_path / "own.yaml"), "budget": 6, "sampler": "random"}
+    campaign = begin_campaign(tmp_path / "runs/own", settings_from_dict({**settings, **asked}, "test"))
+    assert fly_campaign(campaign, InProcessExecutor()).status.finished == 6
+    return campaign.directory
+
+
+def said(gatetune, directory: Path, *command) -> tuple[str, dict, str]:
+    """What a comparison of the campaign says on the terminal, as JSON, and on its page."""
+    code, out, err = gatetune(*command, "--replicates", 1, "--workers", 1)
+    assert code == 0, err
+    code, document, err = gatetune(*command, "--replicates", 1, "--workers", 1, "--json")
+    assert code == 0, err
+    tree = json.loads(document)
+    page = (directory.parents[1] / tree["report"]).read_text() if "report" in tree else ""
+    return out, tree, page
+
+
+@pytest.mark.parametrize("command", ["evaluate", "confirm"])
+def test_less_of_what_is_minimised_is_better(gatetune, tmp_path, command):
+    """7 in place of 20 is an improvement of 13."""
+    directory = flown(tmp_path, "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}}")
+    best = Campaign.open(directory, read_only=True).recommendation(save=False)
+    assert best.values == {"mode": "quick"} and best.improvement > 5
+    out, tree, page = said(gatetune, directory, command, "runs/own")
+    line = tree["verdicts"][0]
+    assert "improvement +13.0" in line["text"] and line["kind"] != "worse"
+    assert line["text"] in out and line["text"] in page
+    difference = tree["tables"]["own"]["rows"][0]["differences"]["tuned"]
+    assert difference["interval"]["mean"] == -13.0 and difference["losses"] == 0
+    assert "rock" not in out and "photograph" not in out
+    assert "dense cloud" not in page and "instance" in page
+
+
+@pytest.mark.slow
+def test_a_scored_mission_minimises_its_own_cost(gatetune, tmp_path):
+    """The campaign says the direction: ``score`` brings metrics of which more is better."""
+    ball = trimesh.creation.icosphere(3, radius=0.8)
+    ball.apply_translation((0, 0, 0.8))
+    ball.export(tmp_path / "ball.ply")
+    trimesh.PointCloud(ball.sample(4000, seed=1)).export(tmp_path / "cloud.ply")
+    copied = (
+        f"__import__('shutil').copy({str(tmp_path / 'cloud.ply')!r}, request['output']) and "
+        "{'cloud': {'path': 'cloud.ply'}, 'cost': {'battery': 20.0 if m == 'slow' else 7.0}}"
+    )
+    places = [{"name": name, "mesh": "ball.ply"} for name in ("a", "b", "c")]
+    file = {
+        "instances": places[:2],
+        "held_out": places[2:],
+        "score": {"set": {"evaluation.gt_samples": 2000}},
+        "metric": "observable.f_score_48mm",
+        "direction": "maximise",
+    }
+    directory = flown(tmp_path, copied, file, objective="costs.battery")
+    out, tree, page = said(gatetune, directory, "evaluate", "runs/own")
+    assert Campaign.open(directory, read_only=True).recommended().values == {"mode": "quick"}
+    assert tree["verdicts"][0]["text"].startswith("Tuned against default in Battery: improvement +13.0")
+    assert tree["verdicts"][0]["text"] in out and tree["verdicts"][0]["text"] in page
+
+
+def test_a_recommended_default_is_said_and_not_confirmed(gatetune, tmp_path):
+    directory = flown(tmp_path, "{'metrics': {'loss': 7.0 if m == 'slow' else 20.0}}")
+    out, tree, page = said(gatetune, directory, "evaluate", "runs/own")
+    note = "The campaign recommends to keep the default: Tuned is the default."
+    assert tree["notes"] == [note] and tree["verdicts"] == [] and note in out and note in page
+    out, tree, _ = said(gatetune, directory, "confirm", "runs/own")
+    assert "there is nothing to confirm" in out and list(tree) == ["notes"]
+
+
+def test_a_limit_that_nothing_keeps_is_said(gatetune, tmp_path):
+    returned = "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}, 'cost': {'fuel': 5.0}}"
+    directory = flown(tmp_path, returned, sampler="gp", initial=6, objective="costs.fuel@loss<=1")
+    code, out, err = gatetune("campaign", "status", "runs/own")
+    assert code == 0 and "Nothing flown is likely to keep Loss at most 1; the likeliest is" in out, err
+    out, tree, page = said(gatetune, directory, "evaluate", "runs/own")
+    note = tree["notes"][-1]
+    assert note.startswith(
+        "Nothing that the campaign flew is known to keep its limit: Tuned is the likeliest"
+    )
+    assert note in out and note in page
+    assert "kept on 0 of 1 instance" in out and "kept on 0 of 1 instance" in page
