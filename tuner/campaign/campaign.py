@@ -293,18 +293,23 @@ class Campaign:
             best_observed=best(values) if values else None,
         )
 
-    def recommendation(self, *, save: bool = True, latest: bool = False) -> Recommendation | None:
+    def recommendation(
+        self, *, save: bool = True, latest: bool = False, brief: bool = False
+    ) -> Recommendation | None:
         """The best of what may be recommended, by posterior mean over the training worlds.
 
         The one saved after these very missions, where there is one, or the ``latest`` one that was saved, however many
-        missions have ended since: a model of thousands takes long.
+        missions have ended since: a model of thousands takes long. ``brief``: without what takes the most models, see
+        `recommend_from`; when all missions are known it is made whole.
         """
         history = self.history()
         if (saved := self.saved_recommendation(history, latest=latest)) is not None:
             return saved
-        result = self.recommend_from(history)
+        brief = brief and (self.settings.second is None or self.settings.limit is not None)  # else: the front
+        result = self.recommend_from(history, simplify=not brief)
         if result is not None and save:
-            write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
+            tree = {**result.to_dict(), "brief": brief}
+            write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(tree, indent=1))
         return result
 
     def recommend_from(
@@ -438,9 +443,11 @@ class Campaign:
         history = self.history() if history is None else history
         failures = sum(not o.feasible for o in history)
         try:
-            saved = Recommendation.from_dict(read_json(self.directory / RECOMMENDATION_FILE))
-        except (UserError, ValueError, KeyError, TypeError):
+            tree = read_json(self.directory / RECOMMENDATION_FILE)
+            brief = tree.pop("brief", False)
+            saved = Recommendation.from_dict(tree)
+        except (UserError, AttributeError, ValueError, KeyError, TypeError):
             return None
         flown = any(saved.values == dict(o.values) for o in history)
         counted = (saved.observations, saved.failures) == (len(history) - failures, failures)
-        return saved if flown and (latest or counted) else None
+        return saved if flown and (latest or (counted and not brief)) else None

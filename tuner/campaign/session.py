@@ -48,7 +48,7 @@ def fly_campaign(
     Parameters
     ----------
     recommend_every
-        Emit a "recommendation" event (and save it) after every so many finished missions; 0: only at the end.
+        Emit a "recommendation" event (and save it, brief) after every so many finished missions; 0: only at the end.
     accept_changes
         Go on where rocks or the missions' code changed since the last session.
 
@@ -301,8 +301,9 @@ class _Session:
         else:
             self._failures_in_row = 0
         self._emit("failed" if record.state == "failed" else "finished", record, message=record.message)
-        if self._recommend_every and self._finished % self._recommend_every == 0:
-            recommendation = self._stop.computed(self._campaign.recommendation)
+        last = self._finished >= self._settings.budget  # whose recommendation the summary has
+        if self._recommend_every and self._finished % self._recommend_every == 0 and not last:
+            recommendation = self._stop.computed(lambda: self._campaign.recommendation(brief=True))
             if recommendation is not None:
                 self._emit("recommendation", recommendation=recommendation)
 

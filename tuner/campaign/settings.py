@@ -391,6 +391,10 @@ class CampaignSettings:
 
     def default_values(self) -> Values:
         """Where every sampler starts: the paper's values, or a mission file's defaults."""
+        return dict(self._default_values)
+
+    @functools.cached_property
+    def _default_values(self) -> Values:
         if self.mission is not None:
             return dict(external_config(self.mission).values)
         return self.space.default(preset(self.preset).with_values(self.overrides))

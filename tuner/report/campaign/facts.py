@@ -162,6 +162,7 @@ class CampaignFacts:
             out.append(Slice(p, tuple(positions), mean, sd))
         return out
 
+    @cached_property
     def surface(self) -> Surface | None:
         """The two gate thresholds where both are tuned, else the two ordered parameters that matter most."""
         if self.recommendation is None or self.model is None:

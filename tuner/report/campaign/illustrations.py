@@ -16,7 +16,7 @@ def model_illustrations(facts: CampaignFacts, best: Recommendation, figures: Pat
     out = []
     surface = map_figure(facts)
     if surface is not None:
-        found = facts.surface()
+        found = facts.surface
         assert found is not None
         names = f"{parameter_label(found.x.path).name} and {parameter_label(found.y.path).name}"
         others = facts.settings.space.dimension > 2

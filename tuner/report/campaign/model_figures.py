@@ -30,7 +30,7 @@ from tuner.surrogate.numerics import NORMAL_95
 
 def map_figure(facts: CampaignFacts) -> Figure | None:
     """Posterior mean and standard deviation over two parameters; None where fewer than two are ordered."""
-    surface = facts.surface()
+    surface = facts.surface
     if surface is None:
         return None
     assert facts.recommendation is not None
