@@ -206,7 +206,7 @@ def test_in_step_a_campaign_is_the_same_with_any_workers(tmp_path: Path) -> None
     assert len(expected) == 10
     for other in (side_by_side, Campaign.open(tmp_path / "parts", fidelity=FIDELITY)):
         assert [(t.number, t.rock, t.replicate, t.values, t.raw) for t in other.trials()] == expected
-    with pytest.raises(UserError, match="in step is 0 missions; give at least 1"):
+    with pytest.raises(UserError, match="in_step is 0 missions; give at least 1"):
         settings(in_step=0)
 
 
