@@ -47,7 +47,7 @@ def name_of(strategy: str) -> str:
     return strategy_label(strategy)
 
 
-def _preferences_row(s: StrategyResult, findings: OracleFindings) -> list[str]:
+def _preferences_row(s: StrategyResult) -> list[str]:
     saturates = f"{s.missions_saturated} of {s.missions}"
     if s.saturates_at is not None:
         saturates += f" ({s.saturates_at + 1:g})"
@@ -74,7 +74,7 @@ def oracles_table(findings: OracleFindings) -> Table:
     for column in _PREFERENCES:
         table.add_column(column, justify="left" if column in ("strategy", "judged by") else "right")
     for s in findings.strategies:
-        table.add_row(*_preferences_row(s, findings))
+        table.add_row(*_preferences_row(s))
     return table
 
 
@@ -96,7 +96,7 @@ def oracles_markdown(findings: OracleFindings) -> str:
         "(saturated), and the rest.",
         "",
         *markdown_table(
-            list(_PREFERENCES.values()), [_preferences_row(x, findings) for x in findings.strategies], left=2
+            list(_PREFERENCES.values()), [_preferences_row(x) for x in findings.strategies], left=2
         ),
         "",
         "## Means",

@@ -365,7 +365,6 @@ class Ledger:
                 None if t.raw is None else sign * t.raw,
                 t.raw,
                 t.reason,
-                t.wall_s,
                 t.memory,
                 condition=t.condition,
             )

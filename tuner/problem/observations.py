@@ -25,7 +25,6 @@ class Observation:
     outcome: float | None  # oriented so that larger is better; None: failed, i.e. infeasible
     raw: float | None = None  # the metric as measured
     reason: str = ""  # why it failed
-    cost_s: float = 0.0  # wall-clock seconds
     memory: Mapping[str, Any] = field(default_factory=dict)  # what the sampler asked to be kept
     second: float | None = (
         None  # outcome of a second objective, oriented alike; None: none asked for, or missing

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from typing import Literal
 
 Risk = Literal["mean", "worst"]  # the mean outcome over the training worlds, or that of the worst
-RISKS: tuple[Risk, ...] = get_args(Risk)

@@ -18,8 +18,8 @@ from tuner.problem.search_space import Configuration, SearchSpace
 
 HYB_H = "hyb-h"
 _SCORER_OF_SECTION = {name.replace("-", "_"): name for name in SCORERS}
-# A condition of Eq. 9 each: the threshold, what is compared with it, whether smaller values fly the geometry scorer.
-_CONDITIONS = (("gate.d95_m", "d95_m", False), ("gate.budget_fraction", "f_b", True))
+# A condition of Eq. 9 each: the threshold, and whether smaller values fly the geometry scorer.
+_CONDITIONS = (("gate.d95_m", False), ("gate.budget_fraction", True))
 
 
 @dataclass(frozen=True)
@@ -69,10 +69,10 @@ def _thresholds(
         f"the gate never switched: {scorers[0]} chose all {len(records)} views; " if len(scorers) == 1 else ""
     )
     found = {}
-    for path, measured, below in _CONDITIONS:
+    for path, below in _CONDITIONS:
         if path not in space.paths:
             continue
-        low, high = _same_choices(gate, records, measured, below)
+        low, high = _same_choices(gate, records, below)
         same = low <= float(default[path]) < high if not below else low < float(default[path]) <= high
         if never or same:
             why = f"{never}{_range_text(low, high)} makes the same choices"
@@ -82,9 +82,7 @@ def _thresholds(
     return found
 
 
-def _same_choices(
-    gate: GateConfig, records: Sequence[IterationRecord], measured: str, below: bool
-) -> tuple[float, float]:
+def _same_choices(gate: GateConfig, records: Sequence[IterationRecord], below: bool) -> tuple[float, float]:
     """The values of one threshold with which Hyb-H makes the choices that it made, the other as in ``gate``."""
     low, high = -math.inf, math.inf
     for record in records:

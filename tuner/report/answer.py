@@ -131,7 +131,7 @@ def _modelled_worth(best: Recommendation, s: CampaignSettings) -> list[str]:
         interval = _interval(best.improvement_interval_95, of_gain, signed=True)
         lines = [
             f"{said} in place of {label.value(best.default_mean, digits)} on {_where(s)}: {gain} ({interval})"
-            f"{_sign_note(label, best)}."
+            f"{_sign_note(best)}."
         ]
     if best.limit is not None:
         lines.append(_cost_sentence(best, best.limit))
@@ -209,7 +209,7 @@ def place_word(s: CampaignSettings) -> str:
     return "rock" if s.mission is None else "instance"
 
 
-def _sign_note(label: MetricLabel, best: Recommendation) -> str:
+def _sign_note(best: Recommendation) -> str:
     """That a gain of what is minimised is written as positive."""
     return ", positive where less" if best.direction == "minimise" else ""
 

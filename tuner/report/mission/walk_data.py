@@ -81,7 +81,7 @@ def walk_of(run: Path, rock: str | None = None) -> Walk:
     world = make_world(config, the_rock(run, result, rock, store), store)
     states = sorted((run / "states").glob("iter_*.npz"))
     decided = [(*load_state(path), record) for path, record in zip(states, read_trace(run))]
-    views, steps, models = _views(run, flight, planned_by, decided), [], []
+    views, steps, models = _views(run, flight, decided), [], []
     seeds = [view for view in views if view["id"].startswith("seed_")]
     for number, view in enumerate(seeds, 1):
         steps.append(_step(f"seed view {number} of {len(seeds)}", number, view["t"]))
@@ -135,7 +135,6 @@ def walk_of(run: Path, rock: str | None = None) -> Walk:
 def _views(
     run: Path,
     flight: Mapping[str, Any],
-    config: MissionConfig,
     decided: list[tuple[PlanningState, CandidatePool, dict[str, Any]]],
 ) -> list[dict[str, Any]]:
     """Every photograph in the order in which they were taken: when, where from, and how it looks."""
