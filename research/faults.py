@@ -410,7 +410,7 @@ def prepared() -> Iterator[None]:
         import tuner.campaign.asked_settings
         import tuner.campaign.begin
         import tuner.campaign.extension
-        import tuner.campaign.shown
+        import tuner.campaign.showcase
         import tuner.cli
         import tuner.report.campaign.page
         import tuner.surrogate.fit  # noqa: F401

@@ -40,9 +40,9 @@ ROOT = Path(__file__).resolve().parent.parent
 import numpy as np  # noqa: E402
 from distributed import Client, LocalCluster  # noqa: E402
 
-from tuner.campaign.ahead import MAX_BATCH, SHARE  # noqa: E402
 from tuner.campaign.begin import begin_campaign  # noqa: E402
 from tuner.campaign.events import CampaignEvent  # noqa: E402
+from tuner.campaign.prefetch import MAX_BATCH, SHARE  # noqa: E402
 from tuner.campaign.session import fly_campaign  # noqa: E402
 from tuner.campaign.settings import CampaignSettings  # noqa: E402
 from tuner.missions.cluster import worker  # noqa: E402

@@ -24,14 +24,6 @@ from nbv.checksums import checksum_of
 from nbv.config import IDEAL
 from nbv.errors import UserError
 from tuner.campaign.coordinator_lock import coordinator_lock
-from tuner.campaign.seals import (
-    ENDED,
-    ENTERED,
-    ending_seal,
-    entry_seal,
-    require_all_there,
-    require_trial,
-)
 from tuner.campaign.storage import (
     JOURNAL_FILE,
     Journal,
@@ -40,6 +32,14 @@ from tuner.campaign.storage import (
     open_storage,
     patiently,
     reachable,
+)
+from tuner.campaign.trial_checksums import (
+    ENDED,
+    ENTERED,
+    ending_checksum,
+    entry_checksum,
+    require_all_there,
+    require_trial,
 )
 from tuner.missions.job import MissionOutcome
 from tuner.problem.objective import Objective
@@ -87,7 +87,9 @@ class TrialRecord:
     started: datetime.datetime | None = None
     finished: datetime.datetime | None = None
     condition: str = IDEAL
-    code: str = ""  # digest of what flies it, see `tuner.campaign.same_world`; empty in ledgers of before
+    code: str = (
+        ""  # digest of what flies it, see `tuner.campaign.reproducibility_check`; empty in ledgers of before
+    )
     rock_sha256: str = ""  # of the rock that was flown; empty while running, and where no mission said so
 
     def __repr__(self) -> str:
@@ -264,7 +266,7 @@ class Ledger:
         }
         if proposal.memory:
             attributes["memory"] = proposal.memory
-        attributes[ENTERED] = entry_seal(self._campaign_id, number, proposal.values, attributes)
+        attributes[ENTERED] = entry_checksum(self._campaign_id, number, proposal.values, attributes)
         trial = create_trial(
             state=TrialState.RUNNING,
             params=dict(proposal.values),
@@ -304,7 +306,7 @@ class Ledger:
             "rock_sha256": outcome.rock_sha256,
         }
         if ENTERED in frozen.user_attrs:
-            attributes[ENDED] = ending_seal(frozen.user_attrs[ENTERED], value, attributes)
+            attributes[ENDED] = ending_checksum(frozen.user_attrs[ENTERED], value, attributes)
         state, values = (TrialState.FAIL, None) if value is None else (TrialState.COMPLETE, [value])
 
         def end(again: bool) -> None:

@@ -9,11 +9,11 @@ from collections.abc import Callable, Sequence
 from typing import Literal
 
 from nbv.errors import UserError
-from tuner.campaign.ahead import FROM_WORKERS, ProposalsAhead
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent, CampaignSummary, EventKind
 from tuner.campaign.ledger import TrialRecord
-from tuner.campaign.same_world import SameWorld
+from tuner.campaign.prefetch import FROM_WORKERS, ProposalPrefetch
+from tuner.campaign.reproducibility_check import ReproducibilityCheck
 from tuner.campaign.storage import DATABASE_ERRORS
 from tuner.missions.executors import Executor
 from tuner.missions.external.trust import trust
@@ -43,10 +43,17 @@ def fly_campaign(
 
     Missions that were in flight when an earlier session ended are flown again under their old trial numbers (or
     entered, if they had finished). The executor is left open; missions still in flight at an interruption are killed.
-    A stop waits for no proposal or recommendation, and a second Ctrl-C interrupts at once. A mission that the machine ended (`MissionOutcome.lost`) stays open too.
+    A stop waits for no proposal or recommendation, and a second Ctrl-C interrupts at once. The trial of an infrastructure
+    failure (`MissionOutcome.infrastructure_failure`) stays open too.
 
     Parameters
     ----------
+    campaign
+        The campaign to go on with.
+    executor
+        Flies the missions, at most its ``capacity`` at a time.
+    on_event
+        Is called with everything that happens, in this thread.
     recommend_every
         Emit a "recommendation" event (and save it, brief) after every so many finished missions; 0: only at the end.
     accept_changes
@@ -55,8 +62,8 @@ def fly_campaign(
     Raises
     ------
     UserError
-        The campaign is running elsewhere, or in another world than before; a mission met a user's mistake (its trial stays open, so a resume
-        flies it again); the ledger cannot be written.
+        The campaign is running elsewhere; rocks or the missions' code changed (`tuner.campaign.reproducibility_check`); a
+        mission met a user's mistake (its trial stays open, so a resume flies it again); the ledger cannot be written.
     """
     session = _Session(campaign, executor, on_event or (lambda event: None), recommend_every, accept_changes)
     try:
@@ -65,7 +72,7 @@ def fly_campaign(
                 return session.fly(stop)
             finally:
                 executor.cancel_all()
-                session.ahead.close()
+                session.prefetch.close()
     except DATABASE_ERRORS as error:
         cause = str(error.__cause__ or error).strip().partition("\n")[0]
         raise UserError(
@@ -99,11 +106,11 @@ class _Session:
         self._finished = 0
         self._failures_in_row = 0
         self._last_failure = ""
-        self._lost, self._last_lost = 0, ""  # missions that the machine ended, which stay open
+        self._infrastructure_failures, self._last_infrastructure_failure = 0, ""  # their trials stay open
         self._in_flight: dict[str, TrialRecord] = {}
         self._configs: dict[int, Configuration] = {}  # of trials entered and not launched yet
         finished, mission = campaign.status().finished >= campaign.settings.budget, campaign.settings.mission
-        self._world = SameWorld(
+        self._reproducibility = ReproducibilityCheck(
             campaign.directory,
             campaign.settings.fidelity,
             campaign.trials(),
@@ -112,11 +119,11 @@ class _Session:
         )
         if mission is not None and not finished:
             trust(campaign.identity, mission)
-        self.ahead = ProposalsAhead(campaign)
+        self.prefetch = ProposalPrefetch(campaign)
 
     def fly(self, stop: Stop) -> CampaignSummary:
         self._stop, self._ledger.pause = stop, stop.wait
-        again = self._recover()
+        to_retry = self._recover()
         while True:
             if stop.is_set():
                 self._executor.cancel_all()
@@ -131,17 +138,17 @@ class _Session:
                 )
                 self._emit("stopped", message=message)
                 return self._summary("failing", message)
-            while batch := self._next_trials(again, stop):
+            while batch := self._next_trials(to_retry, stop):
                 for trial in batch:
                     self._launch(trial)
-            if not self._in_flight and self.ahead.thinking:
-                self.ahead.wait(_POLL_S)
+            if not self._in_flight and self.prefetch.thinking:
+                self.prefetch.wait(_POLL_S)
                 continue
             if not self._in_flight and not stop.is_set():
-                if self._lost:
+                if self._infrastructure_failures:
                     message = (
-                        f"{self._lost} missions were ended by the machine, the last with {self._last_lost}; they are not "
-                        "counted, and flown again by a resume"
+                        f"{self._infrastructure_failures} missions were ended by the machine, the last with "
+                        f"{self._last_infrastructure_failure}; they are not counted, and flown again by a resume"
                     )
                     self._emit("stopped", message=message)
                     return self._summary("failing", message)
@@ -150,47 +157,47 @@ class _Session:
                     self._campaign.front()
                 self._emit("done", recommendation=summary.recommendation)
                 return summary
-            free = self.ahead.thinking and len(self._in_flight) < self._executor.capacity
+            free = self.prefetch.thinking and len(self._in_flight) < self._executor.capacity
             self._land(self._executor.wait_any(_POLL_S / 10 if free else _POLL_S))
 
     def _recover(self) -> collections.deque[TrialRecord]:
-        """Enter missions that finished but were not told; return those to fly again."""
+        """Enter missions that finished without being in the ledger; return those to fly again."""
         trials = self._ledger.trials()
         self._finished = sum(t.state != "running" for t in trials)
-        again: collections.deque[TrialRecord] = collections.deque()
+        to_retry: collections.deque[TrialRecord] = collections.deque()
         for trial in trials:
             if trial.state == "running":
                 outcome = collect_outcome(self._job(trial))
                 if (
                     outcome is not None
                     and outcome.reason != "user_error"
-                    and not self._of_another_world(trial, outcome)
+                    and not self._is_void(trial, outcome)
                 ):
                     self._count(self._enter(trial, self._with_asked_parameters(trial, outcome)))
                 else:
-                    again.append(trial)
-        self._world.begin()
-        return again
+                    to_retry.append(trial)
+        self._reproducibility.begin()
+        return to_retry
 
-    def _of_another_world(self, trial: TrialRecord, outcome: MissionOutcome) -> bool:
-        """Whether it says nothing of this campaign: lost, or on a mesh that has been put back since."""
-        return outcome.lost or self._world.is_another(trial, outcome.rock_sha256)
+    def _is_void(self, trial: TrialRecord, outcome: MissionOutcome) -> bool:
+        """Whether the outcome does not count: an infrastructure failure, or a mesh that has been replaced since."""
+        return outcome.infrastructure_failure or self._reproducibility.is_another(trial, outcome.rock_sha256)
 
-    def _next_trials(self, again: collections.deque[TrialRecord], stop: Stop) -> list[TrialRecord]:
-        """The next to launch, entered together: several where proposals are made ahead."""
+    def _next_trials(self, to_retry: collections.deque[TrialRecord], stop: Stop) -> list[TrialRecord]:
+        """Return the next missions to launch, entered in one write: several where proposals are prefetched."""
         batch: list[TrialRecord] = []
         with self._ledger.together():
-            while len(batch) < (_TOGETHER if self._asks_ahead else 1) and not stop.is_set():
+            while len(batch) < (_TOGETHER if self._prefetches else 1) and not stop.is_set():
                 if len(self._in_flight) + len(batch) >= self._executor.capacity:
                     break
-                trial = again.popleft() if again else self._next_trial()
+                trial = to_retry.popleft() if to_retry else self._next_trial()
                 if trial is None:
                     break
                 batch.append(trial)
         return batch
 
     @property
-    def _asks_ahead(self) -> bool:
+    def _prefetches(self) -> bool:
         return self._settings.in_step is None and self._executor.capacity >= FROM_WORKERS
 
     def _next_trial(self) -> TrialRecord | None:
@@ -198,10 +205,10 @@ class _Session:
         if len(trials) >= self._settings.budget:
             return None
         known = trials
-        if self._asks_ahead:
+        if self._prefetches:
             started = time.monotonic()
-            ahead = self.ahead.next(trials, self._executor.capacity)
-            return None if ahead is None else self._start(trials, ahead, time.monotonic() - started)
+            ready = self.prefetch.next(trials, self._executor.capacity)
+            return None if ready is None else self._start(trials, ready, time.monotonic() - started)
         if self._settings.in_step is not None:
             known = trials[: max(0, len(trials) + 1 - self._settings.in_step)]
             if any(t.state == "running" for t in known):
@@ -218,7 +225,7 @@ class _Session:
         world, replicate = next_block(self._settings.worlds, self._settings.replicates, trials, proposal)
         config = self._settings.config(proposal.values, world.condition)
         trial = self._ledger.start(
-            proposal, world, replicate, config.digest(), self._settings.seed, self._world.code
+            proposal, world, replicate, config.digest(), self._settings.seed, self._reproducibility.code
         )
         self._configs[trial.number] = config
         self._emit("proposed", trial, ask_s=ask_s)
@@ -242,7 +249,7 @@ class _Session:
         self._emit("launched", trial)
 
     def _land(self, outcomes: Sequence[MissionOutcome]) -> None:
-        """Enter all that have come, then count them: what counts is on disk."""
+        """Enter all outcomes that have arrived, then count them: only what is on disk counts."""
         with self._ledger.together():
             records = [record for outcome in outcomes if (record := self._finish(outcome)) is not None]
         for record in records:
@@ -253,10 +260,10 @@ class _Session:
         if outcome.reason == "user_error":
             # Every other mission would meet it too: stop, and leave the trial open for the resume.
             raise UserError(outcome.message)
-        if outcome.lost:  # the trial stays open: neither counted nor learned from
-            self._lost += 1
+        if outcome.infrastructure_failure:  # the trial stays open: neither counted nor learned from
+            self._infrastructure_failures += 1
             self._note_failure(outcome.reason, outcome.message)
-            self._last_lost = self._last_failure
+            self._last_infrastructure_failure = self._last_failure
             self._emit("lost", trial, message=f"{outcome.reason}: {outcome.message}")
             return None
         outcome = self._with_asked_parameters(trial, outcome)
@@ -291,7 +298,7 @@ class _Session:
             )
 
     def _enter(self, trial: TrialRecord, outcome: MissionOutcome) -> TrialRecord:
-        self._world.require(trial, outcome.rock_sha256)
+        self._reproducibility.require(trial, outcome.rock_sha256)
         return self._ledger.finish(trial.number, outcome)
 
     def _count(self, record: TrialRecord) -> None:

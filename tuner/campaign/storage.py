@@ -49,7 +49,7 @@ class Journal(JournalStorage):
         super().__init__(self._records)
 
     def together(self) -> contextlib.AbstractContextManager[None]:
-        """What is written inside is seen by this process at once, and on disk when the context ends: in one synchronised write."""
+        """Collect what is written inside: this process sees it at once, the disk has it in one write at the end."""
         return self._records.together()
 
 
@@ -63,14 +63,14 @@ class _Records(JournalFileBackend):
         self._first = self._seen = 0  # number of the first record held; how many of them have been read
 
     def append_logs(self, logs: list[dict[str, Any]]) -> None:
-        """Append, or hold."""
+        """Write records to the file or, inside `together`, keep them for its one write."""
         if self._held is None:
             super().append_logs(logs)
         else:
             self._held += json.loads(json.dumps(logs), object_pairs_hook=_keys_once)
 
     def read_logs(self, log_number_from: int) -> Generator[dict[str, Any], None, None]:
-        """Records from a number on: those held where some are."""
+        """Yield the records from a number on, those that are not on disk yet included."""
         if self._held is None or not self._seen:
             self._first = log_number_from
             for record in self._of_file(log_number_from):
@@ -83,7 +83,7 @@ class _Records(JournalFileBackend):
 
     @contextlib.contextmanager
     def together(self) -> Iterator[None]:
-        """See `Journal`; inside another one it is part of that."""
+        """Collect records for one write; inside another ``together`` they join that one's write."""
         if self._held is not None:
             yield
             return

@@ -287,16 +287,16 @@ def _write_pages(
     campaign: Campaign, pair: LocalProcessExecutor | DaskExecutor | None, report: Path, *, quiet: bool
 ) -> None:
     """The answer is known: what is left is to draw it. ``pair``: where what is shown flies once more, whole."""
-    from tuner.campaign.shown import fly_shown_missions, shown_jobs
+    from tuner.campaign.showcase import fly_showcase, showcase_jobs
     from tuner.report import campaign as pages  # what draws is loaded where it is called
-    from tuner.report.campaign.walks import write_shown_page
+    from tuner.report.campaign.walks import write_showcase_page
 
     page = None
     try:
-        if pair is not None and shown_jobs(campaign):
+        if pair is not None and showcase_jobs(campaign):
             with working("flying the default and the recommendation whole, to show them", silent=quiet):
-                fly_shown_missions(campaign, pair)
-                page = write_shown_page(campaign)
+                fly_showcase(campaign, pair)
+                page = write_showcase_page(campaign)
         with working("writing the report", silent=quiet):
             pages.write_campaign_report(campaign)
     except KeyboardInterrupt:
@@ -305,5 +305,5 @@ def _write_pages(
     output.print(f"report: {report}", soft_wrap=True)
     if page is not None:
         output.print(f"{page.label}: {page.path}", soft_wrap=True)
-    elif shown_jobs(campaign):
+    elif showcase_jobs(campaign):
         output.print(f"to walk around in it: gatetune mission view {campaign.directory}", soft_wrap=True)

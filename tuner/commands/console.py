@@ -23,7 +23,7 @@ from nbv.mission.result import json_ready
 from nbv.safe_files import parse_yaml
 from tuner.campaign import rock_choice
 from tuner.missions.executors import local_executor
-from tuner.missions.now import doing_now
+from tuner.missions.progress import progress_of
 
 if TYPE_CHECKING:
     from tuner.missions.cluster.executor import DaskExecutor
@@ -211,7 +211,7 @@ class FlightProgress:
         if not flights:
             return ""
         named = [
-            f"{label} ({doing})" if (doing := doing_now(directory)) else label
+            f"{label} ({doing})" if (doing := progress_of(directory)) else label
             for label, directory in flights[:_NAMED]
         ]
         more = f" and {len(flights) - _NAMED} more" if len(flights) > _NAMED else ""

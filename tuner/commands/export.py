@@ -215,10 +215,10 @@ def _plan(run: Path, home: str) -> tuple[str, list[str]]:
 def _recommended_mission(run: Path) -> Path:
     """Where the recommended mission, or the default that it is, was flown whole."""
     from tuner.campaign.campaign import Campaign
-    from tuner.campaign.shown import shown_jobs, was_flown
+    from tuner.campaign.showcase import showcase_jobs, was_flown
 
     campaign = Campaign.open(run, read_only=True)
-    jobs = shown_jobs(campaign)
+    jobs = showcase_jobs(campaign)
     if not jobs:
         raise UserError(f"{run} has no route: it has no recommendation, or its missions are not ours")
     if not was_flown(jobs[-1]):

@@ -246,7 +246,7 @@ def view(
 
 def _view_campaign(directory: Path) -> None:
     from tuner.campaign.campaign import Campaign
-    from tuner.campaign.shown import fly_shown_missions
+    from tuner.campaign.showcase import fly_showcase
     from tuner.commands.console import local_executor
     from tuner.report import write_campaign_report
     from tuner.report.campaign.walks import write_mission_pages
@@ -255,7 +255,7 @@ def _view_campaign(directory: Path) -> None:
     output.print(f"campaign in {directory}: flying what is not there yet", soft_wrap=True)
     s = campaign.settings
     with local_executor(s.fidelity, None, 3600.0, s.mission) as executor, working("flying"):
-        fly_shown_missions(campaign, executor)
+        fly_showcase(campaign, executor)
     with working("writing the pages"):
         pages = write_mission_pages(campaign)
     for page in pages:

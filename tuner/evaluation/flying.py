@@ -61,7 +61,7 @@ def run_evaluation(
 ) -> EvaluationRun:
     """Fly what is not flown yet, until done, Ctrl-C or SIGTERM.
 
-    Missions that the machine ended (`MissionOutcome.lost`) leave no record, and the evaluation incomplete.
+    Missions that the machine ended (`MissionOutcome.infrastructure_failure`) leave no record, and the evaluation incomplete.
 
     Raises
     ------
@@ -93,7 +93,7 @@ def run_evaluation(
                         job = flying.pop(outcome.job_id)
                         if outcome.reason == "user_error":
                             raise UserError(outcome.message)
-                        lost += outcome.lost
+                        lost += outcome.infrastructure_failure
                         tell("failed" if outcome.status == "failed" else "finished", job, outcome)
                 complete = not waiting and not flying and not lost
                 tell("done" if complete else "interrupted")
@@ -114,7 +114,7 @@ def failure_counts(records: Iterable[EvaluationRecord]) -> dict[str, int]:
 
 def _unfinished(job: MissionJob) -> bool:
     outcome = collect_outcome(job)
-    return outcome is None or outcome.reason == "user_error" or outcome.lost
+    return outcome is None or outcome.reason == "user_error" or outcome.infrastructure_failure
 
 
 def place_for(plan: EvaluationPlan, usual: Path) -> Path:

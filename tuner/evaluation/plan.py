@@ -162,7 +162,7 @@ class EvaluationPlan:
             for world in self.worlds:
                 for k in range(self.first_replicate, self.first_replicate + self.replicates):
                     outcome = collect_outcome(self._job(directory, name, world, k))
-                    if outcome is not None and not outcome.lost:
+                    if outcome is not None and not outcome.infrastructure_failure:
                         parameters = config.values if isinstance(config, ExternalConfig) else {}
                         records.append(
                             EvaluationRecord(name, world.rock, k, outcome, world.condition, parameters)

@@ -2,7 +2,7 @@
 
 Each mission has a process group of its own, so that an abort inside a native library, the out-of-memory
 killer or a time-out ends one mission and not the campaign. What the machine ends (somebody kills or stops a process, no
-process can be started, the disk is full) says nothing about the mission: it is flown again, at most `MAX_FLIGHTS` times in
+process can be started, the disk is full) says nothing about the mission: it is flown again, at most `MAX_ATTEMPTS` times in
 all, and comes back as ``lost`` only after that.
 """
 
@@ -108,7 +108,7 @@ class InProcessExecutor:
 
 
 MAX_WORKERS = 1024
-MAX_FLIGHTS = 3  # of one mission that the machine keeps ending
+MAX_ATTEMPTS = 3  # of one mission that the machine keeps ending
 # A mission that has not been started (the server is still importing) gets this much longer.
 _START_GRACE_S = 120.0
 _SCORING_S = 900.0  # of an own mission's cloud
@@ -120,11 +120,11 @@ _FROM_OUTSIDE = {signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT, s
 
 
 @dataclass
-class _Flight:
+class _Attempt:
     job: MissionJob
     since: float  # of submission, then of the start
-    number: int = 1  # among the flights of this job
-    doubted: bool = False  # one of them ended by what may have been the machine
+    number: int = 1  # among the attempts of this job
+    excused: bool = False  # one of them ended by what may have been the machine
     pid: int | None = None  # once started
     timed_out: bool = False
     stopped: bool = False  # when it was killed for taking too long, somebody had stopped it
@@ -145,7 +145,7 @@ class LocalProcessExecutor:
         A mission that takes longer is killed and recorded as ``timeout``.
     preload
         Fidelities whose modules the server imports before it forks.
-    max_flights
+    max_attempts
         How often a mission that the machine ends is flown in all.
     """
 
@@ -154,7 +154,7 @@ class LocalProcessExecutor:
         workers: int = 1,
         timeout_s: float = 3600.0,
         preload: tuple[str, ...] = (DEFAULT_FIDELITY,),
-        max_flights: int = MAX_FLIGHTS,
+        max_attempts: int = MAX_ATTEMPTS,
     ) -> None:
         if workers < 1:
             raise UserError(f"workers is {workers}; it must be at least 1")
@@ -163,10 +163,10 @@ class LocalProcessExecutor:
             raise UserError(f"the mission time-out is {timeout_s} s; it must be positive")
         self.capacity = workers
         self._timeout_s = timeout_s
-        self._max_flights = max_flights
+        self._max_attempts = max_attempts
         self._preload = [module for fidelity in preload for module in all_modules(fidelity)]
-        self._flights: dict[str, _Flight] = {}
-        self._again: list[_Flight] = []
+        self._attempts: dict[str, _Attempt] = {}
+        self._to_retry: list[_Attempt] = []
         self._ready: list[MissionOutcome] = []
         self._server: subprocess.Popen[bytes] | None = None
         self._server_is_up = False
@@ -181,20 +181,20 @@ class LocalProcessExecutor:
         """Start ``job``."""
         if job.id in self.in_flight:
             raise ValueError(f"job {job.id} is already in flight")
-        self._start(_Flight(job, time.monotonic()))
+        self._start(_Attempt(job, time.monotonic()))
 
-    def _start(self, flight: _Flight) -> None:
-        clear_traces(flight.job)
-        self._flights[flight.job.id] = flight
-        self._order({"op": "run", "job": flight.job.to_dict()})
+    def _start(self, attempt: _Attempt) -> None:
+        clear_traces(attempt.job)
+        self._attempts[attempt.job.id] = attempt
+        self._order({"op": "run", "job": attempt.job.to_dict()})
 
     def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
         """Outcomes that arrived within ``timeout_s``."""
         deadline = time.monotonic() + timeout_s
-        while not self._ready and (self._flights or self._again):
-            again, self._again = self._again, []
-            for flight in again:
-                self._start(flight)
+        while not self._ready and (self._attempts or self._to_retry):
+            waiting, self._to_retry = self._to_retry, []
+            for attempt in waiting:
+                self._start(attempt)
             left = deadline - time.monotonic()
             self._listen(max(0.0, min(left, 0.5)))
             self._kill_overdue()
@@ -206,8 +206,8 @@ class LocalProcessExecutor:
     def cancel_all(self) -> None:
         """Kill all missions in flight."""
         self._stop_server()
-        self._flights.clear()
-        self._again.clear()
+        self._attempts.clear()
+        self._to_retry.clear()
         self._ready.clear()
 
     def close(self) -> None:
@@ -217,7 +217,7 @@ class LocalProcessExecutor:
     @property
     def in_flight(self) -> tuple[str, ...]:
         """Jobs that have not come back."""
-        return (*self._flights, *(flight.job.id for flight in self._again))
+        return (*self._attempts, *(attempt.job.id for attempt in self._to_retry))
 
     def __enter__(self) -> LocalProcessExecutor:
         return self
@@ -270,72 +270,72 @@ class LocalProcessExecutor:
         for line in lines:
             message = json.loads(line)
             self._server_is_up = True
-            if message["event"] == "started" and message["id"] in self._flights:
+            if message["event"] == "started" and message["id"] in self._attempts:
                 # The server may have been importing until now; that is not the mission's time.
-                flight = self._flights[message["id"]]
-                flight.since, flight.pid = time.monotonic(), message["pid"]
-            if message["event"] == "exited" and message["id"] in self._flights:
-                self._land(self._flights.pop(message["id"]), message["status"], message.get("error", ""))
+                attempt = self._attempts[message["id"]]
+                attempt.since, attempt.pid = time.monotonic(), message["pid"]
+            if message["event"] == "exited" and message["id"] in self._attempts:
+                self._land(self._attempts.pop(message["id"]), message["status"], message.get("error", ""))
 
-    def _land(self, flight: _Flight, status: int | None, error: str) -> None:
-        job, wall_s = flight.job, flight.elapsed_s
+    def _land(self, attempt: _Attempt, status: int | None, error: str) -> None:
+        job, wall_s = attempt.job, attempt.elapsed_s
         outcome = collect_outcome(job, wall_s)
         if outcome is None:
-            reason, message = self._verdict(flight, status, error)
+            reason, message = self._verdict(attempt, status, error)
             outcome = failed_outcome(job, reason, message, wall_s)
             with contextlib.suppress(OSError):  # so that the directory tells its own story
                 record_failure(job, reason, message)
-        if outcome.again(flight.number, self._max_flights, doubted=flight.doubted):
-            doubted = flight.doubted or outcome.doubtful
-            self._again.append(_Flight(job, time.monotonic(), flight.number + 1, doubted))
+        if outcome.should_retry(attempt.number, self._max_attempts, excused=attempt.excused):
+            excused = attempt.excused or outcome.possibly_machine_fault
+            self._to_retry.append(_Attempt(job, time.monotonic(), attempt.number + 1, excused))
         else:
             self._ready.append(outcome)
 
-    def _verdict(self, flight: _Flight, status: int | None, error: str) -> tuple[str, str]:
+    def _verdict(self, attempt: _Attempt, status: int | None, error: str) -> tuple[str, str]:
         """Why a mission left nothing, as reason and message; ``status`` is None where it has none."""
-        log = flight.job.directory / LOG_FILE
-        flights = f" in flight {flight.number} of {self._max_flights}"
+        log = attempt.job.directory / LOG_FILE
+        attempts = f" in attempt {attempt.number} of {self._max_attempts}"
         if status is None:
-            return ("server_lost" if flight.pid else "not_started"), error + flights
-        if flight.timed_out and flight.stopped:
-            return "worker_stopped", f"somebody stopped its process (SIGSTOP){flights}; see {log}"
-        if flight.timed_out:
+            return ("server_lost" if attempt.pid else "not_started"), error + attempts
+        if attempt.timed_out and attempt.stopped:
+            return "worker_stopped", f"somebody stopped its process (SIGSTOP){attempts}; see {log}"
+        if attempt.timed_out:
             return "timeout", f"killed after {self._timeout_s:g} s; see {log}"
         if status == EXIT_NOT_WRITABLE:
-            return "output_not_writable", f"could not write to {flight.job.directory}; is the disk full?"
+            return "output_not_writable", f"could not write to {attempt.job.directory}; is the disk full?"
         if status >= 0:
             return f"worker_died: exit {status}", f"ended without a result; see {log}"
         name = signal.Signals(-status).name if -status in set(signal.Signals) else "unknown"
         if -status in _FROM_OUTSIDE:
             return (
                 f"worker_killed: signal {-status}",
-                f"somebody sent {name}, or memory ran out{flights}; see {log}",
+                f"somebody sent {name}, or memory ran out{attempts}; see {log}",
             )
         return f"worker_died: signal {-status}", f"killed by {name}; see {log}"
 
     def _kill_overdue(self) -> None:
-        for job_id, flight in list(self._flights.items()):
-            limit_s = self._timeout_s + (_START_GRACE_S if flight.pid is None else 0.0)
-            if job_id in self._flights and not flight.timed_out and flight.elapsed_s > limit_s:
-                flight.timed_out, flight.stopped = True, _is_stopped(flight.pid)
+        for job_id, attempt in list(self._attempts.items()):
+            limit_s = self._timeout_s + (_START_GRACE_S if attempt.pid is None else 0.0)
+            if job_id in self._attempts and not attempt.timed_out and attempt.elapsed_s > limit_s:
+                attempt.timed_out, attempt.stopped = True, _is_stopped(attempt.pid)
                 self._order({"op": "kill", "id": job_id})
-        overdue = any(flight.timed_out for flight in self._flights.values())
+        overdue = any(attempt.timed_out for attempt in self._attempts.values())
         limit_s = _SILENCE_LIMIT_AFTER_KILL_S if overdue else _SILENCE_LIMIT_S
         if self._silent_s > (limit_s if self._server_is_up else _START_GRACE_S):
             self._server_died(f"the mission server stood still for {self._silent_s:.0f} s")
 
     def _server_died(self, error: str) -> None:
         self._stop_server(patience_s=1.0)
-        flights, self._flights = self._flights, {}
-        for flight in flights.values():
-            _wait_for_end(flight.pid)
-            self._land(flight, None, error)
+        attempts, self._attempts = self._attempts, {}
+        for attempt in attempts.values():
+            _wait_for_end(attempt.pid)
+            self._land(attempt, None, error)
 
     def _stop_server(self, patience_s: float = 10.0) -> None:
         server, self._server = self._server, None
         if server is None:
             return
-        if not (self._server_is_up or self._flights):  # it is still importing, for nobody
+        if not (self._server_is_up or self._attempts):  # it is still importing, for nobody
             server.kill()
         assert server.stdin is not None and server.stdout is not None
         with contextlib.suppress(BrokenPipeError):

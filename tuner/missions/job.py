@@ -21,7 +21,7 @@ from tuner.problem.search_space import Configuration
 RESULT_FILE = "mission.json"
 ERROR_FILE = "worker_error.json"
 LOG_FILE = "worker.log"
-_LOST = {
+_INFRASTRUCTURE_FAILURES = {
     "disk_full",
     "machine_error",
     "not_started",
@@ -30,7 +30,7 @@ _LOST = {
     "worker_killed",
     "worker_stopped",
 }
-_DOUBTFUL = {"out_of_memory", "worker_died"}
+_POSSIBLY_MACHINE_FAULTS = {"out_of_memory", "worker_died"}
 
 
 @dataclass(frozen=True)
@@ -84,25 +84,28 @@ class MissionOutcome:
     rock_sha256: str = ""  # of the rock that was flown, where the mission says so
 
     @property
-    def lost(self) -> bool:
+    def infrastructure_failure(self) -> bool:
         """Whether the machine ended it: this says nothing about the configuration, and the mission may be flown again."""
-        return self.status == "failed" and self.reason.partition(":")[0] in _LOST
+        return self.status == "failed" and self.reason.partition(":")[0] in _INFRASTRUCTURE_FAILURES
 
     @property
-    def doubtful(self) -> bool:
-        """Whether machine or configuration may have ended it."""
-        return self.status == "failed" and self.reason.partition(":")[0] in _DOUBTFUL
+    def possibly_machine_fault(self) -> bool:
+        """Whether the machine or the configuration may have ended it."""
+        return self.status == "failed" and self.reason.partition(":")[0] in _POSSIBLY_MACHINE_FAULTS
 
-    def again(self, flight: int, most: int, *, doubted: bool) -> bool:
-        """Whether to fly it once more after its ``flight``-th: the machine ended it, ``most`` times in all, or may have for once.
+    def should_retry(self, attempt: int, max_attempts: int, *, excused: bool) -> bool:
+        """Return whether to fly the mission once more after this ``attempt`` (from 1).
 
-        ``doubted``: an earlier flight ended `doubtful` too; then it is the configuration's.
+        An infrastructure failure is retried until ``max_attempts``; a possible machine fault once only: where an earlier
+        attempt was ``excused`` as one, the fault is the configuration's.
         """
-        return (self.lost and flight < most) or (self.doubtful and not doubted and most > 1)
+        if self.infrastructure_failure:
+            return attempt < max_attempts
+        return self.possibly_machine_fault and not excused and max_attempts > 1
 
 
 def collect_outcome(job: MissionJob, wall_s: float | None = None) -> MissionOutcome | None:
-    """The outcome that a worker left in the job's directory; None when the mission did not finish.
+    """Return the outcome that a worker left in the job's directory; None when the mission did not finish.
 
     A ``mission.json`` of another configuration, condition, rock or replicate is not this mission's, nor one that was changed
     since it was written.
@@ -129,7 +132,19 @@ def collect_outcome(job: MissionJob, wall_s: float | None = None) -> MissionOutc
 
 
 def failed_outcome(job: MissionJob, reason: str, message: str, wall_s: float = 0.0) -> MissionOutcome:
-    """A mission that ended without metrics."""
+    """Return the outcome of a mission that ended without metrics.
+
+    Parameters
+    ----------
+    job
+        The mission.
+    reason
+        The reason as a word for programs, such as ``timeout``.
+    message
+        The reason for people, in one line.
+    wall_s
+        How long the mission took.
+    """
     return MissionOutcome(job.id, "failed", reason, message, wall_s=wall_s, directory=str(job.directory))
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from nbv.errors import MissionFailure, UserError
 from nbv.mission.run_directory import write_atomic
 from tuner.missions.job import RESULT_FILE, MissionJob, record_failure
-from tuner.missions.now import log_of
+from tuner.missions.progress import log_of
 from tuner.missions.registry import mission_function
 
 _FULL = {errno.ENOSPC, errno.EDQUOT}
@@ -38,13 +38,13 @@ def run_job(tree: dict[str, Any]) -> int:
     directory = job.directory
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        fly, now = mission_function(job.fidelity), log_of(job.fidelity, directory)
-        options = {} if now is None else {"log": now}
+        fly, progress = mission_function(job.fidelity), log_of(job.fidelity, directory)
+        options = {} if progress is None else {"log": progress}
         try:
             result = fly(job.config, job.rock, job.replicate, directory, keep=job.keep, **options)
         finally:
-            if now is not None:
-                now.end()
+            if progress is not None:
+                progress.end()
         if not (directory / RESULT_FILE).exists():
             write_atomic(directory / RESULT_FILE, result.to_json())
         return 0

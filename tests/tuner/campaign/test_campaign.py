@@ -150,12 +150,12 @@ def test_what_is_shown_flies_after_the_verdict_if_asked(
     show_pair: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said_before: list[str] = []
-    monkeypatch.setattr("tuner.campaign.shown.shown_jobs", lambda campaign: ["a job"])
+    monkeypatch.setattr("tuner.campaign.showcase.showcase_jobs", lambda campaign: ["a job"])
     monkeypatch.setattr(
-        "tuner.campaign.shown.fly_shown_missions", lambda *_: said_before.append(capsys.readouterr().out)
+        "tuner.campaign.showcase.fly_showcase", lambda *_: said_before.append(capsys.readouterr().out)
     )
     page = MissionPage("default beside recommended", tmp_path / "view.html")
-    monkeypatch.setattr("tuner.report.campaign.walks.write_shown_page", lambda campaign: page)
+    monkeypatch.setattr("tuner.report.campaign.walks.write_showcase_page", lambda campaign: page)
     monkeypatch.setattr("tuner.report.campaign.write_campaign_report", lambda campaign: None)
     campaign = begin_campaign(tmp_path / "run", settings())
     with workers() as executor:
@@ -610,9 +610,9 @@ def test_a_brief_recommendation_is_made_whole_in_the_end(tmp_path: Path) -> None
 def test_a_finished_campaign_is_looked_at_without_torch(tmp_path: Path) -> None:
     run(tmp_path / "run", budget=4).recommendation()
     program = (
-        "import sys, tuner.campaign.session, tuner.campaign.shown as shown; from pathlib import Path\n"
+        "import sys, tuner.campaign.session, tuner.campaign.showcase as showcase; from pathlib import Path\n"
         "c = tuner.campaign.campaign.Campaign.open(Path(sys.argv[1]), read_only=True)\n"
-        "print(c.status().complete, bool(c.recommendation(save=False)), shown.shown_jobs(c), 'torch' in sys.modules)"
+        "print(c.status().complete, bool(c.recommendation(save=False)), showcase.showcase_jobs(c), 'torch' in sys.modules)"
     )
     called = [sys.executable, "-c", program, str(tmp_path / "run")]
     found = subprocess.run(called, capture_output=True, text=True, check=True)

@@ -17,7 +17,7 @@ from sqlalchemy.exc import OperationalError
 import tuner.campaign.begin as beginning
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
-from tuner.campaign import same_world
+from tuner.campaign import reproducibility_check
 from tuner.campaign import storage as storage_module
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
@@ -132,7 +132,7 @@ def open_last(directory: Path) -> None:
 
 def test_changed_code_is_asked_about(copy, monkeypatch):
     open_last(copy)
-    monkeypatch.setattr(same_world, "code_of", lambda fidelity: "another")
+    monkeypatch.setattr(reproducibility_check, "code_of", lambda fidelity: "another")
     with pytest.raises(UserError, match=r"the code of its missions changed after trial 4.*--accept-changes"):
         fly_campaign(Campaign.open(copy, fidelity=FIDELITY), InProcessExecutor())
     campaign = Campaign.open(copy, fidelity=FIDELITY)
@@ -141,7 +141,7 @@ def test_changed_code_is_asked_about(copy, monkeypatch):
 
 def test_a_changed_rock_is_asked_about(copy):
     def another(trial, sha):
-        world = same_world.SameWorld(copy, FIDELITY, campaign.trials(), accept=False)
+        world = reproducibility_check.ReproducibilityCheck(copy, FIDELITY, campaign.trials(), accept=False)
         world.require(trial, "1" * 64)
         world.require(trial, "")  # a mission that failed before it met the rock
         world.require(trial, sha)

@@ -23,7 +23,7 @@ from tuner.cli import app
 from tuner.commands import console, evaluate
 from tuner.commands.campaign_display import LINE, CampaignProgress, event_line, mission_line, show_verdict
 from tuner.evaluation.plan import EvaluationPlan
-from tuner.missions.now import Now
+from tuner.missions.progress import Progress
 from tuner.problem.space_files import load_search_space
 
 SETTINGS: CampaignSettings = fake_campaigns.settings(space=load_search_space("gate_and_weights"))
@@ -73,7 +73,7 @@ def test_a_pipe_hears_what_flies(
 ) -> None:
     monkeypatch.setattr(console, "_PACE_S", -1.0)  # always due
     (tmp_path / "2").mkdir()
-    Now(tmp_path / "2")("dense", {})
+    Progress(tmp_path / "2")("dense", {})
     show = CampaignProgress(console.progress_bar(), SETTINGS, tmp_path)
     for number in (1, 2, 3):
         launched = event("launched").trial

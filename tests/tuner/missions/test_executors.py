@@ -114,8 +114,8 @@ def test_a_full_disk_for_result_and_log_is_the_machine_s(
 def test_a_mission_that_is_killed_every_time_is_lost(tmp_path: Path) -> None:
     with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
         outcome = fly(executor, [job(tmp_path, "kill")])["0000"]
-    assert outcome.lost and outcome.reason == "worker_killed: signal 9"
-    assert f"in flight {executors.MAX_FLIGHTS} of {executors.MAX_FLIGHTS}" in outcome.message
+    assert outcome.infrastructure_failure and outcome.reason == "worker_killed: signal 9"
+    assert f"in attempt {executors.MAX_ATTEMPTS} of {executors.MAX_ATTEMPTS}" in outcome.message
 
 
 def test_threads_asked_for_elsewhere_do_not_stop_forking(

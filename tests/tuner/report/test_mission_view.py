@@ -21,7 +21,7 @@ from nbv.types import PointCloud
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import CampaignSettings
-from tuner.campaign.shown import fly_shown_missions
+from tuner.campaign.showcase import fly_showcase
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.space_files import load_search_space
 from tuner.report import write_campaign_report, write_mission_recording, write_mission_view
@@ -215,7 +215,7 @@ def test_a_campaign_shows_its_default_and_its_kept_missions(tmp_path: Path) -> N
     campaign = begin_campaign(tmp_path / "c", settings)
     executor = InProcessExecutor()
     fly_campaign(campaign, executor)
-    fly_shown_missions(campaign, executor)
+    fly_showcase(campaign, executor)
     pages = write_mission_pages(campaign)
     assert [page.path.parent.name for page in pages] == ["shown", "0000_slab_r0", "0001_slab_r0"]
     names = [facts["name"] for facts in shown(pages[0].path)]

@@ -19,7 +19,7 @@ from nbv.rocks import load_rock
 from nbv.rocks.imported import write_rock
 from nbv.rocks.recipes import RECIPES
 from tuner.missions.cluster import worker
-from tuner.missions.executors import MAX_FLIGHTS
+from tuner.missions.executors import MAX_ATTEMPTS
 from tuner.missions.job import RESULT_FILE, MissionJob, MissionOutcome, clear_traces, failed_outcome
 from tuner.missions.registry import EXTERNAL, FIDELITIES
 
@@ -28,10 +28,10 @@ _RECONNECT_S = 10.0
 
 
 @dataclass
-class _Flight:
+class _Attempt:
     job: MissionJob
     number: int
-    doubted: bool
+    excused: bool
     since: float
     future: Future
 
@@ -50,13 +50,13 @@ class DaskExecutor:
         A mission that takes longer is killed and recorded as ``timeout``.
     """
 
-    def __init__(self, client: Client, timeout_s: float = 3600.0, max_flights: int = MAX_FLIGHTS) -> None:
+    def __init__(self, client: Client, timeout_s: float = 3600.0, max_attempts: int = MAX_ATTEMPTS) -> None:
         if not timeout_s > 0:
             raise UserError(f"the mission time-out is {timeout_s} s; it must be positive")
         self._client = client
         self._timeout_s = timeout_s
-        self._max_flights = max_flights
-        self._flights: dict[str, _Flight] = {}
+        self._max_attempts = max_attempts
+        self._attempts: dict[str, _Attempt] = {}
         self._done: queue.SimpleQueue[tuple[str, Future]] = queue.SimpleQueue()
         self._rocks: dict[str, tuple[str, bytes]] = {}
         self._counted, self._count = -_COUNTED_EVERY_S, 0
@@ -81,13 +81,13 @@ class DaskExecutor:
 
     def submit(self, job: MissionJob) -> None:
         """Send ``job`` to the scheduler."""
-        if job.id in self._flights:
+        if job.id in self._attempts:
             raise ValueError(f"job {job.id} is already in flight")
         job.directory.mkdir(parents=True, exist_ok=True)
         clear_traces(job)
         self._send(job, 1)
 
-    def _send(self, job: MissionJob, number: int, *, doubted: bool = False) -> None:
+    def _send(self, job: MissionJob, number: int, *, excused: bool = False) -> None:
         order = {
             "job": job.to_dict(),
             "rock_sha256": self._rock(job)[0],
@@ -96,7 +96,7 @@ class DaskExecutor:
         }
         # A key of its own: Dask would take an equal mission for the same one.
         future = self._client.submit(worker.fly, order, key=f"{job.id}-{uuid.uuid4().hex}", pure=False)
-        self._flights[job.id] = _Flight(job, number, doubted, time.monotonic(), future)
+        self._attempts[job.id] = _Attempt(job, number, excused, time.monotonic(), future)
         future.add_done_callback(lambda done: self._done.put((job.id, done)))
 
     def _rock(self, job: MissionJob) -> tuple[str, bytes]:
@@ -114,51 +114,51 @@ class DaskExecutor:
         """Outcomes that arrived within ``timeout_s``."""
         deadline = time.monotonic() + timeout_s
         ready: list[MissionOutcome] = []
-        while self._flights and not ready:
+        while self._attempts and not ready:
             done = self._ended(max(0.0, deadline - time.monotonic()))
             if not done:
                 break
-            answers = self._answers([flight.future for flight in done])
-            landed = [self._landed(flight, *answer) for flight, answer in zip(done, answers)]
+            answers = self._answers([attempt.future for attempt in done])
+            landed = [self._landed(attempt, *answer) for attempt, answer in zip(done, answers)]
             ready = [outcome for outcome in landed if outcome is not None]
         return ready
 
-    def _ended(self, timeout_s: float) -> list[_Flight]:
-        """All flights that have ended, waiting so long for the first; those that were given up are left out."""
-        found: list[_Flight] = []
+    def _ended(self, timeout_s: float) -> list[_Attempt]:
+        """All attempts that have ended, waiting so long for the first; those that were given up are left out."""
+        found: list[_Attempt] = []
         deadline = time.monotonic() + timeout_s
         with contextlib.suppress(queue.Empty):
             while True:
                 left = 0.0 if found else max(0.0, deadline - time.monotonic())
                 job_id, future = self._done.get(timeout=left) if left else self._done.get_nowait()
-                flight = self._flights.get(job_id)
-                if flight is not None and flight.future is future:
-                    found.append(flight)
+                attempt = self._attempts.get(job_id)
+                if attempt is not None and attempt.future is future:
+                    found.append(attempt)
         return found
 
     def _landed(
-        self, flight: _Flight, answer: dict[str, Any] | None, reason: str, message: str
+        self, attempt: _Attempt, answer: dict[str, Any] | None, reason: str, message: str
     ) -> MissionOutcome | None:
         """The outcome; None where the mission goes up again."""
-        job, wall_s = flight.job, time.monotonic() - flight.since
-        del self._flights[job.id]
-        flight.future.release()  # a scheduler makes anew what is wanted still where a worker is lost
+        job, wall_s = attempt.job, time.monotonic() - attempt.since
+        del self._attempts[job.id]
+        attempt.future.release()  # a scheduler makes anew what is wanted still where a worker is lost
         if answer is not None and "refused" in answer:
             return failed_outcome(job, "user_error", answer["refused"])
         if answer is not None and "needs" in answer:
             sha256, content = self._rock(job)
             with contextlib.suppress(OSError):  # the worker has gone meanwhile
                 self._client.run(worker.keep_rock, sha256, content, workers=[answer["worker"]])
-            self._send(job, flight.number, doubted=flight.doubted)
+            self._send(job, attempt.number, excused=attempt.excused)
             return None
         if answer is not None:
             worker.unpacked(answer["files"], job.directory, RESULT_FILE)
             outcome = MissionOutcome(**{**answer["outcome"], "directory": str(job.directory)})
         else:
             outcome = failed_outcome(job, reason, message, wall_s)
-        again = outcome.again(flight.number, self._max_flights, doubted=flight.doubted)
-        if again and self._client.status == "running":
-            self._send(job, flight.number + 1, doubted=flight.doubted or outcome.doubtful)
+        retry = outcome.should_retry(attempt.number, self._max_attempts, excused=attempt.excused)
+        if retry and self._client.status == "running":
+            self._send(job, attempt.number + 1, excused=attempt.excused or outcome.possibly_machine_fault)
             return None
         return outcome
 
@@ -202,10 +202,10 @@ class DaskExecutor:
 
     def cancel_all(self) -> None:
         """Let go of all missions in flight; workers kill them when they hear of it."""
-        flights, self._flights = self._flights, {}
-        if flights and self._client.status == "running":
+        attempts, self._attempts = self._attempts, {}
+        if attempts and self._client.status == "running":
             with contextlib.suppress(OSError, TimeoutError):
-                self._client.cancel([flight.future for flight in flights.values()], force=True)
+                self._client.cancel([attempt.future for attempt in attempts.values()], force=True)
 
     def close(self) -> None:
         """Let go of everything; ends a cluster that was started for this executor."""
@@ -218,7 +218,7 @@ class DaskExecutor:
     @property
     def in_flight(self) -> tuple[str, ...]:
         """Jobs that have not come back."""
-        return tuple(self._flights)
+        return tuple(self._attempts)
 
     def __enter__(self) -> DaskExecutor:
         return self

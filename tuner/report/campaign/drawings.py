@@ -12,7 +12,7 @@ from matplotlib.colors import Normalize
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.types import Floats
-from tuner.campaign.shown import SHOWN
+from tuner.campaign.showcase import SHOWN
 from tuner.missions.registry import is_geometric
 from tuner.report.campaign.answers import EQUAL, GateRow, Pair
 from tuner.report.labels import format_number, strategy_label
@@ -104,7 +104,7 @@ def gate_drawing(rows: Sequence[GateRow]) -> Markup:
 def clouds_picture(directory: Path, figures: Path) -> Illustration | None:
     """The default's and the recommended mission's clouds, coloured by distance to the truth; None where neither was measured.
 
-    ``directory`` is the campaign's; its ``shown/`` holds the two missions (`tuner.campaign.shown`).
+    ``directory`` is the campaign's; its ``shown/`` holds the two missions (`tuner.campaign.showcase`).
     """
     found: list[tuple[str, Floats, Floats]] = []
     world, rock = None, ""

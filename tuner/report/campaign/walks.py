@@ -8,7 +8,7 @@ from pathlib import Path
 
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.shown import SHOWN, shown_jobs, was_flown
+from tuner.campaign.showcase import SHOWN, showcase_jobs, was_flown
 from tuner.report.mission.walk import write_mission_view
 
 PAGE, REPORT_FILE = "view.html", "report.html"
@@ -22,9 +22,9 @@ class MissionPage:
     path: Path
 
 
-def write_shown_page(campaign: Campaign) -> MissionPage | None:
-    """Write the page of `shown_jobs`, unless it is there; None where none of them has flown."""
-    shown = [job for job in shown_jobs(campaign) if was_flown(job)]
+def write_showcase_page(campaign: Campaign) -> MissionPage | None:
+    """Write the page of `showcase_jobs`, unless it is there; None where none of them has flown."""
+    shown = [job for job in showcase_jobs(campaign) if was_flown(job)]
     if not shown:
         return None
     page = campaign.directory / SHOWN / PAGE
@@ -38,7 +38,7 @@ def write_shown_page(campaign: Campaign) -> MissionPage | None:
 
 def write_mission_pages(campaign: Campaign) -> list[MissionPage]:
     """Write the pages that are missing: that one, and of every mission that was flown with ``keep: all``."""
-    shown = write_shown_page(campaign)
+    shown = write_showcase_page(campaign)
     pages = [shown] if shown else []
     for trial in campaign.trials():
         run = campaign.directory / trial.directory

@@ -126,14 +126,14 @@ def test_what_the_machine_ends_is_flown_again_as_often_as_asked(tmp_path):
     config = external_config(mission_file(tmp_path))
     job = MissionJob("1", config, "once", 0, tmp_path / "1", fidelity="external")
     again = MissionJob("2", config, "machine", 0, tmp_path / "2", fidelity="external")
-    with LocalProcessExecutor(1, 30.0, ("external",), max_flights=2) as executor:
+    with LocalProcessExecutor(1, 30.0, ("external",), max_attempts=2) as executor:
         found = {}
         for each in (job, again):
             executor.submit(each)
             while each.id not in found:
                 found |= {outcome.job_id: outcome for outcome in executor.wait_any(1.0)}
     assert (found["1"].status, found["1"].metrics) == ("ok", {"loss": 0.5})
-    assert found["2"].lost and found["2"].reason == "machine_error: tipped_over"
+    assert found["2"].infrastructure_failure and found["2"].reason == "machine_error: tipped_over"
 
 
 FINE = '{"schema": "gatetune.result/1", "status": "ok", "metrics": {"loss": 1}}'

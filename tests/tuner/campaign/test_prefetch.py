@@ -15,7 +15,7 @@ from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 
 from nbv.errors import UserError
-from tuner.campaign import ahead, storage
+from tuner.campaign import prefetch, storage
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
@@ -51,7 +51,7 @@ def test_a_wide_campaign_flies_every_proposal_once(tmp_path: Path) -> None:
     assert modelled and all("predicted" in t.memory for t in modelled)
     keys = [tuple(t.values.values()) for t in trials if t.why["phase"] != "verification"]
     assert len(set(keys)) == len(keys)
-    assert Wide.capacity >= ahead.FROM_WORKERS
+    assert Wide.capacity >= prefetch.FROM_WORKERS
 
 
 def test_a_failure_while_asking_ahead_ends_the_campaign(
@@ -79,7 +79,7 @@ def test_a_batch_that_is_being_made_is_forgotten(tmp_path: Path, monkeypatch: py
             sum(range(1000))
 
     monkeypatch.setattr(campaign, "propose_many", think)
-    proposals = ahead.ProposalsAhead(campaign)
+    proposals = prefetch.ProposalPrefetch(campaign)
     assert proposals.next([], 16) is None
     begun.wait()
     proposals.close()  # would never come back

@@ -1,8 +1,8 @@
-"""What shows that a ledger was changed outside: two checksums per trial, and the missions' own directories.
+"""Two checksums per trial, and the missions' own directories, show that a ledger was changed outside.
 
 A trial gets the first one when it is entered, over its number, parameters and attributes, and the second when it has ended, over
-the first and all that was added. A record that was lost, doubled or changed no longer fits; records lost from the end show where
-a mission's directory lies that the ledger does not know. Trials of before there were checksums have none.
+the first and all that was added. A record that was lost, doubled or changed no longer fits. Records lost from the end show, too:
+they leave a mission's directory that the ledger does not know. Trials older than these checksums have none.
 """
 
 from __future__ import annotations
@@ -30,28 +30,38 @@ _ENDING = (
 )
 
 
-def entry_seal(
+def entry_checksum(
     campaign_id: str, number: int, params: Mapping[str, Any], attributes: Mapping[str, Any]
 ) -> str:
-    """Of a trial that is entered."""
+    """Return the checksum of a trial at its start.
+
+    Parameters
+    ----------
+    campaign_id, number
+        The campaign's identity and the trial's number in it.
+    params
+        Tuned values by parameter path.
+    attributes
+        The trial's user attributes; those that are written at its end are left out.
+    """
     started = {k: v for k, v in attributes.items() if k not in (*_ENDING, ENTERED, ENDED)}
-    return _seal(campaign_id, number, params, started)
+    return _checksum(campaign_id, number, params, started)
 
 
-def ending_seal(entered: str, value: float | None, attributes: Mapping[str, Any]) -> str:
-    """Of a trial that has ended; ``value``: what the study was told."""
-    return _seal(entered, value, {k: attributes.get(k) for k in _ENDING})
+def ending_checksum(entered: str, value: float | None, attributes: Mapping[str, Any]) -> str:
+    """Return the checksum of a trial that has ended, over its first one, the study's ``value`` and what was added."""
+    return _checksum(entered, value, {k: attributes.get(k) for k in _ENDING})
 
 
 def require_trial(trial: FrozenTrial, campaign_id: str, ledger: str) -> None:
-    """`UserError` where the trial is not as it was entered."""
+    """Raise `UserError` where the trial is not as it was entered."""
     attributes = trial.user_attrs
     if not {ENTERED, ENDED} & set(attributes):
         return
-    entered = entry_seal(campaign_id, trial.number, trial.params, attributes)
+    entered = entry_checksum(campaign_id, trial.number, trial.params, attributes)
     sound = entered == attributes.get(ENTERED)
     if sound and trial.state.is_finished():
-        sound = attributes.get(ENDED) == ending_seal(entered, trial.value, attributes)
+        sound = attributes.get(ENDED) == ending_checksum(entered, trial.value, attributes)
     if not sound:
         raise UserError(
             f"trial {trial.number} of the ledger {ledger} is not what was entered: the ledger was changed or damaged; "
@@ -60,23 +70,23 @@ def require_trial(trial: FrozenTrial, campaign_id: str, ledger: str) -> None:
 
 
 def require_all_there(count: Callable[[], int], directory: Path, ledger: str) -> None:
-    """`UserError` where ``directory`` holds a mission that is not among the ledger's trials, ``count()`` in number."""
+    """Raise `UserError` where ``directory`` holds a mission that is not among the ledger's ``count()`` trials."""
     found = [p.name for p in (directory / "missions").glob("[0-9]*_*")]
     trials = count()  # after the listing: the campaign may be running
-    lost = sorted(name for name in found if (n := name.partition("_")[0]).isdigit() and int(n) >= trials)
-    if lost:
+    unknown = sorted(name for name in found if (n := name.partition("_")[0]).isdigit() and int(n) >= trials)
+    if unknown:
         raise UserError(
-            f"the ledger {ledger} has {trials} trials and knows nothing of missions/{lost[0]}: its end was lost; "
+            f"the ledger {ledger} has {trials} trials and knows nothing of missions/{unknown[0]}: its end was lost; "
             "restore it from a copy, or move the missions it does not know away"
         )
 
 
-def _seal(*parts: Any) -> str:
+def _checksum(*parts: Any) -> str:
     return checksum_of(_plain(parts))
 
 
 def _plain(value: Any) -> Any:
-    """``value`` as every storage gives it back: whole numbers may come back as floats, tuples as lists."""
+    """Return ``value`` as every storage gives it back: whole numbers may come back as floats, tuples as lists."""
     kind = type(value)
     if (
         kind is str or kind is float or kind is bool or value is None

@@ -1,4 +1,4 @@
-"""What a mission in flight is doing: a line in its directory, for who waits for it."""
+"""A mission in flight says what it is doing: one line in a file of its directory, for a live display."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from typing import Any
 
 from tuner.missions.registry import DEFAULT_FIDELITY
 
-NOW_FILE = "now"
+PROGRESS_FILE = "now"
 _LONGEST = 40  # characters that are read
 
 
-class Now:
+class Progress:
     """A `nbv.mission.function.Log` that keeps one line up to date; a directory that cannot be written has none."""
 
     def __init__(self, directory: Path) -> None:
-        self._file = directory / NOW_FILE
+        self._file = directory / PROGRESS_FILE
         self._seeds = self._budget = 0
 
     def __call__(self, event: str, facts: dict[str, Any]) -> None:
@@ -42,15 +42,15 @@ class Now:
             self._file.unlink()
 
 
-def log_of(fidelity: str, directory: Path) -> Now | None:
-    """What follows a mission of this fidelity; None for those that take a second, and those that are not ours."""
-    return Now(directory) if fidelity == DEFAULT_FIDELITY else None
+def log_of(fidelity: str, directory: Path) -> Progress | None:
+    """Return what writes the progress of a mission; None for fidelities that take a second, or are not ours."""
+    return Progress(directory) if fidelity == DEFAULT_FIDELITY else None
 
 
-def doing_now(directory: Path) -> str:
-    """The line of the mission in ``directory``; empty where there is none."""
+def progress_of(directory: Path) -> str:
+    """Return the progress line of the mission in ``directory``; empty where there is none."""
     try:
-        with (directory / NOW_FILE).open() as file:
+        with (directory / PROGRESS_FILE).open() as file:
             return file.read(_LONGEST)
     except (OSError, UnicodeDecodeError):
         return ""

@@ -1,7 +1,7 @@
-"""Whether a campaign goes on in the world it began in: the same code of the missions, the same rocks.
+"""A resumed campaign must fly the missions that it began with: the same code of the missions, the same rocks.
 
-Every trial carries the digest of the code that flies it and, once it has ended, its rock's content hash. What differs from
-the last trial of its kind is named and asked about; a campaign must not mix two worlds without a word.
+Every trial carries the digest of the code that flies it and, once it has ended, its rock's content hash. Where one differs
+from the last trial of its kind the session stops and asks, so that no ledger mixes two experiments unnoticed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ ACCEPT = "--accept-changes"
 
 @functools.cache
 def code_of(fidelity: str) -> str:
-    """Digest of the code of a fidelity's missions with all it imports of ``nbv``; of a fidelity of others its own file."""
+    """Return the digest of a fidelity's code: ours with all it imports of ``nbv``, another's own file alone."""
     module = module_of(fidelity)
     if module.partition(".")[0] == "nbv":
         return code_digest(module)
@@ -34,8 +34,22 @@ def code_of(fidelity: str) -> str:
     return hashlib.sha256(content).hexdigest()[:32]
 
 
-class SameWorld:
-    """What a session compares its missions with; ``accept``: changes since the last session are wanted."""
+class ReproducibilityCheck:
+    """Compares a session's missions with those before it.
+
+    Parameters
+    ----------
+    directory
+        The campaign's run directory, for the message.
+    fidelity
+        The fidelity whose code is compared.
+    trials
+        The missions so far.
+    accept
+        Whether changes since the last session are wanted.
+    program
+        The hash of what a mission file runs; empty for our own missions.
+    """
 
     def __init__(
         self,
@@ -44,7 +58,7 @@ class SameWorld:
         trials: Sequence[TrialRecord],
         *,
         accept: bool,
-        program: str = "",  # hash of what a mission file runs
+        program: str = "",
     ) -> None:
         self._directory, self._accept = directory, accept
         self._rocks: dict[str, tuple[str, int]] = {}
@@ -62,7 +76,7 @@ class SameWorld:
             self._remember(trial.rock, trial.rock_sha256, trial.number)
 
     def require(self, trial: TrialRecord, rock_sha256: str) -> None:
-        """`UserError` where the mission of ``trial`` met another rock than those before it under that name."""
+        """Raise `UserError` where the mission of ``trial`` met another rock than those before it under that name."""
         if self.is_another(trial, rock_sha256):
             before, number = self._rocks[trial.rock]
             self._ask(
@@ -71,12 +85,12 @@ class SameWorld:
         self._remember(trial.rock, rock_sha256, trial.number)
 
     def begin(self) -> None:
-        """From here on missions are flown: where changes are wanted, what was flown before says nothing about their rocks."""
+        """Forget the rocks of earlier sessions where changes are wanted; called before the first mission flies."""
         if self._accept:
             self._rocks.clear()
 
     def is_another(self, trial: TrialRecord, rock_sha256: str) -> bool:
-        """Whether `require` would refuse."""
+        """Return whether `require` would refuse."""
         return bool(rock_sha256) and self._rocks.get(trial.rock, (rock_sha256, 0))[0] != rock_sha256
 
     def _remember(self, rock: str, sha256: str, number: int) -> None:

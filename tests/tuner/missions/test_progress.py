@@ -11,11 +11,11 @@ from nbv.config import preset
 from nbv.errors import MissionFailure
 from tuner.missions import run_job
 from tuner.missions.job import ERROR_FILE, MissionJob
-from tuner.missions.now import NOW_FILE, Now, doing_now, log_of
+from tuner.missions.progress import PROGRESS_FILE, Progress, log_of, progress_of
 
 
 def test_the_line_follows_the_mission(tmp_path: Path) -> None:
-    now, said = Now(tmp_path), []
+    progress, said = Progress(tmp_path), []
     for event, facts in (
         ("start", {"seeds": 2, "budget": 3}),
         ("seed", {"index": 0}),
@@ -25,26 +25,26 @@ def test_the_line_follows_the_mission(tmp_path: Path) -> None:
         ("dense", {}),
         ("metrics", {}),
     ):
-        now(event, facts)
-        said.append(doing_now(tmp_path))
+        progress(event, facts)
+        said.append(progress_of(tmp_path))
     assert said == ["scene", "photograph 1/2", "seed model", "view 1/3", "view 2/3", "dense cloud", "errors"]
-    now.end()
-    assert doing_now(tmp_path) == ""
+    progress.end()
+    assert progress_of(tmp_path) == ""
 
 
 def test_it_is_gone_when_the_mission_is_over(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[str] = []
 
-    def fidelity(*arguments: Any, log: Now, **options: Any) -> None:
+    def fidelity(*arguments: Any, log: Progress, **options: Any) -> None:
         log("dense", {})
-        seen.append(doing_now(tmp_path))
+        seen.append(progress_of(tmp_path))
         raise MissionFailure("lost", "on purpose")
 
     monkeypatch.setattr(run_job, "mission_function", lambda name: fidelity)
     job = MissionJob("1", preset("campaign"), "slab", 0, tmp_path)
     assert run_job.run_job(job.to_dict()) == run_job.EXIT_FAILED
     assert seen == ["dense cloud"]
-    assert not (tmp_path / NOW_FILE).exists() and (tmp_path / ERROR_FILE).is_file()
+    assert not (tmp_path / PROGRESS_FILE).exists() and (tmp_path / ERROR_FILE).is_file()
 
 
 def test_missions_that_are_not_ours_have_none(tmp_path: Path) -> None:

@@ -1,6 +1,6 @@
-"""Proposals made ahead, in a thread, while missions fly: with many workers somebody is always free.
+"""Proposals are prefetched in a thread while missions fly: with many workers one of them is always free.
 
-What is ahead has not been entered: a campaign that ends forgets it and asks again.
+A prefetched proposal is not in the ledger yet: a campaign that ends forgets it, and its resume asks for another one.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ SHARE = 4  # of the workers' number: proposals of one batch, and as many are kep
 MAX_BATCH = 256
 
 
-class ProposalsAhead:
+class ProposalPrefetch:
     """A queue of proposals that refills itself."""
 
     def __init__(self, campaign: Campaign) -> None:
@@ -29,7 +29,10 @@ class ProposalsAhead:
         self._asked: concurrent.futures.Future[list[Proposal]] | None = None
 
     def next(self, trials: Sequence[TrialRecord], workers: int) -> Proposal | None:
-        """The next proposal after ``trials``; None where the budget is used, or while there is none yet (`thinking`)."""
+        """Return the next proposal after ``trials``.
+
+        None means that the budget is used or, while `thinking`, that no proposal is ready yet.
+        """
         self._collect()
         batch = max(2, min(workers // SHARE, MAX_BATCH))
         left = self._campaign.settings.budget - len(trials) - len(self._ready)
@@ -41,16 +44,16 @@ class ProposalsAhead:
 
     @property
     def thinking(self) -> bool:
-        """Whether a batch has been asked for and not been taken up."""
+        """Whether a batch of proposals is being computed."""
         return self._asked is not None
 
     def wait(self, timeout_s: float) -> None:
-        """Until it is made, or so long."""
+        """Wait until that batch is ready, but no longer than ``timeout_s``."""
         if self._asked is not None:
             concurrent.futures.wait([self._asked], timeout_s)
 
     def close(self) -> None:
-        """Forget what is ahead, and what is being made."""
+        """Drop the prefetched proposals and stop computing more."""
         if self._asked is not None and not self._asked.cancel():
             for thread in self._thread._threads:  # its next instruction raises this
                 raise_in = ctypes.pythonapi.PyThreadState_SetAsyncExc

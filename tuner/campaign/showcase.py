@@ -1,4 +1,4 @@
-"""The default's and the recommended mission once more, with everything kept, to be looked at."""
+"""The showcase flies the default and the recommended mission once more and keeps all their files, for pages and pictures."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ SHOWN = "shown"  # in a campaign's directory
 _WAIT_S = 1.0
 
 
-def shown_jobs(campaign: Campaign) -> list[MissionJob]:
-    """Both missions on the campaign's first rock, in ``RUN/shown/``; one where both are the same.
+def showcase_jobs(campaign: Campaign) -> list[MissionJob]:
+    """Return both missions on the campaign's first rock, in ``RUN/shown/``; one where both are the same.
 
-    None without a recommendation, and none of missions that are not ours.
+    The list is empty without a recommendation, and for missions that are not ours.
     """
     s, best = campaign.settings, campaign.recommendation(save=False)
     if best is None or not (s.fidelity == DEFAULT_FIDELITY or is_geometric(s.fidelity)):
@@ -31,9 +31,9 @@ def shown_jobs(campaign: Campaign) -> list[MissionJob]:
     return list(jobs.values())
 
 
-def fly_shown_missions(campaign: Campaign, executor: Executor) -> None:
-    """Fly those of `shown_jobs` that are not there yet; one that fails is not shown."""
-    for job in shown_jobs(campaign):
+def fly_showcase(campaign: Campaign, executor: Executor) -> None:
+    """Fly those of `showcase_jobs` that have not flown yet; one that fails is left out of the pages."""
+    for job in showcase_jobs(campaign):
         if was_flown(job):
             continue
         job.directory.mkdir(parents=True, exist_ok=True)
@@ -44,7 +44,7 @@ def fly_shown_missions(campaign: Campaign, executor: Executor) -> None:
 
 
 def was_flown(job: MissionJob) -> bool:
-    """Whether the mission of this very configuration is there."""
+    """Return whether the job's directory holds a finished mission of the job's configuration."""
     try:
         result = MissionResult.load(job.directory)
     except UserError:
