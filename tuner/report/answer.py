@@ -230,7 +230,7 @@ def _decimals(sd: float) -> int:
 
 
 def _digits(value: float) -> int:
-    return 0 if value == int(value) else 2
+    return next((digits for digits in (0, 1) if round(value, digits) == value), 2)
 
 
 def default_note(s: CampaignSettings) -> str:

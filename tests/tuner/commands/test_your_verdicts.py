@@ -1,6 +1,8 @@
 """Missions of one's own from the campaign to the verdicts: what terminal, JSON and page say of known numbers."""
 
+import html
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,7 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings_file import settings_from_dict
 from tuner.missions.executors import InProcessExecutor
+from tuner.report import write_campaign_report
 
 FILE = {
     "schema": "gatetune.mission/1",
@@ -30,7 +33,9 @@ def flown(tmp_path, returned: str, file=None, **asked) -> Path:
     """The directory of a finished campaign over a mission file whose missions return ``returned`` of the mode ``m``."""
     code = f"def fly(request):\n    m = request['configuration']['mode']\n    return {returned}\n"
     (tmp_path / "own_mission.py").write_text(code)
-    (tmp_path / "own.yaml").write_text(yaml.safe_dump({**FILE, **(file or {})}))
+    (tmp_path / "own.yaml").write_text(
+        yaml.safe_dump({key: value for key, value in {**FILE, **(file or {})}.items() if value})
+    )
     settings = {"name": "own", "mission": str(tmp_path / "own.yaml"), "budget": 6, "sampler": "random"}
     campaign = begin_campaign(tmp_path / "runs/own", settings_from_dict({**settings, **asked}, "test"))
     assert fly_campaign(campaign, InProcessExecutor()).status.finished == 6
@@ -48,6 +53,22 @@ def said(gatetune, directory: Path, *command) -> tuple[str, dict, str]:
     return out, tree, page
 
 
+def next_command(directory: Path) -> list[str]:
+    """What the campaign's page says to run next."""
+    found = re.search(r'<pre id="next-command">gatetune (.*?)</pre>', page_of(directory))
+    assert found is not None
+    return html.unescape(found[1]).split()
+
+
+def words_of(page: str) -> str:
+    """Without scripts, styles, tags and downloads."""
+    return re.sub(r"(?s)<script.*?</script>|<style.*?</style>|<pre.*?</pre>|<[^>]*>", "", page)
+
+
+def page_of(directory: Path) -> str:
+    return write_campaign_report(Campaign.open(directory, read_only=True)).read_text()
+
+
 @pytest.mark.parametrize("command", ["evaluate", "confirm"])
 def test_less_of_what_is_minimised_is_better(gatetune, tmp_path, command):
     """7 in place of 20 is an improvement of 13."""
@@ -62,6 +83,7 @@ def test_less_of_what_is_minimised_is_better(gatetune, tmp_path, command):
     assert difference["interval"]["mean"] == -13.0 and difference["losses"] == 0
     assert "rock" not in out and "photograph" not in out
     assert "dense cloud" not in page and "instance" in page
+    assert "rock" not in words_of(page) and "rock" not in words_of(page_of(directory))
 
 
 @pytest.mark.slow
@@ -104,6 +126,10 @@ def test_a_limit_that_nothing_keeps_is_said(gatetune, tmp_path):
     directory = flown(tmp_path, returned, sampler="gp", initial=6, objective="costs.fuel@loss<=1")
     code, out, err = gatetune("campaign", "status", "runs/own")
     assert code == 0 and "Nothing flown is likely to keep Loss at most 1; the likeliest is" in out, err
+    page = page_of(directory)
+    assert "Fly more, or ask for less: nothing flown is likely to keep Loss at most 1." in page
+    code, out, err = gatetune(*next_command(directory), "--workers", 1)
+    assert code == 0 and "12/12" in out, err
     out, tree, page = said(gatetune, directory, "evaluate", "runs/own")
     note = tree["notes"][-1]
     assert note.startswith(
@@ -111,3 +137,21 @@ def test_a_limit_that_nothing_keeps_is_said(gatetune, tmp_path):
     )
     assert note in out and note in page
     assert "kept on 0 of 1 instance" in out and "kept on 0 of 1 instance" in page
+
+
+def test_without_held_out_instances_it_is_confirmed(gatetune, tmp_path):
+    directory = flown(tmp_path, "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}}", {"held_out": []})
+    words = next_command(directory)
+    assert words[0] == "confirm"
+    assert "improvement +13.0" in said(gatetune, directory, *words)[0]
+
+
+def test_a_front_says_a_command_that_runs(gatetune, tmp_path):
+    returned = (
+        "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}, 'cost': {'fuel': 5.0 if m == 'slow' else 9.0}}"
+    )
+    directory = flown(tmp_path, returned, sampler="gp", initial=6, objective="loss@costs.fuel")
+    page = page_of(directory)
+    assert "Pareto front" in page and "9" in page
+    out, tree, _ = said(gatetune, directory, *next_command(directory))
+    assert "improvement +13.0" in tree["verdicts"][0]["text"], out

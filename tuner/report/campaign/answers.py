@@ -215,7 +215,7 @@ def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
     if evaluated:
         return f"Stop: it has been measured on held-out {place}s (below).", ""
     if best.limit is not None and not best.limit.kept:
-        return f"Fly more: nothing flown is likely to keep {limit_words(best.limit)}.", more
+        return f"Fly more, or ask for less: nothing flown is likely to keep {limit_words(best.limit)}.", more
     if best.keep_default:
         rival = best.runner_up
         if rival is None or (not best.exact and rival.improvement_interval_95[1] < best.noise_sd):
@@ -232,6 +232,11 @@ def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
         )
     if is_geometric(facts.settings.fidelity):
         return "Fly it with photographs, on rocks it has not seen: so far it is a prediction.", evaluate
+    if facts.settings.mission is not None and not facts.settings.mission.held_out:
+        return (
+            "Confirm it with fresh replicates: your mission file holds no instance out.",
+            f"gatetune confirm {run}",
+        )
     both = [p for p in pairs(facts, best) if None not in (p.default, p.recommended)]
     if len(both) < 2 and facts.settings.mission is None:
         return (
