@@ -1,0 +1,91 @@
+"""A user at a terminal: every command of a page, or of a screen, in its order, on what the one before left."""
+
+import html
+import os
+import re
+import shlex
+import subprocess
+import sys
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import typer
+
+from tuner.cli import app
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+# What makes a command quick enough for a test: it keeps its own options, and the last of an option given twice counts.
+ROCKS = ["--rock", "arch", "--rock", "horn"]  # of an evaluation that would fly all held-out rocks
+SMALL = {"fidelity": "geometric", "budget": "6", "replicates": "1", "workers": "2", "configurations": "3"}
+# Of our own missions only: a mission file has neither fidelity nor photographs.
+OWN = {"budget": "4", "replicates": "1", "workers": "2"}
+COMMAND = re.compile(r"gatetune (?:[a-z-]+ )*[^\n`|]*")
+
+
+@dataclass
+class Street:
+    """A folder and the command line in it; ``GATETUNE`` names another installation's command, such as a wheel's."""
+
+    folder: Path
+    small: dict[str, str] = field(default_factory=lambda: dict(SMALL))
+
+    def run(self, line: str, *, code: int = 0) -> str:
+        """Run ``gatetune ...`` as printed, made quick; its output. A traceback or another exit status fails the test."""
+        words = shlex.split(line, comments=True)[1:]
+        command = [*program(), *words, *self._quick(words)]
+        run = subprocess.run(
+            command,
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=600,
+            env=os.environ | {"COLUMNS": "200"},
+        )
+        said = run.stdout + run.stderr
+        assert run.returncode == code and "Traceback" not in said, f"{line}\nexit {run.returncode}\n{said}"
+        return run.stdout
+
+    def _quick(self, words: list[str]) -> list[str]:
+        """Options that make a command small: those that it knows and that the page does not need to be what they are."""
+        known = options(words) - ({"fidelity"} if "resume" in words else set())
+        quick = [w for name, value in self.small.items() if name in known for w in (f"--{name}", value)]
+        if words[0] == "evaluate" and "--rock" not in words and "fidelity" in self.small:
+            quick += ROCKS
+        return quick
+
+    def file(self, path: str) -> str:
+        """The text of a file that a command left."""
+        return (self.folder / path).read_text()
+
+
+def program() -> list[str]:
+    """The command line under test."""
+    named = os.environ.get("GATETUNE")
+    return [named] if named else [sys.executable, "-m", "tuner.cli"]
+
+
+def options(words: list[str]) -> set[str]:
+    """Names of the options that a command knows."""
+    command = typer.main.get_command(app)
+    for word in words:
+        if word not in getattr(command, "commands", {}):
+            break
+        command = command.commands[word]
+    return {name.removeprefix("--") for p in command.params for name in p.opts}
+
+
+def commands_of(page: Path) -> list[str]:
+    """What a page of the documentation tells its reader to type, in its order."""
+    joined = re.sub(r"\\\n\s*", " ", page.read_text())
+    lines = re.findall(r"^ {4}(gatetune [a-z].*)$|`(gatetune [a-z-]+ [^`]+)`", joined, re.MULTILINE)
+    return [block or inline for block, inline in lines]
+
+
+def commands_on(screen: str) -> list[str]:
+    """What a screen or a page in HTML tells its reader to type; words in capitals are for the reader to fill in."""
+    text = html.unescape(re.sub(r"<(script|style).*?</\1>", "", screen, flags=re.DOTALL))
+    text = re.sub(r"<(?!/?code|/?pre)[^>]*>", "", text)
+    found = re.findall(r"<(?:code|pre)[^>]*>\s*(gatetune [^<]+?)\s*</", text)
+    found += re.findall(r"^\s*(gatetune [a-z].*?)\s*$", re.sub(r"<[^>]*>", "\n", text), re.MULTILINE)
+    return list(dict.fromkeys(found))
