@@ -12,6 +12,7 @@ import collections
 import contextlib
 import json
 import os
+import select
 import selectors
 import signal
 import subprocess
@@ -335,9 +336,9 @@ class LocalProcessExecutor:
         server, self._server = self._server, None
         if server is None:
             return
-        if not (self._server_is_up or self._attempts):  # it is still importing, for nobody
-            server.kill()
         assert server.stdin is not None and server.stdout is not None
+        if not (self._server_is_up or select.select([server.stdout], [], [], 0.0)[0]):
+            server.kill()  # it is still importing: no mission has begun
         with contextlib.suppress(BrokenPipeError):
             server.stdin.close()  # the server kills its missions and ends
         try:

@@ -137,6 +137,16 @@ def test_fidelity_that_cannot_be_imported_fails_the_mission(tmp_path: Path) -> N
     assert outcome.reason == "user_error" and "no_such_module" in outcome.message
 
 
+def test_a_stop_does_not_wait_for_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "loads_long.py").write_text("import time\ntime.sleep(4)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with LocalProcessExecutor(1, preload=("loads_long:fly",)) as executor:
+        executor.submit(job(tmp_path / "run", fidelity="loads_long:fly"))
+        server = executor._server
+        assert server is not None
+    assert server.returncode == -signal.SIGKILL  # 0 where it has ended in its own time
+
+
 def test_one_thread_per_mission_and_no_unsafe_forking(tmp_path: Path) -> None:
     """The path for systems without a safe fork: one interpreter per job."""
     each = job(tmp_path)
