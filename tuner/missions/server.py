@@ -189,7 +189,7 @@ def main(arguments: list[str]) -> int:
         _die_with_parent()
         return run_job(json.loads(sys.stdin.read()))
     MissionServer(arguments).serve()
-    return 0
+    os._exit(0)  # at once: to take down what it has loaded costs a second, and somebody waits for the prompt
 
 
 if __name__ == "__main__":
