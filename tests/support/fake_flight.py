@@ -10,8 +10,10 @@ Rewards (B-aware, Covis) by coverage: see ``REWARDS``.
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
+from fake_missions import note_flight, well_flown
 from fake_study import draw
 
 from nbv.config import MissionConfig
@@ -54,17 +56,9 @@ def fake_mission(
         for variant, bonus in (("ungated", 0.0), ("gated", 3.0))
     }
     headline = surfaces["gated" if gate_on else "ungated"]
-    if directory is not None:
-        with (directory / "flown.txt").open("a") as file:
-            file.write("flown\n")
-    return MissionResult(
-        status="ok",
-        reason="",
-        message="",
-        config_digest=config.digest(),
-        rock=rock,
-        replicate=replicate,
-        metrics={**headline, **surfaces},
+    note_flight(directory)
+    return dataclasses.replace(
+        well_flown(config, rock, replicate, {**headline, **surfaces}),
         trace=[record(config, i, chosen[i]) for i in range(BUDGET)],
         timings_s={},
         costs={"wall_s": 10.0, "flight_time_s": 150.0},

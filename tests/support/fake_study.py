@@ -6,10 +6,12 @@ configuration has one. The signal doubles from a budget of 8 to 16 and fades wit
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 from pathlib import Path
 
 import numpy as np
+from fake_missions import note_flight, well_flown
 
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
@@ -52,18 +54,6 @@ def fake_study_mission(
             + SD["residual"] * draw("e", who, rock, replicate, budget)
         )
         agreement[str(level)] = {"observable": {"f_score_48mm": y}, "whole": {"c2c_mean_mm": 100 - y}}
-    if directory is not None:
-        with (directory / "flown.txt").open("a") as file:
-            file.write("flown\n")
-    return MissionResult(
-        status="ok",
-        reason="",
-        message="",
-        config_digest=config.digest(),
-        rock=rock,
-        replicate=replicate,
-        metrics={"agreement": agreement},
-        trace=[],
-        timings_s={"agreement_levels": 2.0},
-        costs={"wall_s": 12.0 + budget},
-    )
+    note_flight(directory)
+    result = well_flown(config, rock, replicate, {"agreement": agreement})
+    return dataclasses.replace(result, timings_s={"agreement_levels": 2.0}, costs={"wall_s": 12.0 + budget})

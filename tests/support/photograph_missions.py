@@ -32,16 +32,5 @@ def mission(
     noise = NOISE_SD * float(fake_missions.draw("noise", rock, replicate, config.digest()).normal())
     shift = {"a": 0.3, "b": -0.3}.get(rock, 0.0)
     images = config.seed.total + 3 if rock.startswith("short") else photographs(config)
-    return MissionResult(
-        status="ok",
-        reason="",
-        message="",
-        condition=getattr(config, "condition", "ideal"),
-        config_digest=config.digest(),
-        rock=rock,
-        replicate=replicate,
-        metrics={"observable": {"f_score_48mm": truth(config) + shift + noise}},
-        trace=[],
-        timings_s={"flight": 0.0},
-        costs={"images": float(images), "flight_time_s": 100.0, "path_length_m": 50.0, "wall_s": 0.0},
-    )
+    metrics = {"observable": {"f_score_48mm": truth(config) + shift + noise}}
+    return fake_missions.well_flown(config, rock, replicate, metrics, float(images))

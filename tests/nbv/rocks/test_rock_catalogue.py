@@ -134,12 +134,3 @@ def test_damaged_imported_rock_is_refused(home, mesh_file, caplog):
         load_rock("mine")
     assert [rock.name for rock in list_rocks()] == list(RECIPES)
     assert "import the rock again" in caplog.text
-
-
-def test_splits_do_not_overlap():
-    rocks = list_rocks()
-    train = {rock.name for rock in rocks if rock.split == "train"}
-    held_out = {rock.name for rock in rocks if rock.split == "held-out"}
-    assert not train & held_out
-    assert len(train) >= 5 and len(held_out) >= 12
-    assert len({rock.name for rock in rocks}) == len(rocks)

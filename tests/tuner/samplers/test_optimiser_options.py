@@ -24,7 +24,6 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.problem.space_files import load_search_space
 from tuner.samplers.earlier_missions import EarlierMissions
-from tuner.samplers.gp import GPSampler
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
 
@@ -210,12 +209,6 @@ def test_campaign_with_two_objectives(tmp_path: Path) -> None:
 def test_options_that_make_no_sense_are_refused(changes: dict[str, object], message: str) -> None:
     with pytest.raises(UserError, match=message):
         settings(**changes)
-
-
-def test_default_sampler_is_untouched_by_options() -> None:
-    history = synthetic.random_design(8, 0.05, 0)
-    plain = GPSampler(synthetic.sampler_settings(0, 4)).ask(history, [])
-    assert plain.why["phase"] == "model"
 
 
 @pytest.mark.slow
