@@ -121,11 +121,17 @@ def play(problem: Problem, name: str, seed: int, log: TextIO, *, end_only: bool 
         proposal = Proposal(request.values, {}, request.rock, request.replicate)
         (rock, _), replicate = next_block(problem.rocks, problem.replicates, history, proposal)
         flight = problem.fly(request.values, rock, replicate)
-        mean, sd = request.memory.get(PREDICTED, (None, None))
+        mean, sd = request.sampler_state.get(PREDICTED, (None, None))
         expected = {} if mean is None else {"mean": mean, "sd": sd}
         spent += flight.cost
         observation = Observation(
-            len(history), request.values, rock, replicate, flight.value, flight.value, memory=request.memory
+            len(history),
+            request.values,
+            rock,
+            replicate,
+            flight.value,
+            flight.value,
+            sampler_state=request.sampler_state,
         )
         history.append(observation)
         strategy.tell(observation)

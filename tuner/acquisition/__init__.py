@@ -10,22 +10,22 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
+    from tuner.acquisition.constrained import Constraint, propose_constrained
     from tuner.acquisition.front import flown_in_both, propose_for_front, two_models
     from tuner.acquisition.propose import maximise
-    from tuner.acquisition.within import Within, propose_within
 
 __all__ = [
-    "Within",
+    "Constraint",
     "flown_in_both",
     "maximise",
+    "propose_constrained",
     "propose_for_front",
-    "propose_within",
     "two_models",
 ]
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "within": ["Within", "propose_within"],
+        "constrained": ["Constraint", "propose_constrained"],
         "propose": ["maximise"],
         "front": ["flown_in_both", "propose_for_front", "two_models"],
     },

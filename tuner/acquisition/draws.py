@@ -11,9 +11,9 @@ import torch
 from botorch.utils.sampling import manual_seed
 
 from nbv.types import Floats
+from tuner.acquisition.constrained import Constraint, surrogate_of
 from tuner.acquisition.over_rocks import WorldOutcomes
 from tuner.acquisition.propose import LOCAL_BEST, best_flown, only_allowed, over_worlds, starting_points
-from tuner.acquisition.within import Within, surrogate_of
 from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
 from tuner.surrogate.known import KnownOutcome
@@ -28,7 +28,21 @@ _BREAKS = 1e3  # likewise: worse than all that keeps a limit
 
 
 def draw_best(model: RockMeanGP, count: int, seed: int, risk: Risk = "mean") -> list[Values]:
-    """``count`` configurations, each the best of a draw among points everywhere and near the best flown; no two alike."""
+    """Return ``count`` configurations, each the best of one posterior draw; no two are alike.
+
+    A draw is over points everywhere and near the best flown.
+
+    Parameters
+    ----------
+    model
+        The surrogate.
+    count
+        How many configurations.
+    seed
+        The seed of points and draws.
+    risk
+        The measure over worlds.
+    """
     with numerics(seed), torch.no_grad():
         points = starting_points(model, seed, GLOBAL_POINTS, LOCAL_POINTS)
         points = np.unique([model.space.snap(x) for x in points], axis=0)
@@ -43,33 +57,44 @@ def draw_best(model: RockMeanGP, count: int, seed: int, risk: Risk = "mean") -> 
 
 def draw_of_two(
     models: tuple[RockMeanGP | KnownOutcome, RockMeanGP | KnownOutcome],
-    within: Within | None,
+    constraint: Constraint | None,
     count: int,
     seed: int,
 ) -> list[Values]:
-    """``count`` configurations, each the best of a draw of both objectives; no two alike.
+    """Return ``count`` configurations, each the best of one posterior draw of both objectives; no two are alike.
 
-    Within a limit of the second: the best of the first where the draw keeps it, else what comes nearest. Without one: the
+    With a constraint on the second: the best of the first where the draw keeps it, else what comes nearest. Without one: the
     best by augmented weights that differ from draw to draw (Knowles, IEEE TEC 2006), so that all of the front is sought.
     What the configuration decides is the same in every draw.
+
+    Parameters
+    ----------
+    models
+        A surrogate of each objective, or its known cost; one is a surrogate.
+    constraint
+        A limit of the second objective; None: the front is sought.
+    count
+        How many configurations.
+    seed
+        The seed of points and draws.
     """
     model = surrogate_of(models)
     with numerics(seed), torch.no_grad():
-        if within is None:
+        if constraint is None:
             own = [best_flown(m, LOCAL_BEST // 2) for m in models if isinstance(m, RockMeanGP)]
             near = np.concatenate(own)
         else:
-            near = within.promising(models[0])
+            near = constraint.promising(models[0])
         points = starting_points(model, seed, GLOBAL_POINTS, LOCAL_POINTS, near)
         points = np.unique([model.space.snap(x) for x in points], axis=0)
-        known = None if within is None else within.allowed()
+        known = None if constraint is None else constraint.allowed()
         if known is not None:
             points = only_allowed(model, points, known, seed)
         inputs = model.inputs(points)
         with manual_seed(seed):
             one, two = (_drawn(m, inputs, count) for m in models)
             weights = torch.rand(count, 1, dtype=one.dtype)
-        if within is None:
+        if constraint is None:
             short = [
                 (draw.amax(1, True) - draw) / (draw.amax(1, True) - draw.amin(1, True) + _LITTLE)
                 for draw in (one, two)
@@ -80,7 +105,7 @@ def draw_of_two(
         elif known is not None:
             draws = one
         else:  # of what costs the same the better one
-            draws = torch.where(two >= within.floor(), one + _LITTLE * two, two - _BREAKS)
+            draws = torch.where(two >= constraint.floor(), one + _LITTLE * two, two - _BREAKS)
         return _distinct(model, points, draws, seed)
 
 

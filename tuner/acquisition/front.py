@@ -43,9 +43,25 @@ def two_models(
     settings: SurrogateSettings | None = None,
     exact: Exact | None = None,
 ) -> tuple[Outcome, Outcome]:
-    """A surrogate of each objective on the missions that have both, or failed; what the configuration decides is known.
+    """Return a model of each objective, on the missions that have both outcomes or failed.
 
-    One of them is a surrogate: where both are decided the second one is. ``ValueError`` where there are no missions.
+    An objective that the configuration decides is computed, but one of the two is always a surrogate: where both are decided,
+    the second one. ``ValueError`` means that there are no such missions.
+
+    Parameters
+    ----------
+    space
+        The search space.
+    observations
+        Finished missions.
+    places
+        The training worlds.
+    seed
+        The seed of the fits.
+    settings
+        What the surrogates are made of; None: by the search space.
+    exact
+        What of the objectives the configuration decides.
     """
     both = [o for o in observations if o.outcome is None or o.second is not None]
     exact = exact or Exact()
@@ -117,7 +133,19 @@ def flown_in_both(
     space: SearchSpace,
     missions: Sequence[Observation],
 ) -> list[FrontPoint]:
-    """What is believed, or known, of every configuration flown, best first objective first."""
+    """Return what is believed, or known, of every configuration flown, the best in the first objective first.
+
+    Parameters
+    ----------
+    models
+        A model of each objective.
+    objectives
+        Their metrics and directions.
+    space
+        The search space.
+    missions
+        The missions that flew the configurations.
+    """
     configurations = distinct_configurations(space, missions)
     signs = objectives[0].sign, objectives[1].sign
     points = []

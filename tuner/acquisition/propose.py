@@ -47,11 +47,22 @@ def propose(
     seed: int,
     risk: Risk = "mean",
 ) -> tuple[Values, dict[str, float]]:
-    """The configuration with the largest acquisition value.
+    """Return the configuration with the largest acquisition value, and figures that explain it.
 
-    Missions in flight (``pending`` configurations) count as points whose outcome is not known yet, so that
-    simultaneous proposals differ. Returns the values and figures that explain them: the acquisition value, the
-    improvement it stands for, and the model's mean and standard deviation there (objective's unit, larger is better).
+    Missions in flight count as points whose outcome is not known yet, so that simultaneous proposals differ. The figures are
+    the acquisition value, the improvement it stands for, and the model's mean and standard deviation there (objective's
+    unit, larger is better).
+
+    Parameters
+    ----------
+    model
+        The surrogate.
+    pending
+        The configurations in flight.
+    seed
+        The seed of samples and starting points.
+    risk
+        The measure over worlds.
     """
     with numerics(seed):
         acquisition = _acquisition(model, pending, seed, risk)
@@ -100,11 +111,23 @@ def maximise(
     near: Floats | None = None,
     allowed: Callable[[Floats], Bools] | None = None,
 ) -> tuple[Floats, float]:
-    """Best (d,) unit position, exactly a configuration, and its acquisition value.
+    """Return the best (d,) unit position, exactly a configuration, and its acquisition value.
 
-    Values are logarithms: where missions have failed, the probability that one ends well is a factor. Starts are the best
-    of many global points and of local ones, near the (n, d) positions ``near`` (None: those flown with the best posterior
-    means), tried without gradients; only those that are ``allowed``.
+    Acquisition values are logarithms: where missions have failed, the probability that one ends well is a factor. Starts are
+    the best of many global points and of local ones, tried without gradients.
+
+    Parameters
+    ----------
+    model
+        The surrogate, for its space and what has flown.
+    acquisition
+        The function to maximise.
+    seed
+        The seed of the starting points.
+    near
+        (n, d) positions around which to start, too; None: those flown with the best posterior means.
+    allowed
+        Says of (n, d) positions which may be proposed; None: all.
     """
     d = model.space.dimension
     if model.feasibility is not None:
@@ -143,7 +166,21 @@ def maximise(
 
 
 def only_allowed(model: RockMeanGP, points: Floats, allowed: Callable[[Floats], Bools], seed: int) -> Floats:
-    """Those of (n, d) unit positions that are allowed; more are looked at where hardly any is, and all taken where none is."""
+    """Return those of the points that are allowed.
+
+    More points are looked at where hardly any is allowed, and all are returned where none is.
+
+    Parameters
+    ----------
+    model
+        The surrogate, for its space.
+    points
+        (n, d) unit positions.
+    allowed
+        Says of (n, d) positions which may be proposed.
+    seed
+        The seed of further points.
+    """
     found = points[allowed(points)]
     if len(found) < FEW:
         rng = np.random.default_rng(seed)
@@ -181,7 +218,21 @@ def starting_points(
     count: int = LOCAL_POINTS,
     near_to: Floats | None = None,
 ) -> Floats:
-    """(global + local points, d) unit positions."""
+    """Return (n, d) unit positions at which the search for the maximum begins, global and local ones.
+
+    Parameters
+    ----------
+    model
+        The surrogate, for its space and what has flown.
+    seed
+        The seed of the points.
+    everywhere_count
+        How many global points.
+    count
+        How many local ones.
+    near_to
+        (m, d) positions around which local points lie; None: those flown with the best posterior means.
+    """
     d = model.space.dimension
     cube = torch.stack([torch.zeros(d), torch.ones(d)]).to(torch.float64)
     everywhere = draw_sobol_samples(cube, everywhere_count, 1, seed=seed).squeeze(1).numpy()

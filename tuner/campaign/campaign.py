@@ -60,8 +60,8 @@ from tuner.samplers.registry import make_sampler
 from tuner.surrogate.settings import surrogate_settings
 
 if TYPE_CHECKING:
+    from tuner.acquisition.constrained import Constraint
     from tuner.acquisition.front import Outcome
-    from tuner.acquisition.within import Within
     from tuner.surrogate.kernel import Feature
     from tuner.surrogate.model import RockMeanGP
 
@@ -318,7 +318,7 @@ class Campaign:
         """What would be recommended after ``history``; ``simplify``: with the runner-up and the next rock."""
         s = self.settings
         exact = self.exact(history)
-        within, front = self._second(history) if simplify or s.limit is not None else (None, [])
+        constraint, front = self._second(history) if simplify or s.limit is not None else (None, [])
         history = self.modelled(history)
         result = recommendation.recommend(
             s.space,
@@ -334,22 +334,24 @@ class Campaign:
             feature=self._feature(),
             find_inactive=self._inactive if simplify else None,
             simplify=simplify,
-            within=within,
+            constraint=constraint,
             exact=exact.first,
             second=s.second,
             limit=s.limit,
         )
         return None if result is None else dataclasses.replace(result, front=front)
 
-    def _second(self, history: Sequence[Observation]) -> tuple[Within | None, list[FrontPoint]]:
+    def _second(self, history: Sequence[Observation]) -> tuple[Constraint | None, list[FrontPoint]]:
         """What the second objective's missions say: the limit where there is one, and the Pareto front."""
         s = self.settings
         both = [o for o in history if o.outcome is not None and o.second is not None]
         if s.second is None or not both:
             return None, []
         models, objectives = self._models(both), (s.objective, s.second)
-        within = None if s.at_least is None else acquisition.Within(models[1], s.at_least)
-        return within, pareto_front(acquisition.flown_in_both(models, objectives, s.space, both), objectives)
+        constraint = None if s.at_least is None else acquisition.Constraint(models[1], s.at_least)
+        return constraint, pareto_front(
+            acquisition.flown_in_both(models, objectives, s.space, both), objectives
+        )
 
     def _inactive(self, values: Mapping[str, Any], numbers: Sequence[int]) -> list[Inactive]:
         """What of a configuration changed no choice in its missions; nothing where their documents are gone."""

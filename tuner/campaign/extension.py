@@ -16,10 +16,19 @@ from tuner.missions.long_runs import exclusive
 def extend_campaign(
     directory: Path, budget: int, fidelity: str | None = None, mission: Path | None = None
 ) -> Campaign:
-    """The campaign in ``directory`` with a budget of ``budget`` missions instead of fewer.
+    """Give the campaign in ``directory`` a larger budget.
 
     The initial design and every proposal so far are those of the smaller budget; the sampler goes on from there.
     ``campaign.yaml`` holds the new budget and, under ``extensions``, when it grew from what.
+
+    Parameters
+    ----------
+    directory
+        The campaign's run directory.
+    budget
+        Missions in all, more than before.
+    fidelity, mission
+        What the caller allows the campaign to run, as in ``Campaign.open``.
 
     Raises
     ------

@@ -74,7 +74,7 @@ class TrialRecord:
     replicate: int
     directory: str  # of the mission, relative to the run directory
     why: dict[str, Any]  # who proposed it and for what reason
-    memory: dict[str, Any]
+    sampler_state: dict[str, Any]
     raw: float | None  # the metric as measured; None while running and when failed
     status: str = ""  # the mission's: ok, degraded, failed; empty while running
     reason: str = ""
@@ -252,7 +252,21 @@ class Ledger:
         seed: int,
         code: str = "",
     ) -> TrialRecord:
-        """Enter a mission that is about to fly, in one write."""
+        """Enter a mission that is about to fly, in one write.
+
+        Parameters
+        ----------
+        proposal
+            What the sampler asked for.
+        world, replicate
+            The block on which it flies.
+        config_digest
+            The digest of the complete configuration.
+        seed
+            The campaign's seed.
+        code
+            The digest of the code that flies it (`tuner.campaign.reproducibility_check`).
+        """
         number = len(self.trials())
         attributes = {
             "rock": world.rock,
@@ -264,8 +278,8 @@ class Ledger:
             "why": proposal.why,
             "code": code,
         }
-        if proposal.memory:
-            attributes["memory"] = proposal.memory
+        if proposal.sampler_state:
+            attributes["memory"] = proposal.sampler_state
         attributes[ENTERED] = entry_checksum(self._campaign_id, number, proposal.values, attributes)
         trial = create_trial(
             state=TrialState.RUNNING,
@@ -367,7 +381,7 @@ class Ledger:
                 None if t.raw is None else sign * t.raw,
                 t.raw,
                 t.reason,
-                t.memory,
+                t.sampler_state,
                 condition=t.condition,
             )
             for t in (self.trials() if trials is None else trials)
@@ -377,7 +391,7 @@ class Ledger:
     def pending(self, trials: Sequence[TrialRecord], known: int) -> list[Pending]:
         """Missions in flight, and those after the first ``known``, which count as if they were."""
         return [
-            Pending(t.number, t.values, t.rock, t.replicate, t.memory, t.condition)
+            Pending(t.number, t.values, t.rock, t.replicate, t.sampler_state, t.condition)
             for i, t in enumerate(trials)
             if t.state == "running" or i >= known
         ]
@@ -408,7 +422,7 @@ def _record(trial: optuna.trial.FrozenTrial) -> TrialRecord:
         replicate=a["replicate"],
         directory=a["directory"],
         why=a["why"],
-        memory=a.get("memory", {}),
+        sampler_state=a.get("memory", {}),
         raw=trial.value if trial.state == TrialState.COMPLETE else None,
         status=a.get("status", "") if trial.state != TrialState.RUNNING else "",
         reason=a.get("reason", ""),

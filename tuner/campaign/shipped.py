@@ -24,7 +24,17 @@ DIRECTORY = Path(__file__).parent / "shipped_missions"
 def sources_by_default(
     space: SearchSpace, objective: Objective, sampler: str, second: Objective | None
 ) -> tuple[str, ...]:
-    """What a campaign learns from unless told otherwise: the shipped missions where there are some and it can."""
+    """Return what a campaign learns from unless told otherwise: the shipped missions where there are some and it can.
+
+    Parameters
+    ----------
+    space, objective
+        What is tuned and for what; shipped missions go with both.
+    sampler
+        Its name; only ``gp`` learns from earlier missions.
+    second
+        The second objective, where there is one.
+    """
     can = sampler == "gp" and second is None
     return (SHIPPED,) if can and _read(space, objective) is not None else ()
 

@@ -24,11 +24,22 @@ from tuner.samplers.earlier_missions import MIN_OBSERVATIONS, EarlierMissions
 def learn_from(
     directories: Sequence[str], space: SearchSpace, base: Configuration, objective: Objective
 ) -> EarlierMissions:
-    """The missions of the campaigns in ``directories`` (or ``shipped``) that are configurations of ``space``.
+    """Return the missions of earlier campaigns that are configurations of ``space``.
 
     A mission counts where its tuned values lie in ``space``, what ``space`` does not tune is as in ``base``, and the
     objective's metric was measured. A parameter that ``space`` tunes and the earlier campaign did not has the value that
     campaign held it at.
+
+    Parameters
+    ----------
+    directories
+        The campaigns' run directories, or ``shipped``.
+    space
+        The space of the campaign that learns.
+    base
+        The configuration on which its tuned values are laid.
+    objective
+        Which metric to read from the missions.
 
     Raises
     ------

@@ -293,7 +293,7 @@ class LocalProcessExecutor:
             self._ready.append(outcome)
 
     def _verdict(self, attempt: _Attempt, status: int | None, error: str) -> tuple[str, str]:
-        """Why a mission left nothing, as reason and message; ``status`` is None where it has none."""
+        """Return why a mission left nothing, as reason and message; ``status`` is None where the server died."""
         log = attempt.job.directory / LOG_FILE
         attempts = f" in attempt {attempt.number} of {self._max_attempts}"
         if status is None:
@@ -357,7 +357,7 @@ def _is_stopped(pid: int | None) -> bool:
 
 
 def _wait_for_end(pid: int | None) -> None:
-    """Until a mission whose server has ended has ended too (the system kills it), so that it is not flown twice at once."""
+    """Wait until a mission whose server has died has been killed by the system, so that it is not flown twice at once."""
     deadline = time.monotonic() + 5.0
     while pid is not None and Path(f"/proc/{pid}").exists() and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -366,7 +366,19 @@ def _wait_for_end(pid: int | None) -> None:
 def local_executor(
     fidelity: str, workers: int | None, timeout_s: float, mission: MissionFile | None = None
 ) -> LocalProcessExecutor:
-    """Processes for missions, one per core unless told otherwise; a mission file has limits of its own."""
+    """Return processes for missions, one per core unless told otherwise.
+
+    Parameters
+    ----------
+    fidelity
+        The fidelity whose modules are imported before the first mission.
+    workers
+        Missions at a time; None: one per core.
+    timeout_s
+        After this time a mission is killed.
+    mission
+        A mission file, which has limits of its own on workers, time and attempts.
+    """
     if workers is not None and workers < 1:
         raise UserError(f"--workers is {workers}; give at least 1")
     count = workers or len(os.sched_getaffinity(0))

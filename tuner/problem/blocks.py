@@ -35,10 +35,21 @@ class Mission(Protocol):
 def next_block(
     worlds: Sequence[Place], replicates: int, missions: Sequence[Mission], proposal: Proposal
 ) -> tuple[World, int]:
-    """World and replicate of the next mission, where the sampler left them open.
+    """Return the world and the replicate of the next mission where the sampler left them open.
 
     The world visited least (ties: list order), so worlds are taken in turn; in it the replicate used least among
     those this configuration has not flown there. A configuration that has flown them all gets a fresh number.
+
+    Parameters
+    ----------
+    worlds
+        The training worlds.
+    replicates
+        Replicates per world.
+    missions
+        All missions so far, those in flight included.
+    proposal
+        The mission to place.
     """
     if proposal.world is not None and proposal.replicate is not None:
         return proposal.world, proposal.replicate

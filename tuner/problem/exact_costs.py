@@ -19,7 +19,7 @@ from tuner.problem.search_space import Configuration, SearchSpace
 PHOTOGRAPHS = "costs.images"
 DECIDES_PHOTOGRAPHS = ("seed.count", "stop.adaptive_budget", "stop.max_photographs")
 ENDS_EARLY = ("stop.criterion", "stop.min_gain_percent")
-PREDICTED_SECOND = "predicted_second"  # in a mission's memory: likewise, of the second objective
+PREDICTED_SECOND = "predicted_second"  # in the sampler state: likewise, of the second objective
 _NO_MISSION = 1e6  # the cost of values that exclude one another
 _SAME = 1e-9
 
@@ -79,9 +79,9 @@ def modelled(history: Sequence[Observation]) -> list[Observation]:
             o,
             outcome=None if o.outcome is None else o.second,
             second=o.outcome,
-            memory={**o.memory, PREDICTED: o.memory[PREDICTED_SECOND]}
-            if PREDICTED_SECOND in o.memory
-            else {key: value for key, value in o.memory.items() if key != PREDICTED},
+            sampler_state={**o.sampler_state, PREDICTED: o.sampler_state[PREDICTED_SECOND]}
+            if PREDICTED_SECOND in o.sampler_state
+            else {key: value for key, value in o.sampler_state.items() if key != PREDICTED},
         )
         for o in both
     ]
@@ -93,9 +93,18 @@ def exact_cost(
     default: Mapping[str, Any],
     objective: Objective,
 ) -> ExactCost | None:
-    """The objective as a function of the tuned values; None where a mission decides it.
+    """Return the objective as a function of the tuned values; None where only a mission can tell it.
 
-    ``config`` makes the complete configuration of tuned values.
+    Parameters
+    ----------
+    space
+        The search space.
+    config
+        Makes the complete configuration of tuned values.
+    default
+        The default values, at which everything else is checked.
+    objective
+        The metric and its direction.
     """
     base = config(default)
     if not isinstance(base, MissionConfig):

@@ -10,7 +10,7 @@ from typing import Any
 from nbv.config import IDEAL
 from tuner.problem.worlds import World
 
-# In a mission's memory: the mean and the standard deviation predicted of its outcome, objective's unit.
+# In the sampler state: the mean and the standard deviation predicted of its outcome, objective's unit.
 PREDICTED = "predicted"
 
 
@@ -25,7 +25,7 @@ class Observation:
     outcome: float | None  # oriented so that larger is better; None: failed, i.e. infeasible
     raw: float | None = None  # the metric as measured
     reason: str = ""  # why it failed
-    memory: Mapping[str, Any] = field(default_factory=dict)  # what the sampler asked to be kept
+    sampler_state: Mapping[str, Any] = field(default_factory=dict)  # what the sampler asked to be kept
     second: float | None = (
         None  # outcome of a second objective, oriented alike; None: none asked for, or missing
     )
@@ -59,7 +59,7 @@ class Pending:
     values: Mapping[str, Any]
     rock: str
     replicate: int
-    memory: Mapping[str, Any] = field(default_factory=dict)
+    sampler_state: Mapping[str, Any] = field(default_factory=dict)
     condition: str = IDEAL
 
     @functools.cached_property
@@ -70,13 +70,13 @@ class Pending:
 
 @dataclass(frozen=True)
 class Proposal:
-    """What to fly next. ``rock``, with its ``condition``, and ``replicate`` are left to the campaign's schedule where None."""
+    """What to fly next; the campaign's schedule decides ``rock``, ``condition`` and ``replicate`` where they are None."""
 
     values: dict[str, Any]
     why: dict[str, Any]  # JSON: at least {"sampler": ..., "phase": ...}
     rock: str | None = None
     replicate: int | None = None
-    memory: dict[str, Any] = field(default_factory=dict)  # JSON, returned with the observation
+    sampler_state: dict[str, Any] = field(default_factory=dict)  # JSON, returned with the observation
     condition: str = IDEAL  # of ``rock``
 
     @property

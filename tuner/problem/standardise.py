@@ -40,11 +40,19 @@ class RockStandardiser:
         shrink_centres: bool = True,
         blocks: Sequence[Hashable] | None = None,
     ) -> RockStandardiser:
-        """Estimate from ``(n,)`` rock names and outcomes (larger is better); n may be 0.
+        """Return the standardiser estimated from n outcomes; n may be 0.
 
-        Without ``shrink_centres`` each rock is centred on its own mean: for a model that infers what is left of
-        the rock effect by itself. With ``(n,)`` ``blocks``, each within one rock, scales are standard deviations
-        within blocks: for a model that infers what is common to a block.
+        Parameters
+        ----------
+        rocks
+            (n,) rock names.
+        outcomes
+            (n,) outcomes, larger is better.
+        shrink_centres
+            Without it each rock is centred on its own mean: for a model that infers what is left of the rock effect by itself.
+        blocks
+            (n,) blocks, each within one rock: scales are then standard deviations within blocks, for a model that infers
+            what is common to a block.
         """
         y = np.asarray(outcomes, dtype=float)
         names = sorted(set(rocks))

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
+    from tuner.recommendation.backward_elimination import backward_elimination
     from tuner.recommendation.choose import recommend
     from tuner.recommendation.eligible import may_be_recommended
     from tuner.recommendation.inactive import Inactive, inactive_parameters
     from tuner.recommendation.next_rock import next_rock
     from tuner.recommendation.recommendation import Limit, NextRock, Recommendation, RunnerUp
-    from tuner.recommendation.sparsest import sparsest
 
 __all__ = [
     "Inactive",
@@ -23,11 +23,11 @@ __all__ = [
     "NextRock",
     "Recommendation",
     "RunnerUp",
+    "backward_elimination",
     "inactive_parameters",
     "may_be_recommended",
     "next_rock",
     "recommend",
-    "sparsest",
 ]
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
@@ -36,7 +36,7 @@ __getattr__, __dir__, _ = lazy_loader.attach(
         "choose": ["recommend"],
         "next_rock": ["next_rock"],
         "recommendation": ["Limit", "NextRock", "Recommendation", "RunnerUp"],
-        "sparsest": ["sparsest"],
+        "backward_elimination": ["backward_elimination"],
         "eligible": ["may_be_recommended"],
     },
 )

@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from tuner.acquisition.within import Within
+from tuner.acquisition.constrained import Constraint
 from tuner.problem.configurations import configuration_key
 from tuner.problem.exact_costs import ExactCost
 from tuner.problem.objective import Objective
@@ -50,7 +50,7 @@ def recommend(
     feature: Feature | None = None,
     find_inactive: FindInactive | None = None,
     simplify: bool = False,
-    within: Within | None = None,
+    constraint: Constraint | None = None,
     exact: ExactCost | None = None,
     second: Objective | None = None,
     limit: float | None = None,
@@ -70,7 +70,7 @@ def recommend(
         The measure over worlds that is meant by the mean everywhere in the result.
     simplify
         Whether to look for a runner-up and at the next rock, which takes two further surrogates.
-    within
+    constraint
         A limit of the second objective: only what keeps it may be recommended. Where nothing flown does, what is likeliest to.
     exact
         The objective, where the configuration decides it. Outcomes are then those of the second objective.
@@ -83,8 +83,8 @@ def recommend(
     if not feasible:
         return None
     model = RockMeanGP(space, feasible, places, seed, settings, feature)
-    if within is not None and exact is not None:
-        within = dataclasses.replace(within, model=model)
+    if constraint is not None and exact is not None:
+        constraint = dataclasses.replace(constraint, model=model)
     groups: dict[tuple[Any, ...], list[Observation]] = {}
     for o in observations:
         groups.setdefault(configuration_key(space, o.values), []).append(o)
@@ -96,12 +96,12 @@ def recommend(
     # Where even the default has failed there is nothing better than what has not.
     chosen: Sequence[int] = [i for i, may in enumerate(allowed) if may] or range(len(configurations))
     kept = True
-    if within is not None:
-        keeps = within.keeps(configurations)
+    if constraint is not None:
+        keeps = constraint.keeps(configurations)
         every = range(len(configurations))
         chosen = [i for i in chosen if keeps[i] and allowed[i]] or [i for i in every if keeps[i]]
         kept = bool(chosen)
-        chosen = chosen or [int(within.probability(configurations).argmax())]
+        chosen = chosen or [int(constraint.probability(configurations).argmax())]
     if len(configurations) > JOINT:  # of many only the best, by their means, are looked at jointly
         few = max(TOP, JOINT // len(model.worlds))
         configurations = [configurations[i] for i in chosen]
@@ -120,7 +120,9 @@ def recommend(
         goal = KnownOutcome(space, exact).posterior([*configurations, default], risk)
         least = max(goal.mean[i] for i in among)
         among = [i for i in among if goal.mean[i] == least]
-        if goal.mean[reference] >= least and (within is None or within.probability([default])[0] >= MAY_KEEP):
+        if goal.mean[reference] >= least and (
+            constraint is None or constraint.probability([default])[0] >= MAY_KEEP
+        ):
             among = [i for i, v in enumerate(configurations) if v == default] or among  # nothing is cheaper
     index = fewest_changes(configurations, among, default, belief, calibrated, model.noise_sd)
     values, sign = configurations[index], objective.sign
@@ -128,7 +130,9 @@ def recommend(
     order = order if index in order else [index, *order]
     top = sorted({*order[: TOP - 1], index}, key=order.index)
     shares = goal.probability_best(top, seed) if exact is None else [float(i == index) for i in top]
-    chances = [None] * len(top) if within is None else within.probability([configurations[i] for i in top])
+    chances = (
+        [None] * len(top) if constraint is None else constraint.probability([configurations[i] for i in top])
+    )
     candidates = []
     for i, share, chance in zip(top, shares, chances):
         group = evaluated[configuration_key(space, configurations[i])]
@@ -158,23 +162,23 @@ def recommend(
             best = configurations[order[0]]
             same = inactive if best == values else []
             predicted = fewer_changes(
-                model, feasible, best, same, default, calibrated, risk, within, feature, seed, places
+                model, feasible, best, same, default, calibrated, risk, constraint, feature, seed, places
             )
             rivals = [predicted, best]
         else:
-            rivals = [] if within is None else cheaper(model, within, exact, values, seed)
+            rivals = [] if constraint is None else cheaper(model, constraint, exact, values, seed)
         rivals = [v for v in rivals if v not in (values, dict(default))]
         if rivals:
             flown = len(groups.get(configuration_key(space, rivals[0]), []))
             of = model if exact is None else KnownOutcome(space, exact)
-            rival = runner_up(of, objective, rivals[0], values, default, flown, calibrated, risk, within)
+            rival = runner_up(of, objective, rivals[0], values, default, flown, calibrated, risk, constraint)
     kept_limit = None
-    if within is not None and second is not None and limit is not None:
-        kept_limit = limit_of(within, second, limit, values, default, kept)
+    if constraint is not None and second is not None and limit is not None:
+        kept_limit = limit_of(constraint, second, limit, values, default, kept)
         if exact is not None and simplify:
             kept_limit = dataclasses.replace(
                 kept_limit,
-                next_rock_keeps=next_rock_keeps(model, values, within.at_least),
+                next_rock_keeps=next_rock_keeps(model, values, constraint.at_least),
                 next_rock_no_worse=None if elsewhere is None else elsewhere.no_worse,
             )
     return Recommendation(

@@ -20,7 +20,7 @@ ROCKS, CONDITIONS, REPLICATES = 2, 2, 2
 
 
 def enough(flown: Collection[Block], places: Collection[Place], replicates: int) -> bool:
-    """Whether these blocks are two training rocks, conditions and replicates, or all of them where there are fewer."""
+    """Return whether these blocks cover two training rocks, conditions and replicates, or all where there are fewer."""
     worlds = worlds_of(places)
     own = [(world, replicate) for world, replicate in flown if world in worlds]
     seen = [world for world, _ in own]
@@ -39,7 +39,23 @@ def may_be_recommended(
     replicates: int,
     default: Mapping[str, Any],
 ) -> list[bool]:
-    """Of each configuration, after ``history``; ``replicates``: the campaign's, per world."""
+    """Return for each configuration whether it has flown often enough; the default always has.
+
+    Parameters
+    ----------
+    space
+        The search space.
+    history
+        Finished missions; only feasible ones count.
+    configurations
+        The configurations in question.
+    places
+        The training worlds.
+    replicates
+        The campaign's replicates per world.
+    default
+        The default values.
+    """
     flown = blocks_flown(space, [o for o in history if o.feasible])
     trusted = configuration_key(space, default)
     keys = [configuration_key(space, values) for values in configurations]

@@ -18,10 +18,21 @@ RISK_OF_LOSS = 0.05
 
 
 def no_loss(belief: Posterior, i: int, best: int, calibrated: Calibration, noise_sd: float) -> bool:
-    """Whether entry ``i`` loses nothing against entry ``best``.
+    """Return whether entry ``i`` loses nothing against entry ``best``.
 
-    The posterior mean of the difference is no loss above `EXPECTED_LOSS` of a mission's noise, and that more than the noise
-    of a mission is lost has a probability of at most `RISK_OF_LOSS`.
+    The posterior mean of the difference is no loss above `EXPECTED_LOSS` of a mission's noise, and a loss above the noise of
+    one mission has a probability of at most `RISK_OF_LOSS`.
+
+    Parameters
+    ----------
+    belief
+        The joint posterior of all entries.
+    i, best
+        Their indices in ``belief``.
+    calibrated
+        The calibration of its intervals.
+    noise_sd
+        The standard deviation of one mission, objective's unit.
     """
     mean, sd = belief.difference(i, best)
     unlikely = calibrated.probability_positive(mean + noise_sd, sd) >= 1.0 - RISK_OF_LOSS
@@ -29,7 +40,17 @@ def no_loss(belief: Posterior, i: int, best: int, calibrated: Calibration, noise
 
 
 def stated_loss(belief: Posterior, i: int, best: int, calibrated: Calibration) -> bool:
-    """Whether the calibrated 95 % interval of the difference says that entry ``i`` is worse."""
+    """Return whether the calibrated 95 % interval of the difference says that entry ``i`` is worse than ``best``.
+
+    Parameters
+    ----------
+    belief
+        The joint posterior of all entries.
+    i, best
+        Their indices in ``belief``.
+    calibrated
+        The calibration of its intervals.
+    """
     return calibrated.interval_95(*belief.difference(i, best))[1] < 0.0
 
 
@@ -41,10 +62,22 @@ def fewest_changes(
     calibrated: Calibration,
     noise_sd: float,
 ) -> int:
-    """The one of ``among`` (indices, not empty) to use, as above.
+    """Return the index of the configuration to use, as above.
 
-    ``belief`` is of all configurations, in their order, and of the default behind them. The default is taken only where it
-    is among them.
+    Parameters
+    ----------
+    configurations
+        All configurations flown.
+    among
+        Indices of those that may be taken; not empty. The default is taken only where it is among them.
+    default
+        The default values.
+    belief
+        The joint posterior of ``configurations``, in their order, and of the default behind them.
+    calibrated
+        The calibration of its intervals.
+    noise_sd
+        The standard deviation of one mission, objective's unit.
     """
     reference = len(configurations)
     own = [i for i in among if configurations[i] == default]

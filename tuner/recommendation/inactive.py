@@ -37,9 +37,20 @@ def inactive_parameters(
     default: Mapping[str, Any],
     traces: Sequence[Sequence[IterationRecord]],
 ) -> list[Inactive]:
-    """Of the missions that flew ``config``, one trace each; in the space's order, empty where nothing is known.
+    """Return the parameters whose numbers changed no choice, in the space's order; empty where nothing is known.
 
     Those whose ``default_is_the_same`` may go back to the default values together.
+
+    Parameters
+    ----------
+    space
+        The search space.
+    config
+        The configuration that was flown.
+    default
+        The default values.
+    traces
+        One trace for each mission that flew ``config``.
     """
     records = [record for trace in traces for record in trace]
     if not records or not isinstance(config, MissionConfig) or config.gate.kind not in (HYB_H, *SCORERS):

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from tuner.acquisition.within import CALIBRATED, Within
+from tuner.acquisition.constrained import CALIBRATED, Constraint
 from tuner.problem.objective import Objective
 from tuner.problem.worlds import rocks_of
 from tuner.recommendation.next_rock import PRIOR_ROCKS
@@ -19,16 +19,30 @@ from tuner.surrogate.model import RockMeanGP
 
 
 def limit_of(
-    within: Within,
+    constraint: Constraint,
     second: Objective,
     limit: float,
     values: Mapping[str, Any],
     default: Mapping[str, Any],
     kept: bool,
 ) -> Limit:
-    """Of the recommended ``values``; ``kept``: whether anything flown can be taken to keep it; nothing of the next rock."""
-    belief, sign = within.model.posterior([values, default]), second.sign
-    probability, of_default = within.probability([values, default])
+    """Return how the recommended configuration keeps the limit on the training worlds; the next rock is left open.
+
+    Parameters
+    ----------
+    constraint
+        The limit and the model of what has it.
+    second
+        The second objective.
+    limit
+        Its limit, in the metric's unit.
+    values, default
+        The recommended and the default values.
+    kept
+        Whether any configuration flown can be taken to keep the limit.
+    """
+    belief, sign = constraint.model.posterior([values, default]), second.sign
+    probability, of_default = constraint.probability([values, default])
     difference = belief.difference(0, 1)
     mean, sd = sign * float(belief.mean[0]), float(belief.sd[0])
     return Limit(
@@ -36,7 +50,7 @@ def limit_of(
         direction=second.direction,
         limit=limit,
         kept=kept,
-        exact=isinstance(within.model, KnownOutcome),
+        exact=isinstance(constraint.model, KnownOutcome),
         mean=mean,
         sd=sd,
         interval_95=CALIBRATED.interval_95(mean, sd),
@@ -50,7 +64,7 @@ def limit_of(
 
 
 def next_rock_keeps(model: RockMeanGP, values: Mapping[str, Any], at_least: float) -> float:
-    """Probability that the mean of ``values`` on a rock nobody has flown is ``at_least`` that; larger is better.
+    """Return the probability that the mean of ``values`` on a rock never flown is ``at_least`` that; larger is better.
 
     The next rock is drawn like the training rocks: Student's t, whose spread has a prior worth `PRIOR_ROCKS` rocks that
     differ as much as missions on one rock do.

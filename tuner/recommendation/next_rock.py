@@ -38,7 +38,17 @@ AGAINST = 0.8  # probability of a loss from which on a training rock disagrees
 def next_rock(
     model: RockMeanGP, values: Mapping[str, Any], default: Mapping[str, Any], calibrated: Calibration
 ) -> NextRock:
-    """The gain of ``values`` over ``default`` on a new rock; ``model``: a surrogate with own landscapes."""
+    """Return the gain of ``values`` over ``default`` on a new rock.
+
+    Parameters
+    ----------
+    model
+        A surrogate in which rocks have landscapes of their own.
+    values, default
+        The recommended and the default values.
+    calibrated
+        The calibration of the model's intervals.
+    """
     rocks = rocks_of(model.worlds)
     unit = np.array([model.space.to_unit(v) for v in (values, default)])
 

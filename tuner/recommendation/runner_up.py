@@ -8,16 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from tuner.acquisition.within import SURE, Within
+from tuner.acquisition.constrained import SURE, Constraint
 from tuner.problem.exact_costs import ExactCost
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
 from tuner.problem.worlds import Place
+from tuner.recommendation.backward_elimination import backward_elimination
 from tuner.recommendation.inactive import Inactive
 from tuner.recommendation.recommendation import RunnerUp
-from tuner.recommendation.sparsest import sparsest
 from tuner.surrogate.forward_check import Calibration
 from tuner.surrogate.kernel import Feature
 from tuner.surrogate.known import KnownOutcome
@@ -34,14 +34,37 @@ def fewer_changes(
     default: Mapping[str, Any],
     calibrated: Calibration,
     risk: Risk,
-    within: Within | None,
+    constraint: Constraint | None,
     feature: Feature | None,
     seed: int,
     places: Sequence[Place],
 ) -> Values:
-    """``best`` without the changes that it does not need, by a surrogate with the sparse prior.
+    """Return ``best`` without the changes that it does not need, by a surrogate with the sparse prior.
 
-    Its missions would have been the same with some parameters at the default (``inactive``): that is where they count.
+    The missions of ``best`` would have been the same with some parameters at the default (``inactive``), so they count there.
+
+    Parameters
+    ----------
+    model
+        The surrogate that found ``best``.
+    missions
+        The missions behind it.
+    best, default
+        The best configuration found and the default values.
+    inactive
+        Parameters of ``best`` whose numbers changed no choice.
+    calibrated
+        The calibration of the model's intervals.
+    risk
+        The measure over worlds.
+    constraint
+        A limit that the result has to keep, too.
+    feature
+        A feature of the surrogate, such as the landscape of earlier missions.
+    seed
+        The seed of the sparse surrogate's fit.
+    places
+        The training worlds.
     """
     free = {found.path: default[found.path] for found in inactive if found.default_is_the_same}
     few = [
@@ -52,19 +75,33 @@ def fewer_changes(
     if free or not model.settings.sparse:
         sparse = dataclasses.replace(model.settings, sparse=True)
         of_few = RockMeanGP(model.space, few, places, seed, sparse, feature)
-    return sparsest(of_few, {**best, **free}, default, calibrated, risk, within, model)
+    return backward_elimination(of_few, {**best, **free}, default, calibrated, risk, constraint, model)
 
 
 def cheaper(
-    model: RockMeanGP, within: Within, exact: ExactCost, values: Mapping[str, Any], seed: int
+    model: RockMeanGP, constraint: Constraint, exact: ExactCost, values: Mapping[str, Any], seed: int
 ) -> list[Values]:
-    """The cheapest configuration that is believed to keep the limit, whether it has flown or not; none below ``values``."""
+    """Return the cheapest configuration believed to keep the limit, flown or not, as a list of at most one.
+
+    Parameters
+    ----------
+    model
+        The surrogate of what has the limit.
+    constraint
+        That limit.
+    exact
+        The cost, which the configuration decides.
+    values
+        The recommended values; the list is empty where nothing believed to keep the limit costs less.
+    seed
+        The seed of the points that are looked at.
+    """
     space, rng = model.space, np.random.default_rng(seed)
     unit = np.unique([space.snap(u) for u in [*model.unit, *rng.random((POINTS, space.dimension))]], axis=0)
     below = [v for v in map(space.from_unit, unit) if exact.outcome(v) > exact.outcome(values)]
     if not below:
         return []
-    chance = within.probability(below)
+    chance = constraint.probability(below)
     order = sorted(range(len(below)), key=lambda i: (-exact.outcome(below[i]), -chance[i]))
     return [below[i] for i in order if chance[i] >= SURE][:1]
 
@@ -78,9 +115,27 @@ def runner_up(
     missions: int,
     calibrated: Calibration,
     risk: Risk,
-    within: Within | None,
+    constraint: Constraint | None,
 ) -> RunnerUp:
-    """``rival`` beside the recommended ``values``; ``model``: of the objective; ``missions``: that flew it."""
+    """Return ``rival`` compared with the recommended ``values`` and the default.
+
+    Parameters
+    ----------
+    model
+        The model of the objective.
+    objective
+        The metric and its direction.
+    rival, values, default
+        The configuration in question, the recommended and the default one.
+    missions
+        How many missions flew ``rival``.
+    calibrated
+        The calibration of the model's intervals.
+    risk
+        The measure over worlds.
+    constraint
+        A limit of the second objective, where there is one.
+    """
     belief = model.posterior([rival, values, default], risk)
     difference, gain = belief.difference(0, 1), belief.difference(0, 2)
     return RunnerUp(
@@ -92,5 +147,5 @@ def runner_up(
         difference_interval_95=calibrated.interval_95(*difference),
         improvement=gain[0],
         improvement_interval_95=calibrated.interval_95(*gain),
-        probability=None if within is None else float(within.probability([rival])[0]),
+        probability=None if constraint is None else float(constraint.probability([rival])[0]),
     )

@@ -1,8 +1,8 @@
-"""One ask face for our optimiser and for the baselines.
+"""Our optimiser and the baselines propose missions through one interface.
 
 A sampler is a function of the history, the missions in flight and a seed; it keeps no state of its own, so a
 campaign that is resumed proposes what it would have proposed. What a library needs to remember between asks
-travels in ``Proposal.memory`` through the ledger and back in the history.
+travels in ``Proposal.sampler_state`` through the ledger and back in the history.
 
 Every sampler starts at the default configuration: each optimiser may know where the paper stands.
 """
@@ -32,7 +32,7 @@ class Sampler(Protocol):
 
     @property
     def name(self) -> str:
-        """As in ``tuner.samplers.registry.SAMPLER_NAMES``."""
+        """Its name in ``tuner.samplers.registry.SAMPLER_NAMES``."""
         ...
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
@@ -83,10 +83,20 @@ def initial_proposal(settings: SamplerSettings, number: int, sampler: str) -> Pr
 def in_flight(
     settings: SamplerSettings, history: Sequence[Observation], flying: Sequence[Pending], proposal: Proposal
 ) -> Pending:
-    """A proposal as the next one sees it."""
+    """Return a proposal as a pending mission, for the proposal after it.
+
+    Parameters
+    ----------
+    settings
+        The sampler's settings, for the training worlds.
+    history, flying
+        Finished missions, and those in flight before this one.
+    proposal
+        The mission that joins them.
+    """
     number = asks(history, flying)
     world, replicate = next_block(settings.worlds, settings.replicates, [*history, *flying], proposal)
-    return Pending(number, proposal.values, world.rock, replicate, proposal.memory, world.condition)
+    return Pending(number, proposal.values, world.rock, replicate, proposal.sampler_state, world.condition)
 
 
 def ask_many(
@@ -96,7 +106,19 @@ def ask_many(
     pending: Sequence[Pending],
     count: int,
 ) -> list[Proposal]:
-    """``count`` proposals, each knowing those before; at once where the sampler can."""
+    """Return ``count`` proposals, each knowing those before; made at once where the sampler can.
+
+    Parameters
+    ----------
+    sampler
+        Makes the proposals.
+    settings
+        Its settings.
+    history, pending
+        Finished missions, and those in flight.
+    count
+        How many proposals.
+    """
     if (at_once := getattr(sampler, "ask_many", None)) is not None:
         found: list[Proposal] = at_once(history, pending, count)
         return found

@@ -27,11 +27,20 @@ def stays_near_default(dimension: int, trusted_default: bool) -> bool:
 def initial_design_size(
     dimension: int, budget: int, *, trusted_default: bool = False, earlier: bool = False
 ) -> int:
-    """Missions before the model leads: 2 (d + 1), at most a third of the budget, at least 1.
+    """Return how many missions come before the model leads: 2 (d + 1), at most a third of the budget, at least 1.
 
-    From a default that can be trusted fewer: d + 2, at most a quarter of the budget, where half of the design stays near
-    it, and at most a fifth of the budget where parameters are many. ``earlier``: the best of missions flown before take
-    most of its places; there are ``WITH_EARLIER`` at most, and at most a third of the budget.
+    Parameters
+    ----------
+    dimension
+        Number of parameters.
+    budget
+        Missions in all.
+    trusted_default
+        Whether the default can be trusted: then d + 2, at most a quarter of the budget, where half of the design stays near
+        it, and at most a fifth of the budget where parameters are many.
+    earlier
+        Whether the best of missions flown before take most places: then at most ``WITH_EARLIER``, and at most a third of
+        the budget.
     """
     if earlier:
         return max(1, min(WITH_EARLIER, 2 * (dimension + 1), budget // 3))
@@ -61,10 +70,21 @@ def sobol_point(space: SearchSpace, seed: int, index: int) -> Values:
 
 
 def near_default(space: SearchSpace, default: Values, seed: int, index: int) -> Values:
-    """Point ``index`` of the seed's random points around ``default``, near ones and less near ones.
+    """Return one of the seed's random points around ``default``, near ones and less near ones.
 
     A default that somebody chose by hand is better than most of the space: where its neighbourhood is better still
     a handful of such points show it, before a space-filling design has found anything as good as the default.
+
+    Parameters
+    ----------
+    space
+        The search space.
+    default
+        The default values.
+    seed
+        The seed of the points.
+    index
+        Which of them.
     """
     rng = np.random.default_rng([seed, index, 77])
     smallest, largest = NEAR_SD

@@ -39,7 +39,7 @@ MIN_OBSERVATIONS = 20
 
 @dataclass(frozen=True)
 class EarlierMissions:
-    """The missions flown."""
+    """Missions flown before a campaign, which its sampler learns from."""
 
     space: SearchSpace
     rocks: tuple[str, ...]
@@ -74,7 +74,7 @@ class EarlierMissions:
         return [values for values, _ in chosen]
 
     def to_json(self) -> str:
-        """For a file beside the ledger."""
+        """Return the text of a file beside the ledger."""
         rows = [
             [dict(o.values), o.rock, o.outcome, o.replicate, *([o.condition] if o.condition != IDEAL else [])]
             for o in self.observations

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from tuner.acquisition.constrained import Constraint, propose_constrained, surrogate_of
 from tuner.acquisition.draws import draw_best, draw_of_two
 from tuner.acquisition.front import Outcome, propose_for_front, two_models
 from tuner.acquisition.propose import over_worlds, propose
-from tuner.acquisition.within import Within, propose_within, surrogate_of
 from tuner.problem.blocks import next_block
 from tuner.problem.exact_costs import PREDICTED_SECOND, Exact, ExactCost
 from tuner.problem.observations import PREDICTED, Observation, Pending, Proposal
@@ -66,7 +66,7 @@ class GPSampler:
         both = s.two_objectives and sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL
         exact = s.exact.agreed(history)
         models: tuple[Outcome, ...] = ()
-        within: Within | None = None
+        constraint: Constraint | None = None
         modelled, drawn, from_draws = 0, list[Values](), list[int]()
         while len(proposals) < count:
             number = asks(history, flying)
@@ -76,17 +76,17 @@ class GPSampler:
                 if not models:
                     models = self._models(history, number, both, exact)
                     if both and s.at_least is not None:
-                        within = Within(models[1], s.at_least)
+                        constraint = Constraint(models[1], s.at_least)
                 worlds = not both and over_worlds(surrogate_of(models), s.risk)
                 most = SEQUENTIAL if both or worlds else max(SEQUENTIAL, count // 2)
                 if modelled < most and len(flying) <= (MAX_JOINT_OVER_WORLDS if worlds else MAX_JOINT):
-                    if both and within is None:
+                    if both and constraint is None:
                         proposal = self._for_front((models[0], models[1]), flying, number)
                     else:
-                        proposal = self._by_acquisition(models, history, flying, number, within)
+                        proposal = self._by_acquisition(models, history, flying, number, constraint)
                 else:
-                    drawn = drawn or self._draws(models, within, count - len(proposals), number)
-                    proposal = self._drawn(models, history, flying, number, drawn.pop(), within)
+                    drawn = drawn or self._draws(models, constraint, count - len(proposals), number)
+                    proposal = self._drawn(models, history, flying, number, drawn.pop(), constraint)
                     if proposal.world is not None:
                         from_draws.append(len(proposals))
                 modelled += 1
@@ -110,11 +110,11 @@ class GPSampler:
         return (RockMeanGP(s.space, history, s.worlds, seed, own, feature),)
 
     def _draws(
-        self, models: tuple[Outcome, ...], within: Within | None, count: int, number: int
+        self, models: tuple[Outcome, ...], constraint: Constraint | None, count: int, number: int
     ) -> list[Values]:
         seed = derived_seed(self.settings.seed, number)
         if len(models) > 1:
-            return draw_of_two((models[0], models[1]), within, count, seed)
+            return draw_of_two((models[0], models[1]), constraint, count, seed)
         return draw_best(surrogate_of(models), count, seed, self.settings.risk)
 
     def _for_front(self, models: tuple[Outcome, Outcome], flying: Sequence[Pending], number: int) -> Proposal:
@@ -128,17 +128,17 @@ class GPSampler:
         history: Sequence[Observation],
         flying: Sequence[Pending],
         number: int,
-        within: Within | None = None,
+        constraint: Constraint | None = None,
     ) -> Proposal:
         s, configurations = self.settings, [p.values for p in flying]
         seed = derived_seed(s.seed, number)
-        if within is None:
+        if constraint is None:
             values, figures = propose(surrogate_of(models), configurations, seed, s.risk)
         else:
-            values, figures = propose_within(models[0], within, configurations, seed)
-        again = self._verified(models, history, flying, number, figures["expected_gain"], within)
-        if again is not None:
-            return _predicted(models, [dataclasses.replace(again, why={**figures, **again.why})])[0]
+            values, figures = propose_constrained(models[0], constraint, configurations, seed)
+        repeat = self._verified(models, history, flying, number, figures["expected_gain"], constraint)
+        if repeat is not None:
+            return _predicted(models, [dataclasses.replace(repeat, why={**figures, **repeat.why})])[0]
         proposal = Proposal(values, {"sampler": self.name, "phase": "model", **figures})
         return _predicted(models, [_placed(s, history, flying, proposal)])[0]
 
@@ -149,13 +149,13 @@ class GPSampler:
         flying: Sequence[Pending],
         number: int,
         values: Values,
-        within: Within | None,
+        constraint: Constraint | None,
     ) -> Proposal:
-        if len(models) > 1 and within is None:
+        if len(models) > 1 and constraint is None:
             return Proposal(values, {"sampler": self.name, "phase": "front", "drawn": True})
-        again = self._verified(models, history, flying, number, math.inf, within)
-        if again is not None:
-            return again
+        repeat = self._verified(models, history, flying, number, math.inf, constraint)
+        if repeat is not None:
+            return repeat
         proposal = Proposal(values, {"sampler": self.name, "phase": "model", "drawn": True})
         return _placed(self.settings, history, flying, proposal)
 
@@ -166,7 +166,7 @@ class GPSampler:
         flying: Sequence[Pending],
         number: int,
         gain: float,
-        within: Within | None = None,
+        constraint: Constraint | None = None,
     ) -> Proposal | None:
         s = self.settings
         if not self.verify or s.budget is None or number < BEGINS * s.budget:
@@ -174,7 +174,7 @@ class GPSampler:
         last = number >= s.budget - len(rocks_of(s.worlds)) * s.replicates
         model, exact = surrogate_of(models), models[0] if isinstance(models[0], KnownOutcome) else None
         return verification(
-            model, history, flying, s.replicates, gain, s.risk, last=last, within=within, exact=exact
+            model, history, flying, s.replicates, gain, s.risk, last=last, constraint=constraint, exact=exact
         )
 
     def _design(self, number: int, limited: ExactCost | None) -> Proposal:
@@ -217,16 +217,16 @@ def _placed(
 
 
 def _predicted(models: Sequence[Outcome], proposals: Sequence[Proposal]) -> list[Proposal]:
-    """With what the surrogate predicts of the missions, so that it can be told how well it did."""
+    """Return the proposals with what the surrogate predicts of them, so that its calibration can be checked later."""
     model = surrogate_of(models)
     key = PREDICTED if model is models[0] else PREDICTED_SECOND
     missions = [(p.values, p.world, p.replicate) for p in proposals if p.world is not None]
     return [
-        dataclasses.replace(proposal, memory={key: [mean, sd]})
+        dataclasses.replace(proposal, sampler_state={key: [mean, sd]})
         for proposal, (mean, sd) in zip(proposals, model.predict_missions(missions), strict=True)
     ]
 
 
 def make_gp_sampler(name: str, settings: SamplerSettings) -> GPSampler:
-    """Our sampler."""
+    """Return our sampler."""
     return GPSampler(settings, name)

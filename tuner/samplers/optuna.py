@@ -44,9 +44,9 @@ class OptunaSampler:
                 trial = study.ask(distributions(self.settings.space))
         finally:
             optuna.logging.set_verbosity(verbosity)
-        memory = dict(study.get_trials(deepcopy=False)[trial.number].system_attrs)
+        sampler_state = dict(study.get_trials(deepcopy=False)[trial.number].system_attrs)
         why = {"sampler": self.name, "phase": "model"}
-        return Proposal(dict(trial.params), why, memory=memory)
+        return Proposal(dict(trial.params), why, sampler_state=sampler_state)
 
     def _replay(
         self, history: Sequence[Observation], pending: Sequence[Pending]
@@ -58,22 +58,24 @@ class OptunaSampler:
         value_of = {o.number: float(z) for o, z in zip(feasible, standard)}
         known = distributions(self.settings.space)
 
-        def replay(values: Mapping[str, Any], state: TrialState, value: float | None, memory: Any) -> Any:
+        def replay(
+            values: Mapping[str, Any], state: TrialState, value: float | None, sampler_state: Any
+        ) -> Any:
             return create_trial(
                 state=state,
                 value=value,
                 params=dict(values),
                 distributions=known,
-                system_attrs=dict(memory),
+                system_attrs=dict(sampler_state),
             )
 
         trials: list[tuple[int, optuna.trial.FrozenTrial]] = []
         for o in history:
             value = value_of.get(o.number)
             state = TrialState.FAIL if value is None else TrialState.COMPLETE
-            trials.append((o.number, replay(o.values, state, value, o.memory)))
+            trials.append((o.number, replay(o.values, state, value, o.sampler_state)))
         for p in pending:
-            trials.append((p.number, replay(p.values, TrialState.RUNNING, None, p.memory)))
+            trials.append((p.number, replay(p.values, TrialState.RUNNING, None, p.sampler_state)))
         return [trial for _, trial in sorted(trials, key=lambda pair: pair[0])]
 
 

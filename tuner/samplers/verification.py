@@ -13,7 +13,7 @@ from collections.abc import Collection, Sequence
 import numpy as np
 import torch
 
-from tuner.acquisition.within import Within, believed_saving
+from tuner.acquisition.constrained import Constraint, believed_saving
 from tuner.problem.blocks import next_block
 from tuner.problem.configurations import Block, blocks_flown, configuration_key, distinct_configurations
 from tuner.problem.observations import Observation, Pending, Proposal
@@ -37,7 +37,7 @@ def verification(
     risk: Risk = "mean",
     *,
     last: bool = False,
-    within: Within | None = None,
+    constraint: Constraint | None = None,
     exact: KnownOutcome | None = None,
 ) -> Proposal | None:
     """The favourite on a block it has not flown, if that is worth more than exploring.
@@ -52,7 +52,7 @@ def verification(
         What the best mission of the search promises, objective's unit.
     last
         Whether to verify whatever exploring promises.
-    within
+    constraint
         A limit that the favourite has to keep.
     exact
         The objective, where the configuration decides it: flown is then what that mission may save most by, where that is
@@ -63,8 +63,8 @@ def verification(
     None where the favourite (best posterior mean) has flown every block, or where exploring promises more than the noise
     of a mission. The world is one of those it has flown least.
     """
-    if exact is not None and within is not None:
-        chosen = _worth_confirming(model, history, pending, replicates, within, exact)
+    if exact is not None and constraint is not None:
+        chosen = _worth_confirming(model, history, pending, replicates, constraint, exact)
         if chosen is None or (expected_gain > chosen[1] and not last):
             return None
         values = chosen[0]
@@ -72,8 +72,8 @@ def verification(
         if expected_gain >= model.noise_sd and not last:
             return None
         configurations = distinct_configurations(model.space, model.observations)
-        if within is not None:
-            configurations = [v for v, kept in zip(configurations, within.keeps(configurations)) if kept]
+        if constraint is not None:
+            configurations = [v for v, kept in zip(configurations, constraint.keeps(configurations)) if kept]
             if not configurations:
                 return None
         if len(configurations) > JOINT:
@@ -94,7 +94,7 @@ def _worth_confirming(
     history: Sequence[Observation],
     pending: Sequence[Pending],
     replicates: int,
-    within: Within,
+    constraint: Constraint,
     exact: KnownOutcome,
 ) -> tuple[Values, float] | None:
     """The configuration flown that one mission more may save most by, and how much it is expected to save.
@@ -102,7 +102,7 @@ def _worth_confirming(
     Against the cheapest that may be recommended already and is believed to keep the limit: that one where nothing is cheaper.
     """
     configurations = distinct_configurations(model.space, model.observations)
-    costs, keeps = exact.posterior(configurations).mean, within.keeps(configurations)
+    costs, keeps = exact.posterior(configurations).mean, constraint.keeps(configurations)
     succeeded = blocks_flown(model.space, model.observations)
     flown = blocks_flown(model.space, [*history, *pending])
     keys = [configuration_key(model.space, values) for values in configurations]
@@ -118,7 +118,7 @@ def _worth_confirming(
         return None if favourite is None else (configurations[favourite], 0.0)
     x = model.inputs(np.array([model.space.to_unit(configurations[i]) for i in open_]))
     flying = model.inputs(np.array([model.space.to_unit(p.values) for p in pending])) if pending else None
-    value = believed_saving(exact, within, model, flying, float(best))
+    value = believed_saving(exact, constraint, model, flying, float(best))
     with torch.no_grad():
         scores = value(x.unsqueeze(1))
     chosen = int(scores.argmax())

@@ -104,7 +104,18 @@ def fly(
     executor: Executor,
     on_event: Callable[[EvaluationEvent], None] | None = None,
 ) -> bool:
-    """Fly what is not flown yet; whether the study is complete.
+    """Fly what has not flown yet and return whether the study is complete.
+
+    Parameters
+    ----------
+    settings
+        What the study flies.
+    directory
+        Its directory, new or of the same study.
+    executor
+        Flies the missions.
+    on_event
+        Is called with everything that happens.
 
     Raises
     ------

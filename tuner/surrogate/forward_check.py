@@ -86,14 +86,16 @@ class Calibration:
 def calibration(history: Sequence[Observation]) -> Calibration:
     """The calibration after ``history``. ``UserError`` where the ledger has something else than a prediction."""
     predicted = [
-        (o.outcome, *_prediction(o)) for o in history if o.outcome is not None and PREDICTED in o.memory
+        (o.outcome, *_prediction(o))
+        for o in history
+        if o.outcome is not None and PREDICTED in o.sampler_state
     ]
     z = np.array([(outcome - mean) / sd for outcome, mean, sd in predicted])
     return Calibration(np.clip(z, -LARGEST_Z, LARGEST_Z))
 
 
 def _prediction(mission: Observation) -> tuple[float, float]:
-    value = mission.memory[PREDICTED]
+    value = mission.sampler_state[PREDICTED]
     try:
         mean, sd = (float(part) for part in value)
     except (TypeError, ValueError):

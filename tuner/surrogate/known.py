@@ -28,7 +28,7 @@ class KnownOutcome:
         self._columns = [space.paths.index(path) for path in cost.paths]
 
     def posterior(self, values: Sequence[Mapping[str, Any]], risk: Risk = "mean") -> Posterior:
-        """Without uncertainty."""
+        """Return the outcomes as a posterior without uncertainty."""
         return Posterior(
             np.array([self.cost.outcome(v) for v in values]), np.zeros((len(values), len(values)))
         )

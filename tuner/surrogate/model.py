@@ -170,9 +170,10 @@ class RockMeanGP:
         return of_all(plain), False
 
     def levels(self, place: Place | None, block: float = NO_OFFSET) -> list[float]:
-        """The columns behind the unit cube's: of a known world, of None: no rock, the mean over the conditions.
+        """Return the input columns behind the unit cube's: rock and block and, over several conditions, condition and world.
 
-        At no rock the offsets are 0, so configurations are compared by their landscape alone.
+        ``place`` is a known world, or None for the mean over the conditions at no rock: there the offsets are 0, so
+        configurations are compared by their landscape alone.
         """
         if place is None:
             return [NO_OFFSET, block, MEAN_LEVEL, NO_OFFSET] if self._several else [NO_OFFSET, block]
@@ -184,13 +185,13 @@ class RockMeanGP:
         return own
 
     def block_level(self, place: Place, replicate: int | None) -> float:
-        """Block column of a (world, replicate); one that has not been flown has an offset nobody knows."""
+        """Return the block column of a (world, replicate); one that has not been flown has a level without data."""
         (world,) = worlds_of([place])
         unknown = float(len(self._block_index))
         return unknown if replicate is None else self._block_index.get((world, replicate), unknown)
 
     def inputs(self, unit: Floats, place: Place | None = None, block: float = NO_OFFSET) -> torch.Tensor:
-        """(m, d + 2 or 4) model inputs for (m, d) unit positions; without offsets unless told."""
+        """Return (m, d + 2 or 4) model inputs for (m, d) unit positions, by default without offsets of rock and block."""
         return tensor(np.column_stack([unit, np.tile(self.levels(place, block), (len(unit), 1))]))
 
     def posterior(self, values: Sequence[Mapping[str, Any]], risk: Risk = "mean") -> Posterior:

@@ -23,7 +23,7 @@ class Posterior:
 
     @property
     def sd(self) -> Floats:
-        """(m,)"""
+        """(m,) standard deviations."""
         return np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
 
     def difference(self, index: int, reference: int) -> tuple[float, float]:

@@ -395,7 +395,7 @@ def test_every_sampler_runs_and_resumes(tmp_path: Path, sampler: str) -> None:
     for a, b in zip(whole.trials(), resumed.trials()):
         np.testing.assert_allclose(list(a.values.values()), list(b.values.values()), rtol=1e-6)
     if sampler == "cmaes":  # its generations survive the trip through the ledger
-        assert max(t.memory.get("cma:generation", 0) for t in resumed.trials()) >= 1
+        assert max(t.sampler_state.get("cma:generation", 0) for t in resumed.trials()) >= 1
 
 
 @pytest.mark.slow

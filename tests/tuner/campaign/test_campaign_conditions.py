@@ -61,7 +61,12 @@ def test_ideal_alone_is_the_campaign_without_conditions(tmp_path: Path) -> None:
     ideal = begin_campaign(tmp_path / "ideal", settings(conditions=load_conditions(["ideal"]), **changes))
     fly_campaign(ideal, InProcessExecutor())
     for a, b in zip(plain.trials(), ideal.trials(), strict=True):
-        assert (a.values, a.raw, a.directory, a.memory) == (b.values, b.raw, b.directory, b.memory)
+        assert (a.values, a.raw, a.directory, a.sampler_state) == (
+            b.values,
+            b.raw,
+            b.directory,
+            b.sampler_state,
+        )
 
 
 def test_a_campaign_of_an_earlier_version_is_read(tmp_path: Path) -> None:

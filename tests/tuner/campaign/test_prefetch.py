@@ -48,7 +48,7 @@ def test_a_wide_campaign_flies_every_proposal_once(tmp_path: Path) -> None:
     trials = campaign.trials()
     assert [t.state for t in trials] == ["complete"] * 30 and executor.most >= 4
     modelled = [t for t in trials if t.why["phase"] in ("model", "verification")]
-    assert modelled and all("predicted" in t.memory for t in modelled)
+    assert modelled and all("predicted" in t.sampler_state for t in modelled)
     keys = [tuple(t.values.values()) for t in trials if t.why["phase"] != "verification"]
     assert len(set(keys)) == len(keys)
     assert Wide.capacity >= prefetch.FROM_WORKERS

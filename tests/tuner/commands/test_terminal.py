@@ -32,7 +32,14 @@ SETTINGS: CampaignSettings = fake_campaigns.settings(space=load_search_space("ga
 def event(kind: Any = "finished", **changes: Any) -> CampaignEvent:
     values = dict.fromkeys(SETTINGS.space.paths, 0.123456)
     fields: dict[str, Any] = {"state": "complete", "values": values, "rock": "a", "replicate": 1}
-    fields |= {"directory": "d", "why": {}, "memory": {}, "raw": 81.234, "status": "ok", "wall_s": 13.0}
+    fields |= {
+        "directory": "d",
+        "why": {},
+        "sampler_state": {},
+        "raw": 81.234,
+        "status": "ok",
+        "wall_s": 13.0,
+    }
     return CampaignEvent(kind, 2.0, 3, 9, TrialRecord(number=11, **{**fields, **changes}))
 
 

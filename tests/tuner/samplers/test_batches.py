@@ -9,11 +9,11 @@ import torch
 from botorch.acquisition.logei import qLogNoisyExpectedImprovement
 from botorch.sampling import SobolQMCNormalSampler
 
+from tuner.acquisition.constrained import Constraint
 from tuner.acquisition.draws import draw_best, draw_of_two
 from tuner.acquisition.front import two_models
 from tuner.acquisition.noisy_improvement import LogNoisyImprovement
 from tuner.acquisition.propose import propose
-from tuner.acquisition.within import Within
 from tuner.problem.observations import Observation, Pending
 from tuner.problem.search_space import Values
 from tuner.samplers import gp
@@ -117,12 +117,12 @@ def two_objectives(count: int) -> list[Observation]:
 
 def test_what_is_drawn_within_a_limit_keeps_it_and_is_good() -> None:
     models = two_models(synthetic.SPACE, two_objectives(40), synthetic.ROCKS, 0)
-    drawn = draw_of_two(models, Within(models[1], 0.5), 12, 0)
+    drawn = draw_of_two(models, Constraint(models[1], 0.5), 12, 0)
     first = np.array([synthetic.SPACE.to_unit(v)[0] for v in drawn])
     assert (first < 0.6).all()  # 0.5 and what the model leaves open
     anywhere = [synthetic.true_value(v) for v in positions(200, 5) if synthetic.SPACE.to_unit(v)[0] < 0.5]
     assert np.mean([synthetic.true_value(v) for v in drawn]) > np.mean(anywhere) + 0.1
-    out_of_reach = draw_of_two(models, Within(models[1], 2.0), 6, 0)
+    out_of_reach = draw_of_two(models, Constraint(models[1], 2.0), 6, 0)
     assert np.mean([synthetic.SPACE.to_unit(v)[0] for v in out_of_reach]) < 0.2
 
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from nbv.errors import UserError
+from tuner.acquisition.constrained import Constraint, propose_constrained
 from tuner.acquisition.front import two_models
-from tuner.acquisition.within import Within, propose_within
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.quality_at_cost import asked_objective
@@ -89,7 +89,7 @@ def campaign(limit: float, missions: int) -> list[Observation]:
     history = [fly(i, SPACE.from_unit(u), rng) for i, u in enumerate(rng.random((8, 2)))]
     for i in range(8, missions):
         models = two_models(SPACE, history, ("r0", "r1"), i)
-        values, _ = propose_within(models[0], Within(models[1], -limit - 0.5), [], i)
+        values, _ = propose_constrained(models[0], Constraint(models[1], -limit - 0.5), [], i)
         history.append(fly(i, values, rng))
     return history
 
@@ -101,7 +101,7 @@ def advise(history: list[Observation], at_least: float, *, least_cost: bool = Fa
         history = [dataclasses.replace(o, outcome=o.second, second=o.outcome) for o in history]
     models = two_models(SPACE, history, ("r0", "r1"), 0)
     default = SPACE.default(fake_campaigns.settings(space=SPACE).base_config())
-    within = Within(models[1], at_least)
+    constraint = Constraint(models[1], at_least)
     result = recommend(
         SPACE,
         history,
@@ -110,7 +110,7 @@ def advise(history: list[Observation], at_least: float, *, least_cost: bool = Fa
         objective,
         only_verified=False,
         simplify=True,
-        within=within,
+        constraint=constraint,
         second=Objective() if least_cost else PHOTOGRAPHS,
         limit=at_least if least_cost else -at_least,
     )
@@ -131,7 +131,9 @@ def test_best_quality_within_a_number_of_photographs() -> None:
 
 def test_a_surprise_in_a_count_does_not_end_all_intervals() -> None:
     """Six missions with as many photographs each, then one with more: the model was certain, and wrong."""
-    told = Observation(6, SPACE.from_unit([1.0, 0.5]), "r0", 0, -36.0, memory={"predicted": [-32.0, 1e-6]})
+    told = Observation(
+        6, SPACE.from_unit([1.0, 0.5]), "r0", 0, -36.0, sampler_state={"predicted": [-32.0, 1e-6]}
+    )
     low, high = calibration([told]).interval_95(0.0, 0.1)
     assert -1.5 < low < high < 1.5
 

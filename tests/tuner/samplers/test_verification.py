@@ -23,9 +23,9 @@ GOOD, FAIR = synthetic.SPACE.from_unit([0.7, 0.3]), synthetic.SPACE.from_unit([0
 
 
 def seen(
-    number: int, values: Values, rock: str, outcome: float | None, replicate: int = 0, **memory: Any
+    number: int, values: Values, rock: str, outcome: float | None, replicate: int = 0, **sampler_state: Any
 ) -> Observation:
-    return Observation(number, values, rock, replicate, outcome, outcome, memory=memory)
+    return Observation(number, values, rock, replicate, outcome, outcome, sampler_state=sampler_state)
 
 
 def a_clear_favourite() -> list[Observation]:
@@ -71,7 +71,7 @@ def campaign(
         p = sampler.ask(history, [])
         value = outcome(synthetic.SPACE.to_unit(p.values)) + 0.1 * rng.normal()
         history.append(
-            seen(i, p.values, p.rock or synthetic.ROCKS[i % 4], value, p.replicate or 0, **p.memory)
+            seen(i, p.values, p.rock or synthetic.ROCKS[i % 4], value, p.replicate or 0, **p.sampler_state)
         )
         phases.append(p.why["phase"])
     return history, phases

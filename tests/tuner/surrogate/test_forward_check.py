@@ -42,8 +42,8 @@ def test_intervals_are_posterior_predictive_of_unknown_variance() -> None:
 
 
 def seen(number: int, outcome: float | None, predicted: object = None) -> Observation:
-    memory = {} if predicted is None else {PREDICTED: predicted}
-    return Observation(number, synthetic.DEFAULT, "r0", 0, outcome, outcome, memory=memory)
+    sampler_state = {} if predicted is None else {PREDICTED: predicted}
+    return Observation(number, synthetic.DEFAULT, "r0", 0, outcome, outcome, sampler_state=sampler_state)
 
 
 def test_missions_are_judged_by_what_was_predicted_of_them() -> None:

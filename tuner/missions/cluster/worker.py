@@ -148,25 +148,36 @@ def _flown(job: MissionJob, timeout_s: float) -> MissionOutcome:
             return failed_outcome(job, "worker_stopped", "the coordinator no longer wants it")
 
 
-def grant(task: str, address: str, flight: str, dask_scheduler: Any) -> bool:
-    """On the scheduler: whether ``flight`` may begin on the worker at ``address``; said to one flight of a task, ever.
+def grant(task: str, address: str, attempt: str, dask_scheduler: Any) -> bool:
+    """On the scheduler, return whether ``attempt`` may begin; one attempt of a task is told so, ever.
 
     A scheduler makes anew what lay on a lost worker, whether or not the coordinator has it, and a worker that was cut off
     would go through all that had been sent to it. Who flies again decides the coordinator alone, by another task.
+
+    Parameters
+    ----------
+    task
+        The task's key.
+    address
+        The worker that asks.
+    attempt
+        Identifies this run of the task.
+    dask_scheduler
+        The scheduler, which Dask passes.
     """
     state = dask_scheduler.tasks.get(task)
     worker = dask_scheduler.workers.get(dask_scheduler.coerce_address(address))  # it may be given by a name
     if state is None or worker is None or state.processing_on is not worker:
         return False
-    state.annotations = {"flight": flight, **(state.annotations or {})}
-    return bool(state.annotations["flight"] == flight)
+    state.annotations = {"attempt": attempt, **(state.annotations or {})}
+    return bool(state.annotations["attempt"] == attempt)
 
 
 def _granted(here: Worker, task: str) -> bool:
-    flight = uuid.uuid4().hex
+    attempt = uuid.uuid4().hex
 
     async def ask() -> Any:
-        arguments = dumps((task, here.address, flight))
+        arguments = dumps((task, here.address, attempt))
         return await here.scheduler.run_function(function=dumps(grant), args=arguments)
 
     while True:

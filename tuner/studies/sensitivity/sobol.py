@@ -49,7 +49,19 @@ class SobolIndices:
 
 
 def sobol_design(dimension: int, n: int, seed: int, pairs: Sequence[Pair] = ()) -> SobolDesign:
-    """Two independent samples of ``n`` points (a power of two) from one scrambled Sobol sequence."""
+    """Return two independent samples of ``n`` points from one scrambled Sobol sequence.
+
+    Parameters
+    ----------
+    dimension
+        Number of parameters.
+    n
+        Points per sample, a power of two.
+    seed
+        The seed of the scrambling.
+    pairs
+        The pairs of parameters whose joint indices are estimated.
+    """
     sample = qmc.Sobol(2 * dimension, scramble=True, rng=seed).random_base2(int(np.log2(n)))
     return SobolDesign(sample[:, :dimension], sample[:, dimension:], tuple(pairs))
 

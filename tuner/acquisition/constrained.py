@@ -35,8 +35,8 @@ Allowed = Callable[[Floats], Bools]
 
 
 @dataclass(frozen=True)
-class Within:
-    """A limit of the second objective's mean over the training worlds."""
+class Constraint:
+    """A lower limit on the second objective's mean over the training worlds."""
 
     model: RockMeanGP | KnownOutcome  # of what has the limit
     at_least: float  # oriented so that larger is better
@@ -95,23 +95,34 @@ class Within:
 
 
 def surrogate_of(models: Sequence[RockMeanGP | KnownOutcome]) -> RockMeanGP:
-    """The one that is a surrogate; the first of two."""
+    """Return the first of ``models`` that is a surrogate."""
     return next(model for model in models if isinstance(model, RockMeanGP))
 
 
-def propose_within(
-    first: RockMeanGP | KnownOutcome, within: Within, pending: Sequence[Mapping[str, Any]], seed: int
+def propose_constrained(
+    first: RockMeanGP | KnownOutcome, constraint: Constraint, pending: Sequence[Mapping[str, Any]], seed: int
 ) -> tuple[Values, dict[str, float]]:
-    """The configuration with the largest log noisy expected improvement among those that keep the limit.
+    """Return the configuration with the largest log noisy expected improvement among those that keep the limit.
 
     The improvement counts by the probability of keeping the limit (Gardner et al., ICML 2014, in BoTorch's logarithmic
     form); before anything keeps it, the search is for what does. What the configuration decides is computed: an exact
     objective at every point, and what breaks an exact limit is never proposed.
+
+    Parameters
+    ----------
+    first
+        The model of the first objective, or its known cost.
+    constraint
+        The limit of the second one.
+    pending
+        The configurations in flight.
+    seed
+        The seed of samples and starting points.
     """
-    model, known = surrogate_of((first, within.model)), within.allowed()
+    model, known = surrogate_of((first, constraint.model)), constraint.allowed()
     flying = model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None
     with numerics(seed):
-        near = within.promising(first)
+        near = constraint.promising(first)
         if known is not None:
             unit = np.unique(model.unit, axis=0)
             kept = unit[known(unit)]
@@ -122,41 +133,55 @@ def propose_within(
                 LogNoisyImprovement(model.model, baseline, MONTE_CARLO_SAMPLES, seed), known, model
             )
         elif isinstance(first, KnownOutcome):
-            acquisition = _saving(first, within, model, flying)
+            acquisition = _saving(first, constraint, model, flying)
         else:
-            acquisition = _with_probability(first, within, flying, seed)
+            acquisition = _with_probability(first, constraint, flying, seed)
         position, score = maximise(model, acquisition, seed, near=near, allowed=known)
     values = model.space.from_unit(position)
     unit_gain = 1.0 if isinstance(first, KnownOutcome) else first.mean_scale
     return values, {
         "log_nei": score,
         "expected_gain": math.exp(score) * unit_gain,
-        "probability_within": float(within.probability([values])[0]),
+        "probability_within": float(constraint.probability([values])[0]),
     }
 
 
 def _saving(
-    cost: KnownOutcome, within: Within, model: RockMeanGP, flying: torch.Tensor | None
+    cost: KnownOutcome, constraint: Constraint, model: RockMeanGP, flying: torch.Tensor | None
 ) -> AcquisitionFunction:
     flown = [model.space.from_unit(u) for u in np.unique(model.unit, axis=0)]
-    believed = [v for v, kept in zip(flown, within.keeps(flown)) if kept]
+    believed = [v for v, kept in zip(flown, constraint.keeps(flown)) if kept]
     # Before anything is believed, all that may be saves against the most expensive there is.
     best = max(cost.posterior(believed).mean) if believed else cost.worst() - 1.0
-    return believed_saving(cost, within, model, flying, float(best))
+    return believed_saving(cost, constraint, model, flying, float(best))
 
 
 def believed_saving(
-    cost: KnownOutcome, within: Within, model: RockMeanGP, flying: torch.Tensor | None, best: float
+    cost: KnownOutcome, constraint: Constraint, model: RockMeanGP, flying: torch.Tensor | None, best: float
 ) -> LogBelievedSaving:
-    """What a mission is expected to save over a configuration whose cost has the outcome ``best``."""
+    """Return the acquisition function for what a mission saves over the cheapest configuration believed so far.
+
+    Parameters
+    ----------
+    cost
+        The cost, which the configuration decides.
+    constraint
+        The limit of the quality.
+    model
+        The surrogate of the quality.
+    flying
+        (m, inputs) in flight.
+    best
+        The outcome of that cheapest configuration's cost.
+    """
     quantile = float(special.stdtrit(PRIOR_COUNT, SURE))
-    return LogBelievedSaving(model, cost, within.at_least, quantile, best, flying)
+    return LogBelievedSaving(model, cost, constraint.at_least, quantile, best, flying)
 
 
 def _with_probability(
-    first: RockMeanGP, within: Within, flying: torch.Tensor | None, seed: int
+    first: RockMeanGP, constraint: Constraint, flying: torch.Tensor | None, seed: int
 ) -> AcquisitionFunction:
-    second, floor = within.model, within.floor()
+    second, floor = constraint.model, constraint.floor()
     assert isinstance(second, RockMeanGP)
     return qLogNoisyExpectedImprovement(
         ModelListGP(first.model, second.model),

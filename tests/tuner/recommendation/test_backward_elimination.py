@@ -29,7 +29,7 @@ SPACE = space_from_dict(
             "pool.max_altitude_m": {"low": 1.45, "high": 4.0, "default": 4.0},
         },
     },
-    "test_sparsest.py",
+    "test_backward_elimination.py",
 )
 DEFAULT = SPACE.default(MissionConfig())
 ROCKS = ("r0", "r1")
