@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from tests.support.street import OWN, Street, commands_on
 from tuner.campaign import Campaign
 
 PAGE = Path(__file__).resolve().parents[3] / "docs/how-to/your-mission.md"
@@ -30,6 +31,9 @@ def test_every_command_of_the_page_runs(gatetune, tmp_path):
         code, out, err = gatetune(*words)
         assert code == 0, f"{shlex.join(words)}: {out}{err}"
         assert "Hausdorff" not in out
+    street = Street(tmp_path, OWN)
+    for line in commands_on((tmp_path / "runs/packing/report.html").read_text()):
+        street.run(line)
     campaign = Campaign.open(tmp_path / "runs/packing", read_only=True)
     trials = campaign.trials()
     best = campaign.recommendation(save=False)
