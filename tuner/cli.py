@@ -31,7 +31,7 @@ from tuner.commands import (  # noqa: E402
     rocks,
     studies,
 )
-from tuner.commands.console import errors, output, speak  # noqa: E402
+from tuner.commands.console import errors, output, set_verbosity  # noqa: E402
 
 EXIT_UNEXPECTED = 70  # EX_SOFTWARE
 # Words of the system, PyTorch, the loader, C++ and Python.
@@ -61,7 +61,7 @@ def options(
     ] = False,
 ) -> None:
     """Tune hybrid next-best-view planning with Bayesian optimisation on real photogrammetry missions."""
-    speak("all")
+    set_verbosity("all")
 
 
 campaign.app.command("list")(campaigns.list_)

@@ -33,7 +33,7 @@ class WorldOutcomes(Model):
 
     @property
     def batch_shape(self) -> torch.Size:
-        """No batch."""
+        """The empty batch shape."""
         return torch.Size()
 
     def posterior(self, X: torch.Tensor, posterior_transform: Any = None, **kwargs: Any) -> GPyTorchPosterior:

@@ -71,7 +71,7 @@ FRONT_FILE = "front.json"
 
 
 def sampler_of(settings: CampaignSettings, learned: EarlierMissions | None = None) -> Sampler:
-    """The sampler that a campaign asks; ``learned``: missions flown before it.
+    """Return the sampler that a campaign asks; ``learned`` are missions flown before it.
 
     Raises
     ------
@@ -225,23 +225,23 @@ class Campaign:
 
     @property
     def modelled_objective(self) -> Objective:
-        """What the surrogate is of: the second objective where the configuration decides the first."""
+        """The objective of the surrogate: the second one where the configuration decides the first."""
         s = self.settings
         return s.objective if s.second is None or not self._swapped(self.history()) else s.second
 
     def modelled(self, history: Sequence[Observation]) -> list[Observation]:
-        """The history as the surrogate knows it: its outcomes are of `modelled_objective`."""
+        """Return the history with the outcomes of `modelled_objective`."""
         return modelled(history) if self._swapped(history) else list(history)
 
     def exact(self, history: Sequence[Observation]) -> Exact:
-        """What of the objectives the configuration decides; a mission in ``history`` that differs says otherwise."""
+        """Return which objectives the configuration decides; one that any mission in ``history`` contradicts is left out."""
         return self.settings.exact.agreed(history)
 
     def _swapped(self, history: Sequence[Observation]) -> bool:
         return self.settings.second is not None and self.exact(history).first is not None
 
     def flown_in_both(self) -> list[FrontPoint]:
-        """What is believed of every configuration in both objectives; empty without a second one or its values."""
+        """Return what is believed of every configuration in both objectives; empty without a second one or its values."""
         s = self.settings
         if s.second is None:
             return []
@@ -342,7 +342,7 @@ class Campaign:
         return None if result is None else dataclasses.replace(result, front=front)
 
     def _second(self, history: Sequence[Observation]) -> tuple[Constraint | None, list[FrontPoint]]:
-        """What the second objective's missions say: the limit where there is one, and the Pareto front."""
+        """Return the second objective's constraint, where there is a limit, and the Pareto front."""
         s = self.settings
         both = [o for o in history if o.outcome is not None and o.second is not None]
         if s.second is None or not both:
@@ -354,7 +354,7 @@ class Campaign:
         )
 
     def _inactive(self, values: Mapping[str, Any], numbers: Sequence[int]) -> list[Inactive]:
-        """What of a configuration changed no choice in its missions; nothing where their documents are gone."""
+        """Return which parameters changed no choice in a configuration's missions; none where their documents are gone."""
         directories = {t.number: self.directory / t.directory for t in self.trials()}
         traces = []
         for number in numbers:
@@ -377,7 +377,7 @@ class Campaign:
         return self.surrogate_of(self.modelled(history), rocks)
 
     def surrogate_of(self, history: Sequence[Observation], rocks: Sequence[str] | None = None) -> RockMeanGP:
-        """The same of a history as `modelled` gives it."""
+        """Return the surrogate of a history that `modelled` has returned."""
         s = self.settings
         worlds = [world for world in s.worlds if rocks is None or world.rock in rocks]
         return surrogate.RockMeanGP(
@@ -391,7 +391,7 @@ class Campaign:
     def propose_many(
         self, trials: Sequence[TrialRecord], reserved: Sequence[Proposal], count: int
     ) -> list[Proposal]:
-        """``count`` missions more, after ``trials`` and proposals ``reserved`` that have not been entered yet."""
+        """Return ``count`` missions more, after ``trials`` and proposals ``reserved`` that are not in the ledger yet."""
         asked = _sampler_settings(self.settings, self.learned)
         history, flying = self.history(trials), self.ledger.pending(trials, len(trials))
         for proposal in reserved:

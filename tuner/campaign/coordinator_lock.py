@@ -70,7 +70,7 @@ class CoordinatorLock:
                 database.execute(sa.delete(_TABLE).where(*self._mine))
 
     def require(self) -> None:
-        """``UserError`` where another coordinator may have taken over: before every write."""
+        """Raise ``UserError`` where another coordinator may have taken over; called before every write."""
         if _clock_s() - self._heard > TIMEOUT_S / 2 and not self._beat():
             raise UserError(
                 "this coordinator was not heard of for too long, and another one has taken over the campaign; leave it to that"
@@ -116,7 +116,7 @@ class CoordinatorLock:
 
 
 def _clock_s() -> float:
-    """Goes on while the machine sleeps, which `time.monotonic` does not on Linux."""
+    """Return the seconds of a clock that goes on while the machine sleeps, which `time.monotonic` does not on Linux."""
     return time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
 
 
@@ -136,7 +136,7 @@ def this_process() -> str:
 
 
 def _has_ended(process: str) -> bool:
-    """Whether `this_process` was said on this machine, by a process that is no more."""
+    """Return whether the process that `this_process` described ran on this machine and has ended."""
     theirs, mine = process.split(), this_process().split()
     if len(theirs) != len(mine) or theirs[1:3] != mine[1:3] or len(mine) == 1:
         return False

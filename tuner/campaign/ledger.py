@@ -232,7 +232,7 @@ class Ledger:
 
     @contextlib.contextmanager
     def together(self) -> Iterator[None]:
-        """Enter several missions, or their ends, in one synchronised write; they count when the context has ended.
+        """Enter several missions, or their ends, in one synchronised write, which happens when the context ends.
 
         A database takes them one by one.
         """
@@ -361,7 +361,7 @@ class Ledger:
         return [self._record(trial) for trial in found]
 
     def _record(self, trial: optuna.trial.FrozenTrial) -> TrialRecord:
-        """The one made before where the trial is the same still: finished ones are never touched again."""
+        """Return the trial as a record; finished trials never change, so theirs are kept."""
         known = self._known.get(trial.number)
         if known is None or (known[0] is not trial and known[1].state == "running"):
             require_trial(trial, self._campaign_id, self._shown)
@@ -389,7 +389,7 @@ class Ledger:
         ]
 
     def pending(self, trials: Sequence[TrialRecord], known: int) -> list[Pending]:
-        """Missions in flight, and those after the first ``known``, which count as if they were."""
+        """Return missions in flight, and all after the first ``known``, which count as if they were."""
         return [
             Pending(t.number, t.values, t.rock, t.replicate, t.sampler_state, t.condition)
             for i, t in enumerate(trials)

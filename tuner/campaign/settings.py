@@ -352,7 +352,7 @@ class CampaignSettings:
 
     @functools.cached_property
     def exact(self) -> Exact:
-        """What of the objectives the configuration decides, as far as no mission says otherwise (`Exact.agreed`)."""
+        """Which objectives the configuration decides, as far as no mission contradicts it (`Exact.agreed`)."""
         found = [
             None if o is None else exact_cost(self.space, self.config, self.default_values(), o)
             for o in (self.objective, self.second)
@@ -361,7 +361,7 @@ class CampaignSettings:
 
     @property
     def at_least(self) -> float | None:
-        """The limit as an outcome of the second objective, larger is better; a count may have half a one more."""
+        """The limit as an outcome of the second objective, larger is better; that of a count lies half a one lower."""
         if self.second is None or self.limit is None:
             return None
         return self.second.sign * self.limit - (0.5 if self.second.metric in COUNTS else 0.0)

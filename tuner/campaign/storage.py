@@ -125,7 +125,7 @@ class _Records(JournalFileBackend):
 
 
 def _keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Thousands of missions have the same metrics: their names are kept once."""
+    """Return a mapping whose keys are interned: thousands of missions have the same metrics' names."""
     return {sys.intern(key): value for key, value in pairs}
 
 

@@ -20,8 +20,6 @@ from tuner.commands.campaign_display import (
 from tuner.commands.console import (
     AsJson,
     answer_json,
-    beating,
-    crew,
     executor_at,
     load,
     local_executor,
@@ -30,9 +28,11 @@ from tuner.commands.console import (
     parse_overrides,
     progress_bar,
     seconds,
-    speak,
-    spoken,
+    set_verbosity,
+    ticker,
     under_conditions,
+    verbosity,
+    workers_text,
     working,
 )
 from tuner.commands.options import (
@@ -98,7 +98,7 @@ def run(
 
     Example: gatetune campaign run --name mine --rock mine --budget 32
     """
-    speak("json" if as_json else "quiet" if quiet else "all")
+    set_verbosity("json" if as_json else "quiet" if quiet else "all")
     from tuner.campaign.asked_settings import asked_fields, asked_settings
     from tuner.campaign.settings_file import SETTINGS_FILE
     from tuner.missions.registry import DEFAULT_FIDELITY, refuse_code_of_file
@@ -171,7 +171,7 @@ def resume(
 
     Example: gatetune campaign resume runs/mine --missions 64
     """
-    speak("json" if as_json else "quiet" if quiet else "all")
+    set_verbosity("json" if as_json else "quiet" if quiet else "all")
     output.print(f"campaign in {directory}")  # before what takes seconds to load
     if ledger is not None:
         from tuner.campaign.begin import adopt_campaign
@@ -235,7 +235,7 @@ def fly(
         f"{settings.name}: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}"
         f"{', the worst of them' if settings.risk == 'worst' else ''}; "
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "
-        f"{crew(executor)}"
+        f"{workers_text(executor)}"
     )
     if note := ignored_by(settings.fidelity, settings.conditions):
         output.print(note)
@@ -251,9 +251,9 @@ def fly(
     with executor:
         with progress_bar() as bar:
             progress = CampaignProgress(bar, settings, campaign.directory)
-            show = echo_event if spoken() == "json" else progress
+            show = echo_event if verbosity() == "json" else progress
             every = max(LEAST_BETWEEN, settings.budget // UPDATES)
-            with beating(progress.tick):
+            with ticker(progress.tick):
                 summary = fly_campaign(
                     campaign, executor, show, recommend_every=every, accept_changes=accept_changes
                 )
@@ -263,9 +263,9 @@ def fly(
             )
             output.print(f"go on with: {again}\nits page so far: {page}", soft_wrap=True)
             raise typer.Exit(130)
-        quiet = spoken() == "quiet"
+        quiet = verbosity() == "quiet"
         if quiet:
-            speak("all")
+            set_verbosity("all")
             if summary.recommendation is not None:
                 show_verdict(summary.recommendation, settings)
         else:

@@ -14,11 +14,11 @@ from rich.markup import escape
 from tuner.commands.console import (
     FlightProgress,
     answer_json,
-    beating,
     local_executor,
     output,
     progress_bar,
     seconds,
+    ticker,
     under_conditions,
     working,
 )
@@ -98,7 +98,7 @@ def compare(
     )
     with executor, progress_bar() as bar:
         show = ComparisonProgress(bar, (asked.quality or asked.objective).metric)
-        with beating(show.tick):
+        with ticker(show.tick):
             run = run_evaluation(plan, directory, executor, show)
     facts = comparison_facts(run, reference, asked, notes=notes)
     _show(facts, paper=paper)

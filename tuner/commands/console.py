@@ -37,22 +37,22 @@ PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
 CONDITION_HELP = "World to fly in: a name of conditions/, or a YAML file."
 
 
-Spoken = Literal["all", "quiet", "json"]
-_SLOW_S, _PACE_S, _BEAT_S = 1.5, 4.0, 0.5
+Verbosity = Literal["all", "quiet", "json"]
+_SLOW_S, _INTERVAL_S, _TICK_S = 1.5, 4.0, 0.5
 _REPEAT_S = 30.0  # after which a line is said again that has not changed
 _NAMED = 2  # missions in flight that a line names
-_spoken: list[Spoken] = ["all"]
+_verbosity: list[Verbosity] = ["all"]
 
 
-def speak(how: Spoken) -> None:
-    """What commands print from here on; every command begins with "all"."""
-    _spoken[0] = how
+def set_verbosity(how: Verbosity) -> None:
+    """Set what commands print from here on; every command begins with "all"."""
+    _verbosity[0] = how
     output.quiet = how != "all"
 
 
 def _only_json(wanted: bool) -> bool:
     if wanted:
-        speak("json")
+        set_verbosity("json")
     return wanted
 
 
@@ -71,13 +71,13 @@ AsJson = Annotated[
 
 def answer_json(document: Any) -> None:
     """Print what a command shows as one JSON document, where ``--json`` asked for it."""
-    if spoken() == "json":
+    if verbosity() == "json":
         typer.echo(json.dumps(json_ready(document), indent=1))
 
 
-def spoken() -> Spoken:
-    """As `speak` set it."""
-    return _spoken[0]
+def verbosity() -> Verbosity:
+    """Return what `set_verbosity` has set."""
+    return _verbosity[0]
 
 
 def progress_bar() -> Progress:
@@ -86,20 +86,20 @@ def progress_bar() -> Progress:
 
 
 def _description() -> TextColumn:
-    """Of a bar; a rock's file may have any name."""
+    """Return a bar's text column without markup: a rock's file may have any name."""
     return TextColumn("{task.description}", markup=False)
 
 
 @contextlib.contextmanager
-def beating(tick: Callable[[], None]) -> Iterator[None]:
+def ticker(tick: Callable[[], None]) -> Iterator[None]:
     """Call ``tick`` twice a second, from a thread, while what is inside goes on."""
     over = threading.Event()
 
-    def beat() -> None:
-        while not over.wait(_BEAT_S):
+    def run() -> None:
+        while not over.wait(_TICK_S):
             tick()
 
-    thread = threading.Thread(target=beat, daemon=True)
+    thread = threading.Thread(target=run, daemon=True)
     thread.start()
     try:
         yield
@@ -108,35 +108,35 @@ def beating(tick: Callable[[], None]) -> Iterator[None]:
         thread.join()
 
 
-class Pace:
-    """When a line is due where no bar can be drawn: after so many seconds of silence, later after a longer one."""
+class Throttle:
+    """Tells when the next line is due where no bar can be drawn: after some seconds of silence, later after more."""
 
     def __init__(self, first_s: float | None = None) -> None:
         self._began = self._said = time.monotonic()
-        self._first_s = _PACE_S if first_s is None else first_s
+        self._first_s = _INTERVAL_S if first_s is None else first_s
 
     def said(self) -> None:
-        """Somebody said something."""
+        """Note that a line was printed."""
         self._said = time.monotonic()
 
     @property
     def silent_s(self) -> float:
-        """Since somebody said something."""
+        """Seconds since the last line."""
         return time.monotonic() - self._said
 
     @property
     def due(self) -> bool:
-        """Whether it was silent for long."""
-        return self.silent_s > (self._first_s if self._said == self._began else _pace_s(self.elapsed_s))
+        """Whether it is time for a line."""
+        return self.silent_s > (self._first_s if self._said == self._began else _interval_s(self.elapsed_s))
 
     @property
     def elapsed_s(self) -> float:
-        """Since the beginning."""
+        """Seconds since the beginning."""
         return time.monotonic() - self._began
 
 
-def _pace_s(elapsed_s: float) -> float:
-    return max(_PACE_S, elapsed_s / 60)
+def _interval_s(elapsed_s: float) -> float:
+    return max(_INTERVAL_S, elapsed_s / 60)
 
 
 @contextlib.contextmanager
@@ -151,14 +151,14 @@ def working(text: str, *, silent: bool = False) -> Iterator[None]:
             clock.add_task(text, total=None)
             yield
         return
-    pace = Pace(_SLOW_S)
+    throttle = Throttle(_SLOW_S)
 
     def tick() -> None:
-        if pace.due:
-            output.print(f"{text}, {seconds(pace.elapsed_s)}", soft_wrap=True)
-            pace.said()
+        if throttle.due:
+            output.print(f"{text}, {seconds(throttle.elapsed_s)}", soft_wrap=True)
+            throttle.said()
 
-    with beating(tick):
+    with ticker(tick):
         yield
 
 
@@ -175,7 +175,7 @@ class FlightProgress:
         self.progress, self.counts = progress, ""
         self._task = progress.add_task("missions", total=total)
         self._flights: dict[str, tuple[str, Path]] = {}
-        self._pace, self._last = Pace(), ""
+        self._throttle, self._last = Throttle(), ""
 
     def took_off(self, key: str, label: str, directory: Path) -> None:
         """A mission, and where it says what it is doing."""
@@ -194,15 +194,15 @@ class FlightProgress:
         """Say what goes on; may be called from any thread."""
         text = f"{self.counts}{self._aloft()}"
         self.progress.update(self._task, description=text)
-        if self.progress.console.is_terminal or not self._pace.due:
+        if self.progress.console.is_terminal or not self._throttle.due:
             return
-        if text != self._last or self._pace.silent_s >= _REPEAT_S:
+        if text != self._last or self._throttle.silent_s >= _REPEAT_S:
             self._last = text
             self.say(text)
 
     def say(self, line: str, *, markup: bool = False) -> None:
         """A line of its own."""
-        self._pace.said()
+        self._throttle.said()
         self.progress.console.print(line, highlight=False, soft_wrap=True, markup=markup)
 
     def _aloft(self) -> str:
@@ -306,8 +306,8 @@ def _cluster_executor(
     return dask_executor(where, scheduler, count, timeout_s, unencrypted=unencrypted)
 
 
-def crew(executor: LocalProcessExecutor | DaskExecutor) -> str:
-    """``2 workers``; where a cluster has none yet, what becomes of the missions."""
+def workers_text(executor: LocalProcessExecutor | DaskExecutor) -> str:
+    """Return how many workers there are, as text; where a cluster has none yet, what missions do meanwhile."""
     count = getattr(executor, "workers", executor.capacity)
     if not count:
         return "no worker yet: missions wait for the first"

@@ -63,7 +63,7 @@ class MissionServer:
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the campaign's business
 
     def serve(self) -> None:
-        """Until standard input closes."""
+        """Serve orders until standard input closes."""
         self._say({"event": "ready", "fork": self._fork})
         selector = selectors.DefaultSelector()
         selector.register(self._in, selectors.EVENT_READ)

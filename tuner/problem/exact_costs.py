@@ -45,7 +45,7 @@ class ExactCost:
         return self.objective.sign * self.of(values)
 
     def agrees(self, missions: Iterable[tuple[Mapping[str, Any], float]]) -> bool:
-        """Whether every mission, its values and its outcome, had just that: a pool may run empty."""
+        """Return whether the cost computed is that of every mission (values and outcome): a pool may run empty."""
         return all(
             abs(self.outcome(values) - measured) <= _SAME * max(1.0, abs(measured))
             for values, measured in missions
@@ -60,7 +60,7 @@ class Exact:
     second: ExactCost | None = None
 
     def agreed(self, history: Sequence[Observation]) -> Exact:
-        """What every mission so far had as computed: where one differs a mission decides, and a model is asked."""
+        """Return what every mission so far has confirmed: where one had another cost, a surrogate is used instead."""
         done = [o for o in history if o.outcome is not None]
         first, second = self.first, self.second
         if first is not None and not first.agrees((o.values, o.outcome or 0.0) for o in done):
@@ -102,7 +102,7 @@ def exact_cost(
     config
         Makes the complete configuration of tuned values.
     default
-        The default values, at which everything else is checked.
+        The default values; what is not tuned is read from their configuration.
     objective
         The metric and its direction.
     """

@@ -91,7 +91,7 @@ def next_rock(
 
 
 def _scale_variance(model: RockMeanGP, rocks: Sequence[str]) -> float:
-    """tau^2 above."""
+    """Return tau^2 above."""
     logs = [
         np.mean([math.log(model.standardiser.scale(w)) for w in model.worlds if w.rock == rock])
         for rock in rocks
@@ -101,7 +101,7 @@ def _scale_variance(model: RockMeanGP, rocks: Sequence[str]) -> float:
 
 
 def _more_rocks(gain: float, common_sd: float, between: float, rocks: int) -> int | None:
-    """Until the 95 % interval of the mean gain excludes 0; its variance falls with the number of rocks."""
+    """Return how many rocks more make the 95 % interval of the mean gain exclude 0; its variance falls with their number."""
     for count in range(rocks, MOST_ROCKS + 1):
         sd = max(common_sd * math.sqrt(rocks / count), between / math.sqrt(count))
         if float(special.stdtrit(count - 1 + PRIOR_ROCKS, 0.975)) * sd < gain:

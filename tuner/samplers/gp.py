@@ -101,7 +101,7 @@ class GPSampler:
     def _models(
         self, history: Sequence[Observation], number: int, both: bool, exact: Exact
     ) -> tuple[Outcome, ...]:
-        """Of the objective, or one for each of two."""
+        """Return a surrogate of the objective, or a model of each of two."""
         s, seed = self.settings, derived_seed(self.settings.seed, number)
         own = self.model or surrogate_settings(s.space, s.risk)
         if both:
@@ -178,7 +178,7 @@ class GPSampler:
         )
 
     def _design(self, number: int, limited: ExactCost | None) -> Proposal:
-        """The design's mission; but for the default none that is known to break a limit of ``limited``."""
+        """Return a mission of the design; unless it is the default, none that is known to break a limit of ``limited``."""
         if number == 0:
             return initial_proposal(self.settings, 0, self.name)
         skipped, least = 0, self.settings.at_least

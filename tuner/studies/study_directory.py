@@ -130,7 +130,7 @@ def fly(
 
 
 def flown(settings: StudySettings, directory: Path) -> dict[str, list[EvaluationRecord]]:
-    """What is known of every plan's missions so far, by plan."""
+    """Return what is known of every plan's missions so far, by plan."""
     return {name: plan.records(directory / name) for name, plan in settings.plans().items()}
 
 

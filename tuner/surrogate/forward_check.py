@@ -56,15 +56,15 @@ class Calibration:
 
     @property
     def half_width_95(self) -> float:
-        """Of a calibrated 95 % interval, in the model's standard deviations."""
+        """Half-width of a calibrated 95 % interval, in the model's standard deviations."""
         return float(half_widths_95(self.z)[-1])
 
     def interval_95(self, mean: float, sd: float) -> tuple[float, float]:
-        """Calibrated, of something of which the model believes ``mean`` and ``sd``."""
+        """Return the calibrated 95 % interval of a quantity with posterior ``mean`` and ``sd``."""
         return mean - self.half_width_95 * sd, mean + self.half_width_95 * sd
 
     def probability_positive(self, mean: float, sd: float) -> float:
-        """Calibrated probability that it is above 0; a half where the model knows it to be 0."""
+        """Return the calibrated probability that the quantity is above 0; a half where the model knows it to be 0."""
         if sd <= 1e-12:
             return 0.5
         factor = float(widening(self.z)[-1])

@@ -193,12 +193,12 @@ def _linear(features: Feature, median: float, spread: float) -> FeatureKernel:
 
 
 def _between(low: float, begin: float) -> LogTransformedInterval:
-    """Searched on a logarithmic scale."""
+    """Return a constraint under which a length or variance is searched on a logarithmic scale."""
     return LogTransformedInterval(low, _LARGEST, initial_value=begin)
 
 
 def lengthscales(kernel: Kernel) -> list[float]:
-    """Of the ordered parameters, in the order of their columns; empty where there are none."""
+    """Return the length scales of the ordered parameters, in the order of their columns; empty where there are none."""
     found = [part for part in kernel.modules() if isinstance(part, MaternKernel)]
     return [float(length) for length in found[0].lengthscale[0]] if found else []
 

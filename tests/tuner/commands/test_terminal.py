@@ -65,7 +65,7 @@ def test_a_pipe_hears_what_takes_long(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(console, "_SLOW_S", 0.05)
-    monkeypatch.setattr(console, "_BEAT_S", 0.02)
+    monkeypatch.setattr(console, "_TICK_S", 0.02)
     with console.working("at once"):
         pass
     with console.working("nobody asked", silent=True):
@@ -78,7 +78,7 @@ def test_a_pipe_hears_what_takes_long(
 def test_a_pipe_hears_what_flies(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(console, "_PACE_S", -1.0)  # always due
+    monkeypatch.setattr(console, "_INTERVAL_S", -1.0)  # always due
     (tmp_path / "2").mkdir()
     Progress(tmp_path / "2")("dense", {})
     show = CampaignProgress(console.progress_bar(), SETTINGS, tmp_path)
@@ -94,7 +94,7 @@ def test_a_pipe_hears_what_flies(
 def test_a_pipe_hears_a_line_again_when_it_changes(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(console, "_PACE_S", -1.0)  # always due
+    monkeypatch.setattr(console, "_INTERVAL_S", -1.0)  # always due
     show = console.FlightProgress(console.progress_bar(), 9)
     for show.counts in ("1/9", "1/9", "1/9", "2/9", "2/9"):
         show.tick()
@@ -105,7 +105,7 @@ def test_a_pipe_hears_a_line_again_when_it_changes(
 
 
 def test_a_cluster_without_workers_says_that_missions_wait() -> None:
-    said = [console.crew(SimpleNamespace(workers=n, capacity=max(1, n))) for n in (0, 1, 64)]  # type: ignore[arg-type]
+    said = [console.workers_text(SimpleNamespace(workers=n, capacity=max(1, n))) for n in (0, 1, 64)]  # type: ignore[arg-type]
     assert said == ["no worker yet: missions wait for the first", "1 worker", "64 workers"]
 
 

@@ -11,7 +11,7 @@ import typer
 from nbv.errors import UserError
 from tuner.campaign.rock_choice import refuse_held_out
 from tuner.commands.comparison import ComparisonProgress
-from tuner.commands.console import beating, output, progress_bar, rock_arguments
+from tuner.commands.console import output, progress_bar, rock_arguments, ticker
 
 if TYPE_CHECKING:
     from tuner.studies.study_directory import StudySettings
@@ -64,7 +64,7 @@ def fly_study(
         progress_bar() as bar,
     ):
         show = ComparisonProgress(bar, metric)
-        with beating(show.tick):
+        with ticker(show.tick):
             return fly(settings, directory, executor, show)
 
 

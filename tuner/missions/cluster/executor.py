@@ -124,7 +124,7 @@ class DaskExecutor:
         return ready
 
     def _ended(self, timeout_s: float) -> list[_Attempt]:
-        """All attempts that have ended, waiting so long for the first; those that were given up are left out."""
+        """Return all attempts that have ended, waiting up to ``timeout_s`` for the first; cancelled ones are left out."""
         found: list[_Attempt] = []
         deadline = time.monotonic() + timeout_s
         with contextlib.suppress(queue.Empty):
@@ -139,7 +139,7 @@ class DaskExecutor:
     def _landed(
         self, attempt: _Attempt, answer: dict[str, Any] | None, reason: str, message: str
     ) -> MissionOutcome | None:
-        """The outcome; None where the mission goes up again."""
+        """Return the outcome; None where the mission flies again."""
         job, wall_s = attempt.job, time.monotonic() - attempt.since
         del self._attempts[job.id]
         attempt.future.release()  # a scheduler makes anew what is wanted still where a worker is lost
@@ -163,7 +163,7 @@ class DaskExecutor:
         return outcome
 
     def _answers(self, futures: list[Future]) -> list[tuple[dict[str, Any] | None, str, str]]:
-        """Of each what the worker said, or why it said nothing; fetched together where all is well."""
+        """Return each worker's answer, or why it gave none; they are fetched together where all is well."""
         if len(futures) > 1 and all(future.status == "finished" for future in futures):
             with contextlib.suppress(Exception):  # one by one they say which it was
                 fetch = functools.partial(self._client.gather, futures, asynchronous=True)
@@ -172,7 +172,7 @@ class DaskExecutor:
         return [self._answer(future) for future in futures]
 
     def _answer(self, future: Future) -> tuple[dict[str, Any] | None, str, str]:
-        """What the worker said, or why it said nothing."""
+        """Return the worker's answer, or why it gave none."""
         if future.status in ("cancelled", "lost"):
             self._require_scheduler()
             return None, "server_lost", "the way to the scheduler was cut"
