@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scoring_state import sparse_model
 
 from nbv.config import MissionConfig
 from nbv.types import CandidatePool, PlanningState, Ranking, SparseModel
@@ -11,19 +12,8 @@ from nbv.viewpoints import candidate_pool, seed_viewpoints
 
 def model(points: np.ndarray, lengths: np.ndarray | None = None, cameras: int = 24) -> SparseModel:
     lengths = np.full(len(points), 2) if lengths is None else lengths
-    offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
-    track = np.concatenate([np.arange(k) for k in lengths]).astype(np.int64)
     seeds = np.array([s.position_m for s in seed_viewpoints(MissionConfig())])[:cameras]
-    return SparseModel(
-        points,
-        np.linspace(0.1, 0.9, len(points)),
-        offsets,
-        track,
-        seeds,
-        tuple(f"seed_{i:02d}.png" for i in range(cameras)),
-        0.004,
-        0.02,
-    )
+    return sparse_model(points, [np.arange(k) for k in lengths], seeds, np.linspace(0.1, 0.9, len(points)))
 
 
 def state(

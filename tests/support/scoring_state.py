@@ -1,12 +1,47 @@
-"""A synthetic planning state shaped like a real one, for tests of scorers."""
+"""Sparse models, pools and planning states for tests of what reads them."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from nbv.config import MissionConfig
+from nbv.geometry.frames import heading_to
 from nbv.types import CandidatePool, PlanningState, SparseModel
 from nbv.viewpoints import candidate_pool, raw_candidates, seed_viewpoints
+
+
+def sparse_model(
+    points_m: np.ndarray,
+    tracks: Sequence[Sequence[int] | np.ndarray],
+    cameras_m: np.ndarray,
+    error_px: np.ndarray | None = None,
+) -> SparseModel:
+    """Points with the numbers of the cameras that see each; ``error_px`` is 1 where it is not given."""
+    return SparseModel(
+        points_m=points_m,
+        reprojection_error_px=np.ones(len(points_m)) if error_px is None else error_px,
+        track_offsets=np.concatenate([[0], np.cumsum([len(t) for t in tracks])]).astype(np.int64),
+        track_cameras=np.concatenate([*tracks, []]).astype(np.int64),
+        camera_centers_m=cameras_m,
+        camera_names=tuple(f"{i}.png" for i in range(len(cameras_m))),
+        alignment_rms_m=0.005,
+        alignment_max_m=0.01,
+    )
+
+
+def pool_at(positions_m: np.ndarray, target_m: np.ndarray) -> CandidatePool:
+    """Candidates that look at the target, ``cand_000`` and on."""
+    n = len(positions_m)
+    return CandidatePool(
+        ids=tuple(f"cand_{i:03d}" for i in range(n)),
+        positions_m=positions_m,
+        headings_rad=heading_to(positions_m, target_m),
+        azimuths_deg=np.zeros(n),
+        elevations_deg=np.zeros(n),
+        bands=("lateral",) * n,
+    )
 
 
 def synthetic_state(
@@ -36,16 +71,7 @@ def synthetic_state(
             seen = np.argsort(-(ray @ n))[:2]
         anchor = ray[rng.choice(seen)]
         tracks.append(np.sort(seen[np.argsort(-(ray[seen] @ anchor))[:k]]))
-    model = SparseModel(
-        points_m=points,
-        reprojection_error_px=rng.gamma(2.0, 0.25, n_points),
-        track_offsets=np.concatenate([[0], np.cumsum([len(t) for t in tracks])]).astype(np.int64),
-        track_cameras=np.concatenate(tracks).astype(np.int64),
-        camera_centers_m=cameras,
-        camera_names=tuple(f"{i}.png" for i in range(len(cameras))),
-        alignment_rms_m=0.005,
-        alignment_max_m=0.01,
-    )
+    model = sparse_model(points, tracks, cameras, rng.gamma(2.0, 0.25, n_points))
     vehicle = cameras[-1]
     state = PlanningState(model, cameras, 24, vehicle, 0.0, 16, 40, 0.1, 16)
     return state, candidate_pool(config, vehicle, np.zeros((0, 3)))

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import replace
 
 import numpy as np
 import pytest
+import scoring_state
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nbv.config import BAwareConfig, CameraConfig, MissionConfig
 from nbv.errors import MissionFailure
-from nbv.geometry.frames import heading_to, intrinsic_matrix, look_at
+from nbv.geometry.frames import intrinsic_matrix, look_at
 from nbv.geometry.frustum import in_frustum, look_at_many
 from nbv.scorers import BoxPoints, box_points, rank_candidates
 from nbv.scorers.covis import co_visibility
 from nbv.scorers.repair import geometry_gain, repair
 from nbv.scorers.terms import angular_penalty, movement, novelty
 from nbv.scorers.weakness import mean_neighbour_distance, percentile_scaled, weakness
-from nbv.types import CandidatePool, PlanningState, SparseModel
+from nbv.types import PlanningState
 
 TARGET = np.array([0.0, 0.0, 0.8])
 
@@ -32,29 +34,11 @@ def ring(angles_deg: list[float], radius: float = 3.5, z: float = 0.8) -> np.nda
     return np.column_stack([radius * np.cos(a), radius * np.sin(a), np.full(len(a), z)])
 
 
-def pool_at(positions: np.ndarray) -> CandidatePool:
-    n = len(positions)
-    return CandidatePool(
-        tuple(f"cand_{i:03d}" for i in range(n)),
-        positions,
-        heading_to(positions, TARGET),
-        np.zeros(n),
-        np.zeros(n),
-        ("lateral",) * n,
-    )
+pool_at = functools.partial(scoring_state.pool_at, target_m=TARGET)
 
 
 def state_of(points: np.ndarray, tracks: list[list[int]], cameras: np.ndarray) -> PlanningState:
-    model = SparseModel(
-        points_m=points,
-        reprojection_error_px=np.ones(len(points)),
-        track_offsets=np.concatenate([[0], np.cumsum([len(t) for t in tracks])]).astype(np.int64),
-        track_cameras=np.array([c for t in tracks for c in t], dtype=np.int64),
-        camera_centers_m=cameras,
-        camera_names=tuple(map(str, range(len(cameras)))),
-        alignment_rms_m=0.0,
-        alignment_max_m=0.0,
-    )
+    model = scoring_state.sparse_model(points, tracks, cameras)
     return PlanningState(model, cameras, len(cameras), np.array([3.5, 0.0, 0.8]), np.pi, 0, 40, 0.1, 0)
 
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scoring_state import pool_at, sparse_model
 
 from nbv.config import MissionConfig, Weights
-from nbv.geometry.frames import heading_to
 from nbv.scorers import rank_candidates
-from nbv.types import CandidatePool, PlanningState, SparseModel
+from nbv.types import CandidatePool, PlanningState
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden_scorers"
 NAMES = [
@@ -34,19 +34,10 @@ def load(name: str) -> dict[str, np.ndarray]:
 
 def state_and_pool(z: dict[str, np.ndarray]) -> tuple[PlanningState, CandidatePool]:
     order = np.argsort(z["track_point"], kind="stable")
-    n = len(z["points_m"])
-    lengths = np.bincount(z["track_point"], minlength=n)
+    lengths = np.bincount(z["track_point"], minlength=len(z["points_m"]))
+    tracks = np.split(z["track_camera"][order], np.cumsum(lengths)[:-1])
     centers = z["camera_centers_m"]
-    model = SparseModel(
-        points_m=z["points_m"],
-        reprojection_error_px=z["reproj_error_px"],
-        track_offsets=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
-        track_cameras=z["track_camera"][order].astype(np.int64),
-        camera_centers_m=centers,
-        camera_names=tuple(f"{i}.png" for i in range(len(centers))),
-        alignment_rms_m=0.0,
-        alignment_max_m=0.0,
-    )
+    model = sparse_model(z["points_m"], tracks, centers, z["reproj_error_px"])
     state = PlanningState(
         model=model,
         visited_m=centers,
@@ -58,16 +49,7 @@ def state_and_pool(z: dict[str, np.ndarray]) -> tuple[PlanningState, CandidatePo
         d95_m=0.1,
         iteration=0,
     )
-    positions = z["candidates_m"]
-    pool = CandidatePool(
-        ids=tuple(str(i) for i in z["candidate_ids"]),
-        positions_m=positions,
-        headings_rad=heading_to(positions, z["target_m"]),
-        azimuths_deg=np.zeros(len(positions)),
-        elevations_deg=np.zeros(len(positions)),
-        bands=("",) * len(positions),
-    )
-    return state, pool
+    return state, pool_at(z["candidates_m"], z["target_m"])
 
 
 def config_for(weights: np.ndarray, alphas: tuple[float, float, float]) -> MissionConfig:
