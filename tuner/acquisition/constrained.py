@@ -87,7 +87,7 @@ class Constraint:
         return found
 
     def allowed(self) -> Allowed | None:
-        """Which (n, d) unit positions keep the limit, where that is known."""
+        """Return a function that tells which (n, d) unit positions keep the limit; None where that is uncertain."""
         model = self.model
         if not isinstance(model, KnownOutcome):
             return None

@@ -37,7 +37,7 @@ class WorldOutcomes(Model):
         return torch.Size()
 
     def posterior(self, X: torch.Tensor, posterior_transform: Any = None, **kwargs: Any) -> GPyTorchPosterior:
-        """Joint over q points and W worlds at ``(..., q, inputs)``: ``(..., q, W)`` values."""
+        """Return the joint posterior over q points and W worlds at ``(..., q, inputs)``: ``(..., q, W)`` values."""
         d, q, count = self._gp.space.dimension, X.shape[-2], len(self._levels)
         blocks = []
         for level in self._levels:

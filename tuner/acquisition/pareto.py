@@ -23,11 +23,11 @@ class FrontPoint:
     second_sd: float
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         return asdict(self)
 
 
 def pareto_front(points: Sequence[FrontPoint], objectives: tuple[Objective, Objective]) -> list[FrontPoint]:
-    """Those that no other one dominates, in the same order."""
+    """Return the points that no other one dominates, in the same order."""
     level: Floats = np.array([[p.first, p.second] for p in points]) * [o.sign for o in objectives]
     return [p for p, own in zip(points, level) if not ((level >= own).all(1) & (level > own).any(1)).any()]

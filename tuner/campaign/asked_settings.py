@@ -79,7 +79,7 @@ def asked_settings(tree: Mapping[str, Any], source: str, making: Making = nullco
 
 
 def _require_metrics(settings: CampaignSettings) -> None:
-    """`UserError` where our missions have no such metric: better now than after eight of them."""
+    """Raise `UserError` where our missions have no such metric: better now than after eight of them."""
     if settings.fidelity not in ("photogrammetric", "geometric"):
         return
     thresholds = ours(settings.base_config()).evaluation.thresholds_mm

@@ -186,7 +186,7 @@ class Campaign:
         return campaign
 
     def allow_program(self, *, named: bool, unchanged: bool = True) -> None:
-        """Before a mission file's program runs: `UserError` where neither the caller ``named`` it nor the user began this here.
+        """Before a mission file's program runs, raise `UserError` where neither the caller ``named`` it nor the user began this here.
 
         ``unchanged``: nor where the program is another one by now; a session asks about that itself.
         """
@@ -204,7 +204,7 @@ class Campaign:
         return self.ledger.trials()
 
     def history(self, trials: Sequence[TrialRecord] | None = None) -> list[Observation]:
-        """Finished missions, with the second objective's outcome where there is one."""
+        """Return the finished missions, with the second objective's outcome where there is one."""
         trials = self.trials() if trials is None else trials
         history = self.ledger.history(trials)
         second = self.settings.second
@@ -266,7 +266,7 @@ class Campaign:
         return points
 
     def status(self) -> CampaignStatus:
-        """Counts and costs."""
+        """Return counts and costs."""
         trials = self.trials()
         done = [t for t in trials if t.state != "running"]
         values = [t.raw for t in done if t.raw is not None]
@@ -315,7 +315,7 @@ class Campaign:
     def recommend_from(
         self, history: Sequence[Observation], *, simplify: bool = True
     ) -> Recommendation | None:
-        """What would be recommended after ``history``; ``simplify``: with the runner-up and the next rock."""
+        """Return what would be recommended after ``history``; ``simplify`` adds the runner-up and the next rock."""
         s = self.settings
         exact = self.exact(history)
         constraint, front = self._second(history) if simplify or s.limit is not None else (None, [])
@@ -421,7 +421,7 @@ class Campaign:
         return self.settings.config(self.recommended().values)
 
     def recommended(self) -> Recommendation:
-        """`recommendation`, which is not saved.
+        """Return the `recommendation` without saving it.
 
         Raises
         ------
@@ -438,7 +438,7 @@ class Campaign:
     def saved_recommendation(
         self, history: Sequence[Observation] | None = None, *, latest: bool = False
     ) -> Recommendation | None:
-        """What was saved after exactly ``history`` (None: all missions), its values flown in it; None without such a file.
+        """Return the recommendation saved after exactly ``history`` (None: all missions); None without such a file.
 
         ``latest``: however many missions have ended since.
         """

@@ -126,7 +126,7 @@ def coordinator_lock(engine: sa.Engine, study: str) -> CoordinatorLock | None:
 
 
 def this_process() -> str:
-    """Host, and where the system tells: its boot, the space of its process numbers, this process's number and start."""
+    """Return what identifies this process: host and, where the system tells, boot, process namespace, number and start."""
     host = socket.gethostname()
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()

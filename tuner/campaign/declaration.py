@@ -61,7 +61,7 @@ class Setting:
         return f"{self.meaning}: {', '.join(self.names)}" if self.names else self.meaning
 
     def check(self, value: Any) -> None:
-        """`UserError` where ``value`` is none of the choices, too small or too large."""
+        """Raise `UserError` where ``value`` is none of the choices, too small or too large."""
         if isinstance(value, str) and self.names and value not in self.names:
             raise UserError(f"{self.name} is {value!r}; it must be one of {', '.join(self.names)}")
         if self.at_least is not None and value is not None and value < self.at_least:
@@ -107,7 +107,7 @@ def settings_of(declared: Any) -> dict[str, Setting]:
 
 
 def require_settings(declared: type, tree: Any, source: str) -> None:
-    """`UserError` where ``tree`` is no mapping of settings, or has one that there is not or of the wrong kind."""
+    """Raise `UserError` where ``tree`` is no mapping of settings, or has one that there is not or of the wrong kind."""
     if not isinstance(tree, Mapping):
         raise UserError(f"{source}: settings map names to values, such as `budget: 64`")
     known = settings_of(declared)

@@ -53,7 +53,7 @@ _CAMPAIGN_ID, _FILES = "campaign_id", "files"
 
 
 def kept_files(storage: str, name: str, directory: Path) -> dict[str, str]:
-    """What `Ledger.keep_files` kept of the campaign ``name``. ``UserError`` where the database has no such campaign."""
+    """Return what `Ledger.keep_files` kept of the campaign ``name``; ``UserError`` where the database has no such campaign."""
     try:
         study = optuna.load_study(study_name=name, storage=open_storage(storage, directory, must_exist=True))
         return dict(study.user_attrs[_FILES])
@@ -99,7 +99,7 @@ class TrialRecord:
 
     @functools.cached_property
     def world(self) -> World:
-        """Where it is flown."""
+        """The world in which it flies."""
         return World(self.rock, self.condition)
 
     def measured(self, objective: Objective) -> float | None:
@@ -370,7 +370,7 @@ class Ledger:
         return known[1]
 
     def history(self, trials: Sequence[TrialRecord] | None = None) -> list[Observation]:
-        """Finished missions as the samplers and the surrogate see them."""
+        """Return the finished missions as the samplers and the surrogate see them."""
         sign = self._objective.sign
         return [
             Observation(
@@ -398,7 +398,7 @@ class Ledger:
 
 
 def mission_directory(number: int, world: World, replicate: int) -> str:
-    """Directory of a mission, relative to the run directory: ``missions/0007_boulder-a_r1``, ``..._boulder-a_field_r1``."""
+    """Return a mission's directory, relative to the run directory: ``missions/0007_boulder-a_r1``, ``..._boulder-a_field_r1``."""
     return f"missions/{number:04d}_{world.file_name}_r{replicate}"
 
 

@@ -18,7 +18,7 @@ Making = Callable[[str], AbstractContextManager[object]]  # shown while a rock i
 
 
 def rock_arguments(rocks: Sequence[str], making: Making = nullcontext) -> list[str]:
-    """Rocks as given, mesh files by their absolute path, so that a resume finds them from anywhere.
+    """Return the rocks as given, mesh files by their absolute path, so that a resume finds them from anywhere.
 
     Every rock is loaded once, so that a mistake shows before the first flight.
 
@@ -34,7 +34,7 @@ def rock_arguments(rocks: Sequence[str], making: Making = nullcontext) -> list[s
 
 
 def absolute_rocks(rocks: Sequence[str]) -> list[str]:
-    """Rocks as given, mesh files by their absolute path."""
+    """Return the rocks as given, mesh files by their absolute path."""
     return [
         str(Path(rock).resolve()) if isinstance(rock, str) and is_file(Path(rock)) else rock for rock in rocks
     ]
@@ -51,7 +51,7 @@ def held_out_rocks() -> list[str]:
 
 
 def refuse_held_out(rocks: Sequence[str]) -> None:
-    """Held-out rocks are never tuned on, and no default is chosen on them.
+    """Refuse held-out rocks: nothing is tuned on them, and no default is chosen on them.
 
     Raises
     ------

@@ -285,7 +285,7 @@ class _Session:
         self._last_failure = f"{reason!r} ({message})" if message else repr(reason)
 
     def _require_metric(self, outcome: MissionOutcome) -> None:
-        """Before any mission has the metric: `UserError` where one of a mission file ended well without it."""
+        """Raise `UserError` where the first missions of a mission file end well without the objective's metric."""
         mission, measured = self._settings.mission, {**outcome.metrics, "costs": outcome.costs}
         asked = [o for o in (self._settings.objective, self._settings.second) if o is not None]
         missing = [o.metric for o in asked if o.measure(measured) is None]

@@ -390,7 +390,7 @@ class CampaignSettings:
         return config if condition == IDEAL else under(config, named[condition])
 
     def default_values(self) -> Values:
-        """Where every sampler starts: the paper's values, or a mission file's defaults."""
+        """Return the values at which every sampler starts: the paper's, or a mission file's defaults."""
         return dict(self._default_values)
 
     @functools.cached_property
@@ -432,7 +432,7 @@ class CampaignSettings:
         return () if NOTHING in self.learn_from else self.learn_from
 
     def to_dict(self) -> dict[str, Any]:
-        """YAML form, as ``campaign.yaml`` has it; ``settings_file.settings_from_dict`` reads it back."""
+        """Return the YAML form, as ``campaign.yaml`` has it; ``settings_file.settings_from_dict`` reads it back."""
         known = settings_of(type(self))
         tree = {name: declared.to_yaml(getattr(self, name)) for name, declared in known.items()}
         return {**tree, "initial": self.initial_size(), "learn_from": list(self.sources)}

@@ -159,7 +159,7 @@ def without_storage(tree: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def settings_text(tree: Mapping[str, Any]) -> str:
-    """What ``campaign.yaml`` holds."""
+    """Return the text of ``campaign.yaml``."""
     return yaml.safe_dump(with_checksum(tree), sort_keys=False, allow_unicode=True)
 
 
@@ -172,7 +172,7 @@ def _check_format(tree: Mapping[str, Any], path: Path) -> None:
 
 
 def first_difference(stored: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
-    """In which field two campaigns differ, in words; empty if in none."""
+    """Return in words in which field two campaigns differ; empty if in none."""
     for key in wanted:
         if stored.get(key) != wanted[key]:
             if key == "space":

@@ -101,7 +101,7 @@ class _Records(JournalFileBackend):
                     )
 
     def _of_file(self, number: int) -> Iterator[dict[str, Any]]:
-        """Records from ``number`` on; a last line without its end is one that somebody is writing.
+        """Yield the records from ``number`` on, without a last line that another process is still writing.
 
         Raises
         ------
@@ -132,7 +132,18 @@ def _keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 def open_storage(
     storage: str | None, directory: Path, *, must_exist: bool = False, heal: bool = True
 ) -> optuna.storages.BaseStorage:
-    """The Optuna storage named by ``storage`` (see ``Ledger``).
+    """Open the Optuna storage named by ``storage`` (see ``Ledger``).
+
+    Parameters
+    ----------
+    storage
+        None for a journal in ``directory``; an SQLAlchemy URL; or ``journal:PATH``.
+    directory
+        The campaign's run directory.
+    must_exist
+        Whether a journal has to be there already.
+    heal
+        Whether to cut off a last line that a killed process left without its end.
 
     Raises
     ------
@@ -195,7 +206,7 @@ def reachable(shown: str) -> Iterator[None]:
 
 
 def patiently(shown: str, step: Callable[[bool], T], pause: Callable[[float], bool]) -> T:
-    """What ``step`` returns, tried again for `PATIENCE_S` with pauses that double while the database is away.
+    """Return what ``step`` returns; retry it for `PATIENCE_S`, with pauses that double, while the database is away.
 
     Parameters
     ----------
@@ -292,7 +303,7 @@ def _journal(path: Path, must_exist: bool, heal: bool) -> optuna.storages.BaseSt
 
 @contextlib.contextmanager
 def _without_collector() -> Iterator[None]:
-    """While many lasting objects are made, Python's collector of cycles looks for garbage in vain: a third of the time."""
+    """Switch off Python's cycle collector: while many lasting objects are made it would take a third of the time for nothing."""
     was_enabled = gc.isenabled()
     gc.disable()
     try:
@@ -304,7 +315,7 @@ def _without_collector() -> Iterator[None]:
 
 
 def _check_is_journal(path: Path) -> None:
-    """`UserError` for somebody else's file, before anything is written to it."""
+    """Raise `UserError` for a file that is no journal, before anything is written to it."""
     beginning = b'{"op_code":'
     with path.open("rb") as file:
         head = file.read(len(beginning))

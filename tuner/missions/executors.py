@@ -54,7 +54,7 @@ class Executor(Protocol):
         ...
 
     def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
-        """Outcomes that arrived, waiting up to ``timeout_s`` for the first; possibly none."""
+        """Return the outcomes that have arrived, waiting up to ``timeout_s`` for the first; possibly none."""
         ...
 
     def cancel_all(self) -> None:
@@ -99,7 +99,7 @@ class InProcessExecutor:
         self._queue.clear()
 
     def close(self) -> None:
-        """Nothing to free."""
+        """Do nothing: there is nothing to free."""
         self._queue.clear()
 
     @property
@@ -190,7 +190,7 @@ class LocalProcessExecutor:
         self._order({"op": "run", "job": attempt.job.to_dict()})
 
     def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
-        """Outcomes that arrived within ``timeout_s``."""
+        """Return the outcomes that arrive within ``timeout_s``."""
         deadline = time.monotonic() + timeout_s
         while not self._ready and (self._attempts or self._to_retry):
             waiting, self._to_retry = self._to_retry, []

@@ -46,7 +46,7 @@ class MissionJob:
     fidelity: str = DEFAULT_FIDELITY  # a name of the registry, or module:function
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form for a worker."""
+        """Return the JSON form for a worker."""
         return {
             "id": self.id,
             "config": self.config.to_dict(),

@@ -45,7 +45,7 @@ class Stop(threading.Event):
         self.breaks = False  # what goes on, at once
 
     def computed(self, compute: Callable[[], T]) -> T | None:
-        """What ``compute``, which writes nothing, returns; None where somebody asks for a stop, which ends it at once."""
+        """Return what ``compute``, which writes nothing, returns; a stop ends it at once, and None is returned."""
         try:
             self.breaks = True
             return None if self.is_set() else compute()

@@ -43,7 +43,7 @@ _GEOMETRIC_IGNORES = ("scene", "sensor", "telemetry", "target")
 
 
 def ignored_by(fidelity: str, conditions: Sequence[Condition]) -> str:
-    """What missions of this fidelity ignore of the conditions, as a sentence; empty where that is nothing."""
+    """Return what missions of this fidelity ignore of the conditions, as a sentence; empty where that is nothing."""
     if not is_geometric(fidelity):
         return ""
     found = []
@@ -77,13 +77,13 @@ def is_geometric(name: str) -> bool:
 
 
 def require_fidelity(fidelity: str) -> None:
-    """`UserError` for a name that no fidelity has; ``"module:function"`` is not looked for here."""
+    """Raise `UserError` for a name that no fidelity has; ``"module:function"`` is not looked for here."""
     if ":" not in fidelity:
         registered(fidelity)
 
 
 def refuse_code_of_file(fidelity: str, named: str | None, source: str) -> None:
-    """`UserError` where the file ``source`` names a ``"module:function"`` that the caller has not ``named`` too."""
+    """Raise `UserError` where the file ``source`` names a ``"module:function"`` that the caller has not ``named`` too."""
     if ":" in fidelity and fidelity != named:
         raise UserError(
             f"{source} asks to run code of its own, {fidelity!r}; if you trust it, name it: --fidelity {fidelity}"
@@ -96,7 +96,7 @@ def module_of(fidelity: str) -> str:
 
 
 def all_modules(fidelity: str) -> tuple[str, ...]:
-    """`module_of`, and what missions of ``fidelity`` import as they fly."""
+    """Return `module_of` the fidelity, and the modules that its missions import as they fly."""
     module = module_of(fidelity)
     return (module, *_IMPORTED_IN_FLIGHT.get(module, ()))
 

@@ -183,7 +183,7 @@ def _thread_count() -> int:
 
 
 def main(arguments: list[str]) -> int:
-    """Entry of ``python -m tuner.missions.server``."""
+    """Run ``python -m tuner.missions.server``."""
     single_thread_environment()
     if arguments == ["--job"]:
         _die_with_parent()

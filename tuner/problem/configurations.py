@@ -20,7 +20,7 @@ def configuration_key(space: SearchSpace, values: Mapping[str, Any]) -> Key:
 
 
 def distinct_configurations(space: SearchSpace, missions: Sequence[Observation]) -> list[Values]:
-    """Each configuration that has flown, once, in the order of the first flights."""
+    """Return each configuration that has flown, once, in the order of the first missions."""
     return [dict(v) for v in {configuration_key(space, o.values): o.values for o in missions}.values()]
 
 

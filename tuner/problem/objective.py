@@ -14,7 +14,7 @@ Direction = Literal["maximise", "minimise"]
 
 
 def direction_of(metric: str) -> Direction:
-    """Which way a mission's metric, or a cost, is better.
+    """Return which way a mission's metric, or a cost, is better.
 
     Raises
     ------

@@ -47,7 +47,7 @@ class Observation:
 
     @functools.cached_property
     def world(self) -> World:
-        """Where it was flown."""
+        """The world in which it was flown."""
         return World(self.rock, self.condition)
 
 
@@ -64,7 +64,7 @@ class Pending:
 
     @functools.cached_property
     def world(self) -> World:
-        """Where it is flown."""
+        """The world in which it flies."""
         return World(self.rock, self.condition)
 
 
@@ -81,5 +81,5 @@ class Proposal:
 
     @property
     def world(self) -> World | None:
-        """Where to fly it."""
+        """The world in which to fly it."""
         return None if self.rock is None else World(self.rock, self.condition)

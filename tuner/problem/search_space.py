@@ -25,12 +25,12 @@ class Configuration(Protocol):
 
     @property
     def preset(self) -> str:
-        """What it was laid upon."""
+        """The preset on which it is based."""
         ...
 
     @property
     def condition(self) -> str:
-        """Under which it flies."""
+        """The condition under which it flies."""
         ...
 
     def digest(self) -> str:
@@ -80,7 +80,7 @@ class Parameter:
         return self.low <= value <= self.high and (self.kind == "float" or float(value).is_integer())
 
     def to_unit(self, value: Any) -> float:
-        """Position of ``value`` in [0, 1]."""
+        """Return the position of ``value`` in [0, 1]."""
         if self.kind == "categorical":
             return (self.choices.index(value) + 0.5) / len(self.choices)
         low, high, number = self.low, self.high, float(value)
@@ -94,7 +94,7 @@ class Parameter:
         return self.choices if self.kind == "categorical" else (self.from_unit(0.0), self.from_unit(1.0))
 
     def from_unit(self, position: float) -> Any:
-        """Value at ``position``, clipped to [0, 1]; integers are rounded, choices are binned."""
+        """Return the value at ``position``, clipped to [0, 1]; integers are rounded, choices are binned."""
         position = min(1.0, max(0.0, float(position)))
         if self.kind != "categorical" and position in (0.0, 1.0):  # exactly, whatever exp and log round to
             return self.high if position else self.low
@@ -157,7 +157,7 @@ class SearchSpace:
         }
 
     def default(self, preset: Configuration) -> Values:
-        """Default values: explicit ones, else the base configuration's (in every preset the paper's).
+        """Return the default values: explicit ones, else the base configuration's (in every preset the paper's).
 
         Raises
         ------
@@ -213,7 +213,7 @@ class SearchSpace:
         return np.array([parameter.to_unit(values[parameter.path]) for parameter in self.parameters])
 
     def from_unit(self, position: Floats | Sequence[float]) -> Values:
-        """Values at a (d,) position in the unit cube."""
+        """Return the values at a (d,) position in the unit cube."""
         if len(position) != self.dimension:
             raise ValueError(f"position has {len(position)} coordinates, the space {self.dimension}")
         return {p.path: p.from_unit(float(u)) for p, u in zip(self.parameters, position)}

@@ -10,7 +10,7 @@ PASSWORD_VARIABLE = "GATETUNE_STORAGE_PASSWORD"
 
 
 def require_no_password(storage: str | None) -> None:
-    """`UserError`, which does not show it, where a storage's URL holds a password: settings are kept and shown."""
+    """Raise `UserError`, without showing it, where a storage's URL holds a password: settings are kept and shown."""
     if storage is None or "://" not in storage:
         return
     # As SQLAlchemy reads it, to which / ? and # before the first @ are part of a password.

@@ -33,14 +33,14 @@ _SPACE_KEYS = ("name", "description", "base", "parameters")
 
 
 def search_space_directories() -> tuple[Path, ...]:
-    """Where named spaces are looked for: beside the package (a clone), then the installed data files."""
+    """Return the directories of named spaces: beside the package (a clone), then the installed data files."""
     beside = Path(__file__).resolve().parents[2] / "search_spaces"
     installed = Path(sys.prefix) / "share" / "gatetune" / "search_spaces"
     return (beside, installed)
 
 
 def available_search_spaces() -> dict[str, Path]:
-    """Named spaces and their files."""
+    """Return the named spaces and their files."""
     found: dict[str, Path] = {}
     for directory in search_space_directories():
         for file in sorted(directory.glob("*.yaml")):

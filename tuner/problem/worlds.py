@@ -31,12 +31,12 @@ Place = World | str  # a rock's name alone: that rock under ``ideal``
 
 
 def worlds_of(places: Iterable[Place]) -> tuple[World, ...]:
-    """The worlds meant by ``places``."""
+    """Return ``places`` as worlds; a rock's name alone means that rock under ``ideal``."""
     return tuple(World(place) if isinstance(place, str) else place for place in places)
 
 
 def worlds_over(rocks: Sequence[str], conditions: Sequence[str]) -> tuple[World, ...]:
-    """Every rock under every condition, once; the next world has another rock, and another condition if it can."""
+    """Return every rock under every condition, once, in an order in which neighbours differ in both where they can."""
     return tuple(
         World(rock, conditions[(i + turn) % len(conditions)])
         for turn in range(len(conditions))
@@ -45,10 +45,10 @@ def worlds_over(rocks: Sequence[str], conditions: Sequence[str]) -> tuple[World,
 
 
 def conditions_of(worlds: Iterable[World]) -> tuple[str, ...]:
-    """Each condition once, in order."""
+    """Return each condition once, in order."""
     return tuple(dict.fromkeys(world.condition for world in worlds))
 
 
 def rocks_of(worlds: Iterable[World]) -> tuple[str, ...]:
-    """Each rock once, in order."""
+    """Return each rock once, in order."""
     return tuple(dict.fromkeys(world.rock for world in worlds))

@@ -216,7 +216,7 @@ def recommend(
 
 
 def _probability(calibrated: Calibration, gain: float, sd: float) -> float:
-    """That the gain is above 0; what is exact is known."""
+    """Return the probability that the gain is above 0: 0 or 1 where the gain is exact and not 0."""
     if sd == 0.0 and gain:
         return float(gain > 0.0)
     return calibrated.probability_positive(gain, sd)

@@ -43,7 +43,7 @@ class RockRow:
 
     @property
     def world(self) -> World:
-        """Where that is."""
+        """The world of this row."""
         return World(self.rock, self.condition)
 
 
@@ -122,7 +122,7 @@ class NextRock:
     no_worse: float = 0.5  # probability that the gain is not below 0
 
     def warnings(self, *, of_gain: bool = True, place: str = "rock") -> list[str]:
-        """Where training rocks disagree, and how many more would settle it: a sentence each, none where all is well.
+        """Return sentences on where training rocks disagree and how many more would settle it; none where all is well.
 
         ``of_gain``: whether a gain is asked for at all, not only that nothing is lost. ``place``: what a rock is called.
         """
@@ -228,7 +228,7 @@ class Recommendation:
         return tuple(path for path, value in self.values.items() if value != self.default_values[path])
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         return dataclasses.asdict(self)
 
     @staticmethod

@@ -65,7 +65,7 @@ class SamplerSettings:
 
 
 def derived_seed(seed: int, number: int) -> int:
-    """Seed of the ask for trial ``number``: a function of both, well mixed."""
+    """Return the seed of the proposal for trial ``number``, mixed from both."""
     return int(np.random.SeedSequence([seed, number]).generate_state(1)[0]) % (2**31)
 
 

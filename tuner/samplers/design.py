@@ -50,7 +50,7 @@ def initial_design_size(
 
 
 def places_for_earlier(initial: int) -> range:
-    """Which missions of a design of ``initial`` are the best of those flown before the campaign, best first.
+    """Return which places of a design of ``initial`` missions go to the best missions flown before the campaign, best first.
 
     The first after the default in a short design, every second one in a longer one.
     """
@@ -58,7 +58,7 @@ def places_for_earlier(initial: int) -> range:
 
 
 def sobol_point(space: SearchSpace, seed: int, index: int) -> Values:
-    """Point ``index`` of the seed's scrambled Sobol sequence over the space."""
+    """Return point ``index`` of the seed's scrambled Sobol sequence over the space."""
     from scipy.stats import qmc  # noqa: PLC0415  a second to load
 
     engine = qmc.Sobol(space.dimension, scramble=True, rng=seed)

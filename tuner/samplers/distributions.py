@@ -13,7 +13,7 @@ from tuner.problem.search_space import Parameter, SearchSpace
 
 
 def distributions(space: SearchSpace) -> dict[str, BaseDistribution]:
-    """Optuna distributions by path: the same sets as the parameters."""
+    """Return Optuna distributions by path, of the same sets as the parameters."""
     return {parameter.path: _distribution(parameter) for parameter in space.parameters}
 
 

@@ -28,7 +28,7 @@ class OptunaSampler:
     build: Callable[[SamplerSettings, int], optuna.samplers.BaseSampler] = field(repr=False)
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
-        """Optuna's suggestion."""
+        """Return Optuna's suggestion."""
         number = asks(history, pending)
         # CMA-ES starts from the default configuration and adapts from there; a space-filling design is no use.
         if number < (1 if self.name == "cmaes" else self.settings.initial):
@@ -99,7 +99,7 @@ _BUILDERS = {"tpe": _tpe, "cmaes": _cmaes, "optuna-gp": _optuna_gp}
 
 
 def make_optuna_sampler(name: str, settings: SamplerSettings) -> OptunaSampler:
-    """Optuna's sampler called ``name``.
+    """Return Optuna's sampler called ``name``.
 
     Raises
     ------

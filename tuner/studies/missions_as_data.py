@@ -96,7 +96,7 @@ def mission_data(
     metric: str = DEFAULT_METRIC,
     where: Mapping[str, Any] | None = None,
 ) -> MissionData:
-    """Missions in or below ``directories`` that lie in ``space``.
+    """Return the missions in or below ``directories`` that lie in ``space``.
 
     Missions that fly what the space fixes differently (another gate, say) or that lie outside its bounds are
     left out and counted.

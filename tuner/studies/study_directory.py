@@ -33,7 +33,7 @@ class StudySettings(ABC):
 
     @abstractmethod
     def plans(self) -> dict[str, EvaluationPlan]:
-        """What is flown, in order, by directory within the study's."""
+        """The evaluations to fly, in order, by directory within the study's."""
 
     @property
     def missions(self) -> int:
@@ -41,7 +41,7 @@ class StudySettings(ABC):
         return sum(plan.missions for plan in self.plans().values())
 
     def to_dict(self) -> dict[str, Any]:
-        """YAML form, without the version of its format."""
+        """Return the YAML form, without the version of its format."""
         fields = dataclasses.fields(cast("DataclassInstance", self))
         tree = {f.name: getattr(self, f.name) for f in fields}
         return {name: list(value) if isinstance(value, tuple) else value for name, value in tree.items()}
@@ -148,7 +148,7 @@ class StudyFindings(Generic[S]):
     wall_s: float  # of all missions together
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
+        """Return the JSON form."""
         return {
             "settings": self.settings.to_dict(),
             "missions": self.missions,
@@ -161,6 +161,6 @@ class StudyFindings(Generic[S]):
 def counts(
     settings: StudySettings, records: list[EvaluationRecord]
 ) -> tuple[int, int, dict[str, int], float]:
-    """Fields of `StudyFindings` after its settings. Strategies may share missions, which count once."""
+    """Return the fields of `StudyFindings` after its settings. Strategies may share missions, which count once."""
     once = {r.outcome.directory: r for r in records}.values()
     return len(once), settings.missions, failure_counts(once), sum(r.outcome.wall_s for r in once)

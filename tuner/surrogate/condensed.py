@@ -52,7 +52,7 @@ class CondensedGP(SingleTaskGP):
     missions: tuple[torch.Tensor, torch.Tensor]  # (n, inputs) and (n,) standardised outcomes
 
     def leave_one_out(self) -> LooCheck:
-        """Every mission predicted from all others, by Woodbury's identity."""
+        """Predict every mission from all others, by Woodbury's identity."""
         x, y = self.missions
         kernel, z, s2 = self.covar_module, self.train_inputs[0], self.likelihood.noise
         with torch.no_grad():
@@ -69,7 +69,7 @@ class CondensedGP(SingleTaskGP):
 
 
 def drawn(count: int) -> Ints:
-    """Which of ``count`` missions the hyperparameters are fitted to; all where they are few."""
+    """Return to which of ``count`` missions the hyperparameters are fitted: to all where they are few."""
     if count <= EXACT_MISSIONS:
         return np.arange(count)
     return np.sort(np.random.default_rng(count).choice(count, FITTED_MISSIONS, replace=False))

@@ -94,7 +94,7 @@ class SparseLengthPrior(HalfCauchyPrior):
     """
 
     def log_prob(self, length: torch.Tensor) -> torch.Tensor:
-        """Per element, up to a constant."""
+        """Return the log density of each element, up to a constant."""
         inverse_square = length**-2
         return super().log_prob(inverse_square) + inverse_square.log()
 
@@ -150,7 +150,7 @@ def mission_kernel(
 
 
 def landscape_kernel(ordered: Sequence[int], categorical: Sequence[int]) -> Kernel:
-    """s^2 m alone, with its priors; columns as for `mission_kernel`."""
+    """Return s^2 m alone, with its priors; columns are as for `mission_kernel`."""
     return _scaled(_landscape(ordered, categorical, None), *VARIANCE)
 
 
@@ -204,7 +204,7 @@ def lengthscales(kernel: Kernel) -> list[float]:
 
 
 def shared_variance(kernel: Kernel, column: int) -> float:
-    """Variance of what missions with the same level of ``column`` share; 0 where it is not modelled."""
+    """Return the variance of what missions with the same level of ``column`` share; 0 where it is not modelled."""
     shared = [
         part
         for part in kernel.modules()

@@ -132,7 +132,7 @@ class RockMeanGP:
 
     @functools.cached_property
     def feasibility(self) -> Feasibility | None:
-        """Where missions end well; None where none has failed."""
+        """The model of where missions end well; None where none has failed."""
         if not self._failed:
             return None
         return Feasibility(self.space, self.unit, np.array(self._failed), self._seed)
@@ -195,7 +195,7 @@ class RockMeanGP:
         return tensor(np.column_stack([unit, np.tile(self.levels(place, block), (len(unit), 1))]))
 
     def posterior(self, values: Sequence[Mapping[str, Any]], risk: Risk = "mean") -> Posterior:
-        """Joint posterior of the mean (or of a risk measure) over the training worlds at the configurations.
+        """Return the joint posterior of the mean (or of a risk measure) over the training worlds at the configurations.
 
         A risk measure is not Gaussian: its mean and covariance are those of ``RISK_DRAWS`` joint draws.
         """
@@ -220,7 +220,7 @@ class RockMeanGP:
         return Posterior(measured.mean(axis=0), np.atleast_2d(np.cov(measured, rowvar=False)))
 
     def best_first(self, values: Sequence[Mapping[str, Any]], risk: Risk = "mean") -> list[int]:
-        """Indices of the configurations, the best posterior mean first, in time linear in their number.
+        """Return the indices of the configurations, the best posterior mean first, in time linear in their number.
 
         A risk measure is that of the worlds' means.
         """
@@ -258,7 +258,7 @@ class RockMeanGP:
     def predict_missions(
         self, missions: Sequence[tuple[Mapping[str, Any], World, int | None]]
     ) -> list[tuple[float, float]]:
-        """`predict_mission` of each of several."""
+        """Return `predict_mission` of each of several."""
         with torch.no_grad():
             x = [
                 self.inputs(self.space.to_unit(values)[None], world, self.block_level(world, replicate))
@@ -272,7 +272,7 @@ class RockMeanGP:
         return found
 
     def predict_in_world(self, values: Mapping[str, Any], place: Place) -> float:
-        """Posterior mean outcome of one configuration in one known world, in the objective's unit."""
+        """Return the posterior mean outcome of one configuration in one known world, in the objective's unit."""
         return self.predict_mission(values, place)[0]
 
     @property
@@ -299,14 +299,14 @@ class RockMeanGP:
         return dict(zip(ordered, lengthscales(self.model.covar_module)))
 
     def leave_one_out(self) -> LooCheck:
-        """Missions predicted from all others, hyperparameters kept."""
+        """Predict each mission from all others, hyperparameters kept."""
         if isinstance(self.model, CondensedGP):
             return self.model.leave_one_out()
         return leave_one_out(self.model)
 
 
 def _levels(names: Iterable[Any]) -> dict[Any, float]:
-    """Each name's level, numbered in order."""
+    """Return each name's level, numbered in order."""
     return {name: float(i) for i, name in enumerate(dict.fromkeys(names))}
 
 

@@ -18,7 +18,7 @@ NORMAL_95 = 1.959963984540054
 
 @contextlib.contextmanager
 def numerics(seed: int) -> Iterator[None]:
-    """Seeded torch, one thread everywhere, without warnings about tiny data sets; restores the random state.
+    """Seed torch, use one thread, hide warnings about tiny data sets; at the end restore the random state.
 
     More threads than one make matrices of this size slower, several times so on a busy machine.
     """

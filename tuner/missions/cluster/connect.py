@@ -91,7 +91,7 @@ def _checked(address: str, unencrypted: bool) -> str:
 
 
 def _require_certificates(address: str) -> None:
-    """`UserError` where Dask's configuration names none, or no good ones: its client would wait for itself to end."""
+    """Raise `UserError` where Dask's configuration names none, or no good ones: its client would wait for itself to end."""
     why = "none are named"
     try:
         if Security().get_connection_args("client").get("ssl_context") is not None:
@@ -105,7 +105,7 @@ def _require_certificates(address: str) -> None:
 
 
 def _check_scheduler(client: Client, address: str, unencrypted: bool) -> None:
-    """`UserError` where workers of other machines may reach it without TLS, or another program than this runs there."""
+    """Raise `UserError` where workers of other machines may reach it without TLS, or another program than this runs there."""
     here = worker.program()
     try:
         theirs = client.run_on_scheduler(worker.program, callback_timeout=_CONNECT_S)

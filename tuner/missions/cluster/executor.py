@@ -100,7 +100,7 @@ class DaskExecutor:
         future.add_done_callback(lambda done: self._done.put((job.id, done)))
 
     def _rock(self, job: MissionJob) -> tuple[str, bytes]:
-        """Hash and content of a rock that a worker cannot make itself; empty for one that it can."""
+        """Return hash and content of a rock that a worker cannot make itself; empty for one that it can."""
         if job.fidelity not in FIDELITIES or job.fidelity == EXTERNAL or job.rock in RECIPES:
             return "", b""
         if job.rock not in self._rocks:
@@ -111,7 +111,7 @@ class DaskExecutor:
         return self._rocks[job.rock]
 
     def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
-        """Outcomes that arrived within ``timeout_s``."""
+        """Return the outcomes that arrive within ``timeout_s``."""
         deadline = time.monotonic() + timeout_s
         ready: list[MissionOutcome] = []
         while self._attempts and not ready:

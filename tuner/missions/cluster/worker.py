@@ -38,7 +38,7 @@ _own = threading.local()  # one executor per thread of a worker
 
 
 def program() -> dict[str, str]:
-    """What must be the same on coordinator, scheduler and workers: Python and this program's files."""
+    """Return what must be the same on coordinator, scheduler and workers: the versions of Python and this program, and the digest of its code."""
     found = versions()
     return {
         "python": found["python"],
@@ -55,7 +55,7 @@ def _code() -> str:
 
 
 def identity(fidelity: str) -> dict[str, str]:
-    """What must be the same on coordinator and workers: `program`, the missions' libraries, and a fidelity's own module."""
+    """Return what must be the same on coordinator and workers: `program`, the missions' libraries, and a fidelity's own module."""
     installed = versions()
     found = program() | {name: installed[name] for name in MISSION_LIBRARIES if name in installed}
     module = module_of(fidelity)
@@ -85,7 +85,7 @@ def difference(theirs: dict[str, str], ours: dict[str, str], whose: str = "worke
 
 
 def received_rock(sha256: str) -> Path:
-    """Where a worker keeps the rock of that content."""
+    """Return the file in which a worker keeps the rock of that content."""
     return home() / "rocks" / "received" / f"{sha256}.npz"
 
 
@@ -215,7 +215,7 @@ def packed(directory: Path) -> bytes:
 
 
 def unpacked(files: bytes, directory: Path, last: str) -> None:
-    """Lay them into ``directory``; ``last``, whose presence means that the mission is finished, after all others."""
+    """Write the files into ``directory``, ``last`` after all others: its presence means that the mission is finished."""
     directory.mkdir(parents=True, exist_ok=True)
     with tarfile.open(fileobj=io.BytesIO(files)) as archive:
         result = [member for member in archive.getmembers() if Path(member.name) == Path(last)]

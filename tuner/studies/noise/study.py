@@ -128,7 +128,7 @@ class NoiseSettings(StudySettings):
         }
 
     def crossed_plan(self) -> EvaluationPlan:
-        """Everything against everything."""
+        """Return the crossed design: every configuration on every rock with every replicate."""
         strategies = {
             strategy_name(budget, name): config
             for budget in self.budgets
@@ -278,7 +278,7 @@ def _table(
 
 
 def analyse(directory: Path) -> NoiseFindings:
-    """What the missions of a study's directory say so far.
+    """Return what the missions of a study's directory say so far.
 
     Raises
     ------

@@ -67,7 +67,7 @@ def sobol_design(dimension: int, n: int, seed: int, pairs: Sequence[Pair] = ()) 
 
 
 def sobol_indices(design: SobolDesign, values: Floats, rows: np.ndarray | None = None) -> SobolIndices:
-    """Indices from the function's values at ``design.points``.
+    """Return the indices from the function's values at ``design.points``.
 
     Parameters
     ----------
@@ -105,10 +105,23 @@ def bootstrap_interval(
     resamples: int = 200,
     confidence: float = 0.95,
 ) -> tuple[SobolIndices, SobolIndices]:
-    """Lower and upper bounds of all indices, from resampled rows of the design.
+    """Return lower and upper bounds of all indices, from resampled rows of the design.
 
     With several functions (a leading axis) every draw takes one of them too: the interval then covers both the
     finite sample and what the functions disagree about, e.g. draws from a posterior.
+
+    Parameters
+    ----------
+    design
+        The points.
+    values
+        (..., (2 + d + p) n) of the function, or functions, at them.
+    seed
+        The seed of the draws.
+    resamples
+        How many draws.
+    confidence
+        The interval's probability.
     """
     rng = np.random.default_rng(seed)
     n = len(design.a)
@@ -129,7 +142,23 @@ def bootstrap_interval(
 def main_effect_map(
     function: Callable[[Floats], Floats], dimension: int, pair: Pair, grid: int, n: int, seed: int
 ) -> Floats:
-    """(grid, grid) mean of ``function`` over all other inputs; [i, j] at cell centres of the pair's inputs."""
+    """Return the (grid, grid) mean of ``function`` over all other inputs; [i, j] is at cell centres of the pair's inputs.
+
+    Parameters
+    ----------
+    function
+        Of (m, d) positions in the unit cube: (m,).
+    dimension
+        Number of inputs d.
+    pair
+        The two inputs of the map.
+    grid
+        Cells along each.
+    n
+        Points over which the other inputs are averaged, a power of two.
+    seed
+        The seed of these points.
+    """
     others = qmc.Sobol(dimension, scramble=True, rng=seed).random_base2(int(np.log2(n)))
     centres = (np.arange(grid) + 0.5) / grid
     out = np.empty((grid, grid))
