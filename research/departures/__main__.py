@@ -7,16 +7,13 @@ from typing import Annotated
 
 import typer
 
-from research.command import run
+from research.command import Fidelity, QuickRocks, Surface, run
 from tuner.campaign.rock_choice import QUICK_ROCKS
 from tuner.commands.console import output, parse_overrides
 from tuner.commands.options import Timeout, Workers
 from tuner.commands.studies.flying import (
-    Fidelity,
     Out,
-    QuickRocks,
     ReportOnly,
-    Surface,
     end_study,
     fly_study,
     study_rocks,

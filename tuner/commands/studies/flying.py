@@ -16,15 +16,7 @@ from tuner.commands.console import output, progress_bar, rock_arguments, ticker
 if TYPE_CHECKING:
     from tuner.studies.study_directory import StudySettings
 
-QuickRocks = Annotated[
-    list[str] | None,
-    typer.Option("--rock", help="Training rock or mesh file, repeatable (default: slab, vesicular, cavern)."),
-]
 SetForAll = Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE for every mission.")]
-Surface = Annotated[str, typer.Option(help="observable or whole.")]
-Fidelity = Annotated[
-    str, typer.Option(help="photogrammetric, or geometric: seconds instead of hours, no photographs.")
-]
 Out = Annotated[Path, typer.Option(help="Directory; the same command goes on where it stopped.")]
 ReportOnly = Annotated[bool, typer.Option("--report-only", help="Fly nothing; report on what --out holds.")]
 
