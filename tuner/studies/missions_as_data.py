@@ -18,8 +18,6 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, value_at
 from tuner.report.labels import metric_label
 
-# libyaml where PyYAML was built with it: hundreds of configurations are read.
-
 
 @dataclass(frozen=True)
 class MissionData:

@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 from rich.table import Table
 
+from nbv.mission.result import json_ready
 from nbv.mission.run_directory import write_atomic
 from tuner.report.labels import MISSING, format_number, metric_label, strategy_label
 from tuner.report.style import (
@@ -48,7 +49,7 @@ _REFERENCES = {
 
 def write_noise_report(findings: NoiseFindings, directory: Path) -> list[Path]:
     """``noise.json``, ``noise.md`` and ``figures/*.png``; returns the figures' paths."""
-    write_atomic(directory / "noise.json", json.dumps(json_safe(findings.to_dict()), indent=1))
+    write_atomic(directory / "noise.json", json.dumps(json_ready(findings.to_dict()), indent=1))
     figures = {"signal_to_noise": signal_to_noise_figure(findings)}
     for metric in findings.settings.metrics:
         if findings.ranked(metric):
@@ -64,17 +65,6 @@ def write_noise_report(findings: NoiseFindings, directory: Path) -> list[Path]:
         written.append(path)
     write_atomic(directory / "noise.md", noise_markdown(findings))
     return written
-
-
-def json_safe(value: object) -> object:
-    """Non-finite numbers as null: JSON has none."""
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, dict):
-        return {k: json_safe(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [json_safe(v) for v in value]
-    return value
 
 
 # -- tables --------------------------------------------------------------------------------------------------

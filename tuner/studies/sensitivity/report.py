@@ -13,10 +13,10 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 from rich.table import Table
 
+from nbv.mission.result import json_ready
 from nbv.mission.run_directory import write_atomic
 from tuner.report.labels import format_number, metric_label, parameter_label, parameter_value
 from tuner.report.style import BLACK, BLUE, ORANGE, SEQUENTIAL, SKY, VERMILION, look, new_figure
-from tuner.studies.noise.report import json_safe
 from tuner.studies.sensitivity.study import Sensitivity
 
 
@@ -27,7 +27,7 @@ def write_sensitivity_report(result: Sensitivity, directory: Path) -> list[Path]
         figures["interaction"] = interaction_figure(result)
     folder = directory / "figures"
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomic(directory / "sensitivity.json", json.dumps(json_safe(result.to_dict()), indent=1))
+    write_atomic(directory / "sensitivity.json", json.dumps(json_ready(result.to_dict()), indent=1))
     written = []
     for name, figure in figures.items():
         path = folder / f"{name}.png"
