@@ -228,9 +228,9 @@ class CampaignSettings:
     )
     in_step: int | None = setting(
         None,
-        "N: a proposal waits until all missions before it but the last N - 1 have ended, and knows these: the same "
-        "campaign with any number of workers",
-        shown="a proposal knows what has ended, and nobody waits",
+        "N: each proposal waits for, and learns from, all missions before it but the last N - 1, so that the campaign "
+        "is the same with any number of workers",
+        shown="a proposal learns from the missions that have ended, and waits for none",
         unit="missions",
         at_least=1,
     )
