@@ -52,7 +52,7 @@ class Request:
     values: Values
     rock: str | None = None
     replicate: int | None = None
-    memory: Mapping[str, Any] = field(default_factory=dict)  # comes back with the observation
+    sampler_state: Mapping[str, Any] = field(default_factory=dict)  # comes back with the observation
     why: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -119,7 +119,7 @@ class OneRock:
     def ask(self) -> Request:
         """The sampler's proposal."""
         p = self.sampler.ask(self.history, [])
-        return Request(p.values, p.rock, p.replicate, p.memory, p.why)
+        return Request(p.values, p.rock, p.replicate, p.sampler_state, p.why)
 
     def tell(self, observation: Observation) -> None:
         """Into the history."""
@@ -162,7 +162,7 @@ class OurDesign(OneRock):
             return Request(self._design.ask(self.history, []).values)
         mine = [dataclasses.replace(o, number=o.number + len(self._before)) for o in self.history]
         p = self.sampler.ask([*self._before, *mine], [])
-        return Request(p.values, memory=p.memory, why=p.why)
+        return Request(p.values, sampler_state=p.sampler_state, why=p.why)
 
 
 def earlier_campaign(problem: Any, seed: int) -> EarlierMissions:
@@ -227,10 +227,10 @@ class AllRocks:
         """The configuration at hand on its next rock."""
         if self._now is None:
             p = self.sampler.ask(self.means, [])
-            self._now = Request(p.values, memory=p.memory, why=p.why)
+            self._now = Request(p.values, sampler_state=p.sampler_state, why=p.why)
         replicate = len(self.means) % self.problem.replicates
         rock = self.problem.rocks[len(self._outcomes)]
-        return Request(self._now.values, rock, replicate, self._now.memory, self._now.why)
+        return Request(self._now.values, rock, replicate, self._now.sampler_state, self._now.why)
 
     def tell(self, observation: Observation) -> None:
         """One number per configuration; a failure on any rock is a failed configuration."""
@@ -242,7 +242,9 @@ class AllRocks:
         mean = float(np.mean(good)) if len(good) == len(self._outcomes) else None
         number = len(self.means)
         self.means.append(
-            Observation(number, self._now.values, "mean", number, mean, mean, memory=self._now.memory)
+            Observation(
+                number, self._now.values, "mean", number, mean, mean, sampler_state=self._now.sampler_state
+            )
         )
         self._now, self._outcomes = None, []
 
