@@ -108,6 +108,14 @@ def embed(
     return Illustration(name, f"data:{kind};base64,{encoded}", alt, caption, title, width_px)
 
 
+def save_figure(figure: Figure, directory: Path, name: str) -> Path:
+    """Write ``directory/NAME.png``, the same bytes for the same figure; returns its path."""
+    path = directory / f"{name}.png"
+    with look():
+        figure.savefig(path, dpi=160, metadata={"Software": None})
+    return path
+
+
 def new_figure(width_in: float, height_in: float) -> Figure:
     """A figure that keeps its labels apart; not registered with pyplot, so nothing has to be closed."""
     return Figure(figsize=(width_in, height_in), layout="constrained")

@@ -14,7 +14,7 @@ from tuner.report.mission.pipeline import pipeline_figure
 from tuner.report.mission.run_files import mission_config, read_result, read_trace
 from tuner.report.mission.trajectory import trajectory_figure
 from tuner.report.sectors import sector_figure
-from tuner.report.style import look
+from tuner.report.style import save_figure
 
 SECTOR_KEY = "sector_completeness_48mm"
 
@@ -64,10 +64,7 @@ def write_mission_figures(runs: Mapping[str, Path], out: Path, rock: str) -> lis
     written: list[Path] = []
 
     def save(figure: Figure, name: str) -> None:
-        path = out / f"{name}.png"
-        with look():
-            figure.savefig(path, dpi=160, metadata={"Software": None})
-        written.append(path)
+        written.append(save_figure(figure, out, name))
 
     for label, run in runs.items():
         safe = "".join(c if c.isalnum() or c in "-_" else "-" for c in label)

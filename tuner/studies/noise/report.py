@@ -29,6 +29,7 @@ from tuner.report.style import (
     VERMILION,
     look,
     new_figure,
+    save_figure,
 )
 from tuner.studies.noise.study import DEFAULT, TARGET_SIGNAL_TO_NOISE, NoiseCell, NoiseFindings
 
@@ -57,12 +58,7 @@ def write_noise_report(findings: NoiseFindings, directory: Path) -> list[Path]:
             figures[f"variance_{metric}"] = variance_figure(findings, metric)
     folder = directory / "figures"
     folder.mkdir(exist_ok=True)
-    written = []
-    for name, figure in figures.items():
-        path = folder / f"{name}.png"
-        with look():
-            figure.savefig(path, dpi=160, metadata={"Software": None})
-        written.append(path)
+    written = [save_figure(figure, folder, name) for name, figure in figures.items()]
     write_atomic(directory / "noise.md", noise_markdown(findings))
     return written
 

@@ -16,7 +16,7 @@ from rich.table import Table
 from nbv.mission.result import json_ready
 from nbv.mission.run_directory import write_atomic
 from tuner.report.labels import format_number, metric_label, parameter_label, parameter_value
-from tuner.report.style import BLACK, BLUE, ORANGE, SEQUENTIAL, SKY, VERMILION, look, new_figure
+from tuner.report.style import BLACK, BLUE, ORANGE, SEQUENTIAL, SKY, VERMILION, look, new_figure, save_figure
 from tuner.studies.sensitivity.study import Sensitivity
 
 
@@ -28,12 +28,7 @@ def write_sensitivity_report(result: Sensitivity, directory: Path) -> list[Path]
     folder = directory / "figures"
     folder.mkdir(parents=True, exist_ok=True)
     write_atomic(directory / "sensitivity.json", json.dumps(json_ready(result.to_dict()), indent=1))
-    written = []
-    for name, figure in figures.items():
-        path = folder / f"{name}.png"
-        with look():
-            figure.savefig(path, dpi=160, metadata={"Software": None})
-        written.append(path)
+    written = [save_figure(figure, folder, name) for name, figure in figures.items()]
     write_atomic(directory / "sensitivity.md", sensitivity_markdown(result))
     return written
 
