@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 import trimesh
 import yaml
+from fake_missions import well_flown
 
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.mission.planning_state import save_state
+from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import RunDirectory
 from nbv.rocks.rock import make_rock
 from nbv.types import CandidatePool, PlanningState, PointCloud, SparseModel
@@ -78,7 +80,8 @@ def made_mission(root: Path, gate: str = "hyb-h", offset_m: float = 0.01) -> Pat
         "flight.json",
         {
             "samples": [[float(t), *map(float, p), 0.0] for t, p in enumerate(path)],
-            "events": [{"name": name, "start_s": float(t)} for name, t in names.items()],
+            "events": [{"name": n, "start_s": float(t), "duration_s": 0.0} for n, t in names.items()],
+            "flight_time_s": float(len(path)),
         },
     )
     ball = trimesh.creation.icosphere(subdivisions=4, radius=0.8 + offset_m).vertices
@@ -91,7 +94,7 @@ def made_mission(root: Path, gate: str = "hyb-h", offset_m: float = 0.01) -> Pat
         "observable": surface,
         "sector_centers_deg": [15.0 + 30 * k for k in range(12)],
     }
-    run.write_result(json.dumps({"status": "ok", "reason": "", "metrics": metrics}))
+    run.write_result(well_flown(config, "ball", 0, metrics).to_json())
     return root
 
 
@@ -169,7 +172,8 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
     (run / "flight.json").unlink()
     with pytest.raises(UserError, match=r"no flight\.json"):
         trajectory_figure(run)
-    (run / "mission.json").write_text(json.dumps({"status": "failed", "reason": "seed_model_failed"}))
+    failed = dataclasses.replace(MissionResult.load(run), status="failed", reason="seed_model_failed")
+    (run / "mission.json").write_text(failed.to_json())
     with pytest.raises(UserError, match="failed mission"):
         sectors_figure({"x": run})
     (run / "config.yaml").unlink()
