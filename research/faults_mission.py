@@ -31,7 +31,12 @@ def fly(
     record("began", what)
     filled = np.ones(NEEDS)
     kept = remember_json(
-        Store(), "faults", lambda: _kept(rock, replicate), code="nbv.cache.store", inputs=(rock, replicate)
+        Store(),
+        "faults",
+        lambda: _kept(rock, replicate),
+        is_sound=lambda tree: isinstance(tree, list) and len(tree) == 500,
+        code="nbv.cache.store",
+        inputs=(rock, replicate),
     )
     if kept != _kept(rock, replicate):
         record("untrue", what)

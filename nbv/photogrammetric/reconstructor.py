@@ -43,9 +43,6 @@ class PhotogrammetricReconstructor:
     ) -> None:
         self._config = config
         self._keep_sparse = keep_sparse
-        self._source: Correspondences = ComputedCorrespondences(config.camera, config.sparse)
-        if store is not None:
-            self._source = CachedCorrespondences(config.camera, config.sparse, store)
         self._store = store
         self._sparse: SparseReconstructor | CachedSparse | None = self._new_sparse(config.sparse)
         self._clouds: Callable[[int | None], Cloud] = self._fuse
@@ -58,7 +55,10 @@ class PhotogrammetricReconstructor:
 
     def _new_sparse(self, options: SparseConfig) -> SparseReconstructor | CachedSparse:
         config = self._config
-        sparse = SparseReconstructor(config.camera, options, config.target_m, self._source, config.telemetry)
+        source: Correspondences = ComputedCorrespondences(config.camera, config.sparse)
+        if self._store is not None:
+            source = CachedCorrespondences(config.camera, config.sparse, self._store)
+        sparse = SparseReconstructor(config.camera, options, config.target_m, source, config.telemetry)
         return sparse if self._store is None else CachedSparse(sparse, self._store)
 
     def glimpse(self, captures: Sequence[Capture]) -> SparseModel | None:

@@ -202,7 +202,7 @@ def test_campaign_with_two_objectives(tmp_path: Path) -> None:
     [
         ({"sampler": "tpe", "risk": "worst"}, "needs sampler gp, not tpe"),
         ({"second": Objective("costs.images"), "risk": "worst"}, "cannot be combined"),
-        ({"risk": "bad"}, "unknown risk measure 'bad'; there are mean, worst"),
+        ({"risk": "bad"}, "risk is 'bad'; it must be one of mean, worst"),
         ({"rocks": ("a",), "risk": "worst"}, "name at least two"),
     ],
 )
@@ -217,5 +217,5 @@ def test_status_lists_the_front_with_numbers_in_full(gatetune, tmp_path: Path) -
     code, out, _ = gatetune("campaign", "status", "run")
     assert code == 0
     for point in campaign.front(save=False):
-        assert f"{point.first:.2f} ± {point.first_sd:.2f}" in out
+        assert f"{point.first:.3f} ± {point.first_sd:.3f}" in out
     assert "f_score_48mm" in out and "completeness_48mm" in out and "f_b " in out
