@@ -217,5 +217,5 @@ def test_status_lists_the_front_with_numbers_in_full(gatetune, tmp_path: Path) -
     code, out, _ = gatetune("campaign", "status", "run")
     assert code == 0
     for point in campaign.front(save=False):
-        assert f"{point.first:.3f} ± {point.first_sd:.3f}" in out
+        assert f"{point.first:.3f} ± {point.first_sd:.3f}".replace("-", "−") in out
     assert "f_score_48mm" in out and "completeness_48mm" in out and "f_b " in out
