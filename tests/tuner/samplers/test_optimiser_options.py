@@ -218,4 +218,4 @@ def test_status_lists_the_front_with_numbers_in_full(gatetune, tmp_path: Path) -
     assert code == 0
     for point in campaign.front(save=False):
         assert f"{point.first:.3f} ± {point.first_sd:.3f}".replace("-", "−") in out
-    assert "f_score_48mm" in out and "completeness_48mm" in out and "f_b " in out
+    assert "F-score @ 48 mm (%)" in out and "Completeness @ 48 mm (%)" in out and "f_b " in out
