@@ -33,10 +33,7 @@ MADE_FROM = {  # picture: what decides how it looks
     "terminal": ["tuner/commands/campaign_display.py"],
 }
 DIGEST = "made from"  # the text in a picture that holds the digest
-CAMPAIGN = (
-    "campaign run --name mine --space gate_weights_and_pool --rock slab --rock vesicular --budget 12 --keep all "
-    "--learn-from nothing"
-)
+CAMPAIGN = "campaign run --quick --name tune"
 LINES, WIDTH = 34, 80
 TERMINAL = (
     "<meta charset=utf-8><body style='margin:0;background:#12161b;color:#e6e6e6'><pre style='margin:18px;"
@@ -130,9 +127,9 @@ def main() -> None:
         folder = Path(name)
         words = CAMPAIGN.split()
         if arguments.run:
-            words = ["campaign", "status", str(arguments.run.resolve())]
-        said = gatetune(words, folder)
-        run = arguments.run.resolve() if arguments.run else folder / "runs" / "mine"
+            words = ["campaign", "status", str(arguments.run)]
+        said = gatetune(words, Path.cwd() if arguments.run else folder)
+        run = arguments.run.resolve() if arguments.run else folder / "runs" / "tune"
         pictures = {
             "campaign_page": lambda: photograph(
                 (run / "report.html").as_uri(), (1200, 1750), "campaign_page"
