@@ -56,12 +56,6 @@ def _only_json(wanted: bool) -> bool:
     return wanted
 
 
-FidelityOption = Annotated[
-    str,
-    typer.Option(help="geometric: no photographs, a fraction of the time; it ranks, it does not measure."),
-]
-
-
 # What lists or shows takes this option and ends with `answer_json`; what it prints on the way is not shown then.
 AsJson = Annotated[
     bool,

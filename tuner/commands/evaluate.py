@@ -11,8 +11,8 @@ import typer
 from nbv.config import load_conditions
 from nbv.errors import UserError
 from tuner.commands.comparison import compare
-from tuner.commands.console import AsJson, FidelityOption, answer_json, load, output, working
-from tuner.commands.options import MissionAllowed, Timeout, Workers
+from tuner.commands.console import AsJson, answer_json, load, output, working
+from tuner.commands.options import Fidelity, MissionAllowed, Timeout, Workers
 from tuner.missions.registry import DEFAULT_FIDELITY
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def evaluate(
     workers: Workers = None,
     timeout_s: Timeout = 3600.0,
     margin: MarginOption = 1.0,
-    fidelity: FidelityOption = DEFAULT_FIDELITY,
+    fidelity: Fidelity = DEFAULT_FIDELITY,
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/evaluation).")] = None,
     mission: MissionAllowed = None,
     as_json: AsJson = False,
@@ -110,7 +110,7 @@ def confirm(
     workers: Workers = None,
     timeout_s: Timeout = 3600.0,
     margin: MarginOption = 1.0,
-    fidelity: FidelityOption = DEFAULT_FIDELITY,
+    fidelity: Fidelity = DEFAULT_FIDELITY,
     out: Annotated[
         Path | None, typer.Option(help="Directory (default: CAMPAIGN/confirmation-ROCKS).")
     ] = None,

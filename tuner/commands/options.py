@@ -15,6 +15,10 @@ from tuner.campaign.declaration import Setting, settings_of
 
 EXECUTION = "Execution"  # panel of the help
 
+Fidelity = Annotated[
+    str,
+    typer.Option(help="geometric: no photographs, a fraction of the time; it ranks, it does not measure."),
+]
 Workers = Annotated[
     int | None,
     typer.Option(help="Missions side by side (default: one per core).", rich_help_panel=EXECUTION),

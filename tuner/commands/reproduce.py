@@ -12,13 +12,12 @@ from tuner.commands.comparison import compare
 from tuner.commands.console import (
     CONDITION_HELP,
     AsJson,
-    FidelityOption,
     load,
     mission_config,
     output,
     rock_arguments,
 )
-from tuner.commands.options import Timeout, Workers
+from tuner.commands.options import Fidelity, Timeout, Workers
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.objective import Objective
 
@@ -42,7 +41,7 @@ def reproduce(
         typer.Option("--strategy", help="Repeatable (default: the paper's four, learned, greedy-oracle)."),
     ] = None,
     set_: Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE for every mission.")] = None,
-    fidelity: FidelityOption = DEFAULT_FIDELITY,
+    fidelity: Fidelity = DEFAULT_FIDELITY,
     keep: Annotated[bool, typer.Option(help="Keep images, models and clouds of every mission.")] = True,
     workers: Workers = None,
     timeout_s: Timeout = 7200.0,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import collections
-import itertools
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
@@ -122,17 +121,21 @@ def place_for(plan: EvaluationPlan, usual: Path) -> Path:
 
     A campaign goes on and recommends something else, other rocks are asked for: what was flown before stays.
     """
-    for number in itertools.count(1):
-        place = usual if number == 1 else usual.with_name(f"{usual.name}-{number}")
-        if not (place / PLAN_FILE).exists() or EvaluationPlan.load(place).to_dict() == plan.to_dict():
-            return place
-    raise AssertionError
+    place, number = usual, 1
+    while _holds_another(plan, place):
+        number += 1
+        place = usual.with_name(f"{usual.name}-{number}")
+    return place
+
+
+def _holds_another(plan: EvaluationPlan, directory: Path) -> bool:
+    return (directory / PLAN_FILE).exists() and EvaluationPlan.load(directory).to_dict() != plan.to_dict()
 
 
 def _claim(plan: EvaluationPlan, directory: Path) -> None:
+    if _holds_another(plan, directory):
+        raise UserError(f"{directory} holds another evaluation; name another directory with --out")
     if (directory / PLAN_FILE).exists():
-        if EvaluationPlan.load(directory).to_dict() != plan.to_dict():
-            raise UserError(f"{directory} holds another evaluation; name another directory with --out")
         return
     if directory.exists() and (not directory.is_dir() or any(directory.iterdir())):
         raise UserError(f"{directory} exists and is not an empty directory; choose another directory")

@@ -26,7 +26,7 @@ from nbv.mission.function import Keep
 from nbv.safe_files import read_yaml, require
 from tuner.missions.external import ExternalConfig, configuration_from_dict
 from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
-from tuner.missions.registry import DEFAULT_FIDELITY, renamed
+from tuner.missions.registry import DEFAULT_FIDELITY, renamed, require_fidelity
 from tuner.problem.blocks import MAX_REPLICATES
 from tuner.problem.objective import Objective
 from tuner.problem.search_space import Configuration
@@ -63,6 +63,7 @@ class EvaluationPlan:
             twice = next(rock for rock, n in collections.Counter(self.rocks).items() if n > 1)
             raise UserError(f"rock {twice!r} is named twice; name each rock once")
         require_distinct(self.conditions)
+        require_fidelity(self.fidelity)
         if self.replicates < 1:
             raise UserError(f"replicates is {self.replicates}; give at least 1")
         require(self.replicates, MAX_REPLICATES, "replicates")

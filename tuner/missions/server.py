@@ -27,6 +27,7 @@ import selectors
 import signal
 import subprocess
 import sys
+import time
 import traceback
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -37,6 +38,7 @@ from tuner.missions.run_job import EXIT_FAILED, run_job
 from tuner.missions.shared_rocks import SharedRocks
 
 BEAT_S = 1.0  # a server that has nothing to say says so as often, so that one that stands still is noticed
+PATIENCE_S = 2.0  # with killed missions that the system has not ended yet
 
 
 class MissionServer:
@@ -87,8 +89,17 @@ class MissionServer:
                         self._obey(json.loads(line))
                 self._reap()
         finally:
-            for pid in list(self._children):
+            for pid in self._children:
                 _kill_group(pid)
+            self._see_the_killed_end()
+
+    def _see_the_killed_end(self) -> None:
+        """Whoever waits for this server may then read and write where its missions did."""
+        deadline = time.monotonic() + PATIENCE_S
+        left = set(self._children)
+        while left and time.monotonic() < deadline:
+            left = {pid for pid in left if os.waitpid(pid, os.WNOHANG)[0] == 0}
+            time.sleep(0.005 if left else 0.0)
 
     def _obey(self, order: dict[str, Any]) -> None:
         if order["op"] == "kill":

@@ -118,7 +118,7 @@ class NextRock:
     against: tuple[str, ...]  # training rocks that the recommendation probably makes worse
     more_rocks: (
         int | None
-    )  # that tell the mean gain over such {place}s from 0, if it is as large as believed; None: too many
+    )  # that tell the mean gain over such rocks from 0, if it is as large as believed; None: too many
     no_worse: float = 0.5  # probability that the gain is not below 0
 
     def warnings(self, *, of_gain: bool = True, place: str = "rock") -> list[str]:

@@ -123,6 +123,8 @@ def test_mistakes(tmp_path: Path) -> None:
         plan(strategies={})
     with pytest.raises(UserError, match="no rock"):
         plan(rocks=())
+    with pytest.raises(UserError, match="unknown fidelity 'geometri'"):
+        plan(fidelity="geometri")
     with pytest.raises(UserError, match="replicates is 0"):
         plan(replicates=0)
     with pytest.raises(UserError, match="cannot name a strategy"):

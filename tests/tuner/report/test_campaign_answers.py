@@ -298,3 +298,8 @@ def test_searching_wider_keeps_everything_else(campaign: Campaign, tmp_path: Pat
     }
     own = {"name": wider.name, "space": wider.space}
     assert dataclasses.replace(s, **own).to_dict() == wider.to_dict()
+    of_one = Campaign(tmp_path, dataclasses.replace(s, second=None, limit=None), campaign.ledger)
+    write_wider_settings(
+        of_one, dataclasses.replace(best, values=values, default_values=default, inactive=[])
+    )
+    assert asked_fields(tmp_path / WIDER_FILE, {}, quick=False)["learn_from"] == [str(tmp_path)]

@@ -53,7 +53,10 @@ def write_wider_settings(campaign: Campaign, best: Recommendation) -> None:
     if found is not None:
         settings = dataclasses.replace(s, name=f"{s.name}-wider", space=found.space)
         learns = s.sampler == "gp" and s.second is None and s.risk == "mean"
-        tree = {**settings.to_dict(), "learn_from": ["."] if learns else []}  # the directory of the file
+        tree = {
+            **settings.to_dict(),
+            "learn_from": ["./"] if learns else [],
+        }  # the slash: the file's directory
         text = yaml.safe_dump(tree, sort_keys=False, allow_unicode=True)
         write_atomic(campaign.directory / WIDER_FILE, text)
 
