@@ -1,0 +1,322 @@
+"""An imported set of photographs on disk: ``set.json``, pictures, sparse model, dense reference and surface.
+
+The set's frame is the program's world: z up, the object rests on z = 0, its footprint is centred on the origin, and the
+median camera is 3.5 units from the object's centre. One unit is called a metre everywhere (``_m``), so that planner
+geometry works unchanged; what it really measures is `PhotographSet.metres_per_unit`. Thresholds of a reconstruction are
+stated as fractions of the object's height (`THRESHOLD_FRACTIONS`: 16 to 80 mm of 1.6 m).
+
+Everything here is written once, by the import, and read with checks: nothing in a set's folder is code, and a damaged
+file is a `UserError` of one line.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from nbv.cache import home
+from nbv.checksums import require_checksum, with_checksum
+from nbv.config import CameraConfig
+from nbv.errors import UserError
+from nbv.photographs.reference_file import Reference, read_reference
+from nbv.rocks import Rock
+from nbv.rocks.imported import DamagedRockError, check_name, read_rock
+from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_bytes, read_json
+from nbv.types import Floats
+
+FORMAT = 1
+SET_FILE, IMAGES, MASKS, SPARSE = "set.json", "images", "masks", "sparse"
+REFERENCE_FILE, SURFACE_FILE = "reference.ply", "surface.npz"
+THRESHOLD_FRACTIONS = (0.01, 0.02, 0.03, 0.04, 0.05)  # of the object's height
+MEDIAN_DISTANCE_M = 3.5  # of the cameras from the object's centre
+MAX_IMAGE_BYTES = 64 * 2**20
+MAX_PHOTOGRAPHS = 5000
+ScaleSource = Literal["length", "control points", "gps", "none"]
+
+__all__ = ["Reference"]
+
+
+@dataclass(frozen=True)
+class Photograph:
+    """One photograph of a set, undistorted."""
+
+    name: str  # of images/NAME.jpg, unique
+    source: str  # the user's file
+    sha256: str  # of the user's file
+    camera_from_world: Floats | None  # (4, 4) in the set's frame; None: did not register
+    masked: bool  # there is masks/NAME.png
+    time: str | None = None  # EXIF, "2016-11-18T16:11:33"
+    gps: tuple[float, float, float] | None = (
+        None  # EXIF: latitude and longitude in degrees, altitude in metres
+    )
+    gimbal_deg: tuple[float, float, float] | None = None  # XMP: yaw, pitch, roll
+
+    @property
+    def registered(self) -> bool:
+        """Whether the reference model has it."""
+        return self.camera_from_world is not None
+
+    @property
+    def camera_center_m(self) -> Floats:
+        """(3,) where it was taken; only of a registered one."""
+        if self.camera_from_world is None:
+            raise ValueError(f"{self.name} is not registered")
+        center: Floats = -self.camera_from_world[:3, :3].T @ self.camera_from_world[:3, 3]
+        return center
+
+
+@dataclass(frozen=True)
+class HalvesAgreement:
+    """One half of the photographs against the other: what a reconstruction can be told to have reached.
+
+    Percentages at `THRESHOLD_FRACTIONS` of the height, mean over both directions; ``completeness`` is of the reference
+    by a half's cloud, ``precision`` of a half's cloud by the other half's.
+    """
+
+    completeness: tuple[float, ...]
+    precision: tuple[float, ...]
+    f_score: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class PhotographSet:
+    """What ``gatetune photographs import`` made of a folder of photographs."""
+
+    name: str
+    folder: Path
+    camera: CameraConfig  # one pinhole for all photographs, principal point in the middle
+    photographs: tuple[Photograph, ...]  # in the order in which they were taken
+    height_m: float  # of the object, in units of the set's frame
+    extents_m: tuple[float, float, float]  # of the object's box, likewise
+    metres_per_unit: float | None  # None: no scale was given
+    scale_source: ScaleSource
+    reference_error_m: float  # median distance of the reference's points to the worse half's cloud
+    halves: HalvesAgreement
+    weak: tuple[str, ...]  # where the reference is weak, a sentence each
+    notes: tuple[str, ...]  # what was done
+    source_folder: str
+
+    @property
+    def registered(self) -> tuple[Photograph, ...]:
+        """Those with a pose."""
+        return tuple(p for p in self.photographs if p.registered)
+
+    @property
+    def target_m(self) -> tuple[float, float, float]:
+        """The object's centre."""
+        return (0.0, 0.0, self.height_m / 2)
+
+    @property
+    def true_height_m(self) -> float | None:
+        """The object's height in metres, where there is a scale."""
+        return None if self.metres_per_unit is None else self.height_m * self.metres_per_unit
+
+    @property
+    def thresholds_m(self) -> tuple[float, ...]:
+        """`THRESHOLD_FRACTIONS` of the height, in units of the set's frame."""
+        return tuple(fraction * self.height_m for fraction in THRESHOLD_FRACTIONS)
+
+    @property
+    def sparse_folder(self) -> Path:
+        """COLMAP's binary model in the set's frame; its images are called ``NAME.jpg``."""
+        return self.folder / SPARSE
+
+    def image_path(self, name: str) -> Path:
+        """Where the undistorted photograph is."""
+        return self.folder / IMAGES / f"{name}.jpg"
+
+    def image(self, name: str) -> NDArray[np.uint8]:
+        """(H, W, 3) the undistorted photograph.
+
+        Raises
+        ------
+        UserError
+            The file is missing, damaged or of another size.
+        """
+        return _pixels(self.image_path(name), "RGB", self.camera)
+
+    def mask(self, name: str) -> NDArray[np.bool_] | None:
+        """(H, W) True on the object, or None where no mask was given; errors as `image`."""
+        path = self.folder / MASKS / f"{name}.png"
+        return _pixels(path, "L", self.camera) > 127 if path.is_file() else None
+
+    def reference(self) -> Reference:
+        """The dense reference; `UserError` where its file is damaged."""
+        return read_reference(self.folder / REFERENCE_FILE)
+
+    def rock(self) -> Rock:
+        """The meshed reference as a rock, for surroundings, oracle and viewer; `UserError` where it is damaged."""
+        try:
+            return read_rock(self.folder / SURFACE_FILE)
+        except (DamagedRockError, FileNotFoundError) as error:
+            raise UserError(f"{error}; import the photographs again with --force") from error
+
+    @staticmethod
+    def read(name: str) -> PhotographSet:
+        """The set called ``name``.
+
+        Raises
+        ------
+        UserError
+            There is none of that name, or its ``set.json`` is damaged.
+        """
+        folder = set_folder(name)
+        if not (folder / SET_FILE).is_file():
+            known = ", ".join(list_sets()) or "none yet"
+            raise UserError(f"there is no set of photographs {name!r}; known: {known}")
+        return read_set(folder)
+
+    def write(self, folder: Path) -> None:
+        """Write ``set.json`` into ``folder``; the other files are the import's to write."""
+        tree = asdict(self)
+        del tree["folder"]
+        for record in tree["photographs"]:
+            pose = record["camera_from_world"]
+            record["camera_from_world"] = None if pose is None else np.asarray(pose).tolist()
+        (folder / SET_FILE).write_text(json.dumps(with_checksum({"format": FORMAT, **tree}), indent=1))
+
+
+def sets_folder() -> Path:
+    """Where imported photographs are kept, beside the imported rocks."""
+    return home() / "photographs"
+
+
+def set_folder(name: str) -> Path:
+    """Where the set ``name`` is kept; `UserError` if that cannot be a name."""
+    return sets_folder() / check_name(name)
+
+
+def list_sets() -> list[str]:
+    """Names of the sets that are there."""
+    folder = sets_folder()
+    if not folder.is_dir():
+        return []
+    return sorted(p.name for p in folder.iterdir() if not p.name.startswith(".") and (p / SET_FILE).is_file())
+
+
+def read_set(folder: Path) -> PhotographSet:
+    """The set in ``folder``; `UserError` where its ``set.json`` is damaged or of another format."""
+    path = folder / SET_FILE
+    tree = read_json(path, RESULT_BYTES, RESULT_NODES)
+    require_checksum(tree, str(path))
+    try:
+        if tree["format"] != FORMAT:
+            raise ValueError(f"format {tree['format']}, this version reads {FORMAT}")
+        return _set_of(tree, folder)
+    except UserError:
+        raise
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        reason = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else str(error)
+        raise UserError(f"{path} is damaged ({reason}); import the photographs again with --force") from error
+
+
+def _set_of(tree: Mapping[str, Any], folder: Path) -> PhotographSet:
+    camera = tree["camera"]
+    photographs = tuple(_photograph_of(record) for record in _some(tree["photographs"]))
+    names = [p.name for p in photographs]
+    if len(set(names)) < len(names):
+        raise ValueError("two photographs have one name")
+    if tree["scale_source"] not in get_args(ScaleSource):
+        raise ValueError(f"scale_source is {tree['scale_source']!r}")
+    halves = tree["halves"]
+    metres_per_unit = tree["metres_per_unit"]
+    return PhotographSet(
+        name=check_name(_text(tree["name"])),
+        folder=folder,
+        camera=CameraConfig(
+            int(camera["width_px"]), int(camera["height_px"]), _positive(camera["focal_px"], "focal_px")
+        ),
+        photographs=photographs,
+        height_m=_positive(tree["height_m"], "height_m"),
+        extents_m=_numbers(tree["extents_m"], 3),  # type: ignore[arg-type]
+        metres_per_unit=None if metres_per_unit is None else _positive(metres_per_unit, "metres_per_unit"),
+        scale_source=tree["scale_source"],
+        reference_error_m=_positive(tree["reference_error_m"], "reference_error_m"),
+        halves=HalvesAgreement(
+            *(
+                _numbers(halves[key], len(THRESHOLD_FRACTIONS))
+                for key in ("completeness", "precision", "f_score")
+            )
+        ),
+        weak=tuple(_text(line) for line in tree["weak"]),
+        notes=tuple(_text(line) for line in tree["notes"]),
+        source_folder=_text(tree["source_folder"]),
+    )
+
+
+def _photograph_of(record: Mapping[str, Any]) -> Photograph:
+    name = _text(record["name"])
+    if name != Path(name).name or name.startswith("."):
+        raise ValueError(f"{name!r} cannot name a photograph")
+    return Photograph(
+        name=name,
+        source=_text(record["source"]),
+        sha256=_text(record["sha256"]),
+        camera_from_world=None
+        if record["camera_from_world"] is None
+        else _pose(record["camera_from_world"], name),
+        masked=bool(record["masked"]),
+        time=None if record["time"] is None else _text(record["time"]),
+        gps=None if record["gps"] is None else _numbers(record["gps"], 3),  # type: ignore[arg-type]
+        gimbal_deg=None if record["gimbal_deg"] is None else _numbers(record["gimbal_deg"], 3),  # type: ignore[arg-type]
+    )
+
+
+def _pose(rows: Any, name: str) -> Floats:
+    pose = np.array([_numbers(row, 4) for row in rows], dtype=float)
+    rotation = pose[:3, :3]
+    if (
+        pose.shape != (4, 4)
+        or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6
+        or np.linalg.det(rotation) < 0
+    ):
+        raise ValueError(f"the pose of {name} is not a rigid transform")
+    return pose
+
+
+def _some(values: Any) -> list[Any]:
+    if not isinstance(values, list) or not 0 < len(values) <= MAX_PHOTOGRAPHS:
+        raise ValueError(f"photographs must be a list of 1 to {MAX_PHOTOGRAPHS}")
+    return values
+
+
+def _text(value: Any) -> str:
+    if not isinstance(value, str):
+        raise ValueError(f"{value!r} is not a text")
+    return value
+
+
+def _positive(value: Any, what: str) -> float:
+    number = _numbers([value], 1)[0]
+    if number <= 0:
+        raise ValueError(f"{what} is {number}")
+    return number
+
+
+def _numbers(values: Any, count: int) -> tuple[float, ...]:
+    if not isinstance(values, list) or len(values) != count:
+        raise ValueError(f"{str(values)[:60]} is not a list of {count} numbers")
+    for value in values:
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
+            raise ValueError(f"{value!r} is not a finite number")
+    return tuple(float(value) for value in values)
+
+
+def _pixels(path: Path, mode: str, camera: CameraConfig) -> NDArray[np.uint8]:
+    data = read_bytes(path, MAX_IMAGE_BYTES)
+    try:
+        with Image.open(io.BytesIO(data), formats=("JPEG", "PNG")) as picture:
+            if picture.size != (camera.width_px, camera.height_px):
+                raise ValueError(f"it is {picture.size[0]} x {picture.size[1]}")
+            return np.asarray(picture.convert(mode), dtype=np.uint8)
+    except (OSError, ValueError, SyntaxError) as error:
+        raise UserError(f"{path} is damaged ({error}); import the photographs again with --force") from error

@@ -1,0 +1,147 @@
+"""A set on disk: what is written is read back, and a damaged file is one clear line."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from nbv.checksums import with_checksum
+from nbv.config import CameraConfig
+from nbv.errors import UserError
+from nbv.geometry import look_at
+from nbv.photographs import HalvesAgreement, Photograph, PhotographSet, Reference, list_sets
+from nbv.photographs.photograph_set import REFERENCE_FILE, read_set, set_folder
+from nbv.photographs.reference_file import read_reference, write_reference
+
+
+@pytest.fixture
+def small_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PhotographSet:
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path))
+    folder = set_folder("mine")
+    (folder / "images").mkdir(parents=True)
+    made = PhotographSet(
+        name="mine",
+        folder=folder,
+        camera=CameraConfig(64, 48, 60.0),
+        photographs=(
+            Photograph(
+                "a",
+                "A.JPG",
+                "0" * 64,
+                look_at(np.array([3.5, 0, 1]), np.zeros(3)),
+                False,
+                "2016-11-18T16:11:33",
+                (35.0, 139.0, 5.0),
+                (10.0, -45.0, 0.0),
+            ),
+            Photograph("b", "B.JPG", "1" * 64, None, False),
+        ),
+        height_m=2.6,
+        extents_m=(1.0, 1.5, 2.6),
+        metres_per_unit=0.23,
+        scale_source="length",
+        reference_error_m=0.01,
+        halves=HalvesAgreement((50.0,) * 5, (60.0,) * 5, (55.0,) * 5),
+        weak=("nothing",),
+        notes=("a note",),
+        source_folder="photos",
+    )
+    made.write(folder)
+    return made
+
+
+def test_what_is_written_is_read_back(small_set: PhotographSet) -> None:
+    found = PhotographSet.read("mine")
+    assert list_sets() == ["mine"]
+    pose, expected = (s.photographs[0].camera_from_world for s in (found, small_set))
+    assert np.array_equal(pose, expected)
+    assert np.allclose(found.photographs[0].camera_center_m, [3.5, 0, 1])
+
+    def without_poses(s: PhotographSet) -> PhotographSet:
+        return dataclasses.replace(
+            s, photographs=tuple(dataclasses.replace(p, camera_from_world=None) for p in s.photographs)
+        )
+
+    assert without_poses(found) == without_poses(small_set)
+    assert [p.name for p in found.registered] == ["a"]
+    assert found.true_height_m == pytest.approx(2.6 * 0.23)
+    assert found.thresholds_m[2] == pytest.approx(0.03 * 2.6)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"height_m": -1.0},
+        {"height_m": float("nan")},
+        {"scale_source": "guess"},
+        {"photographs": []},
+        {"format": 99},
+        {"camera": {"width_px": 64}},
+        {"name": "../../other"},
+    ],
+)
+def test_a_damaged_description_is_one_line(small_set: PhotographSet, change: dict) -> None:
+    path = small_set.folder / "set.json"
+    path.write_text(json.dumps(with_checksum({**json.loads(path.read_text()), **change})))
+    with pytest.raises(UserError) as told:
+        read_set(small_set.folder)
+    assert "\n" not in str(told.value)
+
+
+def test_a_name_that_leads_elsewhere_is_refused(small_set: PhotographSet) -> None:
+    path = small_set.folder / "set.json"
+    tree = json.loads(path.read_text())
+    tree["photographs"][0]["name"] = "../../etc/passwd"
+    path.write_text(json.dumps(with_checksum(tree)))
+    with pytest.raises(UserError, match="cannot name a photograph"):
+        read_set(small_set.folder)
+
+
+def test_an_edited_description_is_noticed(small_set: PhotographSet) -> None:
+    path = small_set.folder / "set.json"
+    path.write_text(path.read_text().replace("0.23", "0.24"))
+    with pytest.raises(UserError, match="changed"):
+        PhotographSet.read("mine")
+
+
+def test_an_unknown_set_names_the_known_ones(small_set: PhotographSet) -> None:
+    with pytest.raises(UserError, match="known: mine"):
+        PhotographSet.read("yours")
+
+
+def test_pictures_are_checked(small_set: PhotographSet) -> None:
+    path = small_set.image_path("a")
+    pixels = np.full((48, 64, 3), 100, np.uint8)
+    Image.fromarray(pixels).save(path)
+    assert np.abs(small_set.image("a").astype(int) - pixels).max() <= 2
+    assert small_set.mask("a") is None
+    path.write_bytes(path.read_bytes()[:300])
+    with pytest.raises(UserError, match="damaged"):
+        small_set.image("a")
+    Image.fromarray(pixels[:40]).save(path)
+    with pytest.raises(UserError, match="64 x 40"):
+        small_set.image("a")
+
+
+def test_the_reference_is_read_back_and_a_truncated_one_refused(small_set: PhotographSet) -> None:
+    rng = np.random.default_rng(0)
+    normals = rng.normal(size=(50, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    made = Reference(
+        rng.normal(size=(50, 3)), normals, rng.integers(0, 255, (50, 3), dtype=np.uint8), rng.random(50)
+    )
+    path = small_set.folder / REFERENCE_FILE
+    write_reference(made, path)
+    found = read_reference(path)
+    assert np.allclose(found.points_m, made.points_m, atol=1e-6)
+    assert np.allclose(found.normals, made.normals, atol=1e-6)
+    assert np.array_equal(found.colors, made.colors)
+    assert np.allclose(found.error_m, made.error_m)
+    path.write_bytes(path.read_bytes()[:-5])
+    with pytest.raises(UserError, match="damaged"):
+        small_set.reference()
