@@ -20,6 +20,7 @@ from nbv.mission.flying import fly_mission
 from nbv.mission.function import MissionOptions
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import RunDirectory
+from nbv.rocks import load_coarse_rock
 from nbv.types import Capture, Cloud, Floats, Viewpoint
 
 
@@ -78,7 +79,9 @@ def run_geometric_mission(
     **options: Unpack[MissionOptions],
 ) -> MissionResult:
     """Fly one mission without images and predict its completeness; see `nbv.mission.MissionFunction`."""
-    return fly_mission(GeometricFidelity, config, rock, replicate, directory, **options)
+    return fly_mission(
+        GeometricFidelity, config, rock, replicate, directory, load=load_coarse_rock, **options
+    )
 
 
 def run_geometric_mission_with_oracle(

@@ -14,7 +14,7 @@ from nbv.flight import arrival_position
 from nbv.geometric.completeness import DenseModel, sample_probability
 from nbv.geometric.held_worlds import world_of
 from nbv.geometric.metrics import predicted_metrics
-from nbv.rocks import load_rock
+from nbv.rocks import load_coarse_rock
 from nbv.terrain import buried_rock
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
@@ -30,7 +30,7 @@ def predict_views(
         Unknown rock, or an id that is no candidate.
     """
     store = Store() if cache else None
-    subject = buried_rock(load_rock(rock, store), config)
+    subject = buried_rock(load_coarse_rock(rock, store), config)
     world = world_of(subject, config, store)
     seeds = seed_viewpoints(config)
     viewpoints = {v.id: v for v in (*seeds, *raw_candidates(config))}

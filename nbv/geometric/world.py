@@ -26,7 +26,6 @@ from nbv.geometry.visibility import (
     LANDMARK_MAX_INCIDENCE_DEG,
     OBSERVABLE_MAX_INCIDENCE_DEG,
     lifted,
-    seen_from,
 )
 from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
@@ -258,9 +257,13 @@ def _seen(
     seen = _in_images(points_m, centers, np.array(config.target_m), config.camera)
     seen &= points_m[:, 2] >= 0
     starts = lifted(points_m, normals, LIFT_M)
+    # As `nbv.geometry.visibility.seen_from`, for all views at once.
+    ahead = centers @ normals.T - np.einsum("ij,ij->i", starts, normals)
+    squared = (centers**2).sum(axis=1)[:, None] + (starts**2).sum(axis=1) - 2.0 * centers @ starts.T
+    seen &= ahead >= np.cos(np.deg2rad(max_incidence_deg)) * np.sqrt(squared)
     for row, center in enumerate(centers):
         ask = np.flatnonzero(seen[row])
-        seen[row, ask] = seen_from(center, starts[ask], normals[ask], caster, max_incidence_deg)
+        seen[row, ask] = ~caster.blocked(rays_of(starts[ask], center - starts[ask]), reach=1.0)
     return seen
 
 

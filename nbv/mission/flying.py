@@ -49,6 +49,7 @@ def fly_mission(
     cache: bool = True,
     log: Log = no_log,
     with_oracle: bool = False,
+    load: Callable[[str, Store | None], Rock] = load_rock,
 ) -> MissionResult:
     """Fly one mission and measure it; see `nbv.mission.function.MissionFunction`.
 
@@ -65,11 +66,13 @@ def fly_mission(
         Called with an event's name and its facts as the mission goes on.
     with_oracle
         Record, beside every decision, what an oracle would have gained from each scorer's best candidate.
+    load
+        The rock of a name.
     """
     started = time.perf_counter()
     config.require_seeds_above_ground()
     store = Store() if cache else None
-    found = load_rock(rock, store)
+    found = load(rock, store)
     subject = buried_rock(found, config)
     run = RunDirectory(directory, overwrite=overwrite) if directory is not None else None
     if run is not None:

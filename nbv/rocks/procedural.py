@@ -16,6 +16,7 @@ from nbv.rocks.rock import DEFAULT_HEIGHT_M, Rock, make_rock
 from nbv.types import Floats, Ints
 
 GRID_M = 0.007  # of the signed distance; mean edge about 6 mm, below a pixel at 4 m (8.6 mm)
+COARSE_GRID_M = 0.028  # where nothing is photographed: a sixteenth of the faces
 LIPSCHITZ = 2.0  # how much faster than the true distance a shape function may change
 _HALF_WIDTH_M, _TOP_M = 1.2, 1.92
 _LEVELS = 3  # blocks of 8, 4, 2 cells
@@ -37,16 +38,16 @@ def generate_rock(name: str, *, grid_m: float = GRID_M) -> Rock:
     return make_rock(name, vertices, faces, albedo, split=recipe.split, difficulty=recipe.difficulty)
 
 
-def procedural_rock(name: str, store: Store | None = None) -> Rock:
+def procedural_rock(name: str, store: Store | None = None, *, grid_m: float = GRID_M) -> Rock:
     """`generate_rock`, which takes a few seconds, from ``store`` if it is there."""
     recipe = recipe_of(name)
 
     def arrays() -> Arrays:
-        rock = generate_rock(name)
+        rock = generate_rock(name, grid_m=grid_m)
         return {"vertices_m": rock.vertices_m, "faces": rock.faces.astype(np.int32), "albedo": rock.albedo}
 
     layout = {"vertices_m": "f n 3", "faces": "i _ 3 <n", "albedo": "f n 3"}
-    found = remember(store, "rocks", arrays, is_sound=holds(layout), code=__name__, inputs=[name, GRID_M])
+    found = remember(store, "rocks", arrays, is_sound=holds(layout), code=__name__, inputs=[name, grid_m])
     return make_rock(
         name,
         found["vertices_m"],

@@ -12,7 +12,7 @@ import sys
 from typing import Any
 
 from nbv.safe_files import expanded
-from tuner.missions.registry import EXTERNAL, FIDELITIES, module_of
+from tuner.missions.registry import EXTERNAL, FIDELITIES, is_geometric, module_of
 
 MAX_HELD_BYTES = 256 * 2**20  # eight to ten rocks of the catalogue
 # Importing a larger mesh takes more memory than there may be beside the missions.
@@ -46,9 +46,9 @@ class SharedRocks:
             if path.is_file() and path.stat().st_size > MAX_FILE_BYTES:
                 return
             from nbv.cache import Store  # noqa: PLC0415  the server stays light
-            from nbv.rocks import load_rock  # noqa: PLC0415
+            from nbv.rocks import load_coarse_rock, load_rock  # noqa: PLC0415
 
-            mesh = load_rock(rock, Store())
+            mesh = (load_coarse_rock if is_geometric(fidelity) else load_rock)(rock, Store())
         except Exception as error:  # the next mission on it meets the same error and records it
             print(f"rock {rock!r} is not shared: {error}", file=sys.stderr)
             return

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nbv.errors import UserError
-from nbv.rocks import describe, load_rock
+from nbv.rocks import describe, load_coarse_rock, load_rock
 from nbv.rocks.families import FAMILIES, HEIGHT_M, generated_name, generated_recipe
 from nbv.rocks.procedural import generate_rock
 
@@ -52,3 +52,13 @@ def test_what_is_no_generated_rock_is_said() -> None:
         generated_recipe("slab", -1)
     with pytest.raises(UserError, match=r"seed 99999999 .* not from 0"):
         load_rock("slab-99999999")
+
+
+def test_a_coarse_rock_is_the_same_rock_with_a_sixteenth_of_the_faces() -> None:
+    fine, coarse = load_rock("slab-7"), load_coarse_rock("slab-7")
+    assert coarse.name == fine.name and coarse.split == fine.split
+    assert len(coarse.faces) == pytest.approx(len(fine.faces) / 16, rel=0.15)
+    assert coarse.vertices_m.max(axis=0) == pytest.approx(fine.vertices_m.max(axis=0), abs=0.03)
+    area, coarse_area = describe(fine).area_m2, describe(coarse).area_m2
+    assert coarse_area == pytest.approx(area, rel=0.05)
+    assert load_coarse_rock("slab") is load_rock("slab")

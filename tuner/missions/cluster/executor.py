@@ -16,6 +16,7 @@ from distributed import Client, Future
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.rocks import load_rock
+from nbv.rocks.families import generated_name
 from nbv.rocks.imported import write_rock
 from nbv.rocks.recipes import RECIPES
 from tuner.missions.cluster import worker
@@ -101,7 +102,8 @@ class DaskExecutor:
 
     def _rock(self, job: MissionJob) -> tuple[str, bytes]:
         """Return hash and content of a rock that a worker cannot make itself; empty for one that it can."""
-        if job.fidelity not in FIDELITIES or job.fidelity == EXTERNAL or job.rock in RECIPES:
+        made_there = job.rock in RECIPES or generated_name(job.rock) is not None
+        if job.fidelity not in FIDELITIES or job.fidelity == EXTERNAL or made_there:
             return "", b""
         if job.rock not in self._rocks:
             rock = load_rock(job.rock, Store())

@@ -16,7 +16,7 @@ from nbv.errors import UserError
 from nbv.evaluation import ground_truth
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.geometry.raycasting import RayCaster
-from nbv.rocks import Rock, load_rock
+from nbv.rocks import Rock, load_coarse_rock, load_rock
 from nbv.terrain import buried_rock
 from nbv.terrain.relief import relief_of
 from nbv.types import Floats, Ints
@@ -70,7 +70,9 @@ def the_rock(run: Path, result: Mapping[str, Any], rock: str | None, store: Stor
     name = rock or result["rock"]
     remedy = "name its mesh file with --rock"
     try:
-        found = load_rock(name, store)
+        # As the mission loaded it.
+        load = load_coarse_rock if result["provenance"].get("fidelity") == "geometric" else load_rock
+        found = load(name, store)
     except UserError as error:
         if rock is not None:
             raise
