@@ -1,4 +1,4 @@
-"""Pictures of page, viewer, dashboard and terminal for the documents: python docs/make_screenshots.py
+"""Pictures of page, viewer and terminal for the documents: python docs/make_screenshots.py
 
 Flies a small campaign with photographs in a temporary folder (a few minutes) and takes pictures in headless Chromium. Each
 picture holds a digest of the files that decide how what it shows looks; a test compares it. After a change of those
@@ -13,11 +13,9 @@ import html
 import io
 import os
 import shutil
-import socket
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 from PIL import Image
@@ -29,7 +27,6 @@ TEMPLATES = "tuner/report/templates"
 MADE_FROM = {  # picture: what decides how it looks
     "campaign_page": [f"{TEMPLATES}/{name}" for name in ("campaign.html.j2", "campaign.js", "page.html.j2")],
     "mission_view": [f"{TEMPLATES}/{name}" for name in ("walk.html.j2", "walk.js")],
-    "dashboard": ["tuner/report/dashboard.py"],
     "terminal": ["tuner/commands/campaign_display.py"],
 }
 DIGEST = "made from"  # the text in a picture that holds the digest
@@ -92,27 +89,6 @@ def photograph_terminal(said: str, words: list[str], folder: Path) -> None:
     photograph(page.as_uri(), (800, 24 + 21 * (len(shown) + 1)), "terminal")
 
 
-def photograph_dashboard(run: Path, folder: Path) -> None:
-    """The campaign in optuna-dashboard: its own server, the study's first page."""
-    gatetune(["export", str(run), "--to", "optuna", "--out", str(folder / "dashboard")], folder)
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    command = [Path(sys.executable).with_name("optuna-dashboard"), folder / "dashboard" / "study.journal"]
-    command += ["--artifact-dir", folder / "dashboard" / "artifacts", "--port", str(port)]
-    server = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        for _ in range(240):
-            with socket.socket() as probe:
-                if probe.connect_ex(("127.0.0.1", port)) == 0:
-                    break
-            time.sleep(0.5)
-        photograph(f"http://127.0.0.1:{port}/dashboard/studies/0", (1300, 1000), "dashboard", 96, wait_s=30)
-    finally:
-        server.terminate()
-        server.wait()
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--run", type=Path, help="A finished campaign with missions kept whole: fly none.")
@@ -137,7 +113,6 @@ def main() -> None:
             "mission_view": lambda: photograph(
                 f"{(run / 'shown' / 'view.html').as_uri()}", (1300, 820), "mission_view", 224
             ),
-            "dashboard": lambda: photograph_dashboard(run, folder),
             "terminal": lambda: photograph_terminal(said, words, folder),
         }
         for name in [arguments.only] if arguments.only else MADE_FROM:

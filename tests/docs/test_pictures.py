@@ -1,4 +1,4 @@
-"""Pictures of page, viewer, dashboard and terminal are not older than what they show."""
+"""Pictures of page, viewer and terminal are not older than what they show."""
 
 from __future__ import annotations
 

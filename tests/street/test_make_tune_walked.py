@@ -52,7 +52,7 @@ def same_everywhere(street: Street, answer: dict) -> str:
     campaign = Campaign.open(street.folder / "runs/tune", read_only=True)
     assert answer["values"] == campaign.recommendation(save=False).values != answer["default_values"]
     street.run("gatetune export runs/tune")
-    for to in ("unified_mission.yaml", "gatetune.yaml", "csv", "json", "optuna"):
+    for to in ("unified_mission.yaml", "gatetune.yaml", "csv"):
         street.run(f"gatetune export runs/tune --to {to}")
     street.run("gatetune export runs/tune --to plan --home 47.4,8.5")
     street.run("gatetune export runs/tune --to scoring.yaml", code=2)  # it would carry nothing

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import importlib
 import inspect
-import json
 import re
 import subprocess
 import sys
@@ -149,14 +148,9 @@ def test_evaluation_and_reproduction(campaign: tuner.Campaign, tmp_path: Path) -
     assert list(tuner.frame(table)["strategy"]) == ["covis", "hyb-h"]
 
 
-def test_tables_hold_the_same_missions(gatetune, campaign: tuner.Campaign, tmp_path: Path) -> None:
-    values = [trial.raw for trial in campaign.trials()]
-    for kind in ("csv", "json"):
-        code, _, err = gatetune("export", campaign.directory, "--to", kind, "--out", tmp_path / f"m.{kind}")
-        assert code == 0, err
+def test_a_table_holds_the_same_missions(gatetune, campaign: tuner.Campaign, tmp_path: Path) -> None:
+    code, _, err = gatetune("export", campaign.directory, "--to", "csv", "--out", tmp_path / "m.csv")
+    assert code == 0, err
     with (tmp_path / "m.csv").open() as file:
-        assert [float(row["value"]) for row in csv.DictReader(file)] == values
-    assert [row["value"] for row in json.loads((tmp_path / "m.json").read_text())] == values
-    pytest.importorskip("pyarrow")
-    assert gatetune("export", campaign.directory, "--to", "parquet", "--out", tmp_path / "m.parquet")[0] == 0
-    assert list(pd.read_parquet(tmp_path / "m.parquet")["value"]) == values
+        found = [float(row["value"]) for row in csv.DictReader(file)]
+    assert found == [trial.raw for trial in campaign.trials()]

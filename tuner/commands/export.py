@@ -15,14 +15,14 @@ from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json, read_yaml
-from tuner.commands.console import AsJson, answer_json, load, output, working
+from tuner.commands.console import AsJson, answer_json, load, output
 
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
     from tuner.recommendation.recommendation import Recommendation
     from tuner.report.campaign.vehicle_files import VehicleFile
 
-OURS, TABLES = "gatetune.yaml", ("csv", "json", "parquet")
+OURS = "gatetune.yaml"
 
 
 class Format(StrEnum):
@@ -33,9 +33,6 @@ class Format(StrEnum):
     ours = OURS
     plan = "plan"
     csv = "csv"
-    json = "json"
-    parquet = "parquet"
-    optuna = "optuna"
 
 
 def export(
@@ -43,9 +40,8 @@ def export(
     to: Annotated[
         Format | None,
         typer.Option(
-            help="scoring.yaml and unified_mission.yaml are the authors' files; plan is QGroundControl's; csv, json and parquet "
-            "hold a row per mission of a campaign or an evaluation; optuna is a folder for optuna-dashboard. "
-            "Without it: what each file would carry."
+            help="scoring.yaml and unified_mission.yaml are the authors' files; plan is QGroundControl's; csv has a row per "
+            "mission of a campaign or an evaluation. Without it: what each file would carry."
         ),
     ] = None,
     out: Annotated[
@@ -70,21 +66,14 @@ def export(
     output.print(f"exporting {what} of {run}", soft_wrap=True)  # before what takes seconds to load
     if to is None:
         return _list_files(run)
-    if to.value in TABLES:
-        from tuner.report.records import write_records
+    if to is Format.csv:
+        from tuner.report.records import write_csv
 
-        return _wrote(write_records(_missions(run), out or run / f"missions.{to.value}", to.value))
+        return _wrote(write_csv(_missions(run), out or run / "missions.csv"))
     if to is Format.plan:
         text, remarks = _plan(run, str(home))
         return _wrote(_write(out or run / "route.plan", text), remarks)
     load("tuner.campaign.campaign")
-    if to is Format.optuna:
-        from tuner.campaign.campaign import Campaign
-        from tuner.report.dashboard import write_dashboard
-
-        with working("writing the study and its artefacts"):
-            files = write_dashboard(Campaign.open(run, read_only=True), out or run / "dashboard")
-        return _wrote(files.journal, [f"look at it: {files.command}"])
     found = _files(*_recommended(run), {to.value: onto} if onto else None)
     file = next((file for file in found if file.name == to.value), None)
     if file is None:

@@ -220,28 +220,22 @@ def view(
         str | None, typer.Option(help="Mesh file of a rock that is not in the catalogue.")
     ] = None,
     out: Annotated[Path | None, typer.Option(help="The page (default: RUN/view.html).")] = None,
-    rrd: Annotated[
-        Path | None, typer.Option(help="Also write RUN as a recording for Rerun's viewer (extra `viewer`).")
-    ] = None,
 ) -> None:
     """A page to walk around in, which opens without a server: rock, clouds, cameras, pool and path, capture by capture.
 
     Example: gatetune mission view runs/mission-slab-hyb-h-0
     """
     from tuner.campaign.settings_file import SETTINGS_FILE
-    from tuner.report import write_mission_recording, write_mission_view
+    from tuner.report import write_mission_view
 
     if (run / SETTINGS_FILE).is_file():
         return _view_campaign(run)
     runs = [run] if other is None else [run, other]
     page = out or run / ("view.html" if other is None else f"view-beside-{other.resolve().name}.html")
     with working("writing the page"):
-        written = [write_mission_view(runs, page, rock)]
-        if rrd is not None:
-            written.append(write_mission_recording(run, rrd, rock))
-    for path in written:
-        size_mb = path.stat().st_size / 1e6
-        output.print(f"wrote {path} ({size_mb:.1f} MB)", markup=False, highlight=False, soft_wrap=True)
+        write_mission_view(runs, page, rock)
+    size_mb = page.stat().st_size / 1e6
+    output.print(f"wrote {page} ({size_mb:.1f} MB)", markup=False, highlight=False, soft_wrap=True)
 
 
 def _view_campaign(directory: Path) -> None:

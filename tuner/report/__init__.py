@@ -13,14 +13,12 @@ if TYPE_CHECKING:
     from tuner.report.campaign.page import write_campaign_report
     from tuner.report.comparison.page import write_comparison_report
     from tuner.report.mission.figures import write_mission_figures
-    from tuner.report.mission.recording import write_mission_recording
     from tuner.report.mission.walk import write_mission_view
 
 __all__ = [
     "write_campaign_report",
     "write_comparison_report",
     "write_mission_figures",
-    "write_mission_recording",
     "write_mission_view",
 ]
 __getattr__, __dir__, _ = lazy_loader.attach(
@@ -29,7 +27,6 @@ __getattr__, __dir__, _ = lazy_loader.attach(
         "campaign.page": ["write_campaign_report"],
         "comparison.page": ["write_comparison_report"],
         "mission.figures": ["write_mission_figures"],
-        "mission.recording": ["write_mission_recording"],
         "mission.walk": ["write_mission_view"],
     },
 )

@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import csv
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from nbv.errors import UserError
-from nbv.mission.result import json_ready
-from nbv.mission.run_directory import write_atomic
 from tuner.campaign.campaign import Campaign
 from tuner.evaluation.flying import EvaluationRun
 
 if TYPE_CHECKING:
     import pandas as pd
-
-TABLES = ("csv", "json", "parquet")
 
 
 def records_of(source: Campaign | EvaluationRun) -> list[dict[str, Any]]:
@@ -73,36 +68,18 @@ def frame_of(source: Campaign | EvaluationRun) -> pd.DataFrame:
     return pandas.DataFrame(records_of(source))
 
 
-def write_records(source: Campaign | EvaluationRun, path: Path, kind: str) -> Path:
-    """Write `records_of` as one of `TABLES`; only ``parquet`` needs pandas.
-
-    Raises
-    ------
-    UserError
-        The kind is unknown, the file cannot be written, or a package is missing.
-    """
-    if kind not in TABLES:
-        raise UserError(f"{kind!r} is no kind of table; choose from {', '.join(TABLES)}")
+def write_csv(source: Campaign | EvaluationRun, path: Path) -> Path:
+    """Write `records_of` as a table; ``UserError`` if the file cannot be written."""
+    records = records_of(source)
+    columns = list(dict.fromkeys(name for record in records for name in record))
     try:
-        if kind == "parquet":
-            frame_of(source).to_parquet(path)
-        elif kind == "json":
-            write_atomic(path, json.dumps(json_ready(records_of(source)), indent=1) + "\n")
-        else:
-            _write_csv(path, records_of(source))
-    except ImportError as error:
-        raise UserError("parquet needs pyarrow; run: pip install 'gatetune[frames]'") from error
+        with path.open("w", newline="") as file:
+            writer = csv.DictWriter(file, columns)
+            writer.writeheader()
+            writer.writerows(records)
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}; choose another file") from error
     return path
-
-
-def _write_csv(path: Path, records: Sequence[Mapping[str, Any]]) -> None:
-    columns = list(dict.fromkeys(name for record in records for name in record))
-    with path.open("w", newline="") as file:
-        writer = csv.DictWriter(file, columns)
-        writer.writeheader()
-        writer.writerows(records)
 
 
 def _flat(prefix: str, tree: Mapping[str, Any]) -> dict[str, Any]:

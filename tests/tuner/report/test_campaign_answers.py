@@ -31,7 +31,6 @@ from tuner.report.campaign.drawings import gate_drawing, pairs_drawing
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.campaign.rows import failure_rows, key_figures
 from tuner.report.campaign.wider import WIDER_FILE, write_wider_settings
-from tuner.report.dashboard import _adjusted
 
 
 @pytest.fixture(scope="module")
@@ -259,14 +258,6 @@ def test_where_all_failed_nothing_is_recommended(tmp_path: Path) -> None:
     assert use_answer(facts)["sentence"].startswith("Nothing yet: none of the 8")
     why, command = next_answer(facts, evaluated=False)
     assert "seed_model_failed" in why and "campaign resume" in command
-
-
-def test_a_count_in_the_dashboard_is_a_count(campaign: Campaign) -> None:
-    facts = CampaignFacts(campaign)
-    trial = dataclasses.replace(facts.trials[0], raw=26.0)
-    assert _adjusted(facts, trial) != 26.0
-    facts.modelled = Objective("whole.completeness_48mm")  # the photographs are known, this is modelled
-    assert _adjusted(facts, trial) == 26.0
 
 
 def test_searching_wider_keeps_everything_else(campaign: Campaign, tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.showcase import fly_showcase
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.space_files import load_search_space
-from tuner.report import write_campaign_report, write_mission_recording, write_mission_view
+from tuner.report import write_campaign_report, write_mission_view
 from tuner.report.campaign.walks import write_mission_pages
 from tuner.report.mission.trajectory import trajectory_figure
 from tuner.report.mission.walk_world import STEP_M
@@ -191,13 +191,6 @@ def test_another_rock_is_refused(mission: Path, tmp_path: Path) -> None:
     (other / "mission.json").write_text(json.dumps(result))
     with pytest.raises(UserError, match=r"flown on another 'slab' than the one found now.*--rock"):
         write_mission_view([other], tmp_path / "view.html")
-
-
-def test_a_recording_for_rerun(mission: Path, tmp_path: Path) -> None:
-    pytest.importorskip("rerun")
-    path = write_mission_recording(mission, tmp_path / "first.rrd")
-    assert path.read_bytes()[:4] in (b"RRF2", b"RRIO")
-    assert path.stat().st_size > 50_000
 
 
 def test_a_campaign_shows_its_default_and_its_kept_missions(tmp_path: Path) -> None:
