@@ -360,11 +360,10 @@ STRATEGIES: dict[str, Factory] = {
     # as gp from 13 parameters on, without its linear trend
     "gp+sparse": gp_variant(sparse=True, trend=False),
     "gp+unblocked": gp_variant(blocks=False),
-    "gp+landscapes": gp_variant(own_landscapes=True),
 }
 
 
-_MANY_ROCKS = ("gp+landscapes", "gp+unblocked", "gp+trusting")
+_MANY_ROCKS = ("gp+unblocked", "gp+trusting")
 _TRUSTED_DEFAULT = (
     "gp+sobol",
     "optuna-gp+near",

@@ -23,7 +23,6 @@ from tuner.evaluation.flying import EvaluationRun, place_for, run_evaluation
 from tuner.evaluation.of_campaign import held_out
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import local_executor
-from tuner.problem.options import Risk
 from tuner.report.records import frame_of
 
 if TYPE_CHECKING:
@@ -45,7 +44,6 @@ def tune(
     objective: str | Mapping[str, str] | None = None,
     second: str | Mapping[str, str] | None = None,
     limit: float | None = None,
-    risk: Risk | None = None,
     preset: str | None = None,
     overrides: Mapping[str, Any] | None = None,
     fidelity: str | None = None,
@@ -83,8 +81,6 @@ def tune(
         ``"f_score"``, ``"f_score@photographs<=21"``, ``"photographs@f_score>=97"``, or metric and direction.
     second, limit
         Another objective, and how much of it is asked for, where ``objective`` does not say so in one text.
-    risk
-        ``"mean"`` over rocks and conditions, or ``"worst"``.
     preset, overrides
         What missions fly: a preset, and values by parameter path laid over it.
     fidelity
@@ -125,7 +121,6 @@ def tune(
         objective=objective,
         second=second,
         limit=limit,
-        risk=risk,
         preset=preset,
         overrides=overrides,
         fidelity=fidelity,

@@ -12,7 +12,6 @@ from __future__ import annotations
 import torch
 from botorch.acquisition import AcquisitionFunction
 
-from tuner.acquisition.over_rocks import WorldOutcomes
 from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
 
@@ -51,7 +50,7 @@ class LogBelievedSaving(AcquisitionFunction):
         super().__init__(model.model)
         self._cost, self._at_least, self._quantile = cost, at_least, quantile
         self._recent: torch.Tensor | None = None
-        self._worlds, self._noise = WorldOutcomes(model), model.noise_sd**2
+        self._gp, self._noise = model, model.noise_sd**2
         levels, chances = [best], [1.0]
         if flying is not None:
             with torch.no_grad():
@@ -79,11 +78,9 @@ class LogBelievedSaving(AcquisitionFunction):
         points = X
         if self._recent is not None:
             points = torch.cat([X, self._recent.expand(len(X), *self._recent.shape)], dim=1)
-        belief, count, q = self._worlds.posterior(points), self._worlds.num_outputs, points.shape[1]
-        mean = belief.mean[:, 0].mean(-1)
-        covariance = belief.distribution.covariance_matrix.unflatten(1, (count, q)).unflatten(3, (count, q))
-        covariance = covariance.mean((1, 3))  # of the means over the worlds
-        variance = covariance[:, 0, 0]
+        q = points.shape[1]
+        means, covariance = self._gp.mean_over_worlds(points)
+        mean, variance = means[:, 0], covariance[:, 0, 0]
         if q > 1:
             across = covariance[:, 1:, :1]
             noisy = covariance[:, 1:, 1:] + self._noise * torch.eye(q - 1, dtype=X.dtype)

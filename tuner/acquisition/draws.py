@@ -12,14 +12,11 @@ from botorch.utils.sampling import manual_seed
 
 from nbv.types import Floats
 from tuner.acquisition.constrained import Constraint, surrogate_of
-from tuner.acquisition.over_rocks import WorldOutcomes
-from tuner.acquisition.propose import LOCAL_BEST, best_flown, only_allowed, over_worlds, starting_points
-from tuner.problem.options import Risk
+from tuner.acquisition.propose import LOCAL_BEST, best_flown, only_allowed, starting_points
 from tuner.problem.search_space import Values
 from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import numerics, tensor
-from tuner.surrogate.risk import risk_of
 
 GLOBAL_POINTS, LOCAL_POINTS = 256, 1024
 _FAILS = 1e6  # standard deviations: worse than all that works
@@ -27,31 +24,17 @@ _LITTLE = 1e-6  # standard deviations
 _BREAKS = 1e3  # likewise: worse than all that keeps a limit
 
 
-def draw_best(model: RockMeanGP, count: int, seed: int, risk: Risk = "mean") -> list[Values]:
+def draw_best(model: RockMeanGP, count: int, seed: int) -> list[Values]:
     """Return ``count`` configurations, each the best of one posterior draw; no two are alike.
 
     A draw is over points everywhere and near the best flown.
-
-    Parameters
-    ----------
-    model
-        The surrogate.
-    count
-        How many configurations.
-    seed
-        The seed of points and draws.
-    risk
-        The measure over worlds.
     """
     with numerics(seed), torch.no_grad():
         points = starting_points(model, seed, GLOBAL_POINTS, LOCAL_POINTS)
         points = np.unique([model.space.snap(x) for x in points], axis=0)
         inputs = model.inputs(points)
         with manual_seed(seed):
-            if over_worlds(model, risk):
-                draws = risk_of(WorldOutcomes(model).posterior(inputs).rsample(torch.Size([count])), risk)
-            else:
-                draws = model.model.posterior(inputs).rsample(torch.Size([count]))[..., 0]
+            draws = model.model.posterior(inputs).rsample(torch.Size([count]))[..., 0]
         return _distinct(model, points, draws, seed)
 
 

@@ -1,4 +1,4 @@
-"""What to fly next: log noisy expected improvement of the mean over rocks (Ament et al., NeurIPS 2023)."""
+"""What to fly next: log noisy expected improvement of the mean over worlds (Ament et al., NeurIPS 2023)."""
 
 from __future__ import annotations
 
@@ -9,23 +9,17 @@ from typing import Any
 import numpy as np
 import torch
 from botorch.acquisition import AcquisitionFunction
-from botorch.acquisition.logei import qLogNoisyExpectedImprovement
-from botorch.acquisition.objective import GenericMCObjective
 from botorch.acquisition.utils import prune_inferior_points
 from botorch.optim import optimize_acqf
-from botorch.sampling import SobolQMCNormalSampler
 from botorch.utils.sampling import draw_sobol_samples
 
 from nbv.types import Bools, Floats
 from tuner.acquisition.noisy_improvement import LogNoisyImprovement
-from tuner.acquisition.over_rocks import WorldOutcomes
-from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
 from tuner.surrogate.condensed import EXACT_MISSIONS
 from tuner.surrogate.feasibility import Feasibility
 from tuner.surrogate.model import RockMeanGP, moments
 from tuner.surrogate.numerics import numerics
-from tuner.surrogate.risk import risk_of
 
 BLOCK = 128  # points tried at once
 LOCAL_BEST = 4
@@ -42,66 +36,29 @@ LOCAL_POINTS = 256  # near the best configurations so far, where improvement is 
 
 
 def propose(
-    model: RockMeanGP,
-    pending: Sequence[Mapping[str, Any]],
-    seed: int,
-    risk: Risk = "mean",
+    model: RockMeanGP, pending: Sequence[Mapping[str, Any]], seed: int
 ) -> tuple[Values, dict[str, float]]:
     """Return the configuration with the largest acquisition value, and figures that explain it.
 
     Missions in flight count as points whose outcome is not known yet, so that simultaneous proposals differ. The figures are
     the acquisition value, the improvement it stands for, and the model's mean and standard deviation there (objective's
     unit, larger is better).
-
-    Parameters
-    ----------
-    model
-        The surrogate.
-    pending
-        The configurations in flight.
-    seed
-        The seed of samples and starting points.
-    risk
-        The measure over worlds.
     """
     with numerics(seed):
-        acquisition = _acquisition(model, pending, seed, risk)
+        known = prune_inferior_points(model.model, model.inputs(model.promising(BASELINE)))
+        if pending:
+            flying = model.inputs(np.array([model.space.to_unit(v) for v in pending]))
+            known = torch.unique(torch.cat([known, flying]), dim=0)
+        acquisition = LogNoisyImprovement(model.model, known, MONTE_CARLO_SAMPLES, seed)
         position, score = maximise(model, acquisition, seed)
     values = model.space.from_unit(position)
-    belief = model.posterior([values], risk)
-    # Over worlds outcomes are in the objective's unit already.
-    unit = 1.0 if over_worlds(model, risk) else model.mean_scale
+    belief = model.posterior([values])
     return values, {
         "log_nei": score,
-        "expected_gain": math.exp(score) * unit,
+        "expected_gain": math.exp(score) * model.mean_scale,
         "predicted_mean": float(belief.mean[0]),
         "predicted_sd": float(belief.sd[0]),
     }
-
-
-def _acquisition(
-    model: RockMeanGP, pending: Sequence[Mapping[str, Any]], seed: int, risk: Risk
-) -> AcquisitionFunction:
-    baseline = model.inputs(model.promising(BASELINE))
-    flying = model.inputs(np.array([model.space.to_unit(v) for v in pending])) if pending else None
-    if not over_worlds(model, risk):
-        known = prune_inferior_points(model.model, baseline)
-        known = known if flying is None else torch.unique(torch.cat([known, flying]), dim=0)
-        return LogNoisyImprovement(model.model, known, MONTE_CARLO_SAMPLES, seed)
-    return qLogNoisyExpectedImprovement(
-        WorldOutcomes(model),
-        X_baseline=baseline,
-        sampler=SobolQMCNormalSampler(torch.Size([MONTE_CARLO_SAMPLES]), seed=seed),
-        objective=GenericMCObjective(lambda samples, X=None: risk_of(samples, risk)),
-        X_pending=flying,
-        prune_baseline=True,
-        cache_root=False,
-    )
-
-
-def over_worlds(model: RockMeanGP, risk: Risk) -> bool:
-    """Whether worlds are looked at one by one: their own landscapes count by scales that the common one does not know."""
-    return risk != "mean" or model.settings.own_landscapes
 
 
 def maximise(
@@ -145,7 +102,7 @@ def maximise(
     best, best_score = points[int(order[0])], float(scores[order[0]])
     if len(discrete) == d:
         return best, best_score
-    # The last columns are rock, block, and the like: everything is compared without their offsets.
+    # The last columns are world and block: everything is compared without their offsets.
     nowhere = dict(enumerate(starts[0, 0, d:].tolist(), start=d))
     bounds = torch.zeros(2, starts.shape[-1], dtype=torch.float64)
     bounds[1, :d] = 1.0

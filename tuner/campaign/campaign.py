@@ -19,13 +19,12 @@ import contextlib
 import dataclasses
 import functools
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from nbv.errors import UserError
-from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import write_atomic
 from nbv.safe_files import RESULT_BYTES, read_json, read_text
 from tuner import (  # only what is used is loaded: who looks need not wait for torch
@@ -52,7 +51,6 @@ from tuner.problem.exact_costs import Exact, modelled
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Configuration
-from tuner.recommendation.inactive import Inactive, inactive_parameters
 from tuner.recommendation.recommendation import Recommendation
 from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight
 from tuner.samplers.earlier_missions import EarlierMissions
@@ -89,7 +87,6 @@ def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | Non
         settings.seed,
         settings.initial_size(),
         settings.replicates,
-        settings.risk,
         learned,
         settings.second is not None,
         settings.budget,
@@ -254,7 +251,7 @@ class Campaign:
         """A model of each objective, or what is known of it."""
         s = self.settings
         return acquisition.two_models(
-            s.space, both, s.worlds, s.seed, surrogate_settings(s.space, s.risk), self.exact(both)
+            s.space, both, s.worlds, s.seed, surrogate_settings(s.space), self.exact(both)
         )
 
     def front(self, *, save: bool = True) -> list[FrontPoint]:
@@ -306,19 +303,17 @@ class Campaign:
         if (saved := self.saved_recommendation(history, latest=latest)) is not None:
             return saved
         brief = brief and (self.settings.second is None or self.settings.limit is not None)  # else: the front
-        result = self.recommend_from(history, simplify=not brief)
+        result = self.recommend_from(history, brief=brief)
         if result is not None and save:
             tree = {**result.to_dict(), "brief": brief}
             write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(tree, indent=1))
         return result
 
-    def recommend_from(
-        self, history: Sequence[Observation], *, simplify: bool = True
-    ) -> Recommendation | None:
-        """Return what would be recommended after ``history``; ``simplify`` adds the runner-up and the next rock."""
+    def recommend_from(self, history: Sequence[Observation], *, brief: bool = False) -> Recommendation | None:
+        """Return what would be recommended after ``history``; ``brief``: without the next rock and the front."""
         s = self.settings
         exact = self.exact(history)
-        constraint, front = self._second(history) if simplify or s.limit is not None else (None, [])
+        constraint, front = (None, []) if brief and s.limit is None else self._second(history)
         history = self.modelled(history)
         result = recommendation.recommend(
             s.space,
@@ -329,11 +324,9 @@ class Campaign:
             s.seed,
             replicates=s.replicates,
             only_verified=s.sampler == "gp" and (s.second is None or s.limit is not None),
-            settings=surrogate_settings(s.space, s.risk),
-            risk=s.risk,
+            settings=surrogate_settings(s.space),
             feature=self._feature(),
-            find_inactive=self._inactive if simplify else None,
-            simplify=simplify,
+            brief=brief,
             constraint=constraint,
             exact=exact.first,
             second=s.second,
@@ -353,17 +346,6 @@ class Campaign:
             acquisition.flown_in_both(models, objectives, s.space, both), objectives
         )
 
-    def _inactive(self, values: Mapping[str, Any], numbers: Sequence[int]) -> list[Inactive]:
-        """Return which parameters changed no choice in a configuration's missions; none where their documents are gone."""
-        directories = {t.number: self.directory / t.directory for t in self.trials()}
-        traces = []
-        for number in numbers:
-            with contextlib.suppress(UserError, OSError):
-                traces.append(MissionResult.load(directories[number]).trace)
-        return inactive_parameters(
-            self.settings.space, self.settings.config(values), self.settings.default_values(), traces
-        )
-
     def _feature(self) -> Feature | None:
         return None if self.learned is None else self.learned.feature
 
@@ -381,7 +363,7 @@ class Campaign:
         s = self.settings
         worlds = [world for world in s.worlds if rocks is None or world.rock in rocks]
         return surrogate.RockMeanGP(
-            s.space, history, worlds, s.seed, surrogate_settings(s.space, s.risk), self._feature()
+            s.space, history, worlds, s.seed, surrogate_settings(s.space), self._feature()
         )
 
     def propose(self, trials: Sequence[TrialRecord], known: int) -> Proposal:

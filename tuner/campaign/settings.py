@@ -35,7 +35,6 @@ from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, require_fidelity
 from tuner.problem.blocks import MAX_MISSIONS, MAX_REPLICATES
 from tuner.problem.exact_costs import Exact, exact_cost
 from tuner.problem.objective import DEFAULT_METRIC, Objective, direction_of
-from tuner.problem.options import Risk
 from tuner.problem.quality_at_cost import COUNTS
 from tuner.problem.search_space import Configuration, SearchSpace, Values, ours
 from tuner.problem.secrets import require_no_password
@@ -156,7 +155,6 @@ class CampaignSettings:
         "of the second objective, at most where less is better, at least where more is: the best within it is "
         "searched instead of the front",
     )
-    risk: Risk = setting("mean", "the outcome over rocks and conditions", option="--risk", panel=WHAT)
     preset: str = setting(
         "campaign",
         "mission preset",
@@ -299,7 +297,6 @@ class CampaignSettings:
 
     def _check_options(self) -> None:
         asked = {
-            f"risk {self.risk}": self.risk != "mean",
             "a second objective": self.second is not None,
             "learning from earlier campaigns": bool(self.sources),
         }
@@ -308,10 +305,6 @@ class CampaignSettings:
                 raise UserError(f"{what} needs sampler gp, not {self.sampler}; leave it out or choose gp")
             if wanted and self.second is not None and what != "a second objective":
                 raise UserError(f"{what} cannot be combined with a second objective; leave one of them out")
-        if self.risk != "mean" and len(self.worlds) < 2:
-            raise UserError(
-                f"risk measure {self.risk} is over rocks and conditions; name at least two of either"
-            )
 
     def _check_limit(self) -> None:
         if self.limit is None:

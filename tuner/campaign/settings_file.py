@@ -50,6 +50,10 @@ def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
 def _of_this_version(tree: Any, source: str) -> dict[str, Any]:
     """``tree`` with today's names; `UserError` for a setting that there is not."""
     current = {_RENAMED.get(k, k): v for k, v in tree.items()} if isinstance(tree, Mapping) else tree
+    if (
+        isinstance(current, dict) and current.get("risk") == "mean"
+    ):  # an earlier version's only other choice is gone
+        del current["risk"]
     require_settings(CampaignSettings, current, source)
     return dict(current)
 

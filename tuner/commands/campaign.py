@@ -232,8 +232,7 @@ def fly(
         load(MODEL)
     executor = ready or executor_at(where, settings.fidelity, workers, timeout_s, settings.mission)
     output.print(
-        f"{settings.name}: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}"
-        f"{', the worst of them' if settings.risk == 'worst' else ''}; "
+        f"{settings.name}: {settings.budget} missions over {', '.join(settings.rocks)}{under_conditions(settings.conditions)}; "
         f"search space {settings.space.name} ({settings.space.dimension} parameters), sampler {settings.sampler}, "
         f"{workers_text(executor)}"
     )

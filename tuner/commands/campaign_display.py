@@ -203,13 +203,11 @@ def _show_values(recommendation: Recommendation, settings: CampaignSettings) -> 
     from tuner.report.answer import default_note, place_word, runner_up_sentence
     from tuner.report.labels import decimals_for, format_number, metric_label
 
-    silent = {found.path: found.why for found in recommendation.inactive}
     table = Table()
     for column in ("parameter", "default", "recommended"):
         table.add_column(column, justify="left" if column == "parameter" else "right")
     for path, value in recommendation.values.items():
-        shown = "no effect" if path in silent else _short(value)
-        table.add_row(path, _short(recommendation.default_values[path]), shown)
+        table.add_row(path, _short(recommendation.default_values[path]), _short(value))
     output.print(table)
     label, place = metric_label(recommendation.modelled_metric), place_word(settings)
     digits = decimals_for(recommendation.noise_sd)
@@ -219,10 +217,5 @@ def _show_values(recommendation: Recommendation, settings: CampaignSettings) -> 
         for row in recommendation.per_rock
     ]
     output.print(f"{label.axis}, {place} by {place}: {', '.join(rows)}", highlight=False)
-    said = [runner_up_sentence(recommendation, settings), default_note(settings)]
-    said += [
-        f"no effect: {', '.join(p for p in silent if silent[p] == why)}: {why}"
-        for why in dict.fromkeys(silent.values())
-    ]
-    for line in filter(None, said):
+    for line in filter(None, (runner_up_sentence(recommendation, settings), default_note(settings))):
         output.print(line, highlight=False)

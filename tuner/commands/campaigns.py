@@ -147,8 +147,7 @@ def _not_the_same(both: list[Campaign]) -> list[str]:
 
 
 def _objective(settings: CampaignSettings) -> str:
-    text = objective_text(settings.objective, settings.second, settings.limit)
-    return f"{text}, the worst rock" if settings.risk == "worst" else text
+    return objective_text(settings.objective, settings.second, settings.limit)
 
 
 def _rocks(settings: CampaignSettings) -> str:

@@ -10,33 +10,18 @@ from typing import TYPE_CHECKING
 import lazy_loader
 
 if TYPE_CHECKING:
-    from tuner.recommendation.backward_elimination import backward_elimination
     from tuner.recommendation.choose import recommend
     from tuner.recommendation.eligible import may_be_recommended
-    from tuner.recommendation.inactive import Inactive, inactive_parameters
     from tuner.recommendation.next_rock import next_rock
     from tuner.recommendation.recommendation import Limit, NextRock, Recommendation, RunnerUp
 
-__all__ = [
-    "Inactive",
-    "Limit",
-    "NextRock",
-    "Recommendation",
-    "RunnerUp",
-    "backward_elimination",
-    "inactive_parameters",
-    "may_be_recommended",
-    "next_rock",
-    "recommend",
-]
+__all__ = ["Limit", "NextRock", "Recommendation", "RunnerUp", "may_be_recommended", "next_rock", "recommend"]
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
-        "inactive": ["Inactive", "inactive_parameters"],
         "choose": ["recommend"],
         "next_rock": ["next_rock"],
         "recommendation": ["Limit", "NextRock", "Recommendation", "RunnerUp"],
-        "backward_elimination": ["backward_elimination"],
         "eligible": ["may_be_recommended"],
     },
 )

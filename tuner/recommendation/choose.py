@@ -1,9 +1,14 @@
-"""Which configuration to use, of those that have been flown, with its uncertainty."""
+"""Which configuration to use, of those that have been flown, with its uncertainty.
+
+Most of what a search moves makes no difference: its values are where the search happened to be. So among the configurations
+that are better than the default, with a calibrated 95 % interval, the one with the fewest changes is taken that is not worse
+than the best of them. Where none is better, the default is recommended: its gain is inside the noise.
+"""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tuner.acquisition.constrained import Constraint
@@ -11,28 +16,24 @@ from tuner.problem.configurations import configuration_key
 from tuner.problem.exact_costs import ExactCost
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
-from tuner.problem.options import Risk
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.worlds import Place, World
 from tuner.recommendation.eligible import may_be_recommended
-from tuner.recommendation.fewest_changes import fewest_changes
-from tuner.recommendation.inactive import Inactive
 from tuner.recommendation.limit import limit_of, next_rock_keeps
 from tuner.recommendation.next_rock import next_rock
-from tuner.recommendation.recommendation import Candidate, Recommendation, RockRow
-from tuner.recommendation.runner_up import cheaper, fewer_changes, runner_up
+from tuner.recommendation.recommendation import Candidate, Recommendation, RockRow, RunnerUp
 from tuner.surrogate.forward_check import Calibration, calibration
 from tuner.surrogate.kernel import Feature
 from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.posterior import Posterior
 from tuner.surrogate.settings import SurrogateSettings
 
 TOP = 5
 MAY_KEEP = 0.5  # probability from which on the default is not given up for something dearer
 JOINT = 600  # configurations, over worlds, whose joint belief is computed; it grows with the square
-
-# Of a configuration and the numbers of the missions that flew it: what of it changed no choice.
-FindInactive = Callable[[Mapping[str, Any], Sequence[int]], list[Inactive]]
+EXPECTED_LOSS = 0.25  # of the noise of a mission
+RISK_OF_LOSS = 0.05
 
 
 def recommend(
@@ -46,10 +47,8 @@ def recommend(
     replicates: int = 1,
     only_verified: bool = True,
     settings: SurrogateSettings | None = None,
-    risk: Risk = "mean",
     feature: Feature | None = None,
-    find_inactive: FindInactive | None = None,
-    simplify: bool = False,
+    brief: bool = False,
     constraint: Constraint | None = None,
     exact: ExactCost | None = None,
     second: Objective | None = None,
@@ -59,6 +58,18 @@ def recommend(
 
     Parameters
     ----------
+    space
+        The search space.
+    observations
+        Finished missions.
+    places
+        The training worlds.
+    default
+        The default values.
+    objective
+        The metric and its direction.
+    seed
+        The seed of the fits.
     replicates
         The campaign's, per world.
     only_verified
@@ -66,18 +77,14 @@ def recommend(
         no such configuration: theirs is any that has flown.
     settings, feature
         Of the surrogate.
-    risk
-        The measure over worlds that is meant by the mean everywhere in the result.
-    simplify
-        Whether to look for a runner-up and at the next rock, which takes two further surrogates.
+    brief
+        Whether to leave the next rock out, which takes a further surrogate.
     constraint
         A limit of the second objective: only what keeps it may be recommended. Where nothing flown does, what is likeliest to.
     exact
         The objective, where the configuration decides it. Outcomes are then those of the second objective.
     second, limit
         The second objective, where there is one, and its limit in its unit.
-    find_inactive
-        Looks at the choices of the missions that flew a configuration; None: nothing is known of them.
     """
     feasible = [o for o in observations if o.feasible]
     if not feasible:
@@ -90,34 +97,33 @@ def recommend(
         groups.setdefault(configuration_key(space, o.values), []).append(o)
     evaluated = {key: group for key, group in groups.items() if any(o.feasible for o in group)}
     configurations = [dict(group[0].values) for group in evaluated.values()]
+    every = range(len(configurations))
     allowed = [True] * len(configurations)
     if only_verified:
         allowed = may_be_recommended(space, observations, configurations, places, replicates, default)
+    keeps = [True] * len(configurations) if constraint is None else constraint.keeps(configurations)
     # Where even the default has failed there is nothing better than what has not.
-    chosen: Sequence[int] = [i for i, may in enumerate(allowed) if may] or range(len(configurations))
-    kept = True
-    if constraint is not None:
-        keeps = constraint.keeps(configurations)
-        every = range(len(configurations))
-        chosen = [i for i in chosen if keeps[i] and allowed[i]] or [i for i in every if keeps[i]]
-        kept = bool(chosen)
-        chosen = chosen or [int(constraint.probability(configurations).argmax())]
+    chosen = [i for i in every if keeps[i] and allowed[i]] or [i for i in every if keeps[i]]
+    kept = bool(chosen)
+    if constraint is not None and not kept:
+        chosen = [int(constraint.probability(configurations).argmax())]
     if len(configurations) > JOINT:  # of many only the best, by their means, are looked at jointly
         few = max(TOP, JOINT // len(model.worlds))
         configurations = [configurations[i] for i in chosen]
-        best_first: Sequence[int] = model.best_first(configurations, risk)
+        best_first: Sequence[int] = model.best_first(configurations)
         if exact is not None:
             best_first = sorted(best_first, key=lambda i: -exact.outcome(configurations[i]))
         own_default = [i for i, values in enumerate(configurations) if values == default]
         configurations = [configurations[i] for i in dict.fromkeys([*best_first[:few], *own_default])]
-        chosen = range(len(configurations))
-    belief = model.posterior([*configurations, default], risk)
+        chosen = list(range(len(configurations)))
+        keeps = [True] * len(configurations)
+    belief = model.posterior([*configurations, default])
     reference = len(configurations)
     calibrated = calibration(observations)
     modelled = second if exact is not None and second is not None else objective
     goal, among = belief, list(chosen)
     if exact is not None:
-        goal = KnownOutcome(space, exact).posterior([*configurations, default], risk)
+        goal = KnownOutcome(space, exact).posterior([*configurations, default])
         least = max(goal.mean[i] for i in among)
         among = [i for i in among if goal.mean[i] == least]
         if goal.mean[reference] >= least and (
@@ -130,52 +136,42 @@ def recommend(
     order = order if index in order else [index, *order]
     top = sorted({*order[: TOP - 1], index}, key=order.index)
     shares = goal.probability_best(top, seed) if exact is None else [float(i == index) for i in top]
-    chances = (
-        [None] * len(top) if constraint is None else constraint.probability([configurations[i] for i in top])
-    )
+
+    def chance(i: int) -> float | None:
+        return None if constraint is None else float(constraint.probability([configurations[i]])[0])
+
     candidates = []
-    for i, share, chance in zip(top, shares, chances):
+    for i, share in zip(top, shares):
         group = evaluated[configuration_key(space, configurations[i])]
         failed = sum(not o.feasible for o in group)
-        candidates.append(
-            Candidate(
-                configurations[i],
-                sign * float(goal.mean[i]),
-                float(goal.sd[i]),
-                len(group),
-                failed,
-                float(share),
-                None if chance is None else float(chance),
-            )
-        )
+        mean, sd = sign * float(goal.mean[i]), float(goal.sd[i])
+        candidates.append(Candidate(configurations[i], mean, sd, len(group), failed, float(share), chance(i)))
     mean, sd = sign * float(goal.mean[index]), float(goal.sd[index])
     gain, gain_sd = goal.difference(index, reference)
     own = evaluated[configuration_key(space, values)]
-    inactive = find_inactive(values, [o.number for o in own]) if find_inactive else []
-    elsewhere, rival = None, None
-    if simplify:
-        if values != dict(default):
-            departing = dataclasses.replace(model.settings, own_landscapes=True)
-            of_rocks = RockMeanGP(space, feasible, places, seed, departing, feature)
-            elsewhere = next_rock(of_rocks, values, default, calibrated)
-        if exact is None:
-            best = configurations[order[0]]
-            same = inactive if best == values else []
-            predicted = fewer_changes(
-                model, feasible, best, same, default, calibrated, risk, constraint, feature, seed, places
-            )
-            rivals = [predicted, best]
-        else:
-            rivals = [] if constraint is None else cheaper(model, constraint, exact, values, seed)
-        rivals = [v for v in rivals if v not in (values, dict(default))]
-        if rivals:
-            flown = len(groups.get(configuration_key(space, rivals[0]), []))
-            of = model if exact is None else KnownOutcome(space, exact)
-            rival = runner_up(of, objective, rivals[0], values, default, flown, calibrated, risk, constraint)
+    runner_up = None
+    rivals = [i for i, keep in enumerate(keeps) if keep and goal.mean[i] > goal.mean[index]]
+    if rivals and configurations[rival := max(rivals, key=lambda i: goal.mean[i])] != dict(default):
+        difference, improvement = goal.difference(rival, index), goal.difference(rival, reference)
+        runner_up = RunnerUp(
+            values=configurations[rival],
+            missions=len(evaluated[configuration_key(space, configurations[rival])]),
+            mean=sign * float(goal.mean[rival]),
+            difference=difference[0],
+            difference_interval_95=calibrated.interval_95(*difference),
+            improvement=improvement[0],
+            improvement_interval_95=calibrated.interval_95(*improvement),
+            probability=chance(rival),
+        )
+    elsewhere = None
+    if not brief and values != dict(default):
+        departing = dataclasses.replace(model.settings, own_landscapes=True)
+        of_worlds = RockMeanGP(space, feasible, places, seed, departing, feature)
+        elsewhere = next_rock(of_worlds, values, default, calibrated)
     kept_limit = None
     if constraint is not None and second is not None and limit is not None:
         kept_limit = limit_of(constraint, second, limit, values, default, kept)
-        if exact is not None and simplify:
+        if exact is not None and not brief:
             kept_limit = dataclasses.replace(
                 kept_limit,
                 next_rock_keeps=next_rock_keeps(model, values, constraint.at_least),
@@ -208,11 +204,57 @@ def recommend(
         exact=exact is not None,
         modelled_metric=modelled.metric,
         modelled_direction=modelled.direction,
-        runner_up=rival,
-        inactive=inactive,
+        runner_up=runner_up,
         next_rock=elsewhere,
         limit=kept_limit,
     )
+
+
+def fewest_changes(
+    configurations: Sequence[Mapping[str, Any]],
+    among: Sequence[int],
+    default: Mapping[str, Any],
+    belief: Posterior,
+    calibrated: Calibration,
+    noise_sd: float,
+) -> int:
+    """Return the index of the configuration to use, as this file begins.
+
+    One is not worse than the best where the posterior mean of their difference is no loss above `EXPECTED_LOSS` of a
+    mission's noise, and a loss above the noise of one mission has a probability of at most `RISK_OF_LOSS`.
+
+    Parameters
+    ----------
+    configurations
+        All configurations flown.
+    among
+        Indices of those that may be taken; not empty. The default is taken only where it is among them.
+    default
+        The default values.
+    belief
+        The joint posterior of ``configurations``, in their order, and of the default behind them.
+    calibrated
+        The calibration of its intervals.
+    noise_sd
+        The standard deviation of one mission, objective's unit.
+    """
+    reference, better = len(configurations), list(among)
+    own = [i for i in among if configurations[i] == default]
+    if own:
+        better = [i for i in among if calibrated.interval_95(*belief.difference(i, reference))[0] > 0.0]
+        if not better:
+            return own[0]
+    best = max(better, key=lambda i: belief.mean[i])
+
+    def not_worse(i: int) -> bool:
+        mean, sd = belief.difference(i, best)
+        unlikely = calibrated.probability_positive(mean + noise_sd, sd) >= 1.0 - RISK_OF_LOSS
+        return i == best or (mean >= -EXPECTED_LOSS * noise_sd and (unlikely or sd <= 1e-12))
+
+    def changes(i: int) -> int:
+        return sum(value != default[path] for path, value in configurations[i].items())
+
+    return min(filter(not_worse, better), key=lambda i: (changes(i), -belief.mean[i]))
 
 
 def _probability(calibrated: Calibration, gain: float, sd: float) -> float:

@@ -13,7 +13,6 @@ from tuner.acquisition.pareto import FrontPoint
 from tuner.problem.configurations import short
 from tuner.problem.objective import Direction
 from tuner.problem.worlds import World
-from tuner.recommendation.inactive import Inactive
 
 MOST_ROCKS = 50  # that a prediction of how many more are needed looks at
 
@@ -83,16 +82,15 @@ class Limit:
 
 @dataclass(frozen=True)
 class RunnerUp:
-    """What may be better than the recommendation and is not known to be: to be shown below it, never in its place.
+    """What was flown, is believed to be better, and is not known to be: to be shown below the recommendation.
 
-    Predicted and never flown, or flown and inside the noise. ``mean``, ``difference`` and ``improvement`` are of the
+    It flew too seldom, or its lead is inside the noise. ``mean``, ``difference`` and ``improvement`` are of the
     objective, in the metric's unit, the latter positive where this configuration is better, with calibrated 95 % intervals
     (of no width where the objective is exact).
     """
 
     values: dict[str, Any]
-    changed: tuple[str, ...]  # paths that differ from the default, in the space's order
-    missions: int  # that flew it; 0: predicted
+    missions: int  # that flew it
     mean: float
     difference: float  # to the recommendation
     difference_interval_95: tuple[float, float]
@@ -103,7 +101,7 @@ class RunnerUp:
     @staticmethod
     def from_dict(tree: Mapping[str, Any]) -> RunnerUp:
         """The inverse of ``dataclasses.asdict``, after JSON too."""
-        pairs = ("changed", "difference_interval_95", "improvement_interval_95")
+        pairs = ("difference_interval_95", "improvement_interval_95")
         return RunnerUp(**{**tree, **{key: tuple(tree[key]) for key in pairs}})
 
 
@@ -167,8 +165,7 @@ class Recommendation:
     ``mean``, ``sd`` and ``interval_95`` are about the objective's mean over the training worlds, without the noise of
     single missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
     positive when the recommendation is better, whatever the direction. All intervals and probabilities are calibrated
-    (``tuner.surrogate.forward_check``). ``top`` is the ranking behind it, best first. ``inactive`` are the parameters of
-    ``values`` whose numbers say nothing.
+    (``tuner.surrogate.forward_check``). ``top`` is the ranking behind it, best first.
 
     An objective that the configuration decides (``exact``) has no uncertainty: standard deviations are 0, intervals have no
     width. What is modelled is then the second objective, ``modelled_metric``: ``per_rock``, ``next_rock``, ``noise_sd``,
@@ -202,7 +199,6 @@ class Recommendation:
     modelled_metric: str  # the objective's, or the second one's where that is exact
     modelled_direction: Direction
     runner_up: RunnerUp | None = None
-    inactive: list[Inactive] = field(default_factory=list)
     next_rock: NextRock | None = None  # None: nobody asked, or it is the default
     limit: Limit | None = None  # of the second objective
     front: list[FrontPoint] = field(default_factory=list)  # where there is a second objective
@@ -242,7 +238,6 @@ class Recommendation:
                 "top": [Candidate(**candidate) for candidate in tree["top"]],
                 "per_rock": [RockRow(**row) for row in tree["per_rock"]],
                 "runner_up": None if tree["runner_up"] is None else RunnerUp.from_dict(tree["runner_up"]),
-                "inactive": [Inactive(**found) for found in tree["inactive"]],
                 "next_rock": None if tree["next_rock"] is None else NextRock.from_dict(tree["next_rock"]),
                 "limit": None if tree["limit"] is None else Limit.from_dict(tree["limit"]),
                 "front": [FrontPoint(**point) for point in tree["front"]],

@@ -163,11 +163,7 @@ def runner_up_sentence(best: Recommendation, s: CampaignSettings) -> str:
     rival = best.runner_up
     if rival is None:
         return ""
-    flown = (
-        "predicted, never flown"
-        if not rival.missions
-        else f"flown {rival.missions} {'time' if rival.missions == 1 else 'times'}"
-    )
+    flown = f"flown {rival.missions} {'time' if rival.missions == 1 else 'times'}"
     label = metric_label(best.metric)
     if best.exact:
         worth = exact_text(rival.mean, label, label.name[:1].lower() + label.name[1:])
@@ -200,8 +196,7 @@ def _bound_words(limit: Limit) -> str:
 
 
 def _where(s: CampaignSettings) -> str:
-    places = f"the training {place_word(s)}s"
-    return f"the worst of {places}" if s.risk == "worst" else places
+    return f"the training {place_word(s)}s"
 
 
 def place_word(s: CampaignSettings) -> str:

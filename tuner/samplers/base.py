@@ -18,7 +18,6 @@ import numpy as np
 from tuner.problem.blocks import next_block
 from tuner.problem.exact_costs import Exact
 from tuner.problem.observations import Observation, Pending, Proposal
-from tuner.problem.options import Risk
 from tuner.problem.search_space import SearchSpace, Values
 from tuner.problem.worlds import Place, World, worlds_of
 from tuner.samplers.design import sobol_point
@@ -50,7 +49,6 @@ class SamplerSettings:
     seed: int
     initial: int  # size of the initial design, the default configuration included
     replicates: int = 1  # per world, for samplers that choose them
-    risk: Risk = "mean"  # of sampler gp
     earlier: EarlierMissions | None = None  # missions flown before the campaign, for sampler gp
     two_objectives: bool = False  # sampler gp: search the front between the objective and the second one
     budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end

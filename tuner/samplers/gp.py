@@ -11,7 +11,7 @@ from typing import Any
 from tuner.acquisition.constrained import Constraint, propose_constrained, surrogate_of
 from tuner.acquisition.draws import draw_best, draw_of_two
 from tuner.acquisition.front import Outcome, propose_for_front, two_models
-from tuner.acquisition.propose import over_worlds, propose
+from tuner.acquisition.propose import propose
 from tuner.problem.blocks import next_block
 from tuner.problem.exact_costs import PREDICTED_SECOND, Exact, ExactCost
 from tuner.problem.observations import PREDICTED, Observation, Pending, Proposal
@@ -32,8 +32,9 @@ ASIDE, MOST_SKIPPED = (
 MAX_JOINT = (
     128  # missions in flight up to which an acquisition is asked: a proposal then takes a fifth of a second
 )
-MAX_JOINT_OVER_WORLDS = 24  # where worlds are looked at one by one: its cost grows with their cube
-SEQUENTIAL = 4  # of a batch; half of it where that is more and the acquisition is the fast one. Drawn ones take no time
+SEQUENTIAL = (
+    4  # of a batch; half of it where that is more and there is one objective. Drawn ones take no time
+)
 
 
 @dataclass(frozen=True)
@@ -77,9 +78,8 @@ class GPSampler:
                     models = self._models(history, number, both, exact)
                     if both and s.at_least is not None:
                         constraint = Constraint(models[1], s.at_least)
-                worlds = not both and over_worlds(surrogate_of(models), s.risk)
-                most = SEQUENTIAL if both or worlds else max(SEQUENTIAL, count // 2)
-                if modelled < most and len(flying) <= (MAX_JOINT_OVER_WORLDS if worlds else MAX_JOINT):
+                most = SEQUENTIAL if both else max(SEQUENTIAL, count // 2)
+                if modelled < most and len(flying) <= MAX_JOINT:
                     if both and constraint is None:
                         proposal = self._for_front((models[0], models[1]), flying, number)
                     else:
@@ -103,7 +103,7 @@ class GPSampler:
     ) -> tuple[Outcome, ...]:
         """Return a surrogate of the objective, or a model of each of two."""
         s, seed = self.settings, derived_seed(self.settings.seed, number)
-        own = self.model or surrogate_settings(s.space, s.risk)
+        own = self.model or surrogate_settings(s.space)
         if both:
             return two_models(s.space, history, s.worlds, seed, own, exact)
         feature = None if s.earlier is None else s.earlier.feature
@@ -115,7 +115,7 @@ class GPSampler:
         seed = derived_seed(self.settings.seed, number)
         if len(models) > 1:
             return draw_of_two((models[0], models[1]), constraint, count, seed)
-        return draw_best(surrogate_of(models), count, seed, self.settings.risk)
+        return draw_best(surrogate_of(models), count, seed)
 
     def _for_front(self, models: tuple[Outcome, Outcome], flying: Sequence[Pending], number: int) -> Proposal:
         seed = derived_seed(self.settings.seed, number)
@@ -133,7 +133,7 @@ class GPSampler:
         s, configurations = self.settings, [p.values for p in flying]
         seed = derived_seed(s.seed, number)
         if constraint is None:
-            values, figures = propose(surrogate_of(models), configurations, seed, s.risk)
+            values, figures = propose(surrogate_of(models), configurations, seed)
         else:
             values, figures = propose_constrained(models[0], constraint, configurations, seed)
         repeat = self._verified(models, history, flying, number, figures["expected_gain"], constraint)
@@ -174,7 +174,7 @@ class GPSampler:
         last = number >= s.budget - len(rocks_of(s.worlds)) * s.replicates
         model, exact = surrogate_of(models), models[0] if isinstance(models[0], KnownOutcome) else None
         return verification(
-            model, history, flying, s.replicates, gain, s.risk, last=last, constraint=constraint, exact=exact
+            model, history, flying, s.replicates, gain, last=last, constraint=constraint, exact=exact
         )
 
     def _design(self, number: int, limited: ExactCost | None) -> Proposal:

@@ -17,7 +17,6 @@ from tuner.acquisition.constrained import Constraint, believed_saving
 from tuner.problem.blocks import next_block
 from tuner.problem.configurations import Block, blocks_flown, configuration_key, distinct_configurations
 from tuner.problem.observations import Observation, Pending, Proposal
-from tuner.problem.options import Risk
 from tuner.problem.search_space import Values
 from tuner.problem.worlds import World
 from tuner.recommendation.choose import JOINT, TOP
@@ -34,7 +33,6 @@ def verification(
     pending: Sequence[Pending],
     replicates: int,
     expected_gain: float,
-    risk: Risk = "mean",
     *,
     last: bool = False,
     constraint: Constraint | None = None,
@@ -77,8 +75,8 @@ def verification(
             if not configurations:
                 return None
         if len(configurations) > JOINT:
-            configurations = [configurations[i] for i in model.best_first(configurations, risk)[:TOP]]
-        values = configurations[int(model.posterior(configurations, risk).mean.argmax())]
+            configurations = [configurations[i] for i in model.best_first(configurations)[:TOP]]
+        values = configurations[int(model.posterior(configurations).mean.argmax())]
     missions: list[Observation | Pending] = [*history, *pending]
     own = blocks_flown(model.space, missions)[configuration_key(model.space, values)]
     block = _unseen_block(model.worlds, replicates, own, missions, values)

@@ -11,7 +11,6 @@ import torch
 
 from nbv.types import Bools, Floats
 from tuner.problem.exact_costs import ExactCost
-from tuner.problem.options import Risk
 from tuner.problem.search_space import SearchSpace
 from tuner.surrogate.posterior import Posterior
 
@@ -27,7 +26,7 @@ class KnownOutcome:
         self.cost = cost
         self._columns = [space.paths.index(path) for path in cost.paths]
 
-    def posterior(self, values: Sequence[Mapping[str, Any]], risk: Risk = "mean") -> Posterior:
+    def posterior(self, values: Sequence[Mapping[str, Any]]) -> Posterior:
         """Return the outcomes as a posterior without uncertainty."""
         return Posterior(
             np.array([self.cost.outcome(v) for v in values]), np.zeros((len(values), len(values)))

@@ -26,6 +26,7 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
 from tuner.campaign.session import fly_campaign
+from tuner.campaign.settings_file import settings_from_dict
 from tuner.commands.campaign import fly
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
 from tuner.missions.job import MissionOutcome
@@ -249,6 +250,7 @@ import sys
 from pathlib import Path
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
+from tuner.campaign.settings_file import settings_from_dict
 from tuner.missions.executors import LocalProcessExecutor
 if __name__ == "__main__":
     campaign = Campaign.open(Path(sys.argv[1]), fidelity="fake_missions:fake_mission")
@@ -628,3 +630,10 @@ def test_a_campaign_of_an_earlier_version_is_refused_in_one_line(tmp_path: Path)
     path.write_text(yaml.safe_dump(tree))
     with pytest.raises(UserError, match="format 1, this version reads 2; open the campaign with the version"):
         Campaign.open(campaign.directory, fidelity=FIDELITY)
+
+
+def test_of_the_risk_that_is_gone_only_the_mean_is_read() -> None:
+    tree = settings().to_dict()
+    assert settings_from_dict({**tree, "risk": "mean"}, "file").to_dict() == tree
+    with pytest.raises(UserError, match="risk"):
+        settings_from_dict({**tree, "risk": "worst"}, "file")

@@ -137,7 +137,6 @@ def test_settings_keep_what_their_conditions_were(tmp_path: Path) -> None:
             "telemetry.drift_m is set by condition 'field' and by overrides",
         ),
         ({"overrides": {"telemetry": "rtk"}}, "telemetry is set by condition 'field' and by overrides"),
-        ({"rocks": ("a",), "conditions": TWO[:1], "risk": "worst"}, "name at least two of either"),
     ],
 )
 def test_settings_that_make_no_campaign_are_told(changes: dict, said: str) -> None:
@@ -170,7 +169,3 @@ def test_one_rock_under_two_conditions_is_one_rock() -> None:
     assert not may(rock="b")  # one condition
     assert not may(rock="b", condition="field", replicate=0)
     assert may(rock="b", condition="field")
-
-
-def test_the_worst_world_may_be_one_rock_under_a_condition() -> None:
-    assert settings(rocks=("a",), risk="worst").worlds == (World("a"), World("a", "field"))

@@ -47,7 +47,7 @@ def recommends(monkeypatch, campaign, tmp_path):
         )
         best, default = campaign.recommendation(save=False), found.settings.default_values()
         fixed = dataclasses.replace(
-            best, values={**default, **changes}, default_values=default, inactive=[], improvement=6.0
+            best, values={**default, **changes}, default_values=default, improvement=6.0
         )
         monkeypatch.setattr(Campaign, "recommendation", lambda self, *, save=True: fixed)
         return found.directory

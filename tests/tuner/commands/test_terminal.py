@@ -21,7 +21,7 @@ from tuner.campaign.ledger import TrialRecord
 from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
 from tuner.commands import console, evaluate
-from tuner.commands.campaign_display import LINE, CampaignProgress, event_line, mission_line, show_verdict
+from tuner.commands.campaign_display import LINE, CampaignProgress, event_line, mission_line
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.progress import Progress
 from tuner.problem.space_files import load_search_space
@@ -115,18 +115,6 @@ def test_a_rocks_name_is_no_markup(monkeypatch: pytest.MonkeyPatch) -> None:
     with console.working("making rock [/]odd.obj"), console.progress_bar() as bar:
         bar.add_task("[/]odd r0")
     assert "[/]odd r0" in screen.file.getvalue()  # type: ignore[attr-defined]
-
-
-@pytest.mark.parametrize("risk", ["mean", "worst"])
-def test_a_gain_says_if_it_is_of_the_worst_rock(
-    risk: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    run = fake_campaigns.run(tmp_path / "run", budget=4, risk=risk)
-    best = run.recommendation()
-    assert best is not None
-    show_verdict(best, run.settings)
-    said = " ".join(capsys.readouterr().out.split())
-    assert ("on the worst of the training rocks" in said) == (risk == "worst")
 
 
 def test_metrics_are_listed(gatetune: Any) -> None:

@@ -132,3 +132,31 @@ def test_a_favourite_is_recommended_once_it_has_flown_again() -> None:
 
     assert GOOD not in ranking(once)
     assert ranking([*once, *flights(GOOD, 60.0, ("r1", 0))])[0] == GOOD
+
+
+def test_what_flew_once_and_looks_better_is_the_runner_up() -> None:
+    default = flights(synthetic.DEFAULT, 50.0, ("r0", 0), ("r1", 0), ("r2", 0), ("r0", 1))
+    history = [*default, *flights(FAIR, 55.0, ("r0", 0), ("r1", 1)), *flights(GOOD, 60.0, ("r2", 1))]
+    result = recommend(synthetic.SPACE, history, ROCKS, synthetic.DEFAULT, Objective(), replicates=2)
+    assert result is not None and result.runner_up is not None
+    assert result.runner_up.values == GOOD and result.runner_up.missions == 1
+    assert result.runner_up.difference > 0.0
+    assert Recommendation.from_dict(result.to_dict()) == result
+
+
+def test_of_two_as_good_the_one_with_fewer_changes_is_used_and_the_default_inside_the_noise() -> None:
+    def of(gain: float, seed: int) -> Recommendation:
+        """The first parameter alone matters."""
+        rng, history = np.random.default_rng(seed), []
+        first = synthetic.SPACE.paths[0]
+        few = {**synthetic.DEFAULT, first: GOOD[first]}
+        for i in range(36):
+            values = (synthetic.DEFAULT, GOOD, few)[i % 3]
+            y = 50.0 + (0.0 if values == synthetic.DEFAULT else gain) + 0.3 * rng.normal()
+            history.append(Observation(i, values, ROCKS[i // 3 % 3], i // 9 % 2, y, y))
+        found = recommend(synthetic.SPACE, history, ROCKS, synthetic.DEFAULT, Objective(), replicates=2)
+        assert found is not None
+        return found
+
+    assert [len(of(5.0, seed).changed) for seed in range(3)] == [1, 1, 1]
+    assert all(of(0.0, seed).keep_default for seed in range(3))

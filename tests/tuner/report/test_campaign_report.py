@@ -112,7 +112,7 @@ class _Made(Exception):
     "changes",
     [
         {"rocks": ("waist",), "budget": 5, "replicates": 2, "seed": 7, "in_step": 3, "keep": "all"},
-        {"sampler": "gp", "budget": 10, "risk": "worst"},
+        {"sampler": "gp", "budget": 10},
         {"fidelity": "geometric"},
         {"space": load_search_space("full"), "sampler": "gp"},
         {"space": load_search_space("full"), "sampler": "gp", "learn_from": (SHIPPED,)},

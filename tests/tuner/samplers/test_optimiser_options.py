@@ -1,4 +1,4 @@
-"""Options of our optimiser: risk over rocks, sparsity, a cheaper fidelity, two objectives."""
+"""Options of our optimiser: sparsity, a cheaper fidelity, two objectives."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ from fake_campaigns import FIDELITY
 from nbv.errors import UserError
 from tuner.acquisition.front import flown_in_both, propose_for_front, two_models
 from tuner.acquisition.pareto import pareto_front
-from tuner.acquisition.propose import propose
 from tuner.campaign.campaign import Campaign
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
@@ -29,44 +28,6 @@ from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
 
 settings = functools.partial(fake_campaigns.settings, initial=4)
 run = functools.partial(fake_campaigns.run, initial=4)
-
-
-# -- risk ----------------------------------------------------------------------------------------------------
-
-
-def opposed_rocks() -> list[Observation]:
-    """Two rocks along the first parameter u: 2 u on one, 1 - u on the other. Mean best at u = 1, worst at 1/3."""
-    rng = np.random.default_rng(0)
-    history = []
-    for i, u in enumerate(np.tile(np.linspace(0, 1, 9), 4)):
-        rock = ("up", "down")[i % 2]
-        y = (2 * u if rock == "up" else 1 - u) + 0.02 * rng.normal()
-        history.append(Observation(i, synthetic.SPACE.from_unit([u, rng.random()]), rock, 0, y, y))
-    return history
-
-
-@pytest.mark.parametrize(("risk", "best"), [("mean", 1.0), ("worst", 1 / 3)])
-def test_risk_measures_have_their_own_optimum(risk: str, best: float) -> None:
-    model = RockMeanGP(
-        synthetic.SPACE, opposed_rocks(), ("up", "down"), settings=SurrogateSettings(own_landscapes=True)
-    )
-    grid = [synthetic.SPACE.from_unit([u, 0.5]) for u in np.linspace(0, 1, 31)]
-    belief = model.posterior(grid, risk)  # type: ignore[arg-type]
-    assert abs(np.linspace(0, 1, 31)[belief.mean.argmax()] - best) < 0.1
-    values, figures = propose(model, [], 0, risk)  # type: ignore[arg-type]
-    assert abs(synthetic.SPACE.to_unit(values)[0] - best) < 0.2
-    assert np.isfinite(list(figures.values())).all()
-
-
-@pytest.mark.slow
-def test_risk_is_asked_for_and_kept(tmp_path: Path) -> None:
-    campaign = run(tmp_path / "run", risk="worst")
-    again = Campaign.open(tmp_path / "run", fidelity=FIDELITY)
-    assert again.settings.risk == "worst" and again.settings == campaign.settings
-    result = campaign.recommendation()
-    mean = run(tmp_path / "mean").recommendation()
-    assert result is not None and mean is not None
-    assert result.mean < mean.mean  # the worst rock's outcome, not the mean's
 
 
 # -- sparsity ------------------------------------------------------------------------------------------------
@@ -194,16 +155,11 @@ def test_campaign_with_two_objectives(tmp_path: Path) -> None:
     )
 
 
-# -- refusals ------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"sampler": "tpe", "risk": "worst"}, "needs sampler gp, not tpe"),
-        ({"second": Objective("costs.images"), "risk": "worst"}, "cannot be combined"),
-        ({"risk": "bad"}, "risk is 'bad'; it must be one of mean, worst"),
-        ({"rocks": ("a",), "risk": "worst"}, "name at least two"),
+        ({"sampler": "tpe", "second": Objective("costs.images")}, "needs sampler gp, not tpe"),
+        ({"second": Objective("costs.images"), "learn_from": ("runs/a",)}, "cannot be combined"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(changes: dict[str, object], message: str) -> None:

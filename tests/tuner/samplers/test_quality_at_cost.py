@@ -109,7 +109,6 @@ def advise(history: list[Observation], at_least: float, *, least_cost: bool = Fa
         default,
         objective,
         only_verified=False,
-        simplify=True,
         constraint=constraint,
         second=Objective() if least_cost else PHOTOGRAPHS,
         limit=at_least if least_cost else -at_least,

@@ -70,13 +70,7 @@ def use_answer(facts: CampaignFacts) -> dict[str, Any]:
             "kept": [],
             "rest": "",
             "notes": [],
-            "silent": [],
         }
-    silent = {found.path: found.why for found in best.inactive}
-    silence = [
-        f"{', '.join(parameter_label(p).name for p in silent if silent[p] == why)}: {why}"
-        for why in dict.fromkeys(silent.values())
-    ]
     unchanged = [path for path in s.space.paths if path not in best.changed]
     return {
         "sentence": use_sentence(best, s),
@@ -86,7 +80,6 @@ def use_answer(facts: CampaignFacts) -> dict[str, Any]:
         ],
         "rest": ", ".join(f"{parameter_label(p).name} {value_text(best.values, p)}" for p in unchanged),
         "notes": [note for note in (runner_up_sentence(best, s), default_note(s)) if note],
-        "silent": silence,
     }
 
 
@@ -259,8 +252,7 @@ def measure_text(facts: CampaignFacts) -> str:
     else:
         fidelity = f"{s.fidelity} missions"
     names = [condition.name for condition in s.conditions]
-    worst = "; means and gains are of the worst rock and condition" if s.risk == "worst" else ""
-    return f"{facts.label.full}; {fidelity}; {'conditions' if len(names) > 1 else 'condition'} {', '.join(names)}{worst}"
+    return f"{facts.label.full}; {fidelity}; {'conditions' if len(names) > 1 else 'condition'} {', '.join(names)}"
 
 
 def _mean(values: Sequence[float]) -> float | None:

@@ -135,9 +135,9 @@ class CampaignFacts:
     # -- belief ----------------------------------------------------------------------------------------------
 
     def belief(self, configurations: Sequence[Mapping[str, Any]]) -> tuple[Floats, Floats]:
-        """Posterior mean and sd of the mean (or risk measure) over the training worlds, modelled metric's unit."""
+        """Posterior mean and sd of the mean over the training worlds, modelled metric's unit."""
         assert self.model is not None
-        posterior = self.model.posterior(configurations, self.settings.risk)
+        posterior = self.model.posterior(configurations)
         return self.sign * posterior.mean, posterior.sd
 
     @cached_property

@@ -111,8 +111,8 @@ def _context(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[st
     context: dict[str, Any] = {
         "title": f"{s.name} · gatetune campaign",
         "name": f"Campaign {s.name}",
-        "subtitle": f"{asked_text(facts)}, on {rocks}{_under_conditions(facts)}"
-        f"{', the worst of these' if s.risk == 'worst' else ''}; {s.space.dimension} parameters tuned (search space "
+        "subtitle": f"{asked_text(facts)}, on {rocks}{_under_conditions(facts)}; "
+        f"{s.space.dimension} parameters tuned (search space "
         f"{s.space.name})",
         "warnings": _warnings(facts),
         "kpis": key_figures(facts),

@@ -105,10 +105,9 @@ def header(campaign: Campaign, best: Recommendation, kept: Sequence[str]) -> lis
     if not changed:
         return [*lines, "recommended: keep the default; this file changes nothing of it"]
     lines += [f"carries: {change_text(best, path)}" for path in kept]
-    silent = {found.path for found in best.inactive}
     missing = [path for path in changed if path not in kept]
     lines += [f"does not carry: {change_text(best, path)}" for path in missing]
-    if [path for path in missing if path not in silent]:
+    if missing:
         return [*lines, f"what {len(kept)} of {len(changed)} changes are worth alone was not measured"]
     low, high = best.improvement_interval_95
     sure = "" if low == high else f" [{low:+.2f}, {high:+.2f}] (95 %)"

@@ -36,8 +36,7 @@ def wider_space(s: CampaignSettings, best: Recommendation) -> WiderSpace | None:
     """The space with room beyond each bound that ``best`` lies at; None where no mission could fly there."""
     if s.mission is not None:
         return None
-    silent = {found.path for found in best.inactive}
-    changed = [p for p in s.space.parameters if p.path in best.changed and p.path not in silent]
+    changed = [p for p in s.space.parameters if p.path in best.changed]
     wider = {p.path: found for p in changed if (found := _wider(s, p, best.values))}
     if not wider:
         return None
@@ -52,7 +51,7 @@ def write_wider_settings(campaign: Campaign, best: Recommendation) -> None:
     found = wider_space(s, best)
     if found is not None:
         settings = dataclasses.replace(s, name=f"{s.name}-wider", space=found.space)
-        learns = s.sampler == "gp" and s.second is None and s.risk == "mean"
+        learns = s.sampler == "gp" and s.second is None
         tree = {
             **settings.to_dict(),
             "learn_from": ["./"] if learns else [],
