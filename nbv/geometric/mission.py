@@ -11,6 +11,7 @@ import numpy as np
 
 from nbv.cache import code_digest
 from nbv.config import MissionConfig, TargetConfig, TelemetryConfig
+from nbv.gates import GroundTruthOracle, make_oracle
 from nbv.geometric.held_worlds import world_of
 from nbv.geometric.metrics import predicted_metrics
 from nbv.geometric.reconstructor import GeometricReconstructor
@@ -22,6 +23,7 @@ from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import RunDirectory
 from nbv.rocks import load_coarse_rock
 from nbv.types import Capture, Cloud, Floats, Viewpoint
+from nbv.viewpoints import RINGS, ViewpointSource
 
 
 class PoseCamera:
@@ -51,6 +53,7 @@ class GeometricFidelity:
     """Implements `nbv.mission.fidelity.Fidelity`: the mission's completeness is predicted."""
 
     name = "geometric"
+    viewpoints: ViewpointSource = RINGS
 
     def __init__(self, context: MissionContext) -> None:
         config, rock = context.config, context.rock
@@ -60,6 +63,10 @@ class GeometricFidelity:
         self.camera = PoseCamera(config.target_m)
         self.reconstructor = GeometricReconstructor(self._world, config, rock.sha256, context.replicate)
         self.facts = {"geometric_code": code_digest(__package__)}
+
+    def oracle(self) -> GroundTruthOracle:
+        """The true surface."""
+        return make_oracle(self.context.config, self.context.rock)
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
         """Predicted scores; ``metrics["fidelity"]`` says that they are."""

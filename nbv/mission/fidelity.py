@@ -8,10 +8,12 @@ from typing import Any, Protocol
 
 from nbv.cache import Store
 from nbv.config import MissionConfig
+from nbv.gates import GroundTruthOracle
 from nbv.mission.run_directory import RunDirectory
 from nbv.mission.stopwatch import Stopwatch
 from nbv.rocks import Rock
 from nbv.types import Camera, Cloud, Reconstructor
+from nbv.viewpoints import ViewpointSource
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,11 @@ class Fidelity(Protocol):
         ...
 
     @property
+    def viewpoints(self) -> ViewpointSource:
+        """Where photographs may be taken."""
+        ...
+
+    @property
     def camera(self) -> Camera:
         """What takes the photographs."""
         ...
@@ -53,6 +60,10 @@ class Fidelity(Protocol):
     @property
     def facts(self) -> Mapping[str, Any]:
         """For the provenance: backends, versions."""
+        ...
+
+    def oracle(self) -> GroundTruthOracle:
+        """What the oracle gates, and nothing else that plans, may ask."""
         ...
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.flight import Flight
-from nbv.gates import gate_class, make_gate, make_oracle
+from nbv.gates import gate_class, make_gate
 from nbv.mission.belief import believed
 from nbv.mission.fidelity import Fidelity, MissionContext
 from nbv.mission.function import Keep, Log, no_log
@@ -93,14 +93,16 @@ def fly_mission(
         )
     )
     asked = with_oracle or gate_class(config.gate.kind).sees_ground_truth
-    oracle = make_oracle(config, subject) if asked else None
+    oracle = fidelity.oracle() if asked else None
     flown = fidelity.believed  # nothing that flies or plans gets the other one, nor the rock
     gate = make_gate(flown, subject.sha256, replicate, oracle)
     flight = Flight(flown, rock_sha256=subject.sha256, replicate=replicate)
     recorder = Recorder(
         flown, flight, stopwatch, run=full_run, oracle=oracle if with_oracle else None, log=log
     )
-    mission = AdaptiveMission(flown, flight, fidelity.camera, fidelity.reconstructor, gate, recorder)
+    mission = AdaptiveMission(
+        flown, flight, fidelity.camera, fidelity.reconstructor, gate, recorder, fidelity.viewpoints
+    )
 
     def measure(cloud: Cloud) -> dict[str, Any]:
         log("metrics", {"points": len(cloud)})

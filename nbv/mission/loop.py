@@ -14,7 +14,7 @@ from nbv.mission.belief import located, must_look
 from nbv.mission.observer import Observer
 from nbv.planner import Plan, Planner
 from nbv.types import Camera, Capture, Cloud, Reconstructor, SparseModel, Viewpoint
-from nbv.viewpoints import seed_viewpoints
+from nbv.viewpoints import RINGS, ViewpointSource
 
 
 class AdaptiveMission:
@@ -24,6 +24,8 @@ class AdaptiveMission:
     ----------
     observer
         Sees every step as it happens; the mission goes the same way without one.
+    viewpoints
+        Where photographs may be taken.
     """
 
     def __init__(
@@ -34,12 +36,13 @@ class AdaptiveMission:
         reconstructor: Reconstructor,
         gate: Gate,
         observer: Observer | None = None,
+        viewpoints: ViewpointSource = RINGS,
     ) -> None:
         self.config = config
         self.flight = flight
         self.camera = camera
         self.reconstructor = reconstructor
-        self.planner = Planner(config, gate)
+        self.planner = Planner(config, gate, viewpoints)
         self.observer = observer if observer is not None else Observer()
         self.captures: list[Capture] = []
 
@@ -54,10 +57,12 @@ class AdaptiveMission:
     def fly_seed_phase(self) -> SparseModel:
         """Phase 1: the stratified ring orbit, and the seed model."""
         self.flight.take_off()
-        for k in range(self.config.seed.total):
+        seeds = self.planner.viewpoints.seeds(self.config)
+        for k in range(len(seeds)):
             if k > 0 and k == self.config.seed.reaim_after and must_look(self.config):
                 self.aim_anew()
-            self._fly_and_photograph(seed_viewpoints(self.config)[k])
+                seeds = self.planner.viewpoints.seeds(self.config)
+            self._fly_and_photograph(seeds[k])
         with self.observer.timed("bootstrap"):
             report = self.reconstructor.bootstrap(self.captures)
         self.observer.seed_model(report)
@@ -88,7 +93,7 @@ class AdaptiveMission:
         self.flight.face(config.target_m, config.flight)
         self.camera.aim_at(config.target_m)
         self.reconstructor.retarget(config.target_m, config.dense.crop_half_width_m)
-        self.planner = Planner(config, self.planner.gate.retargeted(config))
+        self.planner = Planner(config, self.planner.gate.retargeted(config), self.planner.viewpoints)
 
     def fly_adaptive_phase(self, model: SparseModel) -> None:
         """Phase 2: plan, fly, photograph, update, until the budget is used or the cloud has converged."""

@@ -9,6 +9,7 @@ from typing import Any, Unpack
 from nbv.config import CameraConfig, MissionConfig
 from nbv.evaluation import Evaluation, evaluate_cloud, ground_truth
 from nbv.evaluation.evaluate import rock_floors
+from nbv.gates import GroundTruthOracle, make_oracle
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.flying import fly_mission
 from nbv.mission.function import MissionOptions
@@ -23,12 +24,14 @@ from nbv.scene import Renderer, build_scene, make_renderer
 from nbv.terrain import make_surroundings
 from nbv.threads import limit_threads
 from nbv.types import Camera, Cloud
+from nbv.viewpoints import RINGS, ViewpointSource
 
 
 class PhotogrammetricFidelity:
     """Implements `nbv.mission.fidelity.Fidelity`."""
 
     name = "photogrammetric"
+    viewpoints: ViewpointSource = RINGS
 
     def __init__(self, context: MissionContext) -> None:
         limit_threads()
@@ -45,6 +48,10 @@ class PhotogrammetricFidelity:
         )
         self.facts = {"backend": config.scene.backend, "dense_backend": config.dense.backend}
         self._evaluation: Evaluation | None = None
+
+    def oracle(self) -> GroundTruthOracle:
+        """The true surface."""
+        return make_oracle(self.context.config, self.context.rock)
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
         """Clean the cloud and compare it with the true rock."""

@@ -19,7 +19,7 @@ from nbv.safe_files import read_yaml
 from nbv.scorers import expected_gain_percent, rank_candidates
 from nbv.scorers.registry import Rankings
 from nbv.types import CandidatePool, Floats, GateDecision, PlanningState, SparseModel, Viewpoint
-from nbv.viewpoints import candidate_pool
+from nbv.viewpoints import RINGS, ViewpointSource
 
 
 @dataclass(frozen=True)
@@ -69,6 +69,8 @@ class Planner:
         The tuned configuration; `Planner.from_yaml` reads one that ``gatetune export --to gatetune.yaml`` wrote.
     gate
         None: the one that the configuration names.
+    viewpoints
+        Where the next view may be; by default in the paper's pool.
 
     Raises
     ------
@@ -76,8 +78,11 @@ class Planner:
         The configuration names a gate that needs the ground truth.
     """
 
-    def __init__(self, config: MissionConfig, gate: Gate | None = None) -> None:
+    def __init__(
+        self, config: MissionConfig, gate: Gate | None = None, viewpoints: ViewpointSource = RINGS
+    ) -> None:
         self.config = config
+        self.viewpoints = viewpoints
         self.gate = gate if gate is not None else make_gate(config)
 
     @classmethod
@@ -130,7 +135,7 @@ class Planner:
         )
         if stop.criterion in ("both", "knn") and state.d95_m <= stop.knn_threshold_m:
             return Plan(state, True)
-        pool = candidate_pool(self.config, state.vehicle_position_m, visited[n_seeds:])
+        pool = self.viewpoints.candidates(self.config, state.vehicle_position_m, visited, n_seeds)
         if len(pool) == 0:
             return Plan(state, False, pool)
         rankings = rank_candidates(state, pool, self.config)

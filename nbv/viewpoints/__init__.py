@@ -28,5 +28,13 @@ ring, the densest one: 105 remain.
 
 from nbv.viewpoints.pool import candidate_pool, raw_candidates, shell_viewpoints
 from nbv.viewpoints.rings import seed_viewpoints
+from nbv.viewpoints.source import RINGS, ViewpointSource
 
-__all__ = ["candidate_pool", "raw_candidates", "seed_viewpoints", "shell_viewpoints"]
+__all__ = [
+    "RINGS",
+    "ViewpointSource",
+    "candidate_pool",
+    "raw_candidates",
+    "seed_viewpoints",
+    "shell_viewpoints",
+]
