@@ -16,8 +16,6 @@ MISSION_LIBRARIES = (
     "opencv-python-headless",
     "open3d-cpu",
     "open3d",
-    "pyrender2",
-    "mitsuba",
     "trimesh",
     "scikit-image",
     "ruckig",

@@ -45,6 +45,8 @@ class MissionConfig:
         "b_aware.main_term": "gate.geometry_scorer (repair is now b-aware)",
         "b_aware.matchable_views": "matchable.views",
     }
+    # Of earlier versions; a recorded mission's file that has them is read without.
+    GONE: ClassVar[tuple[str, ...]] = ("scene.mitsuba_samples", "scene.mitsuba_depth")
 
     preset: str = ours("paper", "name of the preset that it began as")
     condition: str = ours(IDEAL, "name of the condition that it is under", added=True)

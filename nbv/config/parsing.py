@@ -64,6 +64,8 @@ def merge(into: dict[str, Any], new: dict[str, Any], cls: type, prefix: str = ""
             f"{prefix.rstrip('.') or 'configuration'} must be a mapping, not {type(new).__name__}"
         )
     for key, value in new.items():
+        if f"{prefix}{key}" in getattr(cls, "GONE", ()):
+            continue
         if key not in into:
             raise UserError(_unknown_path(f"{prefix}{key}", cls))
         if isinstance(into[key], dict):

@@ -66,8 +66,6 @@ RENDERERS = Registry(
     "renderer",
     {
         "raycast": "nbv.scene.raycast:RaycastRenderer",
-        "gl": "nbv.scene.gl:GLRenderer",
-        "mitsuba": "nbv.scene.mitsuba:MitsubaRenderer",
     },
 )
 

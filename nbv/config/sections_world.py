@@ -31,7 +31,7 @@ class CameraConfig(Section):
 class SceneConfig(Section):
     """Light, ground and sensor."""
 
-    backend: str = ours("raycast", "renderer", why="gl needs EGL, mitsuba a package", names=RENDERERS.keys)
+    backend: str = ours("raycast", "renderer", names=RENDERERS.keys)
     sun_direction: tuple[float, float, float] = code(
         (0.001, 0.625, -0.78), "simulator", "direction the light travels, ENU"
     )
@@ -59,12 +59,6 @@ class SceneConfig(Section):
         "standard deviation at full scale; grows with the square root of the signal",
         why="the simulator has none",
     )
-    mitsuba_samples: int = ours(
-        16, "light paths a pixel, mitsuba alone", why="4 CPU s a photograph", added=True
-    )
-    mitsuba_depth: int = ours(
-        4, "longest light path, mitsuba alone; 2: direct light", why="more is not seen", added=True
-    )
 
     def __post_init__(self) -> None:
         self._need(self.sun_direction[2] < 0, "sun_direction", "downward (negative third component)")
@@ -78,8 +72,6 @@ class SceneConfig(Section):
         self._need(0 <= self.sky_grey <= 1, "sky_grey", "between 0 and 1")
         self._need_at_least(0, "sun_irradiance", "ambient", "read_noise_dn", "shot_noise_dn")
         self._need(self.sun_irradiance + self.ambient > 0, "ambient", "positive without a sun")
-        self._need_at_least(1, "mitsuba_samples")
-        self._need_at_least(2, "mitsuba_depth")
 
     @property
     def sun_travel(self) -> tuple[float, float, float]:

@@ -1,7 +1,7 @@
 """Light computed once: the sun does not move and the surfaces are Lambertian, so radiance has no view.
 
 Rock: a linear radiance per vertex. Ground: a clipmap of linear radiance with the rock's cast shadow.
-A photograph is then nothing but look-ups of the same numbers, except where light is traced (`nbv.scene.mitsuba`).
+A photograph is then nothing but look-ups of the same numbers.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -19,6 +19,8 @@ from numpy.typing import NDArray
 from nbv.cache import Arrays, Check, Store, digest, holds, remember
 from nbv.config import CameraConfig, SceneConfig
 from nbv.geometry.raycasting import RayCaster, rays_of
+from nbv.rocks.mesh import vertex_normals
+from nbv.rocks.rock import Rock
 from nbv.scene.ground import GroundSpec, synthesise_ground
 from nbv.scene.view import linear_from_srgb
 from nbv.terrain import RELIEF_HALF_EXTENT_M, Body, Relief, Surroundings
@@ -27,19 +29,6 @@ from nbv.types import Floats
 GROUND_TINT = np.array([1.0, 0.985, 0.955], dtype=np.float32)  # regolith is very slightly warm
 Floats32 = NDArray[np.float32]
 _FULL_SCALE = 65535.0  # radiance 1.0 in the stored 16-bit textures
-
-
-class RockLike(Protocol):
-    """What the scene needs of a rock (``nbv.rocks.Rock`` has it)."""
-
-    @property
-    def vertices_m(self) -> NDArray[np.floating]: ...
-    @property
-    def faces(self) -> NDArray[np.integer]: ...
-    @property
-    def albedo(self) -> NDArray[np.floating]: ...
-    @property
-    def sha256(self) -> str: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +47,6 @@ class Scene:
     camera: CameraConfig
     part_ends: tuple[int, ...]  # where the vertices of the rock end, and those of each neighbour
     relief: Relief | None
-    # For a renderer that traces light: what reflects (the ground's painted relief in it), and the lights.
-    albedo: NDArray[np.floating]  # (V, 3) linear
-    light: SceneConfig
-    ground_reflectance: Callable[[], tuple[NDArray[np.float32], ...]]  # per level (S, S)
 
     @property
     def rock_faces(self) -> int:
@@ -81,7 +66,7 @@ def direction_to_sun(config: SceneConfig) -> Floats:
 
 
 def build_scene(
-    rock: RockLike,
+    rock: Rock,
     config: SceneConfig,
     camera: CameraConfig,
     ground: GroundSpec | None = None,
@@ -118,17 +103,14 @@ def build_scene(
     def stored(kind: str, bake: Callable[[], Arrays], is_sound: Check, **inputs: Any) -> Arrays:
         return remember(store, kind, bake, is_sound=is_sound, code=__name__, inputs=[inputs])
 
-    def ground_surface(relief: Relief | None) -> Arrays:
-        return stored(
-            "scene-ground",
-            lambda: _ground_arrays(config.ground_seed, to_sun, spec, relief),
-            holds(dict.fromkeys(_names(spec, "albedo", "sun"), f"u {spec.size_px} {spec.size_px}")),
-            seed=config.ground_seed,
-            **({} if relief is None else {"relief": digest(relief.heights_m)}),
-            **geometry,
-        )
-
-    surface = ground_surface(relief)
+    surface = stored(
+        "scene-ground",
+        lambda: _ground_arrays(config.ground_seed, to_sun, spec, relief),
+        holds(dict.fromkeys(_names(spec, "albedo", "sun"), f"u {spec.size_px} {spec.size_px}")),
+        seed=config.ground_seed,
+        **({} if relief is None else {"relief": digest(relief.heights_m)}),
+        **geometry,
+    )
     rock_light = stored(
         "scene-rock",
         lambda: _rock_arrays(solid, config, to_sun, spec, relief),
@@ -157,9 +139,6 @@ def build_scene(
         camera,
         solid.part_ends,
         relief,
-        solid.albedo,
-        config,
-        lambda: _reflectance(ground_surface(None), config, to_sun, spec),
     )
 
 
@@ -173,13 +152,10 @@ class _Solid:
     part_ends: tuple[int, ...]  # see `Scene`
 
     @staticmethod
-    def of(rock: RockLike, surroundings: Surroundings | None) -> _Solid:
+    def of(rock: Rock, surroundings: Surroundings | None) -> _Solid:
         bodies = () if surroundings is None else surroundings.neighbours
-        parts: list[RockLike | Body] = [rock, *bodies]
+        parts: list[Rock | Body] = [rock, *bodies]
         ends = tuple(np.cumsum([len(part.vertices_m) for part in parts]).tolist())
-        if not bodies:
-            vertices = np.ascontiguousarray(rock.vertices_m, dtype=np.float32)
-            return _Solid(vertices, np.ascontiguousarray(rock.faces, dtype=np.uint32), rock.albedo, ends)
         return _Solid(
             np.concatenate([part.vertices_m for part in parts]).astype(np.float32),
             np.concatenate([part.faces + first for part, first in zip(parts, (0, *ends))]).astype(np.uint32),
@@ -195,27 +171,6 @@ def with_relief(vertices: NDArray[np.float32], faces: NDArray[np.uint32], relief
         faces = np.concatenate([faces, (cells + len(vertices)).astype(np.uint32)])
         vertices = np.concatenate([vertices, heights.astype(np.float32)])
     return RayCaster(vertices, faces)
-
-
-def relief_within(relief: Relief, half_extent_m: float) -> tuple[Floats32, NDArray[np.uint32]]:
-    """The relief, and flat ground from there to the square of half side ``half_extent_m``."""
-    vertices, faces = relief.mesh()
-    rim, around = square_frame(RELIEF_HALF_EXTENT_M, half_extent_m)
-    all_faces = np.concatenate([faces, around + len(vertices)])
-    return np.concatenate([vertices, rim]).astype(np.float32), all_faces.astype(np.uint32)
-
-
-def square_frame(inner_m: float, outer_m: float) -> tuple[Floats32, NDArray[np.uint32]]:
-    """Vertices (8, 3) and faces (8, 3) of a square of z = 0 around a square hole; (4, 3) and (2, 3) without one.
-
-    ``inner_m`` and ``outer_m`` are half the sides of the hole and of the square.
-    """
-    square = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], dtype=np.float32)
-    if inner_m <= 0:
-        return np.float32(outer_m) * square, np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
-    faces = [face for i in range(4) for j in [(i + 1) % 4] for face in ((i, j, 4 + j), (i, 4 + j, 4 + i))]
-    vertices = np.concatenate([np.float32(outer_m) * square, np.float32(inner_m) * square])
-    return vertices, np.array(faces, dtype=np.uint32)
 
 
 def _ground_arrays(
@@ -248,20 +203,6 @@ def _is_rock_light(arrays: Arrays, vertices: int, spec: GroundSpec) -> bool:
     )
 
 
-def _reflectance(
-    surface: Arrays, config: SceneConfig, to_sun: Floats, spec: GroundSpec
-) -> tuple[NDArray[np.float32], ...]:
-    """What a flat ground must reflect to look as the painted relief does under this light, without the rock."""
-    flat = config.ambient + config.sun_irradiance * to_sun[2]
-    levels = []
-    for level in range(spec.levels):
-        albedo = surface[f"albedo_{level}"].astype(np.float32) / np.float32(_FULL_SCALE)
-        sun = surface[f"sun_{level}"].astype(np.float32) * np.float32(config.sun_irradiance / 255)
-        reflectance = albedo * (np.float32(config.ambient) + sun) / np.float32(flat)
-        levels.append(np.clip(reflectance, 0, 1).astype(np.float32))
-    return tuple(levels)
-
-
 def _rock_arrays(
     solid: _Solid, config: SceneConfig, to_sun: Floats, spec: GroundSpec, relief: Relief | None
 ) -> dict[str, np.ndarray]:
@@ -281,21 +222,6 @@ def _rock_arrays(
             sunlit = cv2.blur(sunlit, (3, 3))
         arrays[f"shadow_box_{level}"], arrays[f"sunlit_{level}"] = bounds, sunlit
     return arrays
-
-
-def vertex_normals(vertices: NDArray[np.floating], faces: NDArray[np.integer]) -> NDArray[np.floating]:
-    """(V, 3) area-weighted unit normals; a vertex without faces gets straight up."""
-    corners = vertices[faces].astype(np.float64)
-    face_normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.stack(
-        [
-            np.bincount(faces.ravel(), np.repeat(face_normals[:, axis], 3), minlength=len(vertices))
-            for axis in range(3)
-        ],
-        axis=1,
-    )
-    norm = np.linalg.norm(normals, axis=1, keepdims=True)
-    return np.where(norm > 1e-20, normals / np.maximum(norm, 1e-20), (0.0, 0.0, 1.0))
 
 
 def vertex_radiance(
@@ -321,7 +247,7 @@ def vertex_radiance(
     caster
         What casts shadows.
     """
-    normals = vertex_normals(vertices, faces)
+    normals = vertex_normals(vertices.astype(np.float64), faces.astype(np.int64))
     cosine = np.maximum(normals @ to_sun, 0)
     lit = np.flatnonzero(cosine > 0)
     # Start a little off the surface, or a vertex would be shadowed by its own triangles.

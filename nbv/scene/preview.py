@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from nbv.cache import Store
 from nbv.config import CameraConfig, SceneConfig
 from nbv.geometry.frames import look_at
-from nbv.scene.bake import RockLike, build_scene
+from nbv.rocks.rock import Rock
+from nbv.scene.bake import build_scene
 from nbv.scene.factory import make_renderer
 
 # azimuth, elevation
@@ -17,7 +18,7 @@ RADIUS_M = 3.5
 COLUMNS, GAP_PX = 3, 4
 
 
-def preview(rock: RockLike, store: Store | None = None) -> NDArray[np.uint8]:
+def preview(rock: Rock, store: Store | None = None) -> NDArray[np.uint8]:
     """(H, W, 3) RGB contact sheet of `VIEWS_DEG`, aimed at the rock's mid height."""
     config = SceneConfig()
     camera = CameraConfig(width_px=320, height_px=240, focal_px=320.0)

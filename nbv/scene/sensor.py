@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, MissionConfig, SceneConfig
 from nbv.random_streams import keyed_rng
-from nbv.scene.bake import RockLike
+from nbv.rocks.rock import Rock
 from nbv.scene.lens import Lens
 from nbv.scene.view import Renderer, grey_levels, linear_from_srgb
 from nbv.types import Floats
@@ -41,7 +41,7 @@ class Sensor:
         return self._lens.drawn
 
     def photograph(
-        self, renderer: Renderer, camera_from_world: Floats, rock: RockLike, replicate: int, viewpoint_id: str
+        self, renderer: Renderer, camera_from_world: Floats, rock: Rock, replicate: int, viewpoint_id: str
     ) -> NDArray[np.uint8]:
         """(H, W, 3) RGB seen from ``camera_from_world`` (4, 4); a function of its arguments alone.
 

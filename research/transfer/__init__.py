@@ -1,4 +1,4 @@
-"""Study: does what was tuned in one world hold in another? Worlds are conditions, renderers and fidelities."""
+"""Study: does what was tuned in one world hold in another? Worlds are conditions and fidelities."""
 
 from research.transfer.study import TransferFindings, TransferSettings, analyse
 from research.transfer.worlds import World, worlds

@@ -22,9 +22,6 @@ def transfer(
         list[str] | None,
         typer.Option("--condition", help="Name or YAML file, repeatable (default: all that ship)."),
     ] = None,
-    renderers: Annotated[
-        list[str] | None, typer.Option("--renderer", help="Repeatable (default: raycast).")
-    ] = None,
     fidelities: Annotated[
         list[str] | None,
         typer.Option("--fidelity", help="photogrammetric, geometric; repeatable (default: photogrammetric)."),
@@ -60,7 +57,6 @@ def transfer(
 
         asked = worlds(
             load_conditions(conditions or list(available_conditions())),
-            renderers or ["raycast"],
             fidelities or ["photogrammetric"],
         )
         source = Campaign.open(campaign, read_only=True)

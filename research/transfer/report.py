@@ -160,7 +160,7 @@ def _world(findings: TransferFindings, w: WorldResult) -> dict[str, Any]:
     world = s.worlds[w.name]
     return {
         "name": w.name,
-        "what": ", ".join(filter(None, [world.condition.description, world.renderer, world.fidelity])),
+        "what": ", ".join(filter(None, [world.condition.description, world.fidelity])),
         "missions": str(sum(c.missions for c in w.configurations)),
         "failed": str(sum(c.failed for c in w.configurations)),
         "reference": difference_text(w.configuration(TUNED).difference, DECIMALS, bold=False),

@@ -91,7 +91,7 @@ class TransferSettings(StudySettings):
         """One evaluation per world."""
         return {
             name: EvaluationPlan(
-                {c: world.config(config) for c, config in self.configurations.items()},
+                dict(self.configurations),
                 self.rocks,
                 self.replicates,
                 fidelity=world.fidelity,

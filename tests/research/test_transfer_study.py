@@ -10,7 +10,7 @@ import fake_campaigns
 import numpy as np
 import pytest
 
-from nbv.config import MissionConfig, load_condition, load_conditions
+from nbv.config import load_condition, load_conditions
 from nbv.errors import UserError
 from research.transfer import TransferSettings, World, analyse, worlds
 from research.transfer.agreement import agreement, regret, self_agreement, spearman
@@ -21,7 +21,7 @@ from tuner.problem.search_space import value_at
 from tuner.studies.study_directory import fly
 
 FAKE = "fake_missions:fake_mission"
-TWO = {"plain": World(fidelity=FAKE), "other": World(load_condition("field"), "gl", FAKE)}
+TWO = {"plain": World(fidelity=FAKE), "other": World(load_condition("field"), FAKE)}
 
 
 @pytest.fixture(scope="module")
@@ -185,13 +185,11 @@ def test_geometric_missions_in_two_worlds(campaign, tmp_path):
 
 def test_worlds_are_combined():
     conditions = load_conditions(["ideal", "low-sun"])
-    found = worlds(conditions, ["raycast", "gl"], ["photogrammetric", "geometric"])
-    kinds = ("raycast", "gl", "geometric")
+    kinds = ("photogrammetric", "geometric")
+    found = worlds(conditions, kinds)
     assert list(found) == [f"{c}-{kind}" for c in ("ideal", "low-sun") for kind in kinds]
-    world = found["low-sun-gl"]
-    assert world.condition.name == "low-sun" and world.config(MissionConfig()).scene.backend == "gl"
-    assert found["ideal-geometric"].config(MissionConfig()) == MissionConfig()
-    assert found["ideal-geometric"].fidelity == "geometric"
+    world = found["low-sun-geometric"]
+    assert world.condition.name == "low-sun" and world.fidelity == "geometric"
 
 
 @pytest.mark.parametrize(
@@ -199,8 +197,6 @@ def test_worlds_are_combined():
     [
         (["--condition", "mars"], "mars"),
         (["--condition", "ideal", "--condition", "ideal"], "twice"),
-        (["--renderer", "crayon"], "crayon"),
-        (["--renderer", "gl", "--renderer", "gl"], "twice"),
         (["--fidelity", "cardboard"], "cardboard"),
         (["--neighbours", "-1"], "neighbours"),
         (["--metric", "beauty"], "beauty"),

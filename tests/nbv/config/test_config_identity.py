@@ -13,7 +13,7 @@ from nbv.errors import UserError
 ADDED_SINCE_VERSION_1 = {
     "flight": ("planning_s", "mass_kg", "rotor_diameter_m", "propulsion_efficiency"),
     "gate": ("geometry_scorer", "oracle_quality_weight"),
-    "scene": ("sun_elevation_deg", "sun_azimuth_deg", "mitsuba_samples", "mitsuba_depth"),
+    "scene": ("sun_elevation_deg", "sun_azimuth_deg"),
     "seed": (
         "ring_radii_m",
         "ring_bearings_deg",
@@ -72,6 +72,7 @@ def test_the_campaign_preset_is_what_all_campaigns_flew() -> None:
 def test_a_record_of_version_1_is_the_mission_that_was_flown() -> None:
     for name in ("paper", "paper-code", "campaign"):
         assert config_from_dict(version_1(preset(name))) == preset(name)
+    assert config_from_dict({"scene": {"mitsuba_samples": 16}}) == MissionConfig()  # a parameter that is gone
 
 
 def test_parts_are_keyed_without_unused_added_fields() -> None:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import pytest
-from scene_helpers import SMALL_CAMERA, SMALL_GROUND, PlainRock, make_ball
+from scene_helpers import SMALL_CAMERA, SMALL_GROUND, make_ball
 
 from nbv.config import SceneConfig
+from nbv.rocks import Rock
 from nbv.scene import build_scene, make_renderer
 
 
 @pytest.fixture(scope="session")
-def ball() -> PlainRock:
+def ball() -> Rock:
     return make_ball()
 
 
