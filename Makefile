@@ -15,7 +15,7 @@ help:
 	@echo "make faults      MINUTES=5 or COUNT=1000 of kills, stops and failing disks in campaigns; runs/faults/faults.csv"
 	@echo "make lint        ruff, mypy, import-linter"
 	@echo "make docs        build the documentation into site/"
-	@echo "make wheel-test  build sdist and wheel; run the three jobs from the wheel in an empty environment"
+	@echo "make wheel-test  build sdist and wheel; run the three jobs and every command of the pages from the wheel"
 	@echo "make research-test  the tests of research/"
 
 setup: $(VENV)/.ready

@@ -40,11 +40,20 @@ class Street:
             text=True,
             check=False,
             timeout=600,
-            env=os.environ | {"COLUMNS": "200"},
+            env=os.environ | {"COLUMNS": "200", "GATETUNE_HOME": str(self._home())},
         )
         said = run.stdout + run.stderr
         assert run.returncode == code and "Traceback" not in said, f"{line}\nexit {run.returncode}\n{said}"
         return run.stdout
+
+    def _home(self) -> Path:
+        """A user's folder of their own: two pages may both call a rock ``mine``. What is computed is shared."""
+        home, shared = self.folder / ".gatetune", Path(os.environ["GATETUNE_HOME"]) / "store"
+        if not home.exists():
+            home.mkdir()
+            shared.mkdir(parents=True, exist_ok=True)
+            (home / "store").symlink_to(shared)
+        return home
 
     def _quick(self, words: list[str]) -> list[str]:
         """Options that make a command small: those that it knows and that the page does not need to be what they are."""
