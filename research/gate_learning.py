@@ -31,7 +31,7 @@ from nbv.rocks import list_rocks
 from nbv.safe_files import parse_json
 from nbv.scorers import PAPER_SCORERS
 from nbv.types import Floats, Ints
-from tuner.studies.missions_as_data import FlownMission
+from research.flown_missions import FlownMission
 
 SCORERS = PAPER_SCORERS  # class 0, Covis, and class 1, B-aware: an exact draw of the votes goes to Covis
 MAX_DEPTH = 3

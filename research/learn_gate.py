@@ -28,9 +28,9 @@ def learn_gate(
 
     Example: python -m research.learn_gate runs/mine --out policy.json
     """
+    from research.flown_missions import find_missions
     from research.gate_learning import describe_tree, gate_decisions, judged_by, without_rocks
     from research.gate_learning import learn_gate as learn
-    from tuner.studies.missions_as_data import find_missions
 
     missions = without_rocks(find_missions(runs), without or [])
     decisions = gate_decisions(judged_by(missions, oracle) if oracle is not None else missions)

@@ -28,6 +28,7 @@ from nbv.cache import Store
 from nbv.config import MissionConfig, preset
 from nbv.mission.result import MissionResult
 from nbv.rocks import load_rock
+from research.flown_missions import FlownMission, find_missions
 from research.gate_learning import (
     GateDecisions,
     describe_tree,
@@ -41,7 +42,6 @@ from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.report.comparison.tables import comparison_markdown
-from tuner.studies.missions_as_data import FlownMission, find_missions
 
 STRATEGIES = ("covis", "b-aware", "hyb-h", "hyb-o", "learned")
 REFERENCE = "covis"

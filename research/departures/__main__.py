@@ -8,16 +8,16 @@ from typing import Annotated
 import typer
 
 from research.command import Fidelity, QuickRocks, Surface, run
-from tuner.campaign.rock_choice import QUICK_ROCKS
-from tuner.commands.console import output, parse_overrides
-from tuner.commands.options import Timeout, Workers
-from tuner.commands.studies.flying import (
+from research.study_command import (
     Out,
     ReportOnly,
     end_study,
     fly_study,
     study_rocks,
 )
+from tuner.campaign.rock_choice import QUICK_ROCKS
+from tuner.commands.console import output, parse_overrides
+from tuner.commands.options import Timeout, Workers
 
 
 def departures(

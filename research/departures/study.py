@@ -29,13 +29,13 @@ from research.decisions import (
     same_flight,
 )
 from research.departures.table import DEPARTURES, Departure
+from research.study_directory import StudyFindings, StudySettings, counts, flown
 from tuner.evaluation.baselines import baseline
 from tuner.evaluation.comparison import values_of
 from tuner.evaluation.paper_table import MetricRow
 from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval, paired_difference
 from tuner.missions.registry import DEFAULT_FIDELITY
-from tuner.studies.study_directory import StudyFindings, StudySettings, counts, flown
 
 FLIGHTS = "evaluation"
 

@@ -9,10 +9,7 @@ import typer
 
 from nbv.errors import UserError
 from research.command import Fidelity, QuickRocks, Surface, run
-from tuner.campaign.rock_choice import QUICK_ROCKS
-from tuner.commands.console import output, parse_overrides
-from tuner.commands.options import Timeout, Workers
-from tuner.commands.studies.flying import (
+from research.study_command import (
     Out,
     ReportOnly,
     SetForAll,
@@ -20,6 +17,9 @@ from tuner.commands.studies.flying import (
     fly_study,
     study_rocks,
 )
+from tuner.campaign.rock_choice import QUICK_ROCKS
+from tuner.commands.console import output, parse_overrides
+from tuner.commands.options import Timeout, Workers
 
 
 def oracles(

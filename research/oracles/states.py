@@ -19,8 +19,8 @@ from nbv.rocks import Rock, load_rock
 from nbv.scorers import B_AWARE, COVIS, rank_candidates
 from nbv.terrain import buried_rock
 from research.decisions import PERCENT
+from research.flown_missions import FlownMission, find_missions
 from research.oracles.study import COVERAGES, Judgement, Preferences, preferences
-from tuner.studies.missions_as_data import FlownMission, find_missions
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from research.decisions import (
     per_block,
 )
 from research.departures.study import FLIGHTS, METRICS, metric_key
+from research.study_directory import StudyFindings, StudySettings, counts, flown
 from tuner.evaluation.baselines import baseline
 from tuner.evaluation.comparison import strategy_difference, strategy_interval
 from tuner.evaluation.paper_table import MetricRow
@@ -36,7 +37,6 @@ from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.search_space import ours
-from tuner.studies.study_directory import StudyFindings, StudySettings, counts, flown
 
 COVERAGES: tuple[str, ...] = get_args(get_type_hints(GateConfig)["oracle_coverage"])
 REFERENCES = ("covis", "b-aware", "hyb-h")

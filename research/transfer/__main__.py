@@ -11,9 +11,9 @@ import typer
 
 from nbv.config import available_conditions, load_conditions
 from research.command import run
+from research.study_command import ReportOnly, end_study, fly_study
 from tuner.commands.console import output, working
 from tuner.commands.options import Timeout, Workers
-from tuner.commands.studies.flying import ReportOnly, end_study, fly_study
 
 
 def transfer(

@@ -22,6 +22,7 @@ from nbv.config import Condition, MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.mission.result import json_ready
 from research.decisions import by_rock
+from research.study_directory import StudyFindings, StudySettings, counts, flown
 from research.transfer.agreement import Agreement, Outcomes, agreement, self_agreement
 from research.transfer.worlds import World
 from tuner.evaluation.baselines import (
@@ -38,7 +39,6 @@ from tuner.evaluation.statistics import Interval, PairedDifference, mean_interva
 from tuner.missions.registry import renamed
 from tuner.problem.objective import Objective
 from tuner.problem.search_space import ours, value_at
-from tuner.studies.study_directory import StudyFindings, StudySettings, counts, flown
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -12,8 +12,8 @@ from nbv.errors import UserError
 from research.departures.report import departures_markdown, write_departures_report
 from research.departures.study import DepartureSettings, analyse
 from research.departures.table import DEPARTURES, PAPER_CODE
+from research.study_directory import fly
 from tuner.missions.executors import InProcessExecutor
-from tuner.studies.study_directory import fly
 
 ROCKS = ("r0", "r1", "r2")
 F48 = "f_score_48mm"

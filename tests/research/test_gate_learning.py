@@ -16,6 +16,7 @@ from nbv.gates.features import FEATURE_NAMES
 from nbv.gates.learned import LearnedGate
 from nbv.mission.result import IterationRecord, MissionResult
 from nbv.types import Ranking
+from research.flown_missions import find_missions
 from research.gate_learning import (
     SCORERS,
     GateDecisions,
@@ -26,7 +27,6 @@ from research.gate_learning import (
     score_choices,
     without_rocks,
 )
-from tuner.studies.missions_as_data import find_missions
 
 D95 = FEATURE_NAMES.index("d95_m")
 

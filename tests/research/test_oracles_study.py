@@ -9,8 +9,8 @@ import pytest
 from nbv.errors import UserError
 from research.oracles.report import oracles_markdown, write_oracles_report
 from research.oracles.study import OracleSettings, analyse
+from research.study_directory import fly
 from tuner.missions.executors import InProcessExecutor
-from tuner.studies.study_directory import fly
 
 ROCKS = ("r0", "r1", "r2")
 

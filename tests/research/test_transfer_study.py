@@ -12,13 +12,13 @@ import pytest
 
 from nbv.config import load_condition, load_conditions
 from nbv.errors import UserError
+from research.study_directory import fly
 from research.transfer import TransferSettings, World, analyse, worlds
 from research.transfer.agreement import agreement, regret, self_agreement, spearman
 from research.transfer.report import write_transfer_report
 from research.transfer.study import NEIGHBOUR_SD, carried_over
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.search_space import value_at
-from tuner.studies.study_directory import fly
 
 FAKE = "fake_missions:fake_mission"
 TWO = {"plain": World(fidelity=FAKE), "other": World(load_condition("field"), FAKE)}

@@ -21,7 +21,6 @@ FIDELITIES = {
     "photogrammetric-with-oracle": "nbv.photogrammetric:run_photogrammetric_mission_with_oracle",
     "geometric-with-oracle": "nbv.geometric:run_geometric_mission_with_oracle",
     "external": "tuner.missions.external.runner:run_external_mission",
-    "several-agreement-levels": "nbv.photogrammetric.agreement_levels:run_study_mission",
 }
 DEFAULT_FIDELITY = "photogrammetric"
 # What their missions import when they need it, and a server before it forks, lest every mission does.

@@ -1,1 +1,1 @@
-"""Studies that come before and after tuning: how noisy the objective is, what it depends on, where its result holds."""
+"""What a user asks before and after tuning: how noisy missions are, which parameters matter."""

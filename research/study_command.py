@@ -14,7 +14,7 @@ from tuner.commands.comparison import ComparisonProgress
 from tuner.commands.console import output, progress_bar, rock_arguments, ticker
 
 if TYPE_CHECKING:
-    from tuner.studies.study_directory import StudySettings
+    from research.study_directory import StudySettings
 
 SetForAll = Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE for every mission.")]
 Out = Annotated[Path, typer.Option(help="Directory; the same command goes on where it stopped.")]
@@ -36,10 +36,10 @@ def fly_study(
     Raises
     ------
     UserError
-        Fewer than one worker; as `tuner.studies.study_directory.fly`.
+        Fewer than one worker; as `research.study_directory.fly`.
     """
+    from research.study_directory import fly
     from tuner.missions.executors import LocalProcessExecutor
-    from tuner.studies.study_directory import fly
 
     if workers is not None and workers < 1:
         raise UserError(f"--workers is {workers}; give at least 1")

@@ -1,0 +1,297 @@
+"""Which parameters of a campaign matter: Sobol indices of its surrogate, with Optuna's importances beside them.
+
+Sobol indices (``scipy.stats.sobol_indices``; Saltelli et al., Computer Physics Communications 181, 2010) are shares of the
+variance of the posterior mean over the search space, whose parameters are taken for independent and uniform.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import optuna
+import torch
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from rich.table import Table
+from scipy.stats import qmc, sobol_indices
+
+from nbv.errors import UserError
+from nbv.mission.result import json_ready
+from nbv.mission.run_directory import write_atomic
+from nbv.types import Floats
+from tuner.campaign.campaign import Campaign
+from tuner.problem.objective import Objective, direction_of
+from tuner.problem.observations import Observation
+from tuner.problem.search_space import SearchSpace
+from tuner.report.labels import format_number, metric_label, parameter_label
+from tuner.report.style import BLACK, BLUE, SKY, look, new_figure, save_figure
+from tuner.samplers.distributions import distributions
+from tuner.surrogate.condensed import posterior_means
+from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.numerics import numerics
+
+MEAN_POINTS, DRAW_POINTS = 2048, 128  # per sample, of the posterior mean and of joint draws
+DRAWS = 200
+DOUBTFUL = 0.1  # share of the variance explained below which indices describe a guess
+
+
+@dataclass(frozen=True)
+class Importance:
+    """One parameter's shares of the variance over the search space."""
+
+    path: str
+    first: float  # of the parameter alone
+    total: float  # with all its interactions
+    first_95: tuple[float, float]  # of posterior draws: what the missions leave open, kernel parameters fixed
+    total_95: tuple[float, float]
+    optuna: float | None  # PED-ANOVA of the missions: what tells the best tenth from the rest; sum to 1
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """The finished analysis."""
+
+    metric: str
+    missions: int
+    rocks: tuple[str, ...]
+    importances: list[Importance]  # most important (total) first
+    explained: float  # leave-one-out share of the standardised outcomes' variance that the surrogate explains
+    signal_sd: float  # of the posterior mean over the search space, objective's unit
+    noise_sd: float  # of a single mission, as the surrogate sees it, objective's unit
+
+    @property
+    def caution(self) -> str:
+        """Why not to believe the indices; empty if there is no such reason."""
+        if not math.isfinite(self.importances[0].total):
+            return "the surrogate is flat: the missions show no effect of any parameter"
+        if self.explained < DOUBTFUL:
+            return "the surrogate explains hardly anything: the indices describe a guess, not the objective"
+        return ""
+
+
+def campaign_sensitivity(directory: Path, metric: str | None = None, seed: int = 0) -> Sensitivity:
+    """Return the sensitivity of a campaign's objective, or of another ``metric`` that its missions have.
+
+    Raises
+    ------
+    UserError
+        No campaign, or too few missions with that metric.
+    """
+    campaign = Campaign.open(directory, read_only=True)
+    objective = campaign.settings.objective
+    if metric is not None and metric != objective.metric:
+        objective = Objective(metric, direction_of(metric))
+    missions = []
+    for t in campaign.trials():
+        if (value := t.measured(objective)) is not None:
+            outcome = objective.sign * value
+            missions.append(
+                Observation(t.number, t.values, t.rock, t.replicate, outcome, value, condition=t.condition)
+            )
+    return sensitivity(campaign.settings.space, missions, objective, seed)
+
+
+def sensitivity(
+    space: SearchSpace, missions: Sequence[Observation], objective: Objective, seed: int = 0
+) -> Sensitivity:
+    """Fit the surrogate to the missions and take it apart.
+
+    Parameters
+    ----------
+    space
+        The search space.
+    missions
+        Finished missions with an outcome.
+    objective
+        What the outcomes are of.
+    seed
+        Of the fit and of the points.
+
+    Raises
+    ------
+    UserError
+        Too few missions to fit anything.
+    """
+    d = space.dimension
+    if len(missions) < 2 * (d + 1):
+        raise UserError(
+            f"{len(missions)} missions for {d} parameters; fly at least {2 * (d + 1)} before asking what matters"
+        )
+    gp = RockMeanGP(space, missions, tuple(dict.fromkeys(o.world for o in missions)), seed)
+    with numerics(seed), torch.no_grad():
+        points = _points(space, MEAN_POINTS, seed)
+        mean = posterior_means(gp.model, gp.inputs(points)).numpy()
+        first, total = (found[0] for found in _indices(mean[None], d))
+        points = _points(space, DRAW_POINTS, seed)
+        draws = gp.model.posterior(gp.inputs(points)).rsample(torch.Size([DRAWS]))[..., 0].numpy()
+        first_95, total_95 = (np.nanpercentile(found, (2.5, 97.5), axis=0).T for found in _indices(draws, d))
+    shares = _optuna_importances(gp, seed)
+    importances = [
+        Importance(
+            path,
+            float(first[i]),
+            float(total[i]),
+            (float(first_95[i, 0]), float(first_95[i, 1])),
+            (float(total_95[i, 0]), float(total_95[i, 1])),
+            shares.get(path),
+        )
+        for i, path in enumerate(space.paths)
+    ]
+    check = gp.leave_one_out()
+    spread = float(np.var(check.observed))
+    return Sensitivity(
+        objective.metric,
+        len(missions),
+        tuple(dict.fromkeys(o.rock for o in missions)),
+        sorted(importances, key=lambda item: -item.total if math.isfinite(item.total) else 0.0),
+        1.0 - check.rmse**2 / spread if spread > 0 else 0.0,
+        float(mean.std()) * gp.mean_scale,
+        gp.noise_sd,
+    )
+
+
+def _points(space: SearchSpace, count: int, seed: int) -> Floats:
+    """((2 + d) count, d) positions: samples A and B, and A with each column from B; integers and choices settle."""
+    d = space.dimension
+    sample = qmc.Sobol(2 * d, scramble=True, rng=seed).random(count)
+    a, b = sample[:, :d], sample[:, d:]
+    points: Floats = np.concatenate([a, b, *(np.where(np.arange(d) == i, b, a) for i in range(d))])
+    for i in space.discrete_dimensions:
+        p = space.parameters[i]
+        points[:, i] = [p.to_unit(p.from_unit(u)) for u in points[:, i]]
+    return points
+
+
+def _indices(values: Floats, d: int) -> tuple[Floats, Floats]:
+    """(s, d) first-order and total indices of s functions from their (s, (2 + d) n) values; NaN where one is flat."""
+    a, b, *crosses = np.split(values, 2 + d, axis=1)
+    func = {"f_A": a, "f_B": b, "f_AB": np.array(crosses)}
+    with np.errstate(invalid="ignore", divide="ignore"):
+        found = sobol_indices(func=func, n=a.shape[1])  # type: ignore[arg-type]
+    flat = np.ptp(values, axis=1, keepdims=True) <= 1e-7
+    first, total = (np.reshape(part, (len(values), d)) for part in (found.first_order, found.total_order))
+    return np.where(flat, np.nan, first), np.where(flat, np.nan, total)
+
+
+def _optuna_importances(gp: RockMeanGP, seed: int) -> dict[str, float]:
+    """Optuna's importances of standardised outcomes, by path; empty where it finds nothing to attribute."""
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    study, known = optuna.create_study(direction="maximize"), distributions(gp.space)
+    study.add_trials(
+        [
+            optuna.trial.create_trial(params=dict(o.values), distributions=known, value=float(z))
+            for o, z in zip(gp.observations, gp.targets)
+        ]
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            shares = optuna.importance.get_param_importances(study)
+        except (ValueError, RuntimeError):  # Optuna refuses data without spread
+            shares = {}
+    return {path: float(share) for path, share in shares.items() if math.isfinite(share)}
+
+
+# -- the report ------------------------------------------------------------------------------------------------
+
+_COLUMNS = ("parameter", "first order", "95 %", "total", "95 %", "Optuna")
+
+
+def _rows(result: Sensitivity) -> list[list[str]]:
+    def span(bounds: tuple[float, float]) -> str:
+        return f"{format_number(bounds[0], 2)} to {format_number(bounds[1], 2)}"
+
+    return [
+        [
+            parameter_label(item.path).name,
+            format_number(item.first, 2),
+            span(item.first_95),
+            format_number(item.total, 2),
+            span(item.total_95),
+            format_number(item.optuna, 2),
+        ]
+        for item in result.importances
+    ]
+
+
+def sensitivity_table(result: Sensitivity) -> Table:
+    """For the terminal, most important parameter first."""
+    table = Table(title=f"What matters for {metric_label(result.metric).full}")
+    for i, column in enumerate(_COLUMNS):
+        table.add_column(column, justify="right" if i else "left")
+    for row in _rows(result):
+        table.add_row(*row)
+    return table
+
+
+def summary_lines(result: Sensitivity) -> list[str]:
+    """What a reader needs to judge the indices."""
+    unit = metric_label(result.metric).difference_unit
+    lines = [
+        f"{result.missions} missions on {len(result.rocks)} rocks; the surrogate explains "
+        f"{100 * max(0.0, result.explained):.0f} % of their variance (leave-one-out, standardised per rock).",
+        f"Over the space the surrogate's mean varies with a standard deviation of "
+        f"{format_number(result.signal_sd, 2)} {unit}; a single mission's noise is "
+        f"{format_number(result.noise_sd, 2)} {unit}.",
+    ]
+    return [*lines, f"Caution: {result.caution}."] if result.caution else lines
+
+
+def write_sensitivity(result: Sensitivity, directory: Path) -> Path:
+    """Write ``sensitivity.json``, ``sensitivity.md`` and ``importance.png``, and return the second."""
+    directory.mkdir(parents=True, exist_ok=True)
+    write_atomic(directory / "sensitivity.json", json.dumps(json_ready(result), indent=1))
+    save_figure(importance_figure(result), directory, "importance")
+    lines = [
+        f"# What matters for {metric_label(result.metric).full}",
+        "",
+        *(f"{line}  " for line in summary_lines(result)),
+        "",
+        "| " + " | ".join(_COLUMNS) + " |",
+        "|---|" + "---:|" * (len(_COLUMNS) - 1),
+        *("| " + " | ".join(row) + " |" for row in _rows(result)),
+        "",
+        "Sobol indices of the surrogate's posterior mean: the share of its variance over the search space that a "
+        "parameter explains alone (first order) and with all its interactions (total). Intervals are of posterior draws, "
+        "which vary in more ways than the mean does: where missions are few its index may lie outside. Optuna's "
+        "importances (PED-ANOVA) are of the missions without the surrogate and sum to 1.",
+        "",
+        "![importance](importance.png)",
+    ]
+    write_atomic(directory / "sensitivity.md", "\n".join(lines) + "\n")
+    return directory / "sensitivity.md"
+
+
+def importance_figure(result: Sensitivity) -> Figure:
+    """Bars of first-order and total indices with their intervals."""
+    items = result.importances
+    with look():
+        figure = new_figure(7.8, 0.5 * len(items) + 1.2)
+        ax = figure.subplots()
+        for y, item in enumerate(items):
+            bars = (
+                (item.total, item.total_95, -0.19, SKY, ""),
+                (item.first, item.first_95, 0.19, BLUE, "//"),
+            )
+            for value, (low, high), shift, shade, hatch in bars:
+                if math.isfinite(value):
+                    length = max(0.0, value)
+                    ax.barh(y + shift, length, height=0.36, color=shade, hatch=hatch, edgecolor="white")
+                    ax.plot([max(0.0, low), max(0.0, high)], [y + shift] * 2, color=BLACK, lw=1.2)
+        ax.set_yticks(range(len(items)), [parameter_label(item.path).name for item in items])
+        ax.set_ylim(len(items) - 0.45, -0.55)
+        ax.set_xlim(left=0.0)
+        ax.grid(False, axis="y")
+        ax.set_xlabel(f"share of the variance of {metric_label(result.metric).full}")
+        handles = [
+            Patch(facecolor=SKY, edgecolor="white", label="with interactions"),
+            Patch(facecolor=BLUE, hatch="//", edgecolor="white", label="alone"),
+        ]
+        figure.legend(handles=handles, loc="outside upper center", ncols=2)
+        return figure
