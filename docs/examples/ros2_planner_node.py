@@ -23,7 +23,7 @@ from std_msgs.msg import String
 import nbv
 from nbv.errors import MissionFailure
 from nbv.geometry.frames import heading_to
-from tuner.bridges.photogrammetry_nbv.workspace import best_model, sparse_model
+from tuner.bridges.colmap_workspace import best_model, sparse_model
 
 
 class PlannerNode(Node):

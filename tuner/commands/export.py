@@ -155,11 +155,9 @@ def _files(
     campaign: Campaign, best: Recommendation, onto: dict[str, Path] | None = None
 ) -> list[VehicleFile]:
     """The recommendation as every file there is: those that carry nothing last, ours after the authors'."""
-    from tuner.bridges.photogrammetry_nbv import FUNCTION
     from tuner.report.campaign.vehicle_files import vehicle_files
 
-    mission = campaign.settings.mission
-    theirs = vehicle_files(campaign, best, onto) if mission is None or mission.function == FUNCTION else []
+    theirs = vehicle_files(campaign, best, onto) if campaign.settings.mission is None else []
     useful = [file for file in theirs if file.useful]
     return [*useful, _our_file(campaign, best), *(file for file in theirs if not file.useful)]
 

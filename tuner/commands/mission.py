@@ -264,20 +264,14 @@ def init(
     folder: Annotated[Path, typer.Argument(help="A new or empty folder.")],
     name: Annotated[str | None, typer.Option(help="Of the mission (default: the folder's).")] = None,
     shell: Annotated[bool, typer.Option("--shell", help="In shell instead of Python.")] = False,
-    upstream: Annotated[
-        bool, typer.Option("--photogrammetry-nbv", help="The mission file of the authors' stack instead.")
-    ] = False,
 ) -> None:
     """Write a working skeleton of a mission of your own, which packs real data with `xz`.
 
     Example: gatetune mission init my-mission
     """
-    from tuner.bridges.photogrammetry_nbv import write_mission_folder
     from tuner.missions.external.skeleton_files import write_skeleton
 
-    if upstream and name is not None:
-        raise UserError("--name is the skeleton's; the authors' stack has its own, leave it out")
-    for path in write_mission_folder(folder) if upstream else write_skeleton(folder, name, shell=shell):
+    for path in write_skeleton(folder, name, shell=shell):
         output.print(f"wrote {path}")
 
 

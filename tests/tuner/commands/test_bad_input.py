@@ -114,11 +114,3 @@ def test_what_no_mission_can_mend_stops_at_once(gatetune, tmp_path, changes, say
     write(tmp_path, {}, **changes)
     code, _, err = gatetune(*RUN, "--budget", 3)
     assert code == 2 and says in err and err.count("\n") == 1 and not left_behind(tmp_path)
-
-
-def test_a_yaml_of_theirs_with_a_mistake_is_one_line(gatetune, tmp_path):
-    assert gatetune("mission", "init", "lunar", "--photogrammetry-nbv")[0] == 0
-    (tmp_path / "lunar/scoring.yaml").write_text("scorer: {weights: {novlty: 1}}")
-    code, out, _ = gatetune("mission", "check", "lunar/mission.yaml")
-    [line] = [line for line in out.splitlines() if line.startswith("failed")]
-    assert code == 1 and "did you mean weights.novelty" in line and not left_behind(tmp_path)

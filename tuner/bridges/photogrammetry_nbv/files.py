@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from nbv.errors import UserError
-from nbv.safe_files import read_yaml, write_new_folder
+from nbv.safe_files import read_yaml
 from tuner.bridges.photogrammetry_nbv.keys import FILES
 
 
@@ -55,18 +54,6 @@ def write_text(values: Mapping[str, Any], kind: str, header: str = "") -> str:
         tree = {part: tree}
     comment = "".join(f"# {line}".rstrip() + "\n" for line in header.splitlines())
     return comment + yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=100)
-
-
-def write_mission_folder(folder: Path) -> list[Path]:
-    """Write the mission file of their stack into a new or empty folder; what was written.
-
-    Raises
-    ------
-    UserError
-        There is something in ``folder``, or it cannot be written.
-    """
-    text = resources.files(__package__).joinpath("mission", "mission.yaml").read_text("utf-8")
-    return write_new_folder(folder, {"mission.yaml": text})
 
 
 def _flat(tree: Mapping[Any, Any], prefix: str, known: set[str]) -> dict[str, Any]:

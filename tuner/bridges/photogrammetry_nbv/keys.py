@@ -27,6 +27,18 @@ class Key:
     why_not: str = ""  # why nothing here answers to it; empty where something does
 
 
+@dataclass(frozen=True)
+class Remark:
+    """One thing that a conversion does not carry over."""
+
+    key: str  # the parameter path or the key that it is about
+    text: str  # what is lost, in one line
+    partly: bool = False  # the value is written, though not all that it means here
+
+    def __str__(self) -> str:
+        return f"{self.key}: {self.text}"
+
+
 def _kept(path: str, default: Any, why_not: str) -> Key:
     return Key(path, default, None, why_not)
 

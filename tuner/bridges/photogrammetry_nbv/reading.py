@@ -19,8 +19,8 @@ from tuner.bridges.photogrammetry_nbv.keys import (
     SCORER_OF_GATE,
     SCORING,
     Key,
+    Remark,
 )
-from tuner.bridges.photogrammetry_nbv.remarks import Remark
 
 Values = dict[str, Any]
 UNITS_OF_KNN = "in COLMAP's units there, in metres here; the same number is another distance"

@@ -11,6 +11,7 @@ from nbv.errors import UserError
 from tuner.bridges.photogrammetry_nbv.keys import (
     BASELINE_AWARE,
     CRITERION_OF_OURS,
+    FILES,
     HYBRID,
     LEAST_SCALE_M,
     MISSION,
@@ -20,9 +21,9 @@ from tuner.bridges.photogrammetry_nbv.keys import (
     SCORER_OF_GATE,
     SCORING,
     Key,
+    Remark,
 )
 from tuner.bridges.photogrammetry_nbv.reading import UNITS_OF_KNN
-from tuner.bridges.photogrammetry_nbv.remarks import Remark
 
 Values = dict[str, Any]
 _SHARED = ("nov", "move", "ang")
@@ -39,7 +40,7 @@ def write_scoring(
         The gate, or a scorer, does not exist there.
     """
     config = _with_the_flying_scorers_weights(config)
-    values, remarks = _direct(config, SCORING, theirs)
+    values, remarks = _direct(config, SCORING, theirs), list[Remark]()
     values["name"], mode = _scorer(config)
     if mode is not None:
         values["hybrid.gate_mode"] = mode
@@ -118,7 +119,7 @@ def write_mission(
     config: MissionConfig, theirs: Mapping[str, Any] | None = None
 ) -> tuple[Values, list[Remark]]:
     """A ``unified_mission.yaml`` (flat) that does what ``config`` does; keys that we do not have are as in ``theirs``."""
-    values, remarks = _direct(config, MISSION, theirs)
+    values, remarks = _direct(config, MISSION, theirs), list[Remark]()
     values["ring_image_count"] = config.seed.total
     if config.seed.count:
         remarks += _seeds_of_one_turn(config, values)
@@ -170,15 +171,30 @@ def _few_seeds(config: MissionConfig) -> list[Remark]:
     return [Remark("sparse.ground_features", text)]
 
 
-def _direct(
-    config: MissionConfig, keys: Sequence[Key], theirs: Mapping[str, Any] | None
-) -> tuple[Values, list[Remark]]:
+def carried(kind: str, changes: Mapping[str, tuple[MissionConfig, MissionConfig]]) -> list[str]:
+    """The changed parameters that a file of ``kind`` (a key of `FILES`) carries.
+
+    ``changes``: per changed parameter path a configuration with the change, and the same without it.
+    """
+    write = dict(zip(FILES, (write_scoring, write_mission)))[kind]
+    found = []
+    for path, (config, without) in changes.items():
+        values, remarks = write(config)
+        before, remarks_before = write(without)
+        if path in {remark.key for remark in remarks if not remark.partly}:
+            continue
+        if values != before or path in {remark.key for remark in remarks_before}:
+            found.append(path)
+    return found
+
+
+def _direct(config: MissionConfig, keys: Sequence[Key], theirs: Mapping[str, Any] | None) -> Values:
     values: Values = {key.path: key.default for key in keys} | dict(theirs or {})
     for key in keys:
         if key.ours is not None:
             value = _get(config, key.ours)
             values[key.path] = list(value) if isinstance(value, tuple) else value
-    return values, []
+    return values
 
 
 def _get(config: MissionConfig, path: str) -> Any:

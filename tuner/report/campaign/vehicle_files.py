@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +11,7 @@ from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
 from tuner.bridges.photogrammetry_nbv import (
-    FUNCTION,
     carried,
-    configuration,
-    files_beside,
     read_file,
     write_mission,
     write_scoring,
@@ -72,13 +68,20 @@ def vehicle_files(
     Raises
     ------
     UserError
-        The campaign's missions are neither ours nor theirs; a file of ``onto`` cannot be read.
+        The campaign's missions are not ours; a file of ``onto`` cannot be read.
     """
-    build, beside = _builder(campaign)
+    if campaign.settings.mission is not None:
+        raise UserError(
+            f"campaign {campaign.settings.name} is of a mission that is not ours; export it as gatetune.yaml"
+        )
+
+    def build(values: Mapping[str, Any]) -> MissionConfig:
+        return ours(campaign.settings.config(values))
+
     pairs = _changes(build, best)
     files = []
     for name, write in ((SCORING, write_scoring), (MISSION, write_mission)):
-        theirs = read_file(onto[name], name) if onto and name in onto else beside.get(name)
+        theirs = read_file(onto[name], name) if onto and name in onto else None
         values, remarks = write(build(best.values), theirs)
         kept = carried(name, pairs)
         lost = [path for path in best.changed if path not in kept]
@@ -115,21 +118,6 @@ def header(campaign: Campaign, best: Recommendation, kept: Sequence[str]) -> lis
         *lines,
         f"gain over the default on the training rocks, {best.metric}: {best.improvement:+.2f}{sure}",
     ]
-
-
-def _builder(
-    campaign: Campaign,
-) -> tuple[Callable[[Mapping[str, Any]], MissionConfig], dict[str, dict[str, Any]]]:
-    """From tuned values to a configuration of ours, and the authors' files that lie beside a mission of theirs."""
-    mission = campaign.settings.mission
-    if mission is None:
-        return lambda values: ours(campaign.settings.config(values)), {}
-    if mission.function != FUNCTION:
-        raise UserError(
-            f"campaign {campaign.settings.name} is of a mission that is not ours; export it as gatetune.yaml"
-        )
-    fixed = mission.instances[0].facts.get("set", {})
-    return functools.partial(configuration, fixed=fixed, folder=mission.folder), files_beside(mission.folder)
 
 
 def _changes(

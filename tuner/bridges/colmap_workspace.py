@@ -1,4 +1,4 @@
-"""Their COLMAP workspace as arrays."""
+"""The COLMAP workspace of another program as arrays, for `nbv.Planner`."""
 
 from __future__ import annotations
 
