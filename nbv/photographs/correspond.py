@@ -1,0 +1,248 @@
+"""Features of the photographs, which of them may show the same thing, and their verified matches; all kept in the store."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2  # noqa: F401  before pycolmap: the other order aborts the process when cv2 writes a PNG
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from nbv.cache import Arrays, Store, holds, remember
+from nbv.config import SparseConfig
+from nbv.photographs.folder import Progress, SourcePhotograph, read_pixels
+from nbv.sparse.eight_bit_matching import match_pair_fast
+from nbv.sparse.features import DESCRIPTOR_SIZE, Features, extract_features
+from nbv.sparse.matching import VerifiedPair
+from nbv.types import Ints
+
+MAX_FEATURES = 8192  # the largest: where there are more they are small and repeat
+# Preemptive matching (Wu 2013, "Towards linear-time incremental structure from motion", section 3): the largest features
+# tell which photographs are worth matching with all.
+FIRST_FEATURES, FIRST_MATCHES = 800, 4
+PARTNERS = 40  # at most, best first
+IN_ORDER = 2  # photographs before and after, whatever the largest features say
+WORKERS = 2
+_ARE_FEATURES = holds({"keypoints": "f k 4", "descriptors": f"u k {DESCRIPTOR_SIZE}"})
+_ARE_PAIRS = holds({"partners": "i p", "counts": "i p", "configs": "i p", "matches": "u m 2"})
+_NO_MATCHES = np.zeros((0, 2), np.uint32)
+
+
+@dataclass(frozen=True)
+class Correspondences:
+    """What structure from motion works on; photographs by their index."""
+
+    features: list[Features]
+    pairs: dict[tuple[int, int], VerifiedPair]  # (smaller index, larger index), those that have matches
+
+
+def correspondences(
+    photographs: Sequence[SourcePhotograph],
+    cameras: Sequence[pycolmap.Camera],
+    progress: Progress,
+    store: Store | None,
+    *,
+    upright: bool,
+) -> Correspondences:
+    """Features of all photographs and verified matches of all pairs that may overlap.
+
+    Parameters
+    ----------
+    photographs
+        Of the folder, in the order in which they were taken.
+    cameras
+        Of each, at the size that it is worked on.
+    progress, store
+        As in `nbv.photographs.importer.import_photographs`.
+    upright
+        Whether they are worked on as EXIF turns them.
+
+    Raises
+    ------
+    UserError
+        A file has changed or gone meanwhile.
+    """
+    config = SparseConfig(max_features=MAX_FEATURES)
+    features = []
+    for index, (photograph, camera) in enumerate(zip(photographs, cameras, strict=True)):
+        progress("finding features", index, len(photographs))
+        features.append(_features(photograph, camera, config, store, upright=upright))
+    partners = _partners(features, progress)
+    pairs: dict[tuple[int, int], VerifiedPair] = {}
+    with ThreadPoolExecutor(WORKERS) as pool:
+        for index, later in enumerate(partners):
+            progress("matching photographs", index, len(partners))
+            entry = remember(
+                store,
+                "photograph-pairs",
+                lambda index=index, later=later: _pairs(index, later, features, cameras, config, pool),  # type: ignore[misc]
+                is_sound=_ARE_PAIRS,
+                code=__name__,
+                inputs=[
+                    [features[i].digest for i in (index, *later.tolist())],
+                    [_camera_key(cameras[i]) for i in (index, *later.tolist())],
+                    later,
+                ],
+            )
+            split = np.split(entry["matches"], np.cumsum(entry["counts"])[:-1]) if len(later) else []
+            for other, matches, kind in zip(later.tolist(), split, entry["configs"], strict=True):
+                if len(matches):
+                    pairs[(index, other)] = VerifiedPair(matches, int(kind))
+    return Correspondences(features, pairs)
+
+
+def _camera_key(camera: pycolmap.Camera) -> str:
+    prior = "prior" if camera.has_prior_focal_length else "guess"
+    return f"{camera.model_name} {camera.width} {camera.height} {camera.params_to_string()} {prior}"
+
+
+def _features(
+    photograph: SourcePhotograph,
+    camera: pycolmap.Camera,
+    config: SparseConfig,
+    store: Store | None,
+    *,
+    upright: bool,
+) -> Features:
+    size = max(camera.width, camera.height)
+
+    def extract() -> Arrays:
+        found = extract_features(read_pixels(photograph.path, size, upright=upright), config)
+        # COLMAP's limit keeps the scale that reaches it whole.
+        largest = np.sort(np.argsort(-found.keypoints[:, 2], kind="stable")[:MAX_FEATURES])
+        return {"keypoints": found.keypoints[largest], "descriptors": found.descriptors[largest]}
+
+    entry = remember(
+        store,
+        "photograph-features",
+        extract,
+        is_sound=_ARE_FEATURES,
+        code="nbv.sparse.features",
+        inputs=[photograph.sha256, size, upright, config],
+    )
+    return Features(entry["keypoints"], entry["descriptors"])
+
+
+def _partners(features: Sequence[Features], progress: Progress) -> list[Ints]:
+    """For each photograph the later ones that it is worth matching with."""
+    count = len(features)
+    largest = [
+        f.descriptors[np.argsort(-f.keypoints[:, 2], kind="stable")[:FIRST_FEATURES]] for f in features
+    ]
+    alike = np.zeros((count, count), dtype=np.int64)
+    for index in range(count):
+        progress("comparing photographs", index, count)
+        for other in range(index + 1, count):
+            alike[index, other] = alike[other, index] = len(match_pair_fast(largest[index], largest[other]))
+    chosen = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) <= IN_ORDER
+    for index in range(count):
+        best = np.argsort(-alike[index], kind="stable")[:PARTNERS]
+        chosen[index, best[alike[index, best] >= FIRST_MATCHES]] = True
+    chosen |= chosen.T
+    return [np.flatnonzero(chosen[index, index + 1 :]) + index + 1 for index in range(count)]
+
+
+def _pairs(
+    index: int,
+    later: Ints,
+    features: Sequence[Features],
+    cameras: Sequence[pycolmap.Camera],
+    config: SparseConfig,
+    pool: ThreadPoolExecutor,
+) -> Arrays:
+    def one(other: int) -> VerifiedPair:
+        return _verified(features[index], features[other], cameras[index], cameras[other], config)
+
+    found = list(pool.map(one, later.tolist()))
+    matches: list[NDArray[np.uint32]] = [_NO_MATCHES, *(pair.matches for pair in found)]
+    return {
+        "partners": later,
+        "counts": np.array([len(pair) for pair in found], dtype=np.int64),
+        "configs": np.array([pair.config for pair in found], dtype=np.int64),
+        "matches": np.concatenate(matches),
+    }
+
+
+def _verified(
+    a: Features, b: Features, camera_a: pycolmap.Camera, camera_b: pycolmap.Camera, config: SparseConfig
+) -> VerifiedPair:
+    """Matches that fit one two-view geometry (COLMAP's RANSAC, seeded)."""
+    rejected = VerifiedPair(_NO_MATCHES, int(pycolmap.TwoViewGeometryConfiguration.DEGENERATE))
+    matches = match_pair_fast(a.descriptors, b.descriptors, config.match_ratio)
+    if len(matches) < config.min_inliers:
+        return rejected
+    options = pycolmap.TwoViewGeometryOptions()
+    options.min_num_inliers = config.min_inliers
+    options.ransac.random_seed = 0
+    options.ransac.num_threads = 1
+    count = np.arange(len(matches), dtype=np.uint32)
+    geometry = pycolmap.estimate_two_view_geometry(
+        camera_a,
+        a.keypoints[matches[:, 0], :2].astype(np.float64),
+        camera_b,
+        b.keypoints[matches[:, 1], :2].astype(np.float64),
+        np.stack([count, count], axis=1),
+        options,
+    )
+    inliers = np.array(geometry.inlier_matches, dtype=np.uint32).reshape(-1, 2)
+    usable = geometry.config not in (
+        pycolmap.TwoViewGeometryConfiguration.DEGENERATE,
+        pycolmap.TwoViewGeometryConfiguration.WATERMARK,
+        pycolmap.TwoViewGeometryConfiguration.UNDEFINED,
+    )
+    if not usable or len(inliers) < config.min_inliers:
+        return rejected
+    return VerifiedPair(matches[inliers[:, 0]], int(geometry.config))
+
+
+def database_cache(
+    names: Sequence[str],
+    cameras: Mapping[int, pycolmap.Camera],
+    camera_ids: Sequence[int],
+    found: Correspondences,
+) -> pycolmap.DatabaseCache:
+    """The correspondences as COLMAP's in-memory cache; image ids count from 1 in the order of ``names``.
+
+    Parameters
+    ----------
+    names
+        Of the photographs.
+    cameras
+        By id.
+    camera_ids
+        Of each photograph.
+    found
+        Features and pairs by index.
+    """
+    cache = pycolmap.DatabaseCache()
+    for camera_id, camera in cameras.items():
+        cache.add_camera(camera)
+        rig = pycolmap.Rig()
+        rig.rig_id = camera_id
+        rig.add_ref_sensor(camera.sensor_id)
+        cache.add_rig(rig)
+    graph = cache.correspondence_graph
+    for index, (name, camera_id) in enumerate(zip(names, camera_ids, strict=True)):
+        image_id = index + 1
+        keypoints = found.features[index].keypoints[:, :2].astype(np.float64)
+        image = pycolmap.Image(name=name, keypoints=keypoints, camera_id=camera_id, image_id=image_id)
+        image.frame_id = image_id
+        frame = pycolmap.Frame()
+        frame.frame_id = image_id
+        frame.rig_id = camera_id
+        frame.add_data_id(image.data_id)
+        frame.finalize_data_ids()
+        cache.add_frame(frame)
+        cache.add_image(image)
+        if not graph.exists_image(image_id):
+            graph.add_image(image_id, len(keypoints))
+    for (a, b), pair in sorted(found.pairs.items()):
+        geometry = pycolmap.TwoViewGeometry()
+        geometry.config = pair.config
+        geometry.inlier_matches = pair.matches
+        graph.add_two_view_geometry(a + 1, b + 1, geometry)
+    graph.finalize()
+    return cache

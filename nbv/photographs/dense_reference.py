@@ -1,0 +1,221 @@
+"""The dense reference of a set, and how well one half of the photographs agrees with the other."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.cache import Store, holds, remember
+from nbv.config import CameraConfig, DenseConfig
+from nbv.dense import make_backend, patchmatch_runs
+from nbv.dense.consistency import check_consistency
+from nbv.dense.fusion import fuse
+from nbv.dense.interface import Floats32
+from nbv.dense.stereo import choose_neighbours, estimate_depth
+from nbv.errors import MissionFailure, UserError
+from nbv.geometry.neighbours import nearest_neighbours
+from nbv.memory import give_back_freed_memory
+from nbv.photographs.folder import Progress
+from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS, HalvesAgreement
+from nbv.types import Bools, Floats, PointCloud
+
+MAX_VIEWS = 140  # reconstructed at once: memory grows with them
+DENSE_SIZE_PX = 960  # long side: a pixel is then finer than a voxel
+WORKERS = 2
+MIN_BASELINE_ANGLE_DEG = 45.0  # photographs one behind the other rectify to huge pictures
+AGREEING_VIEWS = 3
+VOXEL_M = 0.008
+_ARE_POINTS = holds({"points_m": "f n 3", "colors": "u n 3", "normals": "f n 3"})
+
+
+@dataclasses.dataclass(frozen=True)
+class View:
+    """One registered photograph; its pixels are read when they are needed."""
+
+    name: str
+    camera_from_world: Floats  # (4, 4) in the set's frame
+    pixels: Callable[[], NDArray[np.uint8]]  # (H, W, 3)
+    mask: Callable[[], Bools | None]  # (H, W)
+    sha256: str  # of the photograph
+    mask_sha256: str
+
+
+def cloud_of_views(
+    views: Sequence[View],
+    camera: CameraConfig,
+    center_m: Floats,
+    half_width_m: float,
+    store: Store | None,
+    progress: Progress,
+    what: str,
+) -> PointCloud:
+    """The dense cloud of some photographs near the object, from the store if it is there.
+
+    More than `MAX_VIEWS` are reconstructed in several interleaved parts, whose clouds are put together.
+
+    Parameters
+    ----------
+    views
+        Photographs with poses.
+    camera
+        Their pinhole.
+    center_m, half_width_m
+        The cube in which the object is.
+    store
+        Where the cloud is kept; nowhere if None.
+    progress, what
+        Told after every photograph.
+
+    Raises
+    ------
+    UserError
+        Nothing can be reconstructed from them.
+    """
+    small = dense_camera(camera)
+    config = DenseConfig(
+        backend="patchmatch" if patchmatch_runs() else "sgbm",
+        crop_half_width_m=round(1.15 * half_width_m, 3),
+        min_baseline_angle_deg=MIN_BASELINE_ANGLE_DEG,
+        agreeing_views=AGREEING_VIEWS,
+        fusion_voxel_m=VOXEL_M,
+    )
+    parts = -(-len(views) // MAX_VIEWS)
+    clouds = []
+    for part in range(parts):
+        members = views[part::parts]
+        entry = remember(
+            store,
+            "photograph-clouds",
+            lambda members=members, part=part: _cloud(  # type: ignore[misc]
+                members,
+                small,
+                center_m,
+                config,
+                lambda i: progress(what, part * len(members) + i, len(views)),
+            ),
+            is_sound=_ARE_POINTS,
+            code=__name__,
+            inputs=[
+                [(v.name, v.sha256, v.mask_sha256) for v in members],
+                np.array([v.camera_from_world for v in members]),
+                camera,
+                small,
+                config,
+                np.asarray(center_m),
+            ],
+        )
+        clouds.append(PointCloud(**entry))
+    if not sum(map(len, clouds)):
+        raise UserError(
+            "no surface could be reconstructed from the photographs: too few of them overlap, or they show nothing but "
+            "plain surfaces; give more photographs of the object"
+        )
+    return clouds[0] if parts == 1 else _together(clouds)
+
+
+def dense_camera(camera: CameraConfig) -> CameraConfig:
+    """The camera shrunk to what the dense stage works on."""
+    scale = min(1.0, DENSE_SIZE_PX / max(camera.width_px, camera.height_px))
+    width, height = round(camera.width_px * scale), round(camera.height_px * scale)
+    return CameraConfig(width, height, camera.focal_px * width / camera.width_px)
+
+
+def distances_to(cloud: PointCloud, points_m: Floats) -> Floats:
+    """(N,) from points (N, 3) to the nearest of the cloud."""
+    return nearest_neighbours(cloud.points_m, points_m)[0]
+
+
+def halves_agreement(
+    first: PointCloud, second: PointCloud, reference: PointCloud, height_m: float
+) -> HalvesAgreement:
+    """How completely each half's cloud covers the reference and how well it is confirmed by the other half's."""
+    limits = [fraction * height_m for fraction in THRESHOLD_FRACTIONS]
+    missing = [distances_to(half, reference.points_m) for half in (first, second)]
+    wrong = [distances_to(first, second.points_m), distances_to(second, first.points_m)]
+    completeness, precision = (
+        tuple(float(np.mean([100 * np.mean(d < limit) for d in both])) for limit in limits)
+        for both in (missing, wrong)
+    )
+    scores = tuple(2 * p * r / max(p + r, 1e-9) for p, r in zip(precision, completeness, strict=True))
+    return HalvesAgreement(completeness, precision, scores)
+
+
+def _cloud(
+    views: Sequence[View],
+    camera: CameraConfig,
+    center_m: Floats,
+    config: DenseConfig,
+    done: Callable[[int], None],
+) -> dict[str, np.ndarray]:
+    size = (camera.width_px, camera.height_px)
+    images = {v.name: cv2.resize(v.pixels(), size, interpolation=cv2.INTER_AREA) for v in views}
+    poses = {v.name: v.camera_from_world for v in views}
+    maps = _depth_maps(images, poses, camera, center_m, config, done)
+    for view in views:
+        if view.name in maps and (mask := view.mask()) is not None:
+            inside = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_AREA) > 0
+            maps[view.name][~inside] = np.nan
+    empty: dict[str, np.ndarray] = {
+        "points_m": np.zeros((0, 3)),
+        "colors": np.zeros((0, 3), np.uint8),
+        "normals": np.zeros((0, 3)),
+    }
+    if not maps:
+        return empty
+    checked = check_consistency(maps, {n: poses[n] for n in maps}, camera, center_m, config)
+    del maps
+    depths = {name: found.depth_m for name, found in checked.items()}
+    del checked
+    try:
+        cloud = fuse(depths, images, poses, camera, center_m, config)
+    except MissionFailure:
+        return empty
+    finally:
+        give_back_freed_memory()
+    assert cloud.colors is not None and cloud.normals is not None
+    return {"points_m": cloud.points_m, "colors": cloud.colors, "normals": cloud.normals}
+
+
+def _depth_maps(
+    images: Mapping[str, NDArray[np.uint8]],
+    poses: Mapping[str, Floats],
+    camera: CameraConfig,
+    center_m: Floats,
+    config: DenseConfig,
+    done: Callable[[int], None],
+) -> dict[str, Floats32]:
+    """As `nbv.dense.sgbm` makes them, on two threads and telling what is done; COLMAP's where CUDA is."""
+    if config.backend != "sgbm":
+        return make_backend(config.backend).depth_maps(images, poses, camera, center_m, config)
+    cv2.setNumThreads(1)
+    grey = {name: cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for name, image in images.items()}
+
+    def one(name: str) -> Floats32 | None:
+        chosen = choose_neighbours(name, poses, center_m, config)
+        pairs = [(grey[other], poses[other]) for other in chosen]
+        return estimate_depth(grey[name], poses[name], pairs, camera, center_m, config) if chosen else None
+
+    maps = {}
+    with ThreadPoolExecutor(WORKERS) as pool:
+        for index, (name, depth) in enumerate(
+            zip(sorted(images), pool.map(one, sorted(images)), strict=True)
+        ):
+            done(index + 1)
+            if depth is not None:
+                maps[name] = depth
+    return maps
+
+
+def _together(clouds: Sequence[PointCloud]) -> PointCloud:
+    """The points of several clouds, one a voxel: the first of each."""
+    points = np.concatenate([c.points_m for c in clouds])
+    _, first = np.unique(np.floor(points / VOXEL_M).astype(np.int64), axis=0, return_index=True)
+    first.sort()
+    colors = np.concatenate([c.colors for c in clouds if c.colors is not None])
+    normals = np.concatenate([c.normals for c in clouds if c.normals is not None])
+    return PointCloud(points[first], colors[first], normals[first])

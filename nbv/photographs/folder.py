@@ -1,0 +1,279 @@
+"""The user's folder: which of its files are photographs, and what EXIF and XMP say of each."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import io
+import math
+import re
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageOps
+
+from nbv.errors import UserError
+from nbv.safe_files import expanded, read_bytes, require
+
+PLAIN = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+HEIC = (".heic", ".heif", ".hif")
+VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mts", ".webm")
+FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "HEIF")
+FEWEST, MOST = 8, 2000
+MAX_FILE_BYTES = 512 * 2**20
+MAX_PIXELS = 200_000_000
+_ORIENTATION, _MAKE, _MODEL, _DATE = 0x0112, 0x010F, 0x0110, 0x0132
+_EXIF_IFD, _GPS_IFD = 0x8769, 0x8825
+_ORIGINAL_DATE, _FOCAL_MM, _FOCAL_35_MM = 0x9003, 0x920A, 0xA405
+_GIMBAL = re.compile(rb"Gimbal(Yaw|Pitch|Roll)Degree\s*(?:=\s*\"|>)\s*([-+]?[0-9.]+)")
+_DATE_TEXT = re.compile(r"(\d{4}):(\d\d):(\d\d) (\d\d:\d\d:\d\d)")
+Progress = Callable[[str, int, int], None]  # what is done, how many of them, of how many
+
+
+@dataclass(frozen=True)
+class SourcePhotograph:
+    """A file of the user's and what it says of itself."""
+
+    path: Path
+    name: str  # without suffix, unique in the folder
+    sha256: str
+    size_px: tuple[int, int]  # width and height as stored
+    orientation: int  # EXIF's: 1 upright, 3 upside down, 6 and 8 turned
+    device: str  # make and model; "" where unknown
+    focal_35_mm: float | None  # focal length of a camera with 36 x 24 mm film and the same view
+    time: str | None
+    gps: tuple[float, float, float] | None
+    gimbal_deg: tuple[float, float, float] | None
+
+    @property
+    def upright_size_px(self) -> tuple[int, int]:
+        """Width and height when turned as EXIF says."""
+        width, height = self.size_px
+        return (height, width) if self.orientation in (5, 6, 7, 8) else (width, height)
+
+
+def read_folder(folder: str | Path, progress: Progress) -> tuple[list[SourcePhotograph], list[str]]:
+    """The photographs of a folder in the order in which they were taken, and notes on what was left out.
+
+    Every file is decoded once, so that a truncated one is found before anything else is done.
+
+    Raises
+    ------
+    UserError
+        There is no such folder, nothing or far too much in it, a video, HEIC without its library, or damaged files.
+    """
+    folder = expanded(folder)
+    paths, notes = _photograph_files(folder)
+    found: list[SourcePhotograph] = []
+    damaged: list[str] = []
+    for index, path in enumerate(paths):
+        progress("reading photographs", index, len(paths))
+        try:
+            found.append(_read(path))
+        except UserError as error:
+            damaged.append(f"{path.name} ({error})")
+    if damaged:
+        raise UserError(
+            f"{len(damaged)} of {len(paths)} photographs in {folder} cannot be read: {', '.join(damaged[:3])}"
+            f"{', ...' if len(damaged) > 3 else ''}; copy them again, or move them out of the folder"
+        )
+    unique = {photograph.sha256: photograph for photograph in reversed(found)}
+    if len(unique) < len(found):
+        notes.append(f"left out {len(found) - len(unique)} files that are copies of others")
+    if len(unique) < FEWEST:
+        raise UserError(f"{folder} has {len(unique)} photographs; a set needs {FEWEST} or more that overlap")
+    photographs = sorted(unique.values(), key=lambda p: (p.time or "", p.path.name))
+    return _with_names(photographs), notes
+
+
+def read_pixels(path: Path, max_size_px: int, *, upright: bool) -> NDArray[np.uint8]:
+    """(H, W, 3) RGB, shrunk to ``max_size_px`` on the long side; ``upright``: turned as EXIF says.
+
+    Raises
+    ------
+    UserError
+        The file is missing, damaged or too large.
+    """
+    with _opened(path) as picture:
+        width, height = picture.size
+        if picture.format == "JPEG":
+            picture.draft("RGB", (min(width, 2 * max_size_px), min(height, 2 * max_size_px)))
+        if upright:
+            turned = ImageOps.exif_transpose(picture)
+            width, height = (
+                (height, width) if (width > height) != (turned.width > turned.height) else (width, height)
+            )
+        else:
+            turned = picture
+        rgb = _eight_bit(turned)
+        return np.asarray(rgb.resize(shrunk_size((width, height), max_size_px), Image.Resampling.LANCZOS))
+
+
+def shrunk_size(size_px: tuple[int, int], max_size_px: int) -> tuple[int, int]:
+    """Width and height of a picture whose long side is at most ``max_size_px``."""
+    scale = min(1.0, max_size_px / max(size_px))
+    return max(1, round(size_px[0] * scale)), max(1, round(size_px[1] * scale))
+
+
+def kept_upright(photographs: Sequence[SourcePhotograph]) -> bool:
+    """Whether photographs are worked on as EXIF turns them: yes, unless only unturned they are all of one size.
+
+    A telephone held both ways is one camera with its pixels as the sensor has them, and two once they are turned.
+    """
+    upright, stored = ({getattr(p, key) for p in photographs} for key in ("upright_size_px", "size_px"))
+    return len(upright) <= len(stored)
+
+
+def up_in_picture(photograph: SourcePhotograph, *, upright: bool) -> tuple[float, float]:
+    """Direction (right, down) of the picture that is up for who looks at it."""
+    if upright:
+        return (0.0, -1.0)
+    return {3: (0.0, 1.0), 4: (0.0, 1.0), 5: (-1.0, 0.0), 6: (-1.0, 0.0), 7: (1.0, 0.0), 8: (1.0, 0.0)}.get(
+        photograph.orientation, (0.0, -1.0)
+    )
+
+
+def _photograph_files(folder: Path) -> tuple[list[Path], list[str]]:
+    if folder.suffix.lower() in VIDEOS and folder.is_file():
+        raise UserError(_video(folder))
+    if not folder.is_dir():
+        raise UserError(f"there is no folder {folder}; name the folder that holds the photographs")
+    try:
+        files = sorted(p for p in folder.iterdir() if not p.name.startswith(".") and p.is_file())
+    except OSError as error:
+        raise UserError(f"cannot read {folder}: {error.strerror}") from error
+    paths = [p for p in files if p.suffix.lower() in PLAIN + HEIC]
+    videos = [p for p in files if p.suffix.lower() in VIDEOS]
+    if not paths:
+        if videos:
+            raise UserError(_video(videos[0]))
+        raise UserError(
+            f"there are no photographs in {folder} (JPEG, PNG, TIFF or HEIC; folders in it are not looked into)"
+        )
+    require(len(paths), MOST, f"the number of photographs in {folder}")
+    if any(p.suffix.lower() in HEIC for p in paths):
+        _load_heic()
+    notes = []
+    if others := Counter(p.suffix.lower() or "no suffix" for p in files if p not in set(paths)):
+        notes.append(f"left out {sum(others.values())} files of other kinds ({', '.join(sorted(others))})")
+    return paths, notes
+
+
+def _video(path: Path) -> str:
+    return (
+        f"{path.name} is a video; take frames out of it first, for example: "
+        f"ffmpeg -i {path.name} -vf fps=2 frames/%04d.jpg"
+    )
+
+
+def _load_heic() -> None:
+    try:
+        importlib.import_module("pillow_heif").register_heif_opener()
+    except ImportError as error:
+        raise UserError("HEIC needs an extra; install it: pip install 'gatetune[heic]'") from error
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Image.Image]:
+    data = read_bytes(path, MAX_FILE_BYTES)
+    if not data:
+        raise UserError("empty")
+    if path.suffix.lower() in HEIC:
+        _load_heic()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of size, which is looked at here, and of odd EXIF
+            with Image.open(
+                io.BytesIO(data), formats=None if path.suffix.lower() in HEIC else FORMATS[:4]
+            ) as picture:
+                require(picture.width * picture.height, MAX_PIXELS, f"the number of pixels of {path.name}")
+                yield picture
+    except UserError:
+        raise
+    except Exception as error:  # Pillow's decoders raise families of their own on damaged bytes
+        raise UserError((str(error).strip().splitlines() or [type(error).__name__])[0][:80]) from error
+
+
+def _eight_bit(picture: Image.Image) -> Image.Image:
+    if picture.mode.startswith("I"):
+        deep = np.asarray(picture).astype(np.float64)
+        return Image.fromarray((deep / max(deep.max(), 1.0) * 255).astype(np.uint8)).convert("RGB")
+    return picture.convert("RGB")
+
+
+def _read(path: Path) -> SourcePhotograph:
+    with _opened(path) as picture:
+        size = picture.size
+        exif = picture.getexif()
+        details: Mapping[int, Any] = exif.get_ifd(_EXIF_IFD)
+        gps: Mapping[int, Any] = exif.get_ifd(_GPS_IFD)
+        xmp = picture.info.get("xmp", b"")
+        picture.draft("RGB", (size[0] // 8, size[1] // 8))  # reads all of the file, decodes little of it
+        picture.load()
+    orientation = exif.get(_ORIENTATION, 1)
+    device = " ".join(str(exif.get(tag, "")).strip("\0 ") for tag in (_MAKE, _MODEL)).strip()
+    date = _DATE_TEXT.match(str(details.get(_ORIGINAL_DATE) or exif.get(_DATE) or ""))
+    return SourcePhotograph(
+        path=path,
+        name=path.stem,
+        sha256=hashlib.sha256(read_bytes(path, MAX_FILE_BYTES)).hexdigest(),
+        size_px=size,
+        orientation=orientation if orientation in range(1, 9) else 1,
+        device=device,
+        focal_35_mm=_number(details.get(_FOCAL_35_MM)),
+        time="{}-{}-{}T{}".format(*date.groups()) if date else None,
+        gps=_position(gps),
+        gimbal_deg=_gimbal(xmp if isinstance(xmp, bytes) else str(xmp).encode()),
+    )
+
+
+def _number(value: Any) -> float | None:
+    try:
+        number = float(value)
+    except (TypeError, ValueError, ZeroDivisionError):
+        return None
+    return number if math.isfinite(number) and number > 0 else None
+
+
+def _position(gps: Mapping[int, Any]) -> tuple[float, float, float] | None:
+    """Latitude and longitude in degrees and altitude in metres from EXIF's GPS block."""
+    try:
+        degrees = [
+            sum(float(part) / 60**power for power, part in enumerate(gps[tag]))
+            * (-1 if gps.get(tag - 1) in ("S", "W") else 1)
+            for tag in (2, 4)
+        ]
+        altitude = float(gps.get(6, 0.0)) * (-1 if gps.get(5) in (1, b"\x01") else 1)
+    except (KeyError, TypeError, ValueError, ZeroDivisionError):
+        return None
+    position = (degrees[0], degrees[1], altitude)
+    return position if all(map(math.isfinite, position)) and any(position[:2]) else None
+
+
+def _gimbal(xmp: bytes) -> tuple[float, float, float] | None:
+    found = {axis: _angle(text) for axis, text in _GIMBAL.findall(xmp)}
+    angles = [found.get(axis) for axis in (b"Yaw", b"Pitch", b"Roll")]
+    if any(angle is None for angle in angles):
+        return None
+    return tuple(angles)  # type: ignore[return-value]
+
+
+def _angle(text: bytes) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _with_names(photographs: list[SourcePhotograph]) -> list[SourcePhotograph]:
+    """With unique names: two files may differ in their suffix alone."""
+    counts = Counter(p.path.stem for p in photographs)
+    names = [p.path.stem if counts[p.path.stem] == 1 else p.path.name.replace(".", "_") for p in photographs]
+    return [SourcePhotograph(**{**vars(p), "name": name}) for p, name in zip(photographs, names, strict=True)]

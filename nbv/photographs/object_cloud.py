@@ -1,0 +1,68 @@
+"""Of a dense cloud what belongs to the object, and where it is not to be trusted."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from nbv.config import EvaluationConfig
+from nbv.errors import UserError
+from nbv.evaluation.cleaning import inlier_mask, select
+from nbv.geometry.neighbours import nearest_neighbours
+from nbv.geometry.target import GROUND_BAND_M
+from nbv.photographs.object_frame import ObjectFrame
+from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS
+from nbv.photographs.reference_file import Reference
+from nbv.types import Bools, PointCloud
+
+MARGIN = 0.05  # about the object's box, as a share of its largest side
+SECTORS = 12
+WEAK_SHARE = 0.25  # of a sector's points beyond the middle threshold make it weak
+SPARSE_SHARE = 0.3  # of the median number of points in a sector make it thin
+FEWEST_POINTS = 1000
+_WEAK_AT = THRESHOLD_FRACTIONS[2]
+
+
+def object_cloud(cloud: PointCloud, frame: ObjectFrame, *, masked: bool) -> PointCloud:
+    """The points in the object's box, off the ground where no masks say what is the object, without outliers.
+
+    Raises
+    ------
+    UserError
+        Hardly anything is left.
+    """
+    margin = MARGIN * float((frame.high_m - frame.low_m).max())
+    points = cloud.points_m
+    inside: Bools = np.all((points >= frame.low_m - margin) & (points <= frame.high_m + margin), axis=1)
+    if not masked:
+        inside &= points[:, 2] > frame.low_m[2] + GROUND_BAND_M
+    kept = select(cloud, inside)
+    config = EvaluationConfig()
+    if len(kept) > config.sor_neighbours:
+        distances = nearest_neighbours(kept.points_m, kept.points_m, k=config.sor_neighbours + 1)[0][:, 1:]
+        kept = select(kept, inlier_mask(distances, config.sor_std_ratio))
+    if len(kept) < FEWEST_POINTS:
+        raise UserError(
+            f"only {len(kept)} points of the object could be reconstructed; give more photographs that overlap, "
+            "or masks of the object (--masks)"
+        )
+    return kept
+
+
+def weak_places(reference: Reference, height_m: float) -> tuple[str, ...]:
+    """Sentences on the sides of the object where the halves disagree or hardly a point is."""
+    x, y, _ = reference.points_m.T
+    sector = (np.rad2deg(np.arctan2(y, x)) % 360 // (360 / SECTORS)).astype(int)
+    counts = np.bincount(sector, minlength=SECTORS)
+    weak = np.bincount(sector, weights=reference.error_m > _WEAK_AT * height_m, minlength=SECTORS)
+    sentences = []
+    for index in range(SECTORS):
+        low, high = (int(360 / SECTORS * (index + step)) for step in (0, 1))
+        if counts[index] < SPARSE_SHARE * np.median(counts):
+            sentences.append(f"azimuth {low}° to {high}°: hardly any points")
+        elif weak[index] > WEAK_SHARE * counts[index]:
+            share = 100 * weak[index] / counts[index]
+            sentences.append(
+                f"azimuth {low}° to {high}°: {share:.0f} % of the points are farther than {100 * _WEAK_AT:.0f} % of "
+                "the height from the cloud of one half"
+            )
+    return tuple(sentences)

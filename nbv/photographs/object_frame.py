@@ -1,0 +1,188 @@
+"""Where the object is, which way is up and how large it is: from a sparse model to the set's frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from nbv.errors import UserError
+from nbv.geometry.frames import Similarity
+from nbv.geometry.target import GROUND_BAND_M, find_target
+from nbv.photographs.photograph_set import MEDIAN_DISTANCE_M
+from nbv.photographs.solved import SolvedModel
+from nbv.types import Bools, Floats
+
+LEVEL_DEG = 15.0  # a photograph is held level to within this, or is left out of what is up
+LOOKS_AT_DEG = 30.0  # off its optical axis at most lies what a photograph is of
+MIN_LOOKING = 0.6  # share of the photographs that look at one place
+IN_MASK = 0.8  # share of a point's observations that lie in masks where it is the object's
+MIN_POINTS = 50
+_COMPANION_M = 0.1
+_ROUNDS = 30
+
+
+@dataclass(frozen=True)
+class ObjectFrame:
+    """What `find_object` found."""
+
+    set_from_model: Similarity
+    low_m: Floats  # (3,) of the object's box in the set's frame
+    high_m: Floats  # (3,)
+    notes: tuple[str, ...]
+
+    @property
+    def half_width_m(self) -> float:
+        """Half the side of the smallest cube about the box's centre that holds it."""
+        return float((self.high_m - self.low_m).max() / 2)
+
+    @property
+    def center_m(self) -> Floats:
+        """(3,) middle of the box."""
+        return (self.low_m + self.high_m) / 2
+
+
+def find_object(
+    model: SolvedModel, up_in_picture: Floats, in_mask: Bools | None, up: Floats | None = None
+) -> ObjectFrame:
+    """The set's frame from where the cameras look, how they are held, and what rises from the ground there.
+
+    Parameters
+    ----------
+    model
+        In its own frame.
+    up_in_picture
+        (M, 2) direction (right, down) that is up in each photograph, as it was held.
+    in_mask
+        (T,) whether each observation lies on the object, where masks were given.
+    up
+        (3,) up in the model's frame, where control points say it.
+
+    Raises
+    ------
+    UserError
+        The cameras look at no common place.
+    """
+    center = _looked_at(model)
+    gaze = center - model.centers
+    distances = np.linalg.norm(gaze, axis=1)
+    off_axis_deg = np.rad2deg(np.arccos(np.clip((gaze * model.axes).sum(1) / distances, -1, 1)))
+    looking = float(np.mean(off_axis_deg <= LOOKS_AT_DEG))
+    if looking < MIN_LOOKING:
+        raise UserError(
+            f"only {100 * looking:.0f} % of the photographs look at one place: are there two objects? "
+            "put the photographs of each into a folder of its own"
+        )
+    notes = []
+    if up is None:
+        up, word = _up(model, up_in_picture)
+        notes.append(f"up: {word}")
+    else:
+        notes.append("up: from the control points")
+    rotation = _upright(up, model.centers[0] - center)
+    scale = MEDIAN_DISTANCE_M / float(np.median(distances))
+    rough = Similarity(scale, rotation, -scale * rotation @ center)
+    low, high, word = _box(model.moved(rough), in_mask)
+    notes.append(f"object: {word}")
+    placed = placement(low, high, rough.apply(model.centers))
+    return ObjectFrame(_after(placed, rough), placed.apply(low), placed.apply(high), tuple(notes))
+
+
+def placement(low: Floats, high: Floats, cameras: Floats) -> Similarity:
+    """The shift and scale that put a box (3,), (3,) on the ground about the origin, the median camera at 3.5 from its centre."""
+    center = (low + high) / 2
+    scale = MEDIAN_DISTANCE_M / float(np.median(np.linalg.norm(cameras - center, axis=1)))
+    return Similarity(scale, np.eye(3), -scale * np.array([center[0], center[1], low[2]]))
+
+
+def _after(second: Similarity, first: Similarity) -> Similarity:
+    return Similarity(
+        second.scale * first.scale, second.rotation @ first.rotation, second.apply(first.translation)
+    )
+
+
+def _looked_at(model: SolvedModel) -> Floats:
+    """(3,) the point nearest to the optical axes, in the sum of distances (iteratively reweighted least squares)."""
+    across = np.eye(3) - model.axes[:, :, None] * model.axes[:, None, :]  # (M, 3, 3) off the axis
+    weights = np.ones(len(model.axes))
+    point = np.zeros(3)
+    for _ in range(_ROUNDS):
+        left = np.einsum("m,mij->ij", weights, across)
+        point = np.linalg.lstsq(left, np.einsum("m,mij,mj->i", weights, across, model.centers), rcond=None)[0]
+        away = np.linalg.norm(np.einsum("mij,mj->mi", across, point - model.centers), axis=1)
+        weights = 1 / np.maximum(away, 1e-3 * np.median(np.linalg.norm(model.centers - point, axis=1)))
+    return point
+
+
+def _up(model: SolvedModel, up_in_picture: Floats) -> tuple[Floats, str]:
+    """(3,) up in the model's frame: across the horizontal sides of photographs held level, else the mean of their ups."""
+    right, down = model.poses[:, 0, :3], model.poses[:, 1, :3]
+    x, y = up_in_picture[:, :1], up_in_picture[:, 1:]
+    mean = (x * right + y * down).mean(axis=0)
+    mean /= np.linalg.norm(mean)
+    sides = -y * right + x * down
+    level, kept = mean, np.ones(len(sides), dtype=bool)
+    for _ in range(5):
+        spread, axes = np.linalg.eigh(sides[kept].T @ sides[kept])
+        if spread[1] < 4 * spread[0]:
+            break
+        level = axes[:, 0] * np.sign(axes[:, 0] @ mean)
+        kept = np.abs(sides @ level) < np.sin(np.deg2rad(LEVEL_DEG))
+        if kept.mean() < 0.5:
+            break
+    else:
+        if level @ mean > 0.5:
+            rest = np.rad2deg(np.arcsin(np.sqrt(np.mean((sides[kept] @ level) ** 2))))
+            return level, f"photographs are held level to {rest:.1f}° rms"
+    return mean, "the mean of the photographs' ups, since they are not held level"
+
+
+def _upright(up: Floats, toward: Floats) -> Floats:
+    """(3, 3) rotation that turns ``up`` to z and ``toward``, as far as it is horizontal, to x."""
+    z = up / np.linalg.norm(up)
+    x = toward - (toward @ z) * z
+    if np.linalg.norm(x) < 1e-6 * max(float(np.linalg.norm(toward)), 1e-12):
+        x = np.cross(z, [0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0])
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z])
+
+
+def _box(model: SolvedModel, in_mask: Bools | None) -> tuple[Floats, Floats, str]:
+    """Corners (3,), (3,) of the object's box in the rough frame, and how it was found."""
+    points = model.xyz
+    if in_mask is not None:
+        seen = np.bincount(model.points, minlength=len(points))
+        inside = np.bincount(model.points, weights=in_mask, minlength=len(points))
+        members = _companions(points[inside >= IN_MASK * np.maximum(seen, 1)])
+        if len(members) >= MIN_POINTS:
+            low, high = np.percentile(members, [0.5, 99.5], axis=0)
+            return low, high, f"{len(members)} sparse points inside the masks"
+    found = find_target(points, np.zeros(3), model.centers)
+    if found is not None:
+        x, y, _ = found.center_m
+        reach = 1.1 * found.half_extent_m
+        near = (np.abs(points[:, :2] - [x, y]) <= reach).all(axis=1)
+        above = (points[:, 2] > found.ground_m + GROUND_BAND_M) & (
+            points[:, 2] < found.ground_m + 2.2 * found.half_extent_m
+        )
+        members = _companions(points[near & above])
+        if len(members) >= MIN_POINTS:
+            low, high = np.percentile(members, [0.5, 99.5], axis=0)
+            low[2] = found.ground_m
+            return low, high, f"{len(members)} sparse points that rise from the ground where the cameras look"
+    members = _companions(points[np.linalg.norm(points, axis=1) <= MEDIAN_DISTANCE_M / 2])
+    if len(members) < MIN_POINTS:
+        raise UserError(
+            "hardly a point of the model lies where the cameras look; give masks of the object (--masks)"
+        )
+    low, high = np.percentile(members, [2.0, 98.0], axis=0)
+    return low, high, "nothing rises from the ground where the cameras look: all that is near there"
+
+
+def _companions(points: NDArray[np.float64]) -> Floats:
+    """Those with two others within 0.1: the rest are taken for wrong matches."""
+    if len(points) < 3:
+        return points
+    return np.asarray(points[cKDTree(points).query(points, k=3)[0][:, -1] <= _COMPANION_M])

@@ -1,0 +1,198 @@
+"""How large the model really is: from the object's height, control points or GPS."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from nbv.errors import UserError
+from nbv.geometry.frames import Similarity, align_umeyama
+from nbv.photographs.folder import SourcePhotograph
+from nbv.photographs.photograph_set import ScaleSource
+from nbv.photographs.solved import SolvedModel
+from nbv.safe_files import expanded, read_text
+from nbv.types import Floats
+
+EARTH_M = 6_378_137.0
+FEWEST_POINTS = 3
+WORST_GPS_SCALE = 0.1  # standard error beyond which GPS does not tell the scale
+_MOST_LINES = 20_000
+
+
+@dataclass(frozen=True)
+class Scale:
+    """What is known of the scale before the object's height in the model is."""
+
+    source: ScaleSource
+    height_m: float | None = None  # of the object
+    metres_per_model_unit: float | None = None
+    up: Floats | None = None  # (3,) in the model's frame
+    notes: tuple[str, ...] = ()
+
+    def metres_per_unit(self, units_per_model_unit: float, height_units: float) -> float | None:
+        """Metres per unit of the set's frame, or None where nothing says."""
+        if self.height_m is not None:
+            return self.height_m / height_units
+        if self.metres_per_model_unit is not None:
+            return self.metres_per_model_unit / units_per_model_unit
+        return None
+
+
+def find_scale(
+    model: SolvedModel,
+    photographs: Sequence[SourcePhotograph],
+    full_sizes_px: Mapping[str, tuple[int, int]],
+    height_m: float | None,
+    control_points: Path | None,
+) -> Scale:
+    """The best that there is: the object's height as the user gave it, control points, GPS of the photographs.
+
+    Parameters
+    ----------
+    model
+        In its own frame.
+    photographs
+        With what EXIF says.
+    full_sizes_px
+        Width and height of the users' files, by photograph, in which control points are marked.
+    height_m
+        Of the object, if the user knows it.
+    control_points
+        File in OpenDroneMap's ``gcp_list.txt`` format.
+
+    Raises
+    ------
+    UserError
+        The control points cannot be read or do not fit the model.
+    """
+    if control_points is not None:
+        fitted = _from_control_points(model, full_sizes_px, expanded(control_points), photographs)
+        if height_m is None:
+            return fitted
+        return Scale("length", height_m, None, fitted.up, fitted.notes)
+    if height_m is not None:
+        return Scale("length", height_m)
+    return _from_gps(model, photographs)
+
+
+def _from_control_points(
+    model: SolvedModel,
+    full_sizes_px: Mapping[str, tuple[int, int]],
+    path: Path,
+    photographs: Sequence[SourcePhotograph],
+) -> Scale:
+    marks = _read_marks(path)
+    row = {name: index for index, name in enumerate(model.names)}
+    name_of = {p.path.name.lower(): p.name for p in photographs}
+    found, expected = [], []
+    for place, seen in marks.items():
+        rays = []
+        for file, x_px, y_px in seen:
+            name = name_of.get(file.lower())
+            if name is None or name not in row:
+                continue
+            width, height = full_sizes_px[name]
+            if not (0 <= x_px <= width and 0 <= y_px <= height):
+                raise UserError(
+                    f"{path} marks ({x_px:g}, {y_px:g}) in {file}, which has {width} x {height} px; "
+                    "give marks in pixels of these photographs"
+                )
+            camera = model.cameras[row[name]]
+            xy = np.array([[x_px * camera.width / width, y_px * camera.height / height]])
+            rays.append((row[name], np.asarray(camera.cam_from_img(xy))[0]))
+        if len(rays) >= 2:
+            found.append(_triangulated(model, rays))
+            expected.append(place)
+    if len(found) < FEWEST_POINTS:
+        raise UserError(
+            f"{path}: {len(found)} control points are marked in two registered photographs or more; "
+            f"{FEWEST_POINTS} are needed"
+        )
+    source, target = np.array(found), np.array(expected)
+    target = target - target.mean(axis=0)
+    try:
+        fit = align_umeyama(target, source)
+    except ValueError as error:
+        raise UserError(f"{path}: the control points coincide") from error
+    spread = np.linalg.svd(target, compute_uv=False)
+    if spread[1] < 0.02 * spread[0]:
+        raise UserError(f"{path}: the control points lie on one line, which does not tell what is up")
+    rest = float(np.sqrt(((fit.apply(source) - target) ** 2).sum(axis=1).mean()))
+    if rest > 0.2 * float(np.sqrt((target**2).sum(axis=1).mean())):
+        raise UserError(
+            f"{path} does not fit the model: {rest:.2f} m rms; are the marks in pixels of these photographs?"
+        )
+    note = f"scale and up: {len(found)} control points, {rest:.3f} m rms"
+    return Scale("control points", None, fit.scale, fit.rotation.T @ np.array([0.0, 0.0, 1.0]), (note,))
+
+
+def _read_marks(path: Path) -> dict[tuple[float, float, float], list[tuple[str, float, float]]]:
+    """Marks (file, x, y) by place in local metres, east, north, up."""
+    lines = [line.split() for line in read_text(path, 16 * 2**20).splitlines() if line.strip()]
+    if not 2 <= len(lines) <= _MOST_LINES:
+        raise UserError(f"{path} has {len(lines)} lines; it needs a projection and a line for every mark")
+    header = " ".join(lines[0])
+    marks: dict[tuple[float, float, float], list[tuple[str, float, float]]] = {}
+    for number, words in enumerate(lines[1:], start=2):
+        try:
+            x, y, z, x_px, y_px = (float(word) for word in words[:5])
+            file = words[5]
+        except (ValueError, IndexError) as error:
+            raise UserError(f"{path} line {number}: a mark is X Y Z PIXEL_X PIXEL_Y FILE; mend it") from error
+        if not np.isfinite([x, y, z, x_px, y_px]).all():
+            raise UserError(f"{path} line {number}: every number must be finite")
+        marks.setdefault((x, y, z), []).append((file, x_px, y_px))
+    if re.search(r"longlat|4326|^WGS84$", header, re.IGNORECASE):
+        first = next(iter(marks))
+        return {
+            tuple(local_metres((y, x, z), (first[1], first[0], 0.0))): seen  # type: ignore[misc]
+            for (x, y, z), seen in marks.items()
+        }
+    return marks
+
+
+def local_metres(position: tuple[float, float, float], origin: tuple[float, float, float]) -> Floats:
+    """(3,) east, north and up of (latitude, longitude, altitude) from ``origin``, for distances of kilometres."""
+    degrees = np.deg2rad(np.array(position[:2]) - np.array(origin[:2]))
+    east = EARTH_M * degrees[1] * np.cos(np.deg2rad(origin[0]))
+    return np.array([east, EARTH_M * degrees[0], position[2] - origin[2]])
+
+
+def _triangulated(model: SolvedModel, rays: list[tuple[int, Floats]]) -> Floats:
+    """(3,) the point nearest to rays, given as (photograph, normalised coordinates)."""
+    left, right = np.zeros((3, 3)), np.zeros(3)
+    for view, ray in rays:
+        rotation = model.poses[view, :3, :3]
+        direction = rotation.T @ np.array([ray[0], ray[1], 1.0])
+        direction /= np.linalg.norm(direction)
+        across = np.eye(3) - np.outer(direction, direction)
+        left += across
+        right += across @ model.centers[view]
+    return np.asarray(np.linalg.lstsq(left, right, rcond=None)[0], dtype=float)
+
+
+def _from_gps(model: SolvedModel, photographs: Sequence[SourcePhotograph]) -> Scale:
+    gps = {p.name: p.gps for p in photographs if p.gps is not None}
+    rows = [index for index, name in enumerate(model.names) if name in gps]
+    if len(rows) < max(4, len(model.names) // 2):
+        return Scale("none", notes=("scale: none given; thresholds are shares of the object's height",))
+    positions = [gps[model.names[row]] for row in rows]
+    origin = positions[0]
+    target = np.array([local_metres(p, origin) for p in positions])  # type: ignore[arg-type]
+    source = model.centers[rows]
+    try:
+        fit: Similarity = align_umeyama(target, source)
+    except ValueError:
+        return Scale("none", notes=("scale: GPS has all photographs in one place",))
+    rest = fit.apply(source) - target
+    rms = float(np.sqrt((rest**2).sum(axis=1).mean()))
+    spread = fit.scale * float(np.sqrt(((source - source.mean(axis=0)) ** 2).sum()))
+    error = float(np.sqrt((rest**2).sum() / (3 * len(rows) - 7))) / max(spread, 1e-9)
+    told = f"GPS, {rms:.2f} m rms to the cameras, scale to about {200 * error:.0f} %"
+    if fit.scale <= 0 or error > WORST_GPS_SCALE / 2:
+        return Scale("none", notes=(f"scale: none; {told} is too coarse",))
+    return Scale("gps", None, fit.scale, None, (f"scale: {told}",))
