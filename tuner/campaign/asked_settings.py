@@ -16,6 +16,7 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import SETTINGS, read_settings_file, settings_from_dict
 from tuner.missions.external import load_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY
+from tuner.problem.drawn_rocks import with_families
 from tuner.problem.search_space import ours
 
 # `make tune`: the space where there is most to gain, for the quality that the paper's 24 + 8 have on these rocks.
@@ -70,7 +71,7 @@ def asked_settings(tree: Mapping[str, Any], source: str, making: Making = nullco
     if tree.get("fidelity", DEFAULT_FIDELITY) == DEFAULT_FIDELITY:
         tree["overrides"] = best_dense_stage(tree.get("overrides") or {})
     if isinstance(tree.get("rocks"), (list, tuple)):
-        tree["rocks"] = absolute_rocks(tree["rocks"])
+        tree["rocks"] = absolute_rocks(with_families(tree["rocks"]))
     settings = settings_from_dict(tree, source)
     _require_metrics(settings)
     rock_arguments(settings.rocks, making)

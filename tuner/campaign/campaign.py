@@ -53,6 +53,7 @@ from tuner.problem.observations import Observation, Proposal
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
 from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight
+from tuner.samplers.beside_default import BesideDefault
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.registry import make_sampler
 from tuner.surrogate.settings import surrogate_settings
@@ -76,7 +77,9 @@ def sampler_of(settings: CampaignSettings, learned: EarlierMissions | None = Non
     UserError
         The sampler cannot handle the search space.
     """
-    return make_sampler(settings.sampler, _sampler_settings(settings, learned))
+    asked = _sampler_settings(settings, learned)
+    sampler = make_sampler(settings.sampler, asked)
+    return BesideDefault(sampler, asked) if settings.draws_rocks else sampler
 
 
 def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | None) -> SamplerSettings:
@@ -86,7 +89,7 @@ def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | Non
         settings.worlds,
         settings.seed,
         settings.initial_size(),
-        settings.replicates,
+        settings.blocks,
         learned,
         settings.second is not None,
         settings.budget,
@@ -322,7 +325,7 @@ class Campaign:
             s.default_values(),
             s.objective,
             s.seed,
-            replicates=s.replicates,
+            replicates=s.blocks,
             only_verified=s.sampler == "gp" and (s.second is None or s.limit is not None),
             settings=surrogate_settings(s.space),
             feature=self._feature(),
@@ -390,6 +393,7 @@ class Campaign:
         """
         chosen = tuple(rock_arguments(rocks or held_out_rocks(), making))
         seen = {*self.settings.rocks, *(() if self.learned is None else self.learned.rocks)}
+        seen |= {self.settings.rock_flown(t.rock, t.replicate) for t in self.trials()}
         for rock in chosen:
             if rock in seen:
                 raise UserError(

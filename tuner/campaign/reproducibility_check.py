@@ -16,6 +16,7 @@ from nbv.cache import code_digest
 from nbv.errors import UserError
 from tuner.campaign.ledger import TrialRecord
 from tuner.missions.registry import module_of
+from tuner.problem.drawn_rocks import family_of
 
 ACCEPT = "--accept-changes"
 
@@ -73,16 +74,16 @@ class ReproducibilityCheck:
                 f"the {'program' if program else 'code'} of its missions changed after trial {known[-1].number}"
             )
         for trial in trials:
-            self._remember(trial.rock, trial.rock_sha256, trial.number)
+            self._remember(trial, trial.rock_sha256)
 
     def require(self, trial: TrialRecord, rock_sha256: str) -> None:
         """Raise `UserError` where the mission of ``trial`` met another rock than those before it under that name."""
         if self.is_another(trial, rock_sha256):
-            before, number = self._rocks[trial.rock]
+            before, number = self._rocks[_name(trial)]
             self._ask(
-                f"rock {trial.rock} is another one since trial {number} (content {before[:12]} then, {rock_sha256[:12]} now)"
+                f"rock {_name(trial)} is another one since trial {number} (content {before[:12]} then, {rock_sha256[:12]} now)"
             )
-        self._remember(trial.rock, rock_sha256, trial.number)
+        self._remember(trial, rock_sha256)
 
     def begin(self) -> None:
         """Forget the rocks of earlier sessions where changes are wanted; called before the first mission flies."""
@@ -91,14 +92,19 @@ class ReproducibilityCheck:
 
     def is_another(self, trial: TrialRecord, rock_sha256: str) -> bool:
         """Return whether `require` would refuse."""
-        return bool(rock_sha256) and self._rocks.get(trial.rock, (rock_sha256, 0))[0] != rock_sha256
+        return bool(rock_sha256) and self._rocks.get(_name(trial), (rock_sha256, 0))[0] != rock_sha256
 
-    def _remember(self, rock: str, sha256: str, number: int) -> None:
+    def _remember(self, trial: TrialRecord, sha256: str) -> None:
         if sha256:
-            self._rocks[rock] = (sha256, number)
+            self._rocks[_name(trial)] = (sha256, trial.number)
 
     def _ask(self, what: str) -> None:
         raise UserError(
             f"{what}: its ledger would mix two worlds; restore what it was, or go on all the same with "
             f"`gatetune campaign resume {self._directory} {ACCEPT}`"
         )
+
+
+def _name(trial: TrialRecord) -> str:
+    """What rock it is: of a family every replicate is another one."""
+    return f"{trial.rock}, rock {trial.replicate}" if family_of(trial.rock) else trial.rock

@@ -10,6 +10,7 @@ from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.rocks import list_rocks, load_rock
 from nbv.safe_files import is_file
+from tuner.problem.drawn_rocks import family_of
 
 QUICK_ROCKS = ["slab", "vesicular", "cavern"]  # training rocks on which configurations differ most
 
@@ -28,6 +29,8 @@ def rock_arguments(rocks: Sequence[str], making: Making = nullcontext) -> list[s
         An unknown rock or a bad mesh.
     """
     for number, rock in enumerate(rocks, 1):
+        if family_of(rock):
+            continue
         with making(f"making rock {rock} ({number} of {len(rocks)}); it is kept for later"):
             load_rock(rock, Store())
     return absolute_rocks(rocks)
@@ -59,7 +62,7 @@ def refuse_held_out(rocks: Sequence[str]) -> None:
         A rock of the held-out split.
     """
     for rock in rocks:
-        if load_rock(rock, Store()).split == "held-out":
+        if not family_of(rock) and load_rock(rock, Store()).split == "held-out":
             raise UserError(
                 f"rock {rock!r} is held out: it may not be tuned on; `gatetune rocks list` names others"
             )

@@ -222,7 +222,7 @@ class _Session:
         return self._start(trials, proposal, ask_s)
 
     def _start(self, trials: Sequence[TrialRecord], proposal: Proposal, ask_s: float) -> TrialRecord:
-        world, replicate = next_block(self._settings.worlds, self._settings.replicates, trials, proposal)
+        world, replicate = next_block(self._settings.worlds, self._settings.blocks, trials, proposal)
         config = self._settings.config(proposal.values, world.condition)
         trial = self._ledger.start(
             proposal, world, replicate, config.digest(), self._settings.seed, self._reproducibility.code
@@ -235,7 +235,7 @@ class _Session:
         return MissionJob(
             id=f"{trial.number:04d}",
             config=config or self._settings.config(trial.values, trial.condition),
-            rock=trial.rock,
+            rock=self._settings.rock_flown(trial.rock, trial.replicate),
             replicate=trial.replicate,
             directory=self._campaign.directory / trial.directory,
             keep=self._settings.keep,

@@ -33,6 +33,7 @@ from tuner.missions.external import MissionFile, external_config, load_mission_f
 from tuner.missions.external.configuration import same_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, require_fidelity
 from tuner.problem.blocks import MAX_MISSIONS, MAX_REPLICATES
+from tuner.problem.drawn_rocks import are_drawn, training_rock, with_families
 from tuner.problem.exact_costs import Exact, exact_cost
 from tuner.problem.objective import DEFAULT_METRIC, Objective, direction_of
 from tuner.problem.quality_at_cost import COUNTS
@@ -106,7 +107,8 @@ class CampaignSettings:
     )
     rocks: tuple[str, ...] = setting(
         lambda: tuple(training_rocks()),
-        "training rocks, names or mesh files",
+        "training rocks, names or mesh files; any-FAMILY or any: a fresh rock of that family, or of each, in every "
+        "mission, and the default beside it",
         shown="the procedural ones",
         option="--rock",
         panel=WHAT,
@@ -250,6 +252,8 @@ class CampaignSettings:
         if not self.rocks:
             raise UserError("the campaign has no rocks; name at least one")
         require_distinct(self.conditions)
+        if self.mission is None:
+            with_families(self.rocks)
         twice = [rock for rock, count in collections.Counter(self.rocks).items() if count > 1]
         if twice:
             raise UserError(f"rock {twice[0]!r} is named twice; name each rock once")
@@ -358,6 +362,22 @@ class CampaignSettings:
         if self.second is None or self.limit is None:
             return None
         return self.second.sign * self.limit - (0.5 if self.second.metric in COUNTS else 0.0)
+
+    @property
+    def blocks(self) -> int:
+        """Replicates per world; where places are families, as many fresh rocks as may be flown."""
+        return (
+            max(self.replicates, -(-self.budget // len(self.worlds))) if self.draws_rocks else self.replicates
+        )
+
+    @property
+    def draws_rocks(self) -> bool:
+        """Whether every mission meets a fresh rock of a family."""
+        return are_drawn(self.rocks)
+
+    def rock_flown(self, rock: str, replicate: int) -> str:
+        """The rock that a mission at ``rock`` meets: a fresh one where that is a family."""
+        return training_rock(rock, replicate, self.seed)
 
     @property
     def worlds(self) -> tuple[World, ...]:

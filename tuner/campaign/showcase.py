@@ -26,7 +26,7 @@ def showcase_jobs(campaign: Campaign) -> list[MissionJob]:
     for name, values in (("default", best.default_values), ("recommended", best.values)):
         config = s.config(values, world.condition)
         folder = campaign.directory / SHOWN / name
-        job = MissionJob(f"{SHOWN}-{name}", config, world.rock, 0, folder, "all", s.fidelity)
+        job = MissionJob(f"{SHOWN}-{name}", config, s.rock_flown(world.rock, 0), 0, folder, "all", s.fidelity)
         jobs.setdefault(config.digest(), job)
     return list(jobs.values())
 

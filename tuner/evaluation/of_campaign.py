@@ -26,6 +26,7 @@ from tuner.evaluation.baselines import (
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.external import external_config
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL
+from tuner.problem.drawn_rocks import are_drawn, held_out_rocks_of, with_families
 from tuner.problem.objective import Objective
 from tuner.problem.quality_at_cost import COUNTS
 from tuner.problem.search_space import Configuration, ours
@@ -110,6 +111,8 @@ def held_out(
     reaimed = REAIMED_ORBITS if any_must_look(base, worlds) else ()
     baselines = baseline_configs(list(strategies or (*EVALUATION_BASELINES, *reaimed)), base)
     against = _reference(reference, baselines, "hyb-h")
+    if rocks and are_drawn(asked_rocks := with_families(rocks)):  # a replicate of a family is another rock
+        rocks, replicates = held_out_rocks_of(asked_rocks, replicates), 1
     plan = EvaluationPlan(
         {**tuned_configs(tuned, base), **at_equal_number(baselines, tuned, against)},
         source.unseen_rocks(rocks, making),
@@ -149,11 +152,15 @@ def confirmation(
         return None
     tuned = s.config(found.values)
     orbits = orbits_at_number(tuned, s.conditions) if isinstance(tuned, MissionConfig) else {}
+    first = s.blocks
+    if s.draws_rocks:
+        chosen = tuple(s.rock_flown(rock, first + k) for k in range(replicates) for rock in chosen)
+        first, replicates = 0, 1
     plan = EvaluationPlan(
         {TUNED: tuned, "default": s.config(s.default_values()), **orbits},
         chosen,
         replicates,
-        first_replicate=s.replicates,
+        first_replicate=first,
         fidelity=EXTERNAL if s.mission is not None else fidelity,
         conditions=s.conditions,
     )

@@ -25,6 +25,8 @@ from tuner.samplers.design import sobol_point
 if TYPE_CHECKING:
     from tuner.samplers.earlier_missions import EarlierMissions
 
+VERIFICATION_BEGINS = 2 / 3  # of the budget
+
 
 class Sampler(Protocol):
     """Proposes the next mission."""
@@ -67,7 +69,7 @@ def derived_seed(seed: int, number: int) -> int:
     return int(np.random.SeedSequence([seed, number]).generate_state(1)[0]) % (2**31)
 
 
-def asks(history: Sequence[Observation], pending: Sequence[Pending]) -> int:
+def asks(history: Sequence[Observation | Pending], pending: Sequence[Pending]) -> int:
     return len(history) + len(pending)
 
 

@@ -17,9 +17,16 @@ from tuner.problem.exact_costs import PREDICTED_SECOND, Exact, ExactCost
 from tuner.problem.observations import PREDICTED, Observation, Pending, Proposal
 from tuner.problem.search_space import Values
 from tuner.problem.worlds import rocks_of
-from tuner.samplers.base import SamplerSettings, asks, derived_seed, in_flight, initial_proposal
+from tuner.samplers.base import (
+    VERIFICATION_BEGINS,
+    SamplerSettings,
+    asks,
+    derived_seed,
+    in_flight,
+    initial_proposal,
+)
 from tuner.samplers.design import near_default, places_for_earlier, sobol_point, stays_near_default
-from tuner.samplers.verification import BEGINS, verification
+from tuner.samplers.verification import verification
 from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
@@ -169,7 +176,7 @@ class GPSampler:
         constraint: Constraint | None = None,
     ) -> Proposal | None:
         s = self.settings
-        if not self.verify or s.budget is None or number < BEGINS * s.budget:
+        if not self.verify or s.budget is None or number < VERIFICATION_BEGINS * s.budget:
             return None
         last = number >= s.budget - len(rocks_of(s.worlds)) * s.replicates
         model, exact = surrogate_of(models), models[0] if isinstance(models[0], KnownOutcome) else None

@@ -24,8 +24,6 @@ from tuner.recommendation.eligible import enough
 from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
 
-BEGINS = 2 / 3  # of the budget
-
 
 def verification(
     model: RockMeanGP,

@@ -254,7 +254,7 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation) -> dict[str
         "mission_command": ""
         if s.mission is not None
         else " ".join(
-            f"gatetune mission run --rock {shlex.quote(s.rocks[0])} --preset {s.preset} {condition} {base} {sets}".split()
+            f"gatetune mission run --rock {shlex.quote(s.rock_flown(s.rocks[0], 0))} --preset {s.preset} {condition} {base} {sets}".split()
         ),
         "per_rock": rock_rows(facts, best),
         "top_name": metric_label(best.metric).axis,

@@ -45,7 +45,7 @@ def write_mission_pages(campaign: Campaign) -> list[MissionPage]:
         if not (run / "flight.json").is_file():
             continue
         page = run / PAGE
-        if page.is_file() or _written([run], page, trial.rock):
+        if page.is_file() or _written([run], page, campaign.settings.rock_flown(trial.rock, trial.replicate)):
             pages.append(MissionPage(run.name, page))
     return pages
 

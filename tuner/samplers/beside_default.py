@@ -1,0 +1,58 @@
+"""On rocks that nobody has met, the default flies beside what a sampler proposes: a gain is told from an easy rock."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tuner.problem.configurations import Block, configuration_key
+from tuner.problem.observations import Observation, Pending, Proposal
+from tuner.samplers.base import VERIFICATION_BEGINS, Sampler, SamplerSettings, ask_many, asks, in_flight
+
+
+@dataclass(frozen=True)
+class BesideDefault:
+    """``inner``, with the default on every rock that it has flown, until favourites are verified."""
+
+    inner: Sampler
+    settings: SamplerSettings
+
+    @property
+    def name(self) -> str:
+        """That of ``inner``."""
+        return self.inner.name
+
+    def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
+        """The default where it is missing, else what ``inner`` proposes."""
+        return self.ask_many(history, pending, 1)[0]
+
+    def ask_many(
+        self, history: Sequence[Observation], pending: Sequence[Pending], count: int
+    ) -> list[Proposal]:
+        """``count`` proposals, each knowing those before."""
+        s, proposals, flying = self.settings, list[Proposal](), list(pending)
+        while len(proposals) < count:
+            missing = self._without_default([*history, *flying])
+            if missing is None:
+                left = count - len(proposals)
+                found = ask_many(self.inner, s, history, flying, (left + 1) // 2)
+            else:
+                world, replicate = missing
+                why = {"sampler": self.name, "phase": "beside the default"}
+                found = [Proposal(dict(s.default), why, world.rock, replicate, condition=world.condition)]
+            for proposal in found:
+                flying.append(in_flight(s, history, flying, proposal))
+            proposals += found
+        return proposals
+
+    def _without_default(self, missions: Sequence[Observation | Pending]) -> Block | None:
+        """The first block on which the default is missing; None after verification has begun."""
+        s = self.settings
+        if s.budget is not None and asks(missions, ()) >= VERIFICATION_BEGINS * s.budget:
+            return None
+        default = configuration_key(s.space, s.default)
+        flown: dict[Block, bool] = {}
+        for m in missions:
+            block = (m.world, m.replicate)
+            flown[block] = flown.get(block, False) or configuration_key(s.space, m.values) == default
+        return next((block for block, has in flown.items() if not has), None)
