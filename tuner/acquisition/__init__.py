@@ -11,22 +11,13 @@ import lazy_loader
 
 if TYPE_CHECKING:
     from tuner.acquisition.constrained import Constraint, propose_constrained
-    from tuner.acquisition.front import flown_in_both, propose_for_front, two_models
-    from tuner.acquisition.propose import maximise
+    from tuner.acquisition.two_objectives import flown_in_both, two_models
 
-__all__ = [
-    "Constraint",
-    "flown_in_both",
-    "maximise",
-    "propose_constrained",
-    "propose_for_front",
-    "two_models",
-]
+__all__ = ["Constraint", "flown_in_both", "propose_constrained", "two_models"]
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "constrained": ["Constraint", "propose_constrained"],
-        "propose": ["maximise"],
-        "front": ["flown_in_both", "propose_for_front", "two_models"],
+        "two_objectives": ["flown_in_both", "two_models"],
     },
 )

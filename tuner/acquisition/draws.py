@@ -6,13 +6,15 @@ their number.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 from botorch.utils.sampling import manual_seed
 
 from nbv.types import Floats
 from tuner.acquisition.constrained import Constraint, surrogate_of
-from tuner.acquisition.propose import LOCAL_BEST, best_flown, only_allowed, starting_points
+from tuner.acquisition.propose import only_allowed, starting_points
 from tuner.problem.search_space import Values
 from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
@@ -24,38 +26,20 @@ _LITTLE = 1e-6  # standard deviations
 _BREAKS = 1e3  # likewise: worse than all that keeps a limit
 
 
-def draw_best(model: RockMeanGP, count: int, seed: int) -> list[Values]:
+def draw(
+    models: Sequence[RockMeanGP | KnownOutcome], constraint: Constraint | None, count: int, seed: int
+) -> list[Values]:
     """Return ``count`` configurations, each the best of one posterior draw; no two are alike.
 
-    A draw is over points everywhere and near the best flown.
-    """
-    with numerics(seed), torch.no_grad():
-        points = starting_points(model, seed, GLOBAL_POINTS, LOCAL_POINTS)
-        points = np.unique([model.space.snap(x) for x in points], axis=0)
-        inputs = model.inputs(points)
-        with manual_seed(seed):
-            draws = model.model.posterior(inputs).rsample(torch.Size([count]))[..., 0]
-        return _distinct(model, points, draws, seed)
-
-
-def draw_of_two(
-    models: tuple[RockMeanGP | KnownOutcome, RockMeanGP | KnownOutcome],
-    constraint: Constraint | None,
-    count: int,
-    seed: int,
-) -> list[Values]:
-    """Return ``count`` configurations, each the best of one posterior draw of both objectives; no two are alike.
-
-    With a constraint on the second: the best of the first where the draw keeps it, else what comes nearest. Without one: the
-    best by augmented weights that differ from draw to draw (Knowles, IEEE TEC 2006), so that all of the front is sought.
-    What the configuration decides is the same in every draw.
+    A draw is over points everywhere and near the best flown. With a limit of the second objective: the best of the first where
+    the draw keeps it, else what comes nearest. What the configuration decides is the same in every draw.
 
     Parameters
     ----------
     models
-        A surrogate of each objective, or its known cost; one is a surrogate.
+        A surrogate of the objective, or of each of two, or a known cost; one is a surrogate.
     constraint
-        A limit of the second objective; None: the front is sought.
+        The limit of the second objective, where there are two.
     count
         How many configurations.
     seed
@@ -63,32 +47,18 @@ def draw_of_two(
     """
     model = surrogate_of(models)
     with numerics(seed), torch.no_grad():
-        if constraint is None:
-            own = [best_flown(m, LOCAL_BEST // 2) for m in models if isinstance(m, RockMeanGP)]
-            near = np.concatenate(own)
-        else:
-            near = constraint.promising(models[0])
+        near = None if constraint is None else constraint.promising(models[0])
         points = starting_points(model, seed, GLOBAL_POINTS, LOCAL_POINTS, near)
         points = np.unique([model.space.snap(x) for x in points], axis=0)
-        known = None if constraint is None else constraint.allowed()
-        if known is not None:
-            points = only_allowed(model, points, known, seed)
+        allowed = None if constraint is None else constraint.allowed()
+        if allowed is not None:
+            points = only_allowed(model, points, allowed, seed)
         inputs = model.inputs(points)
         with manual_seed(seed):
-            one, two = (_drawn(m, inputs, count) for m in models)
-            weights = torch.rand(count, 1, dtype=one.dtype)
-        if constraint is None:
-            short = [
-                (draw.amax(1, True) - draw) / (draw.amax(1, True) - draw.amin(1, True) + _LITTLE)
-                for draw in (one, two)
-            ]
-            draws = -torch.maximum(weights * short[0], (1 - weights) * short[1]) - 0.05 * (
-                short[0] + short[1]
-            )
-        elif known is not None:
-            draws = one
-        else:  # of what costs the same the better one
-            draws = torch.where(two >= constraint.floor(), one + _LITTLE * two, two - _BREAKS)
+            draws, *others = (_drawn(m, inputs, count) for m in models)
+        if constraint is not None and allowed is None:  # of what costs the same the better one
+            (second,) = others
+            draws = torch.where(second >= constraint.floor(), draws + _LITTLE * second, second - _BREAKS)
         return _distinct(model, points, draws, seed)
 
 

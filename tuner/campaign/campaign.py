@@ -9,7 +9,6 @@ pairs. The run directory::
     missions/NNNN_ROCK_rK  one directory per mission (NNNN_ROCK_CONDITION_rK where that is not ideal)
     recommendation.json    the current recommendation
     learned_from.json      the missions of earlier campaigns, where some were named
-    front.json             the Pareto front, where a second objective was asked for
 """
 
 from __future__ import annotations
@@ -32,7 +31,6 @@ from tuner import (  # only what is used is loaded: who looks need not wait for 
     recommendation,
     surrogate,
 )
-from tuner.acquisition.pareto import FrontPoint, pareto_front
 from tuner.campaign.events import CampaignStatus
 from tuner.campaign.ledger import Ledger, TrialRecord
 from tuner.campaign.rock_choice import Making, held_out_rocks, rock_arguments
@@ -60,13 +58,12 @@ from tuner.surrogate.settings import surrogate_settings
 
 if TYPE_CHECKING:
     from tuner.acquisition.constrained import Constraint
-    from tuner.acquisition.front import Outcome
+    from tuner.acquisition.two_objectives import FrontPoint, Outcome
     from tuner.surrogate.kernel import Feature
     from tuner.surrogate.model import RockMeanGP
 
 RECOMMENDATION_FILE = "recommendation.json"
 LEARNED_FILE = "learned_from.json"
-FRONT_FILE = "front.json"
 
 
 def sampler_of(settings: CampaignSettings, learned: EarlierMissions | None = None) -> Sampler:
@@ -91,7 +88,6 @@ def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | Non
         settings.initial_size(),
         settings.blocks,
         learned,
-        settings.second is not None,
         settings.budget,
         trusted_default=settings.trusted_default,
         at_least=settings.at_least,
@@ -257,14 +253,6 @@ class Campaign:
             s.space, both, s.worlds, s.seed, surrogate_settings(s.space), self.exact(both)
         )
 
-    def front(self, *, save: bool = True) -> list[FrontPoint]:
-        """The Pareto front of the configurations flown, as the recommendation has it; empty where `flown_in_both` is."""
-        found = self.recommendation(save=False)
-        points = [] if found is None else found.front
-        if save and points:
-            write_atomic(self.directory / FRONT_FILE, json.dumps([p.to_dict() for p in points], indent=1))
-        return points
-
     def status(self) -> CampaignStatus:
         """Return counts and costs."""
         trials = self.trials()
@@ -305,7 +293,6 @@ class Campaign:
         history = self.history()
         if (saved := self.saved_recommendation(history, latest=latest)) is not None:
             return saved
-        brief = brief and (self.settings.second is None or self.settings.limit is not None)  # else: the front
         result = self.recommend_from(history, brief=brief)
         if result is not None and save:
             tree = {**result.to_dict(), "brief": brief}
@@ -313,40 +300,35 @@ class Campaign:
         return result
 
     def recommend_from(self, history: Sequence[Observation], *, brief: bool = False) -> Recommendation | None:
-        """Return what would be recommended after ``history``; ``brief``: without the next rock and the front."""
+        """Return what would be recommended after ``history``; ``brief``: without the next rock."""
         s = self.settings
         exact = self.exact(history)
-        constraint, front = (None, []) if brief and s.limit is None else self._second(history)
-        history = self.modelled(history)
-        result = recommendation.recommend(
+        return recommendation.recommend(
             s.space,
-            history,
+            self.modelled(history),
             s.worlds,
             s.default_values(),
             s.objective,
             s.seed,
             replicates=s.blocks,
-            only_verified=s.sampler == "gp" and (s.second is None or s.limit is not None),
+            only_verified=s.sampler == "gp",
             settings=surrogate_settings(s.space),
             feature=self._feature(),
             brief=brief,
-            constraint=constraint,
+            constraint=self._constraint(history),
             exact=exact.first,
             second=s.second,
             limit=s.limit,
         )
-        return None if result is None else dataclasses.replace(result, front=front)
 
-    def _second(self, history: Sequence[Observation]) -> tuple[Constraint | None, list[FrontPoint]]:
-        """Return the second objective's constraint, where there is a limit, and the Pareto front."""
+    def _constraint(self, history: Sequence[Observation]) -> Constraint | None:
+        """Return the limit of the second objective with its model; None without one, or without a mission that has both."""
         s = self.settings
         both = [o for o in history if o.outcome is not None and o.second is not None]
-        if s.second is None or not both:
-            return None, []
-        models, objectives = self._models(both), (s.objective, s.second)
-        constraint = None if s.at_least is None else acquisition.Constraint(models[1], s.at_least)
-        return constraint, pareto_front(
-            acquisition.flown_in_both(models, objectives, s.space, both), objectives
+        return (
+            acquisition.Constraint(self._models(both)[1], s.at_least)
+            if both and s.at_least is not None
+            else None
         )
 
     def _feature(self) -> Feature | None:

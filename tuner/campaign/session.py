@@ -153,8 +153,6 @@ class _Session:
                     self._emit("stopped", message=message)
                     return self._summary("failing", message)
                 summary = self._summary("budget", "the budget is used")
-                if self._settings.second is not None:
-                    self._campaign.front()
                 self._emit("done", recommendation=summary.recommendation)
                 return summary
             free = self.prefetch.thinking and len(self._in_flight) < self._executor.capacity

@@ -138,7 +138,7 @@ class CampaignSettings:
     objective: Objective = setting(
         Objective,
         "what is tuned for: a metric, seconds or energy; f_score@photographs<=21, its best at a cost; "
-        "photographs@f_score>=97, the least cost; f_score@photographs, the Pareto front",
+        "photographs@f_score>=97, the least cost",
         shown=DEFAULT_METRIC,
         option="--objective --metric",
         panel=WHAT,
@@ -148,14 +148,13 @@ class CampaignSettings:
     )
     second: Objective | None = setting(
         None,
-        "a second objective, as the first; the front between both is searched",
+        "a second objective, as the first",
         read=_read_objective,
         write=dataclasses.asdict,
     )
     limit: float | None = setting(
         None,
-        "of the second objective, at most where less is better, at least where more is: the best within it is "
-        "searched instead of the front",
+        "of the second objective, at most where less is better, at least where more is: the best within it is searched",
     )
     preset: str = setting(
         "campaign",
@@ -311,8 +310,12 @@ class CampaignSettings:
                 raise UserError(f"{what} cannot be combined with a second objective; leave one of them out")
 
     def _check_limit(self) -> None:
-        if self.limit is None:
+        if self.limit is None and self.second is None:
             return
+        if self.limit is None:
+            raise UserError(
+                "a second objective needs a limit, as in --objective f_score@photographs<=21; the page shows what was flown in both"
+            )
         if self.second is None:
             raise UserError(
                 "a limit is of a second objective; name one, as in --objective f_score@photographs<=21"

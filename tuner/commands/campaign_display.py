@@ -1,4 +1,4 @@
-"""A campaign on the terminal: its progress, its recommendation, its front."""
+"""A campaign on the terminal: its progress, its recommendation."""
 
 from __future__ import annotations
 
@@ -152,43 +152,13 @@ def _short(value: Any) -> str:
     return f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
-def _show_front(recommendation: Recommendation | None, settings: CampaignSettings) -> None:
-    """The Pareto front of a campaign with two objectives."""
-    second, points = settings.second, [] if recommendation is None else recommendation.front
-    if second is None or settings.limit is not None:
-        return
-    from tuner.report.labels import (  # half a second to load, with every metric
-        believed,
-        metric_label,
-        parameter_label,
-    )
-
-    if not points:
-        output.print(
-            f"no front: no mission has both metrics; mission.json lists {second.metric!r}'s neighbours by name"
-        )
-        return
-    table = Table(title="Configurations flown that no other beats in both (posterior means)")
-    one, two = metric_label(settings.objective.metric), metric_label(second.metric)
-    for label in (one, two):
-        table.add_column(label.axis, justify="right")
-    table.add_column("configuration")
-    for p in points:
-        values = ", ".join(
-            f"{parameter_label(path).short} {_short(value)}" for path, value in p.values.items()
-        )
-        table.add_row(believed(p.first, p.first_sd, one), believed(p.second, p.second_sd, two), values)
-    output.print(table)
-
-
 def show_recommendation(recommendation: Recommendation | None, settings: CampaignSettings) -> None:
-    """The answer, the values beside the defaults, rock by rock, and the front of two objectives."""
+    """The answer, the values beside the defaults, rock by rock."""
     if recommendation is None:
         output.print("no recommendation yet: no mission has succeeded")
     else:
         show_verdict(recommendation, settings)
         _show_values(recommendation, settings)
-    _show_front(recommendation, settings)
 
 
 def show_verdict(recommendation: Recommendation, settings: CampaignSettings) -> None:

@@ -2,8 +2,7 @@
 
 - ``f_score``: one objective;
 - ``f_score@photographs<=21``: the best quality at no more than so much of a cost;
-- ``photographs@f_score>=97``: the least cost of a quality that is asked for;
-- ``f_score@photographs``: the Pareto front between both.
+- ``photographs@f_score>=97``: the least cost of a quality that is asked for.
 
 A name is a metric's path, or one of `SHORT`.
 """
@@ -28,7 +27,7 @@ SHORT = {
 COUNTS = ("costs.images", "costs.registered_images")
 COSTS = (*COUNTS, "costs.flight_time_s", "costs.path_length_m", "costs.energy_wh", "costs.wall_s")
 _FORM = re.compile(
-    r"(?P<first>[\w.]+)(\s*@\s*(?P<second>[\w.]+)(\s*(?P<sign><=|>=)\s*(?P<limit>[-+.\deE]+))?)?", re.ASCII
+    r"(?P<first>[\w.]+)(\s*@\s*(?P<second>[\w.]+)\s*(?P<sign><=|>=)\s*(?P<limit>[-+.\deE]+))?", re.ASCII
 )
 
 
@@ -49,8 +48,8 @@ def asked_objective(text: str, own: Mapping[str, Direction] | None = None) -> As
     found = _FORM.fullmatch(text.strip())
     if found is None:
         raise UserError(
-            f"objective {text!r} is not understood; write f_score, f_score@photographs, f_score@photographs<=21 "
-            "or photographs@f_score>=97"
+            f"objective {text!r} is not understood; write f_score, f_score@photographs<=21 or "
+            "photographs@f_score>=97"
         )
     first = _objective(found["first"], own)
     if found["second"] is None:
@@ -58,8 +57,6 @@ def asked_objective(text: str, own: Mapping[str, Direction] | None = None) -> As
     second = _objective(found["second"], own)
     if first == second:
         raise UserError(f"objective {text!r} has the same metric twice; name a quality and a cost")
-    if found["sign"] is None:
-        return AskedObjective(first, second)
     right = "<=" if second.direction == "minimise" else ">="
     if found["sign"] != right:
         raise UserError(f"objective {text!r}: {second.metric} is {second.direction}d; write {right}")

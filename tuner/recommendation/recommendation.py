@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from nbv.config import IDEAL
-from tuner.acquisition.pareto import FrontPoint
 from tuner.problem.configurations import short
 from tuner.problem.objective import Direction
 from tuner.problem.worlds import World
@@ -201,7 +200,6 @@ class Recommendation:
     runner_up: RunnerUp | None = None
     next_rock: NextRock | None = None  # None: nobody asked, or it is the default
     limit: Limit | None = None  # of the second objective
-    front: list[FrontPoint] = field(default_factory=list)  # where there is a second objective
 
     def __repr__(self) -> str:
         """``Recommendation(seed.count 14: costs.images 26 in place of 32, +6 [+6, +6])``."""
@@ -240,6 +238,5 @@ class Recommendation:
                 "runner_up": None if tree["runner_up"] is None else RunnerUp.from_dict(tree["runner_up"]),
                 "next_rock": None if tree["next_rock"] is None else NextRock.from_dict(tree["next_rock"]),
                 "limit": None if tree["limit"] is None else Limit.from_dict(tree["limit"]),
-                "front": [FrontPoint(**point) for point in tree["front"]],
             }
         )

@@ -52,10 +52,9 @@ class SamplerSettings:
     initial: int  # size of the initial design, the default configuration included
     replicates: int = 1  # per world, for samplers that choose them
     earlier: EarlierMissions | None = None  # missions flown before the campaign, for sampler gp
-    two_objectives: bool = False  # sampler gp: search the front between the objective and the second one
     budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
     trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it
-    at_least: float | None = None  # of the second objective, larger is better: a limit instead of the front
+    at_least: float | None = None  # limit of the second objective, larger is better; None: there is none
     exact: Exact = field(default_factory=Exact)  # what of the objectives the configuration decides
 
     @property

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from tuner.acquisition.constrained import Constraint, propose_constrained, surrogate_of
-from tuner.acquisition.draws import draw_best, draw_of_two
-from tuner.acquisition.front import Outcome, propose_for_front, two_models
+from tuner.acquisition.draws import draw
 from tuner.acquisition.propose import propose
+from tuner.acquisition.two_objectives import Outcome, two_models
 from tuner.problem.blocks import next_block
 from tuner.problem.exact_costs import PREDICTED_SECOND, Exact, ExactCost
 from tuner.problem.observations import PREDICTED, Observation, Pending, Proposal
@@ -71,7 +71,9 @@ class GPSampler:
         """
         s, proposals, flying = self.settings, list[Proposal](), list(pending)
         feasible = [o for o in history if o.feasible]
-        both = s.two_objectives and sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL
+        both = (
+            s.at_least is not None and sum(o.second is not None for o in feasible) >= MIN_FEASIBLE_FOR_MODEL
+        )
         exact = s.exact.agreed(history)
         models: tuple[Outcome, ...] = ()
         constraint: Constraint | None = None
@@ -87,15 +89,13 @@ class GPSampler:
                         constraint = Constraint(models[1], s.at_least)
                 most = SEQUENTIAL if both else max(SEQUENTIAL, count // 2)
                 if modelled < most and len(flying) <= MAX_JOINT:
-                    if both and constraint is None:
-                        proposal = self._for_front((models[0], models[1]), flying, number)
-                    else:
-                        proposal = self._by_acquisition(models, history, flying, number, constraint)
+                    proposal = self._by_acquisition(models, history, flying, number, constraint)
                 else:
-                    drawn = drawn or self._draws(models, constraint, count - len(proposals), number)
+                    drawn = drawn or draw(
+                        models, constraint, count - len(proposals), derived_seed(s.seed, number)
+                    )
                     proposal = self._drawn(models, history, flying, number, drawn.pop(), constraint)
-                    if proposal.world is not None:
-                        from_draws.append(len(proposals))
+                    from_draws.append(len(proposals))
                 modelled += 1
             proposals.append(proposal)
             flying.append(in_flight(s, history, flying, proposal))
@@ -115,19 +115,6 @@ class GPSampler:
             return two_models(s.space, history, s.worlds, seed, own, exact)
         feature = None if s.earlier is None else s.earlier.feature
         return (RockMeanGP(s.space, history, s.worlds, seed, own, feature),)
-
-    def _draws(
-        self, models: tuple[Outcome, ...], constraint: Constraint | None, count: int, number: int
-    ) -> list[Values]:
-        seed = derived_seed(self.settings.seed, number)
-        if len(models) > 1:
-            return draw_of_two((models[0], models[1]), constraint, count, seed)
-        return draw_best(surrogate_of(models), count, seed)
-
-    def _for_front(self, models: tuple[Outcome, Outcome], flying: Sequence[Pending], number: int) -> Proposal:
-        seed = derived_seed(self.settings.seed, number)
-        values, figures = propose_for_front(models, [p.values for p in flying], seed)
-        return Proposal(values, {"sampler": self.name, "phase": "front", **figures})
 
     def _by_acquisition(
         self,
@@ -158,8 +145,6 @@ class GPSampler:
         values: Values,
         constraint: Constraint | None,
     ) -> Proposal:
-        if len(models) > 1 and constraint is None:
-            return Proposal(values, {"sampler": self.name, "phase": "front", "drawn": True})
         repeat = self._verified(models, history, flying, number, math.inf, constraint)
         if repeat is not None:
             return repeat

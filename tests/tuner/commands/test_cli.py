@@ -131,7 +131,7 @@ def test_options_beat_the_settings_file_which_beats_the_defaults(gatetune, monke
     monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_, **__: None)
     (tmp_path / "mine.yaml").write_text(
         "name: mine\nbudget: 20\nrocks: [slab]\nin_step: 2\noverrides: {gate.kind: hyb-o, stop.adaptive_budget: 9}\n"
-        "second: costs.flight_time_s\n"
+        "second: costs.flight_time_s\nlimit: 300\n"
     )
     code, out, err = gatetune(
         "campaign", "run", "mine.yaml", "--budget", "30", "--rock", "waist", "--set", "stop.adaptive_budget=4"

@@ -17,6 +17,7 @@ from made_evaluations import made_run
 
 from nbv.config import preset
 from nbv.errors import UserError
+from tuner.acquisition.two_objectives import pareto_front
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
@@ -119,6 +120,7 @@ class _Made(Exception):
         {
             "sampler": "gp",
             "second": Objective("costs.flight_time_s", "minimise"),
+            "limit": 300.0,
             "overrides": {"gate.kind": "hyb-o", "b_aware.target_track_length": 5},
         },
     ],
@@ -237,16 +239,16 @@ def test_held_out_evaluation_appears_in_the_page(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_two_objectives_have_their_front(tmp_path: Path) -> None:
     second = Objective("whole.completeness_48mm", "minimise")  # the same number: one is bought with the other
-    campaign = flown(tmp_path / "run", budget=10, sampler="gp", second=second)
+    campaign = flown(tmp_path / "run", budget=10, sampler="gp", second=second, limit=60.0)
     page = write_campaign_report(campaign)
     source, text = page.read_text(), text_of(page)
-    front = campaign.front(save=False)
+    front = pareto_front(campaign.flown_in_both(), (campaign.settings.objective, second))
     assert len(front) >= 5
     section = re.search(r'<section id="front">(.*?)</section>', source, re.S)[1]  # type: ignore[index]
     assert len(re.findall(r"<tr><td>", section)) == len(front)
     assert f"{front[0].values['gate.budget_fraction']:.4g}" in section
     assert "Completeness @ 48 mm" in text and (tmp_path / "run" / "figures" / "front.png").is_file()
-    assert "against Completeness" in text and "the best by" in text
+    assert "with Completeness" in text
 
 
 @pytest.mark.slow

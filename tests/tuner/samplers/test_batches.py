@@ -10,10 +10,10 @@ from botorch.acquisition.logei import qLogNoisyExpectedImprovement
 from botorch.sampling import SobolQMCNormalSampler
 
 from tuner.acquisition.constrained import Constraint
-from tuner.acquisition.draws import draw_best, draw_of_two
-from tuner.acquisition.front import two_models
+from tuner.acquisition.draws import draw
 from tuner.acquisition.noisy_improvement import LogNoisyImprovement
 from tuner.acquisition.propose import propose
+from tuner.acquisition.two_objectives import two_models
 from tuner.problem.observations import Observation, Pending
 from tuner.problem.search_space import Values
 from tuner.samplers import gp
@@ -92,7 +92,7 @@ def test_a_set_by_the_acquisition_promises_more_than_draws() -> None:
             draws = model.model.posterior(torch.cat([flown, new])).rsample(torch.Size([DRAWS]))[..., 0]
         return float((draws.max(dim=1).values - draws[:, : len(flown)].max(dim=1).values).mean())
 
-    assert improvement(asked) > improvement(draw_best(model, 6, 0))
+    assert improvement(asked) > improvement(draw([model], None, 6, 0))
 
 
 @pytest.mark.parametrize(("flying", "by_acquisition"), [(24, 6), (gp.MAX_JOINT + 1, 0)])
@@ -117,28 +117,17 @@ def two_objectives(count: int) -> list[Observation]:
 
 def test_what_is_drawn_within_a_limit_keeps_it_and_is_good() -> None:
     models = two_models(synthetic.SPACE, two_objectives(40), synthetic.ROCKS, 0)
-    drawn = draw_of_two(models, Constraint(models[1], 0.5), 12, 0)
+    drawn = draw(models, Constraint(models[1], 0.5), 12, 0)
     first = np.array([synthetic.SPACE.to_unit(v)[0] for v in drawn])
     assert (first < 0.6).all()  # 0.5 and what the model leaves open
     anywhere = [synthetic.true_value(v) for v in positions(200, 5) if synthetic.SPACE.to_unit(v)[0] < 0.5]
     assert np.mean([synthetic.true_value(v) for v in drawn]) > np.mean(anywhere) + 0.1
-    out_of_reach = draw_of_two(models, Constraint(models[1], 2.0), 6, 0)
+    out_of_reach = draw(models, Constraint(models[1], 2.0), 6, 0)
     assert np.mean([synthetic.SPACE.to_unit(v)[0] for v in out_of_reach]) < 0.2
 
 
-def test_what_is_drawn_for_a_front_reaches_both_ends() -> None:
-    models = two_models(synthetic.SPACE, two_objectives(40), synthetic.ROCKS, 0)
-    drawn = draw_of_two(models, None, 16, 0)
-    first = np.array([synthetic.SPACE.to_unit(v)[0] for v in drawn])
-    best = max(positions(400, 6), key=synthetic.true_value)
-    assert first.min() < 0.1
-    assert np.abs(first - synthetic.SPACE.to_unit(best)[0]).min() < 0.2
-    assert len({tuple(v.values()) for v in drawn}) == 16
-
-
-@pytest.mark.parametrize(("at_least", "asked"), [(0.5, "log_nei"), (None, "log_nehvi")])
-def test_a_batch_for_two_objectives_is_drawn_but_for_some(at_least: float | None, asked: str) -> None:
-    settings = dataclasses.replace(synthetic.sampler_settings(0, 4), two_objectives=True, at_least=at_least)
+def test_a_batch_for_two_objectives_is_drawn_but_for_some() -> None:
+    settings = dataclasses.replace(synthetic.sampler_settings(0, 4), at_least=0.5)
     proposals = gp.GPSampler(settings).ask_many(two_objectives(24), [], 8)
-    assert [asked in p.why for p in proposals] == [True] * gp.SEQUENTIAL + [False] * (8 - gp.SEQUENTIAL)
+    assert ["log_nei" in p.why for p in proposals] == [True] * gp.SEQUENTIAL + [False] * (8 - gp.SEQUENTIAL)
     assert all(p.why.get("drawn") for p in proposals[gp.SEQUENTIAL :])

@@ -1,23 +1,18 @@
-"""Options of our optimiser: sparsity, a cheaper fidelity, two objectives."""
+"""Options of our optimiser: sparsity, a cheaper fidelity."""
 
 from __future__ import annotations
 
 import functools
-import json
 import math
 from collections.abc import Callable
-from pathlib import Path
 
 import fake_campaigns
 import numpy as np
 import pytest
 import synthetic
-from fake_campaigns import FIDELITY
 
 from nbv.errors import UserError
-from tuner.acquisition.front import flown_in_both, propose_for_front, two_models
-from tuner.acquisition.pareto import pareto_front
-from tuner.campaign.campaign import Campaign
+from tuner.acquisition.two_objectives import flown_in_both, pareto_front, two_models
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
@@ -27,7 +22,7 @@ from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
 
 settings = functools.partial(fake_campaigns.settings, initial=4)
-run = functools.partial(fake_campaigns.run, initial=4)
+COST = Objective("costs.images", "minimise")
 
 
 # -- sparsity ------------------------------------------------------------------------------------------------
@@ -110,56 +105,13 @@ def test_the_best_before_are_apart_and_failures_do_no_harm() -> None:
     assert read.best(4) == best
 
 
-# -- two objectives ------------------------------------------------------------------------------------------
-
-
-@pytest.mark.slow
-def test_front_is_sought_and_found() -> None:
-    """First: u; second: 1 - u^2, minus what the other parameter wastes. The front is all u, at v = 0."""
-    rng = np.random.default_rng(0)
-
-    def fly(i: int, values: Values) -> Observation:
-        u, v = synthetic.SPACE.to_unit(values)
-        y = [u - 0.5 * v + 0.01 * rng.normal(), 1 - u**2 - v + 0.01 * rng.normal()]
-        return Observation(i, values, "r0", 0, y[0], y[0], second=y[1])
-
-    history = [fly(i, synthetic.SPACE.from_unit(u)) for i, u in enumerate(rng.random((8, 2)))]
-    for i in range(6):
-        models = two_models(synthetic.SPACE, history, ("r0",), i)
-        values, figures = propose_for_front(models, [], i)
-        assert np.isfinite(figures["log_nehvi"])
-        history.append(fly(8 + i, values))
-    proposed = np.array([synthetic.SPACE.to_unit(o.values) for o in history[8:]])
-    assert np.median(proposed[:, 1]) < 0.1 and np.ptp(proposed[:, 0]) > 0.4
-    objectives = (Objective("first"), Objective("second", "minimise"))
-    points = flown_in_both(
-        two_models(synthetic.SPACE, history, ("r0",), 0), objectives, synthetic.SPACE, history
-    )
-    front = pareto_front(points, objectives)
-    assert len(points) == 14 and all(
-        any(q.first >= p.first and q.second <= p.second for q in front) for p in points
-    )
-    firsts, seconds = [p.first for p in front], [-p.second for p in front]
-    assert len(front) >= 4
-    assert firsts == sorted(firsts, reverse=True) and seconds == sorted(seconds)
-
-
-@pytest.mark.slow
-def test_campaign_with_two_objectives(tmp_path: Path) -> None:
-    campaign = run(tmp_path / "run", second=Objective("costs.images", "minimise"))
-    assert campaign.trials()[-1].why["phase"] == "front"
-    assert campaign.history()[0].second == -32.0
-    assert json.loads((tmp_path / "run" / "front.json").read_text())[0]["second"] == pytest.approx(32.0)
-    assert Campaign.open(tmp_path / "run", fidelity=FIDELITY).settings.second == Objective(
-        "costs.images", "minimise"
-    )
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"sampler": "tpe", "second": Objective("costs.images")}, "needs sampler gp, not tpe"),
-        ({"second": Objective("costs.images"), "learn_from": ("runs/a",)}, "cannot be combined"),
+        ({"sampler": "tpe", "second": COST, "limit": 30.0}, "needs sampler gp, not tpe"),
+        ({"second": COST, "limit": 30.0, "learn_from": ("runs/a",)}, "cannot be combined"),
+        ({"second": COST}, "a second objective needs a limit"),
+        ({"limit": 30.0}, "a limit is of a second objective"),
     ],
 )
 def test_options_that_make_no_sense_are_refused(changes: dict[str, object], message: str) -> None:
@@ -167,11 +119,18 @@ def test_options_that_make_no_sense_are_refused(changes: dict[str, object], mess
         settings(**changes)
 
 
-@pytest.mark.slow
-def test_status_lists_the_front_with_numbers_in_full(gatetune, tmp_path: Path) -> None:
-    campaign = run(tmp_path / "run", second=Objective("whole.completeness_48mm", "minimise"))
-    code, out, _ = gatetune("campaign", "status", "run")
-    assert code == 0
-    for point in campaign.front(save=False):
-        assert f"{point.first:.3f} ± {point.first_sd:.3f}".replace("-", "−") in out
-    assert "F-score @ 48 mm (%)" in out and "Completeness @ 48 mm (%)" in out and "f_b " in out
+def test_what_no_other_one_beats_in_both() -> None:
+    """First: u; second: 1 - u^2, minus what the other parameter wastes. The front is all u, at v = 0."""
+    rng, history = np.random.default_rng(0), []
+    for i, (u, v) in enumerate([*rng.random((14, 2)), *((u, 0.0) for u in np.linspace(0, 1, 6))]):
+        values = synthetic.SPACE.from_unit([u, v])
+        y = [u - 0.5 * v + 0.01 * rng.normal(), 1 - u**2 - v + 0.01 * rng.normal()]
+        history.append(Observation(i, values, "r0", 0, y[0], y[0], second=y[1]))
+    objectives = (Objective("first"), Objective("second", "minimise"))
+    models = two_models(synthetic.SPACE, history, ("r0",), 0)
+    points = flown_in_both(models, objectives, synthetic.SPACE, history)
+    front = pareto_front(points, objectives)
+    assert len(points) == 20 and 4 <= len(front) < 12
+    assert all(any(q.first >= p.first and q.second <= p.second for q in front) for p in points)
+    firsts, seconds = [p.first for p in front], [-p.second for p in front]
+    assert firsts == sorted(firsts, reverse=True) and seconds == sorted(seconds)

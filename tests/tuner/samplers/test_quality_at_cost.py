@@ -11,7 +11,7 @@ import pytest
 
 from nbv.errors import UserError
 from tuner.acquisition.constrained import Constraint, propose_constrained
-from tuner.acquisition.front import two_models
+from tuner.acquisition.two_objectives import two_models
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.quality_at_cost import asked_objective
@@ -26,8 +26,8 @@ PHOTOGRAPHS = Objective("costs.images", "minimise")
 
 def test_the_forms_of_an_objective() -> None:
     assert asked_objective("f_score").second is None
-    front = asked_objective("completeness@energy")
-    assert front.second == Objective("costs.energy_wh", "minimise") and front.limit is None
+    cheap = asked_objective("completeness@energy<=9")
+    assert cheap.second == Objective("costs.energy_wh", "minimise") and cheap.limit == 9.0
     best = asked_objective("observable.f_score_16mm@photographs<=21")
     assert (best.objective.metric, best.second, best.limit) == ("observable.f_score_16mm", PHOTOGRAPHS, 21.0)
     least = asked_objective("photographs@f_score >= 97.5")
@@ -39,11 +39,12 @@ def test_the_forms_of_an_objective() -> None:
     [
         ("f_score@photographs>=21", "costs.images is minimised; write <="),
         ("photographs@f_score<=97", "is maximised; write >="),
-        ("f_score@f_score", "the same metric twice"),
+        ("f_score@f_score>=9", "the same metric twice"),
         ("f_score@photographs<=1e", "'1e' is no number"),
-        ("f_score at 21", "is not understood; write f_score, f_score@photographs"),
-        ("f_score@costs.beauty", "no cost 'costs.beauty'; there are costs.images"),
-        ("f_score@beauty", "more or less of 'beauty' is better"),
+        ("f_score at 21", "is not understood; write f_score, f_score@photographs<=21"),
+        ("f_score@photographs", "is not understood; write f_score, f_score@photographs<=21"),
+        ("f_score@costs.beauty<=1", "no cost 'costs.beauty'; there are costs.images"),
+        ("f_score@beauty<=1", "more or less of 'beauty' is better"),
     ],
 )
 def test_what_is_no_objective_is_one_line(text: str, message: str) -> None:
@@ -66,7 +67,7 @@ settings = functools.partial(fake_campaigns.settings, space=SPACE, sampler="gp",
 
 
 def test_a_limit_that_no_mission_can_keep_is_refused() -> None:
-    seeds = settings()._fewest_photographs()[0]
+    seeds = settings(limit=40.0)._fewest_photographs()[0]
     with pytest.raises(UserError, match=f"limit of {seeds - 1} photographs is below the {seeds} seeds"):
         settings(limit=seeds - 1.0)
     with pytest.raises(UserError, match=f"limit of {seeds + 1} photographs is below the {seeds + 2} that"):

@@ -10,7 +10,7 @@ import pytest
 import synthetic
 
 from nbv.errors import UserError
-from tuner.acquisition.draws import draw_best
+from tuner.acquisition.draws import draw
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Pending
 from tuner.recommendation.choose import recommend
@@ -85,10 +85,10 @@ def test_many_at_once_stay_away_from_what_fails() -> None:
     works = [o for o in synthetic.random_design(24, 0.02, 2) if synthetic.SPACE.to_unit(o.values)[0] <= 0.5]
     history = [*works, *(failed(100 + i, o.values) for i, o in enumerate(fails))]
     model = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
-    positions = np.array([synthetic.SPACE.to_unit(v) for v in draw_best(model, 12, 0)])
+    positions = np.array([synthetic.SPACE.to_unit(v) for v in draw([model], None, 12, 0)])
     assert (positions[:, 0] < 0.6).all()
     blind = RockMeanGP(synthetic.SPACE, works, synthetic.ROCKS)
-    positions = np.array([synthetic.SPACE.to_unit(v) for v in draw_best(blind, 12, 0)])
+    positions = np.array([synthetic.SPACE.to_unit(v) for v in draw([blind], None, 12, 0)])
     assert (positions[:, 0] > 0.6).mean() > 0.2
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from tuner.acquisition.pareto import FrontPoint, pareto_front
+from tuner.acquisition.two_objectives import FrontPoint, pareto_front
 from tuner.problem.quality_at_cost import COUNTS
 from tuner.report.answer import place_word
 from tuner.report.campaign.facts import CampaignFacts
@@ -26,21 +26,9 @@ def asked_text(facts: CampaignFacts) -> str:
     if s.second is None:
         return said
     name = metric_label(s.second.metric).full
-    if s.limit is None:
-        return f"{said}, against {name} ({s.second.direction}d)"
+    assert s.limit is not None
     bound = with_unit(s.limit, metric_label(s.second.metric).unit, 0 if s.limit == int(s.limit) else 2)
     return f"{said} with {name} {'at most' if s.second.direction == 'minimise' else 'at least'} {bound}"
-
-
-def front_note(facts: CampaignFacts) -> list[str]:
-    """That there is a front to choose from; empty with one objective, or a limit."""
-    second = facts.settings.second
-    if second is None or facts.settings.limit is not None:
-        return []
-    return [
-        f"This is the best by {metric_label(facts.settings.objective.metric).name} alone: what it takes in {metric_label(second.metric).name} is below, "
-        'under "Pareto front", with the configurations that take less.'
-    ]
 
 
 def front_context(facts: CampaignFacts, figures: Path) -> dict[str, Any] | None:
@@ -64,9 +52,7 @@ def front_context(facts: CampaignFacts, figures: Path) -> dict[str, Any] | None:
         ),
         "first": one.axis,
         "second": two.axis,
-        "choice": "Which of them to fly is a choice between the two; the recommendation above looks at the first alone."
-        if s.limit is None
-        else "The recommendation above is the best by the first that keeps the limit of the second.",
+        "choice": "The recommendation above is the best by the first that keeps the limit of the second.",
         "rows": [
             [
                 believed(p.first, p.first_sd, one),

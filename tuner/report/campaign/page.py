@@ -34,7 +34,7 @@ from tuner.report.campaign.answers import (
 from tuner.report.campaign.drawings import clouds_picture, gate_drawing, pairs_drawing
 from tuner.report.campaign.explorer import MOST_MISSIONS, explorer_data, mission_link
 from tuner.report.campaign.facts import CampaignFacts
-from tuner.report.campaign.front import asked_text, front_context, front_note
+from tuner.report.campaign.front import asked_text, front_context
 from tuner.report.campaign.illustrations import model_illustrations, trend_text
 from tuner.report.campaign.provenance import command_note, provenance_rows, reproduce_command
 from tuner.report.campaign.rows import (
@@ -165,7 +165,6 @@ def _answers(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[st
     gate, rows = gate_answer(facts)
     why, command = next_answer(facts, evaluated=evaluated)
     use = use_answer(facts)
-    use["notes"] += front_note(facts)
     better = best is not None and not best.keep_default and (best.limit is None or best.limit.kept)
     return {
         "measure": measure_text(facts),
