@@ -92,10 +92,6 @@ class Cloud(Protocol):
         """(N, 3)."""
         ...
 
-    def __len__(self) -> int:
-        """N, known without the points."""
-        ...
-
 
 @dataclass(frozen=True)
 class PointCloud:

@@ -29,9 +29,8 @@ from nbv.flight import arrival_position
 from nbv.geometric import load_world
 from nbv.geometric.completeness import pairwise_angles_deg, stereo_partners, witness_mask
 from nbv.mission.result import MissionResult
+from nbv.photogrammetric.cached_sequences import CachedReconstructor
 from nbv.photogrammetric.cached_stages import CachedStudio
-from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
-from nbv.photogrammetric.studio import Studio
 from nbv.rocks import load_rock
 from nbv.scene import build_scene, make_renderer
 from nbv.threads import limit_threads
@@ -50,18 +49,18 @@ def observe(mission: Path, rock_name: str) -> dict[str, np.ndarray]:
     visited = [*seed_viewpoints(config), *(viewpoints[t.chosen] for t in result.trace)]
     centers = np.array([arrival_position(v, config.flight, rock.sha256, result.replicate) for v in visited])
     store = Store()
-    studio = Studio(
+    photographs = CachedStudio(
         lambda camera: make_renderer(
             build_scene(rock, config.scene, camera, store=Store()), config.scene.backend
         ),
         rock,
         result.replicate,
         config,
+        store,
     )
-    photographs = CachedStudio(studio, store, rock, result.replicate, config)
     captures = [photographs.take_photograph(v, c, 0.0) for v, c in zip(visited, centers)]
     n_seeds = len(seed_viewpoints(config))
-    reconstructor = PhotogrammetricReconstructor(config, store)
+    reconstructor = CachedReconstructor(config, store)
     reconstructor.bootstrap(captures[:n_seeds])
     for capture in captures[n_seeds:]:
         reconstructor.add(capture)

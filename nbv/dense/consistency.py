@@ -21,10 +21,6 @@ class ConsistentDepth:
     depth_m: Floats32  # (H, W) mean over the agreeing views; NaN where too few agree
     agreeing: NDArray[np.uint8]  # (H, W) number of agreeing views, the view itself included; 0 = no depth
 
-    def at(self, agreeing_views: int) -> Floats32:
-        """(H, W) depth as a check with this stricter requirement would have left it."""
-        return np.where(self.agreeing >= agreeing_views, self.depth_m, np.float32(np.nan))
-
 
 def choose_witnesses(
     reference: str,

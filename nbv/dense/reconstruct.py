@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +10,7 @@ import numpy as np
 from nbv.config import DENSE_BACKENDS, CameraConfig, DenseConfig
 from nbv.dense.consistency import ConsistentDepth, check_consistency
 from nbv.dense.fusion import fuse
-from nbv.dense.interface import DepthBackend, Floats32, Image
+from nbv.dense.interface import DepthBackend, Image
 from nbv.dense.surface import points_to_search
 from nbv.errors import MissionFailure, UserError
 from nbv.types import Floats, PointCloud
@@ -31,7 +30,7 @@ def make_backend(name: str) -> DepthBackend:
 
 @dataclass(frozen=True)
 class CheckedDepths:
-    """Depth maps after the consistency check; what is left to do is cheap, also at stricter requirements."""
+    """Depth maps after the consistency check, ready to be fused."""
 
     depths: Mapping[str, ConsistentDepth]
     images: Mapping[str, Image]
@@ -40,40 +39,10 @@ class CheckedDepths:
     target_m: tuple[float, float, float] | Floats
     config: DenseConfig
 
-    def fuse(self, agreeing_views: int | None = None) -> PointCloud:
-        """The cloud at ``agreeing_views``, by default the configured number.
-
-        The same, to the bit, as a reconstruction configured with that number.
-
-        Raises
-        ------
-        MissionFailure
-            ``empty_dense_cloud``: nothing is confirmed by so many views.
-        ValueError
-            Fewer views than the depths were checked with.
-        """
-        need = self.config.agreeing_views if agreeing_views is None else agreeing_views
-        if need < self.config.agreeing_views:
-            raise ValueError(f"depths were checked with {self.config.agreeing_views} views, not {need}")
-        maps = _DepthsAt(self.depths, need)
-        config = dataclasses.replace(self.config, agreeing_views=need)
-        return fuse(maps, self.images, self.camera_from_world, self.camera, self.target_m, config)
-
-
-class _DepthsAt(Mapping[str, Floats32]):
-    """Depth maps at a number of agreeing views, made one by one as they are asked for."""
-
-    def __init__(self, depths: Mapping[str, ConsistentDepth], agreeing_views: int) -> None:
-        self._depths, self._agreeing_views = depths, agreeing_views
-
-    def __getitem__(self, name: str) -> Floats32:
-        return self._depths[name].at(self._agreeing_views)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._depths)
-
-    def __len__(self) -> int:
-        return len(self._depths)
+    def fuse(self) -> PointCloud:
+        """The cloud; `MissionFailure` ``empty_dense_cloud`` where nothing is confirmed."""
+        maps = {name: found.depth_m for name, found in self.depths.items()}
+        return fuse(maps, self.images, self.camera_from_world, self.camera, self.target_m, self.config)
 
 
 def check_depths(

@@ -10,8 +10,8 @@ from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.gates import GroundTruthOracle
 from nbv.mission.run_directory import RunDirectory
-from nbv.mission.stopwatch import Stopwatch
 from nbv.rocks import Rock
+from nbv.stopwatch import Stopwatch
 from nbv.types import Camera, Cloud, Reconstructor
 from nbv.viewpoints import ViewpointSource
 

@@ -20,9 +20,9 @@ from nbv.mission.loop import AdaptiveMission
 from nbv.mission.recorder import Recorder
 from nbv.mission.result import MissionResult, Status
 from nbv.mission.run_directory import RunDirectory
-from nbv.mission.stopwatch import Stopwatch
 from nbv.provenance import provenance
 from nbv.rocks import Rock, load_rock
+from nbv.stopwatch import Stopwatch
 from nbv.terrain import buried_rock
 from nbv.types import Cloud
 
@@ -105,7 +105,7 @@ def fly_mission(
     )
 
     def measure(cloud: Cloud) -> dict[str, Any]:
-        log("metrics", {"points": len(cloud)})
+        log("metrics", {})
         if full_run is not None:
             full_run.write_cloud("dense.ply", cloud)
         return fidelity.measure(cloud)

@@ -13,7 +13,7 @@ from nbv.mission.observer import Observer
 from nbv.mission.planning_state import save_state
 from nbv.mission.result import IterationRecord
 from nbv.mission.run_directory import LOCATED, RunDirectory
-from nbv.mission.stopwatch import Stopwatch
+from nbv.stopwatch import Stopwatch
 from nbv.types import CandidatePool, Capture, GateDecision, PlanningState, Ranking, UpdateReport
 
 

@@ -65,13 +65,14 @@ class RunDirectory:
         (root / "trace.jsonl").unlink(missing_ok=True)
         (root / LOCATED).unlink(missing_ok=True)
 
-    def image(self, name: str) -> Path:
-        """Where the photograph called ``name`` lies."""
-        return self.root / "images" / name
+    @property
+    def images(self) -> Path:
+        """Where the photographs lie."""
+        return self.root / "images"
 
     def write_image(self, name: str, rgb: np.ndarray) -> None:
         """Save an (H, W, 3) uint8 photograph as PNG (Pillow: cv2's PNG writer clashes with pycolmap)."""
-        Image.fromarray(rgb).save(self.image(name), compress_level=1)
+        Image.fromarray(rgb).save(self.images / name, compress_level=1)
 
     def write_config(self, tree: dict[str, Any], name: str = CONFIG) -> None:
         """Save a configuration as YAML."""

@@ -23,27 +23,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.cache import Arrays, Store, address, digest, holds, remember_json
-from nbv.config import MissionConfig
-from nbv.errors import MissionFailure
+from nbv.config import CameraConfig, MissionConfig, SparseConfig, TelemetryConfig
 from nbv.evaluation import Evaluation, camera_shell, evaluate_cloud
 from nbv.evaluation.evaluate import clean_for_evaluation
-from nbv.photogrammetric.cached_stages import CachedSeedModel
+from nbv.photogrammetric.cached_stages import CachedCorrespondences
+from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.rocks import Rock
+from nbv.sparse.correspondences import Correspondences
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import Capture, Cloud, Floats, PointCloud, SparseModel, UpdateReport
 
 
-class CachedSparse:
-    """The model after each photograph, by the photographs so far; the face of a `SparseReconstructor`.
+class CachedSparse(SparseReconstructor):
+    """The model after each photograph, by the photographs so far.
 
-    As long as the models are known the reconstructor behind does nothing. It is brought up to date, photograph
-    by photograph as it would have been, as soon as something is asked that the store does not hold.
+    As long as the models are known nothing is reconstructed. What was left out is made up for, photograph by
+    photograph as it would have been, as soon as something is asked that the store does not hold.
     """
 
-    def __init__(self, sparse: SparseReconstructor, store: Store) -> None:
-        self._sparse, self._store = sparse, store
-        self._seed_stage = CachedSeedModel(sparse, store)
-        self._seeds: tuple[Capture, ...] | None = None  # not given to the reconstructor yet
+    def __init__(
+        self,
+        camera: CameraConfig,
+        config: SparseConfig,
+        target_m: Sequence[float],
+        correspondences: Correspondences,
+        telemetry: TelemetryConfig,
+        store: Store,
+    ) -> None:
+        super().__init__(camera, config, target_m, correspondences, telemetry)
+        self._store = store
+        self._seeds: tuple[Capture, ...] | None = None  # not reconstructed yet
+        self._seed_key = ""
         self._waiting: list[Capture] = []  # likewise
         self._to_refine = False
         self.key = ""  # of the sequence so far
@@ -51,40 +61,46 @@ class CachedSparse:
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         """See `SparseReconstructor.bootstrap`."""
         self._seeds = tuple(captures)
-        self.key = self._seed_stage.key(captures)
-        return self._report()
+        self.key = address(
+            "nbv.sparse",
+            self.camera,
+            self.config,
+            self.telemetry,
+            self.target_m,
+            [capture.name for capture in captures],
+            *(capture.camera_from_world for capture in captures),
+            *(capture.image for capture in captures if capture.image is not None),
+        )
+        self._seed_key = self.key
+        return self._known_report()
 
     def add(self, capture: Capture) -> UpdateReport:
         """See `SparseReconstructor.add`."""
         assert capture.image is not None
         self._waiting.append(capture)
         self.key = digest(self.key, capture.name, capture.camera_from_world, capture.image)
-        return self._report()
+        return self._known_report()
 
-    def refine(self) -> None:
+    def refine(self) -> None:  # type: ignore[override]  # nobody asks for this report
         """See `SparseReconstructor.refine`."""
         self._to_refine = True
 
     def world_camera_poses(self) -> dict[str, Floats]:
         """See `SparseReconstructor.world_camera_poses`."""
         self._catch_up()
-        return self._sparse.world_camera_poses()
+        return super().world_camera_poses()
 
     def world_points_m(self) -> Floats:
         """See `SparseReconstructor.world_points_m`."""
         self._catch_up()
-        return self._sparse.world_points_m()
+        return super().world_points_m()
 
-    def export(self, path: Path) -> None:
+    def export(self, directory: Path, images: Path) -> None:
         """See `SparseReconstructor.export`."""
         self._catch_up()
-        self._sparse.export(path)
+        super().export(directory, images)
 
-    def let_go(self) -> None:
-        """Forget the reconstructor and all that it holds; of the sequence only ``key`` remains."""
-        del self._sparse, self._seed_stage
-
-    def _report(self) -> UpdateReport:
+    def _known_report(self) -> UpdateReport:
         if (entry := self._store.get("sequence-models", self.key, _is_report)) is not None:
             return _unpack_report(entry)
         report = self._catch_up()  # a failure is not kept, it is met again
@@ -93,16 +109,16 @@ class CachedSparse:
         return report
 
     def _catch_up(self) -> UpdateReport | None:
-        """Give the reconstructor what it has not seen; its last report, with the seconds of all."""
+        """Reconstruct what was left out; the last report, with the seconds of all."""
         reports = []
         if self._seeds is not None:
             seeds, self._seeds = self._seeds, None
-            reports.append(self._seed_stage.bootstrap(seeds))
+            reports.append(self._seed_model(seeds))
         while self._waiting:
-            reports.append(self._sparse.add(self._waiting.pop(0)))
+            reports.append(super().add(self._waiting.pop(0)))
         if self._to_refine:
             self._to_refine = False
-            reports.append(self._sparse.refine())
+            reports.append(super().refine())
         if not reports:
             return None
         seconds: dict[str, float] = {}
@@ -110,6 +126,18 @@ class CachedSparse:
             for stage, value in report.timings_s.items():
                 seconds[stage] = seconds.get(stage, 0.0) + value
         return dataclasses.replace(reports[-1], timings_s=seconds)
+
+    def _seed_model(self, captures: Sequence[Capture]) -> UpdateReport:
+        """`SparseReconstructor.bootstrap`; of many missions on one (rock, replicate) it is the same, so it is kept."""
+        if (entry := self._store.get("seed-models", self._seed_key, _are_files)) is not None:
+            try:
+                return self.bootstrap_from(captures, {name: data.tobytes() for name, data in entry.items()})
+            except ValueError:  # not what its name says: built and kept anew
+                pass
+        report = super().bootstrap(captures)
+        files = {name: np.frombuffer(content, np.uint8) for name, content in self.seed_files().items()}
+        self._store.put("seed-models", self._seed_key, files)
+        return report
 
 
 class LazyCloud:
@@ -122,15 +150,12 @@ class LazyCloud:
     ----------
     key
         Digest of all that decides the cloud.
-    n_points
-        How many points it has.
     make
-        The cloud itself; called at most once.
+        The cloud itself; called at most once. May raise `MissionFailure`.
     """
 
-    def __init__(self, key: str, n_points: int, make: Callable[[], PointCloud]) -> None:
+    def __init__(self, key: str, make: Callable[[], PointCloud]) -> None:
         self.key = key
-        self._n_points = n_points
         self._make = functools.cache(make)
 
     @property
@@ -148,53 +173,31 @@ class LazyCloud:
         """(N, 3)."""
         return self._make().normals
 
-    def __len__(self) -> int:
-        return self._n_points
 
+class CachedReconstructor(PhotogrammetricReconstructor):
+    """`PhotogrammetricReconstructor`; features, pairs, models, and which clouds there are, are kept in ``store``."""
 
-class CachedClouds:
-    """Which sequences of photographs have been fused, with which options, and to how many points.
+    def __init__(self, config: MissionConfig, store: Store, *, keep_sparse: bool = True) -> None:
+        self._store = store
+        super().__init__(config, keep_sparse=keep_sparse)
 
-    The cloud of a known sequence is made only if somebody looks at its points (`LazyCloud`); that there is no
-    cloud is known at once.
+    def _new_sparse(self, options: SparseConfig) -> CachedSparse:
+        camera, target_m, telemetry = self._config.camera, self._config.target_m, self._config.telemetry
+        source = CachedCorrespondences(camera, self._config.sparse, self._store)
+        return CachedSparse(camera, options, target_m, source, telemetry, self._store)
 
-    Parameters
-    ----------
-    make
-        The cloud at a number of agreeing views (None: the configured one); may raise `MissionFailure`.
-    """
+    def finish(self) -> Cloud:
+        """See `PhotogrammetricReconstructor.finish`; a cloud that was made before is made if somebody looks at it."""
+        self._mapped().refine()
+        cloud = LazyCloud(self._cloud_key(), self._fuse)
+        if self._store.get("clouds", cloud.key) is None:
+            self._store.put("clouds", cloud.key, {"n_points": np.array(len(cloud.points_m))})
+        return cloud
 
-    def __init__(
-        self,
-        make: Callable[[int | None], PointCloud],
-        sparse: CachedSparse,
-        config: MissionConfig,
-        store: Store,
-    ) -> None:
-        self._make, self._sparse, self._config, self._store = make, sparse, config, store
-
-    def retarget(self, config: MissionConfig) -> None:
-        """From now on clouds are cut about the target of ``config``."""
-        self._config = config
-
-    def __call__(self, agreeing_views: int | None = None) -> LazyCloud:
-        """The cloud, or the `MissionFailure` that there is none."""
-        config = self._config
-        level = config.dense.agreeing_views if agreeing_views is None else agreeing_views
-        # Depths are checked with the configured number and may then be fused at a stricter one: the same bits.
-        dense = dataclasses.replace(config.dense, agreeing_views=level)
-        key = address("nbv.dense", self._sparse.key, config.camera, list(config.target_m), dense)
-        if (entry := self._store.get("clouds", key, _is_known_cloud)) is not None:
-            if "failure" in entry:
-                raise MissionFailure(*(str(part) for part in entry["failure"]))
-            return LazyCloud(key, int(entry["n_points"]), lambda: self._make(agreeing_views))
-        try:
-            cloud = self._make(agreeing_views)
-        except MissionFailure as failure:
-            self._store.put("clouds", key, {"failure": np.array([failure.reason, failure.message])})
-            raise
-        self._store.put("clouds", key, {"n_points": np.array(len(cloud))})
-        return LazyCloud(key, len(cloud), lambda: cloud)
+    def _cloud_key(self) -> str:
+        sparse, config = self._mapped(), self._config
+        assert isinstance(sparse, CachedSparse)
+        return address("nbv.dense", sparse.key, config.camera, list(config.target_m), config.dense)
 
 
 class CachedEvaluation:
@@ -264,15 +267,15 @@ _HAS_REPORT = holds(
         "message": "U",
     }
 )
-_IS_CLOUD, _IS_FAILURE = holds({"n_points": "i"}), holds({"failure": "U 2"})
+
+
+def _are_files(entry: Arrays) -> bool:
+    layout = dict.fromkeys(entry, "u _")
+    return holds(layout)(entry) and all("/" not in name for name in entry)
 
 
 def _is_report(entry: Arrays) -> bool:
     return _HAS_REPORT(entry) and int(entry["track_lengths"].sum()) == len(entry["track_cameras"])
-
-
-def _is_known_cloud(entry: Arrays) -> bool:
-    return _IS_CLOUD(entry) or _IS_FAILURE(entry)
 
 
 def _is_evaluation(tree: Any) -> bool:

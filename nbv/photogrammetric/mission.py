@@ -15,7 +15,7 @@ from nbv.mission.flying import fly_mission
 from nbv.mission.function import MissionOptions
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import RunDirectory
-from nbv.photogrammetric.cached_sequences import CachedEvaluation
+from nbv.photogrammetric.cached_sequences import CachedEvaluation, CachedReconstructor
 from nbv.photogrammetric.cached_stages import CachedStudio
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.photogrammetric.studio import Studio
@@ -23,7 +23,7 @@ from nbv.rocks import Rock
 from nbv.scene import Renderer, build_scene, make_renderer
 from nbv.terrain import make_surroundings
 from nbv.threads import limit_threads
-from nbv.types import Camera, Cloud
+from nbv.types import Cloud
 from nbv.viewpoints import RINGS, ViewpointSource
 
 
@@ -37,15 +37,16 @@ class PhotogrammetricFidelity:
         limit_threads()
         config, rock, store = context.config, context.rock, context.store
         self.context, self.believed = context, context.believed
-        studio = Studio(self._renderer, rock, context.replicate, self.believed)
-        self.camera: Camera = studio
         self.evaluate: Callable[[Cloud, Rock, MissionConfig], Evaluation] = evaluate_cloud
-        if store is not None:
-            self.camera = CachedStudio(studio, store, rock, context.replicate, config)
+        studio = (self._renderer, rock, context.replicate, self.believed)
+        keep = context.keeps_everything
+        if store is None:
+            self.camera = Studio(*studio)
+            self.reconstructor = PhotogrammetricReconstructor(self.believed, keep_sparse=keep)
+        else:
+            self.camera = CachedStudio(*studio, store)
+            self.reconstructor = CachedReconstructor(self.believed, store, keep_sparse=keep)
             self.evaluate = CachedEvaluation(store)
-        self.reconstructor = PhotogrammetricReconstructor(
-            self.believed, store, keep_sparse=context.keeps_everything
-        )
         self.facts = {"backend": config.scene.backend, "dense_backend": config.dense.backend}
         self._evaluation: Evaluation | None = None
 
@@ -65,7 +66,7 @@ class PhotogrammetricFidelity:
             run.write_cloud("cleaned.ply", self._evaluation.cleaned)
             run.write_json("metrics.json", {"metrics": metrics, "cleaning": self._evaluation.cleaning})
         if self.reconstructor.has_model:
-            self.reconstructor.export_sparse(run.sparse_model)
+            self.reconstructor.export_sparse(run.sparse_model, run.images)
 
     def _renderer(self, camera: CameraConfig) -> Renderer:
         config = self.context.config

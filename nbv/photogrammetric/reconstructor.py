@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from nbv.cache import Store
 from nbv.config import MissionConfig, SparseConfig
 from nbv.dense.reconstruct import CheckedDepths, check_depths
 from nbv.errors import MissionFailure
 from nbv.memory import give_back_freed_memory
-from nbv.photogrammetric.cached_sequences import CachedClouds, CachedSparse
-from nbv.photogrammetric.cached_stages import CachedCorrespondences
-from nbv.sparse.correspondences import ComputedCorrespondences, Correspondences
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import Capture, Cloud, PointCloud, SparseModel, UpdateReport
 
@@ -31,35 +27,22 @@ class PhotogrammetricReconstructor:
 
     Parameters
     ----------
-    store
-        Where features, pairs, models and clouds are kept between missions; ``None`` computes everything.
     keep_sparse
         Whether the sparse model can be exported after the dense stage. If not, it is let go once its poses are
         known, with all features and matches, since fusion decides how much memory a mission takes.
     """
 
-    def __init__(
-        self, config: MissionConfig, store: Store | None = None, *, keep_sparse: bool = True
-    ) -> None:
+    def __init__(self, config: MissionConfig, *, keep_sparse: bool = True) -> None:
         self._config = config
         self._keep_sparse = keep_sparse
-        self._store = store
-        self._sparse: SparseReconstructor | CachedSparse | None = self._new_sparse(config.sparse)
-        self._clouds: Callable[[int | None], Cloud] = self._fuse
-        if store is not None and isinstance(self._sparse, CachedSparse):
-            self._clouds = CachedClouds(self._fuse, self._sparse, config, store)
+        self._sparse: SparseReconstructor | None = self._new_sparse(config.sparse)
         self._images: dict[str, Any] = {}
         self.has_model = False
-        self._finished = False
         self._checked: CheckedDepths | None = None
 
-    def _new_sparse(self, options: SparseConfig) -> SparseReconstructor | CachedSparse:
+    def _new_sparse(self, options: SparseConfig) -> SparseReconstructor:
         config = self._config
-        source: Correspondences = ComputedCorrespondences(config.camera, config.sparse)
-        if self._store is not None:
-            source = CachedCorrespondences(config.camera, config.sparse, self._store)
-        sparse = SparseReconstructor(config.camera, options, config.target_m, source, config.telemetry)
-        return sparse if self._store is None else CachedSparse(sparse, self._store)
+        return SparseReconstructor(config.camera, options, config.target_m, telemetry=config.telemetry)
 
     def glimpse(self, captures: Sequence[Capture]) -> SparseModel | None:
         """A model of its own; the photographs' features and pairs serve again at `bootstrap`, if there is a store."""
@@ -91,48 +74,30 @@ class PhotogrammetricReconstructor:
         least_deg = max(self._config.dense.min_baseline_angle_deg, LEAST_BASELINE_ANGLE_DEG)
         dense = replace(self._config.dense, crop_half_width_m=half_width_m, min_baseline_angle_deg=least_deg)
         self._config = replace(self._config, target_m=target_m, dense=dense)
-        if isinstance(self._clouds, CachedClouds):
-            self._clouds.retarget(self._config)
 
     def finish(self) -> Cloud:
         """Dense cloud from the registered photographs at the poses that SfM found."""
         self._mapped().refine()
-        self._finished = True
-        return self._clouds(None)
+        return self._fuse()
 
-    def cloud_at(self, agreeing_views: int) -> Cloud:
-        """After ``finish``: the cloud of the same depth maps at a stricter ``dense.agreeing_views``.
+    def _fuse(self) -> PointCloud:
+        poses = self._mapped().world_camera_poses()
+        points_m = self._mapped().world_points_m() if self._config.dense.search == "sparse" else None
+        if not self._keep_sparse:
+            self._sparse = None
+            give_back_freed_memory()
+        images = {name: self._images[name] for name in poses}
+        self._checked = check_depths(
+            images, poses, self._config.camera, self._config.target_m, self._config.dense, points_m
+        )
+        give_back_freed_memory()  # fusion, which comes next, needs the most of all stages
+        return self._checked.fuse()
 
-        Raises
-        ------
-        MissionFailure
-            ``empty_dense_cloud``: nothing is confirmed by so many views.
-        """
-        if not self._finished:
-            raise ValueError("finish() comes first")
-        return self._clouds(agreeing_views)
+    def export_sparse(self, directory: Path, images: Path) -> None:
+        """Write the sparse model in COLMAP's format (world frame, metres), coloured by the photographs in ``images``."""
+        self._mapped().export(directory, images)
 
-    def _fuse(self, agreeing_views: int | None) -> PointCloud:
-        if self._checked is None:
-            poses = self._mapped().world_camera_poses()
-            points_m = self._mapped().world_points_m() if self._config.dense.search == "sparse" else None
-            if not self._keep_sparse:
-                if isinstance(self._sparse, CachedSparse):
-                    self._sparse.let_go()
-                self._sparse = None
-                give_back_freed_memory()
-            images = {name: self._images[name] for name in poses}
-            self._checked = check_depths(
-                images, poses, self._config.camera, self._config.target_m, self._config.dense, points_m
-            )
-            give_back_freed_memory()  # fusion, which comes next, needs the most of all stages
-        return self._checked.fuse(agreeing_views)
-
-    def export_sparse(self, directory: Path) -> None:
-        """Write the sparse model in COLMAP's format (world frame, metres) into ``directory``."""
-        self._mapped().export(directory)
-
-    def _mapped(self) -> SparseReconstructor | CachedSparse:
+    def _mapped(self) -> SparseReconstructor:
         if self._sparse is None:
             raise ValueError("the sparse model was not kept; ask for keep_sparse")
         return self._sparse

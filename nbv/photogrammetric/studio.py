@@ -48,21 +48,13 @@ class Studio:
 
     def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
         """See `nbv.types.Camera`."""
-        reported = self.aim(position_m)
-        image = self.photograph(viewpoint, self.true_pose(reported, viewpoint, time_s))
+        reported = look_at(position_m, np.asarray(self._target_m))
+        image = self.photograph(viewpoint, self._errors.true_pose(reported, viewpoint.id, time_s))
         return Capture(f"{viewpoint.id}.png", viewpoint, reported, image)
-
-    def aim(self, position_m: Floats) -> Floats:
-        """(4, 4) reported ``camera_from_world`` of the gimbal camera at ``position_m`` (3,)."""
-        return look_at(position_m, np.asarray(self._target_m))
 
     def aim_at(self, target_m: tuple[float, float, float]) -> None:
         """See `nbv.types.Camera`."""
         self._target_m = target_m
-
-    def true_pose(self, reported: Floats, viewpoint: Viewpoint, time_s: float) -> Floats:
-        """(4, 4) ``camera_from_world`` where the camera really is; see `nbv.flight.telemetry`."""
-        return self._errors.true_pose(reported, viewpoint.id, time_s)
 
     def photograph(self, viewpoint: Viewpoint, true_pose: Floats) -> NDArray[np.uint8]:
         """(H, W, 3) what the sensor sees from ``true_pose`` (4, 4)."""

@@ -28,7 +28,7 @@ class Features:
 
     @cached_property
     def digest(self) -> str:
-        """Hexadecimal SHA-256 of the contents, for use as a cache key."""
+        """Hexadecimal SHA-256 of the contents."""
         hasher = hashlib.sha256(np.ascontiguousarray(self.keypoints).tobytes())
         hasher.update(np.ascontiguousarray(self.descriptors).tobytes())
         return hasher.hexdigest() + (f"-{self.n_ground}" if self.n_ground else "")

@@ -5,12 +5,11 @@ step by step on an in-memory correspondence graph. Intrinsics are known and neve
 
 Between updates the whole state is the reconstruction, the keypoints and the verified pairs; COLMAP's mapper
 object (with its hidden counters) lives only inside one update. That makes an update a function of that
-state, and lets a seed model be saved and continued bit for bit.
+state, and lets a seed model be kept and continued bit for bit.
 """
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
@@ -21,7 +20,8 @@ from nbv.config import CameraConfig, SparseConfig
 from nbv.sparse.camera import CAMERA_ID, colmap_camera
 from nbv.sparse.correspondences import pairs_near
 from nbv.sparse.matching import VerifiedPair
-from nbv.sparse.timing import StageTimer
+from nbv.sparse.model import files_of, model_of
+from nbv.stopwatch import Stopwatch
 
 _SEED = 0
 _MAX_INITIAL_PAIRS = 3  # seed models tried before giving up
@@ -85,7 +85,7 @@ class IncrementalModel:
         self.pairs: dict[tuple[int, int], VerifiedPair] = {}  # (smaller id, larger id)
         self.reconstruction = pycolmap.Reconstruction()
         self.captures_since_global = 0
-        self.timer = StageTimer()
+        self.stopwatch = Stopwatch()
         self._options = mapping_options(config)
         if poses_guarded:
             self._options.mapper.abs_pose_min_num_inliers = _GUARDED_POSE_INLIERS
@@ -132,7 +132,7 @@ class IncrementalModel:
         quarter is left over it is tried once more, with few matches and with points that only two images see.
         """
         pycolmap.set_random_seed(_SEED)
-        with self.timer("mapping"):
+        with self.stopwatch.timed("mapping"):
             cache = self._database_cache(self.pairs)
             mapper = pycolmap.IncrementalMapper(cache)
         reason = "no pair of seed images is fit to start from"
@@ -159,14 +159,9 @@ class IncrementalModel:
         """Put the model in the order in which it would be read from disk.
 
         The order of COLMAP's hash tables depends on their history and reaches the last bits of the
-        adjustments. After this, continuing here and continuing from a saved copy are the same thing.
-        The model goes through a temporary directory: COLMAP reads models from files only.
+        adjustments. After this, continuing here and continuing from a copy on disk are the same thing.
         """
-        with tempfile.TemporaryDirectory(prefix="nbv-sparse-") as directory:
-            self.reconstruction.write_binary(directory)
-            fresh = pycolmap.Reconstruction()
-            fresh.read_binary(directory)
-        self.reconstruction = fresh
+        self.reconstruction = model_of(files_of(self.reconstruction))
 
     def _limit_iterations(self) -> None:
         """For all adjustments after the seed model, which begin close to where they end."""
@@ -181,7 +176,7 @@ class IncrementalModel:
         """Start from the best pair; thresholds are relaxed as COLMAP's controller does."""
         invalid = -1
         options = self._mapper_options
-        with self.timer("mapping"):
+        with self.stopwatch.timed("mapping"):
             found = None
             for inlier_factor, angle_factor in ((1.0, 1.0), (0.5, 1.0), (0.5, 0.5)):
                 relaxed = self._options.get_mapper()
@@ -197,7 +192,7 @@ class IncrementalModel:
             mapper.register_initial_image_pair(options, first, second, second_from_first)
             for image_id in (first, second):
                 mapper.triangulate_image(self._triangulation, image_id)
-        with self.timer("ba"):
+        with self.stopwatch.timed("ba"):
             mapper.adjust_global_bundle(options, self._global_ba)
             mapper.reconstruction.normalize()
             mapper.filter_points(options)
@@ -208,7 +203,7 @@ class IncrementalModel:
         model = mapper.reconstruction
         last_images = model.num_reg_images()
         while True:
-            with self.timer("mapping"):
+            with self.stopwatch.timed("mapping"):
                 candidates = mapper.find_next_images(self._mapper_options, False)
             if all(self._register(mapper, image_id, judge) for image_id in candidates):
                 break
@@ -222,11 +217,13 @@ class IncrementalModel:
         usual, model = self._mapper_options, mapper.reconstruction
         held, before = set(model.reg_image_ids()), set(model.point3D_ids())
         self._mapper_options, self._triangulation.ignore_two_view_tracks = self._for_judged_poses(), False
-        with self.timer("mapping"):
+        with self.stopwatch.timed("mapping"):
             for image_id in sorted(held):
                 mapper.triangulate_image(self._triangulation, image_id)
         self._grow(mapper, judge)
-        with self.timer("mapping"):  # points of two images hold those that joined; the others did without
+        with self.stopwatch.timed(
+            "mapping"
+        ):  # points of two images hold those that joined; the others did without
             for point_id in sorted(set(model.point3D_ids()) - before):
                 seen_by = {element.image_id for element in model.point3D(point_id).track.elements}
                 if len(seen_by) == 2 and seen_by <= held:
@@ -265,7 +262,7 @@ class IncrementalModel:
         pairs = (
             self.pairs if is_global or self.config.update_pairs == "all" else pairs_near(self.pairs, waiting)
         )
-        with self.timer("mapping"):
+        with self.stopwatch.timed("mapping"):
             mapper = pycolmap.IncrementalMapper(self._database_cache(pairs))
             mapper.begin_reconstruction(self.reconstruction)
         reasons = self._try_all(mapper, waiting, judge)
@@ -278,7 +275,7 @@ class IncrementalModel:
         if is_global:
             self._refine_globally(mapper)
             self.captures_since_global = 0
-        with self.timer("mapping"):
+        with self.stopwatch.timed("mapping"):
             mapper.end_reconstruction(False)
         return reasons
 
@@ -286,11 +283,11 @@ class IncrementalModel:
         """Global adjustment of the model as it stands, e.g. before the dense stage."""
         pycolmap.set_random_seed(_SEED)
         self._limit_iterations()
-        with self.timer("mapping"):
+        with self.stopwatch.timed("mapping"):
             mapper = pycolmap.IncrementalMapper(self._database_cache(self.pairs))
             mapper.begin_reconstruction(self.reconstruction)
         self._refine_globally(mapper)
-        with self.timer("mapping"):
+        with self.stopwatch.timed("mapping"):
             mapper.end_reconstruction(False)
         self.captures_since_global = 0
 
@@ -326,7 +323,7 @@ class IncrementalModel:
 
     def _register(self, mapper: pycolmap.IncrementalMapper, image_id: int, judge: Judge | None) -> str:
         """Register one image and adjust locally about it. Returns "" or why it was left out."""
-        with self.timer("mapping"):
+        with self.stopwatch.timed("mapping"):
             if not mapper.register_next_image(self._mapper_options, image_id):
                 return NO_POSE
             if judge is not None and (reason := judge(mapper.reconstruction, image_id)):
@@ -337,7 +334,7 @@ class IncrementalModel:
         return ""
 
     def _refine_locally(self, mapper: pycolmap.IncrementalMapper, image_id: int) -> None:
-        with self.timer("ba"):
+        with self.stopwatch.timed("ba"):
             mapper.iterative_local_refinement(
                 self.config.local_ba_rounds,
                 _LOCAL_CHANGE,
@@ -348,7 +345,7 @@ class IncrementalModel:
             )
 
     def _refine_globally(self, mapper: pycolmap.IncrementalMapper) -> None:
-        with self.timer("ba"):
+        with self.stopwatch.timed("ba"):
             mapper.iterative_global_refinement(
                 _GLOBAL_REFINEMENTS,
                 _GLOBAL_CHANGE,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,8 +18,6 @@ _NORM_SQUARED = np.float32(512.0**2)  # COLMAP stores unit descriptors times 512
 BLOCK_BYTES = 4 << 20  # a block of similarities that stays in the cache
 _RANSAC_SEED = 0
 Descriptors = NDArray[np.uint8]
-# Per row: the index of the nearest candidate, its product with the row, and the second-largest product, float32.
-NearestTwo = tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]
 
 
 @dataclass(frozen=True)
@@ -41,8 +38,10 @@ def pair_angle_deg(center_a_m: Floats, center_b_m: Floats, target_m: Floats) -> 
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
 
 
-def nearest_in_single_precision(a: Descriptors, b: Descriptors) -> NearestTwo:
-    """For each row of ``a`` (Ka, 128) the nearest row of ``b`` (Kb, 128): `NearestTwo`."""
+def nearest_two(
+    a: Descriptors, b: Descriptors
+) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
+    """For each row of ``a`` (Ka, 128) the index of the nearest row of ``b`` (Kb, 128), and its product and the next."""
     left, right = a.astype(np.float32), b.T.astype(np.float32)
     nearest = np.empty(len(a), np.int64)
     best = np.empty(len(a), np.float32)
@@ -65,14 +64,14 @@ def match_pair(
     b: Descriptors,
     max_ratio: float = 0.8,
     max_distance_rad: float = MAX_DISTANCE_RAD,
-    nearest: Callable[[Descriptors, Descriptors], NearestTwo] = nearest_in_single_precision,
 ) -> NDArray[np.uint32]:
     """(M, 2) mutual nearest neighbours of two descriptor sets (Ka, 128) and (Kb, 128), sorted by the first.
 
     COLMAP's rule: the distance is the angle between descriptors; a match must be nearer than
     ``max_distance_rad`` and than ``max_ratio`` times the second-nearest distance, in both directions.
     Exact: sums of products of bytes stay below 2**24, so the float32 matrix product has no rounding
-    and the result does not depend on the linear-algebra library, its threads or the way to ``nearest``.
+    and the result does not depend on the linear-algebra library or its threads. (pycolmap's own matcher
+    finds the same matches in a hundred times the time.)
 
     Parameters
     ----------
@@ -82,15 +81,13 @@ def match_pair(
         Largest ratio of the nearest to the second-nearest distance.
     max_distance_rad
         Largest angle between matching descriptors.
-    nearest
-        How the two nearest are found.
     """
     empty = np.zeros((0, 2), np.uint32)
     if len(a) == 0 or len(b) == 0:
         return empty
 
     def accepted(x: Descriptors, y: Descriptors) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-        index, *products = nearest(x, y)
+        index, *products = nearest_two(x, y)
         best_rad, second_rad = (np.arccos(np.minimum(p / _NORM_SQUARED, 1.0)) for p in products)
         return index, (best_rad <= max_distance_rad) & (best_rad < max_ratio * second_rad)
 

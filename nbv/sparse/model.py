@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pycolmap
-from numpy.typing import NDArray
 
 from nbv.geometry.frames import Similarity
 from nbv.sparse.alignment import Alignment
@@ -120,17 +119,27 @@ def _record_starts(data: bytes) -> Ints:
     return np.array(starts, dtype=np.int64)
 
 
-def export_colmap(
-    reconstruction: pycolmap.Reconstruction,
-    world_from_model: Similarity,
-    directory: Path,
-    images: Mapping[str, NDArray[np.uint8]] | None = None,
-) -> pycolmap.Reconstruction:
-    """Write the model in the world frame (metres) as COLMAP binary plus ``points.ply``; returns it.
+def files_of(reconstruction: pycolmap.Reconstruction) -> dict[str, bytes]:
+    """The model as COLMAP writes it, by file name."""
+    with tempfile.TemporaryDirectory(prefix="nbv-model-") as directory:
+        reconstruction.write_binary(directory)
+        return {path.name: path.read_bytes() for path in Path(directory).iterdir()}
 
-    ``directory`` gets ``cameras.bin``, ``images.bin``, ``points3D.bin``, ``rigs.bin``, ``frames.bin``
-    (COLMAP's GUI opens it) and ``points.ply``. With ``images`` (name to (H, W, 3) RGB) the points take
-    the mean colour of their observations.
+
+def model_of(files: Mapping[str, bytes]) -> pycolmap.Reconstruction:
+    """The model that `files_of` wrote; what COLMAP raises where these are others."""
+    reconstruction = pycolmap.Reconstruction()
+    with tempfile.TemporaryDirectory(prefix="nbv-model-") as directory:  # COLMAP reads models from files only
+        for name, content in files.items():
+            (Path(directory) / name).write_bytes(content)
+        reconstruction.read_binary(directory)
+    return reconstruction
+
+
+def export_colmap(
+    reconstruction: pycolmap.Reconstruction, world_from_model: Similarity, directory: Path, images: Path
+) -> None:
+    """Write the model in the world frame (metres) as COLMAP binary plus ``points.ply``.
 
     Parameters
     ----------
@@ -139,9 +148,10 @@ def export_colmap(
     world_from_model
         Where it belongs.
     directory
-        Made if absent.
+        Made if absent. Gets ``cameras.bin``, ``images.bin``, ``points3D.bin``, ``rigs.bin``, ``frames.bin`` (COLMAP's
+        GUI opens it) and ``points.ply``.
     images
-        (H, W, 3) RGB by name; without them points have no colour.
+        Folder of the photographs, by their names in the model: points take the mean colour of their observations.
     """
     world = pycolmap.Reconstruction(reconstruction)
     world.transform(
@@ -151,29 +161,7 @@ def export_colmap(
             world_from_model.translation,
         )
     )
-    if images:
-        _colour_points(world, images)
+    world.extract_colors_for_all_images(images, num_threads=1)
     directory.mkdir(parents=True, exist_ok=True)
     world.write_binary(directory)
     world.export_PLY(directory / "points.ply")
-    return world
-
-
-def _colour_points(reconstruction: pycolmap.Reconstruction, images: Mapping[str, NDArray[np.uint8]]) -> None:
-    by_id = {i: images.get(reconstruction.image(i).name) for i in reconstruction.reg_image_ids()}
-    keypoints: dict[int, Floats] = {}
-    for image_id, pixels in by_id.items():
-        if pixels is not None:
-            keypoints[image_id] = np.array([p.xy for p in reconstruction.image(image_id).points2D])
-    for point in reconstruction.points3D.values():
-        samples = []
-        for element in point.track.elements:
-            pixels = by_id.get(element.image_id)
-            if pixels is None:
-                continue
-            x, y = keypoints[element.image_id][element.point2D_idx]
-            row = min(max(int(y), 0), pixels.shape[0] - 1)
-            column = min(max(int(x), 0), pixels.shape[1] - 1)
-            samples.append(pixels[row, column])
-        if samples:
-            point.color = np.mean(samples, axis=0).round().astype(np.uint8)

@@ -2,46 +2,33 @@
 
 from __future__ import annotations
 
-import dataclasses
-import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 
-from nbv.config import CameraConfig, SparseConfig, TelemetryConfig, canonical
+from nbv.config import CameraConfig, SparseConfig, TelemetryConfig
 from nbv.errors import MissionFailure, UserError
-from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json, read_npz
 from nbv.sparse.alignment import Alignment, align_cameras, camera_centers, outlier_limit_m, turns_deg
-from nbv.sparse.correspondences import ComputedCorrespondences, Correspondences
-from nbv.sparse.features import DESCRIPTOR_SIZE, Features
+from nbv.sparse.correspondences import Correspondences
+from nbv.sparse.features import Features
 from nbv.sparse.mapper import IncrementalModel
-from nbv.sparse.matching import VerifiedPair, pair_angle_deg
+from nbv.sparse.matching import pair_angle_deg
 from nbv.sparse.model import (
     camera_from_model_poses,
     camera_from_world_poses,
     export_colmap,
+    files_of,
+    model_of,
     registered_names,
     to_sparse_model,
 )
 from nbv.sparse.priors import PositionPriors, adjust_with_priors
-from nbv.sparse.timing import StageTimer
+from nbv.stopwatch import Stopwatch
 from nbv.types import Capture, Floats, UpdateReport
 
-_STATE_VERSION = 3
-_STATE_ARRAYS = {
-    "keypoints": ("f", 2),
-    "descriptors": ("u", 2),
-    "counts": ("i", 1),
-    "ground_counts": ("i", 1),
-    "pair_ids": ("i", 2),
-    "pair_configs": ("i", 1),
-    "pair_counts": ("i", 1),
-    "matches": ("u", 2),
-    "telemetry": ("f", 3),
-}
 TELEMETRY_SDS = 2.0  # of 24 cameras the rms error stays below 1.3 standard deviations in 99.9 % of flights
 ATTITUDE_SDS = 5.0  # per axis; of a turn about a random axis 1 in 20,000 is larger
 
@@ -59,7 +46,7 @@ class SparseReconstructor:
     target_m
         Approximate centre of the object (m), for the angle between viewing directions.
     correspondences
-        Source of features and verified pairs; computed by default, or a cache in front of that.
+        Source of features and verified pairs; computed by default.
     telemetry
         What its specification promises; exact by default. A model that disagrees with telemetry by no more than twice
         the promised distance is not called wrong. Where it errs it also is the adjustment's prior (`nbv.sparse.priors`).
@@ -80,10 +67,10 @@ class SparseReconstructor:
             config.max_alignment_rms_m, TELEMETRY_SDS * self.telemetry.position_sd_m
         )
         self.target_m = np.asarray(target_m, dtype=float)
-        self._source = correspondences or ComputedCorrespondences(camera, config)
+        self._source = correspondences or Correspondences(camera, config)
         # With exact telemetry COLMAP's own thresholds stand: the world `ideal` stays as it is.
         self._model = IncrementalModel(camera, config, poses_guarded=not self.telemetry.is_exact)
-        self._timer = StageTimer()
+        self._stopwatch = Stopwatch()
         self._captures: list[Capture] = []
         self._features: list[Features] = []
         self._alignment: Alignment | None = None
@@ -114,10 +101,9 @@ class SparseReconstructor:
         """(N, 3) the model's points in metres, as last reported."""
         return self._points_m
 
-    def export(self, path: Path) -> None:
-        """Write the model in the world frame to directory ``path``: COLMAP binary and ``points.ply``."""
-        images = {c.name: c.image for c in self._captures if c.image is not None}
-        export_colmap(self.reconstruction, self.alignment.world_from_model, Path(path), images)
+    def export(self, directory: Path, images: Path) -> None:
+        """Write the model in the world frame, coloured by the photographs in ``images`` (`export_colmap`)."""
+        export_colmap(self.reconstruction, self.alignment.world_from_model, directory, images)
 
     # ------------------------------------------------------------------------------------------- building
 
@@ -162,6 +148,31 @@ class SparseReconstructor:
         if absent:
             notes.append(f"not registered: {', '.join(absent)}")
         return self._report(True, "; ".join(notes))
+
+    def seed_files(self) -> dict[str, bytes]:
+        """Right after `bootstrap`: the seed model, for `bootstrap_from`; both go on from what was written."""
+        files = files_of(self.reconstruction)
+        self._model.reconstruction = model_of(files)
+        return files
+
+    def bootstrap_from(self, captures: Sequence[Capture], files: Mapping[str, bytes]) -> UpdateReport:
+        """`bootstrap` where the seed model of these captures is known (`seed_files`): what follows has the same bits.
+
+        Raises
+        ------
+        ValueError
+            The files hold no such model; then this is as before.
+        """
+        try:
+            reconstruction = model_of(files)
+        except Exception as error:  # COLMAP's own of what it meets in a file
+            raise ValueError(f"no sparse model: {error}") from error
+        if not set(registered_names(reconstruction)) <= {capture.name for capture in captures}:
+            raise ValueError("a sparse model of other photographs")
+        self._take_in(captures)
+        self._model.reconstruction = reconstruction
+        self._align(reconstruction)
+        return self._report(True, "")
 
     def add(self, capture: Capture) -> UpdateReport:
         """Extend the model by one capture, and retry the earlier images that are still out.
@@ -242,7 +253,7 @@ class SparseReconstructor:
         return np.array([self._captures[i - 1].camera_from_world for i in ids]).reshape(-1, 4, 4)
 
     def _align(self, reconstruction: pycolmap.Reconstruction) -> Alignment:
-        with self._timer("alignment"):
+        with self._stopwatch.timed("alignment"):
             self._alignment = align_cameras(
                 camera_from_model_poses(reconstruction),
                 self._telemetry(reconstruction),
@@ -256,7 +267,7 @@ class SparseReconstructor:
         if self.telemetry.is_exact:
             return
         centers_m = {i: c.camera_center_m for i, c in enumerate(self._captures, start=1)}
-        with self._timer("priors"):
+        with self._stopwatch.timed("priors"):
             adjust_with_priors(
                 self.reconstruction,
                 PositionPriors(centers_m, self.telemetry.covariance_m2),
@@ -300,146 +311,10 @@ class SparseReconstructor:
         return f"taken out, pose disagrees with telemetry: {', '.join(names)}"
 
     def _report(self, registered: bool, message: str) -> UpdateReport:
-        with self._timer("model"):
+        with self._stopwatch.timed("model"):
             model = to_sparse_model(self.reconstruction, self.alignment)
         self._points_m = model.points_m
-        timings = {**self._source.timer.take(), **self._model.timer.take(), **self._timer.take()}
+        timings = {}
+        for stopwatch in (self._source.stopwatch, self._model.stopwatch, self._stopwatch):
+            timings.update(stopwatch.take())
         return UpdateReport(model, registered, message, timings)
-
-    # ---------------------------------------------------------------------------------------- saved state
-
-    def save_state(self, path: Path) -> None:
-        """Save everything needed to continue (no photographs) in directory ``path``.
-
-        Continuing here and continuing from the saved state then give the same bits. Saving right after
-        :meth:`bootstrap` changes nothing; saving later puts COLMAP's tables in the order of the files
-        (see :meth:`IncrementalModel.canonicalise`), which may change the last bits of what follows.
-        """
-        path = Path(path)
-        path.mkdir(parents=True, exist_ok=True)
-        self._model.canonicalise()
-        self.reconstruction.write_binary(path)
-        pairs = sorted(self._model.pairs.items())
-        np.savez(
-            path / "correspondences.npz",
-            keypoints=_concatenate([f.keypoints for f in self._features], (0, 4), np.float32),
-            descriptors=_concatenate([f.descriptors for f in self._features], (0, 128), np.uint8),
-            counts=np.array([len(f) for f in self._features], dtype=np.int64),
-            ground_counts=np.array([f.n_ground for f in self._features], dtype=np.int64),
-            pair_ids=np.array([ids for ids, _ in pairs], dtype=np.int64).reshape(-1, 2),
-            pair_configs=np.array([pair.config for _, pair in pairs], dtype=np.int64),
-            pair_counts=np.array([len(pair) for _, pair in pairs], dtype=np.int64),
-            matches=_concatenate([pair.matches for _, pair in pairs], (0, 2), np.uint32),
-            telemetry=np.array([c.camera_from_world for c in self._captures]),
-        )
-        (path / "state.json").write_text(
-            json.dumps(
-                {
-                    "version": _STATE_VERSION,
-                    "names": [c.name for c in self._captures],
-                    "captures_since_global": self._model.captures_since_global,
-                    "options": self._options(),
-                },
-                indent=1,
-            )
-        )
-
-    def load_state(self, path: Path, captures: Sequence[Capture]) -> UpdateReport:
-        """Continue from a saved state; ``captures`` are those that it was made from, in order.
-
-        Raises
-        ------
-        UserError
-            The state is missing, damaged, of another version, or made from other captures or options; then this is as before.
-        """
-        path = Path(path)
-        if self._captures:
-            raise RuntimeError("load_state() needs a reconstructor without captures")
-        try:
-            state = read_json(path / "state.json", RESULT_BYTES, RESULT_NODES)
-            data = read_npz(path / "correspondences.npz", _STATE_ARRAYS)
-        except UserError as error:
-            raise UserError(f"cannot read the saved sparse model {path}: {error}") from error
-        telemetry = np.array([c.camera_from_world for c in captures])
-        if (
-            not isinstance(state, dict)
-            or state.get("version") != _STATE_VERSION
-            or state.get("options") != self._options()
-        ):
-            raise UserError(f"the saved sparse model {path} was made with other options; rebuild it")
-        if state.get("names") != [c.name for c in captures] or not np.array_equal(
-            data["telemetry"], telemetry
-        ):
-            raise UserError(f"the saved sparse model {path} was made from other captures; rebuild it")
-        try:
-            features, pairs = _features_and_pairs(data, len(captures))
-            reconstruction = pycolmap.Reconstruction()
-            reconstruction.read_binary(path)
-            if not set(registered_names(reconstruction)) <= {c.name for c in captures}:
-                raise ValueError("its photographs are others")
-            since_global = int(state["captures_since_global"])
-        except Exception as error:  # COLMAP's and NumPy's own of what they meet in a file
-            raise UserError(f"the saved sparse model {path} is damaged ({error}); rebuild it") from error
-        for capture, found in zip(captures, features, strict=True):
-            self._captures.append(capture)
-            self._features.append(found)
-            self._model.add_image(capture.name, found.keypoints)
-        self._model.add_pairs(pairs)
-        self._model.reconstruction = reconstruction
-        self._model.captures_since_global = since_global
-        self._align(reconstruction)
-        return self._report(True, "continued from a saved model")
-
-    def _options(self) -> dict[str, object]:
-        return {
-            "camera": dataclasses.asdict(self.camera),
-            "sparse": canonical(self.config),
-            "target_m": self.target_m.tolist(),
-            "telemetry": repr(self.telemetry),
-            "pycolmap": pycolmap.__version__,
-        }
-
-
-def _concatenate(arrays: list[np.ndarray], empty: tuple[int, ...], dtype: type) -> np.ndarray:
-    return np.concatenate(arrays) if arrays else np.zeros(empty, dtype)
-
-
-def _features_and_pairs(
-    data: dict[str, np.ndarray], count: int
-) -> tuple[list[Features], dict[tuple[int, int], VerifiedPair]]:
-    """What `SparseReconstructor.save_state` saved of ``count`` photographs; ``ValueError`` where it does not agree."""
-    counts, ids = data["counts"], data["pair_ids"]
-    columns = (
-        data["keypoints"].shape[1],
-        data["descriptors"].shape[1],
-        data["matches"].shape[1],
-        ids.shape[1],
-    )
-    totals = (
-        len(data["keypoints"]),
-        len(data["descriptors"]),
-        len(data["matches"]),
-        len(data["pair_configs"]),
-    )
-    expected = (counts.sum(), counts.sum(), data["pair_counts"].sum(), len(ids))
-    if columns != (4, DESCRIPTOR_SIZE, 2, 2) or totals != expected:
-        raise ValueError("its arrays do not belong together")
-    if not len(counts) == len(data["ground_counts"]) == count or len(data["pair_counts"]) != len(ids):
-        raise ValueError("its photographs are others")
-    bounds = np.cumsum(counts)[:-1]
-    features = [
-        Features(keypoints, descriptors, int(n_ground))
-        for keypoints, descriptors, n_ground in zip(
-            np.split(data["keypoints"], bounds),
-            np.split(data["descriptors"], bounds),
-            data["ground_counts"],
-            strict=True,
-        )
-    ]
-    pairs = {}
-    split = np.split(data["matches"], np.cumsum(data["pair_counts"])[:-1])
-    for (a, b), config, matches in zip(ids.tolist(), data["pair_configs"], split):
-        if not 1 <= a < b <= count or (matches >= counts[[a - 1, b - 1]]).any():
-            raise ValueError("its matches are of other photographs")
-        pairs[(a, b)] = VerifiedPair(matches, int(config))
-    return features, pairs

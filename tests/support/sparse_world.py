@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
+from PIL import Image
 
 from nbv.config import CameraConfig, SparseConfig
 from nbv.geometry.frames import intrinsic_matrix, look_at
 from nbv.sparse.features import Features
 from nbv.sparse.matching import VerifiedPair
-from nbv.sparse.timing import StageTimer
+from nbv.stopwatch import Stopwatch
 from nbv.types import Capture, Viewpoint
 
 CAMERA = CameraConfig()
@@ -36,11 +39,17 @@ def ring_captures(count: int, radius_m: float = 4.0, start: int = 0, turn_deg: f
     return captures
 
 
+def write_photographs(folder: Path, captures: list[Capture]) -> None:
+    """Save their images by name."""
+    for capture in captures:
+        Image.fromarray(capture.image).save(folder / capture.name)
+
+
 class LabelledPoints:
     """``Correspondences`` that project known points with noise and match them by label."""
 
     def __init__(self, captures: list[Capture], points: int = 500, noise_px: float = 0.3) -> None:
-        self.timer = StageTimer()
+        self.stopwatch = Stopwatch()
         self.blind: set[int] = set()  # captures that see nothing, by index
         self.only_with: dict[int, set[int]] = {}  # capture -> the only captures it matches
         rng = np.random.default_rng(7)

@@ -215,22 +215,3 @@ def test_what_is_searched_is_the_sparse_model_without_strays():
     assert np.array_equal(found, np.concatenate([body, tip]))
     assert points_to_search(body[:99], TARGET, CONFIG) is None  # too few to say where nothing is
     assert points_to_search(np.zeros((0, 3)), TARGET, CONFIG) is None
-
-
-def test_one_check_serves_all_stricter_requirements(scene):
-    """Fusing checked depths at N views is, to the bit, a reconstruction that was configured with N."""
-    loose = dataclasses.replace(CONFIG, agreeing_views=2)
-    checked = check_depths(scene.images, scene.poses, scene.camera, TARGET, loose)
-    sizes = []
-    for need in (2, 3, 5):
-        config = dataclasses.replace(CONFIG, agreeing_views=need)
-        alone, cloud = cloud_of(scene, config), checked.fuse(need)
-        assert np.array_equal(cloud.points_m, alone.points_m)
-        assert np.array_equal(cloud.colors, alone.colors)
-        assert np.array_equal(cloud.normals, alone.normals)
-        sizes.append(len(cloud.points_m))
-    assert sizes[0] > sizes[1] > sizes[2] > 0
-    with pytest.raises(MissionFailure, match="99 views"):
-        checked.fuse(99)
-    with pytest.raises(ValueError, match="checked with 2"):
-        checked.fuse(1)

@@ -13,7 +13,7 @@ from nbv.errors import UserError
 from nbv.flight import Flight
 from nbv.mission.belief import believed, located, reaching_a_ring
 from nbv.mission.recorder import Recorder
-from nbv.mission.stopwatch import Stopwatch
+from nbv.stopwatch import Stopwatch
 from nbv.types import SparseModel
 from nbv.viewpoints import candidate_pool
 

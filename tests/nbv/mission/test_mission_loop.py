@@ -13,7 +13,7 @@ from nbv.gates import make_gate
 from nbv.geometric.mission import PoseCamera
 from nbv.mission.loop import AdaptiveMission
 from nbv.mission.recorder import Recorder
-from nbv.mission.stopwatch import Stopwatch
+from nbv.stopwatch import Stopwatch
 from nbv.types import PointCloud, SparseModel, UpdateReport
 
 

@@ -10,7 +10,6 @@ import pytest
 from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.photogrammetric.cached_stages import CachedStudio
-from nbv.photogrammetric.studio import Studio
 from nbv.types import Viewpoint
 
 VIEW = Viewpoint("seed_00", (0.0, -4.0, 1.5), 270.0, 10.0, "seed")
@@ -48,8 +47,7 @@ def test_another_camera_or_light_takes_another_photograph(tmp_path, change):
     ideal = MissionConfig().with_values({"camera.height_px": SHAPE[0], "camera.width_px": SHAPE[1]})
     renderer, images = CountingRenderer(), []
     for config in (ideal, ideal, ideal.with_values(change), ideal.with_values(change)):
-        studio = Studio(renderer.made_for, rock, 0, config)
-        camera = CachedStudio(studio, Store(tmp_path), rock, 0, config)
+        camera = CachedStudio(renderer.made_for, rock, 0, config, Store(tmp_path))
         images.append(camera.take_photograph(VIEW, np.array(VIEW.position_m), 0.0).image)
     assert len(renderer.drawn) == 2
     assert all(image.shape == SHAPE for image in images)

@@ -8,14 +8,13 @@ import shutil
 
 import numpy as np
 import pytest
-from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures
+from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures, write_photographs
 
 from nbv.cache import Store
-from nbv.config import MissionConfig, config_from_dict
-from nbv.errors import MissionFailure
+from nbv.config import MissionConfig, TelemetryConfig, config_from_dict
 from nbv.evaluation import evaluate_cloud
 from nbv.geometry.sampling import sample_surface
-from nbv.photogrammetric.cached_sequences import CachedClouds, CachedEvaluation, CachedSparse
+from nbv.photogrammetric.cached_sequences import CachedEvaluation, CachedReconstructor, CachedSparse
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.rocks import load_rock
 from nbv.sparse.reconstructor import SparseReconstructor
@@ -36,8 +35,11 @@ class Counting(LabelledPoints):
         return super().features(image)
 
 
-def reconstructor(world=None, config=CONFIG):
-    return SparseReconstructor(CAMERA, config, TARGET, world or Counting(SEEDS + LATER + ELSEWHERE))
+def reconstructor(world=None, store=None, config=CONFIG):
+    world = world or Counting(SEEDS + LATER + ELSEWHERE)
+    if store is None:
+        return SparseReconstructor(CAMERA, config, TARGET, world)
+    return CachedSparse(CAMERA, config, TARGET, world, TelemetryConfig(), store)
 
 
 def fly(sparse, later):
@@ -56,9 +58,9 @@ def bits(reports):
     return hasher.hexdigest()
 
 
-def files(sparse, folder):
+def files(sparse, folder, images):
     sparse.refine()
-    sparse.export(folder)
+    sparse.export(folder, images)
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
@@ -74,13 +76,13 @@ def store(tmp_path):
 
 
 def filled(store):
-    return fly(CachedSparse(reconstructor(), store), LATER)
+    return fly(reconstructor(store=store), LATER)
 
 
 def test_a_known_sequence_has_the_same_models_and_costs_nothing(store, plain):
     assert bits(filled(store)[1:]) == plain[len(LATER)]
     world = Counting(SEEDS + LATER)
-    again = CachedSparse(reconstructor(world), store)
+    again = reconstructor(world, store)
     reports = fly(again, LATER)
     assert bits(reports[1:]) == plain[len(LATER)]
     assert world.asked == 0  # the reconstructor behind has not moved
@@ -89,7 +91,7 @@ def test_a_known_sequence_has_the_same_models_and_costs_nothing(store, plain):
 
 def test_a_mission_that_leaves_a_known_sequence_goes_on_exactly(store, plain):
     filled(store)
-    reports = fly(CachedSparse(reconstructor(), store), [*LATER[:2], *ELSEWHERE])
+    reports = fly(reconstructor(store=store), [*LATER[:2], *ELSEWHERE])
     assert bits(reports[1:]) == plain[4]
 
 
@@ -97,13 +99,11 @@ def test_a_sequence_whose_middle_was_pruned_is_replayed(store, plain):
     filled(store)
     entries = sorted((store.root / "sequence-models").rglob("??/*"), key=lambda p: p.stat().st_mtime_ns)
     entries[3].unlink()
-    assert bits(fly(CachedSparse(reconstructor(), store), LATER)[1:]) == plain[len(LATER)]
+    assert bits(fly(reconstructor(store=store), LATER)[1:]) == plain[len(LATER)]
     assert entries[3].exists()
 
 
-@pytest.mark.parametrize(
-    "other", [{"x": np.zeros(3)}, {"state.json": np.zeros(3, np.uint8)}, "mixed", "short"]
-)
+@pytest.mark.parametrize("other", [{"x": np.zeros(3)}, {"points3D.bin": np.zeros(3, np.uint8)}, "mixed"])
 def test_a_seed_model_that_is_something_else_is_rebuilt(store, plain, other):
     filled(store)
     shutil.rmtree(store.root / "sequence-models")
@@ -111,10 +111,6 @@ def test_a_seed_model_that_is_something_else_is_rebuilt(store, plain, other):
     entry = store.get("seed-models", path.name)
     if other == "mixed":
         other = {**entry, "points3D.bin": entry["cameras.bin"]}
-    elif other == "short":
-        state = json.loads(entry["state.json"].tobytes())
-        del state["captures_since_global"]
-        other = {**entry, "state.json": np.frombuffer(json.dumps(state).encode(), np.uint8)}
     store.put("seed-models", path.name, other)
     assert bits(filled(store)[1:]) == plain[len(LATER)]
     assert set(store.get("seed-models", path.name)) == set(entry)
@@ -133,7 +129,7 @@ def test_damaged_models_are_noticed_and_rebuilt(store, plain, damage):
         data[len(data) // 2] ^= 1
         path.write_bytes(bytes(data if damage == "flip" else data[:-9]))
     world = Counting(SEEDS + LATER)
-    assert bits(fly(CachedSparse(reconstructor(world), store), LATER)[1:]) == plain[len(LATER)]
+    assert bits(fly(reconstructor(world, store), LATER)[1:]) == plain[len(LATER)]
     assert world.asked > 0
     assert store.verify()[1] == 0  # sound again
 
@@ -143,9 +139,10 @@ def test_the_model_can_be_exported_after_a_known_sequence(store, tmp_path):
     filled(store)
     plain = reconstructor()
     fly(plain, LATER)
-    known = CachedSparse(reconstructor(), store)
+    known = reconstructor(store=store)
     fly(known, LATER)
-    assert files(known, tmp_path / "known") == files(plain, tmp_path / "plain")
+    write_photographs(tmp_path, SEEDS + LATER)
+    assert files(known, tmp_path / "known", tmp_path) == files(plain, tmp_path / "plain", tmp_path)
     poses, expected = known.world_camera_poses(), plain.world_camera_poses()
     assert all(np.array_equal(poses[name], pose) for name, pose in expected.items())
 
@@ -154,17 +151,17 @@ def test_the_model_can_be_exported_after_a_known_sequence(store, tmp_path):
 def test_other_options_or_photographs_are_another_sequence(store):
     filled(store)
     other = Counting(SEEDS + LATER)
-    fly(CachedSparse(reconstructor(other, dataclasses.replace(CONFIG, global_ba_interval=3)), store), LATER)
+    fly(reconstructor(other, store, dataclasses.replace(CONFIG, global_ba_interval=3)), LATER)
     assert other.asked > 0
     moved = [dataclasses.replace(c, camera_from_world=c.camera_from_world.copy()) for c in LATER]
     moved[0].camera_from_world[0, 3] += 1e-9
     third = Counting(SEEDS + LATER)
-    fly(CachedSparse(reconstructor(third), store), moved)
+    fly(reconstructor(third, store), moved)
     assert third.asked > 0
 
 
 def _fill(root, answers):
-    answers.put(bits(fly(CachedSparse(reconstructor(), Store(root)), LATER)[1:]))
+    answers.put(bits(fly(reconstructor(store=Store(root)), LATER)[1:]))
 
 
 @pytest.mark.slow
@@ -184,50 +181,25 @@ def test_two_processes_may_fill_the_same_sequence(tmp_path, plain):
 # -- clouds and metrics ---------------------------------------------------------------------------------
 
 
-class Sequence:
-    key = "some sequence"
-
-
-def clouds(store, made, views=3, failure=None):
-    def make(level):
-        made.append(level)
-        if failure:
-            raise failure
-        points = np.random.default_rng(0).normal(size=(50, 3))
-        return PointCloud(points, np.zeros((50, 3), np.uint8), points[::-1].copy())
-
-    return CachedClouds(make, Sequence, config_from_dict({"dense": {"agreeing_views": views}}), store)
+def made_cloud(store, made, config, points):
+    """What a reconstructor that has been given a sequence of photographs finishes with."""
+    sparse = reconstructor(store=store)
+    sparse.key = "a sequence"
+    cached = CachedReconstructor(config, store)
+    cached._sparse, cached._fuse = sparse, lambda: made.append(1) or PointCloud(points)
+    return cached.finish()
 
 
 def test_a_known_cloud_is_made_only_if_somebody_looks_at_it(store):
-    made = []
-    first, second = clouds(store, made)(None), clouds(store, made)(None)
-    assert len(first) == len(second) == 50
-    assert made == [None]
-    for name in ("points_m", "colors", "normals"):
-        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
-    assert made == [None, None]
-
-
-def test_a_stricter_fusion_is_the_cloud_of_one_configured_so(store):
-    made = []
-    clouds(store, made)(None)
-    clouds(store, made)(5)
-    assert made == [None, 5]
-    clouds(store, made, views=5)(None)
-    assert made == [None, 5]
-    clouds(store, made, views=4)(None)
-    assert made == [None, 5, None]
-
-
-def test_that_there_is_no_cloud_is_remembered(store):
-    made = []
-    failure = MissionFailure("empty_dense_cloud", "nothing is confirmed")
-    for _ in range(2):
-        with pytest.raises(MissionFailure, match="nothing is confirmed") as caught:
-            clouds(store, made, failure=failure)(None)
-        assert caught.value.reason == "empty_dense_cloud"
-    assert made == [None]
+    made, points = [], np.random.default_rng(0).normal(size=(50, 3))
+    for views in (3, 3, 5):
+        config = config_from_dict({"dense": {"agreeing_views": views}})
+        cloud = made_cloud(store, made, config, points)
+    assert len(made) == 2  # once for each number of views
+    cloud = made_cloud(store, made, config, points)
+    assert len(made) == 2
+    np.testing.assert_array_equal(cloud.points_m, points)
+    assert len(made) == 3 and cloud.normals is None
 
 
 @pytest.mark.slow
@@ -236,18 +208,13 @@ def test_the_metrics_of_a_known_sequence_need_no_cloud(store):
     config = config_from_dict({"evaluation": {"gt_samples": 2000}, "dense": {"fusion_voxel_m": 0.05}})
     points, _ = sample_surface(rock.vertices_m, rock.faces, 3000, 5)
     made = []
-
-    def make(level):
-        made.append(level)
-        return PointCloud(points)
-
     first, second = (
-        CachedEvaluation(store)(CachedClouds(make, Sequence, config, store)(), rock, config) for _ in range(2)
+        CachedEvaluation(store)(made_cloud(store, made, config, points), rock, config) for _ in range(2)
     )
-    assert made == [None]
+    assert len(made) == 1
     assert second.metrics == first.metrics
     np.testing.assert_array_equal(second.cleaned.points_m, first.cleaned.points_m)
-    assert made == [None, None]
+    assert len(made) == 2
 
 
 @pytest.mark.slow
@@ -269,9 +236,7 @@ def test_metrics_come_back_as_they_were(store, monkeypatch):
 
 def test_a_glimpse_leaves_nothing_behind(monkeypatch):
     """The model of the first six photographs, and afterwards the seed model that there would have been."""
-    monkeypatch.setattr(
-        "nbv.photogrammetric.reconstructor.ComputedCorrespondences", lambda camera, options: Counting(SEEDS)
-    )
+    monkeypatch.setattr("nbv.sparse.reconstructor.Correspondences", lambda camera, options: Counting(SEEDS))
     config = dataclasses.replace(MissionConfig(), camera=CAMERA, sparse=CONFIG, target_m=tuple(TARGET))
     seen = PhotogrammetricReconstructor(config)
     model = seen.glimpse(SEEDS[:6])

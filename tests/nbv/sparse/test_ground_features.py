@@ -9,7 +9,7 @@ from sparse_world import TARGET
 
 from nbv.config import CameraConfig, SparseConfig
 from nbv.geometry.frames import look_at
-from nbv.sparse.correspondences import ComputedCorrespondences
+from nbv.sparse.correspondences import Correspondences
 
 CAMERA = CameraConfig()
 CONFIG = SparseConfig(first_octave=0, ground_features=2000)
@@ -37,7 +37,7 @@ def photograph(bearing_deg: float, sky: bool = False) -> tuple[np.ndarray, np.nd
     return np.repeat(image[..., None], 3, axis=2), pose
 
 
-def joined(source: ComputedCorrespondences, bearing_deg: float, tilt_deg: float = 0.0):
+def joined(source: Correspondences, bearing_deg: float, tilt_deg: float = 0.0):
     image, pose = photograph(bearing_deg)
     told = pose.copy()
     told[:3, :3] = cv2.Rodrigues(np.deg2rad([tilt_deg, 0.0, 0.0]))[0] @ pose[:3, :3]
@@ -45,7 +45,7 @@ def joined(source: ComputedCorrespondences, bearing_deg: float, tilt_deg: float 
 
 
 def test_views_60_degrees_apart_match_on_the_ground() -> None:
-    source = ComputedCorrespondences(CAMERA, CONFIG)
+    source = Correspondences(CAMERA, CONFIG)
     (a, pose_a), (b, pose_b) = joined(source, 0.0), joined(source, 60.0, tilt_deg=0.5)
     alone = source.pair(*(type(f)(f.keypoints[: -f.n_ground], f.descriptors[: -f.n_ground]) for f in (a, b)))
     pair = source.pair(a, b)
@@ -61,7 +61,7 @@ def test_views_60_degrees_apart_match_on_the_ground() -> None:
 
 
 def test_a_view_of_no_ground_has_no_ground_features() -> None:
-    source = ComputedCorrespondences(CAMERA, CONFIG)
+    source = Correspondences(CAMERA, CONFIG)
     image, pose = photograph(0.0)
     away = np.diag([1.0, -1.0, -1.0, 1.0]) @ pose  # looks the other way
     assert len(source.ground_features(image, away, TARGET)) == 0

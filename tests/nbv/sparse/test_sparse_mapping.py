@@ -11,10 +11,10 @@ import pycolmap
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures
+from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures, write_photographs
 
 from nbv.errors import MissionFailure, UserError
-from nbv.sparse.correspondences import ComputedCorrespondences, pairs_near
+from nbv.sparse.correspondences import Correspondences, pairs_near
 from nbv.sparse.reconstructor import SparseReconstructor
 
 SEEDS = ring_captures(12)
@@ -145,47 +145,21 @@ def test_same_bits_in_another_process(flown):
     assert out.stdout.split()[-1] == hashlib.sha256(fingerprint(reports[-1].model)).hexdigest()
 
 
-def test_a_saved_model_continues_bit_for_bit(flown, tmp_path):
+def test_a_kept_seed_model_continues_bit_for_bit(flown):
     _, reports = flown
     world = LabelledPoints(SEEDS + LATER)
     first = reconstructor(world)
     first.bootstrap(SEEDS)
-    first.save_state(tmp_path / "seed")
+    kept = first.seed_files()
     second = reconstructor(world)
-    loaded = second.load_state(tmp_path / "seed", SEEDS)
+    with pytest.raises(ValueError, match="of other photographs"):
+        second.bootstrap_from(LATER, kept)
+    loaded = second.bootstrap_from(SEEDS, kept)
     assert fingerprint(loaded.model) == fingerprint(reports[0].model)
     for capture, direct in zip(LATER, reports[1:]):
         assert fingerprint(second.add(capture).model) == fingerprint(direct.model)
-    # Saving the seed model has not changed what its own reconstructor does next either.
+    # Keeping the seed model has not changed what its own reconstructor does next either.
     assert fingerprint(first.add(LATER[0]).model) == fingerprint(reports[1].model)
-
-
-def test_a_state_saved_later_continues_alike(tmp_path):
-    world = LabelledPoints(SEEDS + LATER)
-    first = reconstructor(world)
-    first.bootstrap(SEEDS)
-    for capture in LATER[:2]:
-        first.add(capture)
-    first.save_state(tmp_path / "state")
-    second = reconstructor(world)
-    second.load_state(tmp_path / "state", SEEDS + LATER[:2])
-    for capture in LATER[2:5]:  # passes a periodic global adjustment
-        assert fingerprint(first.add(capture).model) == fingerprint(second.add(capture).model)
-
-
-def test_a_saved_model_is_refused_under_other_conditions(flown, tmp_path):
-    sparse, _ = flown
-    captures = SEEDS + LATER
-    sparse.save_state(tmp_path / "seed")
-    world = LabelledPoints(captures)
-    with pytest.raises(UserError, match="other options"):
-        reconstructor(world, dataclasses.replace(CONFIG, match_ratio=0.7)).load_state(
-            tmp_path / "seed", captures
-        )
-    with pytest.raises(UserError, match="other captures"):
-        reconstructor(world).load_state(tmp_path / "seed", captures[::-1])
-    with pytest.raises(UserError, match="cannot read"):
-        reconstructor(world).load_state(tmp_path / "nowhere", captures)
 
 
 def test_less_adjustment_between_captures_ends_in_the_same_place():
@@ -276,7 +250,7 @@ def test_a_black_photograph_has_nothing_to_match_in_real_sift():
     world = LabelledPoints(SEEDS)
     sparse = reconstructor(world)
     sparse.bootstrap(SEEDS)
-    real = ComputedCorrespondences(CAMERA, CONFIG)
+    real = Correspondences(CAMERA, CONFIG)
     black = np.zeros((CAMERA.height_px, CAMERA.width_px, 3), np.uint8)
     features = real.features(black)
     assert len(features) == 0
@@ -396,7 +370,8 @@ def test_limited_pairs_match_only_the_nearest_views():
 
 def test_export_opens_in_the_world_frame(flown, tmp_path):
     sparse, reports = flown
-    sparse.export(tmp_path / "sparse")
+    write_photographs(tmp_path, SEEDS + LATER)
+    sparse.export(tmp_path / "sparse", tmp_path)
     names = {"cameras.bin", "images.bin", "points3D.bin", "rigs.bin", "frames.bin", "points.ply"}
     assert {p.name for p in (tmp_path / "sparse").iterdir()} == names
     opened = pycolmap.Reconstruction(tmp_path / "sparse")

@@ -29,3 +29,8 @@ class Stopwatch:
         for stage, value in seconds.items():
             name = prefix + stage
             self.total_s[name] = self.total_s.get(name, 0.0) + value
+
+    def take(self) -> dict[str, float]:
+        """The sums so far; counting begins anew."""
+        seconds, self.total_s = self.total_s, {}
+        return seconds
