@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from nbv.cache import Arrays, Store, holds, remember
 from nbv.config import SparseConfig
 from nbv.photographs.folder import Progress, SourcePhotograph, read_pixels
-from nbv.sparse.eight_bit_matching import match_pair_fast
 from nbv.sparse.features import DESCRIPTOR_SIZE, Features, extract_features
-from nbv.sparse.matching import VerifiedPair
+from nbv.sparse.matching import VerifiedPair, match_pair
 from nbv.types import Ints
 
 MAX_FEATURES = 8192  # the largest: where there are more they are small and repeat
@@ -136,7 +135,7 @@ def _partners(features: Sequence[Features], progress: Progress) -> list[Ints]:
     for index in range(count):
         progress("comparing photographs", index, count)
         for other in range(index + 1, count):
-            alike[index, other] = alike[other, index] = len(match_pair_fast(largest[index], largest[other]))
+            alike[index, other] = alike[other, index] = len(match_pair(largest[index], largest[other]))
     chosen = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) <= IN_ORDER
     for index in range(count):
         best = np.argsort(-alike[index], kind="stable")[:PARTNERS]
@@ -171,7 +170,7 @@ def _verified(
 ) -> VerifiedPair:
     """Matches that fit one two-view geometry (COLMAP's RANSAC, seeded)."""
     rejected = VerifiedPair(_NO_MATCHES, int(pycolmap.TwoViewGeometryConfiguration.DEGENERATE))
-    matches = match_pair_fast(a.descriptors, b.descriptors, config.match_ratio)
+    matches = match_pair(a.descriptors, b.descriptors, config.match_ratio)
     if len(matches) < config.min_inliers:
         return rejected
     options = pycolmap.TwoViewGeometryOptions()
