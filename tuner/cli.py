@@ -27,6 +27,7 @@ from tuner.commands import (  # noqa: E402
     evaluate,
     export,
     mission,
+    photographs,
     reproduce,
     rocks,
     studies,
@@ -83,6 +84,9 @@ app.command(name="export", short_help="The recommendation as files for the vehic
 app.add_typer(studies.app, name="study", help="How noisy the objective is; what it depends on.")
 app.add_typer(mission.app, name="mission", help="Fly one mission; explain its decisions; draw its figures.")
 app.add_typer(rocks.app, name="rocks", help="List, show and import rocks.")
+app.add_typer(
+    photographs.app, name="photographs", help="Sets of real photographs: import, list and show them."
+)
 app.add_typer(cache.app, name="cache", help="The store of photographs, features, pairs and seed models.")
 app.command(name="doctor", short_help="Is this machine fit for missions, and what mends it?")(doctor.doctor)
 app.add_typer(config.app, name="config", help="Presets, parameter paths and search spaces.")

@@ -116,6 +116,8 @@ def import_photographs(
 
     pinhole = common_pinhole(model.cameras)
     sets_folder().mkdir(parents=True, exist_ok=True)
+    for left in sets_folder().glob(f".{name}-*"):  # by an import that was killed
+        shutil.rmtree(left, ignore_errors=True)
     work = Path(tempfile.mkdtemp(dir=sets_folder(), prefix=f".{name}-"))
     try:
         _write_pictures(photographs, model, pinhole, sizes, masks, work, progress, upright=upright)

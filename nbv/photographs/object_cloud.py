@@ -54,15 +54,22 @@ def weak_places(reference: Reference, height_m: float) -> tuple[str, ...]:
     sector = (np.rad2deg(np.arctan2(y, x)) % 360 // (360 / SECTORS)).astype(int)
     counts = np.bincount(sector, minlength=SECTORS)
     weak = np.bincount(sector, weights=reference.error_m > _WEAK_AT * height_m, minlength=SECTORS)
+    thin = counts < SPARSE_SHARE * np.median(counts)
+    share = weak / np.maximum(counts, 1)
+    width_deg = 360 // SECTORS
     sentences = []
-    for index in range(SECTORS):
-        low, high = (int(360 / SECTORS * (index + step)) for step in (0, 1))
-        if counts[index] < SPARSE_SHARE * np.median(counts):
-            sentences.append(f"azimuth {low}° to {high}°: hardly any points")
-        elif weak[index] > WEAK_SHARE * counts[index]:
-            share = 100 * weak[index] / counts[index]
-            sentences.append(
-                f"azimuth {low}° to {high}°: {share:.0f} % of the points are farther than {100 * _WEAK_AT:.0f} % of "
-                "the height from the cloud of one half"
-            )
+    for start, stop in _runs(thin):
+        sentences.append(f"azimuth {width_deg * start}° to {width_deg * stop}°: hardly any points")
+    for start, stop in _runs(~thin & (share > WEAK_SHARE)):
+        percent = 100 * weak[start:stop].sum() / counts[start:stop].sum()
+        sentences.append(
+            f"azimuth {width_deg * start}° to {width_deg * stop}°: {percent:.0f} % of the points are farther than "
+            f"{100 * _WEAK_AT:.0f} % of the height from the cloud of one half"
+        )
     return tuple(sentences)
+
+
+def _runs(marked: Bools) -> list[tuple[int, int]]:
+    """Begin and end (excluded) of the runs of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], marked, [False]]).astype(int)))
+    return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]

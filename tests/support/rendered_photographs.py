@@ -1,0 +1,80 @@
+"""Folders of photographs of a ball on the ground, as a camera would have left them: JPEG with EXIF."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from scene_helpers import SMALL_GROUND, make_ball
+
+from nbv.config import CameraConfig, SceneConfig
+from nbv.geometry import look_at
+from nbv.scene import build_scene, make_renderer
+
+CAMERA = CameraConfig(width_px=480, height_px=360, focal_px=420.0)
+FOCAL_35_MM = 30  # of that camera, rounded as EXIF does
+TARGET_M = np.array([0.0, 0.0, 0.8])
+ORIGIN_DEG = (46.0, 7.0)
+_METRES_PER_DEGREE = 6_378_137.0 * np.pi / 180
+
+
+def ring(count: int, elevation_deg: float = 25.0, radius_m: float = 4.0) -> np.ndarray:
+    """(count, 3) viewpoints around the ball."""
+    azimuth, elevation = 2 * np.pi * np.arange(count) / count, np.deg2rad(elevation_deg)
+    across = radius_m * np.cos(elevation)
+    return np.stack(
+        [across * np.cos(azimuth), across * np.sin(azimuth), np.full(count, radius_m * np.sin(elevation))],
+        axis=1,
+    ) + [0.0, 0.0, TARGET_M[2]]
+
+
+@functools.cache
+def _renderer(seed: int):
+    ball = make_ball()
+    if seed:
+        albedo = np.random.default_rng(seed).permutation(ball.albedo.reshape(-1, 3))
+        ball = replace(ball, albedo=albedo, sha256=f"{seed:064d}")
+    return make_renderer(
+        build_scene(ball, SceneConfig(ground_seed=seed), CAMERA, ground=SMALL_GROUND), "raycast"
+    )
+
+
+def render(position_m: np.ndarray, seed: int = 0) -> Image.Image:
+    """The ball, or with another seed another ball on other ground, seen from a place."""
+    return Image.fromarray(_renderer(seed).rgb(look_at(position_m, TARGET_M)))
+
+
+def save(
+    picture: Image.Image, path: Path, index: int = 0, position_m: np.ndarray | None = None, **more
+) -> None:
+    """A JPEG with EXIF: device, time, focal length and, where a place is given, GPS."""
+    exif = picture.getexif()
+    exif[0x010F], exif[0x0110] = "Made", more.get("device", "Up")
+    exif[0x0112] = more.get("orientation", 1)
+    details = exif.get_ifd(0x8769)
+    details[0x9003] = f"2026:01:01 12:{index // 60:02d}:{index % 60:02d}"
+    details[0xA405] = FOCAL_35_MM
+    if position_m is not None:
+        gps = exif.get_ifd(0x8825)
+        north = ORIGIN_DEG[0] + position_m[1] / _METRES_PER_DEGREE
+        east = ORIGIN_DEG[1] + position_m[0] / _METRES_PER_DEGREE / np.cos(np.deg2rad(ORIGIN_DEG[0]))
+        gps[1], gps[2], gps[3], gps[4] = "N", _sexagesimal(north), "E", _sexagesimal(east)
+        gps[5], gps[6] = b"\x00", float(position_m[2])
+    picture.save(path, quality=93, exif=exif)
+
+
+def _sexagesimal(degrees: float) -> tuple[float, float, float]:
+    whole = int(degrees)
+    minutes = (degrees - whole) * 60
+    return float(whole), float(int(minutes)), (minutes - int(minutes)) * 60
+
+
+def write_folder(folder: Path, positions_m: np.ndarray, seed: int = 0, prefix: str = "view") -> Path:
+    """Photographs from ``positions_m`` (N, 3), ``view_00.jpg`` and so on."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for index, position in enumerate(positions_m):
+        save(render(position, seed), folder / f"{prefix}_{index:02d}.jpg", index, position)
+    return folder

@@ -1,0 +1,180 @@
+"""``report.html`` of an imported set: what the import found, and what can be asked of the set."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from PIL import Image
+
+from nbv.photographs import PhotographSet
+from nbv.photographs.coverage import Coverage, coverage
+from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS
+from nbv.photographs.reference_file import Reference
+from nbv.provenance import versions
+from tuner.report.pages import write_page
+from tuner.report.style import BLUE, SEQUENTIAL, Illustration, embed, look, new_figure
+
+REPORT_FILE = "report.html"
+MIDDLE = 2  # of THRESHOLD_FRACTIONS, which the page speaks of
+_SIDES = (("from azimuth 0°", 0.0), ("from 90°", 90.0), ("from 180°", 180.0), ("from 270°", 270.0))
+_DOTS = 40_000
+_SHOWN = 4
+_THUMBNAIL_PX = 300
+
+
+def write_import_report(photographs: PhotographSet, directory: Path | None = None) -> Path:
+    """Write ``report.html`` into the set's folder, or another one; returns its path.
+
+    Raises
+    ------
+    UserError
+        The page cannot be written, or a file of the set is damaged.
+    """
+    views = coverage(photographs)
+    reference = photographs.reference()
+    registered, total = len(photographs.registered), len(photographs.photographs)
+    height = (
+        f"{photographs.true_height_m:.3g} m"
+        if photographs.true_height_m is not None
+        else "unknown: no scale was given"
+    )
+    return write_page(
+        (directory or photographs.folder) / REPORT_FILE,
+        "photographs.html.j2",
+        title=f"{photographs.name} · photographs · gatetune",
+        photographs=photographs,
+        verdict=f"{registered} of {total} photographs make one model of the object.",
+        height=height,
+        scale_source=photographs.scale_source,
+        ceiling=photographs.halves.f_score[MIDDLE],
+        middle=100 * THRESHOLD_FRACTIONS[MIDDLE],
+        error_percent=100 * photographs.reference_error_m / photographs.height_m,
+        figures=[_shown(photographs, views), _cameras(views), _errors(photographs, reference)],
+        rows=[
+            (100 * fraction, *values)
+            for fraction, *values in zip(
+                THRESHOLD_FRACTIONS,
+                photographs.halves.completeness,
+                photographs.halves.precision,
+                photographs.halves.f_score,
+                strict=True,
+            )
+        ],
+        can=_can(photographs, views),
+        cannot=_cannot(views),
+        absent=[p.source for p in photographs.photographs if not p.registered],
+        version=versions().get("gatetune", ""),
+    )
+
+
+def _can(photographs: PhotographSet, views: Coverage) -> list[str]:
+    low, high = np.percentile(views.elevations_deg, [5, 95])
+    near, far = np.percentile(views.distances_m, [5, 95])
+    return [
+        f"Plans with up to {len(views.names)} photographs, seeds included.",
+        f"Elevations of {low:.0f}° to {high:.0f}° about the object's centre; nine tenths of the photographs lie there.",
+        f"Distances of {near:.1f} to {far:.1f} units ({near / photographs.height_m:.1f} to {far / photographs.height_m:.1f} "
+        "times the object's height).",
+    ]
+
+
+def _cannot(views: Coverage) -> list[str]:
+    lines = [
+        f"Photographs between azimuth {start:.0f}° and {end:.0f}°: nobody stood there."
+        for start, end in views.gaps_deg
+    ]
+    return [*lines, "Another light, wind, lens or place of the object: they are as they were."]
+
+
+def _shown(photographs: PhotographSet, views: Coverage) -> Illustration:
+    """A few photographs from all around."""
+    wanted = np.arange(_SHOWN) * 360.0 / _SHOWN
+    away = np.abs((views.azimuths_deg[:, None] - wanted + 180) % 360 - 180)
+    chosen = list(dict.fromkeys(int(i) for i in away.argmin(axis=0)))
+    with look():
+        figure = new_figure(9.6, 3.2)
+        for axes, index in zip(figure.subplots(1, len(chosen), squeeze=False)[0], chosen, strict=True):
+            picture = Image.fromarray(photographs.image(views.names[index]))
+            picture.thumbnail((_THUMBNAIL_PX, _THUMBNAIL_PX))
+            axes.imshow(np.asarray(picture))
+            axes.set_axis_off()
+            axes.set_title(f"{views.azimuths_deg[index]:.0f}°, {views.elevations_deg[index]:.0f}° up")
+    return embed(
+        figure,
+        "photographs",
+        "photographs from all around",
+        "Photographs of the set, undistorted; azimuth about the object and elevation.",
+        form="png",
+    )
+
+
+def _cameras(views: Coverage) -> Illustration:
+    with look():
+        figure = new_figure(9.6, 4.2)
+        polar, side = figure.add_subplot(1, 2, 1, projection="polar"), figure.add_subplot(1, 2, 2)
+        dots = polar.scatter(
+            np.deg2rad(views.azimuths_deg),
+            90 - views.elevations_deg,
+            c=views.distances_m,
+            cmap=SEQUENTIAL,
+            s=22,
+        )
+        polar.set_ylim(0, max(90.0, float((90 - views.elevations_deg).max())))
+        polar.set_yticks([30, 60, 90], ["60°", "30°", "0°"])
+        polar.set_title("azimuth, and elevation inwards", pad=12)
+        figure.colorbar(dots, ax=polar, label="distance, units", shrink=0.7, format="%.1f", pad=0.12)
+        side.scatter(views.azimuths_deg, views.elevations_deg, color=BLUE, s=14)
+        for start, end in views.gaps_deg:
+            for low, high in ((start, end),) if start < end else ((start, 360.0), (0.0, end)):
+                side.axvspan(low, high, color="#f3d9cc", lw=0)
+        side.set_xlim(0, 360)
+        side.set_xticks(range(0, 361, 60))
+        side.set_xlabel("azimuth, °")
+        side.set_ylabel("elevation, °")
+    return embed(
+        figure,
+        "cameras",
+        "viewpoints by azimuth and elevation",
+        "Where the photographs were taken, seen from the object. Shaded: azimuths wider than 30° at which nobody stood.",
+        title="Cameras",
+    )
+
+
+def _errors(photographs: PhotographSet, reference: Reference) -> Illustration:
+    """The reference from four sides, coloured by its error."""
+    limit = 100 * THRESHOLD_FRACTIONS[-1]
+    error = 100 * reference.error_m / photographs.height_m
+    step = max(1, len(reference) // _DOTS)
+    points, error = reference.points_m[::step], error[::step]
+    with look():
+        figure: Figure = new_figure(9.6, 3.4)
+        panels = figure.subplots(1, len(_SIDES))
+        for axes, (title, azimuth_deg) in zip(panels, _SIDES, strict=True):
+            azimuth = np.deg2rad(azimuth_deg)
+            toward = points[:, 0] * np.cos(azimuth) + points[:, 1] * np.sin(azimuth)
+            across = -points[:, 0] * np.sin(azimuth) + points[:, 1] * np.cos(azimuth)
+            order = np.argsort(toward)
+            dots = axes.scatter(
+                across[order],
+                points[order, 2],
+                c=error[order],
+                cmap=SEQUENTIAL,
+                norm=Normalize(0, limit),
+                s=0.6,
+                lw=0,
+            )
+            axes.set_aspect("equal")
+            axes.set_title(title)
+        figure.colorbar(dots, ax=panels, label="error, % of the height", shrink=0.8)
+    return embed(
+        figure,
+        "reference",
+        "the dense reference from four sides, coloured by its error",
+        "The dense reference. A point's error is its distance to the cloud of the half of the photographs that is farther "
+        "from it: where it is large one half alone did not see that surface.",
+        title="Where the reference is weak",
+        form="png",
+    )
