@@ -29,6 +29,7 @@ COMMAND_ORDER = (
     "export",
     "mission",
     "rocks",
+    "photographs",
     "config",
     "metrics",
     "cache",

@@ -187,6 +187,7 @@ def _opened(path: Path) -> Iterator[Image.Image]:
         raise UserError("empty")
     if path.suffix.lower() in HEIC:
         _load_heic()
+    Image.init()  # all formats, of which only those named here are tried
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of size, which is looked at here, and of odd EXIF

@@ -25,10 +25,8 @@ def ring(count: int, elevation_deg: float = 25.0, radius_m: float = 4.0) -> np.n
     """(count, 3) viewpoints around the ball."""
     azimuth, elevation = 2 * np.pi * np.arange(count) / count, np.deg2rad(elevation_deg)
     across = radius_m * np.cos(elevation)
-    return np.stack(
-        [across * np.cos(azimuth), across * np.sin(azimuth), np.full(count, radius_m * np.sin(elevation))],
-        axis=1,
-    ) + [0.0, 0.0, TARGET_M[2]]
+    height = TARGET_M[2] + radius_m * np.sin(elevation)
+    return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), np.full(count, height)], axis=1)
 
 
 @functools.cache
