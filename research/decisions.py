@@ -7,14 +7,14 @@ from pathlib import Path
 
 from nbv.mission.result import IterationRecord, MissionResult
 from nbv.scorers import B_AWARE
-from tuner.evaluation.plan import EvaluationRecord
+from tuner.missions.job import Trial
 
 Block = tuple[str, int]  # (rock, replicate)
 Traces = dict[str, dict[Block, list[IterationRecord]]]  # by strategy and block
 PERCENT = 100.0
 
 
-def load_traces(records: Iterable[EvaluationRecord]) -> Traces:
+def load_traces(records: Iterable[Trial]) -> Traces:
     """Every finished mission's trace; failed missions are left out. Strategies share missions, read once.
 
     Raises
@@ -25,9 +25,9 @@ def load_traces(records: Iterable[EvaluationRecord]) -> Traces:
     read: dict[str, list[IterationRecord]] = {}
     traces: Traces = {}
     for r in records:
-        if r.outcome.status == "failed":
+        if r.status == "failed":
             continue
-        directory = r.outcome.directory
+        directory = r.directory
         if directory not in read:
             read[directory] = MissionResult.load(Path(directory)).trace
         traces.setdefault(r.strategy, {})[r.rock, r.replicate] = read[directory]

@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from tuner.campaign.ledger import TrialRecord
+    from tuner.missions.job import Trial
 
 os.environ["OMP_NUM_THREADS"] = (
     "1"  # before numpy and torch are loaded: a process with threads cannot be forked
@@ -338,7 +338,7 @@ class Flight:
         if len(known) != self.budget:
             self._count("lost", f"{len(known)} of {self.budget} missions")
 
-    def _name(self, where: str, trials: Sequence[TrialRecord]) -> str:
+    def _name(self, where: str, trials: Sequence[Trial]) -> str:
         """A mission's directory by that in which it flew: workers of a cluster have folders of their own."""
         kind, _, rest = where.partition("-")
         return Path(trials[int(rest.split("-")[0])].directory).name if kind == "mission" else where

@@ -24,8 +24,9 @@ from tuner.evaluation.baselines import baseline
 from tuner.evaluation.comparison import strategy_difference, strategy_interval
 from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.paper_table import MetricRow
-from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
+from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import LocalProcessExecutor
+from tuner.missions.job import Trial
 
 LOW = {"pool.max_altitude_m": 1.5}  # the 10 degree ring alone
 NO_NOVELTY = {"covis.weights.nov": 0.0, "b_aware.weights.nov": 0.0}
@@ -72,7 +73,7 @@ def file_name(title: str) -> str:
     return "-".join("".join(c if c.isalnum() and c.isascii() else " " for c in title).lower().split())
 
 
-def table(records: list[EvaluationRecord]) -> str:
+def table(records: list[Trial]) -> str:
     """One row per arm: mean F-score, then paired differences against Hyb-H."""
     rows = []
     reference = file_name("Hyb-H")
@@ -84,13 +85,13 @@ def table(records: list[EvaluationRecord]) -> str:
             difference = strategy_difference(records, name, reference, row)
             own = difference_text(difference, row.decimals, bold=True)
             cells.append("reference" if name == reference else own)
-        flown = sum(r.strategy == name and r.outcome.status != "failed" for r in records)
+        flown = sum(r.strategy == name and r.status != "failed" for r in records)
         rows.append([*cells, str(flown)])
     header = ["strategy", f"mean {SHOWN[0].label}", *(row.label for row in SHOWN), "missions"]
     return "\n".join(markdown_table(header, rows))
 
 
-def figure(records: list[EvaluationRecord], path: Path) -> None:
+def figure(records: list[Trial], path: Path) -> None:
     """Forest plot of the first metric's paired differences."""
     from tuner.report.style import BLACK, BLUE, GREY, ORANGE, look, new_figure
 

@@ -26,10 +26,11 @@ for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 
+from nbv.mission.result import MissionResult  # noqa: E402
 from tuner.campaign.begin import begin_campaign  # noqa: E402
 from tuner.campaign.campaign import Campaign  # noqa: E402
 from tuner.campaign.settings import CampaignSettings  # noqa: E402
-from tuner.missions.job import MissionOutcome  # noqa: E402
+from tuner.missions.job import MissionJob, landed  # noqa: E402
 from tuner.problem.observations import Observation, Proposal  # noqa: E402
 from tuner.problem.space_files import load_search_space  # noqa: E402
 from tuner.problem.worlds import World  # noqa: E402
@@ -104,19 +105,32 @@ def small_against_exact(seeds: int, count: int) -> list[dict[str, Any]]:
 
 
 def make_ledger(directory: Path, count: int) -> None:
-    """A finished campaign of ``count`` missions."""
+    """A finished campaign of ``count`` missions, each with its ``mission.json``."""
     settings = CampaignSettings(name="large", space=SPACE, rocks=ROCKS, budget=count, fidelity="geometric")
     ledger = begin_campaign(directory, settings).ledger
     extra = {f"metric_{i}": float(i) for i in range(40)}
-    for o in Landscape(0).missions(count):
-        trial = ledger.start(
-            Proposal(dict(o.values), {"sampler": "gp"}), World(o.rock, "ideal"), o.replicate, "", 0
-        )
-        metrics = {"observable": {"f_score_48mm": o.outcome}, "more": extra}
-        ledger.finish(
-            trial.number,
-            MissionOutcome("", "ok", metrics=metrics, costs={"flight_time_s": 300.0}, wall_s=4.0),
-        )
+    config = settings.base_config()
+    with ledger.together():  # one write
+        for o in Landscape(0).missions(count):
+            proposal = Proposal(dict(o.values), {"sampler": "gp"})
+            trial = ledger.start(proposal, World(o.rock, "ideal"), o.replicate, config.digest())
+            trial.path.mkdir(parents=True)
+            result = MissionResult(
+                "ok",
+                "",
+                "",
+                config.digest(),
+                o.rock,
+                o.replicate,
+                metrics={"observable": {"f_score_48mm": o.outcome}, "more": extra},
+                trace=[],
+                timings_s={},
+                costs={"flight_time_s": 300.0, "wall_s": 4.0},
+            )
+            (trial.path / "mission.json").write_text(result.to_json())
+            ended = landed(MissionJob(str(trial.number), config, o.rock, o.replicate, trial.path))
+            assert ended is not None
+            ledger.finish(trial.number, ended)
 
 
 def command(name: str, directory: Path, what: str) -> dict[str, Any]:

@@ -39,8 +39,9 @@ from research.gate_learning import (
 from tuner.evaluation.baselines import baseline_configs
 from tuner.evaluation.comparison import comparison_table
 from tuner.evaluation.flying import run_evaluation
-from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
+from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import LocalProcessExecutor
+from tuner.missions.job import Trial
 from tuner.report.comparison.tables import comparison_markdown
 
 STRATEGIES = ("covis", "b-aware", "hyb-h", "hyb-o", "learned")
@@ -141,7 +142,7 @@ def fly(
 
 def tables(out: Path) -> None:
     """What has been flown so far."""
-    records: list[EvaluationRecord] = []
+    records: list[Trial] = []
     for directory in sorted(path.parent for path in out.glob("*/evaluation.yaml")):
         records += EvaluationPlan.load(directory).records(directory)
     print("| rock | replicate | " + " | ".join(f"captures by B-aware, {s}" for s in STRATEGIES) + " |")
@@ -150,7 +151,7 @@ def tables(out: Path) -> None:
         flown = {r.strategy: r for r in records if (r.rock, r.replicate) == (rock, replicate)}
         cells = []
         for strategy in STRATEGIES:
-            result = MissionResult.load(Path(flown[strategy].outcome.directory))
+            result = MissionResult.load(Path(flown[strategy].directory))
             cells.append(f"{sum(t.scorer == 'b-aware' for t in result.trace)} of {len(result.trace)}")
         print(f"| {Path(rock).stem} | {replicate} | " + " | ".join(cells) + " |")
     for surface in ("observable", "whole"):

@@ -48,7 +48,7 @@ from tuner.campaign.settings import CampaignSettings  # noqa: E402
 from tuner.missions.cluster import worker  # noqa: E402
 from tuner.missions.cluster.executor import DaskExecutor  # noqa: E402
 from tuner.missions.executors import LocalProcessExecutor  # noqa: E402
-from tuner.missions.job import MissionJob, MissionOutcome  # noqa: E402
+from tuner.missions.job import MissionJob, Trial  # noqa: E402
 from tuner.problem.observations import Observation, Pending  # noqa: E402
 from tuner.problem.space_files import load_search_space  # noqa: E402
 from tuner.samplers.base import SamplerSettings, ask_many, in_flight  # noqa: E402
@@ -189,7 +189,7 @@ class Instant:
         """Flown."""
         self._jobs.append(job)
 
-    def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
+    def wait_any(self, timeout_s: float) -> list[Trial]:
         """All."""
         jobs, self._jobs = self._jobs, []
         return [self._outcome(job) for job in jobs]
@@ -198,12 +198,13 @@ class Instant:
         """Nothing flies."""
         self._jobs = []
 
-    def _outcome(self, job: MissionJob) -> MissionOutcome:
+    def _outcome(self, job: MissionJob) -> Trial:
         rng = np.random.default_rng(int(job.id))
         more = {f"metric_{i}": float(v) for i, v in enumerate(rng.uniform(size=40))}
         metrics = {"observable": {"f_score_48mm": float(rng.normal(80, 5))}, "more": more}
         costs, timings = {"flight_time_s": 300.0, "images": 20.0}, {"begin": 0.0, "end": 1.0}
-        return MissionOutcome(job.id, "ok", metrics=metrics, costs=costs, timings_s=timings, wall_s=1.0)
+        measured = {"metrics": metrics, "costs": costs, "timings_s": timings}
+        return job.trial(status="ok", measured_then=measured, wall_s=1.0)
 
 
 def kilobytes(process: int) -> int:

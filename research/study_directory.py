@@ -15,8 +15,9 @@ from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
 from nbv.safe_files import read_yaml
 from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluation
-from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
+from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import Executor
+from tuner.missions.job import Trial
 from tuner.missions.registry import renamed
 
 if TYPE_CHECKING:
@@ -129,7 +130,7 @@ def fly(
     )
 
 
-def flown(settings: StudySettings, directory: Path) -> dict[str, list[EvaluationRecord]]:
+def flown(settings: StudySettings, directory: Path) -> dict[str, list[Trial]]:
     """Return what is known of every plan's missions so far, by plan."""
     return {name: plan.records(directory / name) for name, plan in settings.plans().items()}
 
@@ -158,9 +159,7 @@ class StudyFindings(Generic[S]):
         }
 
 
-def counts(
-    settings: StudySettings, records: list[EvaluationRecord]
-) -> tuple[int, int, dict[str, int], float]:
+def counts(settings: StudySettings, records: list[Trial]) -> tuple[int, int, dict[str, int], float]:
     """Return the fields of `StudyFindings` after its settings. Strategies may share missions, which count once."""
-    once = {r.outcome.directory: r for r in records}.values()
-    return len(once), settings.missions, failure_counts(once), sum(r.outcome.wall_s for r in once)
+    once = {r.directory: r for r in records}.values()
+    return len(once), settings.missions, failure_counts(once), sum(r.wall_s for r in once)

@@ -75,7 +75,7 @@ def main() -> None:
             rock, condition = Path(record.rock).stem, record.condition
             found = [record.value(f"registered.observable.{metric}") for metric in METRICS]
             shown = ["" if value is None else f"{value:.3f}" for value in found]
-            status = record.outcome.reason or record.outcome.status
+            status = record.reason or record.status
             rows.writerow([record.strategy, rock, condition, record.replicate, status, *shown])
             # A failed mission leaves its rock out of a pair; how many there are is printed.
             values.setdefault((record.strategy, rock, condition), []).append(

@@ -33,8 +33,9 @@ from research.study_directory import StudyFindings, StudySettings, counts, flown
 from tuner.evaluation.baselines import baseline
 from tuner.evaluation.comparison import values_of
 from tuner.evaluation.paper_table import MetricRow
-from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
+from tuner.evaluation.plan import EvaluationPlan
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval, paired_difference
+from tuner.missions.job import Trial
 from tuner.missions.registry import DEFAULT_FIDELITY
 
 FLIGHTS = "evaluation"
@@ -229,7 +230,7 @@ def analyse(directory: Path) -> DepartureFindings:
                 mean_interval(by_rock(known)),
                 len(common),
                 sum(same_flight(ours[block], theirs[block]) for block in common),
-                sum(r.strategy == strategy and r.outcome.status == "failed" for r in records),
+                sum(r.strategy == strategy and r.status == "failed" for r in records),
             )
         )
     return DepartureFindings(settings, *counts(settings, records), bases, arms)
@@ -237,7 +238,7 @@ def analyse(directory: Path) -> DepartureFindings:
 
 def _values(
     settings: DepartureSettings,
-    records: list[EvaluationRecord],
+    records: list[Trial],
     strategy: str,
     row: MetricRow,
     surface: str,

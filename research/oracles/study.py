@@ -33,8 +33,9 @@ from research.study_directory import StudyFindings, StudySettings, counts, flown
 from tuner.evaluation.baselines import baseline
 from tuner.evaluation.comparison import strategy_difference, strategy_interval
 from tuner.evaluation.paper_table import MetricRow
-from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
+from tuner.evaluation.plan import EvaluationPlan
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval
+from tuner.missions.job import Trial
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.search_space import ours
 
@@ -250,7 +251,7 @@ def analyse(directory: Path) -> OracleFindings:
 
 def _strategy_result(
     settings: OracleSettings,
-    records: Sequence[EvaluationRecord],
+    records: Sequence[Trial],
     traces: Traces,
     rows: Sequence[MetricRow],
     name: str,
@@ -276,7 +277,7 @@ def _strategy_result(
         strategy=name,
         coverage=coverage,
         missions=len(own),
-        failed=sum(r.strategy == name and r.outcome.status == "failed" for r in records),
+        failed=sum(r.strategy == name and r.status == "failed" for r in records),
         cells={row.key: strategy_interval(records, name, row.key) for row in rows},
         differences={
             reference: {row.key: strategy_difference(records, name, reference, row) for row in rows}

@@ -34,8 +34,9 @@ from tuner.evaluation.baselines import (
     tuned_configs,
 )
 from tuner.evaluation.comparison import values_of
-from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
+from tuner.evaluation.plan import EvaluationPlan
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval, paired_difference
+from tuner.missions.job import Trial
 from tuner.missions.registry import renamed
 from tuner.problem.objective import Objective
 from tuner.problem.search_space import ours, value_at
@@ -233,7 +234,7 @@ def analyse(directory: Path) -> TransferFindings:
 
 
 def _world(
-    settings: TransferSettings, name: str, records: Sequence[EvaluationRecord], oriented: Outcomes
+    settings: TransferSettings, name: str, records: Sequence[Trial], oriented: Outcomes
 ) -> WorldResult:
     higher = settings.direction == "maximise"
     values = {c: values_of(records, c, settings.metric) for c in settings.configurations}
@@ -241,7 +242,7 @@ def _world(
         ConfigurationResult(
             c,
             len(own),
-            sum(r.strategy == c and r.outcome.status == "failed" for r in records),
+            sum(r.strategy == c and r.status == "failed" for r in records),
             mean_interval(by_rock(own)),
             None if c == REFERENCE else paired_difference(own, values[REFERENCE], higher),
         )

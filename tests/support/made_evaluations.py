@@ -8,8 +8,8 @@ import numpy as np
 
 from nbv.config import preset
 from tuner.evaluation.flying import EvaluationRun
-from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
-from tuner.missions.job import MissionOutcome
+from tuner.evaluation.plan import EvaluationPlan
+from tuner.missions.job import Trial
 
 
 def made_metrics(quality: float, floor_mm: float | None = None) -> dict[str, object]:
@@ -64,7 +64,12 @@ def made_run(
             for k in range(replicates):
                 rng = np.random.default_rng(zlib.crc32(f"{name} {rock} {k}".encode()))
                 if (name, rock, k) in failed:
-                    outcome = MissionOutcome(name, "failed", "seed_model_failed", "no seed model")
+                    ended = {
+                        "status": "failed",
+                        "reason": "seed_model_failed",
+                        "message": "no seed model",
+                        "measured_then": {},
+                    }
                 else:
                     floor = floors_mm[r] if floors_mm else None
                     quality = level + 4 * r + noise * rng.normal()
@@ -74,7 +79,8 @@ def made_run(
                         "flight_time_s": 190.0,
                         "wall_s": 75.0,
                     }
-                    outcome = MissionOutcome(name, "ok", metrics=made_metrics(quality, floor), costs=costs)
-                records.append(EvaluationRecord(name, rock, k, outcome))
+                    measured = {"metrics": made_metrics(quality, floor), "costs": costs}
+                    ended = {"status": "ok", "measured_then": measured}
+                records.append(Trial(strategy=name, rock=rock, replicate=k, **ended))
     failures = {"seed_model_failed": len(failed)} if failed else {}
     return EvaluationRun(plan, records, True, 1.0, failures)

@@ -118,7 +118,7 @@ def test_what_a_notebook_shows_is_one_line(campaign: tuner.Campaign, tmp_path: P
     assert repr(campaign).startswith("Campaign(first in ") and "3 missions" in repr(campaign)
     assert repr(best).startswith("Recommendation(") and f"{best.mean:.4g} in place of" in repr(best)
     assert repr(campaign.history()[0]) == f"Observation(0: {trial.raw:.4g} on slab r0)"
-    assert repr(trial) == f"TrialRecord(0: complete, {trial.raw:.4g} on slab r0)"
+    assert repr(trial) == f"Trial(0: complete, {trial.raw:.4g} on slab r0)"
     result = MissionResult.load(campaign.directory / trial.directory)
     assert repr(result) == "MissionResult(ok on slab r0: 26 images, 2 of them planned)"
     shown = [campaign, campaign.settings, best, campaign.history()[0], trial, result]

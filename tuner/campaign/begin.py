@@ -65,15 +65,7 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
         # Before the ledger: killed between the two, it is a campaign without missions, which a resume goes on with.
         write_settings(directory, tree)
         try:
-            ledger = Ledger(
-                directory,
-                settings.storage,
-                settings.name,
-                identity,
-                settings.space,
-                settings.objective,
-                create=True,
-            )
+            ledger = Ledger(directory, settings, identity, create=True)
         except UserError:
             for name in (SETTINGS_FILE, LEARNED_FILE):
                 (directory / name).unlink(missing_ok=True)

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import collections
 import contextlib
-import dataclasses
 import functools
 import json
 from collections.abc import Sequence
@@ -32,7 +31,7 @@ from tuner import (  # only what is used is loaded: who looks need not wait for 
     surrogate,
 )
 from tuner.campaign.events import CampaignStatus
-from tuner.campaign.ledger import Ledger, TrialRecord
+from tuner.campaign.ledger import Ledger
 from tuner.campaign.rock_choice import Making, held_out_rocks, rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import (
@@ -43,6 +42,7 @@ from tuner.campaign.settings_file import (
     with_mission_file,
 )
 from tuner.missions.external.trust import require_trusted, trust
+from tuner.missions.job import Trial
 from tuner.missions.long_runs import exclusive
 from tuner.missions.registry import refuse_code_of_file
 from tuner.problem.exact_costs import Exact, modelled
@@ -167,15 +167,7 @@ class Campaign:
         with contextlib.ExitStack() as stack:
             if not read_only:  # repairs to the ledger need the campaign to be idle
                 stack.enter_context(exclusive(directory))
-            ledger = Ledger(
-                directory,
-                settings.storage,
-                settings.name,
-                identity,
-                settings.space,
-                settings.objective,
-                read_only=read_only,
-            )
+            ledger = Ledger(directory, settings, identity, read_only=read_only)
         campaign = Campaign(directory, settings, ledger, identity)
         if not read_only:
             campaign.allow_program(named=mission is not None, unchanged=False)
@@ -195,22 +187,13 @@ class Campaign:
 
     # -- looking ---------------------------------------------------------------------------------------------
 
-    def trials(self) -> list[TrialRecord]:
+    def trials(self) -> list[Trial]:
         """All missions, in trial order."""
         return self.ledger.trials()
 
-    def history(self, trials: Sequence[TrialRecord] | None = None) -> list[Observation]:
+    def history(self, trials: Sequence[Trial] | None = None) -> list[Observation]:
         """Return the finished missions, with the second objective's outcome where there is one."""
-        trials = self.trials() if trials is None else trials
-        history = self.ledger.history(trials)
-        second = self.settings.second
-        if second is None:
-            return history
-        outcomes: dict[int, float | None] = {}
-        for t in trials:
-            value = second.measure({**t.metrics, "costs": t.costs}) if t.state == "complete" else None
-            outcomes[t.number] = None if value is None else second.sign * value
-        return [dataclasses.replace(o, second=outcomes[o.number]) for o in history]
+        return self.ledger.history(trials)
 
     def _read_learned(self) -> EarlierMissions:
         path = self.directory / LEARNED_FILE
@@ -254,30 +237,23 @@ class Campaign:
         )
 
     def status(self) -> CampaignStatus:
-        """Return counts and costs."""
+        """Return counts, as the ledger knows them."""
         trials = self.trials()
-        done = [t for t in trials if t.state != "running"]
+        done = [t for t in trials if t.status]
         values = [t.raw for t in done if t.raw is not None]
         best = max if self.settings.objective.direction == "maximise" else min
-
-        def total(key: str) -> float:
-            return float(sum(t.costs.get(key) or 0.0 for t in done))
-
         return CampaignStatus(
             name=self.settings.name,
             budget=self.settings.budget,
-            complete=sum(t.state == "complete" for t in trials),
-            failed=sum(t.state == "failed" for t in trials),
+            complete=len(values),
+            failed=len(done) - len(values),
             running=len(trials) - len(done),
             per_rock={rock: sum(t.rock == rock for t in trials) for rock in self.settings.rocks},
             per_condition={
                 c.name: sum(t.condition == c.name for t in trials) for c in self.settings.conditions
             },
-            failures=dict(collections.Counter(t.reason for t in trials if t.state == "failed")),
+            failures=dict(collections.Counter(t.reason for t in done if t.raw is None)),
             mission_wall_s=float(sum(t.wall_s for t in done)),
-            flight_time_s=total("flight_time_s"),
-            path_length_m=total("path_length_m"),
-            images=total("images"),
             best_observed=best(values) if values else None,
         )
 
@@ -351,12 +327,12 @@ class Campaign:
             s.space, history, worlds, s.seed, surrogate_settings(s.space), self._feature()
         )
 
-    def propose(self, trials: Sequence[TrialRecord], known: int) -> Proposal:
+    def propose(self, trials: Sequence[Trial], known: int) -> Proposal:
         """The sampler's next mission after the first ``known`` trials; the others count as in flight."""
         return self._sampler.ask(self.history(trials[:known]), self.ledger.pending(trials, known))
 
     def propose_many(
-        self, trials: Sequence[TrialRecord], reserved: Sequence[Proposal], count: int
+        self, trials: Sequence[Trial], reserved: Sequence[Proposal], count: int
     ) -> list[Proposal]:
         """Return ``count`` missions more, after ``trials`` and proposals ``reserved`` that are not in the ledger yet."""
         asked = _sampler_settings(self.settings, self.learned)

@@ -1,155 +1,79 @@
-"""One coordinator per campaign, on whatever machine: a row of the database that holds the ledger, kept alive by a heartbeat.
+"""One coordinator per campaign, on whatever machine: an advisory lock of the PostgreSQL that holds the ledger.
 
-Times are the database's own. A coordinator that has not been heard of for `TIMEOUT_S` is taken for dead, at once one of this
-machine whose process has ended, and another may go on in its place; should it come back, it finds the row another's and writes
-nothing more.
+The database frees it when the coordinator's connection ends, with its process or, some 50 s later, with its machine. A
+coordinator whose connection was cut takes the lock again, unless another one has had it meanwhile: that one has left its name
+in the study.
 """
 
 from __future__ import annotations
 
 import contextlib
-import math
-import os
+import hashlib
 import socket
-import threading
-import time
 import uuid
 from collections.abc import Iterator
-from pathlib import Path
 
 import sqlalchemy as sa
+from optuna.storages import RDBStorage
 
 from nbv.errors import UserError
 
-TIMEOUT_S = 60.0
-BEAT_S = 10.0
-_NOW = {
-    "postgresql": "extract(epoch from clock_timestamp())",
-    "mysql": "unix_timestamp(now(3))",
-    "mariadb": "unix_timestamp(now(3))",
-}
-_TABLE = sa.Table(
-    "gatetune_coordinators",
-    sa.MetaData(),
-    sa.Column("study", sa.String(512), primary_key=True),
-    sa.Column("owner", sa.String(64), nullable=False),
-    sa.Column("host", sa.String(255), nullable=False),
-    sa.Column("beat", sa.Double, nullable=False),
-)
+OWNER = "coordinator"  # attribute of the study
+# Seconds until the database notices that a machine is gone.
+_KEEPALIVES = ("tcp_keepalives_idle = 20", "tcp_keepalives_interval = 10", "tcp_keepalives_count = 3")
 
 
 class CoordinatorLock:
-    """Held for one study of a database that several machines reach."""
+    """Held for one study of a PostgreSQL database."""
 
-    def __init__(self, engine: sa.Engine, study: str) -> None:
-        self._engine, self._study = engine, study
-        self._owner = uuid.uuid4().hex
-        self._now = sa.cast(sa.literal_column(_NOW[engine.dialect.name]), sa.Double)
-        self._heard = 0.0  # of the row, by `_clock_s`
-        self._ended = threading.Event()
+    def __init__(self, storage: RDBStorage, study_id: int, name: str) -> None:
+        self._storage, self._study_id, self._name = storage, study_id, name
+        self._key = int.from_bytes(hashlib.sha256(name.encode()).digest()[:8], "big", signed=True)
+        self._owner = f"{socket.gethostname()} {uuid.uuid4().hex}"
+        self._connection: sa.Connection | None = None
 
     @contextlib.contextmanager
     def held(self) -> Iterator[None]:
-        """Hold it, with a heartbeat.
-
-        Raises
-        ------
-        UserError
-            Another coordinator was heard of within `TIMEOUT_S`.
-        """
+        """Hold it; ``UserError`` where another coordinator does."""
         self._take()
-        self._ended.clear()
-        heart = threading.Thread(target=self._keep_beating, daemon=True)
-        heart.start()
+        self._storage.set_study_user_attr(self._study_id, OWNER, self._owner)
         try:
             yield
         finally:
-            self._ended.set()
-            heart.join(timeout=BEAT_S)
-            with contextlib.suppress(sa.exc.SQLAlchemyError), self._engine.begin() as database:
-                database.execute(sa.delete(_TABLE).where(*self._mine))
+            self._let_go()
 
     def require(self) -> None:
-        """Raise ``UserError`` where another coordinator may have taken over; called before every write."""
-        if _clock_s() - self._heard > TIMEOUT_S / 2 and not self._beat():
+        """Raise ``UserError`` where another coordinator has taken over; called before every write."""
+        if self._connection is None:
+            return
+        try:
+            self._connection.execute(sa.text("select 1"))
+        except sa.exc.SQLAlchemyError:
+            self._let_go()
+            self._take()
+        if self._last_owner() != self._owner:
             raise UserError(
-                "this coordinator was not heard of for too long, and another one has taken over the campaign; leave it to that"
+                "this coordinator was cut off, and another one has taken over the campaign; leave it to that"
             )
 
-    @property
-    def _mine(self) -> tuple[sa.ColumnElement[bool], ...]:
-        return (_TABLE.c.study == self._study, _TABLE.c.owner == self._owner)
-
     def _take(self) -> None:
-        _TABLE.create(self._engine, checkfirst=True)
-        own = {"owner": self._owner, "host": this_process(), "beat": self._now}
-        ours = _TABLE.c.study == self._study
-        try:
-            with self._engine.begin() as database:
-                database.execute(sa.insert(_TABLE).values(study=self._study, **own))
-        except sa.exc.IntegrityError:
-            with self._engine.begin() as database:
-                row = database.execute(
-                    sa.select(_TABLE.c.owner, _TABLE.c.host, self._now - _TABLE.c.beat).where(ours)
-                ).first()
-                owner, host, ago_s = row or ("", "another machine", 0.0)
-                dead = _TABLE.c.owner == owner if _has_ended(host) else _TABLE.c.beat < self._now - TIMEOUT_S
-                taken = database.execute(sa.update(_TABLE).where(ours, dead).values(**own)).rowcount
-            if not taken:
-                raise UserError(
-                    f"campaign {self._study!r} is being flown on {host.split()[0]} (heard of {ago_s:.0f} s ago); stop it there, or wait "
-                    f"until {TIMEOUT_S:.0f} s after it died"
-                ) from None
-        self._heard = _clock_s()
+        connection = self._storage.engine.connect().execution_options(isolation_level="AUTOCOMMIT")
+        for setting in _KEEPALIVES:
+            connection.execute(sa.text(f"set {setting}"))
+        if not connection.scalar(sa.text("select pg_try_advisory_lock(:key)"), {"key": self._key}):
+            connection.close()
+            raise UserError(
+                f"campaign {self._name!r} is being flown on {self._last_owner().split()[0]}; stop it there, or wait a minute "
+                "where its machine is gone"
+            )
+        self._connection = connection
 
-    def _beat(self) -> bool:
-        began = _clock_s()
-        with self._engine.begin() as database:
-            kept = database.execute(sa.update(_TABLE).where(*self._mine).values(beat=self._now)).rowcount == 1
-        self._heard = began if kept else -math.inf
-        return kept
+    def _last_owner(self) -> str:
+        return str(self._storage.get_study_user_attrs(self._study_id).get(OWNER, "another machine"))
 
-    def _keep_beating(self) -> None:
-        while not self._ended.wait(BEAT_S):
-            with contextlib.suppress(sa.exc.SQLAlchemyError):  # `require` tells, should it last
-                self._beat()
-
-
-def _clock_s() -> float:
-    """Return the seconds of a clock that goes on while the machine sleeps, which `time.monotonic` does not on Linux."""
-    return time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
-
-
-def coordinator_lock(engine: sa.Engine, study: str) -> CoordinatorLock | None:
-    """The lock of a database that several machines may reach; None for a file, whose run directory has a lock."""
-    return CoordinatorLock(engine, study) if engine.dialect.name in _NOW else None
-
-
-def this_process() -> str:
-    """Return what identifies this process: host and, where the system tells, boot, process namespace, number and start."""
-    host = socket.gethostname()
-    try:
-        boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
-        return f"{host} {boot} {Path('/proc/self/ns/pid').readlink()} {os.getpid()} {_state_and_start(os.getpid())[1]}"
-    except OSError:
-        return host
-
-
-def _has_ended(process: str) -> bool:
-    """Return whether the process that `this_process` described ran on this machine and has ended."""
-    theirs, mine = process.split(), this_process().split()
-    if len(theirs) != len(mine) or theirs[1:3] != mine[1:3] or len(mine) == 1:
-        return False
-    try:
-        os.kill(int(theirs[3]), 0)
-        state, start = _state_and_start(int(theirs[3]))
-    except ProcessLookupError:
-        return True
-    except OSError:  # somebody else's
-        return False
-    return start != theirs[4] or state in "ZX"
-
-
-def _state_and_start(pid: int) -> tuple[str, str]:
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return fields[0], fields[19]
+    def _let_go(self) -> None:
+        connection, self._connection = self._connection, None
+        if connection is not None:
+            with contextlib.suppress(sa.exc.SQLAlchemyError):
+                connection.invalidate()  # its end, not its return to the pool, frees the lock
+                connection.close()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from tuner.campaign.ledger import TrialRecord
+from tuner.missions.job import Trial
 from tuner.recommendation.recommendation import Recommendation
 
 EventKind = Literal[
@@ -29,7 +29,7 @@ class CampaignEvent:
     elapsed_s: float  # since this session began
     finished: int  # missions finished so far, failed ones included
     budget: int
-    trial: TrialRecord | None = None
+    trial: Trial | None = None
     recommendation: Recommendation | None = None
     ask_s: float = 0.0  # time the sampler took, for "proposed"
     message: str = ""
@@ -37,7 +37,7 @@ class CampaignEvent:
 
 @dataclass(frozen=True)
 class CampaignStatus:
-    """Counts and costs of a campaign."""
+    """Counts of a campaign."""
 
     name: str
     budget: int
@@ -48,9 +48,6 @@ class CampaignStatus:
     per_condition: dict[str, int]
     failures: dict[str, int]  # by reason
     mission_wall_s: float
-    flight_time_s: float
-    path_length_m: float
-    images: float
     best_observed: float | None  # luckiest mission; see the recommendation for the best configuration
 
     @property

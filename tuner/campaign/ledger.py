@@ -1,29 +1,28 @@
 """The campaign's one ledger: an Optuna study in which every trial is one mission.
 
-Parameters of a trial are the tuned ones only; rock, condition, replicate, costs, metrics and the reason for the proposal
-are user attributes, so that Optuna's importances and dashboards see what was tuned and nothing else. A trial
-is created running in one write, gets its attributes while it runs, and is told once; finished trials are
-never touched again. A failed mission is a trial in state FAIL, without a value.
+It holds what was asked for, where that stands, and the objectives' values; what a mission measured besides is in its
+``mission.json``. Parameters of a trial are the tuned ones only; rock, condition, replicate and the reason for the proposal are
+user attributes, so that Optuna's importances and dashboards see what was tuned and nothing else. A trial is created running in
+one write and told once, with the attribute ``end``; finished trials are never touched again. A failed mission is a trial in
+state FAIL, without a value. One checksum per trial, of all that is known of it, and the missions' directories show that a
+ledger was changed outside.
 """
 
 from __future__ import annotations
 
 import contextlib
-import datetime
-import functools
+import json
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import optuna
-from optuna.trial import TrialState, create_trial
+from optuna.trial import FrozenTrial, TrialState, create_trial
 
-from nbv.checksums import checksum_of
-from nbv.config import IDEAL
+from nbv.checksums import CHECKSUM, checksum_of
 from nbv.errors import UserError
-from tuner.campaign.coordinator_lock import coordinator_lock
+from tuner.campaign.coordinator_lock import CoordinatorLock
 from tuner.campaign.storage import (
     JOURNAL_FILE,
     Journal,
@@ -31,25 +30,19 @@ from tuner.campaign.storage import (
     one_writer,
     open_storage,
     patiently,
-    reachable,
 )
-from tuner.campaign.trial_checksums import (
-    ENDED,
-    ENTERED,
-    ending_checksum,
-    entry_checksum,
-    require_all_there,
-    require_trial,
-)
-from tuner.missions.job import MissionOutcome
-from tuner.problem.objective import Objective
+from tuner.missions.job import Trial
 from tuner.problem.observations import Observation, Pending, Proposal
-from tuner.problem.search_space import SearchSpace
 from tuner.problem.worlds import World
 from tuner.samplers.distributions import distributions
 
+if TYPE_CHECKING:
+    from tuner.campaign.settings import CampaignSettings
+
 T = TypeVar("T")
 _CAMPAIGN_ID, _FILES = "campaign_id", "files"
+_END = "end"  # a trial's attribute: how the mission ended
+_ENDING = ("status", "message", "rock_sha256", "checksum")  # of it, as in `Trial`
 
 
 def kept_files(storage: str, name: str, directory: Path) -> dict[str, str]:
@@ -63,54 +56,6 @@ def kept_files(storage: str, name: str, directory: Path) -> dict[str, str]:
         ) from error
 
 
-@dataclass(frozen=True)
-class TrialRecord:
-    """One mission as the ledger knows it."""
-
-    number: int
-    state: Literal["running", "complete", "failed"]
-    values: dict[str, Any]  # tuned parameters
-    rock: str
-    replicate: int
-    directory: str  # of the mission, relative to the run directory
-    why: dict[str, Any]  # who proposed it and for what reason
-    sampler_state: dict[str, Any]
-    raw: float | None  # the metric as measured; None while running and when failed
-    status: str = ""  # the mission's: ok, degraded, failed; empty while running
-    reason: str = ""
-    message: str = ""
-    metrics: dict[str, Any] = field(default_factory=dict)
-    costs: dict[str, Any] = field(default_factory=dict)
-    timings_s: dict[str, Any] = field(default_factory=dict)
-    wall_s: float = 0.0
-    config_digest: str = ""
-    started: datetime.datetime | None = None
-    finished: datetime.datetime | None = None
-    condition: str = IDEAL
-    code: str = (
-        ""  # digest of what flies it, see `tuner.campaign.reproducibility_check`; empty in ledgers of before
-    )
-    rock_sha256: str = ""  # of the rock that was flown; empty while running, and where no mission said so
-
-    def __repr__(self) -> str:
-        """``TrialRecord(12: complete, 94.57 on slab r1)``."""
-        found = self.reason if self.raw is None else f"{self.raw:.4g}"
-        return f"TrialRecord({self.number}: {self.state}, {found} on {self.world.label} r{self.replicate})"
-
-    @functools.cached_property
-    def world(self) -> World:
-        """The world in which it flies."""
-        return World(self.rock, self.condition)
-
-    def measured(self, objective: Objective) -> float | None:
-        """An objective's metric, perhaps another than the campaign's; None while flying, where it failed or has none."""
-        return (
-            objective.outcome(self.status, {**self.metrics, "costs": self.costs})[0]
-            if self.state == "complete"
-            else None
-        )
-
-
 class Ledger:
     """Opens (or creates) the study of one campaign.
 
@@ -118,13 +63,11 @@ class Ledger:
     ----------
     directory
         The campaign's run directory, which holds the default storage.
-    storage
-        None for ``study.journal`` in ``directory``; otherwise an Optuna storage: an SQLAlchemy URL such as
-        ``sqlite:///missions.db``, or ``journal:PATH``.
-    study_name, campaign_id
-        The study's name, and the identity that tells it from another campaign of the same name.
-    space, objective
-        What is tuned and for what.
+    settings
+        What is tuned and for what; the study's name is the campaign's, and ``storage`` None for ``study.journal`` in
+        ``directory``, otherwise an SQLAlchemy URL such as ``sqlite:///missions.db``, or ``journal:PATH``.
+    campaign_id
+        The identity that tells the study from another campaign's of the same name.
     create
         Make a new study; it must not exist. Otherwise it must exist and belong to ``campaign_id``.
     read_only
@@ -139,54 +82,53 @@ class Ledger:
     def __init__(
         self,
         directory: Path,
-        storage: str | None,
-        study_name: str,
+        settings: CampaignSettings,
         campaign_id: str,
-        space: SearchSpace,
-        objective: Objective,
         *,
         create: bool = False,
         read_only: bool = False,
     ) -> None:
         optuna.logging.set_verbosity(optuna.logging.WARNING)
-        self._space = space
-        self._objective = objective
-        self._distributions = distributions(space)
-        self._known: dict[int, tuple[optuna.trial.FrozenTrial, TrialRecord]] = {}
+        self._directory, self._settings, self._campaign_id = directory, settings, campaign_id
+        self._distributions = distributions(settings.space)
+        self._known: dict[int, tuple[FrozenTrial, Trial]] = {}
         self.pause: Callable[[float], bool] = threading.Event().wait  # for a database that is away
         self._alone = False  # while nobody else may write, what is known is all there is
-        self._campaign_id = campaign_id
-        self._journal = journal_path(storage, directory)
-        self._shown = shown = storage or str(directory / JOURNAL_FILE)
+        self._journal = journal_path(settings.storage, directory)
+        self._shown = shown = settings.storage or str(directory / JOURNAL_FILE)
         # A campaign that was killed before its first mission may not have a ledger yet, or half of one.
         begun = not create and (read_only or (directory / "missions").exists())
-        self._storage = open_storage(storage, directory, must_exist=begun, heal=not read_only)
+        self._storage = open_storage(settings.storage, directory, must_exist=begun, heal=not read_only)
         identity = {
-            "metric": objective.metric,
-            "search_space": space.to_dict(),
+            "metric": settings.objective.metric,
+            "search_space": settings.space.to_dict(),
             _CAMPAIGN_ID: campaign_id,  # the last: without it the study is half made
         }
-        try:
-            with reachable(shown):
-                self._study = self._open_study(study_name, create=create, begun=begun)
-                self._study_id = self._storage.get_study_id_from_name(study_name)
+
+        def opened(_: bool) -> Mapping[str, Any]:
+            self._study = self._open_study(settings.name, create=create, begun=begun)
+            found = self._study.user_attrs
+            if create or (not begun and _CAMPAIGN_ID not in found and not self._study.get_trials()):
+                for key, content in identity.items():
+                    self._study.set_user_attr(key, content)
                 found = self._study.user_attrs
-                if create or (not begun and _CAMPAIGN_ID not in found and not self._study.get_trials()):
-                    for key, content in identity.items():
-                        self._study.set_user_attr(key, content)
-                    found = self._study.user_attrs
+            return found
+
+        try:
+            found = patiently(shown, opened)
         except optuna.exceptions.DuplicatedStudyError as error:
             raise UserError(
-                f"{shown} already holds a study {study_name!r}; choose another campaign name or storage"
+                f"{shown} already holds a study {settings.name!r}; choose another campaign name or storage"
             ) from error
         except KeyError as error:
             raise UserError(
-                f"{shown} holds no study {study_name!r}; the ledger was moved or never made: "
+                f"{shown} holds no study {settings.name!r}; the ledger was moved or never made: "
                 "restore it, or start a new campaign"
             ) from error
+        self._study_id = self._study._study_id
         if found.get(_CAMPAIGN_ID) != campaign_id:
             raise UserError(
-                f"the study {study_name!r} in {shown} belongs to another campaign; "
+                f"the study {settings.name!r} in {shown} belongs to another campaign; "
                 "choose another name or storage"
             )
         for key, content in identity.items():
@@ -196,9 +138,10 @@ class Ledger:
                     "changed; restore it from a copy"
                 )
         if not create:
-            require_all_there(lambda: len(self.trials()), directory, shown)
+            self._require_all_there()
         engine = getattr(self._storage, "engine", None)
-        self._lock = None if engine is None else coordinator_lock(engine, study_name)
+        shared = engine is not None and engine.dialect.name == "postgresql"
+        self._lock = CoordinatorLock(self._storage, self._study_id, settings.name) if shared else None
 
     def _open_study(self, name: str, *, create: bool, begun: bool) -> optuna.Study:
         try:
@@ -207,8 +150,21 @@ class Ledger:
         except KeyError:
             if begun:
                 raise
-        direction = "maximize" if self._objective.direction == "maximise" else "minimize"
+        direction = "maximize" if self._settings.objective.direction == "maximise" else "minimize"
         return optuna.create_study(study_name=name, storage=self._storage, direction=direction)
+
+    def _require_all_there(self) -> None:
+        """Raise `UserError` where the run directory holds a mission that is not among the ledger's."""
+        found = [p.name for p in (self._directory / "missions").glob("[0-9]*_*")]
+        count = len(self.trials())  # after the listing: the campaign may be running
+        unknown = sorted(
+            name for name in found if (n := name.partition("_")[0]).isdigit() and int(n) >= count
+        )
+        if unknown:
+            raise UserError(
+                f"the ledger {self._shown} has {count} trials and knows nothing of missions/{unknown[0]}: its end was lost; "
+                "restore it from a copy, or move the missions it does not know away"
+            )
 
     # -- writing ---------------------------------------------------------------------------------------------
 
@@ -230,18 +186,12 @@ class Ledger:
             finally:
                 self._alone = False
 
-    @contextlib.contextmanager
-    def together(self) -> Iterator[None]:
+    def together(self) -> contextlib.AbstractContextManager[None]:
         """Enter several missions, or their ends, in one synchronised write, which happens when the context ends.
 
         A database takes them one by one.
         """
-        storage = self._storage
-        with (
-            reachable(self._shown),
-            storage.together() if isinstance(storage, Journal) else contextlib.nullcontext(),
-        ):
-            yield
+        return self._storage.together() if isinstance(self._storage, Journal) else contextlib.nullcontext()
 
     def start(
         self,
@@ -249,9 +199,8 @@ class Ledger:
         world: World,
         replicate: int,
         config_digest: str,
-        seed: int,
         code: str = "",
-    ) -> TrialRecord:
+    ) -> Trial:
         """Enter a mission that is about to fly, in one write.
 
         Parameters
@@ -262,84 +211,81 @@ class Ledger:
             The block on which it flies.
         config_digest
             The digest of the complete configuration.
-        seed
-            The campaign's seed.
         code
             The digest of the code that flies it (`tuner.campaign.reproducibility_check`).
         """
         number = len(self.trials())
-        attributes = {
+        entry: dict[str, Any] = {
             "rock": world.rock,
             "condition": world.condition,
             "replicate": replicate,
-            "seed": seed,
             "config_digest": config_digest,
             "directory": mission_directory(number, world, replicate),
             "why": proposal.why,
             "code": code,
+            "sampler_state": proposal.sampler_state,
         }
-        if proposal.sampler_state:
-            attributes["memory"] = proposal.sampler_state
-        attributes[ENTERED] = entry_checksum(self._campaign_id, number, proposal.values, attributes)
+        entry = json.loads(json.dumps(entry))  # as every storage gives it back
+        params = {
+            name: kind.to_external_repr(float(kind.to_internal_repr(proposal.values[name])))
+            for name, kind in self._distributions.items()
+        }
+        entry[CHECKSUM] = self._checksum(number, params, entry)
         trial = create_trial(
-            state=TrialState.RUNNING,
-            params=dict(proposal.values),
-            distributions=self._distributions,
-            user_attrs=attributes,
+            state=TrialState.RUNNING, params=params, distributions=self._distributions, user_attrs=entry
         )
 
         def enter(again: bool) -> int:
             self._require_ours()
             known = self._storage.get_all_trials(self._study_id, deepcopy=False) if again else []
-            if len(known) == number + 1 and known[-1].user_attrs.get(ENTERED) == attributes[ENTERED]:
+            if len(known) == number + 1 and known[-1].user_attrs.get(CHECKSUM) == entry[CHECKSUM]:
                 return known[-1]._trial_id  # the answer to the first try was lost
             return self._storage.create_new_trial(self._study_id, trial)
 
-        record = self._record(self._read_back(self._patiently(enter)))
-        if record.number != number or record.directory != attributes["directory"]:
+        entered = self._trial(self._read_back(self._patiently(enter)))
+        if entered.number != number or entered.directory != entry["directory"]:
             raise UserError("another process writes to this campaign's study; let only one run at a time")
-        return record
+        return entered
 
-    def finish(self, number: int, outcome: MissionOutcome) -> TrialRecord:
-        """Enter how a mission ended; once per mission."""
+    def finish(self, number: int, ended: Trial) -> Trial:
+        """Enter how a mission ended, once per mission, with the objectives' values."""
         self._patiently(lambda _: self._require_ours())
         self.trials()
-        frozen = self._known[number][0]
+        frozen, asked = self._known[number]
         if frozen.state.is_finished():
             raise ValueError(f"trial {number} is finished already")
-        value, why_not = self._objective.outcome(outcome.status, {**outcome.metrics, "costs": outcome.costs})
-        attributes = {
-            "status": outcome.status,
-            "reason": outcome.reason or (why_not if value is None else ""),
-            "message": outcome.message,
-            "metrics": outcome.metrics,
-            "costs": outcome.costs,
-            "timings_s": outcome.timings_s,
-            "wall_s": round(outcome.wall_s, 3),
-            "feasible": value is not None,
-            "rock_sha256": outcome.rock_sha256,
-        }
-        if ENTERED in frozen.user_attrs:
-            attributes[ENDED] = ending_checksum(frozen.user_attrs[ENTERED], value, attributes)
+        objective, second = self._settings.objective, self._settings.second
+        measurements = {**ended.measurements, "costs": {**asked.values, **ended.costs}}
+        value, why_not = objective.outcome(ended.status, measurements)
+        also = None if value is None or second is None else second.measure(measurements)
+        end: dict[str, Any] = {name: getattr(ended, name) for name in _ENDING}
+        end |= {"wall_s": round(ended.wall_s, 3), "second": also}
+        end["reason"] = ended.reason or (why_not if value is None else "")
+        end["of_trial"] = self._checksum(number, frozen.params, frozen.user_attrs, value, end)
         state, values = (TrialState.FAIL, None) if value is None else (TrialState.COMPLETE, [value])
 
-        def end(again: bool) -> None:
+        def tell(again: bool) -> None:
             self._require_ours()
             if again and self._storage.get_trial(frozen._trial_id).state.is_finished():
                 return  # the answer to the first try was lost
-            with self.together():
-                for key, content in attributes.items():  # before its state: finished trials are frozen
-                    self._storage.set_trial_user_attr(frozen._trial_id, key, content)
+            with self.together():  # the attribute before the state: finished trials are frozen
+                self._storage.set_trial_user_attr(frozen._trial_id, _END, end)
                 self._storage.set_trial_state_values(frozen._trial_id, state, values)
 
-        self._patiently(end)
-        return self._record(self._read_back(frozen._trial_id))
+        self._patiently(tell)
+        return self._trial(self._read_back(frozen._trial_id))
+
+    def _checksum(
+        self, number: int, params: Mapping[str, Any], entry: Mapping[str, Any], *ending: Any
+    ) -> str:
+        asked = {key: value for key, value in entry.items() if key not in (CHECKSUM, _END)}
+        return checksum_of([self._campaign_id, number, params, asked, *ending])
 
     def _require_ours(self) -> None:
         if self._lock is not None:
             self._lock.require()
 
-    def _read_back(self, trial_id: int) -> optuna.trial.FrozenTrial:
+    def _read_back(self, trial_id: int) -> FrozenTrial:
         return self._patiently(lambda _: self._storage.get_trial(trial_id))
 
     def _patiently(self, step: Callable[[bool], T]) -> T:
@@ -348,30 +294,60 @@ class Ledger:
     def keep_files(self, files: Mapping[str, str]) -> None:
         """Keep these of the run directory's files beside the missions of a database, for a coordinator on another machine."""
         if self._lock is not None:
-            with reachable(self._shown):
-                self._study.set_user_attr(_FILES, {**self._study.user_attrs.get(_FILES, {}), **files})
+            kept = {**self._study.user_attrs.get(_FILES, {}), **files}
+            patiently(self._shown, lambda _: self._study.set_user_attr(_FILES, kept))
 
     # -- reading ---------------------------------------------------------------------------------------------
 
-    def trials(self) -> list[TrialRecord]:
+    def trials(self) -> list[Trial]:
         """All missions in trial order."""
         if self._alone:
-            return [record for _, record in self._known.values()]
+            return [trial for _, trial in self._known.values()]
         found = self._patiently(lambda _: self._study.get_trials(deepcopy=False))
-        return [self._record(trial) for trial in found]
+        return [self._trial(trial) for trial in found]
 
-    def _record(self, trial: optuna.trial.FrozenTrial) -> TrialRecord:
-        """Return the trial as a record; finished trials never change, so theirs are kept."""
-        known = self._known.get(trial.number)
-        if known is None or (known[0] is not trial and known[1].state == "running"):
-            require_trial(trial, self._campaign_id, self._shown)
-            trial.distributions = self._distributions  # the same of all: kept once
-            known = self._known[trial.number] = (trial, _record(trial))
+    def _trial(self, row: FrozenTrial) -> Trial:
+        """Return a row of the study; finished ones never change, so theirs are kept."""
+        known = self._known.get(row.number)
+        if known is None or (known[0] is not row and not known[1].status):
+            row.distributions = self._distributions  # the same of all: kept once
+            known = self._known[row.number] = (row, self._read(row))
         return known[1]
 
-    def history(self, trials: Sequence[TrialRecord] | None = None) -> list[Observation]:
+    def _read(self, row: FrozenTrial) -> Trial:
+        entry, finished = row.user_attrs, row.state.is_finished()
+        if row.state not in (TrialState.RUNNING, TrialState.COMPLETE, TrialState.FAIL) or "rock" not in entry:
+            raise UserError(
+                f"trial {row.number} of this campaign's study was not entered by gatetune; "
+                "do not add trials to it by hand"
+            )
+        value = row.value if row.state == TrialState.COMPLETE else None
+        end = dict(entry.get(_END) or {}) if finished else {}
+        try:
+            known = end.pop("of_trial") if finished else entry[CHECKSUM]
+            ending = (value, end) if finished else ()
+            if known != self._checksum(row.number, row.params, entry, *ending):
+                raise KeyError
+            asked = {key: entry[key] for key in entry if key not in (CHECKSUM, _END)}
+            return Trial(
+                number=row.number,
+                values=row.params,
+                raw=value,
+                run=self._directory,
+                started=row.datetime_start,
+                finished=row.datetime_complete,
+                **asked,
+                **end,
+            )
+        except (KeyError, TypeError) as error:
+            raise UserError(
+                f"trial {row.number} of the ledger {self._shown} is not what was entered: the ledger was changed or damaged; "
+                "restore it from a copy"
+            ) from error
+
+    def history(self, trials: Sequence[Trial] | None = None) -> list[Observation]:
         """Return the finished missions as the samplers and the surrogate see them."""
-        sign = self._objective.sign
+        sign, second = self._settings.objective.sign, self._settings.second
         return [
             Observation(
                 t.number,
@@ -382,59 +358,22 @@ class Ledger:
                 t.raw,
                 t.reason,
                 t.sampler_state,
-                condition=t.condition,
+                None if second is None or t.second is None else second.sign * t.second,
+                t.condition,
             )
             for t in (self.trials() if trials is None else trials)
-            if t.state != "running"
+            if t.status
         ]
 
-    def pending(self, trials: Sequence[TrialRecord], known: int) -> list[Pending]:
+    def pending(self, trials: Sequence[Trial], known: int) -> list[Pending]:
         """Return missions in flight, and all after the first ``known``, which count as if they were."""
         return [
             Pending(t.number, t.values, t.rock, t.replicate, t.sampler_state, t.condition)
             for i, t in enumerate(trials)
-            if t.state == "running" or i >= known
+            if not t.status or i >= known
         ]
 
 
 def mission_directory(number: int, world: World, replicate: int) -> str:
     """Return a mission's directory, relative to the run directory: ``missions/0007_boulder-a_r1``, ``..._boulder-a_field_r1``."""
     return f"missions/{number:04d}_{world.file_name}_r{replicate}"
-
-
-def _record(trial: optuna.trial.FrozenTrial) -> TrialRecord:
-    states: Mapping[TrialState, Literal["running", "complete", "failed"]] = {
-        TrialState.RUNNING: "running",
-        TrialState.COMPLETE: "complete",
-        TrialState.FAIL: "failed",
-    }
-    a = trial.user_attrs
-    if trial.state not in states or "rock" not in a:
-        raise UserError(
-            f"trial {trial.number} of this campaign's study was not entered by gatetune; "
-            "do not add trials to it by hand"
-        )
-    return TrialRecord(
-        number=trial.number,
-        state=states[trial.state],
-        values=dict(trial.params),
-        rock=a["rock"],
-        replicate=a["replicate"],
-        directory=a["directory"],
-        why=a["why"],
-        sampler_state=a.get("memory", {}),
-        raw=trial.value if trial.state == TrialState.COMPLETE else None,
-        status=a.get("status", "") if trial.state != TrialState.RUNNING else "",
-        reason=a.get("reason", ""),
-        message=a.get("message", ""),
-        metrics=a.get("metrics", {}),
-        costs=a.get("costs", {}),
-        timings_s=a.get("timings_s", {}),
-        wall_s=a.get("wall_s", 0.0),
-        config_digest=a.get("config_digest", ""),
-        started=trial.datetime_start,
-        finished=trial.datetime_complete,
-        condition=a.get("condition", IDEAL),  # ledgers of before there were conditions
-        code=a.get("code", ""),
-        rock_sha256=a.get("rock_sha256", ""),
-    )

@@ -11,7 +11,7 @@ import ctypes
 from collections.abc import Sequence
 
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.ledger import TrialRecord
+from tuner.missions.job import Trial
 from tuner.problem.observations import Proposal
 
 FROM_WORKERS = 8  # with fewer a proposal is made when its worker is free, knowing all that has ended
@@ -28,7 +28,7 @@ class ProposalPrefetch:
         self._thread = concurrent.futures.ThreadPoolExecutor(1)
         self._asked: concurrent.futures.Future[list[Proposal]] | None = None
 
-    def next(self, trials: Sequence[TrialRecord], workers: int) -> Proposal | None:
+    def next(self, trials: Sequence[Trial], workers: int) -> Proposal | None:
         """Return the next proposal after ``trials``.
 
         None means that the budget is used or, while `thinking`, that no proposal is ready yet.

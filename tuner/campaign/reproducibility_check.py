@@ -14,7 +14,7 @@ from pathlib import Path
 
 from nbv.cache import code_digest
 from nbv.errors import UserError
-from tuner.campaign.ledger import TrialRecord
+from tuner.missions.job import Trial
 from tuner.missions.registry import module_of
 from tuner.problem.drawn_rocks import family_of
 
@@ -56,7 +56,7 @@ class ReproducibilityCheck:
         self,
         directory: Path,
         fidelity: str,
-        trials: Sequence[TrialRecord],
+        trials: Sequence[Trial],
         *,
         accept: bool,
         program: str = "",
@@ -76,7 +76,7 @@ class ReproducibilityCheck:
         for trial in trials:
             self._remember(trial, trial.rock_sha256)
 
-    def require(self, trial: TrialRecord, rock_sha256: str) -> None:
+    def require(self, trial: Trial, rock_sha256: str) -> None:
         """Raise `UserError` where the mission of ``trial`` met another rock than those before it under that name."""
         if self.is_another(trial, rock_sha256):
             before, number = self._rocks[_name(trial)]
@@ -90,7 +90,7 @@ class ReproducibilityCheck:
         if self._accept:
             self._rocks.clear()
 
-    def is_another(self, trial: TrialRecord, rock_sha256: str) -> bool:
+    def is_another(self, trial: Trial, rock_sha256: str) -> bool:
         """Return whether `require` would refuse."""
         return bool(rock_sha256) and self._rocks.get(_name(trial), (rock_sha256, 0))[0] != rock_sha256
 

@@ -24,7 +24,8 @@ from tuner.problem.objective import Direction
 from tuner.problem.quality_at_cost import asked_objective
 
 SETTINGS_FILE = "campaign.yaml"
-FORMAT_VERSION = 2  # 1: could ask for what is gone, and was proposed for by another model
+FORMAT_VERSION = 3  # 2: its ledger had the missions' metrics and costs
+_READ_BY = "42627bd"  # the last commit that reads format 2
 SETTINGS = settings_of(CampaignSettings)
 _RENAMED = {"runner": "fidelity", "search_space": "space"}  # names of earlier versions
 
@@ -170,8 +171,8 @@ def settings_text(tree: Mapping[str, Any]) -> str:
 def _check_format(tree: Mapping[str, Any], path: Path) -> None:
     if tree["format"] != FORMAT_VERSION:
         raise UserError(
-            f"{path} has format {tree['format']}, this version reads {FORMAT_VERSION}; open the campaign with the "
-            "version that began it"
+            f"{path} has format {tree['format']}, this version reads {FORMAT_VERSION}; open the campaign with "
+            f"the version that began it (format 2: commit {_READ_BY})"
         )
 
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
+
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
 from tuner.campaign.campaign import Campaign
 from tuner.missions.executors import Executor
+from tuner.missions.fly import JobList, fly
 from tuner.missions.job import MissionJob
+from tuner.missions.long_runs import Stop
 from tuner.missions.registry import DEFAULT_FIDELITY, is_geometric
 
 SHOWN = "shown"  # in a campaign's directory
-_WAIT_S = 1.0
 
 
 def showcase_jobs(campaign: Campaign) -> list[MissionJob]:
@@ -33,14 +36,8 @@ def showcase_jobs(campaign: Campaign) -> list[MissionJob]:
 
 def fly_showcase(campaign: Campaign, executor: Executor) -> None:
     """Fly those of `showcase_jobs` that have not flown yet; one that fails is left out of the pages."""
-    for job in showcase_jobs(campaign):
-        if was_flown(job):
-            continue
-        job.directory.mkdir(parents=True, exist_ok=True)
-        (job.directory / "mission.json").unlink(missing_ok=True)
-        executor.submit(job)
-    while executor.in_flight:
-        executor.wait_any(_WAIT_S)
+    with contextlib.suppress(UserError):
+        fly(JobList(showcase_jobs(campaign)), executor, Stop())
 
 
 def was_flown(job: MissionJob) -> bool:

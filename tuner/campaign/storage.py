@@ -1,4 +1,4 @@
-"""Where a campaign's study lies: a journal file in its run directory, or any storage that Optuna knows."""
+"""Where a campaign's study lies: a journal file in its run directory, or a database by Optuna's storage for it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import gc
 import json
 import logging
 import os
-import sys
 import time
 import urllib.parse
 from collections.abc import Callable, Generator, Iterator
@@ -23,15 +22,12 @@ from sqlalchemy.exc import SQLAlchemyError
 from nbv.errors import UserError
 from tuner.problem.secrets import PASSWORD_VARIABLE, require_no_password
 
-_OF_DATABASES = {"sqlalchemy", "sqlite3", "psycopg2", "psycopg", "pymysql", "MySQLdb"}
-
 JOURNAL_FILE = "study.journal"
-_AT_ONCE_BYTES = 1 << 16  # of a journal, parsed at once
-# Of a database that goes away.
-DATABASE_ERRORS = (optuna.exceptions.StorageInternalError, SQLAlchemyError)
-
-
-PATIENCE_S = 600.0  # with a database that goes away while missions fly
+_AWAY = (
+    optuna.exceptions.StorageInternalError,
+    SQLAlchemyError,
+)  # what is raised of a database that goes away
+PATIENCE_S = 600.0  # with one while missions fly
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
 log = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -42,10 +38,10 @@ class DatabaseAwayError(UserError):
 
 
 class Journal(JournalStorage):
-    """Optuna's journal, of which several records may be appended at once, and thousands be read in a second."""
+    """Optuna's journal, of which several records may be appended at once."""
 
     def __init__(self, path: Path) -> None:
-        self._records = _Records(path)
+        self._records = _Records(str(path), _JournalLock(str(path)))
         super().__init__(self._records)
 
     def together(self) -> contextlib.AbstractContextManager[None]:
@@ -54,32 +50,24 @@ class Journal(JournalStorage):
 
 
 class _Records(JournalFileBackend):
-    """Optuna's file, which remembers where one record begins, the next, and parses many lines at once."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(str(path), _JournalLock(str(path)))
-        self._next = (0, 0)  # number of the record that was not read yet, and where in the file it begins
-        self._held: list[dict[str, Any]] | None = None
-        self._first = self._seen = 0  # number of the first record held; how many of them have been read
+    _held: list[dict[str, Any]] | None = None
+    _first = _seen = 0  # number of the first record held; how many of them have been read
 
     def append_logs(self, logs: list[dict[str, Any]]) -> None:
-        """Write records to the file or, inside `together`, keep them for its one write."""
         if self._held is None:
             super().append_logs(logs)
         else:
-            self._held += json.loads(json.dumps(logs), object_pairs_hook=_keys_once)
+            self._held += json.loads(json.dumps(logs))
 
     def read_logs(self, log_number_from: int) -> Generator[dict[str, Any], None, None]:
-        """Yield the records from a number on, those that are not on disk yet included."""
         if self._held is None or not self._seen:
             self._first = log_number_from
-            for record in self._of_file(log_number_from):
+            for record in super().read_logs(log_number_from):
                 self._first += 1
                 yield record
-        if self._held is None:
-            return
-        new, self._seen = self._held[self._seen :], len(self._held)
-        yield from new
+        if self._held is not None:
+            new, self._seen = self._held[self._seen :], len(self._held)
+            yield from new
 
     @contextlib.contextmanager
     def together(self) -> Iterator[None]:
@@ -95,38 +83,18 @@ class _Records(JournalFileBackend):
             if held:
                 self.append_logs(held)
                 # Read back: nobody else may have written.
-                if list(self._of_file(self._first)) != held:
+                if list(super().read_logs(self._first)) != held:
                     raise UserError(
                         "another process writes to this campaign's study; let only one run at a time"
                     )
 
-    def _of_file(self, number: int) -> Iterator[dict[str, Any]]:
-        """Yield the records from ``number`` on, without a last line that another process is still writing.
 
-        Raises
-        ------
-        ValueError
-            A line is no record.
-        """
-        count, place = self._next if number == self._next[0] else (0, 0)
-        with Path(self._file_path).open("rb") as file:
-            file.seek(place)
-            whole = True
-            while whole and (lines := file.readlines(_AT_ONCE_BYTES)):
-                if not (whole := lines[-1].endswith(b"\n")):
-                    lines.pop()
-                records = json.loads(b"[" + b",".join(lines) + b"]")
-                if len(records) != len(lines):
-                    raise ValueError("a line of it is not one record")
-                skipped = max(0, number - count)
-                count, place = count + len(lines), place + sum(map(len, lines))
-                self._next = (count, place)
-                yield from records[skipped:]
+class _JournalLock(JournalFileSymlinkLock):
+    """Optuna's, which says of any disk that fails that a lock was lost."""
 
-
-def _keys_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Return a mapping whose keys are interned: thousands of missions have the same metrics' names."""
-    return {sys.intern(key): value for key, value in pairs}
+    def release(self) -> None:
+        """``OSError`` where the file system does not let go of it; a resume removes it."""
+        Path(self._lock_file).unlink(missing_ok=True)
 
 
 def open_storage(
@@ -157,15 +125,14 @@ def open_storage(
         raise UserError(
             f"unknown storage {storage!r}; give an Optuna storage URL such as sqlite:///missions.db or journal:PATH"
         )
-    if storage.startswith("redis"):
+    kind = storage.partition("://")[0]
+    if kind.partition("+")[0] not in ("sqlite", "postgresql"):
         raise UserError(
-            "a ledger in Redis may forget missions, and two coordinators on it are not noticed; "
-            "use PostgreSQL: postgresql+psycopg://USER@HOST/DB"
+            f"in a ledger in {kind} two coordinators are not noticed; use PostgreSQL: postgresql+psycopg://USER@HOST/DB"
         )
     require_no_password(storage)
-    url = _with_password(storage)
     try:
-        return optuna.storages.RDBStorage(url)
+        return optuna.storages.RDBStorage(_with_password(storage))
     except Exception as error:  # SQLAlchemy and drivers each raise families of their own
         raise UserError(
             f"cannot open storage {storage!r}: {_first_line(error)}; check the URL, driver and server, and a password in "
@@ -184,60 +151,51 @@ def _with_password(storage: str) -> str:
     )
 
 
-@contextlib.contextmanager
-def reachable(shown: str) -> Iterator[None]:
-    """A database that does not answer, or a ledger whose lines do not make sense, as one `UserError`.
+def patiently(shown: str, step: Callable[[bool], T], pause: Callable[[float], bool] | None = None) -> T:
+    """Return what ``step`` returns; retry it for `PATIENCE_S`, with pauses that double, while the database is away.
 
     What was in flight stays open in the ledger, and a resume flies it again or enters it.
-    """
-    try:
-        yield
-    except optuna.exceptions.DuplicatedStudyError:
-        raise
-    except Exception as error:
-        kind = type(error).__module__.partition(".")[0]
-        if not isinstance(error, optuna.exceptions.StorageInternalError) and kind not in _OF_DATABASES:
-            raise
-        cause = error.__cause__ or error
-        raise DatabaseAwayError(
-            f"the ledger's database {shown} does not answer ({_first_line(cause)}); mend it, then resume: finished missions "
-            "are kept"
-        ) from None
-
-
-def patiently(shown: str, step: Callable[[bool], T], pause: Callable[[float], bool]) -> T:
-    """Return what ``step`` returns; retry it for `PATIENCE_S`, with pauses that double, while the database is away.
 
     Parameters
     ----------
+    shown
+        The ledger as messages name it.
     step
         Is told whether it was tried before: then what it wrote may be there or not.
     pause
-        Waits for so many seconds, and says whether somebody wants no more of it.
+        Waits for so many seconds, and says whether somebody wants no more of it; None: one try.
+
+    Raises
+    ------
+    DatabaseAwayError
+        The database is still away.
     """
     began, pause_s = time.monotonic(), _FIRST_PAUSE_S
     again = False
     while True:
         try:
-            with reachable(shown):
-                return step(again)
-        except DatabaseAwayError as error:
-            if time.monotonic() + pause_s - began > PATIENCE_S:
-                raise
-            if not again:
-                log.warning("%s; trying again for %.0f s", str(error).partition(";")[0], PATIENCE_S)
-            again = True
-            if pause(pause_s):
-                raise
-            pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
+            return step(again)
+        except _AWAY as error:
+            cause = _first_line(error.__cause__ or error)
+        away = DatabaseAwayError(
+            f"the ledger's database {shown} does not answer ({cause}); mend it, then resume: finished missions are kept"
+        )
+        if pause is None or time.monotonic() + pause_s - began > PATIENCE_S:
+            raise away
+        if not again:
+            log.warning("%s; trying again for %.0f s", str(away).partition(";")[0], PATIENCE_S)
+        again = True
+        if pause(pause_s):
+            raise away
+        pause_s = min(2 * pause_s, _LONGEST_PAUSE_S)
 
 
 def _first_line(error: BaseException) -> str:
-    lines = str(error).strip().splitlines() or [type(error).__name__]
+    line = (str(error).strip().splitlines() or [type(error).__name__])[0]
     password = os.environ.get(PASSWORD_VARIABLE, "")
     for secret in (password, urllib.parse.quote(password, safe="")):
-        lines[0] = lines[0].replace(secret, "***") if secret else lines[0]
-    return lines[0]
+        line = line.replace(secret, "***") if secret else line
+    return line
 
 
 def journal_path(storage: str | None, directory: Path) -> Path | None:
@@ -247,14 +205,6 @@ def journal_path(storage: str | None, directory: Path) -> Path | None:
     if storage.startswith("journal:"):
         return Path(storage.removeprefix("journal:").removeprefix("//"))
     return None
-
-
-class _JournalLock(JournalFileSymlinkLock):
-    """Optuna's, which says of any disk that fails that a lock was lost."""
-
-    def release(self) -> None:
-        """``OSError`` where the file system does not let go of it; a resume removes it."""
-        Path(self._lock_file).unlink(missing_ok=True)
 
 
 @contextlib.contextmanager
@@ -276,7 +226,7 @@ def one_writer(path: Path) -> Iterator[None]:
         yield
 
 
-def _journal(path: Path, must_exist: bool, heal: bool) -> optuna.storages.BaseStorage:
+def _journal(path: Path, must_exist: bool, heal: bool) -> Journal:
     if must_exist and not path.is_file():
         raise UserError(f"the ledger {path} is missing; restore it, or start a new campaign elsewhere")
     if path.exists() and not path.is_file():
@@ -328,15 +278,9 @@ def _drop_torn_line(path: Path) -> None:
 
     Optuna skips such a line when reading but would glue the next record to it.
     """
-    size = path.stat().st_size
-    if size == 0:
-        return
-    with path.open("rb+") as file:
-        file.seek(-1, 2)
-        if file.read(1) == b"\n":
-            return
-        file.seek(0)
-        content = file.read()
+    content = path.read_bytes()
+    whole = content.rfind(b"\n") + 1
+    if whole < len(content):
         with contextlib.suppress(OSError):
-            path.with_name(path.name + ".torn").write_bytes(content[content.rfind(b"\n") + 1 :])
-        file.truncate(content.rfind(b"\n") + 1)
+            path.with_name(path.name + ".torn").write_bytes(content[whole:])
+        os.truncate(path, whole)

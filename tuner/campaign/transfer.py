@@ -89,9 +89,9 @@ def _observations(
     found = []
     for trial in campaign.trials():
         values = _moved(trial.values, held, space, base)
-        if values is None or trial.state == "running":
+        if values is None or not trial.status:
             continue
-        raw = trial.measured(objective)
+        raw = trial.raw if objective == campaign.settings.objective else trial.measured(objective)
         outcome = None if raw is None else objective.sign * raw
         found.append(
             Observation(

@@ -128,7 +128,6 @@ def show_counts(facts: CampaignStatus, place: str) -> None:
         f"{facts.name}: {facts.finished} of {facts.budget} missions "
         f"({facts.failed} failed, {facts.running} open); "
         f"{seconds(facts.mission_wall_s)} of computing"
-        + (f", {seconds(facts.flight_time_s)} of simulated flight" if facts.flight_time_s else "")
     )
     output.print(
         f"missions per {place}: " + ", ".join(f"{rock} {count}" for rock, count in facts.per_rock.items())

@@ -43,7 +43,6 @@ class ComparisonProgress(FlightProgress):
         self._metric = metric
 
     def __call__(self, event: EvaluationEvent) -> None:
-        from tuner.evaluation.plan import EvaluationRecord
         from tuner.report.labels import metric_label
 
         self.counts = f"{event.finished}/{event.total}"
@@ -52,19 +51,19 @@ class ComparisonProgress(FlightProgress):
             return
         world = World(Path(event.job.rock).stem, event.job.config.condition)
         strategy = event.job.id.split("/")[0]
-        if event.outcome is None:
+        if event.trial is None:
             label = f"{strategy} {world.label} r{event.job.replicate}"
             return self.took_off(event.job.id, label, event.job.directory)
         self.landed(event.job.id)
         if event.kind == "failed":
-            text = f"[red]failed: {escape(event.outcome.reason)}[/] {escape(event.outcome.message)}"
+            text = f"[red]failed: {escape(event.trial.reason)}[/] {escape(event.trial.message)}"
         else:
-            value = EvaluationRecord(strategy, "", 0, event.outcome).value(self._metric)
+            value = event.trial.value(self._metric)
             name = metric_label(self._metric).name
             text = f"{name} [bold]{'not measured' if value is None else f'{value:6.2f}'}[/]"
         self.say(
             f"{strategy:<14} {escape(world.label):<16} r{event.job.replicate} {text}  "
-            f"{event.outcome.wall_s:4.0f} s",
+            f"{event.trial.wall_s:4.0f} s",
             markup=True,
         )
 

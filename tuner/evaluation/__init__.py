@@ -3,13 +3,12 @@
 from tuner.evaluation.baselines import baseline_configs, tuned_configs
 from tuner.evaluation.comparison import ComparisonTable, comparison_table
 from tuner.evaluation.flying import EvaluationEvent, EvaluationRun, run_evaluation
-from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
+from tuner.evaluation.plan import EvaluationPlan
 
 __all__ = [
     "ComparisonTable",
     "EvaluationEvent",
     "EvaluationPlan",
-    "EvaluationRecord",
     "EvaluationRun",
     "baseline_configs",
     "comparison_table",

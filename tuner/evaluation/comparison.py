@@ -9,11 +9,11 @@ from typing import Literal
 
 from nbv.errors import UserError
 from tuner.evaluation.paper_table import TABLE_I_ROWS, TANKS_AND_TEMPLES_ROWS, MetricRow
-from tuner.evaluation.plan import EvaluationRecord
 from tuner.evaluation.statistics import Interval, Method, PairedDifference, mean_interval, paired_difference
+from tuner.missions.job import Trial
 
 
-def values_of(records: Sequence[EvaluationRecord], strategy: str, key: str) -> dict[tuple[str, int], float]:
+def values_of(records: Sequence[Trial], strategy: str, key: str) -> dict[tuple[str, int], float]:
     """A metric by (rock, replicate), failed missions left out.
 
     Where there are several conditions the replicates of the second are numbered on from those of the first.
@@ -29,7 +29,7 @@ def values_of(records: Sequence[EvaluationRecord], strategy: str, key: str) -> d
 
 
 def strategy_interval(
-    records: Sequence[EvaluationRecord], strategy: str, key: str, method: Method = "auto"
+    records: Sequence[Trial], strategy: str, key: str, method: Method = "auto"
 ) -> Interval | None:
     """Mean over rocks with its interval."""
     by_rock: dict[str, list[float]] = {}
@@ -39,7 +39,7 @@ def strategy_interval(
 
 
 def strategy_difference(
-    records: Sequence[EvaluationRecord],
+    records: Sequence[Trial],
     strategy: str,
     reference: str,
     row: MetricRow,
@@ -50,7 +50,7 @@ def strategy_difference(
     return paired_difference(ours, theirs, row.higher_is_better, method)
 
 
-def rock_floor(records: Sequence[EvaluationRecord], metric: MetricRow) -> float | None:
+def rock_floor(records: Sequence[Trial], metric: MetricRow) -> float | None:
     """Mean over rocks of what a perfect reconstruction would get (``nbv.evaluation.floor``).
 
     A property of the rocks, so missions of all strategies may tell it. None where no mission holds it.
@@ -86,7 +86,7 @@ class ComparisonTable:
 
 
 def comparison_table(
-    records: Sequence[EvaluationRecord],
+    records: Sequence[Trial],
     strategies: Sequence[str],
     reference: str | None = None,
     surface: Literal["whole", "observable"] | None = "whole",
@@ -119,8 +119,8 @@ def comparison_table(
             if reference is not None and name != reference
         }
         table.append(ComparisonRow(metric, cells, best, rock_floor(records, metric), differences))
-    counts = collections.Counter(r.strategy for r in records if r.outcome.status != "failed")
-    failures = collections.Counter(r.strategy for r in records if r.outcome.status == "failed")
+    counts = collections.Counter(r.strategy for r in records if r.status != "failed")
+    failures = collections.Counter(r.strategy for r in records if r.status == "failed")
     return ComparisonTable(
         tuple(strategies),
         reference,

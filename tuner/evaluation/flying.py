@@ -13,12 +13,11 @@ import yaml
 
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
-from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan, EvaluationRecord
+from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
 from tuner.missions.executors import Executor
-from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
-from tuner.missions.long_runs import exclusive, stop_signals
-
-_POLL_S = 0.5
+from tuner.missions.fly import JobList, fly
+from tuner.missions.job import MissionJob, Trial
+from tuner.missions.long_runs import long_run
 
 
 @dataclass(frozen=True)
@@ -27,10 +26,10 @@ class EvaluationEvent:
 
     kind: Literal["launched", "finished", "failed", "interrupted", "done"]
     elapsed_s: float
-    finished: int  # missions with an outcome, those of earlier sessions included
+    finished: int  # missions that have ended, those of earlier sessions included
     total: int
     job: MissionJob | None = None
-    outcome: MissionOutcome | None = None
+    trial: Trial | None = None
 
 
 @dataclass(frozen=True)
@@ -38,14 +37,14 @@ class EvaluationRun:
     """What ``run_evaluation`` leaves: all records, and whether they are complete."""
 
     plan: EvaluationPlan
-    records: list[EvaluationRecord]
+    records: list[Trial]
     complete: bool
     elapsed_s: float
     failures: dict[str, int] = field(default_factory=dict)  # by reason
 
     def __repr__(self) -> str:
         """``EvaluationRun(tuned, hyb-h on arch, fin: 24 missions, 0 failed, complete)``."""
-        failed = sum(record.outcome.status == "failed" for record in self.records)
+        failed = sum(record.status == "failed" for record in self.records)
         return (
             f"EvaluationRun({', '.join(self.plan.strategies)} on {', '.join(self.plan.rocks)}: "
             f"{len(self.records)} missions, {failed} failed, {'complete' if self.complete else 'incomplete'})"
@@ -60,7 +59,7 @@ def run_evaluation(
 ) -> EvaluationRun:
     """Fly what is not flown yet, until done, Ctrl-C or SIGTERM.
 
-    Missions that the machine ended (`MissionOutcome.infrastructure_failure`) leave no record, and the evaluation incomplete.
+    Missions that the machine ended (`Trial.infrastructure_failure`) leave no record, and the evaluation incomplete.
 
     Raises
     ------
@@ -70,50 +69,26 @@ def run_evaluation(
     _claim(plan, directory)
     emit = on_event or (lambda event: None)
     began = time.monotonic()
-    jobs = plan.jobs(directory)
-    waiting = collections.deque(job for job in jobs if _unfinished(job))
-    flying: dict[str, MissionJob] = {}
-    lost = 0
+    jobs = {job.id: job for job in plan.jobs(directory)}
 
-    def tell(kind: Any, job: MissionJob | None = None, outcome: MissionOutcome | None = None) -> None:
-        finished = len(jobs) - len(waiting) - len(flying)
-        emit(EvaluationEvent(kind, time.monotonic() - began, finished, len(jobs), job, outcome))
+    def tell(kind: Any, job: MissionJob | None = None, trial: Trial | None = None) -> None:
+        finished = len(jobs) - flown.open
+        emit(EvaluationEvent(kind, time.monotonic() - began, finished, len(jobs), job, trial))
 
-    try:
-        with exclusive(directory), stop_signals() as stop:
-            try:
-                while (waiting or flying) and not stop.is_set():
-                    while waiting and len(flying) < executor.capacity:
-                        job = waiting.popleft()
-                        flying[job.id] = job
-                        executor.submit(job)
-                        tell("launched", job)
-                    for outcome in executor.wait_any(_POLL_S):
-                        job = flying.pop(outcome.job_id)
-                        if outcome.reason == "user_error":
-                            raise UserError(outcome.message)
-                        lost += outcome.infrastructure_failure
-                        tell("failed" if outcome.status == "failed" else "finished", job, outcome)
-                complete = not waiting and not flying and not lost
-                tell("done" if complete else "interrupted")
-            finally:
-                executor.cancel_all()
-    except OSError as error:
-        raise UserError(
-            f"cannot write to {directory}: {error.strerror or error}; make room, then resume"
-        ) from error
+    def tell_end(trial: Trial) -> None:
+        tell("failed" if trial.status == "failed" else "finished", jobs[trial.job_id], trial)
+
+    flown = JobList(jobs.values(), lambda job: tell("launched", job), tell_end)
+    with long_run(directory) as stop:
+        fly(flown, executor, stop)
+    tell("interrupted" if flown.open else "done")
     records = plan.records(directory)
-    return EvaluationRun(plan, records, complete, time.monotonic() - began, failure_counts(records))
+    return EvaluationRun(plan, records, not flown.open, time.monotonic() - began, failure_counts(records))
 
 
-def failure_counts(records: Iterable[EvaluationRecord]) -> dict[str, int]:
+def failure_counts(records: Iterable[Trial]) -> dict[str, int]:
     """Failed missions by reason."""
-    return dict(collections.Counter(r.outcome.reason for r in records if r.outcome.status == "failed"))
-
-
-def _unfinished(job: MissionJob) -> bool:
-    outcome = collect_outcome(job)
-    return outcome is None or outcome.reason == "user_error" or outcome.infrastructure_failure
+    return dict(collections.Counter(r.reason for r in records if r.status == "failed"))
 
 
 def place_for(plan: EvaluationPlan, usual: Path) -> Path:

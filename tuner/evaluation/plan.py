@@ -6,9 +6,10 @@ The directory holds ``evaluation.yaml`` and ``missions/STRATEGY/NN_ROCK_rK`` (``
 from __future__ import annotations
 
 import collections
+import dataclasses
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +25,10 @@ from nbv.config import (
 from nbv.errors import UserError
 from nbv.mission.function import Keep
 from nbv.safe_files import read_yaml, require
-from tuner.missions.external import ExternalConfig, configuration_from_dict
-from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
+from tuner.missions.external import configuration_from_dict
+from tuner.missions.job import MissionJob, Trial, landed
 from tuner.missions.registry import DEFAULT_FIDELITY, renamed, require_fidelity
 from tuner.problem.blocks import MAX_REPLICATES
-from tuner.problem.objective import Objective
 from tuner.problem.search_space import Configuration
 from tuner.problem.worlds import World
 
@@ -156,46 +156,13 @@ class EvaluationPlan:
             self.fidelity,
         )
 
-    def records(self, directory: Path) -> list[EvaluationRecord]:
+    def records(self, directory: Path) -> list[Trial]:
         """What is known of every combination so far; missions not flown yet are left out."""
         records = []
-        for name, config in self.strategies.items():
+        for name in self.strategies:
             for world in self.worlds:
                 for k in range(self.first_replicate, self.first_replicate + self.replicates):
-                    outcome = collect_outcome(self._job(directory, name, world, k))
-                    if outcome is not None and not outcome.infrastructure_failure:
-                        parameters = config.values if isinstance(config, ExternalConfig) else {}
-                        records.append(
-                            EvaluationRecord(name, world.rock, k, outcome, world.condition, parameters)
-                        )
+                    trial = landed(self._job(directory, name, world, k))
+                    if trial is not None and not trial.infrastructure_failure:
+                        records.append(dataclasses.replace(trial, strategy=name))
         return records
-
-
-@dataclass(frozen=True)
-class EvaluationRecord:
-    """One strategy's mission on one rock, under one condition, with one replicate."""
-
-    strategy: str
-    rock: str
-    replicate: int
-    outcome: MissionOutcome
-    condition: str = IDEAL
-    parameters: Mapping[str, Any] = field(
-        default_factory=dict
-    )  # of a mission file: costs, unless it says otherwise
-
-    def __repr__(self) -> str:
-        """``EvaluationRecord(tuned: ok on slab r1)``."""
-        return f"EvaluationRecord({self.strategy}: {self.outcome.status} on {self.world.label} r{self.replicate})"
-
-    @property
-    def world(self) -> World:
-        """Where it was flown."""
-        return World(self.rock, self.condition)
-
-    def value(self, key: str) -> float | None:
-        """A metric by path, or a cost by ``costs.NAME``; None where the mission has none."""
-        tree: Mapping[str, Any] = {**self.outcome.metrics, "costs": {**self.parameters, **self.outcome.costs}}
-        if self.outcome.status == "failed":
-            return None
-        return Objective(key).measure(tree)

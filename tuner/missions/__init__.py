@@ -1,7 +1,7 @@
-"""How missions are flown for the tuner: fidelities by name, jobs and their outcomes, processes to fly them in."""
+"""How missions are flown for the tuner: fidelities by name, jobs and their trials, processes to fly them in."""
 
 from tuner.missions.executors import Executor, InProcessExecutor, LocalProcessExecutor
-from tuner.missions.job import MissionJob, MissionOutcome
+from tuner.missions.job import MissionJob, Trial
 from tuner.missions.registry import FIDELITIES, mission_function
 
 __all__ = [
@@ -10,6 +10,6 @@ __all__ = [
     "InProcessExecutor",
     "LocalProcessExecutor",
     "MissionJob",
-    "MissionOutcome",
+    "Trial",
     "mission_function",
 ]

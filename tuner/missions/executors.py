@@ -25,15 +25,7 @@ from typing import TYPE_CHECKING, Protocol
 from nbv.errors import UserError
 from nbv.safe_files import require
 from nbv.threads import ONE_THREAD
-from tuner.missions.job import (
-    LOG_FILE,
-    MissionJob,
-    MissionOutcome,
-    clear_traces,
-    collect_outcome,
-    failed_outcome,
-    record_failure,
-)
+from tuner.missions.job import LOG_FILE, MissionJob, Trial, clear_traces, landed, record_failure
 from tuner.missions.registry import DEFAULT_FIDELITY, all_modules
 from tuner.missions.run_job import EXIT_NOT_WRITABLE, run_job
 
@@ -53,12 +45,12 @@ class Executor(Protocol):
         """Start ``job``; returns at once (the in-process executor flies it in ``wait_any``)."""
         ...
 
-    def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
-        """Return the outcomes that have arrived, waiting up to ``timeout_s`` for the first; possibly none."""
+    def wait_any(self, timeout_s: float) -> list[Trial]:
+        """Return the trials that have ended, waiting up to ``timeout_s`` for the first; possibly none."""
         ...
 
     def cancel_all(self) -> None:
-        """Kill all missions in flight; they leave no outcome."""
+        """Kill all missions in flight; they leave no trial."""
         ...
 
     def close(self) -> None:
@@ -83,7 +75,7 @@ class InProcessExecutor:
         """Queue ``job``."""
         self._queue.append(job)
 
-    def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
+    def wait_any(self, timeout_s: float) -> list[Trial]:
         """Fly the oldest job, however long it takes."""
         if not self._queue:
             return []
@@ -91,8 +83,8 @@ class InProcessExecutor:
         clear_traces(job)
         started = time.monotonic()
         run_job(job.to_dict())
-        outcome = collect_outcome(job, time.monotonic() - started)
-        return [outcome or failed_outcome(job, "no_result", f"nothing was written to {job.directory}")]
+        trial = landed(job, time.monotonic() - started)
+        return [trial or job.failed("no_result", f"nothing was written to {job.directory}")]
 
     def cancel_all(self) -> None:
         """Forget what has not started."""
@@ -168,7 +160,7 @@ class LocalProcessExecutor:
         self._preload = [module for fidelity in preload for module in all_modules(fidelity)]
         self._attempts: dict[str, _Attempt] = {}
         self._to_retry: list[_Attempt] = []
-        self._ready: list[MissionOutcome] = []
+        self._ready: list[Trial] = []
         self._server: subprocess.Popen[bytes] | None = None
         self._server_is_up = False
         self._silent_s = 0.0  # of listening to the server
@@ -189,8 +181,8 @@ class LocalProcessExecutor:
         self._attempts[attempt.job.id] = attempt
         self._order({"op": "run", "job": attempt.job.to_dict()})
 
-    def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
-        """Return the outcomes that arrive within ``timeout_s``."""
+    def wait_any(self, timeout_s: float) -> list[Trial]:
+        """Return the trials that end within ``timeout_s``."""
         deadline = time.monotonic() + timeout_s
         while not self._ready and (self._attempts or self._to_retry):
             waiting, self._to_retry = self._to_retry, []
@@ -280,17 +272,17 @@ class LocalProcessExecutor:
 
     def _land(self, attempt: _Attempt, status: int | None, error: str) -> None:
         job, wall_s = attempt.job, attempt.elapsed_s
-        outcome = collect_outcome(job, wall_s)
-        if outcome is None:
+        trial = landed(job, wall_s)
+        if trial is None:
             reason, message = self._verdict(attempt, status, error)
-            outcome = failed_outcome(job, reason, message, wall_s)
+            trial = job.failed(reason, message, wall_s)
             with contextlib.suppress(OSError):  # so that the directory tells its own story
                 record_failure(job, reason, message)
-        if outcome.should_retry(attempt.number, self._max_attempts, excused=attempt.excused):
-            excused = attempt.excused or outcome.possibly_machine_fault
+        if trial.should_retry(attempt.number, self._max_attempts, excused=attempt.excused):
+            excused = attempt.excused or trial.possibly_machine_fault
             self._to_retry.append(_Attempt(job, time.monotonic(), attempt.number + 1, excused))
         else:
-            self._ready.append(outcome)
+            self._ready.append(trial)
 
     def _verdict(self, attempt: _Attempt, status: int | None, error: str) -> tuple[str, str]:
         """Return why a mission left nothing, as reason and message; ``status`` is None where the server died."""

@@ -1,7 +1,9 @@
-"""A mission as the tuner sees it: a job that goes to a worker, and the outcome that comes back."""
+"""A mission as the tuner sees it: a job that goes to a worker, and the trial that comes of it."""
 
 from __future__ import annotations
 
+import datetime
+import functools
 import json
 import os
 from collections.abc import Mapping
@@ -9,14 +11,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from nbv.checksums import require_checksum
+from nbv.checksums import CHECKSUM, require_checksum
+from nbv.config import IDEAL
 from nbv.errors import UserError
 from nbv.mission.function import Keep
 from nbv.mission.run_directory import write_atomic
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json
-from tuner.missions.external.configuration import configuration_from_dict
+from tuner.missions.external.configuration import ExternalConfig, configuration_from_dict
 from tuner.missions.registry import DEFAULT_FIDELITY
+from tuner.problem.objective import Objective
 from tuner.problem.search_space import Configuration
+from tuner.problem.worlds import World
 
 RESULT_FILE = "mission.json"
 ERROR_FILE = "worker_error.json"
@@ -31,6 +36,7 @@ _INFRASTRUCTURE_FAILURES = {
     "worker_stopped",
 }
 _POSSIBLY_MACHINE_FAULTS = {"out_of_memory", "worker_died"}
+_MEASURED = ("metrics", "costs", "timings_s")  # what of a mission.json is kept in memory
 
 
 @dataclass(frozen=True)
@@ -67,21 +73,126 @@ class MissionJob:
         }
         return MissionJob(**fields)
 
+    def trial(self, **ended: Any) -> Trial:
+        """Return the trial of this job that ``ended`` so."""
+        return Trial(
+            rock=self.rock,
+            replicate=self.replicate,
+            directory=str(self.directory),
+            condition=self.config.condition,
+            values=self.config.values if isinstance(self.config, ExternalConfig) else {},
+            config_digest=self.config.digest(),
+            job_id=self.id,
+            **ended,
+        )
 
-@dataclass(frozen=True)
-class MissionOutcome:
-    """How a job ended. ``metrics`` is empty when ``status`` is ``failed``."""
+    def has_finished(self) -> bool:
+        """Whether its directory tells of an end that counts: neither the machine's doing nor a user's mistake."""
+        trial = landed(self)
+        return trial is not None and trial.reason != "user_error" and not trial.infrastructure_failure
 
-    job_id: str
-    status: Literal["ok", "degraded", "failed"]
+    def failed(self, reason: str, message: str, wall_s: float = 0.0) -> Trial:
+        """Return the trial of a mission that left nothing: why, as a word for programs such as ``timeout``, and for people."""
+        return self.trial(status="failed", reason=reason, message=message, wall_s=wall_s)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Trial:
+    """One mission, of a campaign or an evaluation: what was asked for, where it stands, how it ended.
+
+    What it measured is in its ``mission.json`` alone, and read when it is asked for.
+    """
+
+    rock: str
+    replicate: int
+    directory: str = ""  # of the mission, in ``run`` unless it is absolute
+    run: Path = Path()
+    condition: str = IDEAL
+    values: Mapping[str, Any] = field(default_factory=dict)  # tuned parameters, or those of a mission file
+    config_digest: str = ""
+    status: Literal["", "ok", "degraded", "failed"] = ""  # empty while it is in flight
     reason: str = ""  # snake_case code, e.g. "worker_died: signal 6", "timeout", "seed_model_failed"
     message: str = ""
-    metrics: dict[str, Any] = field(default_factory=dict)
-    costs: dict[str, Any] = field(default_factory=dict)
-    timings_s: dict[str, Any] = field(default_factory=dict)
     wall_s: float = 0.0
-    directory: str = ""
     rock_sha256: str = ""  # of the rock that was flown, where the mission says so
+    checksum: str = ""  # of its mission.json
+    job_id: str = ""
+    strategy: str = ""  # in an evaluation
+    # In a campaign:
+    number: int = 0
+    why: Mapping[str, Any] = field(default_factory=dict)  # who proposed it and for what reason
+    sampler_state: Mapping[str, Any] = field(default_factory=dict)
+    raw: float | None = None  # the objective as measured; None while in flight and where the mission failed
+    second: float | None = None  # the second objective, likewise
+    code: str = ""  # digest of what flies it, see `tuner.campaign.reproducibility_check`
+    started: datetime.datetime | None = None
+    finished: datetime.datetime | None = None
+    measured_then: Mapping[str, Any] | None = field(
+        default=None, repr=False, compare=False
+    )  # where it was read
+
+    def __repr__(self) -> str:
+        """``Trial(12: complete, 94.57 on slab r1)``, in an evaluation ``Trial(tuned: ok on slab r1)``."""
+        found = self.reason if self.raw is None else f"{self.raw:.4g}"
+        what = f"{self.strategy}: {self.status}" if self.strategy else f"{self.number}: {self.state}, {found}"
+        return f"Trial({what} on {self.world.label} r{self.replicate})"
+
+    @property
+    def state(self) -> Literal["running", "complete", "failed"]:
+        """``failed`` also without the objective's metric."""
+        if not self.status:
+            return "running"
+        return "failed" if self.raw is None else "complete"
+
+    @functools.cached_property
+    def world(self) -> World:
+        """The world in which it flies."""
+        return World(self.rock, self.condition)
+
+    @property
+    def path(self) -> Path:
+        """Its directory."""
+        return self.run / self.directory
+
+    @functools.cached_property
+    def _document(self) -> Mapping[str, Any]:
+        """What ``mission.json`` says was measured; nothing where it is gone or not the one that the mission left."""
+        if self.measured_then is not None:
+            return self.measured_then
+        tree = _read_json(self.path / RESULT_FILE) if self.status else None
+        if tree is None or (self.checksum and tree.get(CHECKSUM) != self.checksum):
+            return {}
+        return {key: tree.get(key) or {} for key in _MEASURED}
+
+    @property
+    def metrics(self) -> Mapping[str, Any]:
+        """As in ``mission.json``."""
+        return self._document.get("metrics", {})
+
+    @property
+    def costs(self) -> Mapping[str, Any]:
+        """As in ``mission.json``."""
+        return self._document.get("costs", {})
+
+    @property
+    def timings_s(self) -> Mapping[str, Any]:
+        """As in ``mission.json``."""
+        return self._document.get("timings_s", {})
+
+    @property
+    def measurements(self) -> dict[str, Any]:
+        """What objectives are looked for in; a parameter is a cost, unless the mission says otherwise."""
+        return {**self.metrics, "costs": {**self.values, **self.costs}}
+
+    def measured(self, objective: Objective) -> float | None:
+        """An objective's metric, perhaps another than the campaign's; None while flying, where it failed or has none."""
+        if self.status in ("", "failed"):
+            return None
+        return objective.measure(self.measurements)
+
+    def value(self, key: str) -> float | None:
+        """A metric by path, or a cost by ``costs.NAME``; None where the mission has none."""
+        return self.measured(Objective(key))
 
     @property
     def infrastructure_failure(self) -> bool:
@@ -104,48 +215,27 @@ class MissionOutcome:
         return self.possibly_machine_fault and not excused and max_attempts > 1
 
 
-def collect_outcome(job: MissionJob, wall_s: float | None = None) -> MissionOutcome | None:
-    """Return the outcome that a worker left in the job's directory; None when the mission did not finish.
+def landed(job: MissionJob, wall_s: float | None = None) -> Trial | None:
+    """Return how a job ended, as its directory tells; None when the mission did not finish.
 
     A ``mission.json`` of another configuration, condition, rock or replicate is not this mission's, nor one that was changed
     since it was written.
     """
     tree = _read_json(job.directory / RESULT_FILE)
     if tree is not None and _is_of(tree, job):
-        costs = tree.get("costs") or {}
-        return MissionOutcome(
-            job.id,
-            tree.get("status", "failed"),
-            tree.get("reason") or "",
-            tree.get("message") or "",
-            tree.get("metrics") or {},
-            costs,
-            tree.get("timings_s") or {},
-            float(wall_s if wall_s is not None else costs.get("wall_s") or 0.0),
-            str(job.directory),
-            str((tree.get("provenance") or {}).get("rock_sha256") or ""),
+        return job.trial(
+            status=tree.get("status", "failed"),
+            reason=tree.get("reason") or "",
+            message=tree.get("message") or "",
+            wall_s=float(wall_s if wall_s is not None else (tree.get("costs") or {}).get("wall_s") or 0.0),
+            rock_sha256=str((tree.get("provenance") or {}).get("rock_sha256") or ""),
+            checksum=str(tree.get(CHECKSUM) or ""),
+            measured_then={key: tree.get(key) or {} for key in _MEASURED},
         )
     tree = _read_json(job.directory / ERROR_FILE)
     if tree is not None and tree.get("job_id") == job.id:
-        return failed_outcome(job, tree["reason"], tree["message"], wall_s or 0.0)
+        return job.failed(tree["reason"], tree["message"], wall_s or 0.0)
     return None
-
-
-def failed_outcome(job: MissionJob, reason: str, message: str, wall_s: float = 0.0) -> MissionOutcome:
-    """Return the outcome of a mission that ended without metrics.
-
-    Parameters
-    ----------
-    job
-        The mission.
-    reason
-        The reason as a word for programs, such as ``timeout``.
-    message
-        The reason for people, in one line.
-    wall_s
-        How long the mission took.
-    """
-    return MissionOutcome(job.id, "failed", reason, message, wall_s=wall_s, directory=str(job.directory))
 
 
 def record_failure(job: MissionJob, reason: str, message: str) -> None:

@@ -80,3 +80,21 @@ def stop_signals() -> Iterator[Stop]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def long_run(directory: Path) -> Iterator[Stop]:
+    """Hold the directory and turn signals into a stop, for what writes there all the time.
+
+    Raises
+    ------
+    UserError
+        As `exclusive`; or something could not be written.
+    """
+    try:
+        with exclusive(directory), stop_signals() as stop:
+            yield stop
+    except OSError as error:
+        raise UserError(
+            f"cannot write to {directory}: {error.strerror or error}; make room, then resume"
+        ) from error

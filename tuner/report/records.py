@@ -29,11 +29,11 @@ def records_of(source: Campaign | EvaluationRun) -> list[dict[str, Any]]:
                 "rock": r.rock,
                 "condition": r.condition,
                 "replicate": r.replicate,
-                "status": r.outcome.status,
-                "reason": r.outcome.reason,
-                "wall_s": r.outcome.wall_s,
-                **_flat("metrics", r.outcome.metrics),
-                **_flat("costs", r.outcome.costs),
+                "status": r.status,
+                "reason": r.reason,
+                "wall_s": r.wall_s,
+                **_flat("metrics", r.metrics),
+                **_flat("costs", r.costs),
             }
             for r in source.records
         ]

@@ -11,17 +11,15 @@ import optuna
 import pytest
 import synthetic
 from fake_campaigns import settings
-from optuna.storages import JournalStorage
-from optuna.storages.journal import JournalFileBackend
 
 from nbv.errors import UserError
-from tuner.campaign import prefetch, storage
+from tuner.campaign import prefetch
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.storage import Journal
 from tuner.missions.executors import InProcessExecutor
-from tuner.missions.job import MissionOutcome
+from tuner.missions.job import Trial
 from tuner.problem.observations import Observation
 from tuner.samplers.base import SamplerSettings
 from tuner.samplers.gp import GPSampler
@@ -36,7 +34,7 @@ class Wide(InProcessExecutor):
         super().__init__()
         self.most = 0
 
-    def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
+    def wait_any(self, timeout_s: float) -> list[Trial]:
         self.most = max(self.most, len(self.in_flight))
         return super().wait_any(timeout_s)
 
@@ -121,20 +119,3 @@ def test_what_is_written_together_is_synchronised_once(
     with pytest.raises(UserError, match="another process writes"), storage.together():
         study.set_user_attr("one", 1)
         other.set_study_user_attr(0, "two", 2)
-
-
-def test_a_long_journal_is_read_as_optuna_reads_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / "study.journal"
-    study = optuna.create_study(study_name="s", storage=Journal(path))
-    monkeypatch.setattr(storage, "_AT_ONCE_BYTES", 500)
-    for i in range(5):
-        study.add_trial(optuna.trial.create_trial(value=i, user_attrs={"rock": "slab ü\u2028" * i}))
-    watching = optuna.load_study(study_name="s", storage=Journal(path))
-    with path.open("ab") as file:  # somebody is writing
-        file.write(b'{"op_code":')
-    theirs = optuna.load_study(study_name="s", storage=JournalStorage(JournalFileBackend(str(path))))
-    assert watching.trials == theirs.trials == study.trials and len(study.trials) == 5
-    for line in (b'8},{"op_code":8}\n', b"8\n"):
-        path.write_bytes(path.read_bytes() + line)
-        with pytest.raises(ValueError):
-            _ = watching.trials

@@ -8,7 +8,7 @@ from rich.progress import Progress
 from nbv.config import preset
 from tuner.commands.comparison import ComparisonProgress
 from tuner.evaluation.flying import EvaluationEvent
-from tuner.missions.job import MissionJob, MissionOutcome
+from tuner.missions.job import MissionJob
 
 
 def test_a_mission_tells_its_cost(tmp_path: Path) -> None:
@@ -16,6 +16,6 @@ def test_a_mission_tells_its_cost(tmp_path: Path) -> None:
     with Progress(console=console) as bar:
         show = ComparisonProgress(bar, "costs.images")
         job = MissionJob("tuned/a", preset("campaign"), "slab", 0, tmp_path / "a")
-        outcome = MissionOutcome("tuned/a", "ok", metrics={}, costs={"images": 26.0})
-        show(EvaluationEvent("finished", 1.0, 1, 1, job, outcome))
+        trial = job.trial(status="ok", measured_then={"costs": {"images": 26.0}})
+        show(EvaluationEvent("finished", 1.0, 1, 1, job, trial))
     assert "26.00" in console.export_text()

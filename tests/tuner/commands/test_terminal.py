@@ -17,12 +17,12 @@ from rich.console import Console
 
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
-from tuner.campaign.ledger import TrialRecord
 from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
 from tuner.commands import console, evaluate
 from tuner.commands.campaign_display import LINE, CampaignProgress, event_line, mission_line
 from tuner.evaluation.plan import EvaluationPlan
+from tuner.missions.job import Trial
 from tuner.missions.progress import Progress
 from tuner.problem.space_files import load_search_space
 
@@ -31,7 +31,7 @@ SETTINGS: CampaignSettings = fake_campaigns.settings(space=load_search_space("ga
 
 def event(kind: Any = "finished", **changes: Any) -> CampaignEvent:
     values = dict.fromkeys(SETTINGS.space.paths, 0.123456)
-    fields: dict[str, Any] = {"state": "complete", "values": values, "rock": "a", "replicate": 1}
+    fields: dict[str, Any] = {"values": values, "rock": "a", "replicate": 1}
     fields |= {
         "directory": "d",
         "why": {},
@@ -40,7 +40,7 @@ def event(kind: Any = "finished", **changes: Any) -> CampaignEvent:
         "status": "ok",
         "wall_s": 13.0,
     }
-    return CampaignEvent(kind, 2.0, 3, 9, TrialRecord(number=11, **{**fields, **changes}))
+    return CampaignEvent(kind, 2.0, 3, 9, Trial(number=11, **{**fields, **changes}))
 
 
 def test_a_mission_has_one_line_that_tells_scorers_apart() -> None:

@@ -24,7 +24,7 @@ def run(tuned: float = 97.0, **changes: object) -> EvaluationRun:
     levels = {"tuned": tuned, "hyb-h": 97.0, "random": 95.0}
     made = made_run(levels, **{"noise": 0.1, **changes})  # type: ignore[arg-type]
     records = [
-        replace(r, outcome=replace(r.outcome, costs={**r.outcome.costs, "images": 26.0}))
+        replace(r, measured_then={"metrics": r.metrics, "costs": {**r.costs, "images": 26.0}})
         if r.strategy == "tuned"
         else r
         for r in made.records
@@ -133,7 +133,8 @@ def test_less_of_what_is_minimised_is_an_improvement(decided: frozenset[str]) ->
     made = run()
     views = {"tuned": 7.0, "hyb-h": 20.0, "random": 20.0}
     records = [
-        replace(r, outcome=replace(r.outcome, costs={"views": views[r.strategy]})) for r in made.records
+        replace(r, measured_then={"metrics": r.metrics, "costs": {"views": views[r.strategy]}})
+        for r in made.records
     ]
     asked = Asked(Objective("costs.views", "minimise"), decided=decided)
     first, *_ = comparison_facts(replace(made, records=records), "hyb-h", asked).verdicts

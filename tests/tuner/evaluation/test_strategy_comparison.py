@@ -70,7 +70,7 @@ def test_interrupted_evaluation_flies_only_the_rest(tmp_path: Path) -> None:
     assert second.complete and sum(e.kind == "launched" for e in events) == 12 - 5
     assert all(file.read_text() == "flown\n" for file in (tmp_path / "out").rglob("flown.txt"))
     whole = run_evaluation(plan(), tmp_path / "whole", InProcessExecutor())
-    assert [r.outcome.metrics for r in second.records] == [r.outcome.metrics for r in whole.records]
+    assert [r.metrics for r in second.records] == [r.metrics for r in whole.records]
 
 
 def test_another_evaluation_lies_beside_the_first(tmp_path: Path) -> None:

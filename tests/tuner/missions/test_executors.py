@@ -17,7 +17,7 @@ import tuner.missions.executors as executors
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
-from tuner.missions.job import MissionJob, MissionOutcome, collect_outcome
+from tuner.missions.job import MissionJob, Trial, landed
 from tuner.missions.run_job import EXIT_NOT_WRITABLE, run_job
 
 
@@ -49,10 +49,10 @@ def wait_until(happened: Callable[[], bool], executor: LocalProcessExecutor) -> 
     assert happened()
 
 
-def fly(executor: LocalProcessExecutor, jobs: list[MissionJob]) -> dict[str, MissionOutcome]:
+def fly(executor: LocalProcessExecutor, jobs: list[MissionJob]) -> dict[str, Trial]:
     for each in jobs:
         executor.submit(each)
-    outcomes: dict[str, MissionOutcome] = {}
+    outcomes: dict[str, Trial] = {}
     deadline = time.monotonic() + 60
     while executor.in_flight and time.monotonic() < deadline:
         outcomes |= {o.job_id: o for o in executor.wait_any(1.0)}
@@ -162,7 +162,7 @@ def test_one_thread_per_mission_and_no_unsafe_forking(tmp_path: Path) -> None:
         capture_output=True,
     )
     assert done.returncode == 0, done.stderr
-    outcome = collect_outcome(each)
+    outcome = landed(each)
     assert outcome is not None and outcome.status == "ok"
 
 
@@ -183,7 +183,7 @@ def test_results_of_another_configuration_are_not_taken_over(tmp_path: Path) -> 
     executor.submit(job(tmp_path))
     assert executor.wait_any(0)[0].status == "ok"
     other = MissionJob("0000", MissionConfig().with_values({"gate.d95_m": 0.2}), "a", 0, tmp_path / "0000")
-    assert collect_outcome(job(tmp_path)) is not None and collect_outcome(other) is None
+    assert landed(job(tmp_path)) is not None and landed(other) is None
 
 
 def test_an_executor_needs_a_worker() -> None:

@@ -14,7 +14,7 @@ from nbv.config import preset
 from nbv.rocks.catalogue import forget_loaded, loaded_rocks
 from tuner.missions import shared_rocks
 from tuner.missions.executors import LocalProcessExecutor
-from tuner.missions.job import MissionJob, MissionOutcome
+from tuner.missions.job import MissionJob, Trial
 from tuner.missions.shared_rocks import SharedRocks
 
 FIDELITY = "geometric"
@@ -74,7 +74,7 @@ def test_later_missions_share_the_rock_that_the_first_read(tmp_path: Path) -> No
     ball = write_ball(tmp_path / "ball.ply")
     stamp = ball.stat().st_mtime_ns
 
-    def fly(executor: LocalProcessExecutor, number: int) -> MissionOutcome:
+    def fly(executor: LocalProcessExecutor, number: int) -> Trial:
         executor.submit(
             MissionJob(
                 f"{number:04d}", preset("campaign"), str(ball), 0, tmp_path / str(number), fidelity=FIDELITY

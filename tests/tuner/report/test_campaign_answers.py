@@ -13,7 +13,7 @@ from nbv.config import preset
 from nbv.mission.result import IterationRecord
 from tuner.campaign.asked_settings import asked_fields, asked_settings
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.ledger import TrialRecord
+from tuner.missions.job import Trial
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
 from tuner.recommendation.recommendation import Limit, NextRock, RunnerUp
@@ -49,7 +49,7 @@ def facts_of(campaign: Campaign, fidelity: str = "photogrammetric", **changes: A
     return facts
 
 
-def other(facts: CampaignFacts) -> TrialRecord:
+def other(facts: CampaignFacts) -> Trial:
     return next(t for t in facts.trials if t.values != facts.default)
 
 

@@ -21,7 +21,7 @@ from nbv.rocks.imported import write_rock
 from nbv.rocks.recipes import RECIPES
 from tuner.missions.cluster import worker
 from tuner.missions.executors import MAX_ATTEMPTS
-from tuner.missions.job import RESULT_FILE, MissionJob, MissionOutcome, clear_traces, failed_outcome
+from tuner.missions.job import RESULT_FILE, MissionJob, Trial, clear_traces, landed
 from tuner.missions.registry import EXTERNAL, FIDELITIES
 
 _COUNTED_EVERY_S = 1.0
@@ -112,17 +112,17 @@ class DaskExecutor:
             self._rocks[job.rock] = (rock.sha256, path.read_bytes())
         return self._rocks[job.rock]
 
-    def wait_any(self, timeout_s: float) -> list[MissionOutcome]:
-        """Return the outcomes that arrive within ``timeout_s``."""
+    def wait_any(self, timeout_s: float) -> list[Trial]:
+        """Return the trials that end within ``timeout_s``."""
         deadline = time.monotonic() + timeout_s
-        ready: list[MissionOutcome] = []
+        ready: list[Trial] = []
         while self._attempts and not ready:
             done = self._ended(max(0.0, deadline - time.monotonic()))
             if not done:
                 break
             answers = self._answers([attempt.future for attempt in done])
-            landed = [self._landed(attempt, *answer) for attempt, answer in zip(done, answers)]
-            ready = [outcome for outcome in landed if outcome is not None]
+            ended = [self._landed(attempt, *answer) for attempt, answer in zip(done, answers)]
+            ready = [trial for trial in ended if trial is not None]
         return ready
 
     def _ended(self, timeout_s: float) -> list[_Attempt]:
@@ -140,13 +140,13 @@ class DaskExecutor:
 
     def _landed(
         self, attempt: _Attempt, answer: dict[str, Any] | None, reason: str, message: str
-    ) -> MissionOutcome | None:
-        """Return the outcome; None where the mission flies again."""
+    ) -> Trial | None:
+        """Return the trial; None where the mission flies again."""
         job, wall_s = attempt.job, time.monotonic() - attempt.since
         del self._attempts[job.id]
         attempt.future.release()  # a scheduler makes anew what is wanted still where a worker is lost
         if answer is not None and "refused" in answer:
-            return failed_outcome(job, "user_error", answer["refused"])
+            return job.failed("user_error", answer["refused"])
         if answer is not None and "needs" in answer:
             sha256, content = self._rock(job)
             with contextlib.suppress(OSError):  # the worker has gone meanwhile
@@ -155,14 +155,13 @@ class DaskExecutor:
             return None
         if answer is not None:
             worker.unpacked(answer["files"], job.directory, RESULT_FILE)
-            outcome = MissionOutcome(**{**answer["outcome"], "directory": str(job.directory)})
-        else:
-            outcome = failed_outcome(job, reason, message, wall_s)
-        retry = outcome.should_retry(attempt.number, self._max_attempts, excused=attempt.excused)
+            reason, message, wall_s = answer["reason"], answer["message"], answer["wall_s"]
+        trial = (landed(job, wall_s) if answer else None) or job.failed(reason, message, wall_s)
+        retry = trial.should_retry(attempt.number, self._max_attempts, excused=attempt.excused)
         if retry and self._client.status == "running":
-            self._send(job, attempt.number + 1, excused=attempt.excused or outcome.possibly_machine_fault)
+            self._send(job, attempt.number + 1, excused=attempt.excused or trial.possibly_machine_fault)
             return None
-        return outcome
+        return trial
 
     def _answers(self, futures: list[Future]) -> list[tuple[dict[str, Any] | None, str, str]]:
         """Return each worker's answer, or why it gave none; they are fetched together where all is well."""

@@ -28,7 +28,7 @@ from nbv.cache import digest, home
 from nbv.provenance import MISSION_LIBRARIES, versions
 from nbv.rocks.imported import DamagedRockError, read_rock
 from tuner.missions.executors import LocalProcessExecutor
-from tuner.missions.job import MissionJob, MissionOutcome, failed_outcome
+from tuner.missions.job import MissionJob, Trial
 from tuner.missions.registry import module_of
 
 _POLL_S = 0.2
@@ -101,7 +101,7 @@ def keep_rock(sha256: str, content: bytes) -> None:
 def fly(order: dict[str, Any]) -> dict[str, Any]:
     """Fly the mission of ``order`` (see `tuner.missions.cluster.executor`).
 
-    Returns ``{"refused": why}``, ``{"needs": the rock's hash}``, or the outcome with the directory as a tar file.
+    Returns ``{"refused": why}``, ``{"needs": the rock's hash}``, or how it ended with the directory as a tar file.
     """
     worker = get_worker()
     ours = identity(order["job"]["fidelity"])
@@ -115,8 +115,9 @@ def fly(order: dict[str, Any]) -> dict[str, Any]:
         job = dataclasses.replace(job, rock=str(path))
     directory = Path(tempfile.mkdtemp(prefix=f"mission-{job.id}-", dir=worker.local_directory))
     try:
-        outcome = _flown(dataclasses.replace(job, directory=directory), order["timeout_s"])
-        return {"outcome": dataclasses.asdict(outcome), "files": packed(directory)}
+        trial = _flown(dataclasses.replace(job, directory=directory), order["timeout_s"])
+        ended = {name: getattr(trial, name) for name in ("reason", "message", "wall_s")}
+        return {**ended, "files": packed(directory)}
     finally:
         shutil.rmtree(directory, ignore_errors=True)
 
@@ -128,7 +129,7 @@ def _has(path: Path, sha256: str) -> bool:
         return False
 
 
-def _flown(job: MissionJob, timeout_s: float) -> MissionOutcome:
+def _flown(job: MissionJob, timeout_s: float) -> Trial:
     key = (job.fidelity, timeout_s)
     if getattr(_own, "key", None) != key:
         if hasattr(_own, "executor"):
@@ -138,14 +139,14 @@ def _flown(job: MissionJob, timeout_s: float) -> MissionOutcome:
     executor.begin()
     task = get_worker().get_current_task()
     if not _granted(get_worker(), task):
-        return failed_outcome(job, "worker_killed", "the worker that had it was lost")
+        return job.failed("worker_killed", "the worker that had it was lost")
     executor.submit(job)
     while True:
-        if landed := executor.wait_any(_POLL_S):
-            return landed[0]
+        if ended := executor.wait_any(_POLL_S):
+            return ended[0]
         if not _wanted(task):
             executor.cancel_all()
-            return failed_outcome(job, "worker_stopped", "the coordinator no longer wants it")
+            return job.failed("worker_stopped", "the coordinator no longer wants it")
 
 
 def grant(task: str, address: str, attempt: str, dask_scheduler: Any) -> bool:

@@ -13,7 +13,7 @@ from typing import Any
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.mission.result import IterationRecord, MissionResult
-from tuner.campaign.ledger import TrialRecord
+from tuner.missions.job import Trial
 from tuner.missions.registry import is_geometric
 from tuner.problem.configurations import configuration_key
 from tuner.recommendation.recommendation import Recommendation
@@ -54,7 +54,7 @@ class GateRow:
 # -- What should I use? --------------------------------------------------------------------------------------
 
 
-def flown(facts: CampaignFacts, values: Mapping[str, Any]) -> list[TrialRecord]:
+def flown(facts: CampaignFacts, values: Mapping[str, Any]) -> list[Trial]:
     """The successful missions of exactly these values."""
     key = configuration_key(facts.settings.space, values)
     own = [t for t in facts.trials if t.state == "complete"]

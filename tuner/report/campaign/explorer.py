@@ -8,7 +8,7 @@ from typing import Any
 
 from markupsafe import Markup
 
-from tuner.campaign.ledger import TrialRecord
+from tuner.missions.job import Trial
 from tuner.problem.search_space import Parameter, Value
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.campaign.walks import PAGE
@@ -17,7 +17,7 @@ from tuner.report.labels import parameter_label, parameter_value
 MOST_MISSIONS = 2000  # a browser draws more only slowly
 
 
-def mission_link(facts: CampaignFacts, trial: TrialRecord) -> str:
+def mission_link(facts: CampaignFacts, trial: Trial) -> str:
     """Address of a mission's own page, or of its documents, relative to the campaign's page; empty where there are none."""
     run = facts.campaign.directory / trial.directory
     for file in (run / PAGE, run / "mission.json"):

@@ -14,9 +14,9 @@ from nbv.evaluation.registry import tanks_and_temples_twin
 from nbv.types import Floats
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignStatus
-from tuner.campaign.ledger import TrialRecord
 from tuner.campaign.session import MAX_CONSECUTIVE_FAILURES
 from tuner.campaign.settings import CampaignSettings
+from tuner.missions.job import Trial
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter
@@ -66,7 +66,7 @@ class CampaignFacts:
     def __init__(self, campaign: Campaign) -> None:
         self.campaign = campaign
         self.settings: CampaignSettings = campaign.settings
-        self.trials: list[TrialRecord] = campaign.trials()
+        self.trials: list[Trial] = campaign.trials()
         self.observations: list[Observation] = campaign.history(self.trials)
         self.status: CampaignStatus = campaign.status()
         self.modelled: Objective = campaign.modelled_objective  # of the model, its maps and its checks
@@ -98,6 +98,10 @@ class CampaignFacts:
         found = Objective(path) if path else None
         return found if found and any(t.measured(found) is not None for t in self.trials) else None
 
+    def total(self, cost: str) -> float:
+        """A cost of all missions together."""
+        return float(sum(t.costs.get(cost) or 0.0 for t in self.trials))
+
     @property
     def digits(self) -> int:
         """Decimals with which the modelled metric is written: what its uncertainty deserves."""
@@ -108,7 +112,7 @@ class CampaignFacts:
             best.limit.sd if best.exact and best.limit is not None else best.sd or best.noise_sd
         )
 
-    def outcome(self, trial: TrialRecord) -> float | None:
+    def outcome(self, trial: Trial) -> float | None:
         """What a mission had of the modelled metric."""
         return trial.raw if self.modelled == self.settings.objective else trial.measured(self.modelled)
 

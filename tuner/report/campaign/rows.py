@@ -5,7 +5,7 @@ from __future__ import annotations
 import collections
 from collections.abc import Sequence
 
-from tuner.campaign.ledger import TrialRecord
+from tuner.missions.job import Trial
 from tuner.missions.registry import is_geometric
 from tuner.problem.search_space import Parameter
 from tuner.recommendation.recommendation import Recommendation
@@ -26,9 +26,9 @@ def key_figures(facts: CampaignFacts) -> list[tuple[str, str]]:
         (f"{st.finished} of {st.budget}", "missions finished"),
         (f"{st.failed}, {_degraded(facts)}", "of them failed, degraded"),
         (duration(st.mission_wall_s), "computing, summed over missions"),
-        (duration(st.flight_time_s), "simulated flight"),
-        (_distance(st.path_length_m), "flown"),
-        (f"{st.images:.0f}", _photographs(facts)),
+        (duration(facts.total("flight_time_s")), "simulated flight"),
+        (_distance(facts.total("path_length_m")), "flown"),
+        (f"{facts.total('images'):.0f}", _photographs(facts)),
     ][: None if facts.settings.mission is None else _KEY_FIGURES_OF_ANY_MISSION]
 
 
@@ -91,9 +91,17 @@ def cost_rows(facts: CampaignFacts) -> list[list[str]]:
             "",
         ],
         ["compute time", duration(st.mission_wall_s) + _stages(facts), duration(st.mission_wall_s / done)],
-        ["simulated flight time", duration(st.flight_time_s), duration(st.flight_time_s / done)],
-        ["distance flown", _distance(st.path_length_m), _distance(st.path_length_m / done)],
-        [_photographs(facts), f"{st.images:.0f}", f"{st.images / done:.1f}"],
+        [
+            "simulated flight time",
+            duration(facts.total("flight_time_s")),
+            duration(facts.total("flight_time_s") / done),
+        ],
+        [
+            "distance flown",
+            _distance(facts.total("path_length_m")),
+            _distance(facts.total("path_length_m") / done),
+        ],
+        [_photographs(facts), f"{facts.total('images'):.0f}", f"{facts.total('images') / done:.1f}"],
     ][: None if facts.settings.mission is None else _COSTS_OF_ANY_MISSION]
 
 
@@ -112,7 +120,7 @@ def _stages(facts: CampaignFacts) -> str:
 
 def failure_rows(facts: CampaignFacts) -> list[list[str]]:
     """Failed and degraded missions by reason, the commonest first: how many, on which rocks, the last one's message."""
-    groups: dict[tuple[str, str], list[TrialRecord]] = collections.defaultdict(list)
+    groups: dict[tuple[str, str], list[Trial]] = collections.defaultdict(list)
     for t in facts.trials:
         if t.state == "failed" or t.status == "degraded":
             outcome = "failed" if t.state == "failed" else "degraded"
@@ -130,7 +138,7 @@ def failure_rows(facts: CampaignFacts) -> list[list[str]]:
     ]
 
 
-def trial_row(facts: CampaignFacts, t: TrialRecord) -> list[str]:
+def trial_row(facts: CampaignFacts, t: Trial) -> list[str]:
     """One mission: where it flew, what it measured, its configuration."""
     outcome = {
         "running": "in flight",
@@ -151,7 +159,7 @@ def trial_row(facts: CampaignFacts, t: TrialRecord) -> list[str]:
     ]
 
 
-def _cost_cell(facts: CampaignFacts, t: TrialRecord) -> list[str]:
+def _cost_cell(facts: CampaignFacts, t: Trial) -> list[str]:
     """The objective where the configuration decides it; no cell elsewhere."""
     objective = facts.settings.objective
     if facts.modelled == objective:
@@ -159,7 +167,7 @@ def _cost_cell(facts: CampaignFacts, t: TrialRecord) -> list[str]:
     return ["–" if t.raw is None else exact_text(t.raw, metric_label(objective.metric))]
 
 
-def _twin_mean(facts: CampaignFacts, trials: list[TrialRecord]) -> list[str]:
+def _twin_mean(facts: CampaignFacts, trials: list[Trial]) -> list[str]:
     """The cell of the metric's twin; no cell where missions have none."""
     if facts.twin is None:
         return []

@@ -13,8 +13,8 @@ from tuner.evaluation.comparison import ComparisonRow, ComparisonTable, comparis
 from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.of_campaign import Asked
 from tuner.evaluation.paper_table import MetricRow
-from tuner.evaluation.plan import EvaluationRecord
 from tuner.evaluation.statistics import Interval
+from tuner.missions.job import Trial
 from tuner.missions.registry import EXTERNAL
 from tuner.problem.exact_costs import PHOTOGRAPHS
 from tuner.problem.objective import Objective
@@ -112,7 +112,7 @@ def comparison_facts(
     strategies, records, plan = in_order(run.plan.strategies), run.records, run.plan
     asked = asked or Asked(Objective())
     against = reference or ("hyb-h" if "hyb-h" in strategies else strategies[0])
-    measured = plan.fidelity != EXTERNAL or any("whole" in r.outcome.metrics for r in records)
+    measured = plan.fidelity != EXTERNAL or any("whole" in r.metrics for r in records)
     if measured:
         parts = [
             Part(f"{s.capitalize()} surface", s, comparison_table(records, strategies, against, s))
@@ -125,7 +125,7 @@ def comparison_facts(
     of_campaign = TUNED in strategies and (measured or asked.second is not None)
     several = len(plan.conditions) > 1
 
-    def summary(own: Sequence[EvaluationRecord]) -> ComparisonTable:
+    def summary(own: Sequence[Trial]) -> ComparisonTable:
         return _summary(own, strategies, against, asked, photographs=plan.fidelity != EXTERNAL)
 
     return ComparisonFacts(
@@ -156,7 +156,7 @@ def in_order(strategies: Iterable[str]) -> tuple[str, ...]:
 
 
 def _summary(
-    records: Sequence[EvaluationRecord],
+    records: Sequence[Trial],
     strategies: Sequence[str],
     reference: str,
     asked: Asked,
@@ -179,7 +179,7 @@ def _summary(
     return dataclasses.replace(table, rows=rows)
 
 
-def _counted(records: Sequence[EvaluationRecord], strategies: Sequence[str], o: Objective) -> ComparisonRow:
+def _counted(records: Sequence[Trial], strategies: Sequence[str], o: Objective) -> ComparisonRow:
     cells = {name: strategy_interval(records, name, o.metric) for name in strategies}
     whole = all(cell is None or cell.mean.is_integer() for cell in cells.values())
     best = _best(cells, min if o.direction == "minimise" else max)

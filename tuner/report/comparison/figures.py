@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import ComparisonTable
 from tuner.evaluation.paper_table import MetricRow
-from tuner.evaluation.plan import EvaluationRecord
+from tuner.missions.job import Trial
 from tuner.problem.worlds import World, rocks_of
 from tuner.report.comparison.tables import difference_verdict, gain_interval
 from tuner.report.labels import metric_label
@@ -80,7 +80,7 @@ def _short_title(metric: MetricRow) -> str:
 
 
 def rocks_figure(
-    records: Sequence[EvaluationRecord], strategies: Sequence[str], worlds: Sequence[World], metric: MetricRow
+    records: Sequence[Trial], strategies: Sequence[str], worlds: Sequence[World], metric: MetricRow
 ) -> Figure:
     """Every mission of every strategy, world by world; bars are means, crosses at the bottom failed missions."""
     with look():

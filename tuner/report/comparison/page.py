@@ -225,9 +225,9 @@ def _sectors(
     centers: list[float] = []
     for name in facts.strategies:
         for r in facts.run.records if surface else ():
-            metrics = r.outcome.metrics
+            metrics = r.metrics
             values, here = metrics.get(surface or "", {}).get(SECTOR_KEY), metrics.get("sector_centers_deg")
-            if r.strategy == name and r.outcome.status != "failed" and values and here:
+            if r.strategy == name and r.status != "failed" and values and here:
                 centers = centers or list(here)
                 if list(here) == centers:
                     found[strategy_label(name)].append(values)

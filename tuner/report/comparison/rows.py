@@ -19,10 +19,10 @@ from tuner.report.style import short_names
 def strategy_row(run: EvaluationRun, name: str) -> dict[str, str]:
     """One strategy: what it does, how many missions, what they cost."""
     own = [r for r in run.records if r.strategy == name]
-    done = [r for r in own if r.outcome.status != "failed"]
+    done = [r for r in own if r.status != "failed"]
 
     def mean(key: str) -> float | None:
-        values = [float(v) for r in done if isinstance(v := r.outcome.costs.get(key), (int, float))]
+        values = [float(v) for r in done if isinstance(v := r.costs.get(key), (int, float))]
         return sum(values) / len(values) if values else None
 
     path, flight, wall = mean("path_length_m"), mean("flight_time_s"), mean("wall_s")
@@ -49,10 +49,7 @@ def provenance_rows(run: EvaluationRun, place: str) -> list[tuple[str, str]]:
     for r in run.records:
         try:
             tree = (
-                read_json(Path(r.outcome.directory) / RESULT_FILE, RESULT_BYTES, RESULT_NODES).get(
-                    "provenance"
-                )
-                or {}
+                read_json(Path(r.directory) / RESULT_FILE, RESULT_BYTES, RESULT_NODES).get("provenance") or {}
             )
         except (UserError, AttributeError):
             continue

@@ -12,8 +12,8 @@ from rich.table import Table
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import ComparisonRow, ComparisonTable
 from tuner.evaluation.paper_table import PAPER_TABLE_I, MetricRow
-from tuner.evaluation.plan import EvaluationRecord
 from tuner.evaluation.statistics import Interval, PairedDifference
+from tuner.missions.job import Trial
 from tuner.problem.objective import Objective
 from tuner.report.labels import (
     MISSING,
@@ -90,9 +90,9 @@ def row_name(metric: MetricRow) -> str:
     return f"{metric.label} {'↑' if metric.higher_is_better else '↓'}{unit}"
 
 
-def mission_file_rows(objective: Objective, records: Sequence[EvaluationRecord]) -> tuple[MetricRow, ...]:
+def mission_file_rows(objective: Objective, records: Sequence[Trial]) -> tuple[MetricRow, ...]:
     """What missions of a mission file are compared in: its metric and their costs, of which less is better."""
-    costs = sorted({name for r in records for name in r.outcome.costs})
+    costs = sorted({name for r in records for name in r.costs})
     keys = {objective.metric: objective.direction == "maximise", **{f"costs.{name}": False for name in costs}}
     rows = []
     for key, more_is_better in keys.items():

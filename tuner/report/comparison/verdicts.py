@@ -14,8 +14,8 @@ from tuner.evaluation.comparison import strategy_difference, strategy_interval, 
 from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.of_campaign import Asked
 from tuner.evaluation.paper_table import MetricRow
-from tuner.evaluation.plan import EvaluationRecord
 from tuner.evaluation.statistics import Interval, PairedDifference
+from tuner.missions.job import Trial
 from tuner.problem.objective import Objective
 from tuner.report.comparison.tables import difference_verdict, gain_interval
 from tuner.report.labels import format_number, metric_label, with_unit
@@ -62,7 +62,7 @@ def other_strategies(run: EvaluationRun, reference: str, asked: Asked) -> list[S
     return [_against(run.records, name, reference, objective, plain) for name in shown]
 
 
-def share_kept(records: Sequence[EvaluationRecord], strategy: str, asked: Asked) -> Interval | None:
+def share_kept(records: Sequence[Trial], strategy: str, asked: Asked) -> Interval | None:
     """Share of the rocks, in percent, whose mean keeps the limit; Wilson's 95 % interval.
 
     A rock on which a mission failed has not kept it. None where the strategy has no mission.
@@ -86,7 +86,7 @@ def share_kept(records: Sequence[EvaluationRecord], strategy: str, asked: Asked)
     return Interval(share, 100 * bounds.low, 100 * bounds.high, len(rocks), len(own), "wilson")
 
 
-def _limit(records: Sequence[EvaluationRecord], asked: Asked) -> list[Sentence]:
+def _limit(records: Sequence[Trial], asked: Asked) -> list[Sentence]:
     share = share_kept(records, TUNED, asked)
     if share is None or asked.second is None:
         return []
@@ -113,7 +113,7 @@ def _best_control(run: EvaluationRun, reference: str, quality: Objective, place:
 
 
 def _against(
-    records: Sequence[EvaluationRecord], name: str, reference: str, objective: Objective, asked: Asked
+    records: Sequence[Trial], name: str, reference: str, objective: Objective, asked: Asked
 ) -> Sentence:
     who, whom = strategy_label(name), strategy_label(reference)
     d = strategy_difference(records, name, reference, row_of(objective))
