@@ -94,7 +94,7 @@ class ReproducibilityCheck:
         """Return whether `require` would refuse."""
         return bool(rock_sha256) and self._rocks.get(_name(trial), (rock_sha256, 0))[0] != rock_sha256
 
-    def _remember(self, trial: TrialRecord, sha256: str) -> None:
+    def _remember(self, trial: Trial, sha256: str) -> None:
         if sha256:
             self._rocks[_name(trial)] = (sha256, trial.number)
 
@@ -105,6 +105,6 @@ class ReproducibilityCheck:
         )
 
 
-def _name(trial: TrialRecord) -> str:
+def _name(trial: Trial) -> str:
     """What rock it is: of a family every replicate is another one."""
     return f"{trial.rock}, rock {trial.replicate}" if family_of(trial.rock) else trial.rock

@@ -27,7 +27,8 @@ from nbv.errors import UserError
 from nbv.mission.result import json_ready
 from nbv.mission.run_directory import write_atomic
 from nbv.types import Floats
-from tuner.evaluation.plan import EvaluationPlan, EvaluationRecord
+from tuner.evaluation.plan import EvaluationPlan
+from tuner.missions.job import Trial
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.search_space import SearchSpace
 from tuner.report.labels import format_number, metric_label
@@ -105,7 +106,7 @@ class Noise:
     replicates: int
 
 
-def analyse(plan: EvaluationPlan, records: Sequence[EvaluationRecord], metric: str) -> Noise | None:
+def analyse(plan: EvaluationPlan, records: Sequence[Trial], metric: str) -> Noise | None:
     """Return what the missions so far say of ``metric``; None before enough configurations are complete."""
     value = {(r.strategy, r.rock, r.replicate): r.value(metric) for r in records}
 

@@ -107,7 +107,7 @@ def test_a_flown_study_finds_the_known_components_and_is_not_flown_twice(tmp_pat
 def test_failed_missions_are_left_out_and_too_few_say_nothing(tmp_path: Path) -> None:
     plan = plan_of(("r0", "failing"), 6, 2)
     run = run_evaluation(plan, tmp_path / "s", InProcessExecutor())
-    failed = {r.strategy for r in run.records if r.outcome.status == "failed"}
+    failed = {r.strategy for r in run.records if r.status == "failed"}
     found = analyse(plan, run.records, METRIC)
     assert failed and found is not None and found.configurations == 6 - len(failed - {"default"})
     assert analyse(plan, run.records[:8], METRIC) is None
