@@ -591,7 +591,6 @@ def test_status_fits_no_model_where_one_was_saved(
         if event.kind == "finished" and event.finished == 5:
             os.kill(os.getpid(), signal.SIGINT)
 
-    monkeypatch.setattr("tuner.recommendation.choose.fewer_changes", None)  # a brief one needs no more models
     fly_campaign(campaign, InProcessExecutor(), interrupt, recommend_every=4)
     monkeypatch.setattr("tuner.recommendation.choose.recommend", None)
     code, out, _ = gatetune("campaign", "status", tmp_path / "run")

@@ -20,7 +20,6 @@ from tuner.campaign.events import CampaignEvent
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import settings_from_dict
-from tuner.campaign.storage import JOURNAL_FILE
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.observations import Observation
 from tuner.problem.worlds import World, worlds_over
@@ -67,25 +66,6 @@ def test_ideal_alone_is_the_campaign_without_conditions(tmp_path: Path) -> None:
             b.directory,
             b.sampler_state,
         )
-
-
-def test_a_campaign_of_an_earlier_version_is_read(tmp_path: Path) -> None:
-    campaign = fake_campaigns.run(tmp_path / "run", budget=3)
-    before = campaign.trials()
-    journal = tmp_path / "run" / JOURNAL_FILE
-    records = [json.loads(line) for line in journal.read_text().splitlines()]
-    for record in records:
-        for of_later in ("condition", "seal_entered", "seal_ended"):
-            record.get("user_attrs", record.get("user_attr", {})).pop(of_later, None)
-    kept = [record for record in records if record.get("user_attr") != {}]
-    journal.write_text("".join(json.dumps(record) + "\n" for record in kept))
-    path = tmp_path / "run" / "campaign.yaml"
-    tree = yaml.safe_load(path.read_text())
-    del tree["settings"]["conditions"], tree["checksum"]
-    tree["settings"]["runner"] = tree["settings"].pop("fidelity")
-    path.write_text(yaml.safe_dump(tree))
-    assert '"condition"' not in journal.read_text()
-    assert Campaign.open(tmp_path / "run", read_only=True).trials() == before
 
 
 def test_a_geometric_campaign_over_worlds_goes_on(tmp_path: Path) -> None:

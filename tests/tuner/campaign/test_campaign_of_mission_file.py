@@ -75,7 +75,7 @@ def test_an_own_cost_is_an_objective_and_a_parameter_is_computed(gatetune, toy):
     campaign = begin_campaign(toy / "runs/two", settings_from_dict({"name": "two", **asked}, "test"))
     assert fly_campaign(campaign, InProcessExecutor()).status.finished == 5
     trials = [t for t in campaign.trials() if t.state == "complete"]
-    assert trials and all(t.costs["gain"] == t.values["gain"] for t in trials)
+    assert trials and all(t.second == t.values["gain"] for t in trials)
     found = campaign.recommendation()
     assert found is not None and found.values["gain"] <= 2
     code, _, err = gatetune("evaluate", "runs/two", "--replicates", 1, "--workers", 1)
