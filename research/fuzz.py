@@ -149,13 +149,9 @@ def _state(path: Path) -> None:
 
 
 def _rock(path: Path) -> None:
-    from nbv.errors import UserError
-    from nbv.rocks.imported import DamagedRockError, read_rock
+    from nbv.rocks.imported import read_rock
 
-    try:
-        read_rock(path)
-    except DamagedRockError as error:
-        raise UserError(str(error)) from error
+    read_rock(path)
 
 
 def _mesh(path: Path) -> None:
@@ -165,16 +161,12 @@ def _mesh(path: Path) -> None:
 
 
 def _texture(path: Path) -> None:
-    from PIL import Image
-
-    from nbv.rocks.texture import linear_image
-
-    del linear_image, Image
-    mesh = path.with_name("beside.obj")
-    mesh.write_text(TETRAHEDRON)
     from nbv.rocks.importer import import_mesh
 
-    import_mesh(mesh, albedo=path)
+    path.with_name("beside.mtl").write_text(f"newmtl a\nmap_Kd {path.name}\n")
+    mesh = path.with_name("beside.obj")
+    mesh.write_text(TEXTURED)
+    import_mesh(mesh)
 
 
 def _store(path: Path) -> None:
@@ -224,6 +216,10 @@ def _command_line(path: Path) -> None:
 
 
 TETRAHEDRON = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+TEXTURED = (
+    "mtllib beside.mtl\nusemtl a\nvt 0 0\nvt 1 0\nvt 0 1\nvt 1 1\n"
+    "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1/1 3/3 2/2\nf 1/1 2/2 4/4\nf 2/2 3/3 4/4\nf 1/1 4/4 3/3\n"
+)
 ARGUMENTS = [
     [
         "campaign",

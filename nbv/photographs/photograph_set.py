@@ -29,7 +29,7 @@ from nbv.config import CameraConfig
 from nbv.errors import UserError
 from nbv.photographs.reference_file import Reference, read_reference
 from nbv.rocks import Rock
-from nbv.rocks.imported import DamagedRockError, check_name, read_rock
+from nbv.rocks.imported import check_name, read_rock
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_bytes, read_json
 from nbv.types import Floats
 
@@ -157,7 +157,7 @@ class PhotographSet:
         """The meshed reference as a rock, for surroundings, oracle and viewer; `UserError` where it is damaged."""
         try:
             return read_rock(self.folder / SURFACE_FILE)
-        except (DamagedRockError, FileNotFoundError) as error:
+        except UserError as error:
             raise UserError(f"{error}; import the photographs again with --force") from error
 
     @staticmethod

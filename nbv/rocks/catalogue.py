@@ -10,7 +10,7 @@ from pathlib import Path
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.rocks.families import FAMILIES, generated_name
-from nbv.rocks.imported import DamagedRockError, imported_path, list_imported, read_rock
+from nbv.rocks.imported import imported_path, list_imported, read_rock
 from nbv.rocks.importer import import_mesh
 from nbv.rocks.procedural import COARSE_GRID_M, procedural_rock
 from nbv.rocks.recipes import RECIPES
@@ -95,5 +95,5 @@ def _once(key: Hashable, load: Callable[[], Rock]) -> Rock:
 def _read_imported(path: Path) -> Rock:
     try:
         return read_rock(path)
-    except DamagedRockError as error:
+    except UserError as error:
         raise UserError(f"{error}; import the rock again with --force") from error

@@ -36,10 +36,6 @@ _CONTENT = {
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 
 
-class DamagedRockError(Exception):
-    """A rock file that cannot be read back as it was written."""
-
-
 def imported_dir() -> Path:
     """Where imported rocks are kept."""
     return home() / "rocks" / "imported"
@@ -57,7 +53,7 @@ def list_imported() -> list[RockInfo]:
     for path in sorted(folder.glob("*.npz")) if folder.is_dir() else []:
         try:
             split, difficulty = read_labels(path)
-        except (DamagedRockError, FileNotFoundError) as error:
+        except UserError as error:
             log.warning("%s; import the rock again", error)
             continue
         rocks.append(RockInfo(path.stem, split, "imported", difficulty))
@@ -128,52 +124,35 @@ def write_rock(rock: Rock, path: Path) -> None:
 
 
 def read_rock(path: Path) -> Rock:
-    """Read a rock back and check its content hash.
-
-    Raises
-    ------
-    FileNotFoundError
-        There is no such file.
-    DamagedRockError
-        The file is truncated, altered or of another format.
-    """
+    """Read a rock back; `UserError` where there is none, or one that is not as it was written."""
+    data = read_npz(path, {**_LABELS, **_CONTENT})
+    if int(data["format"]) != _FORMAT:
+        raise UserError(f"{path} has format {int(data['format'])}, not {_FORMAT}")
     try:
-        path.stat()
-        data = read_npz(path, {**_LABELS, **_CONTENT})
-        if int(data["format"]) != _FORMAT:
-            raise DamagedRockError(f"{path} has format {int(data['format'])}, not {_FORMAT}")
         rock = make_rock(
             str(data["name"]),
             data["vertices_m"],
             data["faces"],
             data["albedo"],
-            split=_split(str(data["split"])),
+            split=_split(path, data),
             difficulty=str(data["difficulty"]),
             notes=tuple(str(note) for note in data["notes"]),
         )
-        expected = str(data["sha256"])
-    except FileNotFoundError:
-        raise
-    except (UserError, OSError, ValueError, IndexError, TypeError) as error:
-        raise DamagedRockError(f"{path} cannot be read: {error}") from error
-    if rock.sha256 != expected:
-        raise DamagedRockError(f"{path} does not have the content it was written with")
+    except (ValueError, IndexError, TypeError) as error:
+        raise UserError(f"{path} cannot be read: {error}") from error
+    if rock.sha256 != str(data["sha256"]):
+        raise UserError(f"{path} does not have the content it was written with")
     return rock
 
 
 def read_labels(path: Path) -> tuple[Split, str]:
     """Split and difficulty of the rock at ``path``, without reading its mesh; errors as `read_rock`."""
-    try:
-        path.stat()
-        data = read_npz(path, _LABELS)
-        return _split(str(data["split"])), str(data["difficulty"])
-    except FileNotFoundError:
-        raise
-    except (UserError, OSError, ValueError) as error:
-        raise DamagedRockError(f"{path} cannot be read: {error}") from error
+    data = read_npz(path, _LABELS)
+    return _split(path, data), str(data["difficulty"])
 
 
-def _split(text: str) -> Split:
-    if text not in SPLITS:
-        raise ValueError(f"unknown split {text!r}")
-    return cast(Split, text)
+def _split(path: Path, data: dict[str, np.ndarray]) -> Split:
+    split = str(data["split"])
+    if split not in SPLITS:
+        raise UserError(f"{path} has the unknown split {split[:40]!r}")
+    return cast(Split, split)

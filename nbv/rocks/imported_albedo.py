@@ -1,10 +1,9 @@
-"""The albedo of an imported rock: the mesh's own, an image's or a procedural one."""
+"""The albedo of an imported rock: the mesh's own, or a procedural one."""
 
 from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,18 +11,8 @@ from numpy.typing import NDArray
 from nbv.rocks import mesh as meshes
 from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.mesh_file import Soup
-from nbv.rocks.texture import (
-    Linear,
-    fill_gutters,
-    open_texture,
-    sample,
-    shrink,
-    triplanar,
-)
-from nbv.safe_files import expanded
+from nbv.rocks.texture import Linear, fill_gutters, sample, shrink
 from nbv.types import Floats, Ints
-
-TILE_M = 1.6  # one tile of a triplanar albedo image
 
 
 @dataclass(frozen=True)
@@ -37,47 +26,21 @@ class FineMesh:
     max_edge_m: float  # the longest edge
 
 
-def imported_albedo(
-    soup: Soup, fine: FineMesh, choice: str | Path | None, notes: list[str]
-) -> NDArray[np.float32]:
-    """(V, 3) linear albedo of the fine mesh's vertices.
+def imported_albedo(soup: Soup, fine: FineMesh, notes: list[str]) -> NDArray[np.float32]:
+    """(V, 3) linear albedo of the fine mesh's vertices; ``notes`` gets where it comes from.
 
-    Parameters
-    ----------
-    soup
-        The coarse mesh, in metres, and what its corners carry.
-    fine
-        The same surface, subdivided.
-    choice
-        The ``albedo`` of ``import_mesh``.
-    notes
-        Gets where the albedo comes from.
-
-    Raises
-    ------
-    UserError
-        ``choice`` names an image that is missing or unreadable.
+    The colours that the corners of ``soup``, the coarse mesh in metres, carry; a procedural albedo where there are none.
     """
-    normals = meshes.vertex_normals(fine.vertices, fine.faces)
-    spacing = 0.6 * fine.max_edge_m
-    if choice is not None and str(choice) != "procedural":
-        image = open_texture(expanded(choice))
-        image = shrink(image, spacing / (TILE_M / max(image.shape[:2])))
-        notes.append(f"albedo: {Path(choice).name} projected along the three axes")
-        return triplanar(image, fine.vertices, normals, TILE_M)
-    if choice is None:
-        colors = _own_colors(soup, fine, spacing)
-        if colors is not None and colors.std(0).max() > 0.004:
-            kinds = {soup.skins[i].kind for i in np.unique(soup.skin)}
-            word = "texture" if "texture" in kinds else "vertex or face colours"
-            notes.append(f"albedo: the mesh's own {word}, converted from sRGB to linear")
-            return colors
-        why = "the mesh has no texture or colours" if colors is None else "the mesh has one colour only"
-        notes.append(f"albedo: procedural, since {why}")
-    else:
-        notes.append("albedo: procedural, as asked")
+    colors = _own_colors(soup, fine, 0.6 * fine.max_edge_m)
+    if colors is not None and colors.std(0).max() > 0.004:
+        kinds = {soup.skins[i].kind for i in np.unique(soup.skin)}
+        word = "texture" if "texture" in kinds else "vertex or face colours"
+        notes.append(f"albedo: the mesh's own {word}, converted from sRGB to linear")
+        return colors
+    why = "the mesh has no texture or colours" if colors is None else "the mesh has one colour only"
+    notes.append(f"albedo: procedural, since {why}")
     seed = zlib.crc32(np.round(soup.vertices * 1e4).astype("<i8").tobytes()) & 0xFFFF
-    return procedural_albedo(fine.vertices, normals, seed)
+    return procedural_albedo(fine.vertices, meshes.vertex_normals(fine.vertices, fine.faces), seed)
 
 
 def _own_colors(soup: Soup, fine: FineMesh, spacing: float) -> NDArray[np.float32] | None:

@@ -43,15 +43,13 @@ def import_mesh(
     split: Split = "train",
     difficulty: str | None = None,
     up: Up = "auto",
-    albedo: str | Path | None = None,
-    keep: Literal["largest", "all"] = "largest",
 ) -> Rock:
     """Make a rock of a mesh file (OBJ with MTL and texture, GLB, PLY, STL, ... whatever trimesh reads).
 
     Duplicate vertices are merged, the body with the largest surface is kept, the mesh is turned upright,
     scaled to ``height_m``, set on the ground and subdivided until no edge is longer than 9 mm, so that
-    vertices can carry the texture. Subdivision does not move the surface. Everything done is told in the
-    rock's notes.
+    vertices can carry the texture. Subdivision does not move the surface. The albedo is the mesh's own texture or
+    colours (taken as sRGB), else procedural. Everything done is told in the rock's notes.
 
     Parameters
     ----------
@@ -61,11 +59,6 @@ def import_mesh(
         A phrase for the catalogue; default: the overhang, measured.
     up
         The file's upward axis. ``auto`` takes y for glTF, as its standard says, and z for everything else.
-    albedo
-        None: the mesh's own texture or colours (taken as sRGB), else a procedural albedo.
-        ``"procedural"``: always that. A path: an image, projected along the three axes.
-    keep
-        ``all`` keeps loose bodies too.
 
     Raises
     ------
@@ -77,13 +70,11 @@ def import_mesh(
         raise UserError(f"up is {up!r}; allowed: {', '.join(get_args(Up))}")
     if split not in SPLITS:
         raise UserError(f"split is {split!r}; allowed: {', '.join(SPLITS)}")
-    if keep not in ("largest", "all"):
-        raise UserError(f"keep is {keep!r}; allowed: largest, all")
     if not 0.1 <= height_m <= 5.0:
         raise UserError(f"height_m is {height_m!r}; it must be between 0.1 and 5 m")
     notes: list[str] = []
     soup = read_mesh_file(path, notes)
-    soup = _clean(soup, path, keep, notes)
+    soup = _clean(soup, path, notes)
 
     axis = _upward(path, up)
     if axis != "z":
@@ -110,7 +101,7 @@ def import_mesh(
         name or _default_name(path),
         fine.vertices,
         fine.faces,
-        imported_albedo(soup, fine, albedo, notes),
+        imported_albedo(soup, fine, notes),
         split=split,
         difficulty=difficulty or _measured_difficulty(vertices, faces),
         notes=tuple(notes),
@@ -121,7 +112,7 @@ def frame_of_file(path: str | Path) -> Similarity:
     """From a mesh file's own frame to the one in which `import_mesh` puts it by default; errors as there."""
     path = expanded(path)
     notes: list[str] = []
-    soup = _clean(read_mesh_file(path, notes), path, "largest", notes)
+    soup = _clean(read_mesh_file(path, notes), path, notes)
     turned = soup.vertices @ _UP[_upward(path, "auto")].T
     placed, scale = meshes.rest_on_ground(turned, DEFAULT_HEIGHT_M)
     return Similarity(scale, _UP[_upward(path, "auto")], placed[0] - scale * turned[0])
@@ -141,7 +132,7 @@ def _measured_difficulty(vertices: Floats, faces: Ints) -> str:
     return f"imported; {100 * share:.0f} % of the surface leans over"
 
 
-def _clean(soup: Soup, path: Path, keep: str, notes: list[str]) -> Soup:
+def _clean(soup: Soup, path: Path, notes: list[str]) -> Soup:
     """Merge duplicate vertices, drop collapsed and repeated faces and all but the largest body."""
     vertices, faces = meshes.drop_unused_vertices(soup.vertices, soup.faces)
     size = float((vertices.max(0) - vertices.min(0)).max())
@@ -164,17 +155,13 @@ def _clean(soup: Soup, path: Path, keep: str, notes: list[str]) -> Soup:
     if not good.any() or areas[good].sum() <= 1e-12 * size * size:
         raise UserError(f"mesh file {str(path)!r} has no surface: all its faces have zero area")
 
-    if keep == "largest":
-        labels = meshes.body_labels(faces[good])
-        body_areas = np.bincount(labels, weights=areas[good])
-        if len(body_areas) > 1:
-            best = int(np.argmax(body_areas))
-            share = body_areas[best] / body_areas.sum()
-            notes.append(
-                f"kept the largest of {len(body_areas)} bodies, {100 * share:.1f} % of the surface"
-                + ("" if share > 0.5 else "; if the parts belong together, import with keep all")
-            )
-            good[np.flatnonzero(good)[labels != best]] = False
+    labels = meshes.body_labels(faces[good])
+    body_areas = np.bincount(labels, weights=areas[good])
+    if len(body_areas) > 1:
+        best = int(np.argmax(body_areas))
+        share = body_areas[best] / body_areas.sum()
+        notes.append(f"kept the largest of {len(body_areas)} bodies, {100 * share:.1f} % of the surface")
+        good[np.flatnonzero(good)[labels != best]] = False
     vertices, faces = meshes.drop_unused_vertices(vertices, faces[good])
     return Soup(vertices, faces, soup.skins, soup.skin[good], soup.corner[good])
 

@@ -1,21 +1,16 @@
-"""Images as albedo: colour conversion, filtering, and sampling by texture coordinates or by position."""
+"""Images as albedo: colour conversion, filtering, and sampling by texture coordinates."""
 
 from __future__ import annotations
 
-import io
-from pathlib import Path
-
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, UnidentifiedImageError
+from PIL import Image, ImageDraw
 from scipy.ndimage import distance_transform_edt
 
-from nbv.errors import UserError
-from nbv.safe_files import read_bytes, require
+from nbv.safe_files import require
 from nbv.types import Floats, Ints
 
 Linear = NDArray[np.float32]
-MAX_BYTES = 2**30  # of an image file
 MAX_PIXELS = 100_000_000  # 1.2 GB of linear values
 _MAX_RASTERISED_FACES = 400_000
 _CHUNK = 1_000_000
@@ -80,75 +75,28 @@ def fill_gutters(image: Linear, corner_uv: Floats) -> Linear:
     return image[rows, columns]
 
 
-def sample(image: Linear, uv: Floats, *, mirror: bool = False) -> Linear:
-    """Bilinear lookup at texture coordinates (N, 2), v up from the bottom row, repeated or mirrored.
-
-    Returns (N, 3).
-    """
+def sample(image: Linear, uv: Floats) -> Linear:
+    """(N, 3) bilinear lookup at texture coordinates (N, 2), v up from the bottom row, repeated beyond 0 to 1."""
     out = np.empty((len(uv), 3), dtype=np.float32)
     for start in range(0, len(uv), _CHUNK):
-        out[start : start + _CHUNK] = _sample(image, uv[start : start + _CHUNK], mirror)
+        out[start : start + _CHUNK] = _sample(image, uv[start : start + _CHUNK])
     return out
 
 
-def _sample(image: Linear, uv: Floats, mirror: bool) -> Linear:
+def _sample(image: Linear, uv: Floats) -> Linear:
     height, width = image.shape[:2]
-    if mirror:
-        uv = 1.0 - np.abs((uv % 2.0) - 1.0)
-        edge = "clip"
-    else:
-        edge = "wrap"
     x = uv[:, 0] * width - 0.5
     y = (1.0 - uv[:, 1]) * height - 0.5
     x0, y0 = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
     fx, fy = (x - x0).astype(np.float32)[:, None], (y - y0).astype(np.float32)[:, None]
     # A coordinate of exactly 1 means the last texel, not the first of the next repetition.
-    if edge == "wrap" and uv.size and uv.min() >= 0 and uv.max() <= 1:
-        edge = "clip"
+    repeats = uv.size and (uv.min() < 0 or uv.max() > 1)
 
     def texel(rows: Ints, columns: Ints) -> Linear:
-        if edge == "wrap":
+        if repeats:
             return image[rows % height, columns % width]
         return image[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)]
 
     upper = texel(y0, x0) * (1 - fx) + texel(y0, x0 + 1) * fx
     lower = texel(y0 + 1, x0) * (1 - fx) + texel(y0 + 1, x0 + 1) * fx
     return upper * (1 - fy) + lower * fy
-
-
-def triplanar(image: Linear, points: Floats, normals: Floats, tile_m: float) -> Linear:
-    """The image projected along the three axes and blended by the normal: (N, 3) at points (N, 3).
-
-    One tile covers ``tile_m`` metres and is mirrored beyond.
-
-    Parameters
-    ----------
-    image
-        (H, W, 3) linear values.
-    points, normals
-        (N, 3) places in metres, and unit normals there.
-    tile_m
-        Side of a tile.
-    """
-    weights = np.abs(normals) ** 4 + 1e-6
-    weights /= weights.sum(1, keepdims=True)
-    out = np.zeros((len(points), 3), dtype=np.float32)
-    for axis, (u, v) in enumerate(((1, 2), (0, 2), (0, 1))):
-        uv = points[:, [u, v]] / tile_m + 0.37 * axis
-        out += weights[:, axis : axis + 1].astype(np.float32) * sample(image, uv, mirror=True)
-    return out
-
-
-def open_texture(path: Path) -> Linear:
-    """The image at ``path`` as linear values; ``UserError`` if it cannot be read."""
-    try:
-        if not path.exists():
-            raise UserError(f"there is no albedo image {str(path)!r}; check the path")
-        with Image.open(io.BytesIO(read_bytes(path, MAX_BYTES))) as image:
-            return linear_image(image)
-    except (OSError, UnidentifiedImageError, ValueError, Image.DecompressionBombError) as error:
-        raise UserError(f"albedo image {str(path)!r} cannot be read: {_one_line(error)}") from error
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]

@@ -25,8 +25,9 @@ from distributed.utils import sync
 from distributed.worker import WORKER_ANY_RUNNING
 
 from nbv.cache import digest, home
+from nbv.errors import UserError
 from nbv.provenance import MISSION_LIBRARIES, versions
-from nbv.rocks.imported import DamagedRockError, read_rock
+from nbv.rocks.imported import read_rock
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.job import MissionJob, Trial
 from tuner.missions.registry import module_of
@@ -125,7 +126,7 @@ def fly(order: dict[str, Any]) -> dict[str, Any]:
 def _has(path: Path, sha256: str) -> bool:
     try:
         return read_rock(path).sha256 == sha256
-    except (FileNotFoundError, DamagedRockError):
+    except UserError:
         return False
 
 
