@@ -66,6 +66,7 @@ RENDERERS = Registry(
     "renderer",
     {
         "raycast": "nbv.scene.raycast:RaycastRenderer",
+        "gl": "nbv.scene.gl:GLRenderer",
     },
 )
 

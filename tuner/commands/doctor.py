@@ -7,6 +7,7 @@ import importlib
 import os
 import re
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -44,7 +45,7 @@ class Finding:
 
 
 def doctor(as_json: AsJson = False) -> None:
-    """Check interpreter, libraries, CUDA, cores, memory, disk and store; say what each finding means.
+    """Check interpreter, libraries, OpenGL, CUDA, cores, memory, disk and store; say what each finding means.
 
     Example: gatetune doctor
     """
@@ -78,7 +79,7 @@ def interpreter() -> Iterator[Finding]:
 
 
 def system_libraries() -> Iterator[Finding]:
-    """What Open3D loads and pip cannot bring."""
+    """What Open3D and OpenGL load and pip cannot bring."""
     if sys.platform != "linux":
         return
     missing = []
@@ -133,6 +134,27 @@ def _pins(text: str) -> Iterator[tuple[str, str]]:
     for line in text.splitlines():
         if found := re.match(r"^([A-Za-z0-9_.-]+)==(\S+)", line):
             yield found[1], found[2]
+
+
+def opengl() -> Iterator[Finding]:
+    """Whether the renderer ``gl`` can run; ``raycast`` always can. In a process of its own: a driver may abort it."""
+    code = "import pyrender; pyrender.OffscreenRenderer(16, 16).delete()"
+    environment = {"PYOPENGL_PLATFORM": "egl", **os.environ}
+    try:
+        tried = subprocess.run(
+            [sys.executable, "-P", "-c", code], env=environment, capture_output=True, text=True, timeout=60
+        )
+        works, said = tried.returncode == 0, (tried.stderr.strip().splitlines() or ["no message"])[-1]
+    except subprocess.TimeoutExpired:
+        works, said = False, "no answer in 60 s"
+    if works:
+        yield Finding("ok", "OpenGL: scene.backend=gl can run")
+    else:
+        yield Finding(
+            "note",
+            f"no OpenGL: scene.backend=gl cannot run, raycast (the default) can ({said[:120]})",
+            "apt-get install -y libegl1 libgl1 libgl1-mesa-dri   (as root), or PYOPENGL_PLATFORM=osmesa",
+        )
 
 
 def cuda() -> Iterator[Finding]:
@@ -194,6 +216,7 @@ CHECKS: tuple[Callable[[], Iterator[Finding]], ...] = (
     interpreter,
     system_libraries,
     libraries,
+    opengl,
     cuda,
     machine,
     disk,
