@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
-from research.command import run
+from research.study_command import run
 from tuner.commands.console import output
 
 

@@ -1,8 +1,10 @@
-"""What commands of studies that fly missions have in common: options, the flight, the last lines."""
+"""What commands of studies have in common: options, the flight, the last lines; a function run by ``python -m``."""
 
 from __future__ import annotations
 
 import os
+import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,6 +20,14 @@ if TYPE_CHECKING:
 
 SetForAll = Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE for every mission.")]
 Out = Annotated[Path, typer.Option(help="Directory; the same command goes on where it stopped.")]
+QuickRocks = Annotated[
+    list[str] | None,
+    typer.Option("--rock", help="Training rock or mesh file, repeatable (default: slab, vesicular, cavern)."),
+]
+Surface = Annotated[str, typer.Option(help="observable or whole.")]
+Fidelity = Annotated[
+    str, typer.Option(help="photogrammetric, or geometric: seconds instead of hours, no photographs.")
+]
 ReportOnly = Annotated[bool, typer.Option("--report-only", help="Fly nothing; report on what --out holds.")]
 
 
@@ -68,3 +78,15 @@ def end_study(failures: dict[str, int], missions: int, expected: int, report: Pa
     if not complete:
         output.print("interrupted; the same command goes on where it stopped")
         raise typer.Exit(130)
+
+
+def run(*commands: Callable[..., None]) -> None:
+    """Run one command, or the one of several that the first argument names; a user's mistake is one line, exit 2."""
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    for command in commands:
+        app.command()(command)
+    try:
+        app()
+    except UserError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)

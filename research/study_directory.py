@@ -18,7 +18,8 @@ from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluat
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import Executor
 from tuner.missions.job import Trial
-from tuner.missions.registry import renamed
+from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric, renamed
+from tuner.report.style import short_names
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -163,3 +164,21 @@ def counts(settings: StudySettings, records: list[Trial]) -> tuple[int, int, dic
     """Return the fields of `StudyFindings` after its settings. Strategies may share missions, which count once."""
     once = {r.directory: r for r in records}.values()
     return len(once), settings.missions, failure_counts(once), sum(r.wall_s for r in once)
+
+
+def preamble(findings: StudyFindings[Any]) -> list[str]:
+    """Markdown lines: preset, overrides, rocks, replicates, surface, missions; fidelity; failures."""
+    s = findings.settings
+    changed = "".join(f", `{path}={value}`" for path, value in s.overrides.items())
+    lines = [
+        f"Preset `{s.preset}`{changed}; rocks {', '.join(short_names(s.rocks))}; {s.replicates} replicates. "
+        f"{s.surface.capitalize()} surface. {findings.missions} of {findings.expected} missions are in "
+        f"({findings.wall_s / 60:.0f} min of missions).",
+        "",
+    ]
+    if is_geometric(s.fidelity):
+        lines += [GEOMETRIC_NOTE, ""]
+    if findings.failures:
+        counts = ", ".join(f"{reason} {n}" for reason, n in sorted(findings.failures.items()))
+        lines += [f"Failed missions by reason: {counts}.", ""]
+    return lines

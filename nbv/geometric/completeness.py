@@ -28,8 +28,8 @@ Floats32 = NDArray[np.float32]
 class DenseModel:
     """Free constants of the simulated dense stage.
 
-    Fitted by maximum likelihood to real depth maps, sample by sample (``research/geometric_calibration.py``;
-    docs/results/low_fidelity.md).
+    Fitted by maximum likelihood to real depth maps, sample by sample (``research/geometric_calibration.py`` at
+    98aed9d; docs/results/low_fidelity.md).
     """
 
     incidence_deg: float = 76.4  # at this incidence a view is good for a match half the time

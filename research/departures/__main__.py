@@ -7,12 +7,15 @@ from typing import Annotated
 
 import typer
 
-from research.command import Fidelity, QuickRocks, Surface, run
 from research.study_command import (
+    Fidelity,
     Out,
+    QuickRocks,
     ReportOnly,
+    Surface,
     end_study,
     fly_study,
+    run,
     study_rocks,
 )
 from tuner.campaign.rock_choice import QUICK_ROCKS

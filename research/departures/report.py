@@ -29,7 +29,7 @@ from research.paired_cells import (
     markdown_table,
     mean_text,
 )
-from research.preamble import preamble
+from research.study_directory import preamble
 from tuner.evaluation.statistics import Interval, PairedDifference
 from tuner.report.labels import format_number, strategy_label
 from tuner.report.style import BLUE, GREY, VERMILION, look, new_figure

@@ -8,13 +8,16 @@ from typing import Annotated, Any
 import typer
 
 from nbv.errors import UserError
-from research.command import Fidelity, QuickRocks, Surface, run
 from research.study_command import (
+    Fidelity,
     Out,
+    QuickRocks,
     ReportOnly,
     SetForAll,
+    Surface,
     end_study,
     fly_study,
+    run,
     study_rocks,
 )
 from tuner.campaign.rock_choice import QUICK_ROCKS

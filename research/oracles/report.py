@@ -15,7 +15,7 @@ from research.departures.study import METRICS, metric_key
 from research.oracles.states import CoverageSummary, JudgedMission, summarise
 from research.oracles.study import OracleFindings, StrategyResult
 from research.paired_cells import difference_text, heading, interval_sentence, markdown_table, mean_text
-from research.preamble import preamble
+from research.study_directory import preamble
 from tuner.evaluation.statistics import PairedDifference
 from tuner.report.labels import MISSING, format_number, strategy_label
 

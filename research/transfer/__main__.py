@@ -10,8 +10,7 @@ from typing import Annotated
 import typer
 
 from nbv.config import available_conditions, load_conditions
-from research.command import run
-from research.study_command import ReportOnly, end_study, fly_study
+from research.study_command import ReportOnly, end_study, fly_study, run
 from tuner.commands.console import output, working
 from tuner.commands.options import Timeout, Workers
 

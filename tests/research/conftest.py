@@ -2,9 +2,9 @@
 
 import pytest
 
-from research.command import run
 from research.departures.__main__ import departures
 from research.oracles.__main__ import oracle_states, oracles
+from research.study_command import run
 from research.transfer.__main__ import transfer
 from tuner.commands import console
 
