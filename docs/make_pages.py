@@ -72,6 +72,54 @@ def commands_page() -> str:
     return "\n".join(lines).rstrip() + "\n"
 
 
+def parameters_page() -> str:
+    """Every parameter of a mission's configuration, section by section, as Markdown."""
+    from nbv.config import parameters
+
+    lines = [
+        "# Parameters",
+        "",
+        "A parameter's path is its section and name: `gate.d95_m`. Defaults are preset `paper`. *Source*: **text**, the "
+        "paper as printed, with the place; **code**, the authors' public code or simulator, where the text is silent; "
+        "none: ours. `gatetune config show` prints any preset, and where in the code or why ours; `--set PATH=VALUE` changes a parameter. "
+        "`python docs/make_pages.py` makes this page.",
+        "",
+        *_presets_table(),
+    ]
+    lines += ["", "## Parameters by section", "", "|name|default|meaning|source|", "|-|-|-|-|"]
+    section = ""
+    for p in parameters().values():
+        if p.section != section:
+            section = p.section
+            lines.append(f"|**{section}**|")
+        choices = f" ({', '.join(f'`{c}`' for c in p.choices)})" if p.choices else ""
+        value = f"{_as_written(p.default)} {'' if p.default is None else p.unit}".strip() or "empty"
+        name = p.path.removeprefix(f"{section}.")
+        # `gatetune config show` says where, or why.
+        source = {"text": f"|{p.origin}", "ours": ""}.get(p.source, f"|{p.source}")
+        lines.append(f"|`{name}`|{value}|{p.meaning}{choices}{source}")
+    return "\n".join(lines) + "\n"
+
+
+def _presets_table() -> list[str]:
+    from nbv.config import PRESETS
+
+    lines = ["## Presets", "", "|preset|purpose|differs from `paper` in|", "|-|-|-|"]
+    for name, preset in PRESETS.items():
+        changes = ", ".join(f"`{path}` {_as_written(value)}" for path, value in preset.values.items())
+        lines.append(f"|`{name}`|{preset.purpose}|{changes or 'nothing'}|")
+    return lines
+
+
+def _as_written(value: Any) -> str:
+    """A value as a user writes it."""
+    if value is None:
+        return "unset"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_as_written, value))}]"
+    return f"{value:g}" if isinstance(value, float) and float(f"{value:g}") == value else str(value)
+
+
 def settings_page() -> str:
     """Every field of a campaign's settings file, as Markdown."""
     from tuner.campaign.settings_file import SETTINGS
@@ -208,12 +256,11 @@ def _middle(room: str, arrows: nx.DiGraph, x: dict[str, float]) -> float:
 
 def pages() -> dict[Path, str]:
     """Every made file's path below ``docs/`` and its text."""
-    from nbv.config import reference_markdown
 
     return {
         Path("reference/commands.md"): commands_page(),
         Path("reference/campaign_settings.md"): settings_page(),
-        Path("reference/parameters.md"): reference_markdown(),
+        Path("reference/parameters.md"): parameters_page(),
         Path("internals/rooms_nbv.svg"): rooms_picture("nbv"),
         Path("internals/rooms_tuner.svg"): rooms_picture("tuner"),
     }

@@ -18,7 +18,7 @@ from nbv.config.conditions import (
 )
 from nbv.config.mission_config import IDEAL, MissionConfig, canonical, config_from_dict, parameter_paths
 from nbv.config.presets import PRESETS, REDUCED_SFM, preset
-from nbv.config.reference import Parameter, parameter, parameters, reference_markdown
+from nbv.config.reference import Parameter, parameter, parameters
 from nbv.config.registry import DENSE_BACKENDS, GATES, RENDERERS, SCORERS, Registry, gate_kinds
 from nbv.config.sections_ground import GroundConfig, WindConfig
 from nbv.config.sections_planning import (
@@ -84,7 +84,6 @@ __all__ = [
     "parameter_paths",
     "parameters",
     "preset",
-    "reference_markdown",
     "require_distinct",
     "under",
 ]

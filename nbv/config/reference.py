@@ -1,4 +1,4 @@
-"""The parameters and presets for people: what each is, its unit, and where its default comes from."""
+"""The parameters for people: what each is, its unit, and where its default comes from."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from nbv.config.mission_config import MissionConfig
-from nbv.config.presets import PRESETS
 from nbv.config.sources import Source, split_unit
 
 
@@ -75,47 +74,3 @@ def _leaves(section: Any, prefix: str) -> list[Parameter]:
             )
         )
     return found
-
-
-def shown(value: Any) -> str:
-    """A value as a user writes it."""
-    if value is None:
-        return "unset"
-    if isinstance(value, (list, tuple)):
-        return f"[{', '.join(map(shown, value))}]"
-    return f"{value:g}" if isinstance(value, float) and float(f"{value:g}") == value else str(value)
-
-
-def reference_markdown() -> str:
-    """Page of all parameters, section by section."""
-    lines = [
-        "# Parameters",
-        "",
-        "A parameter's path is its section and name: `gate.d95_m`. Defaults are preset `paper`. *Source*: **text**, the "
-        "paper as printed, with the place; **code**, the authors' public code or simulator, where the text is silent; "
-        "none: ours. `gatetune config show` prints any preset, and where in the code or why ours; `--set PATH=VALUE` changes a parameter. "
-        "`python docs/make_pages.py` makes this page.",
-        "",
-        *_presets_table(),
-    ]
-    lines += ["", "## Parameters by section", "", "|name|default|meaning|source|", "|-|-|-|-|"]
-    section = ""
-    for p in parameters().values():
-        if p.section != section:
-            section = p.section
-            lines.append(f"|**{section}**|")
-        choices = f" ({', '.join(f'`{c}`' for c in p.choices)})" if p.choices else ""
-        value = f"{shown(p.default)} {'' if p.default is None else p.unit}".strip() or "empty"
-        name = p.path.removeprefix(f"{section}.")
-        # `gatetune config show` says where, or why.
-        source = {"text": f"|{p.origin}", "ours": ""}.get(p.source, f"|{p.source}")
-        lines.append(f"|`{name}`|{value}|{p.meaning}{choices}{source}")
-    return "\n".join(lines) + "\n"
-
-
-def _presets_table() -> list[str]:
-    lines = ["## Presets", "", "|preset|purpose|differs from `paper` in|", "|-|-|-|"]
-    for name, preset in PRESETS.items():
-        changes = ", ".join(f"`{path}` {shown(value)}" for path, value in preset.values.items())
-        lines.append(f"|`{name}`|{preset.purpose}|{changes or 'nothing'}|")
-    return lines

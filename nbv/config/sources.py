@@ -37,39 +37,19 @@ _UNITS = {
 }
 
 
-def text(
-    default: T,
-    where: str,
-    meaning: str,
-    *,
-    label: str = "",
-    symbol: str = "",
-    added: bool = False,
-    names: Callable[[], Collection[str]] | None = None,
-) -> T:
-    """A default that the paper's text states, ``where`` (section, equation or table)."""
-    return _described(default, "text", where, meaning, label, symbol, added, names)
+def text(default: T, where: str, meaning: str, **more: Any) -> T:
+    """A default that the paper's text states, ``where`` (section, equation or table); ``more`` as `_described` has it."""
+    return _described(default, "text", where, meaning, **more)
 
 
-def code(
-    default: T, where: str, meaning: str, *, label: str = "", symbol: str = "", added: bool = False
-) -> T:
+def code(default: T, where: str, meaning: str, **more: Any) -> T:
     """A default of the authors' public code or simulator, ``where``, about which the text is silent."""
-    return _described(default, "code", where, meaning, label, symbol, added)
+    return _described(default, "code", where, meaning, **more)
 
 
-def ours(
-    default: T,
-    meaning: str,
-    *,
-    why: str = "",
-    label: str = "",
-    symbol: str = "",
-    added: bool = False,
-    names: Callable[[], Collection[str]] | None = None,
-) -> T:
+def ours(default: T, meaning: str, *, why: str = "", **more: Any) -> T:
     """A default of this project, and ``why``."""
-    return _described(default, "ours", why, meaning, label, symbol, added, names)
+    return _described(default, "ours", why, meaning, **more)
 
 
 def _described(
@@ -77,11 +57,29 @@ def _described(
     source: Source,
     where: str,
     meaning: str,
-    label: str,
-    symbol: str,
-    added: bool,
+    *,
+    label: str = "",
+    symbol: str = "",
+    added: bool = False,
     names: Callable[[], Collection[str]] | None = None,
 ) -> T:
+    """A field of a section.
+
+    Parameters
+    ----------
+    default
+        Its value where nothing else is said.
+    source, where
+        Of the default.
+    meaning
+        In a few words.
+    label, symbol
+        For reports: a name, where the field's own does not do, and the paper's symbol.
+    added
+        The field came after missions had been recorded without it.
+    names
+        What it may name.
+    """
     metadata: dict[str, Any] = {
         "source": source,
         "where": where,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from nbv.config import PRESETS, MissionConfig, parameter_paths, parameters, preset, reference_markdown
+from nbv.config import PRESETS, MissionConfig, parameter_paths, parameters, preset
 
 
 @pytest.mark.parametrize("path", parameter_paths())
@@ -13,8 +13,6 @@ def test_a_parameter_has_a_meaning_and_a_source(path: str) -> None:
     assert about.meaning
     assert about.source in ("text", "code", "ours")
     assert about.where or about.source == "ours"  # the place in the paper or the public code
-    section = f"|**{about.section}**|" if about.section else "## Parameters by section"
-    assert f"|`{path.removeprefix(f'{about.section}.')}`|" in reference_markdown().partition(section)[2]
 
 
 def test_units_are_the_endings_of_names() -> None:
