@@ -1,7 +1,7 @@
 """The boundary that files from anybody cross: text, YAML, JSON and NPZ, each with limits, before anything else sees them.
 
 Only regular files are read (a pipe would hang), to a limit of bytes; trees have limits of depth and number of nodes, what
-YAML's aliases stand for counted each time, and hold plain values only; arrays have the kinds and dimensions that the
+YAML's aliases stand for counted each time, and hold plain values only; arrays have the kinds and shapes that the
 caller names. What passes needs no further care but what it means.
 """
 
@@ -189,15 +189,8 @@ def read_json(path: Path, limit_bytes: int = TEXT_BYTES, nodes: int = TREE_NODES
     return parse_json(read_text(path, limit_bytes), str(path), nodes)
 
 
-def read_npz(path: Path, arrays: Mapping[str, tuple[str, int]]) -> dict[str, np.ndarray]:
-    """The arrays of an ``.npz`` file.
-
-    Parameters
-    ----------
-    path
-        The file.
-    arrays
-        The kinds of dtype and the number of dimensions of each array that must be there: ``{"points_m": ("f", 2)}``.
+def read_npz(path: Path, layout: Mapping[str, str]) -> dict[str, np.ndarray]:
+    """The arrays of an ``.npz`` file, each as ``layout`` has it (`misfit`).
 
     Raises
     ------
@@ -207,36 +200,48 @@ def read_npz(path: Path, arrays: Mapping[str, tuple[str, int]]) -> dict[str, np.
     packed = read_bytes(path, NPZ_BYTES)
     try:
         with zipfile.ZipFile(io.BytesIO(packed)) as archive:
-            unpacked = sum(archive.getinfo(f"{name}.npy").file_size for name in arrays)
-            require(unpacked, NPZ_BYTES, f"the unpacked size of {path} in bytes")
-            return {name: _array(archive, name, *expected) for name, expected in arrays.items()}
+            unpacked = sum(archive.getinfo(f"{name}.npy").file_size for name in layout)
+        require(unpacked, NPZ_BYTES, f"the unpacked size of {path} in bytes")
+        with np.load(io.BytesIO(packed), allow_pickle=False) as archive:
+            arrays = {name: archive[name] for name in layout}
     except UserError:
         raise
     except MemoryError as error:
         raise UserError(f"{path} needs more memory than there is") from error
     except Exception as error:  # zipfile, zlib and NumPy each raise families of their own on damaged bytes
         raise UserError(f"{path} is damaged or of another kind: {_first_line(error)}") from error
+    if name := misfit(arrays, layout):
+        raise UserError(f"{path} is damaged or of another kind: {name} does not fit")
+    return arrays
 
 
-def _array(archive: zipfile.ZipFile, name: str, kinds: str, dimensions: int) -> np.ndarray:
-    member = archive.getinfo(f"{name}.npy")
-    with archive.open(member) as file:
-        version = np.lib.format.read_magic(file)
-        read_header = {
-            (1, 0): np.lib.format.read_array_header_1_0,
-            (2, 0): np.lib.format.read_array_header_2_0,
-        }[version]
-        shape, _, dtype = read_header(file)
-    if dtype.hasobject or dtype.kind not in kinds or len(shape) != dimensions:
-        raise ValueError(f"{name} is {dtype} with shape {shape}")
-    count = 1
-    for length in shape:
-        count *= length
-    if count * dtype.itemsize > member.file_size:  # before memory for it is asked for
-        raise ValueError(f"{name} claims the shape {shape} and holds less")
-    with archive.open(member) as file:
-        found: np.ndarray = np.lib.format.read_array(file, allow_pickle=False)
-    return found
+def misfit(arrays: Mapping[str, np.ndarray], layout: Mapping[str, str]) -> str:
+    """The first of ``arrays`` that is not as ``layout`` has it; "" where all are.
+
+    ``"f n 3"`` are floats (NumPy's letters of kinds) of shape (n, 3), n being the same wherever it is named; ``_`` is any
+    length. ``"iu m 3 <n"`` are whole numbers from 0 to n - 1.
+    """
+    lengths: dict[str, int] = {}
+    for name, text in layout.items():
+        if not _has_shape(arrays[name], text, lengths):
+            return name
+    return next((name for name, text in layout.items() if not _is_below(arrays[name], text, lengths)), "")
+
+
+def _has_shape(array: np.ndarray, text: str, lengths: dict[str, int]) -> bool:
+    kinds, *dimensions = text.partition("<")[0].split()
+    if array.dtype.kind not in kinds or array.ndim != len(dimensions):
+        return False
+    for dimension, length in zip(dimensions, array.shape, strict=True):
+        expected = int(dimension) if dimension.isdigit() else lengths.setdefault(dimension, length)
+        if dimension != "_" and length != expected:
+            return False
+    return True
+
+
+def _is_below(array: np.ndarray, text: str, lengths: dict[str, int]) -> bool:
+    bound = text.partition("<")[2]
+    return not bound or array.size == 0 or (array.min() >= 0 and int(array.max()) < lengths[bound])
 
 
 def _check_events(text: str, source: str) -> None:

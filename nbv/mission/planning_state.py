@@ -14,23 +14,23 @@ _MODEL_ARRAYS = ("points_m", "reprojection_error_px", "track_offsets", "track_ca
 _PLACES = ("points_m", "camera_centers_m", "visited_m", "vehicle_m", "pool_positions_m")
 _FARTHEST_M = 1e5
 _MOST_CAPTURES = 10_000
-_ARRAYS = {  # kinds of dtype and dimensions
-    "points_m": ("f", 2),
-    "reprojection_error_px": ("f", 1),
-    "track_offsets": ("iu", 1),
-    "track_cameras": ("iu", 1),
-    "camera_centers_m": ("f", 2),
-    "camera_names": ("U", 1),
-    "alignment_m": ("f", 1),
-    "visited_m": ("f", 2),
-    "vehicle_m": ("f", 1),
-    "scalars": ("f", 1),
-    "pool_ids": ("U", 1),
-    "pool_positions_m": ("f", 2),
-    "pool_headings_rad": ("f", 1),
-    "pool_azimuths_deg": ("f", 1),
-    "pool_elevations_deg": ("f", 1),
-    "pool_bands": ("U", 1),
+_LAYOUT = {
+    "points_m": "f n 3",
+    "reprojection_error_px": "f n",
+    "track_offsets": "iu _",
+    "track_cameras": "iu _ <c",
+    "camera_centers_m": "f c 3",
+    "camera_names": "U c",
+    "alignment_m": "f 2",
+    "visited_m": "f v 3",
+    "vehicle_m": "f 3",
+    "scalars": "f 6",
+    "pool_ids": "U p",
+    "pool_positions_m": "f p 3",
+    "pool_headings_rad": "f p",
+    "pool_azimuths_deg": "f p",
+    "pool_elevations_deg": "f p",
+    "pool_bands": "U p",
 }
 
 
@@ -71,7 +71,7 @@ def load_state(path: Path) -> tuple[PlanningState, CandidatePool]:
     UserError
         The file is missing or is not a planning state; as `nbv.safe_files.read_npz`.
     """
-    data = read_npz(path, _ARRAYS)
+    data = read_npz(path, _LAYOUT)
     _check(data, path)
     model = SparseModel(
         **{name: data[name] for name in _MODEL_ARRAYS},
@@ -103,34 +103,18 @@ def load_state(path: Path) -> tuple[PlanningState, CandidatePool]:
 
 
 def _check(data: dict[str, np.ndarray], path: Path) -> None:
-    """That the arrays fit each other: what scores them goes into compiled code with their indices."""
-    points, cameras, offsets = len(data["points_m"]), len(data["camera_names"]), data["track_offsets"]
-    visited, pool = len(data["visited_m"]), len(data["pool_ids"])
-    n_seeds, *counts = data["scalars"][[0, 2, 3, 5]] if len(data["scalars"]) == 6 else (np.nan,)
-    shapes: dict[str, tuple[int, ...]] = {
-        "points_m": (points, 3),
-        "reprojection_error_px": (points,),
-        "track_offsets": (points + 1,),
-        "camera_centers_m": (cameras, 3),
-        "alignment_m": (2,),
-        "visited_m": (visited, 3),
-        "vehicle_m": (3,),
-        "scalars": (6,),
-        "pool_positions_m": (pool, 3),
-        **dict.fromkeys(
-            ("pool_headings_rad", "pool_azimuths_deg", "pool_elevations_deg", "pool_bands"), (pool,)
-        ),
-    }
-    wrong = [name for name, shape in shapes.items() if data[name].shape != shape]
-    wrong += [n for n in _PLACES if not np.all(np.abs(data[n]) < _FARTHEST_M)]  # no NaN either
-    if not wrong:
-        tracks = data["track_cameras"]
-        if offsets[0] != 0 or offsets[-1] != len(tracks) or np.any(np.diff(offsets) < 0):
-            wrong.append("track_offsets")
-        if len(tracks) and not 0 <= tracks.min() <= tracks.max() < cameras:
-            wrong.append("track_cameras")
-        if not (0 <= n_seeds <= visited and all(0 <= count < _MOST_CAPTURES for count in counts)):
-            wrong.append("scalars")
+    """That values fit each other: what scores them goes into compiled code with their indices."""
+    offsets, (n_seeds, *counts) = data["track_offsets"], data["scalars"][[0, 2, 3, 5]]
+    wrong = [name for name in _PLACES if not np.all(np.abs(data[name]) < _FARTHEST_M)]  # no NaN either
+    ends = [0, len(data["track_cameras"])]
+    if (
+        len(offsets) != len(data["points_m"]) + 1
+        or offsets[[0, -1]].tolist() != ends
+        or (np.diff(offsets) < 0).any()
+    ):
+        wrong.append("track_offsets")
+    if not (0 <= n_seeds <= len(data["visited_m"]) and all(0 <= count < _MOST_CAPTURES for count in counts)):
+        wrong.append("scalars")
     if wrong:
         raise UserError(
             f"{path} is not a planning state: {wrong[0]} does not fit; name one that a mission saved"

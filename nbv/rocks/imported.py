@@ -23,15 +23,15 @@ from nbv.safe_files import read_npz
 log = logging.getLogger(__name__)
 
 _FORMAT = 1
-_LABELS = {"split": ("U", 0), "difficulty": ("U", 0)}
+_LABELS = {"split": "U", "difficulty": "U"}
 _CONTENT = {
-    "format": ("iu", 0),
-    "name": ("U", 0),
-    "vertices_m": ("f", 2),
-    "faces": ("iu", 2),
-    "albedo": ("fu", 2),
-    "notes": ("U", 1),
-    "sha256": ("U", 0),
+    "format": "iu",
+    "name": "U",
+    "vertices_m": "f n 3",
+    "faces": "iu _ 3 <n",
+    "albedo": "fu n 3",
+    "notes": "U _",
+    "sha256": "U",
 }
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 
@@ -128,18 +128,15 @@ def read_rock(path: Path) -> Rock:
     data = read_npz(path, {**_LABELS, **_CONTENT})
     if int(data["format"]) != _FORMAT:
         raise UserError(f"{path} has format {int(data['format'])}, not {_FORMAT}")
-    try:
-        rock = make_rock(
-            str(data["name"]),
-            data["vertices_m"],
-            data["faces"],
-            data["albedo"],
-            split=_split(path, data),
-            difficulty=str(data["difficulty"]),
-            notes=tuple(str(note) for note in data["notes"]),
-        )
-    except (ValueError, IndexError, TypeError) as error:
-        raise UserError(f"{path} cannot be read: {error}") from error
+    rock = make_rock(
+        str(data["name"]),
+        data["vertices_m"],
+        data["faces"],
+        data["albedo"],
+        split=_split(path, data),
+        difficulty=str(data["difficulty"]),
+        notes=tuple(str(note) for note in data["notes"]),
+    )
     if rock.sha256 != str(data["sha256"]):
         raise UserError(f"{path} does not have the content it was written with")
     return rock

