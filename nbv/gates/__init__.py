@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from nbv.gates.base import Gate, GateInputs
 from nbv.gates.features import gate_features
 from nbv.gates.registry import gate_class, make_gate
+from nbv.gates.truth import Oracle
 
 if TYPE_CHECKING:
     from nbv.gates.ground_truth import GroundTruthOracle, make_oracle, oracle_rewards
@@ -18,6 +19,7 @@ __all__ = [
     "Gate",
     "GateInputs",
     "GroundTruthOracle",
+    "Oracle",
     "gate_class",
     "gate_features",
     "make_gate",

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 from nbv.config import MissionConfig
+from nbv.gates.truth import Oracle
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
-
-if TYPE_CHECKING:
-    from nbv.gates.ground_truth import GroundTruthOracle
 
 
 @dataclass(frozen=True)
@@ -20,10 +18,10 @@ class GateInputs:
     config: MissionConfig
     rock_sha256: str = ""  # with the replicate, the key of a gate's random stream
     replicate: int = 0
-    oracle: GroundTruthOracle | None = None
+    oracle: Oracle | None = None
 
     @property
-    def truth(self) -> GroundTruthOracle:
+    def truth(self) -> Oracle:
         """The ground truth: for a gate that says ``sees_ground_truth``, and for no other."""
         if self.oracle is None:
             raise ValueError("a gate that reads the ground truth must say sees_ground_truth = True")

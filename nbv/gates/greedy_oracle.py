@@ -9,7 +9,7 @@ import numpy as np
 
 from nbv.gates.base import Gate, GateInputs
 from nbv.gates.controls import ranking_of
-from nbv.gates.ground_truth import GroundTruthOracle
+from nbv.gates.truth import Oracle
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
 
 
@@ -18,7 +18,7 @@ class GreedyOracleGate(Gate):
     """Ranks the whole pool by the oracle's gain; ties keep pool order. Reads the ground truth."""
 
     sees_ground_truth: ClassVar[bool] = True
-    oracle: GroundTruthOracle
+    oracle: Oracle
 
     @classmethod
     def make(cls, given: GateInputs) -> GreedyOracleGate:

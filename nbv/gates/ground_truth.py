@@ -5,13 +5,12 @@ GROUND TRUTH. Nothing in this file is deployable; only the oracle gates and off-
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.config import MissionConfig
+from nbv.gates.truth import Coverage, Mask, Oracle
 from nbv.geometry.frustum import in_frustum
 from nbv.geometry.matchability import matchable_views, matchable_views_with, usable_cosines
 from nbv.geometry.raycasting import RayCaster
@@ -20,19 +19,8 @@ from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG, lifted, seen_fr
 from nbv.rocks.rock import Rock
 from nbv.types import CandidatePool, Floats, PlanningState, Ranking
 
-Mask = NDArray[np.bool_]
-
 SAMPLE_SEED = 42
 GROUND_Z_M = 0.0  # samples below are buried
-
-
-@dataclass(frozen=True)
-class Coverage:
-    """Which samples are covered in one state, and how far the others have come."""
-
-    covered: Mask  # (S,)
-    visited_m: Floats  # (V, 3); used by "matchable" only
-    partners: NDArray[np.int16] | None = None  # (V, S), "matchable" only; see `nbv.geometry.matchability`
 
 
 class GroundTruthOracle:
@@ -184,7 +172,7 @@ def make_oracle(config: MissionConfig, rock: Rock) -> GroundTruthOracle:
 
 
 def oracle_rewards(
-    oracle: GroundTruthOracle, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]
+    oracle: Oracle, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking]
 ) -> dict[str, float]:
     """The gain of each ranking's top candidate, by scorer name: for oracle gates and off-policy logs.
 

@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from nbv.gates.base import Gate, GateInputs
-from nbv.gates.ground_truth import GroundTruthOracle, oracle_rewards
+from nbv.gates.ground_truth import oracle_rewards
+from nbv.gates.truth import Oracle
 from nbv.scorers import B_AWARE, COVIS
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
 
@@ -25,7 +26,7 @@ class OracleGate(Gate):
     """
 
     sees_ground_truth: ClassVar[bool] = True
-    oracle: GroundTruthOracle
+    oracle: Oracle
     geometry_scorer: str = B_AWARE.name
 
     @classmethod

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from nbv.config import GATES, SCORERS, MissionConfig
 from nbv.errors import UserError
 from nbv.gates.base import Gate, GateInputs
+from nbv.gates.truth import Oracle
 from nbv.types import CandidatePool, GateDecision, PlanningState, Ranking
-
-if TYPE_CHECKING:
-    from nbv.gates.ground_truth import GroundTruthOracle
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,7 @@ def make_gate(
     config: MissionConfig,
     rock_sha256: str = "",
     replicate: int = 0,
-    oracle: GroundTruthOracle | None = None,
+    oracle: Oracle | None = None,
 ) -> Gate:
     """The gate that ``config.gate.kind`` names.
 

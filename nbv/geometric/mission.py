@@ -11,7 +11,7 @@ import numpy as np
 
 from nbv.cache import code_digest
 from nbv.config import MissionConfig, TargetConfig, TelemetryConfig
-from nbv.gates import GroundTruthOracle, make_oracle
+from nbv.gates import Oracle, make_oracle
 from nbv.geometric.held_worlds import world_of
 from nbv.geometric.metrics import predicted_metrics
 from nbv.geometric.reconstructor import GeometricReconstructor
@@ -64,7 +64,7 @@ class GeometricFidelity:
         self.reconstructor = GeometricReconstructor(self._world, config, rock.sha256, context.replicate)
         self.facts = {"geometric_code": code_digest(__package__)}
 
-    def oracle(self) -> GroundTruthOracle:
+    def oracle(self) -> Oracle:
         """The true surface."""
         return make_oracle(self.context.config, self.context.rock)
 

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from nbv.cache import Store
 from nbv.config import MissionConfig
-from nbv.gates import GroundTruthOracle
+from nbv.gates import Oracle
 from nbv.mission.run_directory import RunDirectory
 from nbv.rocks import Rock
 from nbv.stopwatch import Stopwatch
@@ -62,7 +62,7 @@ class Fidelity(Protocol):
         """For the provenance: backends, versions."""
         ...
 
-    def oracle(self) -> GroundTruthOracle:
+    def oracle(self) -> Oracle:
         """What the oracle gates, and nothing else that plans, may ask."""
         ...
 

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 
 from nbv.config import MissionConfig
 from nbv.flight import Flight
-from nbv.gates import GroundTruthOracle, gate_features, oracle_rewards
+from nbv.gates import Oracle, gate_features, oracle_rewards
 from nbv.mission.function import Log, no_log
 from nbv.mission.observer import Observer
 from nbv.mission.planning_state import save_state
@@ -50,7 +50,7 @@ class Recorder(Observer):
         stopwatch: Stopwatch,
         *,
         run: RunDirectory | None = None,
-        oracle: GroundTruthOracle | None = None,
+        oracle: Oracle | None = None,
         log: Log = no_log,
     ) -> None:
         self._config, self._flight, self._stopwatch = config, flight, stopwatch

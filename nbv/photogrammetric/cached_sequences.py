@@ -30,6 +30,7 @@ from nbv.photogrammetric.cached_stages import CachedCorrespondences
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.rocks import Rock
 from nbv.sparse.correspondences import Correspondences
+from nbv.sparse.locating import Located
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import Capture, Cloud, Floats, PointCloud, SparseModel, UpdateReport
 
@@ -94,6 +95,11 @@ class CachedSparse(SparseReconstructor):
         """See `SparseReconstructor.world_points_m`."""
         self._catch_up()
         return super().world_points_m()
+
+    def locate(self, capture: Capture, partners: int) -> Located | None:
+        """See `SparseReconstructor.locate`."""
+        self._catch_up()
+        return super().locate(capture, partners)
 
     def export(self, directory: Path, images: Path) -> None:
         """See `SparseReconstructor.export`."""

@@ -9,7 +9,7 @@ from typing import Any, Unpack
 from nbv.config import CameraConfig, MissionConfig
 from nbv.evaluation import Evaluation, evaluate_cloud, ground_truth
 from nbv.evaluation.evaluate import rock_floors
-from nbv.gates import GroundTruthOracle, make_oracle
+from nbv.gates import Oracle, make_oracle
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.flying import fly_mission
 from nbv.mission.function import MissionOptions
@@ -50,7 +50,7 @@ class PhotogrammetricFidelity:
         self.facts = {"backend": config.scene.backend, "dense_backend": config.dense.backend}
         self._evaluation: Evaluation | None = None
 
-    def oracle(self) -> GroundTruthOracle:
+    def oracle(self) -> Oracle:
         """The true surface."""
         return make_oracle(self.context.config, self.context.rock)
 

@@ -11,6 +11,7 @@ from nbv.config import MissionConfig, SparseConfig
 from nbv.dense.reconstruct import CheckedDepths, check_depths
 from nbv.errors import MissionFailure
 from nbv.memory import give_back_freed_memory
+from nbv.sparse.locating import Located
 from nbv.sparse.reconstructor import SparseReconstructor
 from nbv.types import Capture, Cloud, PointCloud, SparseModel, UpdateReport
 
@@ -92,6 +93,10 @@ class PhotogrammetricReconstructor:
         )
         give_back_freed_memory()  # fusion, which comes next, needs the most of all stages
         return self._checked.fuse()
+
+    def locate(self, capture: Capture, partners: int) -> Located | None:
+        """Where a photograph that is no part of the model was taken; needs ``keep_sparse``."""
+        return self._mapped().locate(capture, partners)
 
     def export_sparse(self, directory: Path, images: Path) -> None:
         """Write the sparse model in COLMAP's format (world frame, metres), coloured by the photographs in ``images``."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import functools
 import os
 from collections.abc import Callable, Hashable
 from pathlib import Path
@@ -10,7 +11,7 @@ from pathlib import Path
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.rocks.families import FAMILIES, generated_name
-from nbv.rocks.imported import imported_path, list_imported, read_rock
+from nbv.rocks.imported import imported_path, list_imported, list_photographed, read_rock, surface_path
 from nbv.rocks.importer import import_mesh
 from nbv.rocks.procedural import COARSE_GRID_M, procedural_rock
 from nbv.rocks.recipes import RECIPES
@@ -27,6 +28,7 @@ def list_rocks() -> list[RockInfo]:
     return [
         *(RockInfo(r.name, r.split, "procedural", r.difficulty) for r in RECIPES.values()),
         *list_imported(),
+        *list_photographed(),
     ]
 
 
@@ -43,9 +45,9 @@ def load_rock(name: str, store: Store | None = None) -> Rock:
     """
     if name in RECIPES or generated_name(name) is not None:
         return _once(name, lambda: procedural_rock(name, store))
-    kept = imported_path(name)
-    if os.sep not in name and is_file(kept):
-        return _once((str(kept), kept.stat().st_mtime_ns), lambda: _read_imported(kept))
+    for kept in (imported_path(name), surface_path(name)):
+        if os.sep not in name and is_file(kept):
+            return _once((str(kept), kept.stat().st_mtime_ns), functools.partial(_read_imported, kept))
     path = expanded(name)
     if is_file(path) and path.suffix == KEPT:
         return _once((str(path), path.stat().st_mtime_ns), lambda: _read_imported(path))

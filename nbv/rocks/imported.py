@@ -60,6 +60,35 @@ def list_imported() -> list[RockInfo]:
     return rocks
 
 
+def surface_path(name: str) -> Path:
+    """Where the surface of the set of photographs ``name`` is kept, if there is such a set (`nbv.photographs`)."""
+    return home() / "photographs" / name / "surface.npz"
+
+
+def is_photographed(name: str) -> bool:
+    """Whether ``name`` is a set of photographs, and no other rock."""
+    return (
+        _NAME.fullmatch(name) is not None
+        and surface_path(name).is_file()
+        and not imported_path(name).is_file()
+    )
+
+
+def list_photographed() -> list[RockInfo]:
+    """Surfaces of sets of photographs by name; a warning for every file that cannot be read."""
+    folder = surface_path("NAME").parents[1]
+    names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
+    rocks = []
+    for name in filter(is_photographed, names):
+        try:
+            split, difficulty = read_labels(surface_path(name))
+        except UserError as error:
+            log.warning("%s; import the photographs again", error)
+            continue
+        rocks.append(RockInfo(name, split, "photographs", difficulty))
+    return rocks
+
+
 def save_imported(rock: Rock, *, force: bool = False) -> Path:
     """Keep an imported rock so that `nbv.rocks.load_rock` finds it by name.
 

@@ -44,7 +44,7 @@ class RockInfo:
 
     name: str
     split: Split
-    source: Literal["procedural", "imported"]
+    source: Literal["procedural", "imported", "photographs"]
     difficulty: str
 
 

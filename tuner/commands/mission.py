@@ -97,15 +97,17 @@ def run(
     world = Path(rock).stem if config.condition == IDEAL else f"{Path(rock).stem}-{config.condition}"
     directory = out or Path("runs") / f"mission-{world}-{config.gate.kind}-{replicate}"
     output.print(f"mission on {rock} in {directory}", soft_wrap=True)  # before what takes seconds to load
-    load("nbv.photogrammetric")
     from nbv.cache import Store
-    from nbv.photogrammetric import run_photogrammetric_mission
     from nbv.rocks import load_rock
+    from tuner.missions.registry import DEFAULT_FIDELITY, fidelity_on, mission_function, module_of
+
+    fidelity = fidelity_on(rock, DEFAULT_FIDELITY)
+    load(module_of(fidelity))
 
     with working(f"making rock {rock}"):
         load_rock(rock, Store())  # a mistake shows before the progress bar
     with progress_bar() as bar:
-        result = run_photogrammetric_mission(
+        result = mission_function(fidelity)(
             config, rock, replicate, directory, overwrite=overwrite, log=MissionProgress(bar)
         )
     colour = {"ok": "green", "degraded": "yellow", "failed": "red"}[result.status]

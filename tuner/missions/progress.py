@@ -6,7 +6,7 @@ import contextlib
 from pathlib import Path
 from typing import Any
 
-from tuner.missions.registry import DEFAULT_FIDELITY
+from tuner.missions.registry import DEFAULT_FIDELITY, PHOTOGRAPHS
 
 PROGRESS_FILE = "now"
 _LONGEST = 40  # characters that are read
@@ -44,7 +44,7 @@ class Progress:
 
 def log_of(fidelity: str, directory: Path) -> Progress | None:
     """Return what writes the progress of a mission; None for fidelities that take a second, or are not ours."""
-    return Progress(directory) if fidelity == DEFAULT_FIDELITY else None
+    return Progress(directory) if fidelity in (DEFAULT_FIDELITY, PHOTOGRAPHS) else None
 
 
 def progress_of(directory: Path) -> str:

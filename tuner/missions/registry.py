@@ -13,18 +13,25 @@ from typing import Any
 from nbv.config import Condition
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
+from nbv.rocks.imported import is_photographed
 
 # Named by module, so that a command imports only what it flies.
 FIDELITIES = {
     "photogrammetric": "nbv.photogrammetric:run_photogrammetric_mission",
     "geometric": "nbv.geometric:run_geometric_mission",
+    "photographs": "nbv.photographs.mission:run_photographs_mission",
     "photogrammetric-with-oracle": "nbv.photogrammetric:run_photogrammetric_mission_with_oracle",
     "geometric-with-oracle": "nbv.geometric:run_geometric_mission_with_oracle",
     "external": "tuner.missions.external.runner:run_external_mission",
 }
 DEFAULT_FIDELITY = "photogrammetric"
 # What their missions import when they need it, and a server before it forks, lest every mission does.
-_IMPORTED_IN_FLIGHT = {"nbv.photogrammetric": ("open3d", "torch"), "nbv.geometric": ("open3d",)}
+_IMPORTED_IN_FLIGHT = {
+    "nbv.photogrammetric": ("open3d", "torch"),
+    "nbv.photographs.mission": ("open3d",),
+    "nbv.geometric": ("open3d",),
+}
+PHOTOGRAPHS = "photographs"
 EXTERNAL = "external"  # flies the missions of mission files, which are not ours
 
 # The same missions, with an oracle's opinion of every decision in their traces.
@@ -73,6 +80,16 @@ def with_oracle(name: str) -> str:
 def is_geometric(name: str) -> bool:
     """Whether missions of this fidelity are geometric ones."""
     return name in ("geometric", "geometric-with-oracle")
+
+
+def fidelity_on(rock: str, fidelity: str) -> str:
+    """The fidelity of a mission of ours on ``rock``: over a set of photographs nothing is rendered nor simulated."""
+    ours = fidelity in FIDELITIES and fidelity != EXTERNAL
+    if ours and is_photographed(rock):
+        return PHOTOGRAPHS
+    if fidelity == PHOTOGRAPHS:
+        raise UserError(f"{rock} is no set of photographs; gatetune photographs import makes one")
+    return fidelity
 
 
 def require_fidelity(fidelity: str) -> None:

@@ -11,7 +11,7 @@ from nbv.errors import MissionFailure, UserError
 from nbv.mission.run_directory import write_atomic
 from tuner.missions.job import RESULT_FILE, MissionJob, record_failure
 from tuner.missions.progress import log_of
-from tuner.missions.registry import mission_function
+from tuner.missions.registry import fidelity_on, mission_function
 
 _FULL = {errno.ENOSPC, errno.EDQUOT}
 _MACHINE_ERRORS = {
@@ -38,7 +38,8 @@ def run_job(tree: dict[str, Any]) -> int:
     directory = job.directory
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        fly, progress = mission_function(job.fidelity), log_of(job.fidelity, directory)
+        fidelity = fidelity_on(job.rock, job.fidelity)
+        fly, progress = mission_function(fidelity), log_of(fidelity, directory)
         options = {} if progress is None else {"log": progress}
         try:
             result = fly(job.config, job.rock, job.replicate, directory, keep=job.keep, **options)

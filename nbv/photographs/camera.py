@@ -1,0 +1,59 @@
+"""A camera that takes photographs which were taken: each where it was really taken from."""
+
+from __future__ import annotations
+
+from nbv.config import MissionConfig
+from nbv.flight.telemetry import TelemetryErrors
+from nbv.photographs.photograph_set import Photograph, PhotographSet
+from nbv.photographs.viewpoints import PhotographViewpoints
+from nbv.types import Capture, Floats, Viewpoint
+
+_NO_GROUND_M = -1e6  # a hand that holds a camera may be anywhere
+
+
+class PhotographCamera:
+    """Implements `nbv.types.Camera`.
+
+    Telemetry reports the reference's pose, with the errors that ``config.telemetry`` says (drawn as in any mission; they
+    are added to the true pose, where a vehicle's take it away from the reported one).
+
+    Parameters
+    ----------
+    photographs
+        The set.
+    takeable
+        The photographs of ``viewpoints``, in their order.
+    viewpoints
+        Where they were taken.
+    config
+        Its ``telemetry``.
+    key, replicate
+        Of the errors.
+    """
+
+    def __init__(
+        self,
+        photographs: PhotographSet,
+        takeable: tuple[Photograph, ...],
+        viewpoints: PhotographViewpoints,
+        config: MissionConfig,
+        key: str,
+        replicate: int,
+    ) -> None:
+        self._set, self._takeable, self._viewpoints = photographs, takeable, viewpoints
+        self._errors = TelemetryErrors(config.telemetry, key, replicate, _NO_GROUND_M)
+        self.taken: list[str] = []  # names, in order
+
+    def take_photograph(self, viewpoint: Viewpoint, position_m: Floats, time_s: float) -> Capture:
+        """See `nbv.types.Camera`."""
+        photograph = self._takeable[self._viewpoints.index(viewpoint)]
+        assert photograph.camera_from_world is not None
+        reported = self._errors.true_pose(photograph.camera_from_world, viewpoint.id, time_s)
+        self.taken.append(photograph.name)
+        return Capture(f"{viewpoint.id}.png", viewpoint, reported, self._set.image(photograph.name))
+
+    def aim_at(self, target_m: tuple[float, float, float]) -> None:
+        """What was photographed cannot be aimed anew."""
+
+    def close(self) -> None:
+        """Nothing to give back."""

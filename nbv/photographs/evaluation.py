@@ -1,0 +1,100 @@
+"""A mission's cloud against a set's dense reference, since there is no true surface.
+
+Scores have the names that they have on rocks, and their meaning on a rock of 1.6 m: 48 mm stand for 3 % of the object's
+height. Cloud and reference are scaled to that height before they are compared.
+
+The cloud is registered first (`nbv.evaluation.registration`): it lies where the alignment with telemetry has put it. Of
+the cloud only what lies within `MARGIN` of the reference's box counts, as in Tanks and Temples: the rest of the room is
+not the object.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from nbv.config import EvaluationConfig
+from nbv.errors import MissionFailure
+from nbv.evaluation.cleaning import clean_cloud, select
+from nbv.evaluation.ground_truth import GroundTruthSamples
+from nbv.evaluation.metrics import compute_metrics
+from nbv.evaluation.registration import register_cloud
+from nbv.geometry.neighbours import nearest_neighbours
+from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS, PhotographSet, Reference
+from nbv.random_streams import keyed_rng
+from nbv.rocks import DEFAULT_HEIGHT_M
+from nbv.types import Cloud, Floats, PointCloud
+
+MARGIN = 0.1  # of the height, about the reference's box
+REACHES = (0.125, 0.06, 0.03)  # of correspondences, of the height: 0.2, 0.1 and 0.05 of a rock of 1.6 m
+LOOSE = 0.048  # of the height
+_CLEANING_SEED = 0
+
+
+def measure_cloud(
+    cloud: Cloud, photographs: PhotographSet, reference: Reference, config: EvaluationConfig
+) -> tuple[dict[str, Any], dict[str, float], PointCloud]:
+    """Metrics as `nbv.evaluation.metrics.Metrics` has them, the cleaning report, and the cleaned cloud (set's frame).
+
+    Both surfaces, ``whole`` and ``observable``, are the reference: it is what the photographs have seen.
+
+    Raises
+    ------
+    MissionFailure
+        Nothing is left after cleaning.
+    """
+    truth_m = _picked(reference.points_m, config.gt_samples, photographs.name)
+    low, high = reference.points_m.min(axis=0), reference.points_m.max(axis=0)
+    margin_m = MARGIN * photographs.height_m
+    half_m = float(np.abs([low - photographs.target_m, high - photographs.target_m]).max()) + margin_m
+    cleaned, report = clean_cloud(
+        cloud, dataclasses.replace(config, crop_half_extent_m=half_m), photographs.target_m, _CLEANING_SEED
+    )
+    reaches_m = tuple(reach * photographs.height_m for reach in REACHES)
+    found = register_cloud(_within(cleaned, low - margin_m, high + margin_m).points_m, truth_m, reaches_m)
+    moved = PointCloud(found.apply(cleaned.points_m), cleaned.colors, cleaned.normals)
+    moved = _within(moved, low - margin_m, high + margin_m)
+    if len(moved) == 0:
+        raise MissionFailure("empty_cloud", "no dense point lies near the reference")
+    scale = DEFAULT_HEIGHT_M / photographs.height_m
+    to_reference_m, _ = nearest_neighbours(reference.points_m, moved.points_m)
+    truth = GroundTruthSamples(scale * truth_m, np.zeros_like(truth_m), np.ones(len(truth_m), dtype=bool))
+    scaled = PointCloud(scale * moved.points_m, moved.colors, moved.normals)
+    metrics = compute_metrics(
+        scaled, truth, config, (0.0, 0.0, DEFAULT_HEIGHT_M / 2), scale * to_reference_m
+    ).to_dict()
+    to_cloud_m, _ = nearest_neighbours(moved.points_m, truth_m)
+    turn = float(np.rad2deg(np.arccos(np.clip((np.trace(found.rotation) - 1) / 2, -1.0, 1.0))))
+    metrics["reference"] = {
+        "completeness_at_4_8_percent": 100.0 * float((to_cloud_m < LOOSE * photographs.height_m).mean()),
+        "registration": {"scale": found.scale, "turn_deg": turn},
+        "ceiling": ceiling(photographs),
+    }
+    return metrics, report, moved
+
+
+def ceiling(photographs: PhotographSet) -> dict[str, float]:
+    """One half of the photographs against the other, by the names of the metrics: nobody can be told to be better."""
+    halves = photographs.halves
+    found = {}
+    for k, fraction in enumerate(THRESHOLD_FRACTIONS):
+        name = f"{1000 * fraction * DEFAULT_HEIGHT_M:.0f}mm"
+        found[f"f_score_{name}"] = halves.f_score[k]
+        found[f"completeness_{name}"] = halves.completeness[k]
+        found[f"accuracy_{name}"] = halves.precision[k]
+    return found
+
+
+def _within(cloud: Cloud, low_m: Floats, high_m: Floats) -> PointCloud:
+    inside = (cloud.points_m >= low_m) & (cloud.points_m <= high_m)
+    return select(cloud, np.all(inside, axis=1))
+
+
+def _picked(points_m: Floats, count: int, key: str) -> Floats:
+    """At most ``count`` of the points, drawn."""
+    if len(points_m) <= count:
+        return points_m
+    chosen = keyed_rng("reference-samples", key).choice(len(points_m), count, replace=False)
+    return points_m[np.sort(chosen)]

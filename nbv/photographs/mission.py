@@ -1,0 +1,155 @@
+"""Missions over photographs that were really taken: the loop, scorers and gates of any mission, nothing rendered.
+
+Each photograph can be taken once, from where it was taken. What a hand and a clock did is not known, so the flight is
+nominal: straight legs between the places, no errors of arrival.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Unpack
+
+import numpy as np
+
+from nbv.cache import remember_json
+from nbv.config import MissionConfig
+from nbv.gates import Oracle
+from nbv.mission.fidelity import MissionContext
+from nbv.mission.flying import fly_mission
+from nbv.mission.function import MissionOptions
+from nbv.mission.result import MissionResult
+from nbv.mission.run_directory import LOCATED, RunDirectory
+from nbv.photogrammetric import PhotogrammetricReconstructor
+from nbv.photogrammetric.cached_sequences import CachedReconstructor, LazyCloud
+from nbv.photographs.camera import PhotographCamera
+from nbv.photographs.evaluation import measure_cloud
+from nbv.photographs.expressible import require_expressible
+from nbv.photographs.kept_out import SHARE, judge_kept_out, kept_out
+from nbv.photographs.oracle import TrackOracle
+from nbv.photographs.photograph_set import PhotographSet, Reference
+from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
+from nbv.threads import limit_threads
+from nbv.types import Camera, Cloud, PointCloud
+
+FEWEST_SEEDS = 3  # that a model can be aligned by: photographs that do not register are an outcome
+ROOM_M = 0.3  # about the object, in which depths are sought
+NOMINAL = "nominal: straight legs between places where a hand held the camera"
+TAKEN = "photographs.txt"
+
+
+class PhotographFidelity:
+    """Implements `nbv.mission.fidelity.Fidelity`."""
+
+    name = "photographs"
+
+    def __init__(self, context: MissionContext) -> None:
+        limit_threads()
+        self.context = context
+        config, key = context.config, context.rock.sha256
+        self.photographs = PhotographSet.read(context.rock.name)
+        self._kept_out = kept_out(self.photographs)
+        self._takeable = tuple(p for p in self.photographs.registered if p.name not in self._kept_out)
+        self.viewpoints = PhotographViewpoints(
+            np.array([p.camera_center_m for p in self._takeable]),
+            self.photographs.target_m,
+            config,
+            key,
+            context.replicate,
+        )
+        require_expressible(config, self.photographs.name, self.viewpoints)
+        self.believed = over_photographs(config, self.photographs)
+        self._camera = PhotographCamera(
+            self.photographs, self._takeable, self.viewpoints, config, key, context.replicate
+        )
+        self.camera: Camera = self._camera
+        # The sparse model is asked, after the dense stage, where the photographs kept out were taken.
+        self.reconstructor = (
+            PhotogrammetricReconstructor(self.believed)
+            if context.store is None
+            else CachedReconstructor(self.believed, context.store)
+        )
+        self.facts = {
+            "photographs": len(self._takeable),
+            "kept_out": len(self._kept_out),
+            "kept_out_share": SHARE,
+            "seed_cap_deg": SEED_CAP_DEG,
+            "flight_time": NOMINAL,
+        }
+        self._cleaned: PointCloud | None = None
+
+    @cached_property
+    def _reference(self) -> Reference:
+        return self.photographs.reference()
+
+    def oracle(self) -> Oracle:
+        """The tracks of the reference model."""
+        return TrackOracle(self.photographs, self._takeable, self.viewpoints, self.context.config)
+
+    def measure(self, cloud: Cloud) -> dict[str, Any]:
+        """Against the reference, and by the photographs kept out (``metrics["kept_out"]``)."""
+        with self.context.stopwatch.timed("evaluation"):
+            if not isinstance(cloud, LazyCloud):
+                return self._measure(cloud)
+            inputs = [cloud.key, self.context.rock.sha256, self.believed.evaluation, sorted(self._kept_out)]
+            found: dict[str, Any] = remember_json(
+                self.context.store,
+                "evaluations",
+                lambda: self._measure(cloud),
+                is_sound=lambda tree: isinstance(tree, dict) and "kept_out" in tree,
+                code="nbv.photographs",
+                inputs=inputs,
+            )
+        return {**found, "taken": list(self._camera.taken)}
+
+    def _measure(self, cloud: Cloud) -> dict[str, Any]:
+        metrics, cleaning, self._cleaned = measure_cloud(
+            cloud, self.photographs, self._reference, self.believed.evaluation
+        )
+        kept = judge_kept_out(
+            self.photographs, self._kept_out, self.reconstructor, cloud, self._reference.points_m
+        )
+        return {**metrics, "cleaning": cleaning, "kept_out": kept, "taken": list(self._camera.taken)}
+
+    def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
+        """The configuration with the set's camera and target, the photographs taken, the cleaned cloud and the sparse model."""
+        run.write_config(self.believed.to_dict(), LOCATED)
+        (run.root / TAKEN).write_text("".join(f"{name}\n" for name in self._camera.taken))
+        if metrics:
+            if self._cleaned is None:
+                cloud = self.reconstructor.finish()
+                self._cleaned = measure_cloud(
+                    cloud, self.photographs, self._reference, self.believed.evaluation
+                )[2]
+            run.write_cloud("cleaned.ply", self._cleaned)
+            run.write_json("metrics.json", {"metrics": metrics, "cleaning": metrics["cleaning"]})
+        if self.reconstructor.has_model:
+            self.reconstructor.export_sparse(run.sparse_model, run.images)
+
+
+def over_photographs(config: MissionConfig, photographs: PhotographSet) -> MissionConfig:
+    """``config`` as a vehicle would believe it: the set's camera and object, a crop that holds it, arrivals without error."""
+    half_m = max(photographs.height_m, *photographs.extents_m) / 2 + ROOM_M
+    return replace(
+        config,
+        camera=photographs.camera,
+        target_m=photographs.target_m,
+        flight=replace(config.flight, arrival_tolerance_m=0.0, min_camera_altitude_m=0.0),
+        sparse=replace(
+            config.sparse, min_registered_seeds=min(FEWEST_SEEDS, config.sparse.min_registered_seeds)
+        ),
+        shared=replace(config.shared, box_half_extent_m=max(config.shared.box_half_extent_m, half_m)),
+        dense=replace(config.dense, crop_half_width_m=max(config.dense.crop_half_width_m, half_m)),
+    )
+
+
+def run_photographs_mission(
+    config: MissionConfig,
+    rock: str,
+    replicate: int = 0,
+    directory: Path | None = None,
+    **options: Unpack[MissionOptions],
+) -> MissionResult:
+    """Fly one mission over the photographs of the set ``rock`` and measure its cloud; see `nbv.mission.MissionFunction`."""
+    return fly_mission(PhotographFidelity, config, rock, replicate, directory, **options)

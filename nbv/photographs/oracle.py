@@ -1,0 +1,81 @@
+"""What an oracle gate may ask of a set: the tracks of the model that was made of all photographs.
+
+GROUND TRUTH. A point of the reference model is covered once three chosen photographs are in its track: what they really
+have in common, matched and verified, where a surface only says what they could.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pycolmap
+from numpy.typing import NDArray
+
+from nbv.config import MissionConfig
+from nbv.gates.truth import Coverage
+from nbv.photographs.photograph_set import Photograph, PhotographSet
+from nbv.photographs.viewpoints import PhotographViewpoints
+from nbv.types import Floats, PlanningState
+
+VIEWS_NEEDED = 3
+NEAR = 0.05  # of the object's height: points farther from its box are not of it
+
+
+class TrackOracle:
+    """Implements `nbv.gates.Oracle`.
+
+    Parameters
+    ----------
+    photographs
+        The set, with its reference model.
+    takeable
+        The photographs of ``viewpoints``, in their order.
+    viewpoints
+        Where they were taken.
+    config
+        The mission's.
+    """
+
+    def __init__(
+        self,
+        photographs: PhotographSet,
+        takeable: tuple[Photograph, ...],
+        viewpoints: PhotographViewpoints,
+        config: MissionConfig,
+    ) -> None:
+        self.config = config
+        self._viewpoints = viewpoints
+        self._seen = _tracks(photographs, takeable)  # (N, P)
+
+    def coverage(self, state: PlanningState) -> Coverage:
+        """Points that `VIEWS_NEEDED` of the photographs taken see."""
+        views = self._seen[self._indices(state.visited_m)].sum(axis=0)
+        return Coverage(views >= VIEWS_NEEDED, state.visited_m)
+
+    def gain(self, position_m: Floats, coverage: Coverage) -> float:
+        """Points that still lack views and that the photograph from ``position_m`` sees, each by the share that it adds."""
+        seen = self._seen[self._indices(position_m)[0]]
+        return float(np.count_nonzero(seen & ~coverage.covered)) / VIEWS_NEEDED
+
+    def _indices(self, positions_m: Floats) -> NDArray[np.int64]:
+        return self._viewpoints.nearest(np.asarray(positions_m, dtype=float).reshape(-1, 3))
+
+
+def _tracks(photographs: PhotographSet, takeable: tuple[Photograph, ...]) -> NDArray[np.bool_]:
+    """(N, P): is point p of the object in photograph n?"""
+    model = pycolmap.Reconstruction(photographs.sparse_folder)
+    margin = NEAR * photographs.height_m
+    half = np.asarray(photographs.extents_m) / 2 + margin
+    row = {f"{photograph.name}.jpg": n for n, photograph in enumerate(takeable)}
+    row_of_image = {image_id: row.get(image.name) for image_id, image in model.images.items()}
+    columns = []
+    for point in model.points3D.values():
+        x, y, z = point.xyz
+        if abs(x) > half[0] or abs(y) > half[1] or not -margin < z < photographs.height_m + margin:
+            continue
+        rows = {row_of_image[element.image_id] for element in point.track.elements} - {None}
+        if len(rows) >= 2:
+            columns.append(sorted(r for r in rows if r is not None))
+    seen = np.zeros((len(takeable), len(columns)), dtype=bool)
+    for column, rows_of_point in enumerate(columns):
+        seen[rows_of_point, column] = True
+    return seen

@@ -1,0 +1,140 @@
+"""Where a mission over photographs may look from: only where one was taken.
+
+Seeds are the photographs nearest, by direction from the object, to the viewpoints that the configuration asks for, each
+taken once; the pool is the photographs that are not taken yet. Planner, scorers and gates see their real positions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linear_sum_assignment
+
+from nbv.config import MissionConfig
+from nbv.errors import UserError
+from nbv.geometry.frames import heading_to
+from nbv.random_streams import keyed_rng
+from nbv.types import CandidatePool, Floats, Ints, Viewpoint
+from nbv.viewpoints import seed_viewpoints
+
+SEED_CAP_DEG = 20.0  # a seed viewpoint without a photograph within this is not flown
+MOST_MISSING = 0.25  # of the seeds; more, and the set cannot express the layout
+UPPER_BAND_DEG = 35.0  # as in the paper's pool
+
+
+class PhotographViewpoints:
+    """Implements `nbv.viewpoints.ViewpointSource`.
+
+    Parameters
+    ----------
+    positions_m
+        (N, 3) where the photographs that may be taken were taken from, about the target of the configuration.
+    ordered
+        The configuration as asked for: elevations are counted about its target.
+    key, replicate
+        Of the draw that turns the seed layout about the object: replicates differ in where they begin. Replicate 0 begins
+        where the configuration says.
+    """
+
+    def __init__(
+        self, positions_m: Floats, target_m: Sequence[float], ordered: MissionConfig, key: str, replicate: int
+    ) -> None:
+        self.positions_m = np.asarray(positions_m, dtype=float).reshape(-1, 3)
+        offset = self.positions_m - np.asarray(target_m)
+        self.directions = offset / np.linalg.norm(offset, axis=1, keepdims=True)
+        self.azimuths_deg = np.rad2deg(np.arctan2(offset[:, 1], offset[:, 0])) % 360.0
+        self.elevations_deg = np.rad2deg(np.arcsin(np.clip(self.directions[:, 2], -1.0, 1.0)))
+        self.turn_deg = (
+            float(keyed_rng("photographs-turn", key, replicate).uniform(0.0, 360.0)) if replicate else 0.0
+        )
+        pool, centre_m = ordered.pool, ordered.target_m[2]
+        self.lowest_deg, self.highest_deg = (
+            float(np.rad2deg(np.arcsin(np.clip((altitude_m - centre_m) / pool.radius_m, -1.0, 1.0))))
+            for altitude_m in (pool.min_altitude_m, pool.max_altitude_m)
+        )
+
+    def index(self, viewpoint: Viewpoint) -> int:
+        """Which photograph a viewpoint is."""
+        return int(self.nearest(np.array([viewpoint.position_m]))[0])
+
+    def nearest(self, positions_m: Floats) -> Ints:
+        """(K,) which photographs were taken at (K, 3)."""
+        apart_m = np.linalg.norm(positions_m.reshape(-1, 1, 3) - self.positions_m, axis=2)
+        return apart_m.argmin(axis=1)
+
+    def seeds(self, config: MissionConfig) -> Sequence[Viewpoint]:
+        """The nearest photographs to the seed viewpoints, which are turned by ``turn_deg``; the assignment with the least sum of squared angles.
+
+        Raises
+        ------
+        UserError
+            The set has too few photographs, or none near more than a quarter of the viewpoints.
+        """
+        asked = seed_viewpoints(config)
+        if len(asked) > len(self.positions_m):
+            raise UserError(
+                f"the configuration has {len(asked)} seeds, and {len(self.positions_m)} photographs may be taken; "
+                "lower seed.count"
+            )
+        azimuth, elevation = (
+            np.deg2rad([getattr(v, name) for v in asked]) for name in ("azimuth_deg", "elevation_deg")
+        )
+        azimuth = azimuth - np.deg2rad(self.turn_deg)
+        wanted = np.column_stack(
+            [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
+        )
+        angle_deg = np.rad2deg(np.arccos(np.clip(wanted @ self.directions.T, -1.0, 1.0)))
+        rows, columns = linear_sum_assignment(angle_deg**2)
+        near = angle_deg[rows, columns] <= SEED_CAP_DEG
+        if near.sum() < max(3, (1.0 - MOST_MISSING) * len(asked)):
+            raise UserError(
+                f"only {near.sum()} of the {len(asked)} seeds have a photograph within {SEED_CAP_DEG:g} degrees: "
+                f"they ask for elevations of {np.rad2deg(elevation.min()):.0f} to {np.rad2deg(elevation.max()):.0f} "
+                f"degrees, and the photographs have {self.elevations_deg.min():.0f} to "
+                f"{self.elevations_deg.max():.0f}; set seed.lowest_deg and seed.span_deg (or seed.ring_elevations_deg)"
+            )
+        return [
+            self._viewpoint(int(column), f"seed_{k:02d}", "seed") for k, column in enumerate(columns[near])
+        ]
+
+    def candidates(
+        self, config: MissionConfig, vehicle_position_m: Floats, visited_m: Floats, n_seeds: int
+    ) -> CandidatePool:
+        """The photographs not taken yet, between the elevations that ``pool.min_altitude_m`` and ``max_altitude_m`` mean in the paper's pool."""
+        left = np.ones(len(self.positions_m), dtype=bool)
+        counts = {"raw": len(left)}
+        if len(visited_m):
+            left[self.nearest(visited_m)] = False
+        counts["revisit"] = int(left.sum())
+        keep = np.flatnonzero(left & self.within_altitudes)
+        counts["altitude_travel"] = len(keep)
+        positions = self.positions_m[keep]
+        return CandidatePool(
+            ids=tuple(_candidate_id(i) for i in keep.tolist()),
+            positions_m=positions,
+            headings_rad=heading_to(positions, np.array(config.target_m)),
+            azimuths_deg=self.azimuths_deg[keep],
+            elevations_deg=self.elevations_deg[keep],
+            bands=tuple(self._band(i) for i in keep.tolist()),
+            counts=counts,
+        )
+
+    @property
+    def within_altitudes(self) -> NDArray[np.bool_]:
+        """(N,) which photographs the altitude limits of the pool allow."""
+        return (self.elevations_deg >= self.lowest_deg) & (self.elevations_deg <= self.highest_deg)
+
+    def _band(self, index: int) -> str:
+        return "upper" if self.elevations_deg[index] > UPPER_BAND_DEG else "lateral"
+
+    def _viewpoint(self, index: int, name: str, band: str) -> Viewpoint:
+        x, y, z = self.positions_m[index].tolist()
+        return Viewpoint(
+            name, (x, y, z), float(self.azimuths_deg[index]), float(self.elevations_deg[index]), band
+        )
+
+
+def _candidate_id(index: int) -> str:
+    return f"cand_{index:03d}"

@@ -1,0 +1,208 @@
+"""Missions over photographs: where they may look from, what they are measured by, and one from end to end."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from photographed_ball import CAMERA, CENTRE_M, places, spread, write_set
+
+from nbv.config import preset
+from nbv.errors import UserError
+from nbv.geometry.frames import Similarity
+from nbv.photographs import PhotographSet
+from nbv.photographs.evaluation import measure_cloud
+from nbv.photographs.expressible import require_expressible
+from nbv.photographs.kept_out import kept_out, photometric_error
+from nbv.photographs.mission import run_photographs_mission
+from nbv.photographs.oracle import VIEWS_NEEDED, TrackOracle
+from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
+from nbv.rocks import list_rocks, load_rock
+from nbv.types import PlanningState, PointCloud, SparseModel
+from tuner.missions.registry import fidelity_on
+
+PAPER = preset("campaign")
+RING = PAPER.with_values({"seed.count": 16, "seed.lowest_deg": 25.0})
+
+
+def viewpoints(positions_m: np.ndarray, config=RING, replicate: int = 0) -> PhotographViewpoints:
+    return PhotographViewpoints(positions_m, CENTRE_M, config, "key", replicate)
+
+
+def in_order(positions_m: np.ndarray, views) -> list[int]:
+    return [int(np.linalg.norm(positions_m - v.position_m, axis=1).argmin()) for v in views]
+
+
+def test_seeds_are_the_nearest_photographs_each_taken_once() -> None:
+    # Two photographs near every second viewpoint, of which the nearer is taken; none is taken twice.
+    north_first = 90.0 - np.arange(16) * 22.5
+    at = places(np.concatenate([north_first + 3.0, north_first + 5.0]), np.full(32, 25.0))
+    chosen = in_order(at, viewpoints(at).seeds(RING))
+    assert chosen == list(range(16))
+    crowded = places(north_first[[0] * 16] + np.arange(16) * 1.0, np.full(16, 25.0))
+    with pytest.raises(UserError, match="seeds have a photograph within 20 degrees"):
+        viewpoints(crowded).seeds(RING)
+
+
+def test_a_seed_viewpoint_without_a_photograph_is_not_flown() -> None:
+    azimuths = np.arange(0.0, 330.0, 5.0)  # a sector of 35 degrees is empty
+    at = places(azimuths, np.full(len(azimuths), 25.0))
+    seeds = viewpoints(at).seeds(RING)
+    assert 14 <= len(seeds) <= 16
+    assert len({s.position_m for s in seeds}) == len(seeds)
+    asked = PAPER.with_values({"seed.count": 16, "seed.lowest_deg": 25.0 + SEED_CAP_DEG + 1})
+    with pytest.raises(UserError, match="elevations of 46 to 46 degrees, and the photographs have 25 to 25"):
+        viewpoints(at).seeds(asked)
+
+
+def test_replicates_begin_elsewhere() -> None:
+    at = places(np.arange(0.0, 360.0, 2.0), np.full(180, 25.0))
+    first, again, second = (in_order(at, viewpoints(at, RING, k).seeds(RING)) for k in (1, 1, 2))
+    assert first == again != second
+    turns = np.diff(np.unwrap(np.deg2rad(2.0 * np.array(first))))
+    assert np.allclose(np.rad2deg(turns), -22.5, atol=3.0)  # still an even ring, clockwise
+
+
+def test_the_pool_is_what_is_left_within_the_altitudes() -> None:
+    at = np.concatenate([places(np.arange(0, 360, 30.0), np.full(12, e)) for e in (5.0, 20.0, 50.0)])
+    lowest, highest = (0.8 + 3.5 * np.sin(np.deg2rad(e)) for e in (10.0, 60.0))
+    config = PAPER.with_values({"pool.min_altitude_m": lowest, "pool.max_altitude_m": highest})
+    pool = viewpoints(at, config).candidates(config, at[0], at[[12, 13, 30]], 2)
+    assert sorted(in_order(at, [pool.viewpoint(i) for i in range(len(pool))])) == [
+        i for i in range(12, 36) if i not in (12, 13, 30)
+    ]
+    assert pool.counts == {"raw": 36, "revisit": 33, "altitude_travel": 21}
+    assert {pool.viewpoint(i).band for i in range(len(pool))} == {"lateral", "upper"}
+    everything = viewpoints(at, config).candidates(config, at[0], at, 2)
+    assert len(everything) == 0
+
+
+@pytest.mark.parametrize(
+    ("values", "named"),
+    [
+        ({"scene.sun_elevation_deg": 20.0}, "scene.sun_elevation_deg"),
+        ({"wind.mean_speed_m_s": 2.0}, "wind.mean_speed_m_s"),
+        ({"sensor.exposure_ev": 1.0, "sensor.vignetting": 0.5}, "sensor.exposure_ev, sensor.vignetting"),
+        ({"camera.width_px": 320}, "camera.width_px"),
+        ({"ground.relief_m": 0.1}, "ground.relief_m"),
+        ({"pool.min_altitude_m": 4.0}, "pool.min_altitude_m 4"),
+        ({"seed.lowest_deg": 70.0}, "seed.lowest_deg"),
+    ],
+)
+def test_what_a_set_cannot_express_is_refused_by_name(values: dict, named: str) -> None:
+    at = places(np.arange(0, 360, 6.0), np.full(60, 25.0))
+    require_expressible(RING, "mine", viewpoints(at))
+    asked = RING.with_values(values)
+    with pytest.raises(UserError, match=named):
+        require_expressible(asked, "mine", viewpoints(at, asked))
+
+
+def test_a_photograph_that_the_cloud_predicts_has_no_photometric_error() -> None:
+    # A wall of points at 4 m whose grey grows to the right; the photograph is of half the contrast.
+    y, x = np.meshgrid(np.linspace(-1, 1, 400), np.linspace(-1, 1, 400))
+    wall = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 4.0)])
+    grey = np.clip(128 + 100 * wall[:, :1], 0, 255).astype(np.uint8).repeat(3, axis=1)
+    columns = (np.arange(CAMERA.width_px) + 0.5 - CAMERA.width_px / 2) * 4 / CAMERA.focal_px
+    image = np.tile(
+        (100 + 50 * columns).clip(0, 255).astype(np.uint8)[None, :, None], (CAMERA.height_px, 1, 3)
+    )
+    where = np.zeros((90, 120), bool)
+    where[30:60, 40:80] = True
+    error, covered = photometric_error(image, wall, grey, np.eye(4), CAMERA, where)
+    assert error < 0.3
+    assert covered == 100.0
+    left = wall[:, 0] < 0
+    half, share = photometric_error(image, wall[left], grey[left], np.eye(4), CAMERA, where)
+    assert half > 5 * error
+    assert share == pytest.approx(50.0, abs=4.0)
+
+
+@pytest.fixture
+def grey_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PhotographSet:
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path))
+    return write_set("ball", spread(20), rendered=False)
+
+
+def test_the_reference_itself_scores_everything_wherever_it_lies(grey_set: PhotographSet) -> None:
+    reference = grey_set.reference()
+    c, s = np.cos(0.02), np.sin(0.02)
+    moved = Similarity(1.03, np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]), np.array([0.03, -0.02, 0.02]))
+    cloud = PointCloud(moved.apply(reference.points_m), reference.colors, None)
+    metrics, _, _ = measure_cloud(cloud, grey_set, reference, PAPER.evaluation)
+    assert metrics["observable"]["f_score_16mm"] > 97.0  # cleaning takes strays along
+    assert metrics["whole"] == metrics["observable"]
+    assert metrics["reference"]["registration"]["scale"] == pytest.approx(1 / 1.03, abs=2e-3)
+    assert metrics["reference"]["ceiling"]["f_score_48mm"] == 99.0
+    half = reference.points_m[:, 0] > 0
+    metrics, _, _ = measure_cloud(
+        PointCloud(reference.points_m[half], None, None), grey_set, reference, PAPER.evaluation
+    )
+    assert metrics["observable"]["completeness_48mm"] == pytest.approx(50.0, abs=3.0)
+    assert metrics["reference"]["completeness_at_4_8_percent"] > metrics["observable"]["completeness_48mm"]
+
+
+def test_a_tenth_is_kept_out_by_content(grey_set: PhotographSet) -> None:
+    names = kept_out(grey_set)
+    assert len(names) == 2 and names == kept_out(grey_set)
+
+
+def test_the_oracle_wants_what_lacks_tracks(grey_set: PhotographSet) -> None:
+    takeable = grey_set.registered
+    at = np.array([p.camera_center_m for p in takeable])
+    oracle = TrackOracle(grey_set, takeable, viewpoints(at), PAPER)
+    model = SparseModel(
+        np.zeros((0, 3)), np.zeros(0), np.zeros(1, np.int64), np.zeros(0, np.int64), at[:0], (), 0.0, 0.0
+    )
+
+    def state(indices: list[int]) -> PlanningState:
+        return PlanningState(model, at[indices], len(indices), at[0], 0.0, 0, 4, 0.1, 0)
+
+    assert not oracle.coverage(state([0, 1])).covered.any()
+    three = oracle.coverage(state([0, 1, 2]))
+    assert three.covered.any() and VIEWS_NEEDED == 3
+    opposite, beside = oracle.gain(at[11], three), oracle.gain(at[1], three)
+    assert opposite > beside  # what the three see together is covered
+
+
+def test_a_set_stands_where_a_rock_stands(grey_set: PhotographSet) -> None:
+    assert load_rock("ball").name == "ball"
+    assert {info.source for info in list_rocks() if info.name == "ball"} == {"photographs"}
+    assert fidelity_on("ball", "photogrammetric") == fidelity_on("ball", "geometric") == "photographs"
+    assert fidelity_on("slab", "photogrammetric") == "photogrammetric"
+    assert fidelity_on("ball", "external") == "external"
+    with pytest.raises(UserError, match="slab is no set of photographs"):
+        fidelity_on("slab", "photographs")
+
+
+@pytest.mark.slow
+def test_a_mission_over_photographs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path))
+    write_set("ball", spread(32), rendered=True)
+    config = PAPER.with_values(
+        {
+            "seed.count": 16,
+            "seed.lowest_deg": 25.0,
+            "stop.adaptive_budget": 2,
+            "dense.agreeing_views": 3,
+            "dense.search": "sparse",
+            "sparse.max_pairs": 6,
+            "gate.kind": "greedy-oracle",
+            "evaluation.gt_samples": 5000,
+        }
+    )
+    result = run_photographs_mission(config, "ball", 0, tmp_path / "run")
+    taken = (tmp_path / "run" / "photographs.txt").read_text().split()
+    assert result.status in ("ok", "degraded")
+    assert len(taken) == len(set(taken)) == 18 == result.costs["images"]
+    assert result.metrics["taken"] == taken
+    assert result.metric("observable.f_score_48mm") > 70.0
+    kept = result.metrics["kept_out"]
+    assert kept["photographs"] == 3.0 and kept["registered_percent"] == 100.0
+    assert kept["reprojection_error_px"] < 2.0 and kept["covered_percent"] > 60.0
+    assert result.provenance["fidelity"] == "photographs"
+    assert result.provenance["flight_time"].startswith("nominal")
+    assert json.loads((tmp_path / "run" / "metrics.json").read_text())["metrics"]["taken"] == taken
+    again = run_photographs_mission(config, "ball", 0, None, keep="summary")
+    assert again.metrics == result.metrics
