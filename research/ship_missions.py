@@ -17,7 +17,7 @@ from nbv.errors import UserError
 from nbv.rocks.recipes import RECIPES
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.shipped import DIRECTORY, NOTHING
-from tuner.report.campaign.provenance import flown_by
+from tuner.report.provenance import flown_by
 
 
 def main() -> None:

@@ -116,21 +116,17 @@ def compare(
 
 def _show(facts: ComparisonFacts, *, paper: bool) -> None:
     """The verdicts, then the tables from the shortest to the longest."""
-    from tuner.report.comparison.tables import (
-        PAPER_NOT_COMPARABLE,
-        comparison_terminal_table,
-    )
+    from tuner.report.comparison.tables import PAPER_NOT_COMPARABLE, terminal_tables
 
     for line in facts.verdicts:
         output.print(line.text, style="bold")
     short = {} if facts.summary is None else {"What the campaign was asked for": facts.summary}
     short |= {f"Under {name}": table for name, table in facts.conditions.items()}
+    if facts.summary is None:
+        part = facts.parts[0]
+        short[f"Against ground truth, {part.surface} surface" if part.surface else part.title] = part.table
     for title, table in short.items():
-        output.print(comparison_terminal_table(table, title=title), markup=True)
-    if facts.summary is not None:
-        return
-    part = facts.parts[0]
-    title = f"Against ground truth, {part.surface} surface" if part.surface else part.title
-    output.print(comparison_terminal_table(part.table, title=title, paper=paper), markup=True)
+        for block in terminal_tables(table, output.width, title=title, paper=paper):
+            output.print(block, markup=True)
     if paper:
         output.print(PAPER_NOT_COMPARABLE)

@@ -28,6 +28,7 @@ from tuner.commands.console import (
 )
 
 app = typer.Typer(no_args_is_help=True)
+RockFile = Annotated[str | None, typer.Option(help="Mesh file of a rock that is not in the catalogue.")]
 
 
 class MissionProgress:
@@ -139,13 +140,10 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
 
 @app.command()
 def explain(
-    mission: Annotated[
-        Path, typer.Argument(help="A mission's directory, or one saved planning state (.npz).")
-    ],
+    mission: Annotated[Path, typer.Argument(help="A mission's directory.")],
     iteration: Annotated[
         int | None, typer.Option(help="All candidates of one step instead; 0 is the first.")
     ] = None,
-    preset: Annotated[str, typer.Option(help="Configuration for a bare .npz state.")] = "paper",
     set_: Annotated[
         list[str] | None,
         typer.Option("--set", help="PATH=VALUE: what would another setting choose at that step?"),
@@ -158,22 +156,23 @@ def explain(
     Example: gatetune mission explain runs/mine/shown/recommended
     """
     from tuner.campaign.settings_file import SETTINGS_FILE
-    from tuner.report.mission.decisions import decisions_of, mission_config, summary
+    from tuner.report.mission.decisions import decisions_of, summary
     from tuner.report.mission.explain import explain_state
+    from tuner.report.mission.run_files import planned_config
 
     if (mission / SETTINGS_FILE).is_file():
         raise UserError(
             f"{mission} is a campaign; name one of its missions, such as {mission}/shown/recommended"
         )
-    if iteration is None and mission.suffix != ".npz" and not set_:
-        found, config = decisions_of(mission), mission_config(mission)
+    if iteration is None and not set_:
+        found, config = decisions_of(mission), planned_config(mission)
         for line in (line for decision in found for line in decision.lines()):
             output.print(line, highlight=False, soft_wrap=True)
         output.print(summary(found, config), highlight=False, soft_wrap=True)
         gate = dataclasses.asdict(config.gate)
         answer_json({"mission": mission, "gate": gate, "steps": [decision.to_dict() for decision in found]})
         return
-    items, rankings = explain_state(mission, iteration or 0, preset, parse_overrides(set_ or []), top)
+    items, rankings = explain_state(mission, iteration or 0, parse_overrides(set_ or []), top)
     for item in items:
         output.print(item)
     answer_json({"mission": mission, "iteration": iteration or 0, "rankings": rankings})
@@ -184,25 +183,15 @@ def figures(
     runs: Annotated[
         list[Path], typer.Argument(help="Directories of missions on one rock, flown with everything kept.")
     ],
-    rock: Annotated[str, typer.Option(help="Catalogue name or mesh file that they were flown on.")],
+    rock: RockFile = None,
     out: Annotated[Path, typer.Option(help="Directory of the PNG files.")] = Path("figures"),
 ) -> None:
-    """The paper's figures: trajectory, sector completeness, error overlay, pipeline states.
+    """The paper's figures: trajectory, sector completeness, error overlay.
 
-    Example: gatetune mission figures runs/mission-slab-hyb-h-0 --rock slab
+    Example: gatetune mission figures runs/mission-slab-hyb-h-0
     """
-    from nbv.cache import Store
-    from nbv.mission.result import MissionResult
-    from nbv.rocks import load_rock
     from tuner.report.mission.figures import labels_of, write_mission_figures
 
-    subject = load_rock(rock, Store())
-    for run_directory in runs:
-        result = MissionResult.load(run_directory)
-        if result.rock != subject.name:
-            raise UserError(
-                f"{run_directory} was flown on {result.rock!r}, not on {subject.name!r}; name that rock or its mesh file with --rock"
-            )
     for path in write_mission_figures(labels_of(runs), out, rock):
         output.print(path)
 
@@ -218,9 +207,7 @@ def view(
     other: Annotated[
         Path | None, typer.Argument(help="A second mission, shown beside it with the same camera.")
     ] = None,
-    rock: Annotated[
-        str | None, typer.Option(help="Mesh file of a rock that is not in the catalogue.")
-    ] = None,
+    rock: RockFile = None,
     out: Annotated[Path | None, typer.Option(help="The page (default: RUN/view.html).")] = None,
 ) -> None:
     """A page to walk around in, which opens without a server: rock, clouds, cameras, pool and path, capture by capture.

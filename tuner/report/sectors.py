@@ -12,8 +12,6 @@ from matplotlib.ticker import MaxNLocator
 from nbv.types import Floats
 from tuner.report.style import colour, look, marker, new_figure
 
-_COMPASS = {0: "E", 90: "N", 180: "W", 270: "S"}
-
 
 def mean_sectors(missions: Sequence[Sequence[float | None]]) -> Floats:
     """(K,) mean completeness per sector over missions; NaN where no mission has a sample there."""
@@ -53,58 +51,17 @@ def sector_figure(
                 color=colour(i),
                 marker=marker(i),
                 ms=4.5,
-                lw=1.7,
-                mec="white",
-                mew=0.4,
                 label=f"{label}" + (f" (n = {len(missions)})" if len(missions) > 1 else ""),
             )
-        ax.set_theta_zero_location("E")
-        ax.set_theta_direction(1)
-        names = []
-        for center in centers_deg:
-            near = next((n for a, n in _COMPASS.items() if abs((center - a + 180) % 360 - 180) < 1e-6), "")
-            names.append(f"{center:g}°{' ' + near if near else ''}")
-        ax.set_xticks(angles, names)
-        for azimuth_deg, letter in _COMPASS.items():  # where no sector's centre lies there
-            if not any(name.endswith(letter) for name in names):
-                a = np.deg2rad(azimuth_deg)
-                ax.text(
-                    0.5 + 0.535 * np.cos(a),
-                    0.5 + 0.535 * np.sin(a),
-                    letter,
-                    transform=ax.transAxes,
-                    ha="center",
-                    va="center",
-                    fontsize=9.5,
-                    weight="bold",
-                    color="#444444",
-                )
-        floor = 0.0 if lowest < 40 else 10 * np.floor(lowest / 10) - 10
-        ax.set_ylim(max(0.0, floor), 100)
-        # Texts of our own: the lines pass behind them, over tick labels they would be drawn.
-        bottom = max(0.0, floor)
-        rings = [r for r in MaxNLocator(5).tick_values(bottom, 100.0) if bottom < r < 100.0]
-        ax.set_yticks(rings, [""] * len(rings))
-        between = float(angles[0] + np.diff(angles[:2])[0] / 2) if len(angles) > 1 else np.deg2rad(20)
-        for ring in rings:
-            ax.text(
-                between,
-                ring,
-                f"{ring:g} %",
-                fontsize=7.5,
-                ha="center",
-                va="center",
-                zorder=6,
-                bbox={"facecolor": "white", "alpha": 0.8, "linewidth": 0, "pad": 0.8},
-            )
-        ax.text(
-            0.0,
-            -0.1,
-            f"completeness at {threshold}\nazimuth from the target: 0° east, 90° north\nlabels at sector centres; the plot’s centre is {bottom:g} %",
-            transform=ax.transAxes,
+        bottom = 0.0 if lowest < 40 else 10 * np.floor(lowest / 10) - 10
+        ax.set_ylim(bottom, 100)
+        ax.yaxis.set_major_locator(MaxNLocator(4))
+        ax.yaxis.set_major_formatter("{x:g} %")
+        ax.set_xticks(angles, [f"{center:g}°" for center in centers_deg])
+        ax.set_xlabel(
+            f"completeness at {threshold}; 0° east, 90° north, labels at sector centres; "
+            f"the plot’s centre is {bottom:g} %",
             fontsize=8,
-            va="top",
-            ha="left",
         )
         ax.legend(loc="center left", bbox_to_anchor=(1.14, 0.5))
         return figure

@@ -84,14 +84,14 @@ def test_the_page_shows_photographs_and_limit_as_rows() -> None:
     found = facts()
     shown = comparison_context(found)
     (rows,) = shown["summary"]
-    names = [row["group"] or row["name"] for row in rows]
+    names = [row.name for row in rows]
     assert names == [
         "Photographs ↓",
         "Observable surface",
         "F-score @ 48 mm ↑ (%)",
         "Limit kept ↑ (% of rocks)",
     ]
-    assert [cell["text"] for cell in rows[0]["cells"]] == ["26", "32", "32"]
+    assert [cell.text for cell in rows[0].cells] == ["26", "32", "32"]
     assert [line.text.split(" in ")[0] for line in found.others] == ["Random views is worse than Hyb-H"]
     assert shown["tables"][0]["title"] == "Whole surface"  # none of the rows above is of it
 

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from pathlib import Path
 
 import matplotlib.image
 import numpy as np
 import pytest
 import trimesh
-import yaml
 from fake_missions import well_flown
 
 from nbv.config import MissionConfig, preset
@@ -20,10 +18,9 @@ from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import RunDirectory
 from nbv.rocks.rock import make_rock
 from nbv.types import CandidatePool, PlanningState, PointCloud, SparseModel
-from tuner.report.mission import overlay
+from tuner.report.mission import walk_world
 from tuner.report.mission.figures import labels_of, sectors_figure, write_mission_figures
 from tuner.report.mission.overlay import overlay_figure
-from tuner.report.mission.pipeline import pipeline_figure
 from tuner.report.mission.trajectory import trajectory_figure
 from tuner.report.sectors import mean_sectors
 
@@ -111,7 +108,7 @@ def rock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         split="extra",
         difficulty="none",
     )
-    monkeypatch.setattr(overlay, "load_rock", lambda name, store: {"ball": subject}[name])
+    monkeypatch.setattr(walk_world, "load_rock", lambda name, store: {"ball": subject}[name])
     return "ball"
 
 
@@ -119,9 +116,9 @@ def rock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 def test_all_figures_are_written(tmp_path: Path, rock: str) -> None:
     runs = labels_of([made_mission(tmp_path / "one"), made_mission(tmp_path / "two", "hyb-o")])
     assert list(runs) == ["Hyb-H", "Hyb-O"]
-    written = write_mission_figures(runs, tmp_path / "out", rock)
+    written = write_mission_figures(runs, tmp_path / "out")
     assert {p.name for p in written} == {
-        *(f"{kind}_{label}.png" for kind in ("trajectory", "overlay", "pipeline") for label in runs),
+        *(f"{kind}_{label}.png" for kind in ("trajectory", "overlay") for label in runs),
         "sectors.png",
     }
     for path in written:
@@ -130,7 +127,7 @@ def test_all_figures_are_written(tmp_path: Path, rock: str) -> None:
 
 
 def test_overlay_measures_against_the_surface_itself(tmp_path: Path, rock: str) -> None:
-    title = overlay_figure(made_mission(tmp_path / "run", offset_m=0.01), rock).get_suptitle()
+    title = overlay_figure(made_mission(tmp_path / "run", offset_m=0.01)).get_suptitle()
     error_mm = float(title.split("median error of the cloud ")[1].split()[0])
     assert error_mm == pytest.approx(10.0, abs=1.0)
     reached = int(title.split(" % of the whole")[0].rsplit(" ", 1)[1])
@@ -151,17 +148,6 @@ def test_trajectory_shows_the_views_of_the_trace(tmp_path: Path) -> None:
     assert len(adaptive) == 1 + CAPTURES and len(orbit) == 2 + 24
 
 
-def test_pipeline_marks_scorers_threshold_and_lost_images(tmp_path: Path) -> None:
-    figure = pipeline_figure(made_mission(tmp_path / "run"))
-    names = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert names[:2] == ["B-aware", "Covis"]
-    marks = [text.get_text() for text in figure.axes[0].texts]
-    assert marks == ["", "=", "="]
-    assert any("140 mm" in text.get_text() for text in figure.axes[1].texts)
-    lost = {line.get_label(): line for line in figure.axes[3].lines}["new image did not register"]
-    assert list(lost.get_xdata()) == [2]
-
-
 def test_sectors_without_samples_are_gaps() -> None:
     mean = mean_sectors([[50.0, None, None], [70.0, 20.0, None]])
     np.testing.assert_array_equal(mean, [60.0, 20.0, np.nan])
@@ -178,14 +164,4 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
         sectors_figure({"x": run})
     (run / "config.yaml").unlink()
     with pytest.raises(UserError, match=r"no config\.yaml"):
-        pipeline_figure(run)
-
-
-def test_made_missions_have_the_fields_of_real_ones(tmp_path: Path) -> None:
-    from nbv.mission.result import IterationRecord
-
-    run = made_mission(tmp_path / "run")
-    real = {field.name for field in dataclasses.fields(IterationRecord)}
-    for line in (run / "trace.jsonl").read_text().splitlines():
-        assert set(json.loads(line)) <= real
-    assert yaml.safe_load((run / "config.yaml").read_text())["gate"]["kind"] == "hyb-h"
+        trajectory_figure(run)

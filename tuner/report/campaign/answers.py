@@ -29,7 +29,7 @@ from tuner.report.answer import (
 )
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.campaign.wider import WIDER_FILE, wider_space
-from tuner.report.labels import parameter_label, strategy_label, with_unit
+from tuner.report.labels import format_number, parameter_label, strategy_label, with_unit
 
 EQUAL = "="  # both scorers' best view was the same: the gate had no choice
 
@@ -98,6 +98,19 @@ def pairs(facts: CampaignFacts, best: Recommendation) -> list[Pair]:
     return [
         Pair(f"{facts.world_name(w)}, replicate {r}", *(_mean(side) for side in found[w, r]))
         for w, r in order
+    ]
+
+
+def pair_rows(facts: CampaignFacts, best: Recommendation) -> list[tuple[str, str, str]]:
+    """Place, default and recommended, the places where both flew first."""
+    found = sorted(pairs(facts, best), key=lambda p: (p.default is None) + (p.recommended is None))
+    return [
+        (
+            p.place,
+            format_number(p.default, facts.digits),
+            format_number(p.recommended, facts.digits),
+        )
+        for p in found
     ]
 
 
@@ -186,6 +199,11 @@ def gate_words(records: Sequence[IterationRecord], choices: Sequence[str], gate:
     return f"{gate} switched in {_share(switches, steps)} of its steps: {shares} of {where}.{same}"
 
 
+def choice_name(choice: str) -> str:
+    """A scorer's name, or that there was no choice."""
+    return "both the same view" if choice == EQUAL else strategy_label(choice)
+
+
 def _choice(record: IterationRecord) -> str:
     views = [best.get("candidate") for best in record.top.values()]
     return EQUAL if len(views) > 1 and len(set(views)) == 1 else record.scorer
@@ -206,7 +224,7 @@ def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
     if status.remaining:
         return f"Finish it: {status.remaining} of {status.budget} missions are left.", resume
     if evaluated:
-        return f"Stop: it has been measured on held-out {place}s (below).", ""
+        return f"Stop: it has been measured on held-out {place}s.", ""
     if best.limit is not None and not best.limit.kept:
         return f"Fly more, or ask for less: nothing flown is likely to keep {limit_words(best.limit)}.", more
     if best.keep_default:

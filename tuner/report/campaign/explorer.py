@@ -1,4 +1,4 @@
-"""What the page's own script draws: every mission, the slices, parallel coordinates."""
+"""What the page's own script draws: every mission, and the slices."""
 
 from __future__ import annotations
 

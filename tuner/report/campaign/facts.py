@@ -1,4 +1,4 @@
-"""What a campaign's report shows, computed once: trials, model, recommendation, slices, running quality."""
+"""What a campaign's report shows, computed once: trials, model, recommendation, slices."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ from tuner.report.style import short_names
 from tuner.surrogate.model import RockMeanGP
 
 SLICE_POINTS = 61
-MAP_POINTS = 41
 
 
 @dataclass(frozen=True)
@@ -38,23 +37,6 @@ class Slice:
     positions: tuple[Any, ...]  # values along the axis
     mean: Floats  # metric's unit
     sd: Floats
-
-    @property
-    def effect(self) -> float:
-        """Range of the posterior mean along the slice."""
-        return float(self.mean.max() - self.mean.min())
-
-
-@dataclass(frozen=True)
-class Surface:
-    """Posterior over two parameters, the others as recommended."""
-
-    x: Parameter
-    y: Parameter
-    x_values: Floats  # (nx,)
-    y_values: Floats  # (ny,)
-    mean: Floats  # (ny, nx) metric's unit
-    sd: Floats  # (ny, nx)
 
 
 class CampaignFacts:
@@ -69,7 +51,7 @@ class CampaignFacts:
         self.trials: list[Trial] = campaign.trials()
         self.observations: list[Observation] = campaign.history(self.trials)
         self.status: CampaignStatus = campaign.status()
-        self.modelled: Objective = campaign.modelled_objective  # of the model, its maps and its checks
+        self.modelled: Objective = campaign.modelled_objective  # of the model and its checks
         self.label: MetricLabel = dataclasses.replace(
             metric_label(self.modelled.metric), larger_is_better=self.modelled.direction == "maximise"
         )
@@ -166,37 +148,6 @@ class CampaignFacts:
             out.append(Slice(p, tuple(positions), mean, sd))
         return out
 
-    @cached_property
-    def surface(self) -> Surface | None:
-        """The two gate thresholds where both are tuned, else the two ordered parameters that matter most."""
-        if self.recommendation is None or self.model is None:
-            return None
-        ordered = {p.path: p for p in self.settings.space.parameters if p.kind != "categorical"}
-        wanted = ("gate.budget_fraction", "gate.d95_m")
-        if not all(path in ordered for path in wanted):
-            effects = {s.parameter.path: s.effect for s in self.slices}
-            ranked = sorted(ordered, key=lambda path: -effects[path])[:2]
-            if len(ranked) < 2:
-                return None
-            wanted = (ranked[0], ranked[1])
-        x, y = (ordered[path] for path in wanted)
-        x_values, y_values = (
-            np.array(sorted({float(p.from_unit(float(u))) for u in np.linspace(0, 1, MAP_POINTS)}))
-            for p in (x, y)
-        )
-        kinds = {p.path: int if p.kind == "int" else float for p in (x, y)}
-        rows = [
-            self.belief(
-                [
-                    {**self.recommendation.values, x.path: kinds[x.path](a), y.path: kinds[y.path](b)}
-                    for a in x_values
-                ]
-            )
-            for b in y_values
-        ]
-        mean, sd = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
-        return Surface(x, y, x_values, y_values, mean, sd)
-
     def world_name(self, world: World) -> str:
         """``slab``, or ``slab, field`` where there is more than one condition."""
         rock = self.rock_names.get(world.rock, world.rock)
@@ -205,14 +156,3 @@ class CampaignFacts:
     def condition_cells(self, world: World) -> list[str]:
         """The condition as a table's cell, where there is more than one."""
         return [world.condition] if self.several_conditions else []
-
-    def leave_one_out(self) -> tuple[Floats, Floats, Floats, list[World]]:
-        """``(observed, predicted, predictive sd, worlds)`` per feasible mission, in the metric's unit."""
-        assert self.model is not None
-        check, standard = self.model.leave_one_out(), self.model.standardiser
-        flown = [o.world for o in self.model.observations]
-        centre = np.array([standard.centre(world) for world in flown])
-        scale = np.array([standard.scale(world) for world in flown])
-        observed = self.sign * (centre + scale * check.observed)
-        predicted = self.sign * (centre + scale * check.mean)
-        return observed, predicted, scale * check.sd, flown

@@ -12,67 +12,61 @@ import yaml
 
 from nbv.config import IDEAL
 from nbv.errors import UserError
-from nbv.provenance import versions
+from nbv.provenance import git_revision, versions
 from nbv.safe_files import parse_yaml
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
-from tuner.evaluation.flying import EvaluationRun
-from tuner.evaluation.of_campaign import asked_of
 from tuner.missions.registry import GEOMETRIC_NOTE, ignored_by, is_geometric
 from tuner.problem.search_space import SearchSpace
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import place_word
 from tuner.report.campaign.answers import (
+    choice_name,
     gate_answer,
     measure_text,
     next_answer,
-    pairs,
+    pair_rows,
     sure_answer,
     use_answer,
 )
-from tuner.report.campaign.drawings import clouds_picture, gate_drawing, pairs_drawing
 from tuner.report.campaign.explorer import MOST_MISSIONS, explorer_data, mission_link
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.campaign.front import asked_text, front_context
-from tuner.report.campaign.illustrations import model_illustrations, trend_text
 from tuner.report.campaign.provenance import command_note, provenance_rows, reproduce_command
 from tuner.report.campaign.rows import (
-    cost_rows,
     failure_rows,
     key_figures,
-    parameter_row,
+    longest_stages,
     rock_rows,
     trial_row,
 )
 from tuner.report.campaign.vehicle_files import vehicle_files
-from tuner.report.campaign.walks import REPORT_FILE, linked_pages
+from tuner.report.campaign.walks import REPORT_FILE, linked_comparisons, linked_pages
 from tuner.report.campaign.wider import write_wider_settings
-from tuner.report.comparison.facts import comparison_facts
-from tuner.report.comparison.page import comparison_context
-from tuner.report.labels import believed, metric_label, parameter_value, verdict, with_unit
+from tuner.report.labels import (
+    believed,
+    metric_label,
+    parameter_label,
+    parameter_value,
+    verdict,
+    with_unit,
+)
 from tuner.report.pages import write_page
 
 MOST_ROWS = 500  # of missions in the table
+MOST_GATE_ROWS = 8
 FIGURES_DIRECTORY = "figures"
 # Coverage of 95 % intervals below which the page says that they are too narrow.
 POOR_COVERAGE = 0.85
 MIN_MISSIONS_FOR_COVERAGE = 12
 
 
-def write_campaign_report(campaign: Campaign, evaluation: EvaluationRun | None = None) -> Path:
-    """Write ``report.html``, ``figures/*.png`` and settings to search on with into the campaign's run directory.
+def write_campaign_report(campaign: Campaign) -> Path:
+    """Write ``report.html`` and settings to search on with into the campaign's run directory; the path of the page.
 
-    Parameters
-    ----------
-    campaign
-        Finished, interrupted or still running; nothing but the report is written.
-    evaluation
-        The tuned configuration against the baselines on held-out rocks, where there is one.
-
-    Returns
-    -------
-    Path of the page.
+    The campaign may be finished, interrupted or still running. The front of two objectives is also a picture in
+    ``figures/``.
 
     Raises
     ------
@@ -82,17 +76,15 @@ def write_campaign_report(campaign: Campaign, evaluation: EvaluationRun | None =
     facts = CampaignFacts(campaign)
     if facts.status.finished == 0:
         raise UserError(f"{campaign.directory} has no finished mission; run or resume the campaign first")
-    figures = campaign.directory / FIGURES_DIRECTORY
-    comparison: dict[str, Any] | None = None
-    if evaluation is not None:
-        comparison = comparison_context(comparison_facts(evaluation, asked=asked_of(facts.settings)), figures)
     try:
         if facts.recommendation is not None:
             write_wider_settings(campaign, facts.recommendation)
-        context = _context(facts, figures, evaluated=evaluation is not None)
+        context = _context(facts)
     except OSError as error:
-        raise UserError(f"cannot write {figures}: {error.strerror}; choose another directory") from error
-    return write_page(campaign.directory / REPORT_FILE, "campaign.html.j2", comparison=comparison, **context)
+        raise UserError(
+            f"cannot write to {campaign.directory}: {error.strerror}; choose another directory"
+        ) from error
+    return write_page(campaign.directory / REPORT_FILE, "campaign.html.j2", **context)
 
 
 def values_yaml(values: Mapping[str, Any], space: SearchSpace) -> str:
@@ -103,11 +95,10 @@ def values_yaml(values: Mapping[str, Any], space: SearchSpace) -> str:
 # -- what the template needs ---------------------------------------------------------------------------------
 
 
-def _context(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[str, Any]:
+def _context(facts: CampaignFacts) -> dict[str, Any]:
     s, label = facts.settings, facts.label
     best = facts.recommendation
     rocks = ", ".join(facts.rock_names.values())
-    provenance, revision = provenance_rows(facts)
     context: dict[str, Any] = {
         "title": f"{s.name} · gatetune campaign",
         "name": f"Campaign {s.name}",
@@ -119,12 +110,12 @@ def _context(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[st
         "ours": s.mission is None,
         "place": place_word(s),
         "recommended": best is not None,
-        "parameters": [parameter_row(facts, p) for p in s.space.parameters],
+        "parameters": [(path, parameter_label(path).short) for path in s.space.paths],
         "metric_name": label.name,
         "metric_full": label.full,
         "unit": label.unit,
         "stop_reason": facts.stop_reason,
-        "costs": cost_rows(facts),
+        "stages": longest_stages(facts),
         "failures": failure_rows(facts),
         "twin_name": metric_label(facts.twin.metric).name if facts.twin else "",
         "cost_name": "" if facts.modelled == s.objective else metric_label(s.objective.metric).axis,
@@ -134,36 +125,34 @@ def _context(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[st
         "run": shlex.quote(str(facts.campaign.directory)),
         "command": reproduce_command(facts.campaign),
         "command_note": command_note(facts.campaign),
-        "provenance": provenance,
+        "provenance": provenance_rows(facts),
         "settings_file": SETTINGS_FILE,
         "settings_yaml": yaml.safe_dump(s.to_dict(), sort_keys=False, allow_unicode=True),
         "version": versions().get("gatetune", ""),
-        "revision": revision,
-        "yaml": "",
+        "revision": git_revision(),
         "mission_command": "",
         "several_conditions": facts.several_conditions,
         "per_rock": [],
         "top": [],
         "model_text": "",
-        "front": front_context(facts, figures),
+        "front": front_context(facts, facts.campaign.directory / FIGURES_DIRECTORY),
         "explorer": explorer_data(facts),
-        "model_figures": [],
         "walks": linked_pages(facts.campaign),
-        **_answers(facts, figures, evaluated=evaluated),
+        **_answers(facts),
     }
     if best is not None:
         context |= _recommended_context(facts, best)
         if facts.model is not None:
             context["model_text"] = _model_text(facts, best)
-            context["model_figures"] = model_illustrations(facts, best, figures)
     return context
 
 
-def _answers(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[str, Any]:
+def _answers(facts: CampaignFacts) -> dict[str, Any]:
     """The first screen."""
     best = facts.recommendation
     gate, rows = gate_answer(facts)
-    why, command = next_answer(facts, evaluated=evaluated)
+    measured = linked_comparisons(facts.campaign)
+    why, command = next_answer(facts, evaluated=any(name.startswith("evaluation") for name, _ in measured))
     use = use_answer(facts)
     better = best is not None and not best.keep_default and (best.limit is None or best.limit.kept)
     return {
@@ -171,15 +160,13 @@ def _answers(facts: CampaignFacts, figures: Path, *, evaluated: bool) -> dict[st
         "verdict_kind": verdict(best.improvement_interval_95).split()[0] if best and better else "",
         "use": use,
         "sure": sure_answer(facts),
-        "pairs": "" if best is None else pairs_drawing(pairs(facts, best), facts.label.axis, facts.digits),
+        "pairs": [] if best is None else pair_rows(facts, best),
         "gate": gate,
-        "gate_strip": gate_drawing(rows),
+        "gate_strip": rows[:MOST_GATE_ROWS],
+        "gate_names": {c: choice_name(c) for row in rows[:MOST_GATE_ROWS] for c in row.choices},
+        "measured": measured,
         "next_why": why,
         "next_command": command,
-        "clouds": clouds_picture(facts.campaign.directory, figures),
-        "no_clouds": "Geometric missions have no photographs and measure no cloud."
-        if is_geometric(facts.settings.fidelity)
-        else "",
         "files": [] if best is None else _files(facts, best),
     }
 
@@ -249,7 +236,6 @@ def _recommended_context(facts: CampaignFacts, best: Recommendation) -> dict[str
     condition = "" if last == IDEAL else f"--condition {shlex.quote(last)}"
     base = " ".join(f"--set {shlex.quote(f'{k}={v}')}" for k, v in {**s.overrides, **s.space.base}.items())
     return {
-        "yaml": text,
         "mission_command": ""
         if s.mission is not None
         else " ".join(
@@ -283,12 +269,20 @@ def _model_text(facts: CampaignFacts, best: Recommendation) -> str:
         if best.exact
         else ""
     )
+    trend = ", beside a linear trend" if facts.model is not None and facts.model.settings.trend else ""
+    check = best.leave_one_out
+    checked = (
+        f" Predicted from all the others, {100 * check['coverage_95']:.0f} % of the missions lie inside their 95 % interval; "
+        f"the residuals’ standard deviation is {check['z_sd']:.2f} predicted ones (ideal: 1)."
+        if best.observations > 1
+        else ""
+    )
     return (
-        f"A Gaussian process (Matérn 5/2, one length scale per parameter{trend_text(facts)}) of {facts.label.full} on "
+        f"A Gaussian process (Matérn 5/2, one length scale per parameter{trend}) of {facts.label.full} on "
         f"{best.observations} missions, outcomes standardised per {place}{' and condition' if facts.several_conditions else ''}."
         f"{exact} One mission scatters about its configuration’s mean over {place}s with a standard deviation of "
         f"{with_unit(best.noise_sd, unit, facts.digits)}: that is the noise against which differences have to be seen."
-        f"{shared}{_earlier_text(facts)}{_verification_text(facts)}"
+        f"{checked}{shared}{_earlier_text(facts)}{_verification_text(facts)}"
     )
 
 

@@ -7,15 +7,13 @@ from collections.abc import Sequence
 
 from tuner.missions.job import Trial
 from tuner.missions.registry import is_geometric
-from tuner.problem.search_space import Parameter
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import exact_text
 from tuner.report.campaign.facts import CampaignFacts
-from tuner.report.labels import format_number, metric_label, parameter_label, parameter_value
+from tuner.report.labels import format_number, metric_label, parameter_value
 from tuner.report.pages import duration
 
 _KEY_FIGURES_OF_ANY_MISSION = 3  # the others are of flights and photographs
-_COSTS_OF_ANY_MISSION = 2  # likewise
 _STAGES = 3  # of a mission that are named
 
 
@@ -30,26 +28,6 @@ def key_figures(facts: CampaignFacts) -> list[tuple[str, str]]:
         (_distance(facts.total("path_length_m")), "flown"),
         (f"{facts.total('images'):.0f}", _photographs(facts)),
     ][: None if facts.settings.mission is None else _KEY_FIGURES_OF_ANY_MISSION]
-
-
-def parameter_row(facts: CampaignFacts, p: Parameter) -> dict[str, str]:
-    """One parameter: its default, what is recommended, the range searched."""
-    label = parameter_label(p.path)
-    unit = f" {label.unit}" if label.unit else ""
-    best = facts.recommendation
-    span = (
-        ", ".join(map(str, p.choices))
-        if p.kind == "categorical"
-        else f"{p.low:g} to {p.high:g}{unit}{', log' if p.scale == 'log' else ''}"
-    )
-    return {
-        "path": p.path,
-        "label": label.name,
-        "short": label.short,
-        "default": parameter_value(facts.default[p.path]) + unit,
-        "recommended": parameter_value(best.values[p.path]) + unit if best else "–",
-        "range": span,
-    }
 
 
 def rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
@@ -80,32 +58,7 @@ def rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
     return rows
 
 
-def cost_rows(facts: CampaignFacts) -> list[list[str]]:
-    """What was spent: in all, and per mission."""
-    st = facts.status
-    done = max(1, st.finished)
-    return [
-        [
-            "missions",
-            f"{st.finished} ({st.complete} successful, {_degraded(facts)} of them degraded; {st.failed} failed)",
-            "",
-        ],
-        ["compute time", duration(st.mission_wall_s) + _stages(facts), duration(st.mission_wall_s / done)],
-        [
-            "simulated flight time",
-            duration(facts.total("flight_time_s")),
-            duration(facts.total("flight_time_s") / done),
-        ],
-        [
-            "distance flown",
-            _distance(facts.total("path_length_m")),
-            _distance(facts.total("path_length_m") / done),
-        ],
-        [_photographs(facts), f"{facts.total('images'):.0f}", f"{facts.total('images') / done:.1f}"],
-    ][: None if facts.settings.mission is None else _COSTS_OF_ANY_MISSION]
-
-
-def _stages(facts: CampaignFacts) -> str:
+def longest_stages(facts: CampaignFacts) -> str:
     """The stages that took most of the missions' time; empty where missions recorded none."""
     totals: dict[str, float] = collections.defaultdict(float)
     for trial in facts.trials:
@@ -114,8 +67,7 @@ def _stages(facts: CampaignFacts) -> str:
                 totals[stage] += value
     whole = sum(totals.values())
     longest = sorted(totals, key=lambda stage: -totals[stage])[:_STAGES]
-    shares = [f"{stage} {100 * totals[stage] / whole:.0f} %" for stage in longest if totals[stage] > 0]
-    return f" ({', '.join(shares)})" if shares else ""
+    return ", ".join(f"{stage} {100 * totals[stage] / whole:.0f} %" for stage in longest if totals[stage] > 0)
 
 
 def failure_rows(facts: CampaignFacts) -> list[list[str]]:

@@ -61,6 +61,16 @@ def linked_pages(campaign: Campaign) -> list[tuple[str, str]]:
     ]
 
 
+def linked_comparisons(campaign: Campaign) -> list[tuple[str, str]]:
+    """Name and address, relative to the campaign's own page, of the evaluations and confirmations beside it."""
+    found = [
+        p
+        for what in ("evaluation*", "confirmation*")
+        for p in campaign.directory.glob(f"{what}/{REPORT_FILE}")
+    ]
+    return [(page.parent.name, f"{page.parent.name}/{REPORT_FILE}") for page in sorted(found)]
+
+
 def _written(runs: list[Path], page: Path, rock: str) -> bool:
     """Whether there is a page now: a mission that ended before its first photograph has none."""
     try:

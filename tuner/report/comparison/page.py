@@ -13,20 +13,17 @@ from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import ComparisonTable
 from tuner.missions.registry import EXTERNAL
 from tuner.report.comparison.facts import ComparisonFacts, Surface
-from tuner.report.comparison.figures import forest_figure, rocks_figure
+from tuner.report.comparison.figures import rocks_figure
 from tuner.report.comparison.rows import provenance_rows, strategy_row
 from tuner.report.comparison.tables import (
     FLOOR_NOTE,
     PAPER_NOT_COMPARABLE,
-    cell,
     comparison_markdown,
     difference_cell,
-    floor_name,
-    floor_text,
     full_row_name,
     measured,
     methods_sentence,
-    row_name,
+    table_lines,
 )
 from tuner.report.labels import metric_label
 from tuner.report.pages import write_page
@@ -58,7 +55,7 @@ def write_comparison_report(
     Parameters
     ----------
     facts
-        From `comparison_facts`; the run may be incomplete. The first table decides the forest plot.
+        From `comparison_facts`; the run may be incomplete. The first table decides the sectors.
     paper
         Show the paper's Table I beside ours, with what is not comparable.
     command
@@ -106,12 +103,12 @@ def comparison_context(
         "strategies": [strategy_row(run, name) for name in facts.strategies],
         "reference": strategy_label(facts.reference),
         "ours": run.plan.fidelity != EXTERNAL,
-        "summary": [_table_rows(table, differences=True) for table in short],
+        "summary": [table_lines(table) for table in short],
         "conditions": [
             {
                 "name": name,
                 "failed": sum(table.failures.values()),
-                "rows": _table_rows(table, differences=True),
+                "rows": table_lines(table),
             }
             for name, table in facts.conditions.items()
         ],
@@ -120,7 +117,7 @@ def comparison_context(
                 "title": part.title,
                 "note": _SURFACE_NOTES[part.surface],
                 "surface": part.surface,
-                "rows": _table_rows(part.table, paper=paper and part.surface == "whole"),
+                "rows": table_lines(part.table, paper=paper and part.surface == "whole"),
                 "differences": [_difference_rows(part.table, name) for name in others],
             }
             for part in facts.parts
@@ -140,27 +137,6 @@ def _kind(kinds: list[str]) -> str:
     return "worse" if "worse" in kinds else "better" if kinds[:1] == ["better"] else ""
 
 
-def _table_rows(
-    table: ComparisonTable, *, paper: bool = False, differences: bool = False
-) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = []
-    group = ""
-    for row in measured(table.rows):
-        if row.metric.group != group:
-            group = row.metric.group
-            rows += [{"group": group}] if group else []
-        cells = []
-        for name in table.strategies:
-            c = cell(row, name)
-            found = {"text": c.text, "best": c.best, "paper": c.paper if paper else ""}
-            cells.append(found | {"difference": difference_cell(row, name) if differences else None})
-        rows.append({"group": "", "name": row_name(row.metric), "cells": cells})
-        if row.floor is not None:
-            own = {"text": floor_text(row), "best": False, "paper": "", "difference": None}
-            rows.append({"group": "", "name": floor_name(row), "cells": [own] * len(table.strategies)})
-    return rows
-
-
 def _difference_rows(table: ComparisonTable, name: str) -> dict[str, Any]:
     rows = [
         {"name": full_row_name(row.metric), "cell": difference_cell(row, name)}
@@ -174,20 +150,7 @@ def _difference_rows(table: ComparisonTable, name: str) -> dict[str, Any]:
 
 def _figures(facts: ComparisonFacts, figures: Path | None) -> list[Illustration]:
     run, headline, surface = facts.run, facts.headline, facts.parts[0].surface
-    reference, out = strategy_label(facts.reference), []
-    forest = forest_figure(facts.parts[0].table)
-    if forest is not None:
-        out.append(
-            embed(
-                forest,
-                "differences",
-                f"Forest plots: paired improvement of every strategy over {reference}, one panel per metric.",
-                f"Paired improvement over {reference} on common ({facts.asked.place}, replicate) pairs with 95 % intervals"
-                f"{f', {surface} surface' if surface else ''}; right of zero is better in every panel, whatever the metric’s direction.",
-                figures,
-                title=f"Differences from {reference}",
-            )
-        )
+    out = []
     if any(r.value(headline.key) is not None for r in run.records):
         place = facts.asked.place
         by = f"{place} by {place}" + (" and condition by condition" if len(run.plan.conditions) > 1 else "")
@@ -196,8 +159,7 @@ def _figures(facts: ComparisonFacts, figures: Path | None) -> list[Illustration]
                 rocks_figure(run.records, facts.strategies, run.plan.worlds, headline),
                 "rocks",
                 f"{headline.label} of every mission, grouped by {place}, one colour and marker per strategy.",
-                f"{metric_label(headline.key).full} {by}: every mission (dots) and each strategy’s mean (bars). "
-                "Crosses with a count at the bottom: failed missions.",
+                f"{metric_label(headline.key).full} {by}: every mission (dots) and each strategy’s mean (bars).",
                 figures,
                 title=f"{place} by {place}".capitalize(),
             )

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from nbv.errors import UserError
-from nbv.provenance import git_revision, versions
-from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json
 from tuner.evaluation.baselines import description, sees_ground_truth
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.flying import EvaluationRun
-from tuner.missions.job import RESULT_FILE
 from tuner.report.labels import MISSING, format_number
 from tuner.report.pages import duration
+from tuner.report.provenance import recorded, recorded_rows
 from tuner.report.style import short_names
 
 
@@ -45,17 +42,6 @@ def strategy_row(run: EvaluationRun, name: str) -> dict[str, str]:
 
 def provenance_rows(run: EvaluationRun, place: str) -> list[tuple[str, str]]:
     """Rocks, conditions, versions and revisions."""
-    trees = []
-    for r in run.records:
-        try:
-            tree = (
-                read_json(Path(r.directory) / RESULT_FILE, RESULT_BYTES, RESULT_NODES).get("provenance") or {}
-            )
-        except (UserError, AttributeError):
-            continue
-        trees.append(tree)
-    revisions = sorted({str(tree["revision"]) for tree in trees if "revision" in tree})
-    software = next((tree["versions"] for tree in reversed(trees) if "versions" in tree), versions())
     presets = sorted({config.preset for config in run.plan.strategies.values()})
     first, last = run.plan.first_replicate, run.plan.first_replicate + run.plan.replicates - 1
     return [
@@ -63,11 +49,5 @@ def provenance_rows(run: EvaluationRun, place: str) -> list[tuple[str, str]]:
         ("conditions", ", ".join(condition.name for condition in run.plan.conditions)),
         ("replicates", f"{first} to {last}" if last > first else str(first)),
         ("mission preset", ", ".join(presets)),
-        ("revision of the missions", ", ".join(revisions) or "not recorded"),
-        ("revision of this page", git_revision()),
-        ("versions", ", ".join(f"{name} {number}" for name, number in software.items())),
-        (
-            "renderer",
-            ", ".join(sorted({str(t["backend"]) for t in trees if "backend" in t})) or "not recorded",
-        ),
+        *recorded_rows(recorded([Path(r.directory) for r in run.records])),
     ]

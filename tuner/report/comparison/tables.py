@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from rich.console import Console, ConsoleOptions, RenderResult
 from rich.table import Table
 
 from tuner.evaluation.baselines import label as strategy_label
@@ -40,15 +39,6 @@ PAPER_NOT_COMPARABLE = (
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One strategy's value of one metric, ready to print."""
-
-    text: str  # "71.2 ± 3.1"
-    best: bool
-    paper: str  # the paper's own value; empty if it has none
-
-
-@dataclass(frozen=True)
 class DifferenceCell:
     """One strategy against the reference in one metric, ready to print."""
 
@@ -59,6 +49,50 @@ class DifferenceCell:
     record: str  # wins–ties–losses
     p_rocks: str  # sign test over rock means
     p_pairs: str  # Wilcoxon over pairs
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One strategy's value of one metric, ready to print."""
+
+    text: str  # "71.2 ± 3.1"
+    best: bool = False
+    paper: str = ""  # the paper's own value; empty if it has none
+    difference: DifferenceCell | None = None
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of a table, the same on page and terminal and in markdown; a heading has no cells."""
+
+    name: str
+    cells: tuple[Cell, ...] = ()
+
+
+def table_lines(table: ComparisonTable, *, paper: bool = False) -> list[Line]:
+    """The lines of a table; rows that no mission has a value of are left out.
+
+    Parameters
+    ----------
+    table
+        From ``tuner.evaluation.comparison_table``.
+    paper
+        With the paper's own values.
+    """
+    lines: list[Line] = []
+    group = ""
+    for row in measured(table.rows):
+        if row.metric.group != group:
+            group = row.metric.group
+            lines += [Line(group)] if group else []
+        cells = [cell(row, name) for name in table.strategies]
+        lines.append(
+            Line(row_name(row.metric), tuple(cells if paper else (replace(c, paper="") for c in cells)))
+        )
+        if row.floor is not None:
+            floor = Cell(format_number(row.floor, row.metric.decimals))
+            lines.append(Line(f"– the rocks’ own floor ({row.metric.unit})", (floor,) * len(cells)))
+    return lines
 
 
 def interval_text(interval: Interval | None, decimals: int) -> str:
@@ -81,6 +115,7 @@ def cell(row: ComparisonRow, strategy: str) -> Cell:
         interval_text(row.cells[strategy], metric.decimals),
         strategy in row.best and known > len(row.best),
         "" if paper is None else format_number(paper, metric.decimals),
+        difference_cell(row, strategy),
     )
 
 
@@ -107,16 +142,6 @@ def full_row_name(metric: MetricRow) -> str:
     """The same with its threshold, for tables without group lines: ``F-score @ 48 mm ↑ (%)``."""
     threshold = metric.group.partition("@")[2].strip()
     return row_name(replace(metric, label=f"{metric.label} @ {threshold}")) if threshold else row_name(metric)
-
-
-def floor_name(row: ComparisonRow) -> str:
-    """The line below a score that cannot reach zero."""
-    return f"– the rocks’ own floor ({row.metric.unit})"
-
-
-def floor_text(row: ComparisonRow) -> str:
-    """What a perfect reconstruction of everything observable would get."""
-    return format_number(row.floor, row.metric.decimals)
 
 
 def gain_interval(
@@ -178,148 +203,84 @@ def measured(rows: Sequence[ComparisonRow]) -> list[ComparisonRow]:
     return [row for row in rows if any(cell is not None for cell in row.cells.values())]
 
 
-def _groups(table: ComparisonTable) -> list[tuple[str, list[ComparisonRow]]]:
-    groups: dict[str, list[ComparisonRow]] = {}
-    for row in measured(table.rows):
-        groups.setdefault(row.metric.group, []).append(row)
-    return list(groups.items())
-
-
-def comparison_markdown(table: ComparisonTable, *, paper: bool = False, differences: bool = True) -> str:
-    """The table as GitHub-flavoured markdown, to paste into a document.
+def comparison_markdown(table: ComparisonTable, *, paper: bool = False) -> str:
+    """The table as GitHub-flavoured markdown, with the paired differences in the cells.
 
     Parameters
     ----------
     table
         From ``tuner.evaluation.comparison_table``.
     paper
-        Add the paper's own column beside each of its strategies.
-    differences
-        Add the paired differences against the table's reference.
+        With the paper's own values.
     """
-    columns: list[tuple[str, str, bool]] = []  # heading, strategy, the paper's?
-    for name in table.strategies:
-        columns.append((strategy_label(name), name, False))
-        if paper and name in PAPER_TABLE_I:
-            columns.append((f"{strategy_label(name)}, paper", name, True))
     lines = [
-        "| Metric | " + " | ".join(heading for heading, _, _ in columns) + " |",
-        "|---|" + "---:|" * len(columns),
+        "| Metric | " + " | ".join(map(strategy_label, table.strategies)) + " |",
+        "|---|" + "---:|" * len(table.strategies),
     ]
-    for group, rows in _groups(table):
-        if group:
-            lines.append(f"| *{group}* |" + " |" * len(columns))
-        for row in rows:
-            texts = []
-            for _, name, from_paper in columns:
-                value = cell(row, name)
-                texts.append(
-                    (value.paper or MISSING)
-                    if from_paper
-                    else f"**{value.text}**"
-                    if value.best
-                    else value.text
-                )
-            lines.append(f"| {row_name(row.metric)} | " + " | ".join(texts) + " |")
-            if row.floor is not None:
-                own = [MISSING if from_paper else floor_text(row) for _, _, from_paper in columns]
-                lines.append(f"| {floor_name(row)} | " + " | ".join(own) + " |")
-    counts = [
-        ""
-        if from_paper
-        else f"{table.missions[name]}" + (f" + {table.failures[name]} failed" if table.failures[name] else "")
-        for _, name, from_paper in columns
-    ]
-    lines.append("| missions | " + " | ".join(counts) + " |")
+    for line in table_lines(table, paper=paper):
+        texts = []
+        for c in line.cells:
+            text = f"**{c.text}**" if c.best else c.text
+            text += f"; paper {c.paper}" if c.paper else ""
+            texts.append(
+                f"{text} ({c.difference.difference} [{c.difference.interval}])" if c.difference else text
+            )
+        lines.append(f"| {line.name} | " + " | ".join(texts or [""] * len(table.strategies)) + " |")
+    lines.append("| missions | " + " | ".join(missions_text(table, name) for name in table.strategies) + " |")
     lines += ["", f"Mean over rocks ± 95 % interval; best mean in bold. {methods_sentence([table])}"]
+    if table.reference is not None and len(table.strategies) > 1:
+        lines.append(
+            f"In brackets: paired difference from {strategy_label(table.reference)} [95 % interval]."
+        )
     if any(row.floor is not None for row in table.rows):
         lines += ["", FLOOR_NOTE]
-    if paper:
-        lines += ["", PAPER_NOT_COMPARABLE]
-    if differences and table.reference is not None:
-        lines += ["", *_difference_markdown(table)]
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, "", PAPER_NOT_COMPARABLE] if paper else lines) + "\n"
 
 
-def _difference_markdown(table: ComparisonTable) -> list[str]:
-    assert table.reference is not None
-    others = [name for name in table.strategies if name != table.reference]
-    if not others:
-        return []
-    lines = [
-        f"Paired differences against {strategy_label(table.reference)} [95 % interval], p of the sign test over rocks:",
-        "",
-        "| Metric | " + " | ".join(strategy_label(name) for name in others) + " |",
-        "|---|" + "---:|" * len(others),
-    ]
-    for row in table.rows:
-        texts = []
-        for name in others:
-            d = difference_cell(row, name)
-            texts.append(MISSING if d is None else f"{d.difference} [{d.interval}], p {_equals(d.p_rocks)}")
-        lines.append(f"| {full_row_name(row.metric)} | " + " | ".join(texts) + " |")
-    return lines
+def missions_text(table: ComparisonTable, strategy: str) -> str:
+    """``11 + 1 failed``."""
+    failed = table.failures[strategy]
+    return f"{table.missions[strategy]}" + (f" + {failed} failed" if failed else "")
 
 
-def _equals(p: str) -> str:
-    return p if p.startswith("<") else f"= {p}"
+def terminal_tables(
+    table: ComparisonTable,
+    width: int,
+    *,
+    title: str = "Dense cloud against ground truth",
+    paper: bool = False,
+) -> list[Table]:
+    """The table for a terminal of ``width`` columns: several below one another where there are many strategies.
 
-
-@dataclass(frozen=True)
-class InBlocks:
-    """A table for the terminal with a column per strategy, as several below one another where it is too wide.
-
-    ``build`` makes the table of some of the strategies.
+    Parameters
+    ----------
+    table
+        From ``tuner.evaluation.comparison_table``.
+    width
+        Columns of the terminal.
+    title
+        Of the first.
+    paper
+        With the paper's own values, below ours.
     """
-
-    strategies: Sequence[str]
-    title: str
-    caption: str
-    build: Callable[[Sequence[str]], Table]
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
-        together = max(1, (options.max_width - _METRIC_WIDTH) // _STRATEGY_WIDTH)
-        for start in range(0, len(self.strategies), together):
-            block = self.build(self.strategies[start : start + together])
-            block.title = self.title if start == 0 else None
-            block.caption = self.caption if start + together >= len(self.strategies) else None
-            yield block
-
-
-def comparison_terminal_table(
-    table: ComparisonTable, *, title: str = "Dense cloud against ground truth", paper: bool = False
-) -> InBlocks:
-    """The table for the terminal; the paper's own value stands below ours."""
-
-    def build(strategies: Sequence[str]) -> Table:
-        out = _terminal_table(strategies)
-        for group, rows in _groups(table):
-            if group:
-                out.add_row(f"[italic]{group}[/]", *([""] * len(strategies)))
-            for row in rows:
-                texts = []
-                for name in strategies:
-                    value = cell(row, name)
-                    text = f"[bold]{value.text}[/]" if value.best else value.text
-                    texts.append(f"{text}\n[dim]paper {value.paper}[/]" if paper and value.paper else text)
-                out.add_row(row_name(row.metric), *texts)
-                if row.floor is not None:
-                    own = [f"[dim]{floor_text(row)}[/]"] * len(strategies)
-                    out.add_row(f"[dim]{floor_name(row)}[/]", *own)
-            out.add_section()
-        counts = []
-        for name in strategies:
-            failed = f" [red]+ {table.failures[name]} failed[/]" if table.failures[name] else ""
-            counts.append(f"{table.missions[name]}{failed}")
-        out.add_row("missions", *counts)
-        return out
-
-    return InBlocks(table.strategies, title, "mean ± 95 % interval; best mean in bold", build)
-
-
-def _terminal_table(strategies: Sequence[str]) -> Table:
-    out = Table()
-    out.add_column("metric", no_wrap=True)
-    for name in strategies:
-        out.add_column(strategy_label(name), justify="right")
+    together = max(1, (width - _METRIC_WIDTH) // _STRATEGY_WIDTH)
+    out = []
+    for start in range(0, len(table.strategies), together):
+        block = slice(start, start + together)
+        part = Table(title=None if start else title)
+        part.add_column("metric", no_wrap=True)
+        for name in table.strategies[block]:
+            part.add_column(strategy_label(name), justify="right")
+        for line in table_lines(table, paper=paper):
+            if not line.cells:
+                part.add_section()
+            texts = []
+            for c in line.cells[block]:
+                text = f"[bold]{c.text}[/]" if c.best else c.text
+                texts.append(f"{text}\n[dim]paper {c.paper}[/]" if c.paper else text)
+            part.add_row(line.name if line.cells else f"[italic]{line.name}[/]", *texts)
+        part.add_section()
+        part.add_row("missions", *(missions_text(table, name) for name in table.strategies[block]))
+        out.append(part)
+    out[-1].caption = "mean ± 95 % interval; best mean in bold"
     return out

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from nbv.config import MissionConfig, config_from_dict
+from nbv.config import MissionConfig
 from nbv.mission.result import IterationRecord, MissionResult
-from nbv.mission.run_directory import CONFIG, LOCATED
-from nbv.safe_files import read_yaml
 from nbv.scorers import COVIS
+from tuner.report.mission.run_files import planned_config
 
 
 @dataclass(frozen=True)
@@ -53,11 +52,6 @@ class Decision:
         return said
 
 
-def mission_config(directory: Path) -> MissionConfig:
-    """The configuration that the mission in ``directory`` planned with; ``UserError`` where there is none."""
-    return config_from_dict(read_yaml(directory / (LOCATED if (directory / LOCATED).is_file() else CONFIG)))
-
-
 def decisions_of(directory: Path) -> list[Decision]:
     """Every step of the mission in ``directory``.
 
@@ -66,7 +60,7 @@ def decisions_of(directory: Path) -> list[Decision]:
     UserError
         It holds no mission.
     """
-    config, trace = mission_config(directory), MissionResult.load(directory).trace
+    config, trace = planned_config(directory), MissionResult.load(directory).trace
     return [
         Decision(
             step=entry.iteration + 1,

@@ -6,57 +6,31 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich.table import Table
 
-from nbv.config import IDEAL, SCORERS, MissionConfig, Weights, preset
+from nbv.config import IDEAL, SCORERS, Weights
 from nbv.errors import UserError
 from nbv.mission.planning_state import load_state
 from nbv.scorers import find_scorer, rank_candidates
 from nbv.types import CandidatePool, Ranking
-from tuner.report.mission.decisions import mission_config
+from tuner.report.mission.run_files import planned_config
 
 TERMS = ("main", "nov", "move", "ang")
 
 
-def locate_state(path: Path, iteration: int, preset_name: str) -> tuple[Path, MissionConfig]:
-    """The saved state of ``iteration`` and its configuration.
-
-    Raises
-    ------
-    UserError
-        Neither a state file nor a mission directory with that iteration.
-    """
-    if path.suffix == ".npz":
-        return path, preset(preset_name)
-    states = sorted((path / "states").glob("iter_*.npz"))
-    if not states and (path / "flight.json").is_file():
-        raise UserError(f"{path} planned no view; there is nothing to explain")
-    if not states:
-        raise UserError(
-            f"{path} holds no planning states; name a directory that `gatetune mission run` wrote"
-        )
-    state = path / "states" / f"iter_{iteration:02d}.npz"
-    if state not in states:
-        raise UserError(f"{path} has no iteration {iteration}; it has 0 to {len(states) - 1}")
-    return state, mission_config(path)
-
-
 def explain_state(
-    path: Path, iteration: int, preset_name: str, overrides: Mapping[str, Any], top: int
+    mission: Path, iteration: int, overrides: Mapping[str, Any], top: int
 ) -> tuple[list[Table | str], dict[str, list[dict[str, Any]]]]:
     """The rankings of one state, by the paper's two scorers and by what the gate flies: to be read, and as data.
 
     Parameters
     ----------
-    path
-        A mission's directory, or one state's file.
+    mission
+        A mission's directory.
     iteration
-        Of a mission's directory: which state.
-    preset_name
-        Of one state's file: what it is ranked with.
+        Which state, from 0.
     overrides
-        Values by parameter path, laid over the configuration.
+        Values by parameter path, laid over the mission's configuration.
     top
         Candidates per scorer.
 
@@ -65,8 +39,17 @@ def explain_state(
     UserError
         There is no such state, or no such parameter.
     """
-    file, config = locate_state(path, iteration, preset_name)
-    config = config.with_values(dict(overrides))
+    states = sorted((mission / "states").glob("iter_*.npz"))
+    file = mission / "states" / f"iter_{iteration:02d}.npz"
+    if not states and (mission / "flight.json").is_file():
+        raise UserError(f"{mission} planned no view; there is nothing to explain")
+    if not states:
+        raise UserError(
+            f"{mission} holds no planning states; name a directory that `gatetune mission run` wrote"
+        )
+    if file not in states:
+        raise UserError(f"{mission} has no iteration {iteration}; it has 0 to {len(states) - 1}")
+    config = planned_config(mission).with_values(dict(overrides))
     state, pool = load_state(file)
     rankings = rank_candidates(state, pool, config)
     said: list[Table | str] = [
@@ -79,7 +62,6 @@ def explain_state(
     for name in dict.fromkeys([*rankings, *flown]):
         weights = find_scorer(name).weights(config)
         said.append(_ranking_table(name, rankings[name], pool, weights, top))
-        said.append(_why(name, rankings[name], pool, weights))
         data[name] = [
             {
                 "candidate": pool.ids[index],
@@ -109,24 +91,3 @@ def _ranking_table(title: str, ranking: Ranking, pool: CandidatePool, weights: W
             f"{ranking.scores[index]:.4f}",
         )
     return table
-
-
-def _why(name: str, ranking: Ranking, pool: CandidatePool, weights: Weights) -> str:
-    if len(ranking.order) < 2:
-        return f"{name}: the only candidate."
-    first, second = ranking.order[:2]
-    signs = {"main": weights.main, "nov": weights.nov, "move": -weights.move, "ang": -weights.ang}
-    lead = {
-        term: sign * (ranking.terms[term][first] - ranking.terms[term][second])
-        for term, sign in signs.items()
-    }
-    spread = {term: abs(sign) * float(np.std(ranking.terms[term])) for term, sign in signs.items()}
-    parts = ", ".join(
-        f"{term} {value:+.4f}" for term, value in sorted(lead.items(), key=lambda item: -abs(item[1]))
-    )
-    decisive = max(spread, key=lambda term: spread[term])
-    return (
-        f"{name}: {pool.ids[first]} leads {pool.ids[second]} by {ranking.scores[first] - ranking.scores[second]:.4f} "
-        f"({parts}). Over the pool, {decisive} spreads the scores most "
-        f"(weighted standard deviations: {', '.join(f'{t} {v:.4f}' for t, v in spread.items())})."
-    )

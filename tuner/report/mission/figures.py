@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 from nbv.errors import UserError
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.report.mission.overlay import overlay_figure
-from tuner.report.mission.pipeline import pipeline_figure
-from tuner.report.mission.run_files import mission_config, read_result, read_trace
+from tuner.report.mission.run_files import mission_config, read_result
 from tuner.report.mission.trajectory import trajectory_figure
 from tuner.report.sectors import sector_figure
 from tuner.report.style import save_figure
@@ -44,7 +43,7 @@ def sectors_figure(runs: Mapping[str, Path], surface: str = "whole") -> Figure:
     return sector_figure(completeness, centers)
 
 
-def write_mission_figures(runs: Mapping[str, Path], out: Path, rock: str) -> list[Path]:
+def write_mission_figures(runs: Mapping[str, Path], out: Path, rock: str | None = None) -> list[Path]:
     """All figures of several missions on one rock as PNG files.
 
     Parameters
@@ -54,11 +53,11 @@ def write_mission_figures(runs: Mapping[str, Path], out: Path, rock: str) -> lis
     out
         Directory of the figures.
     rock
-        Catalogue name or mesh file the missions were flown on.
+        Catalogue name or mesh file, for a rock that is not in the catalogue under the missions' name for it.
 
     Returns
     -------
-    ``trajectory_LABEL.png``, ``overlay_LABEL.png`` and ``pipeline_LABEL.png`` per mission, and ``sectors.png``.
+    ``trajectory_LABEL.png`` and ``overlay_LABEL.png`` per mission, and ``sectors.png``.
     """
     out.mkdir(parents=True, exist_ok=True)
     written: list[Path] = []
@@ -70,8 +69,6 @@ def write_mission_figures(runs: Mapping[str, Path], out: Path, rock: str) -> lis
         safe = "".join(c if c.isalnum() or c in "-_" else "-" for c in label)
         save(trajectory_figure(run), f"trajectory_{safe}")
         save(overlay_figure(run, rock), f"overlay_{safe}")
-        if read_trace(run):
-            save(pipeline_figure(run), f"pipeline_{safe}")
     save(sectors_figure(runs), "sectors")
     return written
 

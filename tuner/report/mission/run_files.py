@@ -13,6 +13,7 @@ from nbv import safe_files
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.mission.result import IterationRecord, MissionResult, require_kinds
+from nbv.mission.run_directory import LOCATED
 from nbv.types import Floats
 
 
@@ -22,6 +23,12 @@ def mission_config(run: Path) -> MissionConfig:
     if not file.is_file():
         raise UserError(f"{run} holds no config.yaml; name a directory that `gatetune mission run` wrote")
     return config_from_dict(safe_files.read_yaml(file))
+
+
+def planned_config(run: Path) -> MissionConfig:
+    """The configuration that the mission planned with: with the target where the mission found it."""
+    located = run / LOCATED
+    return config_from_dict(safe_files.read_yaml(located)) if located.is_file() else mission_config(run)
 
 
 def read_json(run: Path, name: str) -> dict[str, Any]:
@@ -83,3 +90,10 @@ def arrivals(flight: Mapping[str, Any]) -> dict[str, Floats]:
             row = np.searchsorted(samples[:, 0], event["start_s"] + event["duration_s"])
             found[event["name"]] = samples[min(row, len(samples) - 1), 1:]
     return found
+
+
+def thin_indices(total: int, count: int) -> np.ndarray:
+    """At most ``count`` indices of ``range(total)``: a fixed random choice, in order."""
+    if total <= count:
+        return np.arange(total)
+    return np.sort(np.random.default_rng(0).permutation(total)[:count])

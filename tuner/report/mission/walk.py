@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import importlib.resources
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
 from markupsafe import Markup
 
 from nbv.errors import UserError
-from tuner.report.mission.walk_data import as_json, walk_of
+from tuner.report.mission.walk_data import walk_of
 from tuner.report.pages import write_page
 
 
@@ -38,5 +39,6 @@ def write_mission_view(runs: Sequence[Path], out: Path, rock: str | None = None)
         raise UserError(f"{len(runs)} missions do not fit beside each other; name one or two")
     walks = [walk_of(run, rock) for run in runs]
     script = importlib.resources.files("tuner.report").joinpath("templates", "walk.js").read_text()
-    title = " beside ".join(f"mission {walk.name}" for walk in walks)
-    return write_page(out, "walk.html.j2", title=title, data=Markup(as_json(walks)), script=Markup(script))
+    title = " beside ".join(f"mission {walk['name']}" for walk in walks)
+    data = json.dumps(walks, allow_nan=False).replace("<", "\\u003c")  # nothing in it can end the element
+    return write_page(out, "walk.html.j2", title=title, data=Markup(data), script=Markup(script))

@@ -8,10 +8,7 @@ from __future__ import annotations
 
 import base64
 import io
-import itertools
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,22 +16,22 @@ import numpy as np
 from PIL import Image
 
 from nbv.cache import Store
-from nbv.config import IDEAL, SCORERS, MissionConfig, config_from_dict
+from nbv.config import IDEAL, SCORERS, MissionConfig
 from nbv.errors import MissionFailure, UserError
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.mission.planning_state import load_state
-from nbv.mission.run_directory import LOCATED, read_ply
-from nbv.safe_files import read_yaml
+from nbv.mission.run_directory import read_ply
 from nbv.scorers import PAPER_SCORERS, find_scorer, rank_candidates
-from nbv.types import CandidatePool, Floats, PlanningState, SparseModel
+from nbv.types import CandidatePool, Floats, PlanningState
 from tuner.report.mission.run_files import (
     arrivals,
     mission_config,
+    planned_config,
     read_flight,
     read_result,
     read_trace,
+    thin_indices,
 )
-from tuner.report.mission.thinning import thin_indices
 from tuner.report.mission.walk_world import (
     ERROR_STEP_MM,
     MISSING_STEP_MM,
@@ -52,16 +49,8 @@ _BEST = 8  # candidates whose terms are shown
 _TERMS = ("main", "nov", "move", "ang")
 
 
-@dataclass(frozen=True)
-class Walk:
-    """One mission as it is shown: ``facts`` are JSON, arrays in them are packed strings."""
-
-    name: str
-    facts: dict[str, Any]
-
-
-def walk_of(run: Path, rock: str | None = None) -> Walk:
-    """Everything that the page shows of the mission in ``run``.
+def walk_of(run: Path, rock: str | None = None) -> dict[str, Any]:
+    """Everything that the page shows of the mission in ``run``, as JSON; arrays in it are packed strings.
 
     Parameters
     ----------
@@ -77,7 +66,7 @@ def walk_of(run: Path, rock: str | None = None) -> Walk:
     """
     result, flight = read_result(run), read_flight(run)
     config, store = mission_config(run), Store()
-    planned_by = config_from_dict(read_yaml(run / LOCATED)) if (run / LOCATED).is_file() else config
+    planned_by = planned_config(run)
     world = make_world(config, the_rock(run, result, rock, store), store)
     states = sorted((run / "states").glob("iter_*.npz"))
     decided = [(*load_state(path), record) for path, record in zip(states, read_trace(run))]
@@ -86,23 +75,23 @@ def walk_of(run: Path, rock: str | None = None) -> Walk:
     for number, view in enumerate(seeds, 1):
         steps.append(_step(f"seed view {number} of {len(seeds)}", number, view["t"]))
     for state, pool, record in decided:
-        models.append(_sparse(world, state.model))
+        models.append(_sparse(world, state.model.points_m, state.model.track_lengths))
         step = _decision(world, planned_by, state, pool, record)
         now = float(views[min(len(state.visited_m), len(views)) - 1]["t"])
         steps.append(
             {**_step(step.pop("label"), len(state.visited_m), now), "model": len(models) - 1, **step}
         )
-    final, dense = _final_model(run), measured_cloud(run)
-    missing_mm = _missing_mm(world, dense[0] if dense is not None else final.points_m if final else None)
+    final, dense = _final_model(run), _measured_cloud(run)
+    missing_mm = _missing_mm(world, dense[0] if dense is not None else final[0] if final else None)
     end = _step("end of the mission", len(views), float(flight["flight_time_s"]))
     if final is not None:
-        models.append(_sparse(world, final))
-        end["sparse_completeness"] = world.completeness(final.points_m)
-        end["points"] = len(final.points_m)
+        models.append(_sparse(world, *final))
+        end["sparse_completeness"] = world.completeness(final[0])
+        end["points"] = len(final[0])
     end["model"] = len(models) - 1
     steps.append({**end, "dense": dense is not None, "registered": result["costs"]["registered_images"]})
     camera = config.camera
-    facts = {
+    return {
         "name": run.name,
         "status": result["status"],
         "message": result["message"],
@@ -129,7 +118,6 @@ def walk_of(run: Path, rock: str | None = None) -> Walk:
         "steps": steps,
         "path": packed(np.array([sample[:4] for sample in flight["samples"]]), "<f4"),
     }
-    return Walk(run.name, facts)
 
 
 def _views(
@@ -231,38 +219,29 @@ def _decision(
     }
 
 
-def _sparse(world: World, model: SparseModel) -> dict[str, str]:
-    near = world.near(model.points_m)
-    points = model.points_m[near]
+def _sparse(world: World, points_m: Floats, lengths: np.ndarray) -> dict[str, str]:
+    near = world.near(points_m)
+    points = points_m[near]
     return {
         "p": world.pack(points),
         "e": packed(as_bytes(world.errors_mm(points) / ERROR_STEP_MM), "u1"),
-        "n": packed(as_bytes(model.track_lengths[near]), "u1"),
+        "n": packed(as_bytes(lengths[near]), "u1"),
     }
 
 
-def _final_model(run: Path) -> SparseModel | None:
+def _final_model(run: Path) -> tuple[Floats, np.ndarray] | None:
+    """(N, 3) points and (N,) track lengths of the model of all photographs."""
     folder = run / "sparse" / "0"
     if not (folder / "points3D.bin").is_file():
         return None
     import pycolmap  # noqa: PLC0415  seconds to load
 
-    found = pycolmap.Reconstruction(folder)
-    points = sorted(found.points3D.items())
-    lengths = [point.track.length() for _, point in points]
-    return SparseModel(
-        np.array([point.xyz for _, point in points]).reshape(-1, 3),
-        np.array([point.error for _, point in points]),
-        np.array([0, *itertools.accumulate(lengths)]),
-        np.zeros(sum(lengths), dtype=np.int64),
-        np.zeros((0, 3)),
-        (),
-        0.0,
-        0.0,
-    )
+    points = [point for _, point in sorted(pycolmap.Reconstruction(folder).points3D.items())]
+    lengths = np.array([point.track.length() for point in points])
+    return np.array([point.xyz for point in points]).reshape(-1, 3), lengths
 
 
-def measured_cloud(run: Path) -> tuple[Floats, np.ndarray | None] | None:
+def _measured_cloud(run: Path) -> tuple[Floats, np.ndarray | None] | None:
     """The cloud that was measured."""
     for name in ("cleaned.ply", "dense.ply"):
         if (run / name).is_file():
@@ -315,8 +294,3 @@ def _headline(views: int, metrics: Mapping[str, Any]) -> str:
     said = f"{views} photographs"
     f_score = metrics.get("observable", {}).get("f_score_48mm")
     return f"{said}, F-score {f_score:.1f} % at 48 mm" if isinstance(f_score, (int, float)) else said
-
-
-def as_json(walks: list[Walk]) -> str:
-    """For a script element: nothing in it can end the element."""
-    return json.dumps([walk.facts for walk in walks], allow_nan=False).replace("<", "\\u003c")

@@ -20,7 +20,7 @@ from nbv.rocks import Rock, load_coarse_rock, load_rock
 from nbv.terrain import buried_rock
 from nbv.terrain.relief import relief_of
 from nbv.types import Floats, Ints
-from tuner.report.mission.thinning import thin_indices
+from tuner.report.mission.run_files import thin_indices
 
 STEP_M = 0.00025  # of a packed coordinate
 ERROR_STEP_MM = 0.25  # of a packed distance to the truth: 64 mm at most

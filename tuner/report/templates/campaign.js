@@ -3,7 +3,6 @@
   const data = JSON.parse(document.getElementById("explorer-data").textContent);
   const SVG = "http://www.w3.org/2000/svg";
   const BLUE = "#0072B2", INK = "#1d2329", SOFT = "#59636e", LINE = "#d9dee3", RED = "#D55E00";
-  const CIVIDIS = [[0, 34, 78], [53, 69, 108], [102, 105, 112], [148, 142, 119], [200, 184, 102], [254, 232, 56]];
   const filter = document.getElementById("rock-filter"), tip = document.getElementById("tip");
   const text = (v) => (v === null || v === undefined ? "–" : v.toFixed(data.digits).replace("-", "−"));
 
@@ -13,10 +12,6 @@
     if (content !== undefined) node.textContent = content;
     if (parent) parent.appendChild(node);
     return node;
-  };
-  const tint = (t) => {
-    const at = Math.min(0.9999, Math.max(0, t)) * (CIVIDIS.length - 1), i = Math.floor(at), f = at - i;
-    return `rgb(${CIVIDIS[i].map((c, k) => Math.round(c + f * (CIVIDIS[i + 1][k] - c))).join(",")})`;
   };
   const shownTrials = () => data.trials.filter((t) => !filter.value || t.where === filter.value);
   const range = (values) => {
@@ -69,32 +64,6 @@
     }
   }
 
-  function parallel() {
-    const n = data.parameters.length, [svg, width] = canvas("parallel", 270, 76 * (n + 1));
-    const trials = shownTrials().filter((t) => t.adj !== null);
-    if (!trials.length) return;
-    const [low, high] = range(trials.map((t) => t.adj));
-    const x = (i) => 34 + (width - 68) * i / n, y = (u) => 225 - 175 * u;
-    const share = (t) => (t.adj - low) / (high - low);
-    for (const t of [...trials].sort((a, b) => data.sign * (a.adj - b.adj))) {
-      const g = linked(svg, t);
-      const d = [...t.u, share(t)].map((u, i) => `${i ? "L" : "M"}${x(i)} ${y(u)}`).join("");
-      el("path", { d, fill: "none", stroke: "transparent", "stroke-width": 8 }, g);
-      el("path", { d, fill: "none", stroke: tint(data.sign > 0 ? share(t) : 1 - share(t)), "stroke-width": t.best ? 4 : 1.4,
-        opacity: t.best ? 1 : 0.75, class: "strand" }, g);
-    }
-    const axes = [...data.parameters, { short: "outcome", ticks: [[0, text(low)], [1, text(high)]] }];
-    axes.forEach((p, i) => {
-      el("line", { x1: x(i), x2: x(i), y1: y(0), y2: y(1), stroke: INK }, svg);
-      const name = el("text", { x: x(i), y: i % 2 ? 18 : 34, "text-anchor": "middle" }, svg, p.short);
-      el("title", {}, name, p.name || data.axis);
-      for (const [u, label] of p.ticks) {
-        el("text", { x: x(i), y: u < 0.5 ? y(u) + 14 : y(u) - 4, "text-anchor": "middle", class: "soft" }, svg, label);
-      }
-    });
-    el("text", { x: 4, y: 264, class: "soft" }, svg, "bright: good; thick: recommended; differences between places taken out");
-  }
-
   function slices() {
     const box = document.getElementById("slices"), trials = shownTrials().filter((t) => t.adj !== null);
     box.textContent = "";
@@ -138,7 +107,7 @@
     });
   }
 
-  const draw = () => { history(); parallel(); slices(); };
+  const draw = () => { history(); slices(); };
   for (const where of [...new Set(data.trials.map((t) => t.where))]) {
     const option = document.createElement("option");
     option.value = option.textContent = where;
