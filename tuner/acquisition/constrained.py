@@ -22,12 +22,12 @@ from tuner.acquisition.believed_saving import LogBelievedSaving
 from tuner.acquisition.noisy_improvement import LogNoisyImprovement
 from tuner.acquisition.propose import LOCAL_BEST, MONTE_CARLO_SAMPLES, maximise
 from tuner.problem.search_space import Values
+from tuner.problem.share import SURE, ShareBelief
 from tuner.surrogate.forward_check import PRIOR_COUNT, Calibration
 from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP, moments
 from tuner.surrogate.numerics import numerics
 
-SURE = 0.8  # probability from which on a configuration is taken to keep the limit
 CALIBRATED = Calibration(np.zeros(0))
 _CHUNK = 64
 _BROKEN = torch.tensor(-1e6, dtype=torch.float64)  # below every logarithm of an improvement
@@ -40,6 +40,7 @@ class Constraint:
 
     model: RockMeanGP | KnownOutcome  # of what has the limit
     at_least: float  # oriented so that larger is better
+    is_share: bool = False  # of rocks, in percent
 
     def belief(self, configurations: Sequence[Mapping[str, Any]]) -> tuple[Floats, Floats]:
         """(m,) means and standard deviations of the second objective, larger is better."""
@@ -54,9 +55,21 @@ class Constraint:
         mean, sd = self.belief(configurations)
         if isinstance(self.model, KnownOutcome):
             return self.model.keeps(mean, self.at_least).astype(float)
+        if self.is_share:
+            beliefs = self.shares(configurations)
+            return np.array([belief.probability(self.at_least / 100.0) for belief in beliefs])
         return np.array(
             [CALIBRATED.probability_positive(m - self.at_least, max(s, 1e-9)) for m, s in zip(mean, sd)]
         )
+
+    def shares(self, configurations: Sequence[Mapping[str, Any]]) -> list[ShareBelief]:
+        """What is believed of each share: as if from so many rocks as one mission varies more than the mean."""
+        assert isinstance(self.model, RockMeanGP)
+        one = self.model.one_mission_sd**2
+        return [
+            ShareBelief(float(np.clip(m / 100.0, 0.0, 1.0)), one / max(s, 1e-9) ** 2)
+            for m, s in zip(*self.belief(configurations))
+        ]
 
     def keeps(self, configurations: Sequence[Mapping[str, Any]]) -> list[bool]:
         """Whether each can be taken to keep the limit."""
@@ -175,6 +188,10 @@ def believed_saving(
         The outcome of that cheapest configuration's cost.
     """
     quantile = float(special.stdtrit(PRIOR_COUNT, SURE))
+    if constraint.is_share:  # missions near the limit vary less, or more, than they do everywhere
+        share = constraint.at_least / 100.0
+        spread = 100.0 * math.sqrt(share * (1.0 - share)) / max(model.one_mission_sd, 1e-9)
+        quantile = float(special.ndtri(SURE)) * spread
     return LogBelievedSaving(model, cost, constraint.at_least, quantile, best, flying)
 
 

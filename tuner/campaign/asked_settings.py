@@ -17,6 +17,7 @@ from tuner.campaign.settings_file import SETTINGS, read_settings_file, settings_
 from tuner.missions.external import load_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.drawn_rocks import with_families
+from tuner.problem.objective import reached
 from tuner.problem.search_space import ours
 
 # `make tune`: the space where there is most to gain, for the quality that the paper's 24 + 8 have on these rocks.
@@ -86,7 +87,8 @@ def _require_metrics(settings: CampaignSettings) -> None:
     thresholds = ours(settings.base_config()).evaluation.thresholds_mm
     keys = {key.replace("{t}", f"{t:g}") for key in METRICS for t in thresholds}
     for objective in filter(None, (settings.objective, settings.second)):
-        *surface, key = objective.metric.split(".")
+        share = reached(objective.metric)
+        *surface, key = (share[0] if share else objective.metric).split(".")
         if surface[:1] == ["registered"]:
             surface = surface[1:]
         if surface in (["whole"], ["observable"]) and key not in keys:

@@ -91,6 +91,7 @@ def _sampler_settings(settings: CampaignSettings, learned: EarlierMissions | Non
         settings.budget,
         trusted_default=settings.trusted_default,
         at_least=settings.at_least,
+        is_share=settings.second is not None and settings.second.is_share,
         exact=settings.exact,
     )
 
@@ -301,11 +302,9 @@ class Campaign:
         """Return the limit of the second objective with its model; None without one, or without a mission that has both."""
         s = self.settings
         both = [o for o in history if o.outcome is not None and o.second is not None]
-        return (
-            acquisition.Constraint(self._models(both)[1], s.at_least)
-            if both and s.at_least is not None
-            else None
-        )
+        if s.second is None or s.at_least is None or not both:
+            return None
+        return acquisition.Constraint(self._models(both)[1], s.at_least, s.second.is_share)
 
     def _feature(self) -> Feature | None:
         return None if self.learned is None else self.learned.feature

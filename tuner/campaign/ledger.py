@@ -258,6 +258,8 @@ class Ledger:
         measurements = {**ended.measurements, "costs": {**asked.values, **ended.costs}}
         value, why_not = objective.outcome(ended.status, measurements)
         also = None if value is None or second is None else second.measure(measurements)
+        if second is not None and second.is_share and ended.status == "failed":
+            also = 0.0  # a rock without a model reaches nothing
         end: dict[str, Any] = {name: getattr(ended, name) for name in _ENDING}
         end |= {"wall_s": round(ended.wall_s, 3), "second": also}
         end["reason"] = ended.reason or (why_not if value is None else "")

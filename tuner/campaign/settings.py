@@ -36,9 +36,10 @@ from tuner.problem.blocks import MAX_MISSIONS, MAX_REPLICATES
 from tuner.problem.drawn_rocks import are_drawn, training_rock, with_families
 from tuner.problem.exact_costs import Exact, exact_cost
 from tuner.problem.objective import DEFAULT_METRIC, Objective, direction_of
-from tuner.problem.quality_at_cost import COUNTS
+from tuner.problem.quality_at_cost import COUNTS, require_share
 from tuner.problem.search_space import Configuration, SearchSpace, Values, ours
 from tuner.problem.secrets import require_no_password
+from tuner.problem.share import rocks_that_show
 from tuner.problem.space_files import available_search_spaces, load_search_space, space_from_dict
 from tuner.problem.worlds import World, worlds_over
 from tuner.samplers.design import initial_design_size
@@ -138,7 +139,7 @@ class CampaignSettings:
     objective: Objective = setting(
         Objective,
         "what is tuned for: a metric, seconds or energy; f_score@photographs<=21, its best at a cost; "
-        "photographs@f_score>=97, the least cost",
+        "photographs@f_score>=97, the least cost; photographs@P(f_score>=98)>=0.95, for that share of rocks",
         shown=DEFAULT_METRIC,
         option="--objective --metric",
         panel=WHAT,
@@ -320,6 +321,8 @@ class CampaignSettings:
             raise UserError(
                 "a limit is of a second objective; name one, as in --objective f_score@photographs<=21"
             )
+        if self.second.is_share:
+            self._check_share(self.limit / 100.0)
         if (
             self.second.metric not in COUNTS
             or self.second.direction != "minimise"
@@ -336,6 +339,16 @@ class CampaignSettings:
             raise UserError(
                 f"the limit of {self.limit:g} photographs is below the {least} that every configuration here takes; "
                 "raise it, or tune or --set stop.adaptive_budget"
+            )
+
+    def _check_share(self, share: float) -> None:
+        require_share(share, "the limit")
+        # So many rocks must reach it, and none fail, before anybody may believe it (`tuner.problem.share`).
+        needed = rocks_that_show(share)
+        if self.mission is None and not self.draws_rocks and len(self.rocks) < needed:
+            raise UserError(
+                f"{len(self.rocks)} rocks cannot show what {share:.0%} of rocks reach, {needed} can; let them be drawn, "
+                "with --rock any, or any-FAMILY"
             )
 
     def _fewest_photographs(self) -> tuple[int, int]:

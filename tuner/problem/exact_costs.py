@@ -77,7 +77,7 @@ def modelled(history: Sequence[Observation]) -> list[Observation]:
     return [
         replace(
             o,
-            outcome=None if o.outcome is None else o.second,
+            outcome=o.second,
             second=o.outcome,
             sampler_state={**o.sampler_state, PREDICTED: o.sampler_state[PREDICTED_SECOND]}
             if PREDICTED_SECOND in o.sampler_state

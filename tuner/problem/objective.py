@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -11,6 +12,16 @@ from nbv.errors import UserError
 
 DEFAULT_METRIC = "observable.f_score_48mm"
 Direction = Literal["maximise", "minimise"]
+_SHARE = re.compile(r"P\((?P<metric>[\w.]+)>=(?P<least>[^()]+)\)", re.ASCII)
+
+
+def reached(metric: str) -> tuple[str, float] | None:
+    """``(metric, least)`` of a share's path, such as ``P(observable.f_score_48mm>=98)``; None of any other.
+
+    A mission has 100 or 0 of it, so that its mean over rocks is the share of rocks that reach it, in percent.
+    """
+    found = _SHARE.fullmatch(metric)
+    return (found["metric"], float(found["least"])) if found else None
 
 
 def direction_of(metric: str) -> Direction:
@@ -21,6 +32,8 @@ def direction_of(metric: str) -> Direction:
     UserError
         Neither an overlap (completeness, accuracy, F-score) nor a distance nor a cost: the user has to say it.
     """
+    if reached(metric):
+        return "maximise"
     key = metric.rpartition(".")[2]
     if key.startswith(("completeness", "accuracy", "f_score", "tt_")):
         return "maximise"
@@ -60,7 +73,10 @@ class Objective:
         return 1.0 if self.direction == "maximise" else -1.0
 
     def measure(self, metrics: Mapping[str, Any]) -> float | None:
-        """The metric as measured; None where it is absent or not a finite number."""
+        """The metric as measured, a share (`reached`) as 100 or 0; None where it is absent or not a finite number."""
+        if share := reached(self.metric):
+            value = Objective(share[0]).measure(metrics)
+            return None if value is None else 100.0 * (value >= share[1])
         node: Any = metrics
         parts = self.metric.split(".")
         if (
@@ -74,6 +90,11 @@ class Objective:
         if isinstance(node, bool) or not isinstance(node, (int, float)) or not math.isfinite(node):
             return None
         return float(node)
+
+    @property
+    def is_share(self) -> bool:
+        """Whether it is the share of rocks that reach something."""
+        return reached(self.metric) is not None
 
     def outcome(self, status: str, metrics: Mapping[str, Any]) -> tuple[float | None, str]:
         """``(value, reason)``: the value as measured, or None with the reason why the mission is infeasible.

@@ -2,7 +2,8 @@
 
 - ``f_score``: one objective;
 - ``f_score@photographs<=21``: the best quality at no more than so much of a cost;
-- ``photographs@f_score>=97``: the least cost of a quality that is asked for.
+- ``photographs@f_score>=97``: the least cost of a quality that is asked for;
+- ``photographs@P(f_score>=98)>=0.95``: the least cost with which so large a share of rocks reaches a quality.
 
 A name is a metric's path, or one of `SHORT`.
 """
@@ -15,7 +16,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from nbv.errors import UserError
-from tuner.problem.objective import DEFAULT_METRIC, Direction, Objective, direction_of
+from tuner.problem.objective import DEFAULT_METRIC, Direction, Objective, direction_of, reached
 
 SHORT = {
     "f_score": DEFAULT_METRIC,
@@ -26,9 +27,11 @@ SHORT = {
 }
 COUNTS = ("costs.images", "costs.registered_images")
 COSTS = (*COUNTS, "costs.flight_time_s", "costs.path_length_m", "costs.energy_wh", "costs.wall_s")
+_NAME = r"P\s*\([^()]*\)|[\w.]+"
 _FORM = re.compile(
-    r"(?P<first>[\w.]+)(\s*@\s*(?P<second>[\w.]+)\s*(?P<sign><=|>=)\s*(?P<limit>[-+.\deE]+))?", re.ASCII
+    rf"(?P<first>{_NAME})(\s*@\s*(?P<second>{_NAME})\s*(?P<sign><=|>=)\s*(?P<limit>[-+.\deE]+))?", re.ASCII
 )
+_SHARE = re.compile(r"P\s*\(\s*(?P<name>[\w.]+)\s*>=\s*(?P<least>[-+.\deE]+)\s*\)", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -48,8 +51,8 @@ def asked_objective(text: str, own: Mapping[str, Direction] | None = None) -> As
     found = _FORM.fullmatch(text.strip())
     if found is None:
         raise UserError(
-            f"objective {text!r} is not understood; write f_score, f_score@photographs<=21 or "
-            "photographs@f_score>=97"
+            f"objective {text!r} is not understood; write f_score, f_score@photographs<=21, photographs@f_score>=97 or "
+            "photographs@P(f_score>=98)>=0.95"
         )
     first = _objective(found["first"], own)
     if found["second"] is None:
@@ -66,20 +69,42 @@ def asked_objective(text: str, own: Mapping[str, Direction] | None = None) -> As
         limit = math.nan
     if not math.isfinite(limit):
         raise UserError(f"objective {text!r}: {found['limit']!r} is no number")
+    if second.is_share:
+        require_share(limit, f"objective {text!r}")
+        limit *= 100.0
     return AskedObjective(first, second, limit)
+
+
+def require_share(share: float, what: str) -> None:
+    """Raise `UserError` where a share that is asked for is not above 0 and below 1."""
+    if not 0.0 < share < 1.0:
+        raise UserError(
+            f"{what}: a share is above 0 and below 1, not {share:g}; no number of rocks shows that all of them reach it: "
+            "ask for 0.95"
+        )
 
 
 def objective_text(objective: Objective, second: Objective | None = None, limit: float | None = None) -> str:
     """The text that asks for them: the inverse of `asked_objective`."""
-    names = {path: name for name, path in SHORT.items()}
-    text = names.get(objective.metric, objective.metric)
+    text = _name(objective)
     if second is None:
         return text
-    text += f"@{names.get(second.metric, second.metric)}"
+    text += f"@{_name(second)}"
+    if limit is not None and second.is_share:
+        limit /= 100.0
     return text if limit is None else f"{text}{'<=' if second.direction == 'minimise' else '>='}{limit:g}"
 
 
+def _name(objective: Objective) -> str:
+    names = {path: name for name, path in SHORT.items()}
+    if share := reached(objective.metric):
+        return f"P({names.get(share[0], share[0])}>={share[1]:g})"
+    return names.get(objective.metric, objective.metric)
+
+
 def _objective(name: str, own: Mapping[str, Direction] | None) -> Objective:
+    if name.startswith("P") and "(" in name:
+        return _share(name, own)
     if own is not None:
         if (direction := own.get(name, "minimise" if name.startswith("costs.") else None)) is None:
             raise UserError(
@@ -91,3 +116,20 @@ def _objective(name: str, own: Mapping[str, Direction] | None) -> Objective:
     if metric.startswith("costs.") and metric not in COSTS:
         raise UserError(f"a mission has no cost {metric!r}; there are {', '.join(COSTS)}")
     return Objective(metric, direction_of(metric))
+
+
+def _share(text: str, own: Mapping[str, Direction] | None) -> Objective:
+    """The objective of ``P(f_score>=98)``."""
+    found = _SHARE.fullmatch(text)
+    try:
+        least = float(found["least"]) if found else math.nan
+    except ValueError:
+        least = math.nan
+    if found is None or not math.isfinite(least):
+        raise UserError(f"{text!r} is not understood; the share of rocks that reach 98 is P(f_score>=98)")
+    metric = _objective(found["name"], own)
+    if metric.direction != "maximise":
+        raise UserError(
+            f"{text!r}: less of {metric.metric} is better; a share is of what should be at least so much"
+        )
+    return Objective(f"P({metric.metric}>={least:g})")

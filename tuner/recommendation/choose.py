@@ -19,7 +19,7 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.worlds import Place, World
 from tuner.recommendation.eligible import may_be_recommended
-from tuner.recommendation.limit import limit_of, next_rock_keeps
+from tuner.recommendation.limit import limit_of, on_next_rocks
 from tuner.recommendation.next_rock import next_rock
 from tuner.recommendation.recommendation import Candidate, Recommendation, RockRow, RunnerUp
 from tuner.surrogate.forward_check import Calibration, calibration
@@ -171,12 +171,11 @@ def recommend(
     kept_limit = None
     if constraint is not None and second is not None and limit is not None:
         kept_limit = limit_of(constraint, second, limit, values, default, kept)
-        if exact is not None and not brief:
-            kept_limit = dataclasses.replace(
-                kept_limit,
-                next_rock_keeps=next_rock_keeps(model, values, constraint.at_least),
-                next_rock_no_worse=None if elsewhere is None else elsewhere.no_worse,
-            )
+        if not brief and (exact is not None or constraint.is_share):
+            no_worse = None if elsewhere is None else elsewhere.no_worse
+            outcomes = [o.second if exact is None else o.outcome for o in own]
+            reached = [y > 0.0 for y in outcomes if y is not None]
+            kept_limit = on_next_rocks(kept_limit, constraint, values, reached, no_worse)
     return Recommendation(
         values=values,
         mean=mean,

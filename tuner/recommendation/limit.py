@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy import special
 
 from tuner.acquisition.constrained import CALIBRATED, Constraint
 from tuner.problem.objective import Objective
+from tuner.problem.share import ShareBelief
 from tuner.problem.worlds import rocks_of
 from tuner.recommendation.next_rock import PRIOR_ROCKS
 from tuner.recommendation.recommendation import Limit
@@ -45,6 +47,11 @@ def limit_of(
     probability, of_default = constraint.probability([values, default])
     difference = belief.difference(0, 1)
     mean, sd = sign * float(belief.mean[0]), float(belief.sd[0])
+    interval_95 = CALIBRATED.interval_95(mean, sd)
+    if constraint.is_share:
+        share = constraint.shares([values])[0]
+        low, high = share.interval_95
+        mean, sd, interval_95 = 100.0 * share.share, 100.0 * share.sd, (100.0 * low, 100.0 * high)
     return Limit(
         metric=second.metric,
         direction=second.direction,
@@ -53,13 +60,53 @@ def limit_of(
         exact=isinstance(constraint.model, KnownOutcome),
         mean=mean,
         sd=sd,
-        interval_95=CALIBRATED.interval_95(mean, sd),
+        interval_95=interval_95,
         probability=float(probability),
         default_probability=float(of_default),
-        default_mean=sign * float(belief.mean[1]),
+        default_mean=100.0 * constraint.shares([default])[0].share
+        if constraint.is_share
+        else sign * float(belief.mean[1]),
         default_sd=float(belief.sd[1]),
         difference=difference[0],
         difference_interval_95=CALIBRATED.interval_95(*difference),
+    )
+
+
+def on_next_rocks(
+    found: Limit,
+    constraint: Constraint,
+    values: Mapping[str, Any],
+    reached: Sequence[bool],
+    no_worse: float | None,
+) -> Limit:
+    """``found`` with what it says of rocks never flown.
+
+    Parameters
+    ----------
+    found
+        The limit on the training rocks.
+    constraint
+        The limit and the surrogate of what has it.
+    values
+        The recommended values.
+    reached
+        Of a share: whether each mission that flew them reached it.
+    no_worse
+        Probability that they are no worse than the default on the next rock, where it is known.
+    """
+    model, flown = constraint.model, None
+    assert isinstance(model, RockMeanGP)
+    if constraint.is_share:
+        share = constraint.shares([values])[0]
+        flown = (sum(reached), len(reached))
+    else:  # as if so many of the training rocks kept it
+        share = ShareBelief(next_rock_keeps(model, values, constraint.at_least), len(rocks_of(model.worlds)))
+    return dataclasses.replace(
+        found,
+        next_rock_keeps=share.share,
+        next_rock_no_worse=no_worse,
+        next_hundred=share.of_the_next(),
+        flown=flown,
     )
 
 

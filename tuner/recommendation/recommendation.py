@@ -71,12 +71,16 @@ class Limit:
         None  # probability on a rock nobody has flown; None: exact, or nobody asked
     )
     next_rock_no_worse: float | None = None  # probability that it is no worse than the default there
+    next_hundred: tuple[int, int] | None = None  # rocks of the next hundred that keep it, 95 % interval
+    flown: tuple[int, int] | None = (
+        None  # of a share: rocks that reached it with this configuration, and all that it flew
+    )
 
     @staticmethod
     def from_dict(tree: Mapping[str, Any]) -> Limit:
         """The inverse of ``dataclasses.asdict``, after JSON too."""
-        pairs = ("interval_95", "difference_interval_95")
-        return Limit(**{**tree, **{key: tuple(tree[key]) for key in pairs}})
+        pairs = ("interval_95", "difference_interval_95", "next_hundred", "flown")
+        return Limit(**{**tree, **{key: tuple(tree[key]) for key in pairs if tree.get(key) is not None}})
 
 
 @dataclass(frozen=True)

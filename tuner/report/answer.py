@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import functools
+import re
 from typing import TYPE_CHECKING
 
 from nbv.config import MissionConfig, preset
 from tuner.missions.registry import is_geometric
+from tuner.problem.objective import reached
 from tuner.problem.search_space import Configuration
 from tuner.report.labels import (
     MetricLabel,
@@ -104,18 +106,25 @@ def _exact_worth(best: Recommendation, s: CampaignSettings) -> list[str]:
             said += f", because the default keeps {_bound_words(limit)} with probability {limit.default_probability:.2f}"
     if limit is None:
         return [f"{said}; what that does to {_short(metric_label(best.modelled_metric))} is below."]
-    label, digits = metric_label(limit.metric), _decimals(limit.sd)
-    quality = f"{_short(label)} {label.value(limit.mean, digits)} on {_where(s)} ({_interval(map(label.possible, limit.interval_95), digits)}"
+    share, label = reached(limit.metric), metric_label(limit.metric)
+    digits = 0 if share else _decimals(limit.sd)
+    interval = _interval(map(label.possible, limit.interval_95), digits)
+    quality = f"{_short(label)} {label.value(limit.mean, digits)} on {_where(s)} ({interval}"
+    if share:
+        quality = (
+            f"{_reach_words(share)} on {label.value(limit.mean, digits)} of {place_word(s)}s ({interval}"
+        )
+    if limit.flown is not None:
+        quality += "; on {} of the {} that were flown".format(*limit.flown)
     if not best.keep_default:
         quality += f"; {label.value(limit.default_mean, digits)} with the default"
     lines = [f"{said}. {quality})."]
-    if limit.next_rock_keeps is not None:
-        line = (
-            f"On the next {place_word(s)} {_bound_words(limit)} with probability {limit.next_rock_keeps:.2f}"
-        )
-        if limit.next_rock_no_worse is not None:
+    if limit.next_rock_keeps is not None and limit.next_hundred is not None:
+        low, high = limit.next_hundred
+        line = f"It will do for about {100 * limit.next_rock_keeps:.0f} of the next hundred {place_word(s)}s (95 % interval {low} to {high})"
+        if not share and limit.next_rock_no_worse is not None:
             with_default = exact_text(best.default_mean, cost)
-            line += f"; no worse than with {with_default} with probability {limit.next_rock_no_worse:.2f}"
+            line += f"; on any one it is no worse than with {with_default} with probability {limit.next_rock_no_worse:.2f}"
         lines.append(f"{line}.")
     return lines
 
@@ -186,7 +195,9 @@ def exact_text(value: float, label: MetricLabel, name: str = "") -> str:
 
 
 def limit_words(limit: Limit) -> str:
-    """``F-score at least 98 %``."""
+    """``F-score at least 98 %``; of a share, ``F-score 98 % on at least 95 % of rocks``."""
+    if share := reached(limit.metric):
+        return f"{_reach_words(share)} on {_bound_words(limit)} of rocks"
     return f"{_short(metric_label(limit.metric))} {_bound_words(limit)}"
 
 
@@ -211,7 +222,13 @@ def _sign_note(best: Recommendation) -> str:
 
 def _short(label: MetricLabel) -> str:
     """``F-score`` of ``F-score @ 48 mm``."""
-    return label.name.partition(" @")[0]
+    return re.sub(r" @ [\d.]+ mm", "", label.name)
+
+
+def _reach_words(share: tuple[str, float]) -> str:
+    """``F-score 98 %``."""
+    label = metric_label(share[0])
+    return f"{_short(label)} {label.value(share[1], _digits(share[1]))}"
 
 
 def _interval(interval: Iterable[float | None], digits: int, *, signed: bool = False) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 
 from nbv.config import parameter
 from nbv.evaluation.registry import find_metric
+from tuner.problem.objective import reached
 
 MISSING = "–"
 SURFACES = {"whole": "whole surface", "observable": "observable surface"}
@@ -96,6 +97,10 @@ def metric_label(path: str) -> MetricLabel:
 
     Unknown paths are shown as they are, with the unit that their ending tells.
     """
+    if share := reached(path):
+        of = metric_label(share[0])
+        least = of.value(share[1], 0 if share[1] == int(share[1]) else 1)
+        return MetricLabel(f"Rocks with {of.name} of at least {least}", "%", of.surface, True)
     *prefix, key = path.split(".")
     if prefix == ["costs"]:
         prefix = []  # no surface

@@ -55,6 +55,7 @@ class SamplerSettings:
     budget: int | None = None  # missions of the search; sampler gp verifies its favourite near their end
     trusted_default: bool = False  # sampler gp: chosen by hand, so its design may stay near it
     at_least: float | None = None  # limit of the second objective, larger is better; None: there is none
+    is_share: bool = False  # of rocks: the second objective
     exact: Exact = field(default_factory=Exact)  # what of the objectives the configuration decides
 
     @property

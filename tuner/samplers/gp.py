@@ -86,7 +86,7 @@ class GPSampler:
                 if not models:
                     models = self._models(history, number, both, exact)
                     if both and s.at_least is not None:
-                        constraint = Constraint(models[1], s.at_least)
+                        constraint = Constraint(models[1], s.at_least, s.is_share)
                 most = SEQUENTIAL if both else max(SEQUENTIAL, count // 2)
                 if modelled < most and len(flying) <= MAX_JOINT:
                     proposal = self._by_acquisition(models, history, flying, number, constraint)

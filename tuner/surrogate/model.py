@@ -253,6 +253,11 @@ class RockMeanGP:
         return math.sqrt(shared_variance(self.model.covar_module, self.space.dimension + 1)) * self.mean_scale
 
     @property
+    def one_mission_sd(self) -> float:
+        """Standard deviation of one mission on a block that nobody has flown, objective's unit."""
+        return math.hypot(self.noise_sd, self.block_sd or 0.0)
+
+    @property
     def mean_scale(self) -> float:
         """Objective's unit per unit of the common landscape, mean over the training worlds."""
         return float(np.mean([self.standardiser.scale(world) for world in self.worlds]))

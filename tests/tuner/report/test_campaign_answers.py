@@ -79,7 +79,7 @@ def test_a_gain_never_flown_side_by_side_says_so(campaign: Campaign) -> None:
 def with_limit(campaign: Campaign, **changes: Any) -> CampaignFacts:
     """Fourteen seeds and twelve views are recommended for fewest photographs with an F-score of 98 %."""
     quality = Objective()
-    means = (98.96, 0.2, (98.56, 99.36), 0.97, 0.3, 98.4, 0.1, 0.56, (-0.2, 0.6), 0.81, 0.74)
+    means = (98.96, 0.2, (98.56, 99.36), 0.97, 0.3, 98.4, 0.1, 0.56, (-0.2, 0.6), 0.81, 0.74, (40, 98))
     limit = Limit(quality.metric, quality.direction, 98.0, True, False, *means)
     space = load_search_space("photographs")
     default = space.default(preset("campaign"))
@@ -109,7 +109,7 @@ def test_photographs_saved_and_quality_kept_are_said(campaign: Campaign) -> None
         "default)."
     )
     assert second == (
-        "On the next rock at least 98 % with probability 0.81; no worse than with 32 with probability 0.74."
+        "It will do for about 81 of the next hundred rocks (95 % interval 40 to 98); on any one it is no worse than with 32 with probability 0.74."
     )
     limit = facts.recommendation.limit  # type: ignore[union-attr]
     missed = with_limit(campaign, limit=dataclasses.replace(limit, kept=False))
@@ -286,3 +286,32 @@ def test_searching_wider_keeps_everything_else(campaign: Campaign, tmp_path: Pat
     of_one = Campaign(tmp_path, dataclasses.replace(s, second=None, limit=None), campaign.ledger)
     write_wider_settings(of_one, dataclasses.replace(best, values=values, default_values=default))
     assert asked_fields(tmp_path / WIDER_FILE, {}, quick=False)["learn_from"] == [str(tmp_path)]
+
+
+def test_a_share_of_rocks_is_said(campaign: Campaign) -> None:
+    means = (
+        96.4,
+        2.1,
+        (91.2, 99.0),
+        0.86,
+        0.1,
+        81.0,
+        5.0,
+        15.4,
+        (5.0, 25.0),
+        0.964,
+        None,
+        (88, 100),
+        (57, 58),
+    )
+    limit = Limit("P(observable.f_score_48mm>=98)", "maximise", 95.0, True, False, *means)
+    first, second, *_ = sure_answer(with_limit(campaign, limit=limit))
+    assert first == (
+        "26 photographs in place of 32. F-score 98 % on 96 % of rocks (95 % interval 91 to 99; on 57 of the 58 that were "
+        "flown; 81 % with the default)."
+    )
+    assert second == "It will do for about 96 of the next hundred rocks (95 % interval 88 to 100)."
+    missed = use_answer(with_limit(campaign, limit=dataclasses.replace(limit, kept=False)))["sentence"]
+    assert missed.startswith(
+        "Nothing flown is likely to keep F-score 98 % on at least 95 % of rocks; the likeliest is "
+    )

@@ -1,0 +1,98 @@
+"""The share of rocks that reach a quality: its text, its outcome, what is believed of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from nbv.errors import UserError
+from tuner.campaign.asked_settings import asked_settings
+from tuner.problem.objective import Objective
+from tuner.problem.quality_at_cost import asked_objective, objective_text
+from tuner.problem.share import SURE, ShareBelief, rocks_that_show
+
+TEXT = "photographs@P(f_score>=98)>=0.95"
+
+
+def test_the_text_says_cost_share_and_limit_and_is_said_back() -> None:
+    asked = asked_objective(" photographs @ P( f_score >= 98 ) >= 0.95 ")
+    assert asked.objective.metric == "costs.images"
+    assert asked.second is not None and asked.second.is_share
+    assert (asked.second.metric, asked.second.direction) == ("P(observable.f_score_48mm>=98)", "maximise")
+    assert asked.limit == pytest.approx(95.0)
+    assert objective_text(asked.objective, asked.second, asked.limit) == TEXT
+
+
+def test_a_mission_has_all_or_nothing_of_a_share() -> None:
+    share = Objective("P(observable.f_score_48mm>=98)")
+    outcomes = [share.measure({"observable": {"f_score_48mm": f}}) for f in (97.99, 98.0, 99.5)]
+    assert outcomes == [0.0, 100.0, 100.0]
+    assert share.measure({"observable": {}}) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("photographs@P(f_score>=98)>=1.0", "a share is above 0 and below 1, not 1; no number of rocks"),
+        ("photographs@P(f_score>=98)>=95", "a share is above 0 and below 1, not 95"),
+        ("photographs@P(f_score>=98)>=0", "a share is above 0 and below 1, not 0"),
+        ("photographs@P(f_score>=98)<=0.95", "write >="),
+        ("photographs@P(f_score)>=0.95", r"the share of rocks that reach 98 is P\(f_score>=98\)"),
+        ("photographs@P(f_score>=x)>=0.95", r"the share of rocks that reach 98 is P\(f_score>=98\)"),
+        ("f_score@P(photographs>=20)>=0.95", "less of costs.images is better"),
+    ],
+)
+def test_what_is_no_share_is_said_in_one_line(text: str, says: str) -> None:
+    with pytest.raises(UserError, match=says) as error:
+        asked_objective(text)
+    assert "\n" not in str(error.value)
+
+
+def settings_of(rocks: list[str], **more: object):
+    return asked_settings(
+        {"rocks": rocks, "space": "photographs", "fidelity": "geometric", "objective": TEXT, **more}, "test"
+    )
+
+
+def test_few_rocks_cannot_show_a_share() -> None:
+    with pytest.raises(
+        UserError, match="3 rocks cannot show what 95 % of rocks reach, 16 can".replace(" %", "%")
+    ):
+        settings_of(["slab", "vesicular", "cavern"])
+    settings = settings_of(["any-slab"])
+    assert settings.at_least == pytest.approx(95.0) and settings.exact.first is not None
+    with pytest.raises(UserError, match="a share is above 0 and below 1"):
+        second = {"metric": "P(observable.f_score_48mm>=98)", "direction": "maximise"}
+        settings_of(["any-slab"], objective="photographs", second=second, limit=100.0)
+    with pytest.raises(UserError, match=r"no metric 'P\(observable.f_score_47mm>=98\)'; did you mean"):
+        settings_of(["any-slab"], objective="photographs@P(observable.f_score_47mm>=98)>=0.9")
+
+
+def test_a_belief_is_that_of_the_rocks_flown() -> None:
+    belief = ShareBelief(57 / 58, 58)
+    posterior = stats.beta(57.5, 1.5)
+    assert belief.interval_95 == pytest.approx(posterior.interval(0.95))
+    assert belief.sd == pytest.approx(posterior.std())
+    assert belief.probability(0.95) == pytest.approx(posterior.sf(0.95))
+    next_ones = stats.betabinom(100, 57.5, 1.5)
+    assert belief.of_the_next() == (next_ones.ppf(0.025), next_ones.ppf(0.975))
+    assert ShareBelief(1.0, 3).interval_95[1] == 1.0 and ShareBelief(0.0, 3).interval_95[0] == 0.0
+
+
+def test_intervals_cover_the_share_that_rocks_were_drawn_with() -> None:
+    rng = np.random.default_rng(0)
+    shares = rng.uniform(0.7, 0.99, 2000)
+    successes = rng.binomial(40, shares)
+    inside = [
+        low <= s <= high
+        for s, k in zip(shares, successes)
+        for low, high in [ShareBelief(k / 40, 40).interval_95]
+    ]
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
+
+
+def test_so_many_rocks_show_a_share() -> None:
+    for share in (0.8, 0.9, 0.95):
+        n = rocks_that_show(share)
+        assert ShareBelief(1.0, n).probability(share) >= SURE > ShareBelief(1.0, n - 1).probability(share)

@@ -1,0 +1,62 @@
+"""What is believed of a share of rocks, as if so many rocks had been flown and so many of them had succeeded.
+
+The belief is the Beta distribution of a share after those rocks, with Jeffreys' prior (Brown, Cai and DasGupta, "Interval
+estimation for a binomial proportion", 2001). A Gaussian process has rocks of its own at every configuration: the variance
+of one mission over that of the mean is the number of missions that would tell as much.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import special
+
+SURE = 0.8  # probability from which on a configuration is taken to keep a limit
+_PRIOR = 0.5  # Jeffreys': half a success, half a failure
+NEXT = 100
+
+
+@dataclass(frozen=True)
+class ShareBelief:
+    """Of a share, 0 to 1."""
+
+    share: float  # of the rocks, 0 to 1
+    rocks: float  # that would tell as much; need not be whole
+
+    @property
+    def _ab(self) -> tuple[float, float]:
+        return self.share * self.rocks + _PRIOR, (1.0 - self.share) * self.rocks + _PRIOR
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation of the belief."""
+        a, b = self._ab
+        return math.sqrt(a * b / ((a + b) ** 2 * (a + b + 1.0)))
+
+    @property
+    def interval_95(self) -> tuple[float, float]:
+        """Central 95 % interval; up to 1 where no rock failed, down to 0 where none succeeded."""
+        a, b = self._ab
+        low = 0.0 if self.share <= 0.0 else float(special.betaincinv(a, b, 0.025))
+        high = 1.0 if self.share >= 1.0 else float(special.betaincinv(a, b, 0.975))
+        return low, high
+
+    def probability(self, least: float) -> float:
+        """That the share is at least so large."""
+        return float(special.betaincc(*self._ab, least))
+
+    def of_the_next(self, count: int = NEXT) -> tuple[int, int]:
+        """95 % interval of how many of the next ``count`` rocks succeed: beta-binomial."""
+        a, b = self._ab
+        k = np.arange(count + 1)
+        log_mass = -special.betaln(k + 1, count - k + 1) + special.betaln(k + a, count - k + b)
+        mass = np.exp(log_mass - log_mass.max())
+        below = np.cumsum(mass / mass.sum())
+        return int(np.searchsorted(below, 0.025)), int(np.searchsorted(below, 0.975))
+
+
+def rocks_that_show(share: float) -> int:
+    """How many rocks must succeed, and none fail, before it may be believed that so large a share does."""
+    return next(n for n in range(1, 1_000_000) if ShareBelief(1.0, n).probability(share) >= SURE)
