@@ -6,6 +6,7 @@ import hashlib
 import importlib
 import io
 import math
+import os
 import re
 import warnings
 from collections import Counter
@@ -25,7 +26,7 @@ from nbv.safe_files import expanded, read_bytes, require
 PLAIN = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 HEIC = (".heic", ".heif", ".hif")
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mts", ".webm")
-FORMATS = ("JPEG", "MPO", "PNG", "TIFF", "HEIF")
+FORMATS = ("JPEG", "PNG", "TIFF")  # JPEG: also several pictures in one file, of which the first counts
 FEWEST, MOST = 8, 2000
 MAX_FILE_BYTES = 512 * 2**20
 MAX_PIXELS = 200_000_000
@@ -103,7 +104,7 @@ def read_pixels(path: Path, max_size_px: int, *, upright: bool) -> NDArray[np.ui
     """
     with _opened(path) as picture:
         width, height = picture.size
-        if picture.format == "JPEG":
+        if picture.format in ("JPEG", "MPO"):
             picture.draft("RGB", (min(width, 2 * max_size_px), min(height, 2 * max_size_px)))
         if upright:
             turned = ImageOps.exif_transpose(picture)
@@ -146,9 +147,11 @@ def _photograph_files(folder: Path) -> tuple[list[Path], list[str]]:
     if not folder.is_dir():
         raise UserError(f"there is no folder {folder}; name the folder that holds the photographs")
     try:
-        files = sorted(p for p in folder.iterdir() if not p.name.startswith(".") and p.is_file())
+        with os.scandir(folder) as entries:
+            names = sorted(e.name for e in entries if not e.name.startswith(".") and e.is_file())
     except OSError as error:
         raise UserError(f"cannot read {folder}: {error.strerror}") from error
+    files = [folder / name for name in names]
     paths = [p for p in files if p.suffix.lower() in PLAIN + HEIC]
     videos = [p for p in files if p.suffix.lower() in VIDEOS]
     if not paths:
@@ -187,12 +190,11 @@ def _opened(path: Path) -> Iterator[Image.Image]:
         raise UserError("empty")
     if path.suffix.lower() in HEIC:
         _load_heic()
-    Image.init()  # all formats, of which only those named here are tried
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of size, which is looked at here, and of odd EXIF
             with Image.open(
-                io.BytesIO(data), formats=None if path.suffix.lower() in HEIC else FORMATS[:4]
+                io.BytesIO(data), formats=None if path.suffix.lower() in HEIC else FORMATS
             ) as picture:
                 require(picture.width * picture.height, MAX_PIXELS, f"the number of pixels of {path.name}")
                 yield picture

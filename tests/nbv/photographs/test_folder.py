@@ -1,0 +1,154 @@
+"""What a folder may hold, and what is said of the rest."""
+
+from __future__ import annotations
+
+import builtins
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from rendered_photographs import FOCAL_35_MM, save
+
+from nbv.errors import UserError
+from nbv.photographs.folder import kept_upright, read_folder, read_pixels, up_in_picture
+
+
+def silent(what: str, done: int, total: int) -> None:
+    pass
+
+
+def picture(index: int, size: tuple[int, int] = (64, 48)) -> Image.Image:
+    pixels = np.random.default_rng(index).integers(0, 255, (size[1], size[0], 3), dtype=np.uint8)
+    return Image.fromarray(pixels)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for index in range(9):
+        save(picture(index), tmp_path / f"{index}.jpg", 8 - index, np.array([10.0, -20.0, 5.0]))
+    return tmp_path
+
+
+def refusal(folder: Path) -> str:
+    with pytest.raises(UserError) as told:
+        read_folder(folder, silent)
+    assert "\n" not in str(told.value)
+    return str(told.value)
+
+
+def test_exif_is_read_and_the_order_is_that_of_the_clock(folder: Path) -> None:
+    found, notes = read_folder(folder, silent)
+    assert [p.name for p in found] == [str(i) for i in range(8, -1, -1)]
+    assert notes == []
+    first = found[0]
+    assert first.time == "2026-01-01T12:00:00"
+    assert first.focal_35_mm == FOCAL_35_MM
+    assert first.device == "Made Up"
+    assert first.gps == pytest.approx(
+        (46.0 - 20 / 111_319.49, 7.0 + 10 / 111_319.49 / np.cos(np.deg2rad(46)), 5.0)
+    )
+
+
+def test_a_gimbal_is_read_from_xmp(folder: Path) -> None:
+    xmp = b'<x drone-dji:GimbalYawDegree="+12.5" drone-dji:GimbalPitchDegree="-45.0" drone-dji:GimbalRollDegree="0"/>'
+    picture(50).save(folder / "drone.jpg", xmp=xmp)
+    found, _ = read_folder(folder, silent)
+    assert next(p for p in found if p.name == "drone").gimbal_deg == (12.5, -45.0, 0.0)
+
+
+def test_nothing_is_said_to_be_nothing(tmp_path: Path) -> None:
+    assert "there is no folder" in refusal(tmp_path / "absent")
+    (tmp_path / "notes.txt").write_text("no photograph")
+    assert "no photographs" in refusal(tmp_path)
+
+
+def test_truncated_files_are_named(folder: Path) -> None:
+    for name in ("3.jpg", "5.jpg"):
+        data = (folder / name).read_bytes()
+        (folder / name).write_bytes(data[: len(data) // 2])
+    (folder / "6.jpg").write_bytes(b"")
+    message = refusal(folder)
+    assert "3 of 9" in message and "3.jpg" in message and "5.jpg" in message
+
+
+@pytest.mark.slow
+def test_ten_thousand_files_are_refused_before_one_is_read(tmp_path: Path) -> None:
+    for index in range(10_000):
+        (tmp_path / f"{index}.jpg").touch()
+    message = refusal(tmp_path)
+    assert "10000" in message and "2000" in message
+
+
+def test_a_video_is_told_how_to_become_photographs(tmp_path: Path) -> None:
+    (tmp_path / "clip.mp4").write_bytes(b"\0\0\0\x18ftypmp42")
+    assert "ffmpeg -i clip.mp4" in refusal(tmp_path)
+    assert "ffmpeg" in refusal(tmp_path / "clip.mp4")
+
+
+def test_heic_without_its_library_names_the_command(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder / "9.heic").write_bytes(b"\0\0\0\x18ftypheic")
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)
+    assert "pip install 'gatetune[heic]'" in refusal(folder)
+
+
+def test_heic_is_read_where_its_library_is(folder: Path) -> None:
+    heif = pytest.importorskip("pillow_heif")
+    heif.register_heif_opener()
+    picture(60).save(folder / "phone.heic")
+    found, _ = read_folder(folder, silent)
+    assert next(p for p in found if p.name == "phone").size_px == (64, 48)
+
+
+def test_too_few_and_copies(folder: Path) -> None:
+    (folder / "copy.jpg").write_bytes((folder / "0.jpg").read_bytes())
+    found, notes = read_folder(folder, silent)
+    assert len(found) == 9 and "1 files that are copies" in notes[0]
+    (folder / "0.jpg").unlink()
+    (folder / "1.jpg").unlink()
+    (folder / "2.jpg").unlink()
+    assert "needs 8 or more" in refusal(folder)
+
+
+def test_two_files_of_one_stem_keep_apart(folder: Path) -> None:
+    picture(70).save(folder / "0.png")
+    found, _ = read_folder(folder, silent)
+    assert {"0_jpg", "0_png"} <= {p.name for p in found}
+
+
+def test_sixteen_bits_become_eight(tmp_path: Path) -> None:
+    ramp = np.linspace(0, 65535, 64 * 48).reshape(48, 64).astype(np.uint16)
+    Image.fromarray(ramp).save(tmp_path / "deep.tif")
+    pixels = read_pixels(tmp_path / "deep.tif", 64, upright=True)
+    assert pixels.shape == (48, 64, 3)
+    assert pixels[0, 0, 0] == 0 and pixels[-1, -1, 0] == 255
+
+
+def test_a_telephone_held_both_ways_stays_one_camera(tmp_path: Path) -> None:
+    for index in range(9):
+        save(picture(index), tmp_path / f"{index}.jpg", index, orientation=6 if index < 4 else 1)
+    found, _ = read_folder(tmp_path, silent)
+    assert not kept_upright(found)
+    assert up_in_picture(found[0], upright=False) == (-1.0, 0.0)
+    assert read_pixels(found[0].path, 64, upright=False).shape == (48, 64, 3)
+    upright = read_pixels(found[0].path, 64, upright=True)
+    assert upright.shape == (64, 48, 3)
+    # What is on the left of the stored picture is up.
+    stored = read_pixels(found[0].path, 64, upright=False).astype(int)
+    assert np.abs(np.rot90(stored, -1) - upright).mean() < 12
+
+
+def test_shrinking_keeps_the_long_side(folder: Path) -> None:
+    assert read_pixels(folder / "0.jpg", 32, upright=True).shape == (24, 32, 3)
+
+
+def test_no_code_is_imported_for_plain_pictures(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = builtins.__import__
+
+    def refuse(name: str, *rest: object, **more: object) -> object:
+        assert not name.startswith("pillow_heif")
+        return plain(name, *rest, **more)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    read_folder(folder, silent)

@@ -1,0 +1,54 @@
+"""``gatetune photographs``: list, show, and mistakes in one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from made_photograph_set import write_set
+from typer.testing import CliRunner
+
+from nbv.errors import UserError
+from tuner.cli import app
+
+run = CliRunner()
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path))
+    return tmp_path
+
+
+def test_list_and_show() -> None:
+    write_set()
+    listed = json.loads(run.invoke(app, ["photographs", "list", "--json"]).output)
+    assert [(s["name"], s["registered"], s["photographs"]) for s in listed] == [("mine", 6, 7)]
+    assert listed[0]["height_m"] == pytest.approx(0.598)
+    shown = run.invoke(app, ["photographs", "show", "mine"]).output
+    assert "6 of 7 photographs" in shown and "weak: azimuth 60°" in shown
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["show", "yours"], "no set of photographs 'yours'"),
+        (["import", "absent", "--name", "yours"], "there is no folder absent"),
+        (["import", ".", "--name", "mine"], "already a set 'mine'"),
+        (["import", ".", "--name", "yours", "--max-size", "7"], "max_size is 7"),
+        (["import", ".", "--name", "yours", "--height-m", "0"], "height_m is 0"),
+    ],
+)
+def test_mistakes(arguments: list[str], words: str) -> None:
+    write_set()
+    told = run.invoke(app, ["photographs", *arguments])
+    assert isinstance(told.exception, UserError)
+    assert words in str(told.exception)
+
+
+def test_nothing_is_left_of_an_import_of_nothing(home: Path, tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    told = run.invoke(app, ["photographs", "import", str(tmp_path / "empty"), "--name", "mine"])
+    assert "no photographs in" in str(told.exception)
+    assert not (home / "photographs").exists()
