@@ -166,13 +166,21 @@ class StopConfig(Section):
         why="so that seeds and captures are shared out of one number",
         added=True,
     )
-    criterion: Literal["both", "budget", "knn"] = text(
-        "both", "III, Phase 2", "what ends Phase 2; both: whichever comes first"
+    criterion: Literal["both", "budget", "knn", "predicted"] = text(
+        "both",
+        "III, Phase 2",
+        "what ends Phase 2 besides the budget: both (the paper's) or knn, the sparse cloud's density; predicted, ours: the "
+        "dense cloud's predicted completeness",
     )
     knn_threshold_m: float = code(0.003, "mission file", "d95 below which the sparse cloud has converged")
     knn_neighbours: int = code(5, "COLMAP settings", "d95 is of the distance to this neighbour")
     knn_region: Literal["all", "box"] = text(
         "all", "III-B, the sparse cloud", "points that d95 is of: all, or those in the box"
+    )
+    predicted_percent: float = ours(
+        98.0,
+        "where the criterion is predicted: F-score at 48 mm that the dense cloud must be predicted to reach",
+        added=True,
     )
     min_gain_percent: float = ours(
         0.0,
@@ -185,6 +193,7 @@ class StopConfig(Section):
     def __post_init__(self) -> None:
         self._need_at_least(1, "knn_neighbours")
         self._need_at_least(0, "adaptive_budget", "max_photographs", "min_gain_percent")
+        self._need(0 < self.predicted_percent <= 100, "predicted_percent", "above 0 and at most 100")
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.flight import arrival_position
-from nbv.geometric.completeness import DenseModel, sample_probability
+from nbv.geometric.completeness import sample_probability
+from nbv.geometry.stereo_chance import DenseModel
 from nbv.geometric.held_worlds import world_of
 from nbv.geometric.metrics import predicted_metrics
 from nbv.rocks import load_coarse_rock

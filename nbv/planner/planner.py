@@ -15,6 +15,7 @@ from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
 from nbv.gates import Gate, make_gate
 from nbv.geometry.neighbours import knn_d95_m
+from nbv.planner.stop import suffices
 from nbv.safe_files import read_yaml
 from nbv.scorers import expected_gain_percent, rank_candidates
 from nbv.scorers.registry import Rankings
@@ -133,7 +134,7 @@ class Planner:
             d95_m=density_d95_m(model, self.config),
             iteration=used,
         )
-        if stop.criterion in ("both", "knn") and state.d95_m <= stop.knn_threshold_m:
+        if suffices(model, state.d95_m, self.config):
             return Plan(state, True)
         pool = self.viewpoints.candidates(self.config, state.vehicle_position_m, visited, n_seeds)
         if len(pool) == 0:

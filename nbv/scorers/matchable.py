@@ -45,10 +45,19 @@ class ProxySurface:
 def proxy_surface(points_m: Floats, config: MissionConfig) -> ProxySurface:
     """Even samples of the convex hull of the rock's points.
 
-    The rock's points are those above the ground within the dense stage's crop around the target, less strays.
     Few seeds leave next to no points on it: where there are fewer than 20, or they span no volume, the surface is a ball
     on the ground about the target, which is where and about as large as the vehicle was told.
     """
+    points = points_on_rock(points_m, config)
+    hull = _hull(points)
+    if hull is None:
+        points = ball(config)
+        hull = ConvexHull(points)
+    return ProxySurface(*sample_hull(points, hull, SAMPLES))
+
+
+def points_on_rock(points_m: Floats, config: MissionConfig) -> Floats:
+    """(K, 3) of points (N, 3) those above the ground within the dense stage's crop around the target, less strays."""
     offset = np.abs(points_m[:, :2] - config.target_m[:2])
     near = (offset.max(axis=1, initial=0.0) <= config.dense.crop_half_width_m) & (
         points_m[:, 2] > GROUND_CLEARANCE_M
@@ -57,17 +66,18 @@ def proxy_surface(points_m: Floats, config: MissionConfig) -> ProxySurface:
     if len(points) > STRAY_NEIGHBOURS:
         distance = cKDTree(points).query(points, k=STRAY_NEIGHBOURS + 1)[0][:, -1]
         points = points[distance <= STRAY_SPACINGS * np.median(distance)]
-    hull = _hull(points)
-    if hull is None:
-        points = _ball(config)
-        hull = ConvexHull(points)
-    corners, faces = points[hull.simplices], hull.simplices.copy()
+    return points
+
+
+def sample_hull(points_m: Floats, hull: ConvexHull, count: int) -> tuple[Floats, Floats]:
+    """Even samples (``count``, 3) of the hull of the points (N, 3), and their outward normals."""
+    corners, faces = points_m[hull.simplices], hull.simplices.copy()
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inward = (normals * hull.equations[:, :3]).sum(
         axis=1
     ) < 0  # Qhull's equations point out, its triangles need not
     faces[inward] = faces[inward, ::-1]
-    return ProxySurface(*sample_surface(points, faces, SAMPLES, SAMPLE_SEED))
+    return sample_surface(points_m, faces, count, SAMPLE_SEED)
 
 
 def _hull(points_m: Floats) -> ConvexHull | None:
@@ -79,7 +89,7 @@ def _hull(points_m: Floats) -> ConvexHull | None:
         return None
 
 
-def _ball(config: MissionConfig) -> Floats:
+def ball(config: MissionConfig) -> Floats:
     """(BALL_POINTS, 3) evenly on the sphere about the target that touches the ground (Fibonacci lattice)."""
     k = np.arange(BALL_POINTS) + 0.5
     up, bearing = 1.0 - 2.0 * k / BALL_POINTS, k * np.pi * (3.0 - np.sqrt(5.0))

@@ -10,16 +10,15 @@ from hypothesis import strategies as st
 from nbv.config import DenseConfig
 from nbv.dense.consistency import choose_witnesses
 from nbv.dense.stereo import choose_neighbours
-from nbv.geometric.completeness import (
+from nbv.geometric.completeness import best_so_far, within_reach
+from nbv.geometry.frames import look_at
+from nbv.geometry.stereo_chance import (
     DenseModel,
-    best_so_far,
     pairwise_angles_deg,
     reconstruction_probability,
     stereo_partners,
-    within_reach,
     witness_mask,
 )
-from nbv.geometry.frames import look_at
 
 DENSE = DenseConfig(agreeing_views=3)
 

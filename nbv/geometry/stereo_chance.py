@@ -1,0 +1,147 @@
+"""The chance that dense stereo reconstructs a place of a surface, from who sees it and at which angles alone.
+
+The rules are those of `nbv.dense`, as chances: a view is matched with its best ``dense.neighbours`` by
+angle, a sample gets a depth when one of these pairs matches there, and the depth is kept when enough of the
+``dense.consistency_views`` nearest views confirm it with depths of their own. A pair matches the less the
+more either view, or only one of them, looks at the surface at a grazing angle, and the fainter the
+texture is. As in the real stage, one more view can take the place of a better one.
+
+The low-fidelity simulator asks it of the true surface (`nbv.geometric.completeness`), the planner of the surface that it
+believes in (`nbv.scorers.prediction`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.config import DenseConfig
+from nbv.geometry.matchability import usable_angles
+from nbv.types import Floats
+
+Mask = NDArray[np.bool_]
+Floats32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class DenseModel:
+    """Free constants of the simulated dense stage.
+
+    Fitted by maximum likelihood to real depth maps, sample by sample (``research/geometric_calibration.py`` at
+    98aed9d; docs/results/low_fidelity.md).
+    """
+
+    incidence_deg: float = 76.4  # at this incidence a view is good for a match half the time
+    incidence_width_deg: float = 14.0
+    half_contrast: float = 0.0018  # at this local contrast half of the matches fail
+    angle_decay_per_deg: float = 0.0035  # of a pair's chance, with the angle between the two
+    slant_decay_per_deg: float = 0.0066  # with the difference of the two incidences
+    agreement: float = 0.893  # chance that a witness with a depth confirms
+    witness_incidence_deg: float = 91.1  # at which this is half of that
+    witness_incidence_width_deg: float = 25.6
+    agreement_sd: float = 1.81  # of the number of confirming views about its expectation
+
+
+def pairwise_angles_deg(directions: Floats) -> Floats:
+    """(V, V) angles between unit vectors (V, 3)."""
+    angles: Floats = np.rad2deg(np.arccos(np.clip(directions @ directions.T, -1.0, 1.0)))
+    return angles
+
+
+def stereo_partners(angle_deg: Floats, dense: DenseConfig) -> tuple[NDArray[np.intp], Mask]:
+    """(V, K) each view's partners, best first, and which of them are within the pair angles.
+
+    As `nbv.dense.stereo.choose_neighbours` has it, but for ``min_baseline_angle_deg``: directions do not tell which
+    view is in front. With 40 degrees (preset ``paper``) that concerns 2 to 6 pairs in a hundred.
+    """
+    off_best = np.abs(np.log(np.maximum(angle_deg, 1e-9) / dense.best_pair_angle_deg))
+    usable = usable_angles(angle_deg, dense)
+    off_best[~usable | np.eye(len(angle_deg), dtype=bool)] = np.inf
+    partner = np.argsort(off_best, axis=1, kind="stable")[:, : dense.neighbours]
+    return partner, np.isfinite(np.take_along_axis(off_best, partner, axis=1))
+
+
+def witness_mask(angle_deg: Floats, count: int) -> Mask:
+    """(V, V) the ``count`` other views nearest in direction, as `nbv.dense.consistency.choose_witnesses`."""
+    apart = angle_deg + np.where(np.eye(len(angle_deg), dtype=bool), np.inf, 0.0)
+    mask = np.zeros(angle_deg.shape, dtype=bool)
+    np.put_along_axis(mask, np.argsort(apart, axis=1, kind="stable")[:, :count], True, axis=1)
+    mask &= np.isfinite(apart)
+    return mask
+
+
+def reconstruction_probability(
+    seen: Mask,
+    incidence_deg: Floats | Floats32,
+    contrast: Floats,
+    directions: Floats,
+    dense: DenseConfig,
+    model: DenseModel,
+) -> Floats32:
+    """(S,) chance that each sample is reconstructed; 0 where no view sees it.
+
+    Parameters
+    ----------
+    seen, incidence_deg
+        (V, S): who sees what, and the angle between surface normal and line of sight.
+    contrast
+        (S,) local contrast (standard deviation of the shaded albedo, 0 to 1).
+    directions
+        (V, 3) unit vectors from the target to the cameras.
+    """
+    if len(seen) < 2:
+        return np.zeros(seen.shape[1], dtype=np.float32)
+    incidence: Floats32 = np.asarray(incidence_deg, dtype=np.float32)
+    angle_deg = pairwise_angles_deg(directions)
+    texture = (contrast / (contrast + model.half_contrast)).astype(np.float32)
+    good = good_view(seen, incidence, model)
+
+    partner, usable = stereo_partners(angle_deg, dense)
+    between = np.take_along_axis(angle_deg, partner, axis=1)
+    pair = np.where(usable, np.exp(-model.angle_decay_per_deg * between), 0.0).astype(np.float32)
+    no_depth = np.ones_like(good)
+    for k in range(partner.shape[1]):
+        other = partner[:, k]
+        slant = np.abs(incidence - incidence[other])
+        slant *= np.float32(-model.slant_decay_per_deg)
+        match = np.exp(slant, out=slant)
+        match *= good[other]
+        match *= good
+        match *= texture
+        match *= pair[:, k, None]
+        no_depth *= np.subtract(np.float32(1.0), match, out=match)
+    depth = np.subtract(np.float32(1.0), no_depth, out=no_depth)
+
+    width = np.float32(model.witness_incidence_width_deg)
+    confirms = logistic((np.float32(model.witness_incidence_deg) - incidence) / width)
+    confirms *= depth
+    witnesses = witness_mask(angle_deg, dense.consistency_views).astype(np.float32)
+    witnesses *= np.float32(model.agreement)
+    agreeing: Floats32 = witnesses @ confirms
+    agreeing += np.float32(1.5 - dense.agreeing_views)  # with the view itself; a count rounds at the half
+    # The logistic curve nearest to the normal distribution's.
+    agreeing *= np.float32(1.702 / model.agreement_sd)
+    kept = logistic(agreeing)
+    kept *= depth
+    lost = np.prod(np.subtract(np.float32(1.0), kept, out=kept), axis=0)
+    return np.subtract(np.float32(1.0), lost)
+
+
+def good_view(seen: Mask, incidence_deg: Floats32, model: DenseModel) -> Floats32:
+    """(V, S) of a pair's chance to match, what each view brings."""
+    steepness: Floats32 = np.float32(model.incidence_deg) - incidence_deg
+    steepness /= np.float32(model.incidence_width_deg)
+    good = logistic(steepness)
+    good *= seen
+    return good
+
+
+def logistic(x: Floats32) -> Floats32:
+    """1 / (1 + exp(-x)), in place."""
+    np.negative(x, out=x)
+    np.minimum(x, np.float32(80.0), out=x)  # exp must not overflow
+    np.exp(x, out=x)
+    x += np.float32(1.0)
+    return np.divide(np.float32(1.0), x, out=x)

@@ -1,0 +1,163 @@
+"""What the dense cloud will cover: a prediction from the sparse model alone.
+
+The surface that the vehicle believes in is the convex hull of the sparse points on the rock and of a smaller ball about
+the target, so that what no photograph has matched yet exists on it, too. On it the rules of dense stereo
+(`nbv.geometry.stereo_chance`) say what the registered views will reconstruct. What a hull cannot know, such as undersides
+and cracks, is learned: a logistic curve that was fitted to simulated missions on rocks of
+training seeds (``python -m research.predict_completeness fit``; docs/results/where_planning_pays.md).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from nbv.config import MissionConfig
+from nbv.geometry.frustum import in_frustum
+from nbv.geometry.matchability import usable_cosines
+from nbv.geometry.stereo_chance import DenseModel, good_view, reconstruction_probability
+from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG
+from nbv.scorers.matchable import FEWEST_POINTS, ball, points_on_rock, sample_hull
+from nbv.types import Floats
+from nbv.viewpoints import shell_viewpoints
+
+SAMPLES = 600
+BALL_WITHIN = 0.75  # of the ball about the target, where there are points enough
+CONTRAST = 0.02  # of the rock's texture, which nothing says: the median of the training rocks
+FEWEST_OBSERVING = 2
+_LEAST_SHARE = 0.005  # shares are kept this far from 0 and 1 where their logarithms are taken
+
+Mask = NDArray[np.bool_]
+Floats32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Log-odds of the completeness at 48 mm: ``intercept`` and a weight for each feature."""
+
+    intercept: float = 0.61
+    chance: float = 0.56  # of the log-odds of the mean chance on the believed surface
+    observable: float = 0.54  # of the log-odds of the share of the believed surface that cameras can see
+    log_height: float = -0.64  # of the logarithm of its height in metres
+
+
+CALIBRATION = Calibration()
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the registered views will reconstruct of the believed surface."""
+
+    samples_m: Floats  # (S, 3) the observable part of it, evenly
+    normals: Floats  # (S, 3)
+    chance: Floats32  # (S,) that a sample is reconstructed
+    observable_share: float  # of the whole believed surface
+    height_m: float  # of its top above the ground
+    good: Floats32  # (V, S) how good each registered view is for a match there
+    cameras_m: Floats  # (V, 3)
+    config: MissionConfig
+
+    @property
+    def completeness(self) -> float:
+        """Share of the rock's observable surface within 48 mm of the dense cloud, 0 to 1."""
+        weight = CALIBRATION
+        log_odds = (
+            weight.intercept
+            + weight.chance * _log_odds(float(self.chance.mean()))
+            + weight.observable * _log_odds(self.observable_share)
+            + weight.log_height * float(np.log(self.height_m))
+        )
+        return float(1.0 / (1.0 + np.exp(-log_odds)))
+
+    @property
+    def f_score_percent(self) -> float:
+        """The F-score at 48 mm, every reconstructed point taken for right."""
+        return 200.0 * self.completeness / (1.0 + self.completeness)
+
+    def mends(self, candidates_m: Floats) -> Floats:
+        """(C,) share of what will be missing that a view from each candidate (C, 3) would help to mend, in [0, 1].
+
+        A view helps where the surface will be missing, it sees it well, and a view so far sees it at an angle to be
+        matched with. Where there is none yet it helps half as much: the next one finds it there.
+        """
+        missing = np.float32(1.0) - self.chance
+        total = float(missing.sum())
+        if total <= 0.0 or len(candidates_m) == 0:
+            return np.zeros(len(candidates_m))
+        seen, incidence = _looks(self.samples_m, self.normals, candidates_m, self.config)
+        new = good_view(seen, incidence, DenseModel())
+        unmatched = np.log1p(-np.minimum(self.good, np.float32(0.999)))  # (V, S) of each view, were it a partner
+        partners = _matchable(candidates_m, self.cameras_m, self.config).astype(np.float32) @ unmatched
+        helps = np.float32(0.5) + np.float32(0.5) * (np.float32(1.0) - np.exp(partners))
+        mended: Floats = ((new * helps) @ missing).astype(float) / total
+        return mended
+
+
+def predict(points_m: Floats, cameras_m: Floats, config: MissionConfig) -> Prediction:
+    """What registered cameras (V, 3) will reconstruct of the surface around sparse points (N, 3)."""
+    points, hull = _believed_hull(points_m, config)
+    samples, normals = sample_hull(points, hull, SAMPLES)
+    above = samples[:, 2] > 0.0
+    samples, normals = samples[above], normals[above]
+    shell = np.array([view.position_m for view in shell_viewpoints(config)])
+    seen, _ = _looks(samples, normals, shell, config)
+    observable = seen.sum(axis=0) >= FEWEST_OBSERVING
+    share = float(observable.mean()) if len(samples) else 0.0
+    samples, normals = samples[observable], normals[observable]
+    seen, incidence = _looks(samples, normals, cameras_m, config)
+    chance = reconstruction_probability(
+        seen,
+        incidence,
+        np.full(len(samples), CONTRAST),
+        _directions(cameras_m, config),
+        config.dense,
+        DenseModel(),
+    )
+    return Prediction(
+        samples_m=samples,
+        normals=normals,
+        chance=chance,
+        observable_share=share,
+        height_m=max(float(points[:, 2].max()), 0.1),
+        good=good_view(seen, incidence, DenseModel()),
+        cameras_m=cameras_m,
+        config=config,
+    )
+
+
+def _believed_hull(points_m: Floats, config: MissionConfig) -> tuple[Floats, ConvexHull]:
+    on_rock = points_on_rock(points_m, config)
+    target, sphere = np.array(config.target_m), ball(config)
+    if len(on_rock) >= FEWEST_POINTS:
+        sphere = target + BALL_WITHIN * (sphere - target)
+    points = np.concatenate([on_rock, sphere])
+    return points, ConvexHull(points)
+
+
+def _looks(samples_m: Floats, normals: Floats, cameras_m: Floats, config: MissionConfig) -> tuple[Mask, Floats32]:
+    """(V, S) whether each camera, aimed at the target, sees each sample, and the incidence (degrees)."""
+    to_camera = cameras_m[:, None].astype(np.float32) - samples_m.astype(np.float32)
+    cosine = np.einsum("vsk,sk->vs", to_camera, normals.astype(np.float32))
+    cosine /= np.sqrt(np.einsum("vsk,vsk->vs", to_camera, to_camera))
+    incidence: Floats32 = np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
+    inside = in_frustum(samples_m, cameras_m, np.array(config.target_m), config.camera).T
+    return inside & (incidence <= OBSERVABLE_MAX_INCIDENCE_DEG), incidence
+
+
+def _directions(cameras_m: Floats, config: MissionConfig) -> Floats:
+    directions = cameras_m - np.array(config.target_m)
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def _matchable(candidates_m: Floats, cameras_m: Floats, config: MissionConfig) -> Mask:
+    """(C, V) whether two views lie within the pair angles, as seen from the target."""
+    cosine = _directions(candidates_m, config) @ _directions(cameras_m, config).T
+    return usable_cosines(cosine, config.dense)
+
+
+def _log_odds(share: float) -> float:
+    inside = min(max(share, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
+    return float(np.log(inside / (1.0 - inside)))

@@ -1,0 +1,99 @@
+"""What the studies of adaptive plans share: generated rocks whose place and size are known, and plans to fly there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from nbv.cache import Store
+from nbv.config import MissionConfig, load_condition, preset, under
+from nbv.geometric.mission import GeometricFidelity
+from nbv.mission.fidelity import Fidelity, MissionContext
+from nbv.mission.flying import fly_mission
+from nbv.mission.result import MissionResult
+from nbv.photogrammetric.mission import PhotogrammetricFidelity
+from nbv.rocks import load_rock
+from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, VALIDATION_FROM
+from nbv.types import Capture, Cloud, SparseModel, UpdateReport
+
+FIRST_SEED = {"train": 0, "validation": VALIDATION_FROM, "held-out": HELD_OUT_FROM}
+FIDELITIES = {"geometric": GeometricFidelity, "photogrammetric": PhotogrammetricFidelity}
+CROP_MARGIN_M = 0.1
+BASE: dict[str, Any] = {
+    "dense.agreeing_views": 3,
+    "sparse.ground_features": 2000,
+    "sparse.min_registered_seeds": 6,
+    "seed.radius_m": 3.5,
+    "seed.lowest_deg": 10.0,
+    "stop.adaptive_budget": 0,
+    "stop.criterion": "budget",
+    **{f"matchable.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
+}
+
+
+def rocks_of(split: str, per_family: int, first: int = 0) -> list[str]:
+    """The first so many rocks of every family in a split, family by family within a seed."""
+    start = FIRST_SEED[split] + first
+    return [f"{family}-{seed}" for seed in range(start, start + per_family) for family in FAMILIES]
+
+
+def known(rock: str, condition: str = "ideal", **values: Any) -> MissionConfig:
+    """The base configuration about a rock whose place and size are known: aim at its middle, crop beyond its ends."""
+    vertices_m = load_rock(rock, Store()).vertices_m
+    height_m = float(vertices_m[:, 2].max())
+    reach_m = max(1.5, float(abs(vertices_m[:, :2]).max()) + CROP_MARGIN_M, height_m / 2 + CROP_MARGIN_M)
+    about = {
+        "target_m": (0.0, 0.0, round(height_m / 2, 3)),
+        "dense.crop_half_width_m": round(reach_m, 3),
+        "evaluation.crop_half_extent_m": round(reach_m, 3),
+    }
+    return under(preset("campaign").with_values({**BASE, **about, **values}), load_condition(condition))
+
+
+@dataclass(frozen=True)
+class Flown:
+    """A mission and the sparse model that it ended with; None where it had none."""
+
+    result: MissionResult
+    model: SparseModel | None
+    believed: MissionConfig  # what it planned by, the target as it was found
+
+
+class _Kept:
+    """Implements ``nbv.types.Reconstructor``: another one, whose last model is kept."""
+
+    def __init__(self, inner: Any) -> None:
+        self._inner, self.model = inner, None
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._inner, name)
+
+    def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
+        return self._keep(self._inner.bootstrap(captures))
+
+    def add(self, capture: Capture) -> UpdateReport:
+        return self._keep(self._inner.add(capture))
+
+    def finish(self) -> Cloud:
+        cloud: Cloud = self._inner.finish()
+        return cloud
+
+    def _keep(self, report: UpdateReport) -> UpdateReport:
+        self.model = report.model
+        return report
+
+
+def fly(config: MissionConfig, rock: str, fidelity: str = "geometric", replicate: int = 0) -> Flown:
+    """One mission in this process; nothing is written."""
+    kept: list[Any] = []
+
+    def make(context: MissionContext) -> Fidelity:
+        made = FIDELITIES[fidelity](context)
+        reconstructor = _Kept(made.reconstructor)
+        made.reconstructor = reconstructor  # type: ignore[assignment]
+        kept[:] = [reconstructor, made]
+        return made  # type: ignore[return-value]
+
+    result = fly_mission(make, config, rock, replicate)
+    return Flown(result, kept[0].model, kept[1].believed)
