@@ -41,7 +41,17 @@ PLANS: dict[str, dict[str, Any]] = {
     "12+8": {"seed.count": 12, "stop.adaptive_budget": 8, "gate.kind": "predicted"},
     "16+16": {"seed.count": 16, "stop.adaptive_budget": 16, "gate.kind": "predicted"},
 }
-HEAD = ("rock", "plan", "fidelity", "photographs", "completeness", "chance", "observable", "height_m", "predicted")
+HEAD = (
+    "rock",
+    "plan",
+    "fidelity",
+    "photographs",
+    "completeness",
+    "chance",
+    "observable",
+    "height_m",
+    "predicted",
+)
 
 
 def states(rocks: list[str], fidelity: str, plans: list[str]) -> list[dict[str, Any]]:
@@ -143,7 +153,9 @@ def main() -> None:
         for family in families:
             of_family = [row for row in rows if row["rock"].startswith(family)]
             off = column(of_family, "predicted") - column(of_family, "completeness")
-            print(f"{family}: {100 * off.mean():+.1f} points in the mean, {100 * np.abs(off).mean():.1f} absolute")
+            print(
+                f"{family}: {100 * off.mean():+.1f} points in the mean, {100 * np.abs(off).mean():.1f} absolute"
+            )
     if arguments.out is not None:
         with arguments.out.open("w", newline="") as file:
             writer = csv.DictWriter(file, HEAD)

@@ -12,9 +12,9 @@ from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.flight import arrival_position
 from nbv.geometric.completeness import sample_probability
-from nbv.geometry.stereo_chance import DenseModel
 from nbv.geometric.held_worlds import world_of
 from nbv.geometric.metrics import predicted_metrics
+from nbv.geometry.stereo_chance import DenseModel
 from nbv.rocks import load_coarse_rock
 from nbv.terrain import buried_rock
 from nbv.viewpoints import raw_candidates, seed_viewpoints

@@ -10,10 +10,10 @@ import numpy as np
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.geometric.completeness import sample_probability
-from nbv.geometry.stereo_chance import DenseModel
 from nbv.geometric.landmarks import Draw, FeatureModel, landmarks_of
 from nbv.geometric.tracks import Tracks
 from nbv.geometric.world import GeometricWorld
+from nbv.geometry.stereo_chance import DenseModel
 from nbv.types import Capture, Floats, PointCloud, SparseModel, UpdateReport
 
 MIN_TRIANGULATION_ANGLE_DEG = 1.5  # COLMAP's default

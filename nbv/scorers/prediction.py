@@ -89,7 +89,9 @@ class Prediction:
             return np.zeros(len(candidates_m))
         seen, incidence = _looks(self.samples_m, self.normals, candidates_m, self.config)
         new = good_view(seen, incidence, DenseModel())
-        unmatched = np.log1p(-np.minimum(self.good, np.float32(0.999)))  # (V, S) of each view, were it a partner
+        unmatched = np.log1p(
+            -np.minimum(self.good, np.float32(0.999))
+        )  # (V, S) of each view, were it a partner
         partners = _matchable(candidates_m, self.cameras_m, self.config).astype(np.float32) @ unmatched
         helps = np.float32(0.5) + np.float32(0.5) * (np.float32(1.0) - np.exp(partners))
         mended: Floats = ((new * helps) @ missing).astype(float) / total
@@ -137,7 +139,9 @@ def _believed_hull(points_m: Floats, config: MissionConfig) -> tuple[Floats, Con
     return points, ConvexHull(points)
 
 
-def _looks(samples_m: Floats, normals: Floats, cameras_m: Floats, config: MissionConfig) -> tuple[Mask, Floats32]:
+def _looks(
+    samples_m: Floats, normals: Floats, cameras_m: Floats, config: MissionConfig
+) -> tuple[Mask, Floats32]:
     """(V, S) whether each camera, aimed at the target, sees each sample, and the incidence (degrees)."""
     to_camera = cameras_m[:, None].astype(np.float32) - samples_m.astype(np.float32)
     cosine = np.einsum("vsk,sk->vs", to_camera, normals.astype(np.float32))

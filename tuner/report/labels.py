@@ -160,6 +160,7 @@ def strategy_label(kind: str) -> str:
         "covis": "Covis",
         "b-aware": "B-aware",
         "matchable": "Matchable",
+        "predicted": "Predicted repair",
         "hyb-h": "Hyb-H",
         "hyb-o": "Hyb-O",
         "greedy-oracle": "Greedy oracle",

@@ -25,7 +25,7 @@ ADDED_SINCE_VERSION_1 = {
         "upper_share",
         "reaim_after",
     ),
-    "stop": ("max_photographs", "min_gain_percent"),
+    "stop": ("max_photographs", "predicted_percent", "min_gain_percent"),
     "sparse": (
         "ground_features",
         "min_ransac_trials",
@@ -90,7 +90,9 @@ def test_a_file_with_an_old_name_is_told_the_new_one(name: str) -> None:
 
 
 def test_names_are_checked_when_a_configuration_is_read() -> None:
-    with pytest.raises(UserError, match=r"gate\.kind is 'hybh'; allowed: covis, b-aware, matchable, hyb-h"):
+    with pytest.raises(
+        UserError, match=r"gate\.kind is 'hybh'; allowed: covis, b-aware, matchable, predicted, hyb-h"
+    ):
         MissionConfig().with_values({"gate.kind": "hybh"})
     with pytest.raises(UserError, match=r"gate\.geometry_scorer is 'hyb-h'; allowed: covis"):
         MissionConfig().with_values({"gate.geometry_scorer": "hyb-h"})

@@ -19,8 +19,9 @@ def config(kind: str, **values: object) -> MissionConfig:
 
 @pytest.mark.parametrize("kind", list(SCORERS))
 def test_every_scorers_name_flies_it_alone(kind: str) -> None:
-    both = {**rankings(0, 1, len(pool())), "matchable": rankings(0, 2, len(pool()))["b-aware"]}
-    assert make_gate(config(kind)).decide(state(), pool(), both).ranking is both[kind]
+    ours = {name: rankings(0, 2, len(pool()))["b-aware"] for name in ("matchable", "predicted")}
+    every = {**rankings(0, 1, len(pool())), **ours}
+    assert make_gate(config(kind)).decide(state(), pool(), every).ranking is every[kind]
 
 
 @pytest.mark.parametrize(

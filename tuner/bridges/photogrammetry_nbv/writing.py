@@ -140,10 +140,12 @@ def write_mission(
     # Down is positive there: the upper limit of height is the lower one of z, and the other way round.
     values["min_altitude_ned"] = -config.pool.max_altitude_m
     values["max_altitude_ned"] = -config.pool.min_altitude_m
-    values["stopping_criterion"] = CRITERION_OF_OURS[config.stop.criterion]
+    values["stopping_criterion"] = CRITERION_OF_OURS.get(config.stop.criterion, "image_budget")
+    if config.stop.criterion == "predicted":
+        remarks.append(Remark("stop.predicted_percent", "theirs predicts no completeness"))
     values["position_tolerance_z"] = values["position_tolerance_xy"]
     values["max_image_budget"] = max(values["max_image_budget"], config.adaptive_budget)
-    if config.stop.criterion != "budget":
+    if config.stop.criterion in ("both", "knn"):
         remarks.append(Remark("stop.knn_threshold_m", UNITS_OF_KNN))
     return {key.path: values[key.path] for key in MISSION}, remarks
 

@@ -1,0 +1,96 @@
+"""What the dense cloud will cover, predicted from the sparse model alone: closed forms, order, whole missions."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from nbv.config import preset
+from nbv.errors import UserError
+from nbv.geometric import run_geometric_mission
+from nbv.scorers.prediction import predict
+
+CONFIG = preset("campaign").with_values({"dense.agreeing_views": 3})
+NO_POINTS = np.zeros((0, 3))
+
+
+def orbit(count, elevation_deg=10.0, radius_m=3.5, turn_deg=360.0):
+    bearing = np.deg2rad(turn_deg) * np.arange(count) / count
+    level = radius_m * np.cos(np.deg2rad(elevation_deg))
+    height = np.full(count, CONFIG.target_m[2] + radius_m * np.sin(np.deg2rad(elevation_deg)))
+    return np.column_stack([level * np.cos(bearing), level * np.sin(bearing), height])
+
+
+def test_without_two_views_nothing_is_covered_and_any_view_mends_what_it_sees():
+    made = predict(NO_POINTS, orbit(1), CONFIG)
+    assert made.chance.max() == 0.0 and made.completeness < 0.3
+    assert (
+        np.ptp(made.mends(orbit(8))) < 0.3 * made.mends(orbit(8)).max()
+    )  # a ball looks alike from everywhere
+
+
+def test_the_f_score_is_that_of_the_completeness_with_every_point_right():
+    made = predict(NO_POINTS, orbit(12), CONFIG)
+    assert made.f_score_percent == pytest.approx(200 * made.completeness / (1 + made.completeness))
+
+
+def test_half_an_orbit_covers_its_half_and_the_other_half_mends_most():
+    made = predict(NO_POINTS, orbit(12, turn_deg=180.0), CONFIG)  # bearings 0 to 165 degrees: y > 0
+    level = np.abs(made.normals[:, 2]) < 0.3
+    assert made.chance[level & (made.normals[:, 1] > 0.5)].mean() > 0.9
+    assert made.chance[level & (made.normals[:, 1] < -0.5)].mean() < 0.2
+    mends = made.mends(orbit(24))
+    assert orbit(24)[np.argmax(mends), 1] < 0 and mends.min() >= 0.0 and mends.max() <= 1.0
+    again = predict(NO_POINTS, np.concatenate([orbit(12, turn_deg=180.0), orbit(12)]), CONFIG)
+    assert again.f_score_percent > made.f_score_percent + 3
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(8, 20), st.floats(0.0, 40.0))
+def test_twice_the_views_are_never_predicted_to_cover_less(count, elevation_deg):
+    few, many = (predict(NO_POINTS, orbit(n, elevation_deg), CONFIG) for n in (count, 2 * count))
+    assert many.completeness >= few.completeness - 0.01
+
+
+def test_points_that_reach_higher_make_a_higher_surface():
+    rng = np.random.default_rng(0)
+    tall = rng.normal(size=(200, 3))
+    tall = tall / np.linalg.norm(tall, axis=1, keepdims=True) * [0.5, 0.5, 1.2] + [0.0, 0.0, 1.25]
+    made = predict(tall, orbit(12), CONFIG)
+    assert 2.3 < made.height_m < 2.5 and made.samples_m[:, 2].max() <= made.height_m
+    assert predict(NO_POINTS, orbit(12), CONFIG).height_m < 1.7  # the ball on the ground about the target
+
+
+def flown(**values):
+    config = CONFIG.with_values(
+        {
+            "seed.count": 12,
+            "seed.radius_m": 3.5,
+            "sparse.ground_features": 2000,
+            "sparse.min_registered_seeds": 6,
+            "gate.kind": "predicted",
+            "stop.criterion": "predicted",
+            "stop.adaptive_budget": 12,
+            **{f"matchable.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
+            **values,
+        }
+    )
+    return run_geometric_mission(config, "slab", 0)
+
+
+@pytest.mark.slow
+def test_a_mission_ends_when_enough_is_predicted_and_goes_on_where_it_is_not():
+    early, never = flown(**{"stop.predicted_percent": 97.0}), flown(**{"stop.predicted_percent": 100.0})
+    assert 12 <= early.costs["images"] < 24 == never.costs["images"]
+    assert {record.scorer for record in never.trace} == {"predicted"}
+    assert early.metric("observable.f_score_48mm") > 96.0
+    aimless = flown(**{"stop.predicted_percent": 100.0, "gate.kind": "movement-only"})
+    assert never.metric("observable.f_score_48mm") > aimless.metric("observable.f_score_48mm")
+
+
+def test_a_threshold_beyond_all_is_refused():
+    for value in (0.0, 100.5):
+        with pytest.raises(UserError, match="predicted_percent"):
+            dataclasses.replace(CONFIG.stop, predicted_percent=value)
