@@ -183,9 +183,16 @@ class LazyCloud:
 class CachedReconstructor(PhotogrammetricReconstructor):
     """`PhotogrammetricReconstructor`; features, pairs, models, and which clouds there are, are kept in ``store``."""
 
-    def __init__(self, config: MissionConfig, store: Store, *, keep_sparse: bool = True) -> None:
+    def __init__(
+        self,
+        config: MissionConfig,
+        store: Store,
+        *,
+        keep_sparse: bool = True,
+        half_extents_m: tuple[float, float, float] | None = None,
+    ) -> None:
         self._store = store
-        super().__init__(config, keep_sparse=keep_sparse)
+        super().__init__(config, keep_sparse=keep_sparse, half_extents_m=half_extents_m)
 
     def _new_sparse(self, options: SparseConfig) -> CachedSparse:
         camera, target_m, telemetry = self._config.camera, self._config.target_m, self._config.telemetry
@@ -203,7 +210,8 @@ class CachedReconstructor(PhotogrammetricReconstructor):
     def _cloud_key(self) -> str:
         sparse, config = self._mapped(), self._config
         assert isinstance(sparse, CachedSparse)
-        return address("nbv.dense", sparse.key, config.camera, list(config.target_m), config.dense)
+        box = [] if self._half_extents_m is None else [self._half_extents_m]
+        return address("nbv.dense", sparse.key, config.camera, list(config.target_m), config.dense, *box)
 
 
 class CachedEvaluation:

@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from nbv.config import MissionConfig, SparseConfig
 from nbv.dense.reconstruct import CheckedDepths, check_depths
 from nbv.errors import MissionFailure
@@ -31,9 +33,18 @@ class PhotogrammetricReconstructor:
     keep_sparse
         Whether the sparse model can be exported after the dense stage. If not, it is let go once its poses are
         known, with all features and matches, since fusion decides how much memory a mission takes.
+    half_extents_m
+        Of a box about the target, near whose points alone ``dense.search`` "sparse" seeks depths; by default the crop.
     """
 
-    def __init__(self, config: MissionConfig, *, keep_sparse: bool = True) -> None:
+    def __init__(
+        self,
+        config: MissionConfig,
+        *,
+        keep_sparse: bool = True,
+        half_extents_m: tuple[float, float, float] | None = None,
+    ) -> None:
+        self._half_extents_m = half_extents_m
         self._config = config
         self._keep_sparse = keep_sparse
         self._sparse: SparseReconstructor | None = self._new_sparse(config.sparse)
@@ -84,6 +95,9 @@ class PhotogrammetricReconstructor:
     def _fuse(self) -> PointCloud:
         poses = self._mapped().world_camera_poses()
         points_m = self._mapped().world_points_m() if self._config.dense.search == "sparse" else None
+        if points_m is not None and self._half_extents_m is not None:
+            inside = np.abs(points_m - self._config.target_m) <= self._half_extents_m
+            points_m = points_m[inside.all(axis=1)]
         if not self._keep_sparse:
             self._sparse = None
             give_back_freed_memory()

@@ -24,7 +24,7 @@ from nbv.mission.run_directory import LOCATED, RunDirectory
 from nbv.photogrammetric import PhotogrammetricReconstructor
 from nbv.photogrammetric.cached_sequences import CachedReconstructor, LazyCloud
 from nbv.photographs.camera import PhotographCamera
-from nbv.photographs.evaluation import measure_cloud
+from nbv.photographs.evaluation import MARGIN, measure_cloud
 from nbv.photographs.expressible import require_expressible
 from nbv.photographs.kept_out import SHARE, judge_kept_out, kept_out
 from nbv.photographs.oracle import TrackOracle
@@ -64,11 +64,15 @@ class PhotographFidelity:
             self.photographs, self._takeable, self.viewpoints, config, key, context.replicate
         )
         self.camera: Camera = self._camera
+        x_m, y_m, z_m = (
+            extent_m / 2 + MARGIN * self.photographs.height_m for extent_m in self.photographs.extents_m
+        )
+        box_m = (x_m, y_m, z_m)
         # The sparse model is asked, after the dense stage, where the photographs kept out were taken.
         self.reconstructor = (
-            PhotogrammetricReconstructor(self.believed)
+            PhotogrammetricReconstructor(self.believed, half_extents_m=box_m)
             if context.store is None
-            else CachedReconstructor(self.believed, context.store)
+            else CachedReconstructor(self.believed, context.store, half_extents_m=box_m)
         )
         self.facts = {
             "photographs": len(self._takeable),
