@@ -36,7 +36,7 @@ _GROUND_TRUTH, _FLOORS = build_ground_truth.__module__, hausdorff_floors.__modul
 class Evaluation:
     """What `evaluate_cloud` found."""
 
-    metrics: dict[str, Any]  # see `nbv.evaluation.metrics.Metrics`
+    metrics: dict[str, Any]  # see `nbv.evaluation.metrics.compute_metrics`
     cleaning: dict[str, float]  # points after each cleaning step
     _make_cleaned: Callable[[], PointCloud]
 
@@ -134,9 +134,7 @@ def evaluate_cloud(cloud: Cloud, rock: Rock, config: MissionConfig, store: Store
 
     def measure(measured: PointCloud) -> dict[str, Any]:
         to_surface_m = caster.distances_m(measured.points_m)
-        return compute_metrics(
-            measured, truth, config.evaluation, config.target_m, to_surface_m, floors
-        ).to_dict()
+        return compute_metrics(measured, truth, config.evaluation, config.target_m, to_surface_m, floors)
 
     metrics = measure(cleaned)
     if not config.telemetry.is_exact:

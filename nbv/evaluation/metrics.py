@@ -16,11 +16,9 @@ al. 2017, Eq. 4 to 8). The authors' code uses "at most"; on measured distances t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
@@ -31,34 +29,6 @@ from nbv.evaluation.voxels import voxel_scores
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.types import Floats, PointCloud
 
-PAPER_CODE_GATE_M = 0.05
-
-
-@dataclass(frozen=True)
-class Metrics:
-    """All scores of one cleaned cloud.
-
-    ``whole`` and ``observable`` are what a mission reports: after the ground-truth gate if
-    ``EvaluationConfig.gt_gate_m`` turns it on, else without. ``ungated`` and ``gated`` hold both variants
-    by name; ``gated`` uses the configured gate, or 50 mm if that is off, and is None when the gate leaves
-    no point. Of these only the one that is reported has Tanks and Temples' scores, the other None.
-
-    Each surface holds the metrics of `nbv.evaluation.registry`; ``n_gt_samples``; and, where floors were given, what a
-    perfect reconstruction of this rock would get: ``hausdorff_{direction}_floor_mm``.
-    """
-
-    n_points: int
-    gt_gate_m: float
-    sector_centers_deg: list[float]
-    whole: dict[str, Any]
-    observable: dict[str, Any]
-    ungated: dict[str, Any]
-    gated: dict[str, Any] | None
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain dictionary, ready for JSON."""
-        return asdict(self)
-
 
 def compute_metrics(
     cloud: PointCloud,
@@ -67,8 +37,8 @@ def compute_metrics(
     target_m: tuple[float, float, float] | Floats = (0.0, 0.0, 0.8),
     to_surface_m: Floats | None = None,
     floors: Mapping[str, Mapping[str, float]] | None = None,
-) -> Metrics:
-    """Score a cleaned cloud against the reference.
+) -> dict[str, Any]:
+    """Score a cleaned cloud against the reference: after the ground-truth gate, if ``gt_gate_m`` turns it on.
 
     Parameters
     ----------
@@ -84,6 +54,11 @@ def compute_metrics(
         ``cloud -> gt`` distance (several millimetres at 50,000 samples on a 1.6 m rock).
     floors
         By surface, values of the rock itself to report beside the scores (`nbv.evaluation.floor`).
+
+    Returns
+    -------
+    ``n_points`` that were measured, ``gt_gate_m``, ``sector_centers_deg``, and for each surface, ``whole`` and
+    ``observable``, the metrics of `nbv.evaluation.registry`, ``n_gt_samples`` and what ``floors`` has of it.
 
     Raises
     ------
@@ -106,54 +81,25 @@ def compute_metrics(
         to_gt = np.asarray(to_surface_m, dtype=float)
         if to_gt.shape != (len(points),):
             raise ValueError(f"to_surface_m has shape {to_gt.shape}, the cloud {len(points)} points")
-    to_cloud, nearest = nearest_neighbours(points, truth.points_m)
+    if config.gt_gate_m > 0:
+        kept = to_gt <= config.gt_gate_m
+        points, to_gt = points[kept], to_gt[kept]
+        if len(points) == 0:
+            raise MissionFailure(
+                "empty_cloud",
+                f"no reconstructed point lies within the {1000 * config.gt_gate_m:.0f} mm ground-truth gate",
+            )
+    to_cloud, _ = nearest_neighbours(points, truth.points_m)
     sectors = azimuth_sectors(truth.points_m, target_m, config.azimuth_sectors)
-    gates = config.gt_gate_m > 0
-    ungated = _variant(None if gates else points, to_cloud, to_gt, truth, sectors, config, floors or {})
-
-    gate_m = config.gt_gate_m if gates else PAPER_CODE_GATE_M
-    kept = to_gt <= gate_m
-    gated = None
-    if kept.any():
-        # Only samples whose nearest point the gate removed need another query.
-        gated_to_cloud = to_cloud.copy()
-        orphans = ~kept[nearest]
-        if orphans.any():
-            gated_to_cloud[orphans], _ = nearest_neighbours(points[kept], truth.points_m[orphans])
-        gated_points = points[kept] if gates else None
-        variant = _variant(gated_points, gated_to_cloud, to_gt[kept], truth, sectors, config, floors or {})
-        gated = {"gt_gate_m": gate_m, **variant}
-    if gates and gated is None:
-        raise MissionFailure(
-            "empty_cloud", f"no reconstructed point lies within the {1000 * gate_m:.0f} mm ground-truth gate"
-        )
-    headline = gated if gates and gated is not None else ungated
-    return Metrics(
-        n_points=headline["n_points"],
-        gt_gate_m=config.gt_gate_m,
-        sector_centers_deg=sector_centers_deg(config.azimuth_sectors).tolist(),
-        whole=headline["whole"],
-        observable=headline["observable"],
-        ungated=ungated,
-        gated=gated,
-    )
-
-
-def _variant(
-    points_m: Floats | None,
-    to_cloud_m: Floats,
-    to_gt_m: Floats,
-    truth: GroundTruthSamples,
-    sectors: NDArray[np.int64],
-    config: EvaluationConfig,
-    floors: Mapping[str, Mapping[str, float]],
-) -> dict[str, Any]:
-    everything = np.ones(len(to_cloud_m), dtype=bool)
-    out: dict[str, Any] = {"n_points": len(to_gt_m)}
-    # The most expensive scores, so only of the variant that the mission reports.
-    voxels = {} if points_m is None else {t: voxel_scores(points_m, truth, t) for t in config.thresholds_mm}
-    for name, mask in (("whole", everything), ("observable", truth.observable)):
+    voxels = {t: voxel_scores(points, truth, t) for t in config.thresholds_mm}
+    metrics: dict[str, Any] = {
+        "n_points": len(points),
+        "gt_gate_m": config.gt_gate_m,
+        "sector_centers_deg": sector_centers_deg(config.azimuth_sectors).tolist(),
+    }
+    for name, mask in (("whole", np.ones(len(to_cloud), dtype=bool)), ("observable", truth.observable)):
         by_voxel = {t: scores[name] for t, scores in voxels.items()}
-        distances = Distances(1000.0 * to_cloud_m[mask], 1000.0 * to_gt_m, sectors[mask], config, by_voxel)
-        out[name] = {**measure_all(distances), "n_gt_samples": int(mask.sum()), **floors.get(name, {})}
-    return out
+        distances = Distances(1000.0 * to_cloud[mask], 1000.0 * to_gt, sectors[mask], config, by_voxel)
+        floor = {} if floors is None else floors.get(name, {})
+        metrics[name] = {**measure_all(distances), "n_gt_samples": int(mask.sum()), **floor}
+    return metrics

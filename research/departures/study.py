@@ -177,11 +177,9 @@ class DepartureFindings(StudyFindings[DepartureSettings]):
         }
 
 
-def metric_key(row: MetricRow, surface: str, variant: str = "") -> str:
+def metric_key(row: MetricRow, surface: str) -> str:
     """Path of ``row`` in a mission's metrics."""
-    if row.key.startswith("costs."):
-        return row.key
-    return ".".join(part for part in (variant, surface, row.key) if part)
+    return row.key if row.key.startswith("costs.") else f"{surface}.{row.key}"
 
 
 def analyse(directory: Path) -> DepartureFindings:
@@ -200,7 +198,7 @@ def analyse(directory: Path) -> DepartureFindings:
 
     bases = []
     for strategy in [s for s in plan.strategies if s.startswith("base-")]:
-        own = {row.key: values(strategy, row, settings.surface, "") for row in METRICS}
+        own = {row.key: values(strategy, row, settings.surface) for row in METRICS}
         cells = {key: mean_interval(by_rock(found)) for key, found in own.items()}
         share = mean_interval(by_rock(per_block(traces.get(strategy, {}), b_aware_share)))
         bases.append(BaseResult(strategy, cells, share, len(traces.get(strategy, {}))))
@@ -210,8 +208,8 @@ def analyse(directory: Path) -> DepartureFindings:
         strategy, reference = settings.strategy(d), settings.reference(d)
         differences = {
             row.key: paired_difference(
-                values(strategy, row, d.surface or settings.surface, d.variant),
-                values(reference, row, settings.surface, ""),
+                values(strategy, row, d.surface or settings.surface),
+                values(reference, row, settings.surface),
                 row.higher_is_better,
             )
             for row in METRICS
@@ -242,6 +240,5 @@ def _values(
     strategy: str,
     row: MetricRow,
     surface: str,
-    variant: str,
 ) -> dict[Block, float]:
-    return values_of(records, strategy, metric_key(row, surface, variant))
+    return values_of(records, strategy, metric_key(row, surface))

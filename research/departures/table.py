@@ -19,7 +19,6 @@ class Departure:
     origin: Origin  # who does it this way
     values: dict[str, Any] = field(default_factory=dict)
     gate: str = ""  # flown with, and compared with, this gate instead of the base's
-    variant: str = ""  # "gated": read those scores of the mission instead of its headline
     surface: str = ""  # read another surface than the study's
 
     @property
@@ -30,7 +29,7 @@ class Departure:
     def applies(self, base: MissionConfig, surface: str) -> bool:
         """Whether it changes anything about ``base`` as measured on ``surface``."""
         if self.reads_only:
-            return bool(self.variant) or self.surface != surface
+            return self.surface != surface
         return base.with_values(self.values) != base
 
 
@@ -87,9 +86,9 @@ DEPARTURES: dict[str, Departure] = {
         ),
         Departure(
             "gt-gate",
-            "points farther than 50 mm from the ground truth deleted before the metrics (no flight)",
+            "points farther than 50 mm from the ground truth deleted before the metrics",
             "public code",
-            variant="gated",
+            {"evaluation.gt_gate_m": 0.05},
         ),
         Departure(
             "whole-surface",
@@ -134,16 +133,14 @@ DEPARTURES: dict[str, Departure] = {
             "paper-code-ungated",
             "the same flight, measured without the 50 mm gate",
             "public code",
-            PAPER_CODE,
-            variant="ungated",
+            {**PAPER_CODE, "evaluation.gt_gate_m": 0.0},
         ),
         Departure(
             "paper-code-oracle",
             "the same together under Hyb-O, measured without the 50 mm gate",
             "public code",
-            PAPER_CODE,
+            {**PAPER_CODE, "evaluation.gt_gate_m": 0.0},
             gate="hyb-o",
-            variant="ungated",
         ),
     )
 }

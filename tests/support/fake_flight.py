@@ -47,18 +47,12 @@ def fake_mission(
         chosen[-1] = "cand_99"
     if ring_gone:
         chosen = [f"cand_5{i}" for i in range(BUDGET)]
-    gate_on = config.evaluation.gt_gate_m > 0
-    surfaces = {
-        variant: {
-            "observable": scores(f_score + bonus),
-            "whole": scores(f_score + bonus - 5.0),
-        }
-        for variant, bonus in (("ungated", 0.0), ("gated", 3.0))
-    }
-    headline = surfaces["gated" if gate_on else "ungated"]
+    if config.evaluation.gt_gate_m > 0:
+        f_score += 3.0
+    surfaces = {"observable": scores(f_score), "whole": scores(f_score - 5.0)}
     note_flight(directory)
     return dataclasses.replace(
-        well_flown(config, rock, replicate, {**headline, **surfaces}),
+        well_flown(config, rock, replicate, surfaces),
         trace=[record(config, i, chosen[i]) for i in range(BUDGET)],
         timings_s={},
         costs={"wall_s": 10.0, "flight_time_s": 150.0},

@@ -21,7 +21,6 @@ COSTS = {
     "energy_wh": ("Energy", "Wh"),
     "wall_s": ("Computing", "s"),
 }
-VARIANTS = {"gated": "after the ground-truth gate", "ungated": "without ground-truth gate"}
 
 
 @dataclass(frozen=True)
@@ -107,7 +106,7 @@ def metric_label(path: str) -> MetricLabel:
         if key in COSTS:
             name, unit = COSTS[key]
             return MetricLabel(name, unit, "", False)
-    surface = ", ".join(SURFACES.get(part) or VARIANTS.get(part) or part for part in reversed(prefix))
+    surface = ", ".join(SURFACES.get(part) or part for part in reversed(prefix))
     floor = "_floor_mm" if key.endswith("_floor_mm") else ""
     if found := find_metric(f"{key.removesuffix(floor)}_mm" if floor else key):
         metric, name = found

@@ -73,7 +73,7 @@ def plane(spacing=0.01, z=0.0):
 
 def test_a_surface_against_itself_is_perfect():
     points = sphere(5000, 0)
-    scores = compute_metrics(PointCloud(points), truth_of(points), CONFIG).whole
+    scores = compute_metrics(PointCloud(points), truth_of(points), CONFIG)["whole"]
     assert scores["hausdorff_symmetric_mm"] == scores["c2c_mean_mm"] == scores["c2c_p95_mm"] == 0
     for t in (16, 32, 48, 64, 80):
         assert scores[f"completeness_{t}mm"] == scores[f"accuracy_{t}mm"] == scores[f"f_score_{t}mm"] == 100
@@ -82,7 +82,7 @@ def test_a_surface_against_itself_is_perfect():
 
 
 def test_an_offset_plane_gives_its_offset_in_every_distance():
-    scores = compute_metrics(PointCloud(plane(z=0.040)), truth_of(plane()), CONFIG).whole
+    scores = compute_metrics(PointCloud(plane(z=0.040)), truth_of(plane()), CONFIG)["whole"]
     for name in (
         "hausdorff_gt_to_cloud_mm",
         "hausdorff_cloud_to_gt_mm",
@@ -101,7 +101,7 @@ def test_half_a_sphere_is_half_complete_and_fully_accurate():
     truth = sphere(40_000, 1)
     dense = sphere(200_000, 11)  # spacing of 6 mm, well under the smallest threshold
     cloud = dense[dense[:, 2] > TARGET[2]]
-    scores = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG).whole
+    scores = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG)["whole"]
     # The band below the equator that lies within t of its rim is complete as well: t / (2 R) of the area
     # to first order (a chord t spans the height t on a vertical wall).
     assert scores["completeness_16mm"] == pytest.approx(100 * (0.5 + 0.016 / 1.6), abs=0.6)
@@ -116,7 +116,7 @@ def test_half_a_sphere_is_half_complete_and_fully_accurate():
 def test_outliers_hurt_accuracy_and_not_completeness():
     truth = sphere(5000, 2)
     floaters = np.array(TARGET) + np.array([[1.2, 0, 0]]) + np.zeros((1000, 3))
-    scores = compute_metrics(PointCloud(np.concatenate([truth, floaters])), truth_of(truth), CONFIG).whole
+    scores = compute_metrics(PointCloud(np.concatenate([truth, floaters])), truth_of(truth), CONFIG)["whole"]
     assert scores["completeness_48mm"] == 100
     assert scores["accuracy_48mm"] == pytest.approx(100 * 5000 / 6000)
     assert scores["f_score_48mm"] == pytest.approx(f_score(100 * 5 / 6, 100))
@@ -128,7 +128,7 @@ def test_normal_noise_gives_its_known_distribution():
     cloud = plane(0.005)
     sigma_m = 0.020
     cloud = cloud + np.array([0, 0, 1]) * rng.normal(scale=sigma_m, size=(len(cloud), 1))
-    scores = compute_metrics(PointCloud(cloud), truth_of(plane(0.002)), CONFIG).whole
+    scores = compute_metrics(PointCloud(cloud), truth_of(plane(0.002)), CONFIG)["whole"]
     # cloud -> gt is a half-normal distance (up to the 1 mm sampling): mean sigma sqrt(2/pi).
     assert scores["c2c_cloud_to_gt_mean_mm"] == pytest.approx(20 * np.sqrt(2 / np.pi), rel=0.03)
     assert scores["accuracy_32mm"] == pytest.approx(100 * 0.8904, abs=1.0)  # P(|z| < 1.6 sigma)
@@ -149,7 +149,7 @@ def test_tanks_and_temples_definition_by_brute_force():
     precision = 100.0 * np.mean([row.min() < d for row in table])
     recall = 100.0 * np.mean([column.min() < d for column in table.T])
     config = EvaluationConfig(thresholds_mm=(70.0,))
-    scores = compute_metrics(PointCloud(reconstruction), truth_of(reference), config).whole
+    scores = compute_metrics(PointCloud(reconstruction), truth_of(reference), config)["whole"]
     assert scores["accuracy_70mm"] == pytest.approx(precision)
     assert scores["completeness_70mm"] == pytest.approx(recall)
     assert scores["f_score_70mm"] == pytest.approx(2 * precision * recall / (precision + recall))
@@ -194,7 +194,7 @@ def test_voxel_scores_agree_with_the_published_toolbox():
 
     cloud, truth = noisy_and_cropped()
     config = dataclasses.replace(CONFIG, thresholds_mm=(48.0, 80.0))
-    scores = compute_metrics(PointCloud(cloud), truth_of(truth), config).whole
+    scores = compute_metrics(PointCloud(cloud), truth_of(truth), config)["whole"]
     for t in (48, 80):
         s, g = (
             o3d.geometry.PointCloud(o3d.utility.Vector3dVector(p)).voxel_down_sample(t / 2000)
@@ -217,13 +217,13 @@ def test_voxel_variant_does_not_care_about_density():
     dense = np.repeat(upper, 5, axis=0) + rng.uniform(-1e-4, 1e-4, (5 * len(upper), 3))
     even, skewed = np.concatenate([upper, wrong]), np.concatenate([dense, wrong])
     plain, voxel = (
-        [compute_metrics(PointCloud(c), truth_of(truth), CONFIG).whole[key] for c in (even, skewed)]
+        [compute_metrics(PointCloud(c), truth_of(truth), CONFIG)["whole"][key] for c in (even, skewed)]
         for key in ("accuracy_48mm", "tt_precision_48mm")
     )
     assert plain[1] > plain[0] + 20
     assert voxel[1] == pytest.approx(voxel[0], abs=1.5)
     # On evenly sampled clouds both definitions agree.
-    both = compute_metrics(PointCloud(upper), truth_of(truth), CONFIG).whole
+    both = compute_metrics(PointCloud(upper), truth_of(truth), CONFIG)["whole"]
     assert both["tt_f_score_48mm"] == pytest.approx(both["f_score_48mm"], abs=2.0)
 
 
@@ -235,25 +235,16 @@ def test_voxel_means_average_each_cell():
     assert voxels.voxel_of.tolist() == [1, 1, 2, 0]
 
 
-def test_only_the_reported_variant_has_voxel_scores():
-    truth = sphere(3000, 9)
-    for gate_m, reported, other in ((0.0, "ungated", "gated"), (0.05, "gated", "ungated")):
-        config = dataclasses.replace(CONFIG, gt_gate_m=gate_m)
-        scores = compute_metrics(PointCloud(truth), truth_of(truth), config).to_dict()
-        assert scores[reported]["observable"]["tt_f_score_48mm"] == 100
-        assert scores[other]["observable"]["tt_f_score_48mm"] is None
-
-
 def test_observable_part_is_scored_backwards_on_all_surface():
     truth = sphere(20_000, 6)
     observable = truth[:, 2] > TARGET[2]
     scores = compute_metrics(PointCloud(truth), truth_of(truth, observable), CONFIG)
     # Points on the hidden half are right, so accuracy stays 100 although they are far from "observable".
-    assert scores.observable["accuracy_16mm"] == 100
+    assert scores["observable"]["accuracy_16mm"] == 100
     half = compute_metrics(PointCloud(truth[observable]), truth_of(truth, observable), CONFIG)
-    assert half.observable["completeness_48mm"] == 100
-    assert half.whole["completeness_48mm"] < 55
-    assert half.observable["n_gt_samples"] == observable.sum()
+    assert half["observable"]["completeness_48mm"] == 100
+    assert half["whole"]["completeness_48mm"] < 55
+    assert half["observable"]["n_gt_samples"] == observable.sum()
 
 
 def test_sectors_run_counter_clockwise_from_east():
@@ -267,27 +258,23 @@ def test_a_missing_sector_is_zero_and_an_empty_one_is_none():
     truth = sphere(20_000, 7)
     truth = truth[azimuth_sectors(truth, TARGET, 12) != 5]
     cloud = truth[~np.isin(azimuth_sectors(truth, TARGET, 12), [7, 8, 9])]
-    sectors = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG).whole["sector_completeness_48mm"]
+    sectors = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG)["whole"]["sector_completeness_48mm"]
     assert sectors[5] is None
     assert sectors[8] < 25 and sectors[7] < 40  # a rim of 48 mm, and the poles where sectors are narrow
     assert [sectors[k] for k in (0, 1, 2, 3, 4, 10, 11)] == [100.0] * 7
     assert sector_completeness(np.array([0.0, 1000.0]), np.array([0, 0]), 2, 48.0) == [50.0, None]
 
 
-def test_gate_removes_far_points_and_both_variants_are_reported():
+def test_the_gate_removes_far_points():
     truth = sphere(10_000, 8)
     cloud = np.concatenate([truth[::2], truth[::4] + np.array([0, 0, 0.5])])
-    off = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG)
-    on = compute_metrics(PointCloud(cloud), truth_of(truth), dataclasses.replace(CONFIG, gt_gate_m=0.05))
-    assert off.whole == off.ungated["whole"] and on.whole == on.gated["whole"]
-    for there, here in ((on.ungated, off.whole), (off.gated, on.whole)):
-        assert all(value in (here[key], None) for key, value in there["whole"].items())
-    assert off.whole["accuracy_48mm"] < 80 and on.whole["accuracy_64mm"] == 100
-    assert on.whole["hausdorff_cloud_to_gt_mm"] <= 50
-    assert on.n_points == on.gated["n_points"] < off.n_points == len(cloud)
-    # The shortcut for samples that lost their nearest point equals a fresh computation.
+    gated = dataclasses.replace(CONFIG, gt_gate_m=0.05)
+    off, on = (compute_metrics(PointCloud(cloud), truth_of(truth), config) for config in (CONFIG, gated))
+    assert off["whole"]["accuracy_48mm"] < 80 and on["whole"]["accuracy_64mm"] == 100
+    assert on["whole"]["hausdorff_cloud_to_gt_mm"] <= 50
+    assert on["n_points"] < off["n_points"] == len(cloud)
     kept = cloud[cKDTree(truth).query(cloud)[0] <= 0.05]
-    assert compute_metrics(PointCloud(kept), truth_of(truth), CONFIG).whole == on.whole
+    assert compute_metrics(PointCloud(kept), truth_of(truth), CONFIG)["whole"] == on["whole"]
 
 
 def test_nothing_to_score_is_a_failure_and_not_zero():
@@ -299,16 +286,15 @@ def test_nothing_to_score_is_a_failure_and_not_zero():
     with pytest.raises(MissionFailure) as failure:
         compute_metrics(far, truth, dataclasses.replace(CONFIG, gt_gate_m=0.05))
     assert failure.value.reason == "empty_cloud"
-    assert compute_metrics(far, truth, CONFIG).gated is None
     with pytest.raises(ValueError, match="finite"):
         compute_metrics(PointCloud(np.full((3, 3), np.nan)), truth, CONFIG)
     with pytest.raises(ValueError, match="observable"):
         compute_metrics(far, truth_of(sphere(1000, 9), np.zeros(1000, bool)), CONFIG)
 
 
-def test_json_round_trip():
+def test_metrics_are_json():
     points = sphere(2000, 10)
-    tree = compute_metrics(PointCloud(points), truth_of(points), CONFIG).to_dict()
+    tree = compute_metrics(PointCloud(points), truth_of(points), CONFIG)
     assert json.loads(json.dumps(tree, allow_nan=False)) == tree
     assert tree["observable"]["f_score_48mm"] == 100.0
 
@@ -330,7 +316,7 @@ def test_properties_of_the_scores(seed, angle, keep, noise_m):
     truth = sphere(400, seed)
     cloud = truth[: max(1, int(keep * len(truth)))]
     cloud = cloud + rng.normal(scale=noise_m + 1e-9, size=cloud.shape)
-    scores = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG).whole
+    scores = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG)["whole"]
     for family in ("completeness", "accuracy"):
         curve = [scores[f"{family}_{t}mm"] for t in (16, 32, 48, 64, 80)]
         assert curve == sorted(curve) and curve[0] >= 0 and curve[-1] <= 100
@@ -342,13 +328,13 @@ def test_properties_of_the_scores(seed, angle, keep, noise_m):
     # A rotation of both about the vertical changes no scalar score.
     c, s = np.cos(angle), np.sin(angle)
     rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-    turned = compute_metrics(PointCloud(cloud @ rotation.T), truth_of(truth @ rotation.T), CONFIG).whole
+    turned = compute_metrics(PointCloud(cloud @ rotation.T), truth_of(truth @ rotation.T), CONFIG)["whole"]
     for name, value in scores.items():
         if name.endswith("_mm"):
             assert turned[name] == pytest.approx(value, abs=1e-6), name
     # More points never make the surface less complete.
     more = np.concatenate([cloud, sphere(20, seed + 1)])
-    better = compute_metrics(PointCloud(more), truth_of(truth), CONFIG).whole
+    better = compute_metrics(PointCloud(more), truth_of(truth), CONFIG)["whole"]
     assert better["completeness_48mm"] >= scores["completeness_48mm"]
     assert better["c2c_mean_mm"] <= scores["c2c_mean_mm"] + 1e-9
 
@@ -360,6 +346,6 @@ def test_a_mesh_against_its_own_denser_samples():
     vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles)
     truth, _ = sample_surface(vertices, faces, 20_000, 0)
     cloud, _ = sample_surface(vertices, faces, 60_000, 1)
-    scores = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG, (0, 0, 0)).whole
+    scores = compute_metrics(PointCloud(cloud), truth_of(truth), CONFIG, (0, 0, 0))["whole"]
     assert scores["f_score_32mm"] > 99.9
     assert scores["c2c_mean_mm"] < 10
