@@ -62,9 +62,7 @@ def measure_cloud(
     to_reference_m, _ = nearest_neighbours(reference.points_m, moved.points_m)
     truth = GroundTruthSamples(scale * truth_m, np.zeros_like(truth_m), np.ones(len(truth_m), dtype=bool))
     scaled = PointCloud(scale * moved.points_m, moved.colors, moved.normals)
-    metrics = compute_metrics(
-        scaled, truth, config, (0.0, 0.0, DEFAULT_HEIGHT_M / 2), scale * to_reference_m
-    ).to_dict()
+    metrics = compute_metrics(scaled, truth, config, (0.0, 0.0, DEFAULT_HEIGHT_M / 2), scale * to_reference_m)
     to_cloud_m, _ = nearest_neighbours(moved.points_m, truth_m)
     turn = float(np.rad2deg(np.arccos(np.clip((np.trace(found.rotation) - 1) / 2, -1.0, 1.0))))
     metrics["reference"] = {
