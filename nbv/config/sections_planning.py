@@ -195,6 +195,11 @@ class StopConfig(Section):
         self._need_at_least(0, "adaptive_budget", "max_photographs", "min_gain_percent")
         self._need(0 < self.predicted_percent <= 100, "predicted_percent", "above 0 and at most 100")
 
+    @property
+    def may_end_early(self) -> bool:
+        """Whether something else than the budget may end Phase 2: the number of photographs is then an outcome."""
+        return self.criterion != "budget" or self.min_gain_percent > 0
+
 
 @dataclass(frozen=True)
 class Weights(Section):

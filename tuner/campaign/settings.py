@@ -359,8 +359,7 @@ class CampaignSettings:
             with contextlib.suppress(UserError):  # ends that exclude one another
                 config = ours(self.config({**default, **{p.path: end for p, end in zip(tuned, ends)}}))
                 seeds, stop = config.seed.total, config.stop
-                may_end_early = stop.criterion != "budget" or stop.min_gain_percent > 0
-                found.append((seeds, seeds + (0 if may_end_early else config.adaptive_budget)))
+                found.append((seeds, seeds + (0 if stop.may_end_early else config.adaptive_budget)))
         return min((n for n, _ in found), default=0), min((n for _, n in found), default=0)
 
     @functools.cached_property

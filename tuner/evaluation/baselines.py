@@ -162,7 +162,7 @@ def _at_number(name: str, config: MissionConfig, tuned: MissionConfig) -> Missio
     number = photographs(tuned)
     if _is_orbit(name):
         return BASELINES[name].orbit(config, number)
-    seed, budget = tuned.seed, tuned.stop.adaptive_budget
+    seed, budget = tuned.seed, tuned.adaptive_budget
     if tuned.adaptive_budget == 0 and config.seed.count:
         seeds = max(FEWEST_SEEDS, round(number * config.seed.total / photographs(config)))
         seed, budget = dataclasses.replace(config.seed, count=min(seeds, number)), max(0, number - seeds)
@@ -170,10 +170,20 @@ def _at_number(name: str, config: MissionConfig, tuned: MissionConfig) -> Missio
         config,
         seed=seed,
         sparse=tuned.sparse,  # what seeds far apart need to register
-        stop=dataclasses.replace(
-            config.stop, adaptive_budget=budget, max_photographs=tuned.stop.max_photographs
-        ),
+        stop=dataclasses.replace(ending_at(config, number).stop, adaptive_budget=budget),
     )
+
+
+def ending_at(config: MissionConfig, number: int) -> MissionConfig:
+    """``config`` with so many photographs in every mission: its seeds, and planned views until the number is reached."""
+    stop = dataclasses.replace(
+        config.stop,
+        adaptive_budget=max(0, number - config.seed.total),
+        max_photographs=0,
+        criterion="budget",
+        min_gain_percent=0.0,
+    )
+    return dataclasses.replace(config, stop=stop)
 
 
 def orbits_at_number(tuned: MissionConfig, conditions: Iterable[Condition]) -> dict[str, MissionConfig]:
@@ -198,15 +208,20 @@ def photographs(config: MissionConfig) -> int:
 
 
 def controls_at_equal_number(strategies: Mapping[str, Configuration]) -> tuple[str, ...]:
-    """Those that fly as many photographs as the tuned one, are not its equal, and see nothing of the true surface."""
+    """Those that fly as many photographs as the tuned one, are not its equal, and see nothing of the true surface.
+
+    Where something may end the tuned one early, as many as it took in the mean: their names say the number.
+    """
     tuned = strategies.get(TUNED)
     if not isinstance(tuned, MissionConfig):
         return ()
+    named = [int(number) for name in strategies if (number := _split(name)[1])]
+    number = named[0] if tuned.stop.may_end_early and named else photographs(tuned)
     return tuple(
         name
         for name, config in strategies.items()
         if isinstance(config, MissionConfig)
-        and photographs(config) == photographs(tuned)
+        and photographs(config) == number
         and config.digest() != tuned.digest()
         and not sees_ground_truth(name)
     )
@@ -218,14 +233,18 @@ def _split(strategy: str) -> tuple[str, str]:
     return (name, number) if number.isdigit() and name in BASELINES else (strategy, "")
 
 
-def tuned_configs(tuned: MissionConfig, base: MissionConfig) -> dict[str, MissionConfig]:
-    """The tuned configuration and, if it has changed the pool, random views in that pool."""
+def tuned_configs(
+    tuned: MissionConfig, base: MissionConfig, counted: MissionConfig | None = None
+) -> dict[str, MissionConfig]:
+    """The tuned configuration and, if it has changed the pool, random views in that pool.
+
+    ``counted``: the tuned one with as many photographs as the random views are to have, where something may end it early.
+    """
     configs = {TUNED: tuned}
     if tuned.pool != base.pool:
         chance = baseline("random").config(dataclasses.replace(base, pool=tuned.pool))
-        (configs[TUNED_POOL_RANDOM],) = list(at_equal_number({"random": chance}, tuned, "random").values())[
-            -1:
-        ]
+        equal = at_equal_number({"random": chance}, counted or tuned, "random")
+        configs[TUNED_POOL_RANDOM] = list(equal.values())[-1]
     return configs
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from nbv.config import IDEAL, Condition, MissionConfig
 from nbv.errors import UserError
@@ -20,6 +22,7 @@ from tuner.evaluation.baselines import (
     any_must_look,
     at_equal_number,
     baseline_configs,
+    ending_at,
     orbits_at_number,
     tuned_configs,
 )
@@ -105,6 +108,7 @@ def held_out(
         flown = {TUNED: recommended, **configs}
         plan = EvaluationPlan(flown, _instances(s, rocks), replicates, fidelity=EXTERNAL)
         return CampaignEvaluation(plan, against, asked_of(s, margin), notes)
+    counted = _counted(source, found.values)
     worlds = tuple(conditions or s.conditions)
     dataclasses.replace(s, conditions=worlds)  # says where the two contradict each other
     base, tuned = ours(s.base_config()), ours(recommended)
@@ -114,7 +118,7 @@ def held_out(
     if rocks and are_drawn(asked_rocks := with_families(rocks)):  # a replicate of a family is another rock
         rocks, replicates = held_out_rocks_of(asked_rocks, replicates), 1
     plan = EvaluationPlan(
-        {**tuned_configs(tuned, base), **at_equal_number(baselines, tuned, against)},
+        {**tuned_configs(tuned, base, counted), **at_equal_number(baselines, counted, against)},
         source.unseen_rocks(rocks, making),
         replicates,
         fidelity=fidelity,
@@ -151,7 +155,7 @@ def confirmation(
     if found.keep_default:
         return None
     tuned = s.config(found.values)
-    orbits = orbits_at_number(tuned, s.conditions) if isinstance(tuned, MissionConfig) else {}
+    orbits = {} if s.mission is not None else orbits_at_number(_counted(source, found.values), s.conditions)
     first = s.blocks
     if s.draws_rocks:
         chosen = tuple(s.rock_flown(rock, first + k) for k in range(replicates) for rock in chosen)
@@ -165,6 +169,15 @@ def confirmation(
         conditions=s.conditions,
     )
     return CampaignEvaluation(plan, "default", asked_of(s, margin), _notes(found))
+
+
+def _counted(source: Campaign, values: Mapping[str, Any]) -> MissionConfig:
+    """The configuration with the number of photographs that it takes; the mean of its missions, rounded up, where they vary."""
+    config = ours(source.settings.config(values))
+    if not config.stop.may_end_early:
+        return config
+    numbers = [t.costs["images"] for t in source.trials() if t.costs and dict(t.values) == dict(values)]
+    return ending_at(config, math.ceil(sum(numbers) / len(numbers))) if numbers else config
 
 
 def asked_of(settings: CampaignSettings, margin: float = DEFAULT_MARGIN) -> Asked:

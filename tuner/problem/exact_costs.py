@@ -112,12 +112,7 @@ def exact_cost(
         numbers = {p.path for p in space.parameters if p.kind != "categorical"}
         return ExactCost(objective, (path,), lambda values: float(values[path])) if path in numbers else None
     tuned = {path for p in space.parameters for path in (p.path, *p.also)}
-    if (
-        objective.metric != PHOTOGRAPHS
-        or base.stop.criterion != "budget"
-        or base.stop.min_gain_percent > 0
-        or tuned & set(ENDS_EARLY)
-    ):
+    if objective.metric != PHOTOGRAPHS or base.stop.may_end_early or tuned & set(ENDS_EARLY):
         return None
 
     def photographs(values: Mapping[str, Any]) -> float:

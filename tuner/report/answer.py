@@ -67,14 +67,13 @@ def plan_words(config: Configuration, *, ceiling: bool) -> str:
     if not isinstance(config, MissionConfig):
         return ""
     seed, stop = config.seed, config.stop
-    may_end = stop.criterion != "budget" or stop.min_gain_percent > 0
     rings = f"{seed.total} photographs on rings"
     if seed.count and seed.rings == 1:
         rings = f"{seed.count - seed.upper_count} photographs at {seed.lowest_deg:.0f}°"
         rings += f" and {seed.upper_count} at {seed.upper_deg:.0f}°" if seed.upper_count else ""
     if not config.adaptive_budget:
         return rings
-    words = f"{rings}, then {'up to ' if may_end else ''}{config.adaptive_budget} chosen by the planner"
+    words = f"{rings}, then {'up to ' if stop.may_end_early else ''}{config.adaptive_budget} chosen by the planner"
     return f"{words}, none above {config.pool.max_altitude_m:.3g} m" if ceiling else words
 
 

@@ -7,6 +7,7 @@ from tuner.evaluation.baselines import (
     at_equal_number,
     baseline_configs,
     controls_at_equal_number,
+    ending_at,
     label,
     orbits_at_number,
     photographs,
@@ -71,3 +72,19 @@ def test_beside_a_tuned_orbit_planners_keep_their_share(number: int) -> None:
     equal = found[f"hyb-h-{number}"]
     assert (equal.seed.total, equal.adaptive_budget) == {8: (6, 2), 20: (15, 5)}[number]
     assert equal.seed.upper_share == 0.42
+
+
+def test_baselines_have_the_mean_number_of_a_plan_that_may_end_early() -> None:
+    adaptive = BASE.with_values(
+        {"seed.count": 15, "stop.criterion": "both", "stop.knn_threshold_m": 0.1, "stop.adaptive_budget": 30}
+    )
+    assert adaptive.stop.may_end_early
+    counted = ending_at(adaptive, 21)
+    assert (photographs(counted), counted.stop.may_end_early) == (21, False)
+    found = at_equal_number(baseline_configs(["hyb-h", "random", "orbit"], BASE), counted, "hyb-h")
+    assert list(found) == ["hyb-h", "hyb-h-21", "random-21", "orbit-21"]
+    assert all(photographs(c) == 21 and not c.stop.may_end_early for n, c in found.items() if n != "hyb-h")
+    low = adaptive.with_values({"pool.max_altitude_m": 1.5})
+    flown = {**tuned_configs(low, BASE, ending_at(low, 21)), **found}
+    assert photographs(flown["random-tuned-pool"]) == 21
+    assert controls_at_equal_number(flown) == ("random-tuned-pool", "hyb-h-21", "random-21", "orbit-21")
