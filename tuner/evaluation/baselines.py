@@ -215,7 +215,7 @@ def controls_at_equal_number(strategies: Mapping[str, Configuration]) -> tuple[s
     tuned = strategies.get(TUNED)
     if not isinstance(tuned, MissionConfig):
         return ()
-    named = [int(number) for name in strategies if (number := _split(name)[1])]
+    named = [int(said) for name in strategies if (said := _split(name)[1])]
     number = named[0] if tuned.stop.may_end_early and named else photographs(tuned)
     return tuple(
         name
