@@ -6,33 +6,16 @@ from the last trial of its kind the session stops and asks, so that no ledger mi
 
 from __future__ import annotations
 
-import functools
 import hashlib
-import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
 
-from nbv.cache import code_digest
 from nbv.errors import UserError
 from tuner.missions.job import Trial
-from tuner.missions.registry import module_of
+from tuner.missions.registry import code_of
 from tuner.problem.drawn_rocks import family_of
 
 ACCEPT = "--accept-changes"
-
-
-@functools.cache
-def code_of(fidelity: str) -> str:
-    """Return the digest of a fidelity's code: ours with all it imports of ``nbv``, another's own file alone."""
-    module = module_of(fidelity)
-    if module.partition(".")[0] == "nbv":
-        return code_digest(module)
-    try:
-        found = importlib.util.find_spec(module)
-        content = Path(found.origin).read_bytes() if found is not None and found.origin else b""
-    except (ImportError, ValueError, OSError):  # each mission will meet it and say so
-        content = b""
-    return hashlib.sha256(content).hexdigest()[:32]
 
 
 class ReproducibilityCheck:

@@ -6,10 +6,15 @@ fidelity may also be ``"module:function"``. A file may not choose code: where on
 
 from __future__ import annotations
 
+import functools
+import hashlib
 import importlib
+import importlib.util
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
+from nbv.cache import code_digest
 from nbv.config import Condition
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
@@ -22,7 +27,7 @@ FIDELITIES = {
     "photographs": "nbv.photographs.mission:run_photographs_mission",
     "photogrammetric-with-oracle": "nbv.photogrammetric:run_photogrammetric_mission_with_oracle",
     "geometric-with-oracle": "nbv.geometric:run_geometric_mission_with_oracle",
-    "external": "tuner.missions.external.runner:run_external_mission",
+    "external": "tuner.missions.external.flight:run_external_mission",
 }
 DEFAULT_FIDELITY = "photogrammetric"
 # What their missions import when they need it, and a server before it forks, lest every mission does.
@@ -109,6 +114,20 @@ def refuse_code_of_file(fidelity: str, named: str | None, source: str) -> None:
 def module_of(fidelity: str) -> str:
     """The module that a worker imports to fly ``fidelity``."""
     return FIDELITIES.get(fidelity, fidelity).partition(":")[0]
+
+
+@functools.cache
+def code_of(fidelity: str) -> str:
+    """Return the digest of a fidelity's code: ours with all it imports of ``nbv``, another's own file alone."""
+    module = module_of(fidelity)
+    if module.partition(".")[0] == "nbv":
+        return code_digest(module)
+    try:
+        found = importlib.util.find_spec(module)
+        content = Path(found.origin).read_bytes() if found is not None and found.origin else b""
+    except (ImportError, ValueError, OSError):  # each mission will meet it and say so
+        content = b""
+    return hashlib.sha256(content).hexdigest()[:32]
 
 
 def all_modules(fidelity: str) -> tuple[str, ...]:

@@ -89,7 +89,7 @@ def test_links_that_a_mission_left_do_not_come_back(tmp_path: Path) -> None:
 
 def test_no_mission_is_lost_or_entered_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("tuner.missions.cluster.executor._RECONNECT_S", 0.5)
-    monkeypatch.setattr("tuner.missions.cluster.connect._CONNECT_S", 3.0)
+    monkeypatch.setattr("tuner.missions.cluster.connect._CONNECT_S", 15.0)
     cluster = Cluster(tmp_path, 2)
     directory = tmp_path / "run"
     begin_campaign(directory, settings(sampler="sobol", budget=MISSIONS, rocks=("slow", "slow-2")))
@@ -149,12 +149,11 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(
             there = tmp_path / "worker-home/rocks/received" / f"{own.sha256}.npz"
             assert json.loads((tmp_path / "0000" / "mission.json").read_text())["rock"] == str(there)
             assert read_rock(there).sha256 == own.sha256
-            monkeypatch.setattr(worker, "identity", lambda fidelity: {"python": "2.7.18"})
+            monkeypatch.setattr(worker, "versions", lambda: {"python": "2.7.18"})
             refused = fly(executor, [job(tmp_path, "boulder", 3)])["0003"]
             assert refused.reason == "user_error"
             assert f"python is {sys.version.split()[0]} on the worker and 2.7.18 here" in refused.message
-        monkeypatch.setattr(worker, "_code", lambda: "another checkout")
-        with pytest.raises(UserError, match=r"code is \w{12} on the scheduler and another checkout here"):
+        with pytest.raises(UserError, match=r"on the scheduler and 2\.7\.18 here"):
             dask_executor("dask", cluster.address, 1, 60.0)
     finally:
         cluster.close()

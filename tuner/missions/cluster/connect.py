@@ -106,9 +106,9 @@ def _require_certificates(address: str) -> None:
 
 def _check_scheduler(client: Client, address: str, unencrypted: bool) -> None:
     """Raise `UserError` where workers of other machines may reach it without TLS, or another program than this runs there."""
-    here = worker.program()
+    here = worker.identity()
     try:
-        theirs = client.run_on_scheduler(worker.program, callback_timeout=_CONNECT_S)
+        theirs = client.run_on_scheduler(worker.identity, callback_timeout=_CONNECT_S)
         heard = client.scheduler_info(n_workers=0)["address"]
         why = worker.difference(theirs, here, "scheduler")
     except (ImportError, AttributeError) as error:

@@ -5,10 +5,7 @@ Runs in threads of Dask's workers; nothing but bytes and JSON goes over the netw
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
-import functools
-import importlib.util
 import io
 import shutil
 import tarfile
@@ -24,13 +21,13 @@ from distributed.protocol.pickle import dumps
 from distributed.utils import sync
 from distributed.worker import WORKER_ANY_RUNNING
 
-from nbv.cache import digest, home
+from nbv.cache import home
 from nbv.errors import UserError
 from nbv.provenance import MISSION_LIBRARIES, versions
 from nbv.rocks.imported import read_rock
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.job import MissionJob, Trial
-from tuner.missions.registry import module_of
+from tuner.missions.registry import code_of
 
 _POLL_S = 0.2
 _ANSWER_S = 30.0
@@ -38,40 +35,12 @@ _FRESH_S = 2.0  # an older answer says nothing: the scheduler may have given thi
 _own = threading.local()  # one executor per thread of a worker
 
 
-def program() -> dict[str, str]:
-    """Return what must be the same on coordinator, scheduler and workers: the versions of Python and this program, and the digest of its code."""
-    found = versions()
-    return {
-        "python": found["python"],
-        "gatetune": found.get("gatetune", "unknown"),
-        "gatetune's code": _code(),
-    }
-
-
-@functools.cache
-def _code() -> str:
-    root = Path(__file__).resolve().parents[3]
-    files = sorted(path for package in ("nbv", "tuner") for path in (root / package).rglob("*.py"))
-    return digest(*(part for path in files for part in (str(path.relative_to(root)), path.read_bytes())))[:12]
-
-
-def identity(fidelity: str) -> dict[str, str]:
-    """Return what must be the same on coordinator and workers: `program`, the missions' libraries, and a fidelity's own module."""
+def identity(fidelity: str = "") -> dict[str, str]:
+    """Return what must be the same on coordinator, scheduler and workers; of a fidelity also libraries and code."""
     installed = versions()
-    found = program() | {name: installed[name] for name in MISSION_LIBRARIES if name in installed}
-    module = module_of(fidelity)
-    if module.partition(".")[0] not in ("nbv", "tuner"):
-        source = _file_of(module)
-        found[f"module {module}"] = digest(source.read_bytes())[:12] if source else "missing"
-    return found
-
-
-def _file_of(module: str) -> Path | None:
-    with contextlib.suppress(ImportError, ValueError):
-        spec = importlib.util.find_spec(module)
-        if spec is not None and spec.has_location and spec.origin:
-            return Path(spec.origin)
-    return None
+    names = ("python", "gatetune", *(MISSION_LIBRARIES if fidelity else ()))
+    found = {name: installed[name] for name in names if name in installed}
+    return found | ({f"the code of {fidelity}": code_of(fidelity)[:12]} if fidelity else {})
 
 
 def difference(theirs: dict[str, str], ours: dict[str, str], whose: str = "worker") -> str:

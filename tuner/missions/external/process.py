@@ -1,37 +1,34 @@
 """A command with a time limit that leaves no process behind and cannot fill the disk with its log.
 
-A keeper, a process between us and the command, adopts whatever the command's processes leave behind, and at the end or at a
-time-out tells all of them to stop and, after a grace period, kills them. Should we be killed, it does so at once.
+A keeper, a process between us and the command, adopts whatever the command's processes leave behind (Linux: a child subreaper),
+in whatever group or session, with whatever environment. At the end or at a time-out it tells all of them to stop and, after a
+grace period, kills them; should we be killed, it does so at once. Only what outlived a keeper that was itself killed is looked
+for by a mark in its environment.
 """
 
 from __future__ import annotations
 
+import collections
 import contextlib
-import dataclasses
-import json
+import ctypes
+import multiprocessing
 import os
 import selectors
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import IO, NoReturn
+from typing import IO
 
 from nbv.errors import UserError
-from nbv.safe_files import parse_json
-from tuner.missions.external.ending import (
-    MARK,
-    POLL_S,
-    adopt_orphans,
-    descendants,
-    end_all,
-    marked,
-    reap_orphans,
-)
 
 LARGEST_LOG_BYTES = 5_000_000
+_MARK = "GATETUNE_MISSION"
+_POLL_S = 0.1
+_AFTER_KILL_S = 5.0  # a process of another user, or one that waits for a dead disk, does not end
 _READ_BYTES = 65536
 
 
@@ -43,7 +40,6 @@ class Ended:
     wall_s: float
     timed_out: bool
     left_behind: int  # processes that had to be ended after it
-    log_cut: bool  # whether it wrote more than was kept
     survived: int = 0  # processes that could not be ended, such as another user's
 
 
@@ -63,8 +59,14 @@ def run_command(
 
     Parameters
     ----------
+    command, folder, environment
+        What runs, where, and what is added to our environment.
     mark
         Identifies the mission; whatever carries it from an attempt whose keeper was killed is ended first.
+    log, log_limit_bytes
+        Where its output goes, and how much of it.
+    time_limit_s, stop_grace_s
+        When it is told to stop, and how much later it is killed.
 
     Raises
     ------
@@ -72,68 +74,58 @@ def run_command(
         The command does not exist or may not be run.
     """
     end_all(lambda: marked(mark), stop_grace_s)
-    started, ours = time.monotonic(), descendants(os.getpid())
+    started, us, ours = time.monotonic(), os.getpid(), descendants(os.getpid())
 
-    def fly(life: int) -> Ended:
-        with _opened(log) as file:  # before the command could put something else in its place
-            process = _started(command, folder, {**os.environ, **environment, MARK: mark})
-            return _kept(process, file, started, time_limit_s, stop_grace_s, log_limit_bytes, life)
-
-    adopt_orphans()  # should the mission kill its keeper
-    try:
-        said = _by_keeper(fly)
-        if not said:
-            left, survived = end_all(lambda: descendants(os.getpid(), ours), stop_grace_s)
-            wall_s = time.monotonic() - started
-            return Ended(-signal.SIGKILL, wall_s, False, left, False, survived)
-    finally:
-        adopt_orphans(wanted=False)
-    found = parse_json(said.decode(), "the answer of a mission's keeper")
-    if "error" in found:
-        raise UserError(found["error"])
-    if "os_error" in found:
-        raise OSError(*found["os_error"])
-    return Ended(**found)
-
-
-def _by_keeper(fly: Callable[[int], Ended]) -> bytes:
-    """What ``fly`` returned as JSON, called in a child of this process; empty where that child was killed.
-
-    ``fly`` gets a descriptor that ends with this process. The child also keeps what this process has locked.
-    """
-    life, ours = os.pipe()
-    answer, theirs = os.pipe()
-    pid = os.fork()
-    if pid == 0:
-        os.close(ours)
-        os.close(answer)
-        _be_keeper(fly, life, theirs)
-    os.close(life)
-    os.close(theirs)
-    try:
-        with os.fdopen(answer, "rb") as file:
-            return file.read()
-    finally:
-        os.close(ours)
-        os.waitpid(pid, 0)
-
-
-def _be_keeper(fly: Callable[[int], Ended], life: int, answer: int) -> NoReturn:
-    try:
-        os.setsid()
-        adopt_orphans()
-        signal.set_wakeup_fd(-1)
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, lambda *_: None)  # not ignored: a command would inherit that
+    def keep(answer: Connection) -> None:
+        _be_keeper()
         try:
-            found = dataclasses.asdict(fly(life))
-        except UserError as error:
-            found = {"error": str(error)}
-        except OSError as error:  # the disk with the log is full
-            found = {"os_error": [error.errno, error.strerror]}
-        os.write(answer, json.dumps(found).encode())
+            with _opened(log) as file:  # before the command could put something else in its place
+                process = _started(command, folder, {**os.environ, **environment, _MARK: mark})
+                try:
+                    _follow(process, file, started + time_limit_s, log_limit_bytes, us)
+                    timed_out = process.poll() is None
+                finally:
+                    left, survived = end_all(lambda: descendants(os.getpid()), stop_grace_s, process.pid)
+            answer.send(Ended(process.wait(), time.monotonic() - started, timed_out, left, survived))
+        except (UserError, OSError) as error:  # the disk with the log may be full
+            answer.send(error)
+
+    _adopt_orphans()  # should the mission kill its keeper
+    try:
+        ended = _answer_of_child(keep)
+        if ended is None:
+            left, survived = end_all(lambda: descendants(os.getpid(), ours), stop_grace_s)
+            return Ended(-signal.SIGKILL, time.monotonic() - started, False, left, survived)
     finally:
-        os._exit(0)
+        _adopt_orphans(wanted=False)
+    if isinstance(ended, Exception):
+        raise ended
+    return ended
+
+
+def _answer_of_child(keep: Callable[[Connection], None]) -> Ended | Exception | None:
+    """What ``keep``, in a child of this process, sent; None where that child was killed."""
+    fork = multiprocessing.get_context("fork")
+    answer, theirs = fork.Pipe(duplex=False)
+    child = fork.Process(target=keep, args=(theirs,))
+    child.start()
+    theirs.close()
+    try:
+        found: Ended | Exception = answer.recv()
+        return found
+    except EOFError:
+        return None
+    finally:
+        answer.close()
+        child.join()
+
+
+def _be_keeper() -> None:
+    os.setsid()
+    _adopt_orphans()
+    signal.set_wakeup_fd(-1)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: None)  # not ignored: a command would inherit that
 
 
 def _started(command: Sequence[str], folder: Path, environment: Mapping[str, str]) -> subprocess.Popen[bytes]:
@@ -154,43 +146,26 @@ def _started(command: Sequence[str], folder: Path, environment: Mapping[str, str
         ) from error
 
 
-def _kept(
-    process: subprocess.Popen[bytes],
-    log: IO[bytes],
-    started: float,
-    time_limit_s: float,
-    stop_grace_s: float,
-    log_limit_bytes: int,
-    life: int,
-) -> Ended:
-    timed_out = cut = False
-    try:
-        cut = _follow(process, log, started + time_limit_s, log_limit_bytes, life)
-        timed_out = process.poll() is None
-    finally:
-        left, survived = end_all(lambda: descendants(os.getpid()), stop_grace_s, process.pid)
-        status = process.wait()
-    return Ended(status, time.monotonic() - started, timed_out, left, cut, survived)
-
-
 def _opened(log: Path) -> IO[bytes]:
     """The log, new; a link that lies in its place is not followed."""
     flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_NOFOLLOW | os.O_CLOEXEC
     return os.fdopen(os.open(log, flags, 0o644), "wb", buffering=0)
 
 
-def _follow(process: subprocess.Popen[bytes], log: IO[bytes], deadline: float, limit: int, life: int) -> bool:
-    """Copy the output until the process ends, the deadline, or the end of ``life``; whether more came than ``limit``."""
+def _follow(
+    process: subprocess.Popen[bytes], log: IO[bytes], deadline: float, limit: int, parent: int
+) -> None:
+    """Copy the output, up to the limit, until the process ends, the deadline, or the end of our parent."""
     assert process.stdout is not None
     handle, written, cut = process.stdout.fileno(), 0, False
     os.set_blocking(handle, False)
     end = os.pidfd_open(process.pid)
     with selectors.DefaultSelector() as selector, contextlib.closing(os.fdopen(end, "rb", buffering=0)):
-        for descriptor in (handle, life, end):
+        for descriptor in (handle, end):
             selector.register(descriptor, selectors.EVENT_READ)
         while True:
             ended = process.poll() is not None
-            ready = [key.fd for key, _ in selector.select(0.0 if ended else POLL_S)]
+            ready = [key.fd for key, _ in selector.select(0.0 if ended else _POLL_S)]
             chunk = os.read(handle, _READ_BYTES) if handle in ready else b""
             if handle in ready and not chunk:
                 selector.unregister(handle)
@@ -199,9 +174,83 @@ def _follow(process: subprocess.Popen[bytes], log: IO[bytes], deadline: float, l
                 cut = cut or written + len(chunk) > limit
                 written = min(limit, written + len(chunk))
             # A child that outlives the command may keep the pipe: what has been read is enough then.
-            if (ended and not chunk) or life in ready or time.monotonic() > deadline:
+            if (ended and not chunk) or os.getppid() != parent or time.monotonic() > deadline:
                 break
-            reap_orphans(process.pid)
+            _reap_orphans(process.pid)
     if cut:
         log.write(f"\n[gatetune: the log was cut after {written} bytes]\n".encode())
-    return cut
+
+
+def _adopt_orphans(*, wanted: bool = True) -> None:
+    """Have orphans among this process's descendants become its children, or no longer."""
+    ctypes.CDLL(None).prctl(36, int(wanted), 0, 0, 0)  # PR_SET_CHILD_SUBREAPER
+
+
+def end_all(find: Callable[[], list[int]], grace_s: float, main: int | None = None) -> tuple[int, int]:
+    """Stop, then kill, every process that ``find`` returns, until it finds none.
+
+    Returns how many besides ``main`` there were, and how many could not be ended.
+    """
+    found = find()
+    others = len([pid for pid in found if pid != main])
+    for pid in found:
+        _signal(pid, signal.SIGTERM)
+        _signal(pid, signal.SIGCONT)  # a stopped process hears SIGTERM only then
+    deadline = time.monotonic() + grace_s
+    while found and time.monotonic() < deadline:
+        time.sleep(min(_POLL_S, grace_s))
+        found = find()
+    deadline = time.monotonic() + _AFTER_KILL_S
+    while found and time.monotonic() < deadline:  # what is forked while we look is found the next time
+        for pid in found:
+            _signal(pid, signal.SIGKILL)
+        time.sleep(0.01)
+        found = find()
+    return others, len(found)
+
+
+def descendants(root: int, besides: Collection[int] = ()) -> list[int]:
+    """Processes below ``root`` that have not ended; without the children ``besides`` and what is below those."""
+    children = collections.defaultdict[int, list[tuple[int, bool]]](list)
+    for entry in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            state, parent = _state_and_parent(entry)
+            children[parent].append((int(entry.name), state not in "ZX"))
+    found, waiting = list[int](), [root]
+    while waiting:
+        for pid, alive in children[waiting.pop()]:
+            if pid not in besides:
+                waiting.append(pid)
+                found += [pid] if alive else []
+    return found
+
+
+def marked(mark: str) -> list[int]:
+    """Other processes of this user that have not ended, with the mark in their environment."""
+    wanted = f"{_MARK}={mark}".encode()
+    pids = []
+    for entry in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError, ValueError):
+            is_it = wanted in (entry / "environ").read_bytes().split(b"\0")
+            if is_it and _state_and_parent(entry)[0] not in "ZX" and int(entry.name) != os.getpid():
+                pids.append(int(entry.name))
+    return pids
+
+
+def _state_and_parent(process: Path) -> tuple[str, int]:
+    state, parent = (process / "stat").read_text().rpartition(")")[2].split()[:2]
+    return state, int(parent)
+
+
+def _reap_orphans(main: int) -> None:
+    """Take note of the end of adopted children, so that they do not pile up; ``main`` is somebody else's to wait for."""
+    with contextlib.suppress(ChildProcessError):
+        while (ended := os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT)) is not None:
+            if ended.si_pid == main:
+                return
+            os.waitpid(ended.si_pid, 0)
+
+
+def _signal(pid: int, number: int) -> None:
+    with contextlib.suppress(ProcessLookupError, PermissionError):
+        os.kill(pid, number)

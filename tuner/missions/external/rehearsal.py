@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from nbv.errors import MissionFailure
 from nbv.mission.result import MissionResult
 from tuner.missions.external.configuration import external_config
 from tuner.missions.external.contract import Request
-from tuner.missions.external.flying import Flown, fly_request
+from tuner.missions.external.flight import (
+    HARDLY_OVERLAP,
+    OUTPUT,
+    UNTIDY,
+    Flown,
+    fly_request,
+    run_external_mission,
+)
 from tuner.missions.external.mission_file import MissionFile
-from tuner.missions.external.runner import HARDLY_OVERLAP, OUTPUT, UNTIDY, run_external_mission
 from tuner.missions.external.slots import slots_of, take_slot
 from tuner.problem.objective import dotted
 
@@ -24,8 +29,7 @@ _TIME_OUTS = 4
 _TOO_SHORT_S = 0.25  # a few times as long as it takes to start a process and to look at it
 
 
-@dataclass(frozen=True)
-class Verdict:
+class Verdict(NamedTuple):
     """What one part of the rehearsal found."""
 
     part: str
@@ -41,61 +45,60 @@ def rehearse(mission: MissionFile, folder: Path) -> Iterator[Verdict]:
     UserError
         The command cannot be run.
     """
-    space = f"{mission.space.dimension} parameters"
-    yield Verdict(
-        "mission file",
-        "ok",
-        f"{space}, {len(mission.instances)} instances to tune on, {len(mission.held_out)} held out",
-    )
+    tuned, held_out = len(mission.instances), len(mission.held_out)
+    found = f"{mission.space.dimension} parameters, {tuned} instances to tune on, {held_out} held out"
+    yield Verdict("mission file", "ok", found)
     flown: list[MissionResult] = []
     for part in ("the default", "the same again"):
-        verdict, result = _fly_default(mission, folder / part.replace(" ", "-"), part, flown)
-        yield verdict
-        if result is None:
+        try:
+            result = run_external_mission(
+                external_config(mission),
+                mission.instances[0].name,
+                0,
+                folder / part.replace(" ", "-"),
+                keep="all",
+            )
+        except MissionFailure as failure:
+            yield Verdict(part, "failed", f"{failure.reason}: {failure.message}")
             return
         flown.append(result)
-    yield _failure(_fly(mission, folder / "failure", check="fail"))
+        verdict = _of_default(mission, part, flown)
+        yield verdict
+        if verdict.kind == "failed":
+            return
+    yield _of_failure(_fly(mission, folder / "failure", check="fail"))
     limit_s = max(_SHORTEST_S, _SHARE_OF_WALL * flown[0].costs["wall_s"])
-    stopped = _fly(mission, folder / "time-out", limit_s=limit_s)
-    # The default may have been flown on a busier machine than this one: a shorter limit then.
-    for attempt in range(2, _TIME_OUTS + 1):
-        if stopped.ended.timed_out:
-            break
-        limit_s = _SHARE_OF_WALL * stopped.ended.wall_s
+    for attempt in range(_TIME_OUTS):
         stopped = _fly(mission, folder / f"time-out-{attempt}", limit_s=limit_s)
-    yield _time_out(mission, stopped, limit_s)
-    yield _clean_up(flown, stopped)
+        if stopped.ended.timed_out or attempt == _TIME_OUTS - 1:
+            break
+        # The default may have been flown on a busier machine than this one: a shorter limit then.
+        limit_s = _SHARE_OF_WALL * stopped.ended.wall_s
+    yield _of_time_out(mission, stopped, limit_s)
+    yield _of_end(flown, stopped)
 
 
-def _fly_default(
-    mission: MissionFile, directory: Path, part: str, before: list[MissionResult]
-) -> tuple[Verdict, MissionResult | None]:
-    instance = mission.instances[0].name
-    try:
-        result = run_external_mission(external_config(mission), instance, 0, directory, keep="all")
-    except MissionFailure as failure:
-        return Verdict(part, "failed", f"{failure.reason}: {failure.message}"), None
+def _of_default(mission: MissionFile, part: str, flown: list[MissionResult]) -> Verdict:
+    result, metric = flown[-1], mission.objective.metric
     if result.status == "failed":
-        return Verdict(
-            part, "failed", f"the default configuration failed: {result.reason} {result.message}".rstrip()
-        ), None
-    value = mission.objective.measure(result.metrics)
-    if value is None:
+        said = f"the default configuration failed: {result.reason} {result.message}".rstrip()
+        return Verdict(part, "failed", said)
+    first, value = (mission.objective.measure(each.metrics) for each in (flown[0], result))
+    if value is None or first is None:
         there = ", ".join(dotted(result.metrics)) or "none"
-        return Verdict(part, "failed", f"no metric {mission.objective.metric!r}; there are {there}"), None
-    text = f"{mission.objective.metric} = {value:.6g} on {instance!r} in {result.costs['wall_s']:.2f} s"
+        return Verdict(part, "failed", f"no metric {metric!r}; there are {there}")
+    text = f"{metric} = {value:.6g} on {result.rock!r} in {result.costs['wall_s']:.2f} s"
     if result.reason == HARDLY_OVERLAP:
-        return Verdict(part, "warning", f"{text}, but {result.message}"), result
-    if not before:
-        return Verdict(part, "ok", text), result
-    first = mission.objective.measure(before[0].metrics)
-    assert first is not None
+        return Verdict(part, "warning", f"{text}, but {result.message}")
+    if len(flown) == 1:
+        return Verdict(part, "ok", text)
     if value == first:
-        return Verdict(part, "ok", f"{text}: the same number, it repeats exactly"), result
-    share = abs(value - first) / max(abs(first), 1e-300)
-    note = "" if mission.replicates > 1 else "; replicates: 2 or more would average it"
-    text = f"{text}: differs by {abs(value - first):.3g} ({100 * share:.2g} %) at the same seed{note}"
-    return Verdict(part, "ok" if mission.replicates > 1 else "warning", text), result
+        return Verdict(part, "ok", f"{text}: the same number, it repeats exactly")
+    off = abs(value - first)
+    text += f": differs by {off:.3g} ({100 * off / max(abs(first), 1e-300):.2g} %) at the same seed"
+    if mission.replicates > 1:
+        return Verdict(part, "ok", text)
+    return Verdict(part, "warning", f"{text}; replicates: 2 or more would average it")
 
 
 def _fly(mission: MissionFile, directory: Path, *, check: str = "", limit_s: float | None = None) -> Flown:
@@ -107,46 +110,34 @@ def _fly(mission: MissionFile, directory: Path, *, check: str = "", limit_s: flo
         )
 
 
-def _failure(flown: Flown) -> Verdict:
-    failure = flown.result.failure
+def _of_failure(flown: Flown) -> Verdict:
+    part, failure = "a failure", flown.result.failure
     if failure is None:
         return Verdict(
-            "a failure",
-            "warning",
-            'the mission does not heed "check": "fail" in its request: failures are untried',
+            part, "warning", 'the mission does not heed "check": "fail" in its request: failures are untried'
         )
     if failure.of == "machine":
-        return Verdict(
-            "a failure",
-            "failed",
-            f"asked for a failure of the configuration it left none: {failure.reason}: {failure.message}",
-        )
-    return Verdict("a failure", "ok", f"reported as the configuration's: {failure.reason}")
+        said = f"{failure.reason}: {failure.message}"
+        return Verdict(part, "failed", f"asked for a failure of the configuration it left none: {said}")
+    return Verdict(part, "ok", f"reported as the configuration's: {failure.reason}")
 
 
-def _time_out(mission: MissionFile, flown: Flown, limit_s: float) -> Verdict:
-    took_s = flown.ended.wall_s
-    if not flown.ended.timed_out and took_s < _TOO_SHORT_S:
-        return Verdict(
-            "a time-out", "ok", f"not tried: a mission of {took_s:.2f} s is over before it is stopped"
-        )
+def _of_time_out(mission: MissionFile, flown: Flown, limit_s: float) -> Verdict:
+    part, took_s = "a time-out", flown.ended.wall_s
     if not flown.ended.timed_out:
-        return Verdict("a time-out", "warning", f"it ended in {took_s:.2f} s, before it could be stopped")
-    late_s = took_s - limit_s
+        if took_s < _TOO_SHORT_S:
+            return Verdict(part, "ok", f"not tried: a mission of {took_s:.2f} s is over before it is stopped")
+        return Verdict(part, "warning", f"it ended in {took_s:.2f} s, before it could be stopped")
+    late_s, limit = took_s - limit_s, f"after its limit of {limit_s:.2f} s"
     if late_s > mission.stop_grace_s:
-        return Verdict(
-            "a time-out",
-            "warning",
-            f"ignores SIGTERM: killed {late_s:.1f} s after its limit of {limit_s:.2f} s",
-        )
-    return Verdict("a time-out", "ok", f"ended {late_s:.2f} s after its limit of {limit_s:.2f} s")
+        return Verdict(part, "warning", f"ignores SIGTERM: killed {late_s:.1f} s {limit}")
+    return Verdict(part, "ok", f"ended {late_s:.2f} s {limit}")
 
 
-def _clean_up(flown: list[MissionResult], stopped: Flown) -> Verdict:
+def _of_end(flown: list[MissionResult], stopped: Flown) -> Verdict:
+    part, others = "clean-up", stopped.ended.left_behind
     if left := stopped.ended.survived:
-        return Verdict("clean-up", "failed", f"{left} processes could not be ended")
-    notes = [result.message for result in flown if result.reason == UNTIDY]
-    if notes:
-        return Verdict("clean-up", "warning", f"nothing is left now, but {notes[0]}")
-    others = stopped.ended.left_behind
-    return Verdict("clean-up", "ok", f"no process is left{f', {others} more were stopped' if others else ''}")
+        return Verdict(part, "failed", f"{left} processes could not be ended")
+    if notes := [result.message for result in flown if result.reason == UNTIDY]:
+        return Verdict(part, "warning", f"nothing is left now, but {notes[0]}")
+    return Verdict(part, "ok", f"no process is left{f', {others} more were stopped' if others else ''}")

@@ -17,9 +17,9 @@ from nbv.errors import MissionFailure, UserError
 from nbv.evaluation import Evaluation
 from tuner.missions import LocalProcessExecutor, MissionJob
 from tuner.missions.external import external_config, load_mission_file
-from tuner.missions.external.ending import marked
+from tuner.missions.external.flight import run_external_mission
+from tuner.missions.external.process import marked
 from tuner.missions.external.rehearsal import rehearse
-from tuner.missions.external.runner import run_external_mission
 from tuner.missions.external.scoring import score_cloud
 
 FLY = """
