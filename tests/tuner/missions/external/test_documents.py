@@ -236,7 +236,7 @@ def test_the_documents_of_the_how_to_page_fit():
 @pytest.mark.parametrize(
     ("text", "means"),
     [
-        ("f.score@costs.views", (("f.score", "maximise"), ("costs.views", "minimise"), None)),
+        ("f.score@costs.views<=20", (("f.score", "maximise"), ("costs.views", "minimise"), 20.0)),
         ("costs.views@f.score>=0.9", (("costs.views", "minimise"), ("f.score", "maximise"), 0.9)),
         ("sharpness@costs.battery>=0.2", (("sharpness", "maximise"), ("costs.battery", "maximise"), 0.2)),
     ],
@@ -249,7 +249,7 @@ def test_objectives_of_a_mission_file_are_its_own_metrics_and_costs(tmp_path, te
     with pytest.raises(
         UserError, match=r"say it in the mission file, such as directions: \{blur: maximise\}"
     ):
-        asked_objective("blur@costs.views", mission.directions)
+        asked_objective("blur@costs.views<=20", mission.directions)
 
 
 def test_a_skeleton_is_called_as_asked(tmp_path):
