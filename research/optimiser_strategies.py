@@ -336,7 +336,7 @@ def gp_variant(*, initial: int | None = None, **options: Any) -> Factory:
     return make
 
 
-PEERS = ("sobol", "random", "tpe", "cmaes", "optuna-gp", *available_peers())
+PEERS = ("sobol", "random", "tpe", "optuna-gp", *available_peers())
 STRATEGIES: dict[str, Factory] = {
     "gp": one_rock("gp"),
     **{name: one_rock(name) for name in PEERS},
@@ -346,7 +346,7 @@ STRATEGIES: dict[str, Factory] = {
         f"{name}+{suffix}": second_campaign(name, before)
         for suffix, before in (("earlier", earlier_campaign), ("shipped", shipped_campaign))
         for name in ("gp", *PEERS)
-        if name not in ("sobol", "random", "cmaes")
+        if name not in ("sobol", "random")
     },
     "gp+trusting": lambda problem, seed: OneRock(
         GPSampler(settings_of(problem, seed, ours=True), verify=False)
@@ -373,8 +373,6 @@ _TRUSTED_DEFAULT = (
 
 def applicable(name: str, problem: str) -> bool:
     """Whether a strategy makes sense, and is another one than its plain variant, on a problem."""
-    if name.startswith("cmaes") and problem in ("geometric:full", "geometric:few_photographs"):
-        return False  # categorical parameters
     if name == "gp+careless":
         return problem in ("failing", "geometric:few_photographs")
     if name in _TRUSTED_DEFAULT:

@@ -18,7 +18,6 @@ SAMPLERS = Registry(
         "sobol": "tuner.samplers.plain:make_plain_sampler",
         "random": "tuner.samplers.plain:make_plain_sampler",
         "tpe": "tuner.samplers.optuna:make_optuna_sampler",
-        "cmaes": "tuner.samplers.optuna:make_optuna_sampler",
         "optuna-gp": "tuner.samplers.optuna:make_optuna_sampler",
     },
 )

@@ -22,7 +22,6 @@ from gpytorch.likelihoods import GaussianLikelihood
 from linear_operator.operators import DenseLinearOperator
 
 from nbv.types import Ints
-from tuner.surrogate.leave_one_out import LooCheck
 
 EXACT_MISSIONS = 600
 FITTED_MISSIONS = 400
@@ -46,28 +45,6 @@ class _CondensedNoise(GaussianLikelihood):
         return super()._shaped_noise_covar(base_shape, *params, **kwargs)
 
 
-class CondensedGP(SingleTaskGP):
-    """An exact process on pseudo-outcomes that knows the missions behind them."""
-
-    missions: tuple[torch.Tensor, torch.Tensor]  # (n, inputs) and (n,) standardised outcomes
-
-    def leave_one_out(self) -> LooCheck:
-        """Predict every mission from all others, by Woodbury's identity."""
-        x, y = self.missions
-        kernel, z, s2 = self.covar_module, self.train_inputs[0], self.likelihood.noise
-        with torch.no_grad():
-            k_zz = _jittered(kernel(z).to_dense())
-            k_zn = torch.cat([kernel(z, rows).to_dense() for rows in x.split(_ROWS)], dim=1)
-            weights = torch.linalg.solve(k_zz, k_zn)
-            noise = s2 + (_variances(self, x) - (k_zn * weights).sum(0)).clamp_min(0.0)
-            inner = torch.linalg.cholesky(k_zz + (k_zn / noise) @ k_zn.T)
-            half = torch.linalg.solve_triangular(inner, k_zn / noise, upper=False)
-            residual = y - self.mean_module(x)
-            diagonal = 1 / noise - half.square().sum(0)
-            error = (residual / noise - half.T @ (half @ residual)) / diagonal
-        return LooCheck(y.numpy(), (y - error).numpy(), (1 / diagonal).sqrt().numpy())
-
-
 def drawn(count: int) -> Ints:
     """Return to which of ``count`` missions the hyperparameters are fitted: to all where they are few."""
     if count <= EXACT_MISSIONS:
@@ -75,7 +52,7 @@ def drawn(count: int) -> Ints:
     return np.sort(np.random.default_rng(count).choice(count, FITTED_MISSIONS, replace=False))
 
 
-def condensed(model: SingleTaskGP, x: torch.Tensor, y: torch.Tensor) -> CondensedGP:
+def condensed(model: SingleTaskGP, x: torch.Tensor, y: torch.Tensor) -> SingleTaskGP:
     """``model``, fitted to some missions, with what all say: (n, inputs) and (n, 1). It knows only their outcomes anew.
 
     The inducing missions are those of ``model`` and the best by its means, where a search goes on.
@@ -99,7 +76,7 @@ def condensed(model: SingleTaskGP, x: torch.Tensor, y: torch.Tensor) -> Condense
         inverse = torch.linalg.cholesky(precision)
         covariance = torch.cholesky_inverse(inverse)
         pseudo = mean(z) + torch.cholesky_solve(told[:, None], inverse)[:, 0]
-    small = CondensedGP(
+    small = SingleTaskGP(
         z,
         pseudo[:, None],
         likelihood=_CondensedNoise(s2, z, covariance),
@@ -107,10 +84,8 @@ def condensed(model: SingleTaskGP, x: torch.Tensor, y: torch.Tensor) -> Condense
         mean_module=mean,
         outcome_transform=None,
     )
-    small.missions = (x, y)
     small.eval()
-    found: CondensedGP = small.requires_grad_(False)
-    return found
+    return small.requires_grad_(False)
 
 
 def posterior_means(model: SingleTaskGP, x: torch.Tensor) -> torch.Tensor:

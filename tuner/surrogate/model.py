@@ -39,7 +39,7 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.standardise import RockStandardiser
 from tuner.problem.worlds import Place, World, worlds_of
-from tuner.surrogate.condensed import CondensedGP, condensed, drawn, posterior_means
+from tuner.surrogate.condensed import condensed, drawn, posterior_means
 from tuner.surrogate.feasibility import Feasibility
 from tuner.surrogate.fit import fitted
 from tuner.surrogate.kernel import NO_OFFSET, Feature, lengthscales, mission_kernel, shared_variance
@@ -107,8 +107,11 @@ class RockMeanGP:
         self._block_index = _levels(flown)
         self._ordered = [i for i in range(space.dimension) if i not in space.categorical_dimensions]
         columns = np.array([self.levels(world, self._block_index[world, k]) for world, k in flown])
+        x, y = tensor(np.column_stack([self.unit, columns])), tensor(self.targets[:, None])
+        self.fitted_to = drawn(len(feasible))  # indices of the missions that hyperparameters are fitted to
         with numerics(seed):
-            self.model, self.uses_feature = self._fit(np.column_stack([self.unit, columns]), feature)
+            self._fitted, self.uses_feature = self._fit(x[self.fitted_to], y[self.fitted_to], feature)
+            self.model = self._fitted if len(self.fitted_to) == len(x) else condensed(self._fitted, x, y)
 
     @functools.cached_property
     def feasibility(self) -> Feasibility | None:
@@ -117,11 +120,10 @@ class RockMeanGP:
             return None
         return Feasibility(self.space, self.unit, np.array(self._failed), self._seed)
 
-    def _fit(self, x: Floats, feature: Feature | None) -> tuple[SingleTaskGP, bool]:
-        """The fitted model, with the feature where the missions prefer it so."""
+    def _fit(self, x: torch.Tensor, y: torch.Tensor, feature: Feature | None) -> tuple[SingleTaskGP, bool]:
+        """The model fitted to (n, d + 2) inputs and (n, 1) outcomes, with the feature where they prefer it so."""
         settings = dataclasses.replace(self.settings, blocks=self._models_blocks)
         taus = SPARSE_TAUS if settings.sparse and self._ordered else (None,)
-        inputs, outcomes, chosen = tensor(x), tensor(self.targets[:, None]), drawn(len(x))
 
         def fit(feature: Feature | None) -> tuple[SingleTaskGP, float]:
             kernels = [
@@ -135,18 +137,15 @@ class RockMeanGP:
                 )
                 for tau in taus
             ]
-            return fitted(kernels, inputs[chosen], outcomes[chosen])
-
-        def of_all(model: SingleTaskGP) -> SingleTaskGP:
-            return model if len(chosen) == len(x) else condensed(model, inputs, outcomes)
+            return fitted(kernels, x, y)
 
         plain, evidence = fit(None)
         if feature is not None:
             informed, its_evidence = fit(feature)
             # One more parameter has to earn its place (Schwarz's criterion).
-            if its_evidence - 0.5 * math.log(len(chosen)) > evidence:
-                return of_all(informed), True
-        return of_all(plain), False
+            if its_evidence - 0.5 * math.log(len(x)) > evidence:
+                return informed, True
+        return plain, False
 
     def levels(self, place: Place | None, block: float = NO_OFFSET) -> list[float]:
         """Return the input columns behind the unit cube's, of world and block.
@@ -269,10 +268,8 @@ class RockMeanGP:
         return dict(zip(ordered, lengthscales(self.model.covar_module)))
 
     def leave_one_out(self) -> LooCheck:
-        """Predict each mission from all others, hyperparameters kept."""
-        if isinstance(self.model, CondensedGP):
-            return self.model.leave_one_out()
-        return leave_one_out(self.model)
+        """Predict each mission of ``fitted_to`` from all others there, hyperparameters kept."""
+        return leave_one_out(self._fitted)
 
 
 def _levels(names: Iterable[Any]) -> dict[Any, float]:
