@@ -1,4 +1,4 @@
-"""``gatetune photographs import|list|show``."""
+"""``gatetune photographs import|list|show|enough``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from tuner.commands.console import AsJson, Throttle, answer_json, load, output, progress_bar
+from nbv.errors import UserError
+from nbv.mission.run_directory import write_atomic
+from tuner.commands.console import (
+    AsJson,
+    Throttle,
+    answer_json,
+    load,
+    local_executor,
+    output,
+    parse_overrides,
+    progress_bar,
+    ticker,
+)
+from tuner.commands.options import Timeout, Workers
 
 if TYPE_CHECKING:
     from nbv.photographs import PhotographSet
@@ -100,6 +113,109 @@ def show(name: Annotated[str, typer.Argument(help="A set's name.")], as_json: As
     _describe(found)
     output.print(f"report: {found.folder / 'report.html'}")
     answer_json({**_facts(found), "weak": found.weak, "notes": found.notes})
+
+
+@app.command()
+def enough(
+    name: Annotated[str, typer.Argument(help="A set's name.")],
+    keep: Annotated[float, typer.Option(help="Of the quality with all photographs, in per cent.")] = 95.0,
+    numbers: Annotated[
+        list[int] | None,
+        typer.Option("--number", help="Of photographs, repeatable (default: 16, 20, 24, 32, 48)."),
+    ] = None,
+    campaign: Annotated[
+        Path | None,
+        typer.Option(
+            help="Whose recommended gate and scorers fly as the tuned planner (default: our own scorer)."
+        ),
+    ] = None,
+    set_: Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE for every mission.")] = None,
+    replicates: Annotated[int, typer.Option(help="Of each way at each number, each begun elsewhere.")] = 3,
+    workers: Workers = None,
+    timeout_s: Timeout = 3600.0,
+    out: Annotated[Path | None, typer.Option(help="Directory (default: runs/enough-NAME).")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """How many photographs would have done, and which: quality over number for a ring, chance, planners and an oracle.
+
+    Stopped, it goes on where it was when the same command runs again.
+
+    Example: gatetune photographs enough mine --keep 95
+    """
+    if not 0 < keep <= 100:
+        raise UserError(f"--keep {keep:g} must lie above 0 and up to 100 per cent")
+    output.print(f"how many photographs of {name} would have done")  # before what takes seconds to load
+    load("tuner.evaluation.enough")
+    from nbv.config import MissionConfig
+    from nbv.photographs import PhotographSet
+    from tuner.commands.comparison import ComparisonProgress
+    from tuner.evaluation.enough import METRIC, NUMBERS, WAYS, enough_plans, read_enough
+    from tuner.evaluation.flying import run_evaluation
+    from tuner.report.photographs import draw_enough
+
+    photographs = PhotographSet.read(name)
+    tuned = None
+    if campaign is not None:
+        from tuner.campaign.campaign import Campaign
+
+        found = Campaign.open(campaign, read_only=True).recommended_config()
+        if not isinstance(found, MissionConfig):
+            raise UserError(
+                f"{campaign} flies a mission file of its own, which has no gate and scorers of ours"
+            )
+        tuned = found
+    plans = enough_plans(photographs, numbers or NUMBERS, replicates, tuned, parse_overrides(set_ or []))
+    where = out or Path("runs") / f"enough-{name}"
+    output.print(
+        f"{sum(plan.missions for plan in plans)} missions; the first takes all photographs and longest",
+        soft_wrap=True,
+    )
+    with local_executor(plans[0].fidelity, workers, timeout_s) as executor, progress_bar() as bar:
+        runs = []
+        for plan, folder in zip(plans, ("all", "few"), strict=True):
+            show = ComparisonProgress(bar, METRIC)
+            with ticker(show.tick):
+                runs.append(run_evaluation(plan, where / folder, executor, show))
+    if not all(run.complete for run in runs):
+        output.print(f"stopped; the same command goes on in {where}")
+        raise typer.Exit(1)
+    answer = read_enough(runs[0], runs[1], keep)
+    table = Table(
+        title=f"F-score at 3 % of the height, %; one half of all photographs against the other: {answer.ceiling:.1f}"
+    )
+    for column in ("way", "photographs", "registered", "F-score", "95 % interval"):
+        table.add_column(column)
+    for way, points in answer.curves.items():
+        for p in points:
+            bounds = "–" if p.quality.low is None else f"{p.quality.low:.1f} to {p.quality.high:.1f}"
+            table.add_row(
+                WAYS[way], f"{p.photographs:.1f}", f"{p.registered:.1f}", f"{p.quality.mean:.1f}", bounds
+            )
+    output.print(table)
+    output.print(
+        f"all {answer.all_photographs:.0f}: {answer.all_quality:.1f} %; {keep:g} % of that: {answer.asked_quality:.1f} %"
+    )
+    for way in answer.curves:
+        first = answer.first_number(way)
+        output.print(
+            f"  {WAYS[way]}: "
+            + ("not at these numbers" if first is None else f"from {first:.0f} on, in the mean")
+        )
+    picture = draw_enough(answer, photographs, keep, where / "enough.png")
+    if answer.smallest is None:
+        output.print(
+            f"no mission kept it: give larger numbers with --number; picture: {picture}", soft_wrap=True
+        )
+    else:
+        source = {p.name: p.source for p in photographs.photographs}
+        listed = where / "enough.txt"
+        write_atomic(listed, "".join(f"{source[taken]}\n" for taken in answer.smallest.taken))
+        output.print(
+            f"{len(answer.smallest.taken)} photographs would have done ({WAYS[answer.smallest.way]}, "
+            f"{answer.smallest.quality:.1f} %): {listed}; picture: {picture}",
+            soft_wrap=True,
+        )
+    answer_json(answer)
 
 
 def _facts(found: PhotographSet) -> dict[str, Any]:

@@ -1,0 +1,122 @@
+"""How few photographs would have done: what is flown, what is read from it, and the command."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from photographed_ball import spread, write_set
+from typer.testing import CliRunner
+
+from nbv.config import preset
+from nbv.errors import UserError
+from nbv.photographs import PhotographSet
+from tuner.cli import app
+from tuner.evaluation.enough import ALL, SEEDS, enough_plans, read_enough
+from tuner.evaluation.flying import EvaluationRun
+from tuner.evaluation.plan import EvaluationPlan
+from tuner.missions.job import Trial
+from tuner.report.photographs import draw_enough
+
+
+@pytest.fixture
+def ball(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PhotographSet:
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
+    return write_set("ball", spread(40), rendered=False)
+
+
+def test_every_way_has_the_same_number_and_the_same_seeds(ball: PhotographSet) -> None:
+    everything, few = enough_plans(ball, (8, 16, 24, 500), replicates=2)
+    assert everything.missions == 1
+    assert set(few.strategies) == {
+        "ring-16",
+        *(f"{way}-24" for way in ("ring", "random", "hyb-h", "tuned", "oracle")),
+    }
+    for name, config in few.strategies.items():
+        assert config.seed.total + config.adaptive_budget == int(name.rpartition("-")[2])
+        assert config.seed.total == SEEDS or name.startswith("ring")
+    assert everything.strategies[ALL].adaptive_budget >= 36  # 4 of 40 are kept out
+    tuned = preset("campaign").with_values({"gate.kind": "covis", "covis.weights.nov": 0.3, "seed.count": 24})
+    flown = enough_plans(ball, (24,), tuned=tuned)[1].strategies["tuned-24"]
+    assert (flown.gate.kind, flown.covis.weights.nov, flown.seed.count) == ("covis", 0.3, SEEDS)
+    with pytest.raises(UserError, match="ball has 36 photographs to choose from"):
+        enough_plans(ball, (8, 500))
+
+
+def run(plan: EvaluationPlan, values: dict[str, list[tuple[float, int]]], names: list[str]) -> EvaluationRun:
+    """Missions with these qualities and numbers of photographs."""
+
+    def trial(strategy: str, k: int, quality: float, count: int) -> Trial:
+        measured: dict[str, Any] = {
+            "metrics": {
+                "observable": {"f_score_48mm": quality},
+                "reference": {"ceiling": {"f_score_48mm": 99.0}},
+                "taken": names[:count],
+            },
+            "costs": {"images": float(count), "registered_images": count - 1.0},
+        }
+        return Trial(
+            rock="ball",
+            replicate=k,
+            strategy=strategy,
+            status="ok" if quality else "failed",
+            measured_then=measured,
+        )
+
+    records = [trial(s, k, *found) for s, several in values.items() for k, found in enumerate(several)]
+    return EvaluationRun(plan, records, True, 0.0)
+
+
+def test_the_smallest_set_that_keeps_what_was_asked_for(ball: PhotographSet, tmp_path: Path) -> None:
+    names = [p.name for p in ball.registered]
+    everything, few = enough_plans(ball, (16, 20, 24), replicates=2)
+    flown = {
+        "ring-16": [(70.0, 16), (60.0, 15)],
+        "ring-20": [(80.0, 20), (70.0, 20)],
+        "ring-24": [(88.0, 24), (86.0, 23)],
+        "random-20": [(72.0, 20), (0.0, 20)],
+        "oracle-20": [(85.0, 20), (86.4, 20)],
+        "oracle-24": [(90.0, 24), (90.0, 24)],
+    }
+    found = read_enough(run(everything, {ALL: [(90.0, 36)]}, names), run(few, flown, names), 95.0)
+    assert found.asked_quality == pytest.approx(85.5)
+    assert found.smallest is not None
+    assert (found.smallest.way, found.smallest.replicate, found.smallest.taken) == (
+        "oracle",
+        1,
+        tuple(names[:20]),
+    )
+    assert (found.first_number("oracle"), found.first_number("ring")) == (20.0, 23.5)
+    assert found.first_number("random") is None
+    random = found.curves["random"][0]
+    assert (random.quality.mean, random.registered) == (36.0, 19.0)  # a failed mission counts
+    assert np.isclose(found.ceiling, 99.0)
+    picture = draw_enough(found, ball, 95.0, tmp_path / "enough.png")
+    assert picture.stat().st_size > 20_000
+    nothing = read_enough(run(everything, {ALL: [(99.0, 36)]}, names), run(few, flown, names), 100.0)
+    assert nothing.smallest is None
+    with pytest.raises(UserError, match="all photographs gave no"):
+        read_enough(run(everything, {ALL: [(0.0, 36)]}, names), run(few, flown, names), 95.0)
+
+
+@pytest.mark.slow
+def test_the_command_lists_the_files_that_would_have_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
+    made = write_set("ball", spread(20), rendered=True)
+    asked = ["photographs", "enough", "ball", "--number", "16", "--replicates", "1", "--workers", "1"]
+    asked += ["--keep", "60", "--out", str(tmp_path / "out"), "--set", "dense.agreeing_views=3"]
+    asked += ["--set", "evaluation.gt_samples=5000"]
+    said = CliRunner().invoke(app, asked)
+    assert said.exit_code == 0, said.output
+    listed = (tmp_path / "out" / "enough.txt").read_text().split()
+    assert 14 <= len(listed) <= 16 and set(listed) <= {p.source for p in made.photographs}
+    assert (tmp_path / "out" / "enough.png").is_file()
+    missions = sorted((tmp_path / "out").rglob("mission.json"))
+    times = [path.stat().st_mtime_ns for path in missions]
+    assert CliRunner().invoke(app, asked).exit_code == 0
+    assert [path.stat().st_mtime_ns for path in missions] == times  # nothing is flown again
+    assert "must lie above 0" in str(CliRunner().invoke(app, [*asked, "--keep", "0"]).exception)

@@ -1,0 +1,219 @@
+"""How few of the photographs of a set would have done: which missions say so, and what they said.
+
+Four ways to choose photographs, each flown at several numbers with several replicates (of the place where it begins): an
+even ring, random ones, planners, and an oracle that knows the tracks of the model of all photographs. All but the ring
+begin with the same seeds. One more mission takes all photographs: what it reaches is what a few are to keep.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from nbv.config import MissionConfig, preset
+from nbv.config.presets import REDUCED_SFM
+from nbv.errors import UserError
+from nbv.photographs import PhotographSet
+from nbv.photographs.kept_out import kept_out
+from tuner.evaluation.flying import EvaluationRun
+from tuner.evaluation.plan import EvaluationPlan
+from tuner.evaluation.statistics import Interval, mean_interval
+from tuner.missions.registry import PHOTOGRAPHS
+
+NUMBERS = (16, 20, 24, 32, 48)
+SEEDS = 16  # 22.5 degrees apart: farther, and SIFT holds too few of them together
+METRIC = "observable.f_score_48mm"
+ALL, RING, ORACLE = "all", "ring", "oracle"
+WAYS = {
+    RING: "even ring",
+    "random": "random",
+    "hyb-h": "Hyb-H, the paper's planner",
+    "tuned": "tuned planner",
+    ORACLE: "oracle of tracks",
+}
+# Poses are known from the import, so they may hold the seeds together as a GNSS receiver's would.
+TELEMETRY = "rtk"
+_TUNED_SECTIONS = ("gate", "covis", "b_aware", "matchable", "shared", "visibility")
+_BELOW_ALL_M = -3.0
+
+
+@dataclass(frozen=True)
+class Point:
+    """One way at one number of photographs."""
+
+    photographs: float  # taken, mean over replicates
+    registered: float
+    quality: Interval
+
+
+@dataclass(frozen=True)
+class Smallest:
+    """A mission that kept what was asked for, with fewest photographs."""
+
+    way: str
+    replicate: int
+    quality: float
+    taken: tuple[str, ...]  # names in the set, in the order taken
+
+
+@dataclass(frozen=True)
+class Enough:
+    """What the missions said."""
+
+    all_photographs: float  # how many may be taken
+    all_quality: float
+    asked_quality: float
+    ceiling: float  # one half of the photographs against the other
+    curves: Mapping[str, tuple[Point, ...]]  # by way
+    smallest: Smallest | None
+
+    def first_number(self, way: str) -> float | None:
+        """The fewest photographs with which the mean of a way keeps what was asked for; None: at none that was flown."""
+        return next(
+            (p.photographs for p in self.curves.get(way, ()) if p.quality.mean >= self.asked_quality), None
+        )
+
+
+def enough_plans(
+    photographs: PhotographSet,
+    numbers: Sequence[int] = NUMBERS,
+    replicates: int = 3,
+    tuned: MissionConfig | None = None,
+    overrides: Mapping[str, Any] | None = None,
+) -> tuple[EvaluationPlan, EvaluationPlan]:
+    """The mission that takes all photographs, and the missions of the curves.
+
+    Parameters
+    ----------
+    photographs
+        The set.
+    numbers
+        Of photographs; those that the set does not have are left out.
+    replicates
+        Of every way at every number.
+    tuned
+        A configuration whose gate and scorers fly as "tuned"; by default our own scorer.
+    overrides
+        Values for every mission.
+
+    Raises
+    ------
+    UserError
+        The set has too few photographs for the fewest of ``numbers``.
+    """
+    out = kept_out(photographs)
+    takeable = [p for p in photographs.registered if p.name not in out]
+    kept = sorted({n for n in numbers if SEEDS <= n < len(takeable)})
+    if not kept:
+        raise UserError(
+            f"{photographs.name} has {len(takeable)} photographs to choose from; give --number at least {SEEDS} and fewer "
+            "than that"
+        )
+    offsets = np.array([p.camera_center_m for p in takeable]) - photographs.target_m
+    elevation_deg = float(np.median(np.rad2deg(np.arcsin(offsets[:, 2] / np.linalg.norm(offsets, axis=1)))))
+    base = preset("campaign").with_values(
+        {
+            **REDUCED_SFM,
+            "telemetry": TELEMETRY,
+            "seed.lowest_deg": round(min(max(elevation_deg, 0.0), 60.0), 1),
+            "pool.min_altitude_m": _BELOW_ALL_M,
+            **(overrides or {}),
+        }
+    )
+    planner = tuned or base.with_values(
+        {"gate.kind": "matchable", **{f"matchable.weights.{t}": 0.0 for t in ("nov", "move", "ang")}}
+    )
+    strategies = {}
+    for number in kept:
+        ring = base.with_values({"seed.count": number, "stop.adaptive_budget": 0})
+        shared = base.with_values({"seed.count": SEEDS, "stop.adaptive_budget": number - SEEDS})
+        strategies[_name(RING, number)] = ring
+        if number == SEEDS:
+            continue
+        for way in WAYS:
+            if way == "tuned":
+                sections = {name: getattr(planner, name) for name in _TUNED_SECTIONS}
+                strategies[_name(way, number)] = dataclasses.replace(shared, **sections)
+            elif way != RING:
+                kind = "greedy-oracle" if way == ORACLE else way
+                strategies[_name(way, number)] = shared.with_values({"gate.kind": kind})
+    everything = base.with_values(
+        {
+            "seed.count": SEEDS,
+            "stop.adaptive_budget": len(takeable),
+            "stop.criterion": "budget",
+            "gate.kind": "movement-only",
+        }
+    )
+    rocks = (photographs.name,)
+    return (
+        EvaluationPlan({ALL: everything}, rocks, 1, fidelity=PHOTOGRAPHS),
+        EvaluationPlan(strategies, rocks, replicates, fidelity=PHOTOGRAPHS),
+    )
+
+
+def read_enough(
+    everything: EvaluationRun, curves: EvaluationRun, keep_percent: float, metric: str = METRIC
+) -> Enough:
+    """What the missions of `enough_plans` said; failed ones count as a quality of 0.
+
+    Parameters
+    ----------
+    everything, curves
+        The flown plans.
+    keep_percent
+        Of the quality with all photographs.
+    metric
+        What quality is.
+
+    Raises
+    ------
+    UserError
+        The mission with all photographs failed.
+    """
+    whole = next(iter(everything.records), None)
+    reached = None if whole is None else whole.value(metric)
+    if whole is None or reached is None:
+        why = "" if whole is None else f" ({whole.reason}: {whole.message})"
+        raise UserError(f"the mission with all photographs gave no {metric}{why}")
+    asked = keep_percent / 100.0 * reached
+    found: dict[str, list[Point]] = {way: [] for way in WAYS}
+    smallest: Smallest | None = None
+    for strategy in curves.plan.strategies:
+        way, flown = strategy.rpartition("-")[0], [t for t in curves.records if t.strategy == strategy]
+        qualities = [trial.value(metric) or 0.0 for trial in flown]
+        interval = mean_interval({"set": qualities})
+        if interval is None:
+            continue
+        images, registered = (
+            float(np.mean([trial.costs.get(key, 0.0) for trial in flown]))
+            for key in ("images", "registered_images")
+        )
+        found[way].append(Point(images, registered, interval))
+        for trial, quality in zip(flown, qualities, strict=True):
+            taken = tuple(trial.metrics.get("taken", ()))
+            candidate = Smallest(way, trial.replicate, quality, taken)
+            if quality >= asked and (smallest is None or _rank(candidate) < _rank(smallest)):
+                smallest = candidate
+    key = metric.rpartition(".")[2]
+    ceiling = whole.metrics["reference"]["ceiling"].get(key, float("nan"))
+    return Enough(
+        whole.costs["images"],
+        reached,
+        asked,
+        ceiling,
+        {way: tuple(sorted(points, key=lambda p: p.photographs)) for way, points in found.items() if points},
+        smallest,
+    )
+
+
+def _rank(one: Smallest) -> tuple[int, float]:
+    return len(one.taken), -one.quality
+
+
+def _name(way: str, number: int) -> str:
+    return f"{way}-{number}"
