@@ -13,11 +13,12 @@ from typing import Any
 
 from tuner.acquisition.constrained import Constraint
 from tuner.problem.configurations import configuration_key
+from tuner.problem.drawn_rocks import are_drawn
 from tuner.problem.exact_costs import ExactCost
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
-from tuner.problem.worlds import Place, World
+from tuner.problem.worlds import Place, World, rocks_of
 from tuner.recommendation.eligible import may_be_recommended
 from tuner.recommendation.limit import limit_of, on_next_rocks
 from tuner.recommendation.next_rock import next_rock
@@ -164,7 +165,7 @@ def recommend(
             probability=chance(rival),
         )
     elsewhere = None
-    if not brief and values != dict(default):
+    if not brief and values != dict(default) and not are_drawn(rocks_of(model.worlds)):
         departing = dataclasses.replace(model.settings, own_landscapes=True)
         of_worlds = RockMeanGP(space, feasible, places, seed, departing, feature)
         elsewhere = next_rock(of_worlds, values, default, calibrated)

@@ -11,6 +11,7 @@ import numpy as np
 from scipy import special
 
 from tuner.acquisition.constrained import CALIBRATED, Constraint
+from tuner.problem.drawn_rocks import are_drawn
 from tuner.problem.objective import Objective
 from tuner.problem.share import ShareBelief
 from tuner.problem.worlds import rocks_of
@@ -99,6 +100,11 @@ def on_next_rocks(
     if constraint.is_share:
         share = constraint.shares([values])[0]
         flown = (sum(reached), len(reached))
+    elif are_drawn(rocks_of(model.worlds)):  # every block is a rock
+        belief, one = model.posterior([values]), model.one_mission_sd
+        rocks = (one / max(float(belief.sd[0]), 1e-9)) ** 2
+        z = (float(belief.mean[0]) - constraint.at_least) / math.hypot(one, float(belief.sd[0]))
+        share = ShareBelief(float(special.stdtr(PRIOR_ROCKS + rocks, z)), rocks)
     else:  # as if so many of the training rocks kept it
         share = ShareBelief(next_rock_keeps(model, values, constraint.at_least), len(rocks_of(model.worlds)))
     return dataclasses.replace(

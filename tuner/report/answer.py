@@ -73,7 +73,9 @@ def plan_words(config: Configuration, *, ceiling: bool) -> str:
         rings += f" and {seed.upper_count} at {seed.upper_deg:.0f}°" if seed.upper_count else ""
     if not config.adaptive_budget:
         return rings
-    words = f"{rings}, then {'up to ' if stop.may_end_early else ''}{config.adaptive_budget} chosen by the planner"
+    words = f"{rings}, then {config.adaptive_budget} chosen by the planner"
+    if stop.may_end_early:
+        words = f"{rings}; go on where the model is weak, up to {seed.total + config.adaptive_budget}"
     return f"{words}, none above {config.pool.max_altitude_m:.3g} m" if ceiling else words
 
 

@@ -217,6 +217,8 @@ def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
     best, status, place = facts.recommendation, facts.status, place_word(facts.settings)
     run = shlex.quote(str(facts.campaign.directory))
     resume, evaluate = f"gatetune campaign resume {run}", f"gatetune evaluate {run}"
+    if facts.settings.draws_rocks:  # as many of every family as are worth an interval
+        evaluate += "".join(f" --rock {rock}" for rock in facts.settings.rocks)
     more = f"{resume} --missions {2 * status.budget}"
     if best is None:
         reason = max(status.failures, key=lambda r: status.failures[r], default="unknown")

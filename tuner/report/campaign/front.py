@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tuner.acquisition.two_objectives import FrontPoint, pareto_front
+from tuner.problem.objective import reached
 from tuner.problem.quality_at_cost import COUNTS
 from tuner.report.answer import place_word
 from tuner.report.campaign.facts import CampaignFacts
@@ -27,6 +28,9 @@ def asked_text(facts: CampaignFacts) -> str:
         return said
     name = metric_label(s.second.metric).full
     assert s.limit is not None
+    if share := reached(s.second.metric):
+        of = metric_label(share[0])
+        return f"{said} with {of.full} of {of.value(share[1])} on at least {s.limit:g} % of rocks"
     bound = with_unit(s.limit, metric_label(s.second.metric).unit, 0 if s.limit == int(s.limit) else 2)
     return f"{said} with {name} {'at most' if s.second.direction == 'minimise' else 'at least'} {bound}"
 

@@ -18,7 +18,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
 from tuner.missions.registry import GEOMETRIC_NOTE, ignored_by, is_geometric
-from tuner.problem.search_space import SearchSpace
+from tuner.problem.search_space import SearchSpace, ours
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import place_word
 from tuner.report.campaign.answers import (
@@ -33,6 +33,7 @@ from tuner.report.campaign.answers import (
 from tuner.report.campaign.explorer import MOST_MISSIONS, explorer_data, mission_link
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.campaign.front import asked_text, front_context
+from tuner.report.campaign.plan_picture import plan_picture
 from tuner.report.campaign.provenance import command_note, provenance_rows, reproduce_command
 from tuner.report.campaign.rows import (
     failure_rows,
@@ -159,6 +160,7 @@ def _answers(facts: CampaignFacts) -> dict[str, Any]:
         "measure": measure_text(facts),
         "verdict_kind": verdict(best.improvement_interval_95).split()[0] if best and better else "",
         "use": use,
+        **_plan(facts),
         "sure": sure_answer(facts),
         "pairs": [] if best is None else pair_rows(facts, best),
         "gate": gate,
@@ -169,6 +171,15 @@ def _answers(facts: CampaignFacts) -> dict[str, Any]:
         "next_command": command,
         "files": [] if best is None else _files(facts, best),
     }
+
+
+def _plan(facts: CampaignFacts) -> dict[str, Any]:
+    """The recommended plan as a picture; nothing for a mission that is not ours."""
+    best, s = facts.recommendation, facts.settings
+    if best is None or s.mission is not None:
+        return {"plan": "", "planned": False}
+    config = ours(s.config(best.values))
+    return {"plan": plan_picture(config), "planned": config.adaptive_budget > 0}
 
 
 def _files(facts: CampaignFacts, best: Recommendation) -> list[dict[str, Any]]:
