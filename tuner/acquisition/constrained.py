@@ -142,7 +142,7 @@ def propose_constrained(
             baseline = prune_inferior_points(model.model, model.inputs(kept if len(kept) else near[:1]))
             flying = None if flying is None else flying[known(flying[:, : model.space.dimension].numpy())]
             baseline = baseline if flying is None else torch.unique(torch.cat([baseline, flying]), dim=0)
-            acquisition: AcquisitionFunction = _Allowed(
+            acquisition: AcquisitionFunction = _WithinKnownLimit(
                 LogNoisyImprovement(model.model, baseline, MONTE_CARLO_SAMPLES, seed), known, model
             )
         elif isinstance(first, KnownOutcome):
@@ -212,7 +212,7 @@ def _with_probability(
     )
 
 
-class _Allowed(AcquisitionFunction):
+class _WithinKnownLimit(AcquisitionFunction):
     """An acquisition's values where a limit is known to be kept."""
 
     def __init__(self, acquisition: AcquisitionFunction, allowed: Allowed, model: RockMeanGP) -> None:

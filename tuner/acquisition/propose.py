@@ -88,7 +88,7 @@ def maximise(
     """
     d = model.space.dimension
     if model.feasibility is not None:
-        acquisition = _OfWhatWorks(acquisition, model.feasibility, d)
+        acquisition = _TimesFeasibility(acquisition, model.feasibility, d)
     discrete = model.space.discrete_dimensions
     points = starting_points(model, seed, near_to=near)
     if discrete:
@@ -146,7 +146,7 @@ def only_allowed(model: RockMeanGP, points: Floats, allowed: Callable[[Floats], 
     return found if len(found) else points
 
 
-class _OfWhatWorks(AcquisitionFunction):
+class _TimesFeasibility(AcquisitionFunction):
     """The logarithm of an acquisition value times the probability that the mission ends well (Gardner et al., ICML 2014)."""
 
     def __init__(self, acquisition: AcquisitionFunction, feasibility: Feasibility, dimension: int) -> None:

@@ -187,11 +187,9 @@ def recommend(
         per_rock=[_rock_row(model, world, own, values, modelled.sign) for world in model.worlds],
         default_values=dict(default),
         default_mean=sign * float(goal.mean[reference]),
-        default_sd=float(goal.sd[reference]),
         improvement=gain,
         improvement_sd=gain_sd,
         improvement_interval_95=calibrated.interval_95(gain, gain_sd),
-        probability_better_than_default=_probability(calibrated, gain, gain_sd),
         noise_sd=model.noise_sd,
         block_sd=model.block_sd,
         observations=len(feasible),
@@ -203,7 +201,6 @@ def recommend(
         calibration=calibrated.to_dict(),
         exact=exact is not None,
         modelled_metric=modelled.metric,
-        modelled_direction=modelled.direction,
         runner_up=runner_up,
         next_rock=elsewhere,
         limit=kept_limit,
@@ -255,13 +252,6 @@ def fewest_changes(
         return sum(value != default[path] for path, value in configurations[i].items())
 
     return min(filter(not_worse, better), key=lambda i: (changes(i), -belief.mean[i]))
-
-
-def _probability(calibrated: Calibration, gain: float, sd: float) -> float:
-    """Return the probability that the gain is above 0: 0 or 1 where the gain is exact and not 0."""
-    if sd == 0.0 and gain:
-        return float(gain > 0.0)
-    return calibrated.probability_positive(gain, sd)
 
 
 def _rock_row(

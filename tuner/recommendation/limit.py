@@ -67,7 +67,6 @@ def limit_of(
         default_mean=100.0 * constraint.shares([default])[0].share
         if constraint.is_share
         else sign * float(belief.mean[1]),
-        default_sd=float(belief.sd[1]),
         difference=difference[0],
         difference_interval_95=CALIBRATED.interval_95(*difference),
     )

@@ -82,7 +82,6 @@ def next_rock(
     return NextRock(
         gain=mean,
         interval_95=(mean - half, mean + half),
-        between_rocks_sd=between,
         per_rock=own,
         against=against,
         no_worse=float(special.stdtr(freedom, mean / sd)) if sd else 0.5,

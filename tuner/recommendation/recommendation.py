@@ -64,7 +64,6 @@ class Limit:
     probability: float  # that the limit is kept
     default_probability: float  # that the default keeps it
     default_mean: float
-    default_sd: float
     difference: float  # to the default
     difference_interval_95: tuple[float, float]
     next_rock_keeps: float | None = (
@@ -114,7 +113,6 @@ class NextRock:
 
     gain: float
     interval_95: tuple[float, float]
-    between_rocks_sd: float  # of the gain, from rock to rock
     per_rock: dict[str, float]  # posterior means of the gain on the training rocks
     against: tuple[str, ...]  # training rocks that the recommendation probably makes worse
     more_rocks: (
@@ -184,11 +182,9 @@ class Recommendation:
     per_rock: list[RockRow]
     default_values: dict[str, Any]
     default_mean: float
-    default_sd: float
     improvement: float
     improvement_sd: float
     improvement_interval_95: tuple[float, float]
-    probability_better_than_default: float
     noise_sd: float  # of one mission, beside its block's offset
     block_sd: float | None  # of the offsets that (world, replicate) blocks share; None: not told from noise
     observations: int
@@ -200,7 +196,6 @@ class Recommendation:
     calibration: dict[str, float | None]  # how missions were predicted before they were flown
     exact: bool  # the configuration decides the objective
     modelled_metric: str  # the objective's, or the second one's where that is exact
-    modelled_direction: Direction
     runner_up: RunnerUp | None = None
     next_rock: NextRock | None = None  # None: nobody asked, or it is the default
     limit: Limit | None = None  # of the second objective

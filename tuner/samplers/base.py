@@ -69,11 +69,13 @@ def derived_seed(seed: int, number: int) -> int:
     return int(np.random.SeedSequence([seed, number]).generate_state(1)[0]) % (2**31)
 
 
-def asks(history: Sequence[Observation | Pending], pending: Sequence[Pending]) -> int:
+def missions_asked(history: Sequence[Observation | Pending], pending: Sequence[Pending]) -> int:
+    """Return how many missions have been asked for: the number of the next one."""
     return len(history) + len(pending)
 
 
 def initial_proposal(settings: SamplerSettings, number: int, sampler: str) -> Proposal:
+    """Return mission ``number`` of a design that needs no outcomes: the default, then a Sobol sequence."""
     if number == 0:
         return Proposal(dict(settings.default), {"sampler": sampler, "phase": "default"})
     why = {"sampler": sampler, "phase": "initial design", "point": number - 1}
@@ -94,7 +96,7 @@ def in_flight(
     proposal
         The mission that joins them.
     """
-    number = asks(history, flying)
+    number = missions_asked(history, flying)
     world, replicate = next_block(settings.worlds, settings.replicates, [*history, *flying], proposal)
     return Pending(number, proposal.values, world.rock, replicate, proposal.sampler_state, world.condition)
 

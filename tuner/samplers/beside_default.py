@@ -7,7 +7,14 @@ from dataclasses import dataclass
 
 from tuner.problem.configurations import Block, configuration_key
 from tuner.problem.observations import Observation, Pending, Proposal
-from tuner.samplers.base import VERIFICATION_BEGINS, Sampler, SamplerSettings, ask_many, asks, in_flight
+from tuner.samplers.base import (
+    VERIFICATION_BEGINS,
+    Sampler,
+    SamplerSettings,
+    ask_many,
+    in_flight,
+    missions_asked,
+)
 
 
 @dataclass(frozen=True)
@@ -48,7 +55,7 @@ class BesideDefault:
     def _without_default(self, missions: Sequence[Observation | Pending]) -> Block | None:
         """The first block on which the default is missing; None after verification has begun."""
         s = self.settings
-        if s.budget is not None and asks(missions, ()) >= VERIFICATION_BEGINS * s.budget:
+        if s.budget is not None and missions_asked(missions, ()) >= VERIFICATION_BEGINS * s.budget:
             return None
         default = configuration_key(s.space, s.default)
         flown: dict[Block, bool] = {}

@@ -20,10 +20,10 @@ from tuner.problem.worlds import rocks_of
 from tuner.samplers.base import (
     VERIFICATION_BEGINS,
     SamplerSettings,
-    asks,
     derived_seed,
     in_flight,
     initial_proposal,
+    missions_asked,
 )
 from tuner.samplers.design import near_default, places_for_earlier, sobol_point, stays_near_default
 from tuner.samplers.verification import verification
@@ -79,7 +79,7 @@ class GPSampler:
         constraint: Constraint | None = None
         modelled, drawn, from_draws = 0, list[Values](), list[int]()
         while len(proposals) < count:
-            number = asks(history, flying)
+            number = missions_asked(history, flying)
             if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
                 proposal = self._design(number, exact.second)
             else:

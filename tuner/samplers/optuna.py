@@ -13,7 +13,7 @@ from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.standardise import RockStandardiser
-from tuner.samplers.base import SamplerSettings, asks, derived_seed, initial_proposal
+from tuner.samplers.base import SamplerSettings, derived_seed, initial_proposal, missions_asked
 from tuner.samplers.distributions import distributions
 
 
@@ -26,7 +26,7 @@ class OptunaSampler:
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
         """Return Optuna's suggestion."""
-        number = asks(history, pending)
+        number = missions_asked(history, pending)
         if number < self.settings.initial:
             return initial_proposal(self.settings, number, self.name)
         verbosity = optuna.logging.get_verbosity()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tuner.problem.observations import Observation, Pending, Proposal
-from tuner.samplers.base import SamplerSettings, asks, derived_seed, initial_proposal
+from tuner.samplers.base import SamplerSettings, derived_seed, initial_proposal, missions_asked
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class SobolSampler:
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
         """The next point of the sequence."""
-        return initial_proposal(self.settings, asks(history, pending), self.name)
+        return initial_proposal(self.settings, missions_asked(history, pending), self.name)
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class RandomSampler:
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
         """A fresh uniform draw."""
-        number = asks(history, pending)
+        number = missions_asked(history, pending)
         if number == 0:
             return initial_proposal(self.settings, 0, self.name)
         rng = np.random.default_rng(derived_seed(self.settings.seed, number))

@@ -45,7 +45,7 @@ class _CondensedNoise(GaussianLikelihood):
         return super()._shaped_noise_covar(base_shape, *params, **kwargs)
 
 
-def drawn(count: int) -> Ints:
+def fitted_subset(count: int) -> Ints:
     """Return to which of ``count`` missions the hyperparameters are fitted: to all where they are few."""
     if count <= EXACT_MISSIONS:
         return np.arange(count)

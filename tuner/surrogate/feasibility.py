@@ -10,7 +10,7 @@ import torch
 
 from nbv.types import Floats
 from tuner.problem.search_space import SearchSpace
-from tuner.surrogate.condensed import drawn
+from tuner.surrogate.condensed import fitted_subset
 from tuner.surrogate.fit import fitted
 from tuner.surrogate.kernel import landscape_kernel
 from tuner.surrogate.numerics import numerics, tensor
@@ -26,7 +26,7 @@ class Feasibility:
         x = torch.cat([tensor(failed), tensor(worked)])
         y = torch.ones(len(x), 1, dtype=torch.float64)
         y[: len(failed)] = -1.0
-        chosen = drawn(len(x))
+        chosen = fitted_subset(len(x))
         with numerics(seed), torch.enable_grad():  # whoever asks first
             kernel = landscape_kernel(ordered, space.categorical_dimensions)
             self._model, _ = fitted([kernel], x[chosen], y[chosen])

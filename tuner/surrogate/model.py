@@ -39,7 +39,7 @@ from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.standardise import RockStandardiser
 from tuner.problem.worlds import Place, World, worlds_of
-from tuner.surrogate.condensed import condensed, drawn, posterior_means
+from tuner.surrogate.condensed import condensed, fitted_subset, posterior_means
 from tuner.surrogate.feasibility import Feasibility
 from tuner.surrogate.fit import fitted
 from tuner.surrogate.kernel import NO_OFFSET, Feature, lengthscales, mission_kernel, shared_variance
@@ -108,7 +108,9 @@ class RockMeanGP:
         self._ordered = [i for i in range(space.dimension) if i not in space.categorical_dimensions]
         columns = np.array([self.levels(world, self._block_index[world, k]) for world, k in flown])
         x, y = tensor(np.column_stack([self.unit, columns])), tensor(self.targets[:, None])
-        self.fitted_to = drawn(len(feasible))  # indices of the missions that hyperparameters are fitted to
+        self.fitted_to = fitted_subset(
+            len(feasible)
+        )  # indices of the missions that hyperparameters are fitted to
         with numerics(seed):
             self._fitted, self.uses_feature = self._fit(x[self.fitted_to], y[self.fitted_to], feature)
             self.model = self._fitted if len(self.fitted_to) == len(x) else condensed(self._fitted, x, y)

@@ -41,7 +41,7 @@ def test_where_rocks_disagree_the_interval_says_so() -> None:
     agree = stated([2.0, 2.1, 1.9, 2.0])
     assert found.against == ("r1",) and found.per_rock["r1"] < -1
     assert found.interval_95[0] < -1.0 and found.interval_95[1] > 1.6
-    assert found.between_rocks_sd / found.gain > 2 * agree.between_rocks_sd / agree.gain
+    assert np.ptp(found.interval_95) / found.gain > 2 * np.ptp(agree.interval_95) / agree.gain
     assert found.more_rocks is None or found.more_rocks > 2
     disagree, more = found.warnings()
     assert (

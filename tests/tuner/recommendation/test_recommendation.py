@@ -80,7 +80,6 @@ def test_failures_are_counted_and_never_recommended() -> None:
 def test_only_the_default_flown() -> None:
     result = advise([Observation(0, synthetic.DEFAULT, "r0", 0, 1.0, None)], ("r0",))
     assert result.values == synthetic.DEFAULT and result.improvement == pytest.approx(0.0, abs=1e-9)
-    assert result.probability_better_than_default == 0.5
 
 
 # -- what may be recommended -----------------------------------------------------------------------------------
