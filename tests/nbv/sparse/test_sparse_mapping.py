@@ -72,7 +72,6 @@ def test_everything_registers_in_millimetres(flown):
 
 
 def test_the_model_holds_colmaps_points_and_tracks(flown):
-    """Against pycolmap's own objects, one by one; the model is read in bulk."""
     sparse, reports = flown
     model, colmap = reports[-1].model, sparse.reconstruction
     ids = sorted(colmap.points3D)
