@@ -22,7 +22,7 @@ MAX_FEATURES = 8192  # the largest: where there are more they are small and repe
 # Preemptive matching (Wu 2013, "Towards linear-time incremental structure from motion", section 3): the largest features
 # tell which photographs are worth matching with all.
 FIRST_FEATURES, FIRST_MATCHES = 800, 4
-PARTNERS = 40  # at most, best first
+PARTNERS = 30  # at most, best first
 IN_ORDER = 2  # photographs before and after, whatever the largest features say
 WORKERS = 2
 _ARE_FEATURES = holds({"keypoints": "f k 4", "descriptors": f"u k {DESCRIPTOR_SIZE}"})

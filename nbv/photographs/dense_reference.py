@@ -17,6 +17,7 @@ from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
 from nbv.dense.interface import Floats32
 from nbv.dense.stereo import choose_neighbours, estimate_depth
+from nbv.dense.surface import points_to_search
 from nbv.errors import MissionFailure, UserError
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.memory import give_back_freed_memory
@@ -50,6 +51,7 @@ def cloud_of_views(
     camera: CameraConfig,
     center_m: Floats,
     half_width_m: float,
+    sparse_points_m: Floats,
     store: Store | None,
     progress: Progress,
     what: str,
@@ -66,6 +68,9 @@ def cloud_of_views(
         Their pinhole.
     center_m, half_width_m
         The cube in which the object is.
+    sparse_points_m
+        (N, 3) points of the sparse model; surface is sought near these. Close photographs would else be searched from the
+        lens on.
     store
         Where the cloud is kept; nowhere if None.
     progress, what
@@ -80,10 +85,12 @@ def cloud_of_views(
     config = DenseConfig(
         backend="patchmatch" if patchmatch_runs() else "sgbm",
         crop_half_width_m=round(1.15 * half_width_m, 3),
+        search="sparse",
         min_baseline_angle_deg=MIN_BASELINE_ANGLE_DEG,
         agreeing_views=AGREEING_VIEWS,
         fusion_voxel_m=VOXEL_M,
     )
+    near_m = points_to_search(sparse_points_m, center_m, config)
     parts = -(-len(views) // MAX_VIEWS)
     clouds = []
     for part in range(parts):
@@ -96,6 +103,7 @@ def cloud_of_views(
                 small,
                 center_m,
                 config,
+                near_m,
                 lambda i: progress(what, part * len(members) + i, len(views)),
             ),
             is_sound=_ARE_POINTS,
@@ -107,6 +115,7 @@ def cloud_of_views(
                 small,
                 config,
                 np.asarray(center_m),
+                np.zeros((0, 3)) if near_m is None else near_m,
             ],
         )
         clouds.append(PointCloud(**entry))
@@ -150,12 +159,13 @@ def _cloud(
     camera: CameraConfig,
     center_m: Floats,
     config: DenseConfig,
+    near_m: Floats | None,
     done: Callable[[int], None],
 ) -> dict[str, np.ndarray]:
     size = (camera.width_px, camera.height_px)
     images = {v.name: cv2.resize(v.pixels(), size, interpolation=cv2.INTER_AREA) for v in views}
     poses = {v.name: v.camera_from_world for v in views}
-    maps = _depth_maps(images, poses, camera, center_m, config, done)
+    maps = _depth_maps(images, poses, camera, center_m, config, near_m, done)
     for view in views:
         if view.name in maps and (mask := view.mask()) is not None:
             inside = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_AREA) > 0
@@ -187,18 +197,23 @@ def _depth_maps(
     camera: CameraConfig,
     center_m: Floats,
     config: DenseConfig,
+    near_m: Floats | None,
     done: Callable[[int], None],
 ) -> dict[str, Floats32]:
     """As `nbv.dense.sgbm` makes them, on two threads and telling what is done; COLMAP's where CUDA is."""
     if config.backend != "sgbm":
-        return make_backend(config.backend).depth_maps(images, poses, camera, center_m, config)
+        return make_backend(config.backend).depth_maps(images, poses, camera, center_m, config, near_m)
     cv2.setNumThreads(1)
     grey = {name: cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for name, image in images.items()}
 
     def one(name: str) -> Floats32 | None:
         chosen = choose_neighbours(name, poses, center_m, config)
         pairs = [(grey[other], poses[other]) for other in chosen]
-        return estimate_depth(grey[name], poses[name], pairs, camera, center_m, config) if chosen else None
+        return (
+            estimate_depth(grey[name], poses[name], pairs, camera, center_m, config, near_m)
+            if chosen
+            else None
+        )
 
     maps = {}
     with ThreadPoolExecutor(WORKERS) as pool:

@@ -123,7 +123,9 @@ def import_photographs(
         _write_pictures(photographs, model, pinhole, sizes, masks, work, progress, upright=upright)
         views = _views(photographs, model, masks, work)
         clouds = [
-            cloud_of_views(part, pinhole, frame.center_m, frame.half_width_m, store, progress, what)
+            cloud_of_views(
+                part, pinhole, frame.center_m, frame.half_width_m, model.xyz, store, progress, what
+            )
             for part, what in (
                 (views, "dense reference of all photographs"),
                 (views[::2], "dense cloud of one half of them"),
