@@ -26,9 +26,9 @@ from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS, HalvesAgreement
 from nbv.types import Bools, Floats, PointCloud
 
 MAX_VIEWS = 140  # reconstructed at once: memory grows with them
-DENSE_SIZE_PX = 960  # long side: a pixel is then finer than a voxel
+DENSE_SIZE_PX = 800  # long side: a pixel is then finer than a voxel
 WORKERS = 2
-MIN_BASELINE_ANGLE_DEG = 45.0  # photographs one behind the other rectify to huge pictures
+MIN_BASELINE_ANGLE_DEG = 60.0  # photographs one behind the other rectify to huge pictures
 AGREEING_VIEWS = 3
 VOXEL_M = 0.008
 _ARE_POINTS = holds({"points_m": "f n 3", "colors": "u n 3", "normals": "f n 3"})

@@ -26,7 +26,7 @@ from nbv.photographs.dense_reference import View, cloud_of_views, distances_to, 
 from nbv.photographs.folder import Progress, SourcePhotograph, read_folder, read_pixels, up_in_picture
 from nbv.photographs.foreign_models import working_sizes
 from nbv.photographs.masks import Mask, find_masks
-from nbv.photographs.object_cloud import object_cloud, weak_places
+from nbv.photographs.object_cloud import in_box, object_cloud, weak_places
 from nbv.photographs.object_frame import find_object, placement
 from nbv.photographs.photograph_set import (
     IMAGES,
@@ -122,10 +122,9 @@ def import_photographs(
     try:
         _write_pictures(photographs, model, pinhole, sizes, masks, work, progress, upright=upright)
         views = _views(photographs, model, masks, work)
+        near = model.xyz[in_box(model.xyz, frame)]
         clouds = [
-            cloud_of_views(
-                part, pinhole, frame.center_m, frame.half_width_m, model.xyz, store, progress, what
-            )
+            cloud_of_views(part, pinhole, frame.center_m, frame.half_width_m, near, store, progress, what)
             for part, what in (
                 (views, "dense reference of all photographs"),
                 (views[::2], "dense cloud of one half of them"),

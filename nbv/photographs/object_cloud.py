@@ -12,7 +12,7 @@ from nbv.geometry.target import GROUND_BAND_M
 from nbv.photographs.object_frame import ObjectFrame
 from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS
 from nbv.photographs.reference_file import Reference
-from nbv.types import Bools, PointCloud
+from nbv.types import Bools, Floats, PointCloud
 
 MARGIN = 0.05  # about the object's box, as a share of its largest side
 SECTORS = 12
@@ -20,6 +20,13 @@ WEAK_SHARE = 0.25  # of a sector's points beyond the middle threshold make it we
 SPARSE_SHARE = 0.3  # of the median number of points in a sector make it thin
 FEWEST_POINTS = 1000
 _WEAK_AT = THRESHOLD_FRACTIONS[2]
+
+
+def in_box(points_m: Floats, frame: ObjectFrame) -> Bools:
+    """(N,) which of points (N, 3) lie in the object's box or a little beyond."""
+    margin = MARGIN * float((frame.high_m - frame.low_m).max())
+    inside: Bools = np.all((points_m >= frame.low_m - margin) & (points_m <= frame.high_m + margin), axis=1)
+    return inside
 
 
 def object_cloud(cloud: PointCloud, frame: ObjectFrame, *, masked: bool) -> PointCloud:
@@ -30,9 +37,8 @@ def object_cloud(cloud: PointCloud, frame: ObjectFrame, *, masked: bool) -> Poin
     UserError
         Hardly anything is left.
     """
-    margin = MARGIN * float((frame.high_m - frame.low_m).max())
     points = cloud.points_m
-    inside: Bools = np.all((points >= frame.low_m - margin) & (points <= frame.high_m + margin), axis=1)
+    inside = in_box(points, frame)
     if not masked:
         inside &= points[:, 2] > frame.low_m[2] + GROUND_BAND_M
     kept = select(cloud, inside)

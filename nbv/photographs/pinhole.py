@@ -66,7 +66,7 @@ def _fills(camera: pycolmap.Camera, focal_px: float) -> bool:
         ]
     )
     seen = _seen_at((border - [width / 2, height / 2]) / focal_px, camera)
-    return bool(((seen >= 0) & (seen <= [width, height])).all())
+    return bool(((seen >= 0.499) & (seen <= [width - 0.499, height - 0.499])).all())  # centres of pixels
 
 
 @lru_cache(maxsize=8)

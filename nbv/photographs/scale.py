@@ -19,6 +19,7 @@ from nbv.types import Floats
 
 EARTH_M = 6_378_137.0
 FEWEST_POINTS = 3
+WORST_MISS_DEG = 1.0  # of the rays of one control point
 WORST_GPS_SCALE = 0.1  # standard error beyond which GPS does not tell the scale
 _MOST_LINES = 20_000
 
@@ -88,7 +89,7 @@ def _from_control_points(
     marks = _read_marks(path)
     row = {name: index for index, name in enumerate(model.names)}
     name_of = {p.path.name.lower(): p.name for p in photographs}
-    found, expected = [], []
+    found, expected, misses_deg = [], [], []
     for place, seen in marks.items():
         rays = []
         for file, x_px, y_px in seen:
@@ -105,12 +106,19 @@ def _from_control_points(
             xy = np.array([[x_px * camera.width / width, y_px * camera.height / height]])
             rays.append((row[name], np.asarray(camera.cam_from_img(xy))[0]))
         if len(rays) >= 2:
-            found.append(_triangulated(model, rays))
+            point, miss_deg = _triangulated(model, rays)
+            found.append(point)
             expected.append(place)
+            misses_deg.append(miss_deg)
     if len(found) < FEWEST_POINTS:
         raise UserError(
             f"{path}: {len(found)} control points are marked in two registered photographs or more; "
             f"{FEWEST_POINTS} are needed"
+        )
+    if np.median(misses_deg) > WORST_MISS_DEG:
+        raise UserError(
+            f"{path}: the marks of one control point do not meet (they miss by {np.median(misses_deg):.1f}° in the median); "
+            "give marks in pixels of these photographs"
         )
     source, target = np.array(found), np.array(expected)
     target = target - target.mean(axis=0)
@@ -162,17 +170,22 @@ def local_metres(position: tuple[float, float, float], origin: tuple[float, floa
     return np.array([east, EARTH_M * degrees[0], position[2] - origin[2]])
 
 
-def _triangulated(model: SolvedModel, rays: list[tuple[int, Floats]]) -> Floats:
-    """(3,) the point nearest to rays, given as (photograph, normalised coordinates)."""
+def _triangulated(model: SolvedModel, rays: list[tuple[int, Floats]]) -> tuple[Floats, float]:
+    """(3,) the point nearest to rays, given as (photograph, normalised coordinates), and by how much they miss it."""
+    directions = []
     left, right = np.zeros((3, 3)), np.zeros(3)
     for view, ray in rays:
         rotation = model.poses[view, :3, :3]
         direction = rotation.T @ np.array([ray[0], ray[1], 1.0])
         direction /= np.linalg.norm(direction)
+        directions.append(direction)
         across = np.eye(3) - np.outer(direction, direction)
         left += across
         right += across @ model.centers[view]
-    return np.asarray(np.linalg.lstsq(left, right, rcond=None)[0], dtype=float)
+    point = np.asarray(np.linalg.lstsq(left, right, rcond=None)[0], dtype=float)
+    sights = point - model.centers[[view for view, _ in rays]]
+    cosines = (sights * directions).sum(axis=1) / np.linalg.norm(sights, axis=1)
+    return point, float(np.rad2deg(np.median(np.arccos(np.clip(cosines, -1, 1)))))
 
 
 def _from_gps(model: SolvedModel, photographs: Sequence[SourcePhotograph]) -> Scale:

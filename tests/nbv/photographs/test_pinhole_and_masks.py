@@ -1,0 +1,85 @@
+"""Undistortion against the lens that distorted, and masks by their names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pycolmap
+import pytest
+from PIL import Image
+
+from nbv.errors import UserError
+from nbv.photographs.dense_reference import VOXEL_M, _together
+from nbv.photographs.folder import SourcePhotograph
+from nbv.photographs.masks import find_masks
+from nbv.photographs.pinhole import common_pinhole, undistorted
+from nbv.types import PointCloud
+
+
+def lens(k: float, width: int = 320, height: int = 240, focal: float = 260.0) -> pycolmap.Camera:
+    return pycolmap.Camera(
+        model="SIMPLE_RADIAL", width=width, height=height, params=[focal, width / 2, height / 2, k]
+    )
+
+
+@pytest.mark.parametrize("k", [-0.1, 0.0, 0.1])
+def test_the_pinhole_is_filled_and_no_longer_than_it_must_be(k: float) -> None:
+    camera = lens(k)
+    pinhole = common_pinhole([camera, camera, lens(0.05, 200, 100)])
+    white = np.full((240, 320, 3), 255, np.uint8)
+    assert undistorted(white, camera, pinhole).min() > 250
+    wider = type(pinhole)(pinhole.width_px, pinhole.height_px, 0.97 * pinhole.focal_px)
+    assert undistorted(white, camera, wider).min() == 0
+    if k == 0:
+        assert pinhole.focal_px == pytest.approx(260.0, rel=0.005)
+
+
+def test_what_the_lens_bends_comes_out_straight() -> None:
+    """A ramp along x of the world's directions: after undistortion it is linear in the pinhole's columns."""
+    camera = lens(-0.15)
+    x, y = np.meshgrid(np.arange(320) + 0.5, np.arange(240) + 0.5)
+    rays = np.asarray(camera.cam_from_img(np.stack([x.ravel(), y.ravel()], axis=1)))
+    shown = np.clip(128 + 150 * rays[:, 0], 0, 255).reshape(240, 320).astype(np.uint8)
+    pinhole = common_pinhole([camera])
+    found = undistorted(np.repeat(shown[..., None], 3, axis=2), camera, pinhole)[..., 0].astype(float)
+    expected = 128 + 150 * (np.arange(320) + 0.5 - 160) / pinhole.focal_px
+    inside = (expected > 5) & (expected < 250)
+    assert np.abs(found[:, inside] - expected[inside]).max() < 3
+
+
+def test_masks_are_found_by_name(tmp_path: Path) -> None:
+    photographs = [
+        SourcePhotograph(Path(f"IMG_{i}.JPG"), f"IMG_{i}", "", (64, 48), 1, "", None, None, None, None)
+        for i in range(4)
+    ]
+    white = np.zeros((24, 32), np.uint8)
+    white[:12] = 255
+    for name in ("img_0.png", "IMG_1_mask.png", "IMG_2.JPG.png"):
+        Image.fromarray(white).save(tmp_path / name)
+    found = find_masks(tmp_path, photographs)
+    assert set(found) == {"IMG_0", "IMG_1", "IMG_2"}
+    mask = found["IMG_1"].read((64, 48))
+    assert mask.shape == (48, 64) and mask[:24].all() and not mask[24:].any()
+    with pytest.raises(UserError, match="ratio of sides"):
+        found["IMG_1"].read((48, 64))
+    (tmp_path / "img_0.png").write_bytes(b"no picture")
+    with pytest.raises(UserError, match="cannot be read"):
+        find_masks(tmp_path, photographs)["IMG_0"].read((64, 48))
+
+
+def test_no_mask_fits(tmp_path: Path) -> None:
+    photograph = SourcePhotograph(Path("A.JPG"), "A", "", (64, 48), 1, "", None, None, None, None)
+    with pytest.raises(UserError, match="no mask"):
+        find_masks(tmp_path, [photograph])
+    with pytest.raises(UserError, match="no folder of masks"):
+        find_masks(tmp_path / "absent", [photograph])
+
+
+def test_clouds_of_several_parts_have_one_point_a_voxel() -> None:
+    grid = VOXEL_M * (np.array([[0, 0, 0], [5, 0, 0]]) + 0.5)
+    color, normal = np.zeros((2, 3), np.uint8), np.tile([0.0, 0, 1], (2, 1))
+    other = PointCloud(grid + 0.1 * VOXEL_M + [0, VOXEL_M * 3, 0] * np.array([[0], [1]]), color + 9, normal)
+    both = _together([PointCloud(grid, color, normal), other])
+    assert len(both) == 3
+    assert both.normals is not None and both.colors is not None and len(both.colors) == len(both.normals) == 3
