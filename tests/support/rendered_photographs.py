@@ -29,6 +29,10 @@ def ring(count: int, elevation_deg: float = 25.0, radius_m: float = 4.0) -> np.n
     return np.stack([across * np.cos(azimuth), across * np.sin(azimuth), np.full(count, height)], axis=1)
 
 
+MAX_SIZE_PX = 400  # at which the tests import
+POSITIONS_M = np.concatenate([ring(14, 20.0), ring(6, 45.0)])  # of the imported set
+
+
 @functools.cache
 def _renderer(seed: int):
     ball = make_ball()

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
-from rendered_photographs import render, ring, save
+from rendered_photographs import MAX_SIZE_PX, POSITIONS_M, render, save
 
 from nbv.cache import Store
 from nbv.photographs.importer import ImportOptions, import_photographs
 
-MAX_SIZE_PX = 400
-POSITIONS_M = np.concatenate([ring(14, 20.0), ring(6, 45.0)])
 SMALLER = range(14, 20)  # those of the second camera
 
 

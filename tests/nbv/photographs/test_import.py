@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
-from conftest import MAX_SIZE_PX, POSITIONS_M
 from PIL import Image
-from rendered_photographs import CAMERA, TARGET_M, render, ring, save, write_folder
+from rendered_photographs import CAMERA, MAX_SIZE_PX, POSITIONS_M, TARGET_M, render, ring, save, write_folder
 from scene_helpers import BALL_RADIUS_M
 
 from nbv.cache import Store
