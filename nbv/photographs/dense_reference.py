@@ -95,16 +95,12 @@ def cloud_of_views(
     clouds = []
     for part in range(parts):
         members = views[part::parts]
+        said = what if parts == 1 else f"{what}, part {part + 1} of {parts}"
         entry = remember(
             store,
             "photograph-clouds",
-            lambda members=members, part=part: _cloud(  # type: ignore[misc]
-                members,
-                small,
-                center_m,
-                config,
-                near_m,
-                lambda i: progress(what, part * len(members) + i, len(views)),
+            lambda members=members, said=said: _cloud(  # type: ignore[misc]
+                members, small, center_m, config, near_m, progress, said
             ),
             is_sound=_ARE_POINTS,
             code=__name__,
@@ -160,12 +156,13 @@ def _cloud(
     center_m: Floats,
     config: DenseConfig,
     near_m: Floats | None,
-    done: Callable[[int], None],
+    progress: Progress,
+    what: str,
 ) -> dict[str, np.ndarray]:
     size = (camera.width_px, camera.height_px)
     images = {v.name: cv2.resize(v.pixels(), size, interpolation=cv2.INTER_AREA) for v in views}
     poses = {v.name: v.camera_from_world for v in views}
-    maps = _depth_maps(images, poses, camera, center_m, config, near_m, done)
+    maps = _depth_maps(images, poses, camera, center_m, config, near_m, progress, what)
     for view in views:
         if view.name in maps and (mask := view.mask()) is not None:
             inside = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_AREA) > 0
@@ -177,10 +174,12 @@ def _cloud(
     }
     if not maps:
         return empty
+    progress(f"{what}: comparing depths", 0, 1)
     checked = check_consistency(maps, {n: poses[n] for n in maps}, camera, center_m, config)
     del maps
     depths = {name: found.depth_m for name, found in checked.items()}
     del checked
+    progress(f"{what}: fusing", 0, 1)
     try:
         cloud = fuse(depths, images, poses, camera, center_m, config)
     except MissionFailure:
@@ -198,7 +197,8 @@ def _depth_maps(
     center_m: Floats,
     config: DenseConfig,
     near_m: Floats | None,
-    done: Callable[[int], None],
+    progress: Progress,
+    what: str,
 ) -> dict[str, Floats32]:
     """As `nbv.dense.sgbm` makes them, on two threads and telling what is done; COLMAP's where CUDA is."""
     if config.backend != "sgbm":
@@ -220,7 +220,7 @@ def _depth_maps(
         for index, (name, depth) in enumerate(
             zip(sorted(images), pool.map(one, sorted(images)), strict=True)
         ):
-            done(index + 1)
+            progress(what, index + 1, len(images))
             if depth is not None:
                 maps[name] = depth
     return maps

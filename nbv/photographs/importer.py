@@ -131,7 +131,7 @@ def import_photographs(
                 (views[1::2], "dense cloud of the other half"),
             )
         ]
-        progress("finishing", 0, 1)
+        progress("comparing the halves", 0, 1)
         whole, *halves = (object_cloud(cloud, frame, masked=bool(masks)) for cloud in clouds)
         low, high = np.percentile(whole.points_m, [0.2, 99.8], axis=0)
         if not masks:
@@ -161,6 +161,7 @@ def import_photographs(
         )
         write_colmap(model, pinhole, work / SPARSE)
         write_reference(reference, work / REFERENCE_FILE)
+        progress("meshing the reference", 0, 1)
         write_rock(surface_of(reference, name, height), work / SURFACE_FILE)
         made.write(work)
         _move_in(work, set_folder(name))
