@@ -23,6 +23,7 @@ from nbv.mission.planning_state import load_state
 from nbv.mission.run_directory import read_ply
 from nbv.scorers import PAPER_SCORERS, find_scorer, rank_candidates
 from nbv.types import CandidatePool, Floats, PlanningState
+from tuner.missions.registry import PHOTOGRAPHS
 from tuner.report.mission.run_files import (
     arrivals,
     mission_config,
@@ -65,8 +66,11 @@ def walk_of(run: Path, rock: str | None = None) -> dict[str, Any]:
         A file is missing, or the rock is not the one that the mission was flown on.
     """
     result, flight = read_result(run), read_flight(run)
-    config, store = mission_config(run), Store()
-    planned_by = planned_config(run)
+    planned_by, store = planned_config(run), Store()
+    over_photographs = (
+        result["provenance"].get("fidelity") == PHOTOGRAPHS
+    )  # their camera, object and place are theirs
+    config = planned_by if over_photographs else mission_config(run)
     world = make_world(config, the_rock(run, result, rock, store), store)
     states = sorted((run / "states").glob("iter_*.npz"))
     decided = [(*load_state(path), record) for path, record in zip(states, read_trace(run))]
@@ -90,7 +94,7 @@ def walk_of(run: Path, rock: str | None = None) -> dict[str, Any]:
         end["points"] = len(final[0])
     end["model"] = len(models) - 1
     steps.append({**end, "dense": dense is not None, "registered": result["costs"]["registered_images"]})
-    camera = config.camera
+    camera = planned_by.camera
     return {
         "name": run.name,
         "status": result["status"],
