@@ -25,6 +25,7 @@ from nbv.geometry.frames import Similarity
 from nbv.photographs.dense_reference import View, cloud_of_views, distances_to, halves_agreement
 from nbv.photographs.folder import Progress, SourcePhotograph, read_folder, read_pixels, up_in_picture
 from nbv.photographs.foreign_models import working_sizes
+from nbv.photographs.kept_out import drawn_out
 from nbv.photographs.masks import Mask, find_masks
 from nbv.photographs.object_cloud import in_box, object_cloud, weak_places
 from nbv.photographs.object_frame import find_object, placement
@@ -123,10 +124,12 @@ def import_photographs(
         _write_pictures(photographs, model, pinhole, sizes, masks, work, progress, upright=upright)
         views = _views(photographs, model, masks, work)
         near = model.xyz[in_box(model.xyz, frame)]
+        out = drawn_out({view.name: view.sha256 for view in views})
+        views = [view for view in views if view.name not in out]
         clouds = [
             cloud_of_views(part, pinhole, frame.center_m, frame.half_width_m, near, store, progress, what)
             for part, what in (
-                (views, "dense reference of all photographs"),
+                (views, "dense reference of all photographs but those kept out"),
                 (views[::2], "dense cloud of one half of them"),
                 (views[1::2], "dense cloud of the other half"),
             )
@@ -156,7 +159,13 @@ def import_photographs(
             reference_error_m=float(np.median(error_m)),
             halves=halves_agreement(first, second, whole, height),
             weak=weak_places(reference, height),
-            notes=(*notes, *more, *frame.notes, *scale.notes),
+            notes=(
+                *notes,
+                *more,
+                *frame.notes,
+                *scale.notes,
+                f"{len(out)} kept out of the reference, to judge by",
+            ),
             source_folder=str(folder),
         )
         write_colmap(model, pinhole, work / SPARSE)

@@ -26,9 +26,10 @@ from nbv.photogrammetric.cached_sequences import CachedReconstructor, LazyCloud
 from nbv.photographs.camera import PhotographCamera
 from nbv.photographs.evaluation import MARGIN, measure_cloud
 from nbv.photographs.expressible import require_expressible
-from nbv.photographs.kept_out import SHARE, judge_kept_out, kept_out
+from nbv.photographs.kept_out import SHARE, kept_out
 from nbv.photographs.oracle import TrackOracle
 from nbv.photographs.photograph_set import PhotographSet, Reference
+from nbv.photographs.rephotography import judge_kept_out
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
 from nbv.threads import limit_threads
 from nbv.types import Camera, Cloud, PointCloud

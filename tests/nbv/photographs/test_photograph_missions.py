@@ -15,9 +15,10 @@ from nbv.geometry.frames import Similarity
 from nbv.photographs import PhotographSet
 from nbv.photographs.evaluation import measure_cloud
 from nbv.photographs.expressible import require_expressible
-from nbv.photographs.kept_out import kept_out, photometric_error
+from nbv.photographs.kept_out import kept_out
 from nbv.photographs.mission import run_photographs_mission
 from nbv.photographs.oracle import VIEWS_NEEDED, TrackOracle
+from nbv.photographs.rephotography import photometric_error
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
 from nbv.rocks import list_rocks, load_rock
 from nbv.types import PlanningState, PointCloud, SparseModel

@@ -1,0 +1,146 @@
+"""How well a mission predicts photographs that it could not take.
+
+A second opinion that needs no reference: where was a photograph taken, by the mission's model, and how well does the
+mission's dense cloud, seen from there, look like it (Waechter et al. 2017, "Virtual Rephotography")?
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.config import CameraConfig
+from nbv.photogrammetric import PhotogrammetricReconstructor
+from nbv.photographs.photograph_set import Photograph, PhotographSet
+from nbv.sparse.locating import Located
+from nbv.types import Capture, Cloud, Floats, Viewpoint
+
+PARTNERS = 4  # photographs of the mission that each is matched with
+SHRINK = 4  # photographs are compared at a quarter of their size, where points of a cloud cover it
+_NEAREST_M = 0.1
+
+
+def judge_kept_out(
+    photographs: PhotographSet,
+    names: frozenset[str],
+    reconstructor: PhotogrammetricReconstructor,
+    cloud: Cloud,
+    object_m: Floats,
+) -> dict[str, float | None]:
+    """How well a mission predicts the photographs that it could not take; means over them, None where there is none.
+
+    Parameters
+    ----------
+    photographs, names
+        The set, and the photographs kept out.
+    reconstructor
+        After ``finish``.
+    cloud
+        The mission's, as fused, in the world frame.
+    object_m
+        (N, 3) the reference: where in a photograph the object is.
+    """
+    asked = [p for p in photographs.registered if p.name in names]
+    found: list[Located] = []
+    errors, seen = [], []
+    colors = cloud.colors
+    for photograph in asked:
+        assert photograph.camera_from_world is not None
+        image = photographs.image(photograph.name)
+        located = reconstructor.locate(_as_capture(photograph, image), PARTNERS)
+        if located is not None:
+            found.append(located)
+        if colors is None:
+            continue
+        pose = photograph.camera_from_world if located is None else located.camera_from_world
+        where = splat(object_m, None, photograph.camera_from_world, photographs.camera)[1]
+        error, share = photometric_error(image, cloud.points_m, colors, pose, photographs.camera, where)
+        errors.append(error)
+        seen.append(share)
+
+    def mean(values: list[float]) -> float | None:
+        return float(np.mean(values)) if values else None
+
+    return {
+        "photographs": float(len(asked)),
+        "registered_percent": 100.0 * len(found) / len(asked) if asked else None,
+        "reprojection_error_px": mean([f.reprojection_error_px for f in found]),
+        "photometric_error_percent": mean(errors),
+        "covered_percent": mean(seen),
+    }
+
+
+def photometric_error(
+    image: NDArray[np.uint8],
+    points_m: Floats,
+    colors: NDArray[np.uint8],
+    camera_from_world: Floats,
+    camera: CameraConfig,
+    where: NDArray[np.bool_],
+) -> tuple[float, float]:
+    """Mean absolute difference of grey (% of full scale) between a photograph and the cloud seen from there, and the share (%) of the object that the cloud covers.
+
+    Over the pixels ``where`` (h, w) of the photograph at 1 / `SHRINK`; exposure is fitted (gain and offset). Where the
+    cloud shows nothing the mean of what it shows is taken.
+
+    Parameters
+    ----------
+    image
+        (H, W, 3) RGB.
+    points_m, colors
+        (N, 3) each.
+    camera_from_world, camera
+        Of the photograph.
+    where
+        (h, w) the object.
+    """
+    height, width = where.shape
+    grey = cv2.resize(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), (width, height), interpolation=cv2.INTER_AREA)
+    drawn, covered = splat(points_m, colors.astype(float).mean(axis=1), camera_from_world, camera)
+    both = where & covered
+    truth = grey.astype(float)
+    if not where.any():
+        return 0.0, 0.0
+    predicted = np.full(where.shape, truth[where].mean())
+    if both.sum() >= 2:
+        gain, offset = (
+            np.polyfit(drawn[both], truth[both], 1) if np.ptp(drawn[both]) > 0 else (0.0, truth[both].mean())
+        )
+        predicted[both] = gain * drawn[both] + offset
+        predicted[where & ~covered] = predicted[both].mean()
+    error = np.abs(predicted - truth)[where].mean() / 255.0
+    return 100.0 * float(error), 100.0 * float(both.sum() / where.sum())
+
+
+def splat(
+    points_m: Floats, values: Floats | None, camera_from_world: Floats, camera: CameraConfig
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """(h, w) values of the nearest points (N, 3) at 1 / `SHRINK` of the camera's size, and where there is any; holes of a pixel are closed."""
+    height, width = camera.height_px // SHRINK, camera.width_px // SHRINK
+    at = points_m @ camera_from_world[:3, :3].T + camera_from_world[:3, 3]
+    kept = at[:, 2] > _NEAREST_M
+    at = at[kept]
+    column, row = (
+        np.floor((camera.focal_px * at[:, axis] / at[:, 2] + size / 2) / SHRINK).astype(int)
+        for axis, size in ((0, camera.width_px), (1, camera.height_px))
+    )
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    cell = row[inside] * width + column[inside]
+    order = np.argsort(-at[inside, 2], kind="stable")  # the nearest is written last
+    drawn = np.zeros(height * width)
+    there = np.zeros(height * width, dtype=bool)
+    there[cell] = True
+    if values is not None:
+        drawn[cell[order]] = values[kept][inside][order]
+    picture, seen = drawn.reshape(height, width), there.reshape(height, width)
+    closed = cv2.morphologyEx(seen.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
+    around = cv2.blur(picture, (3, 3)) / np.maximum(cv2.blur(seen.astype(float), (3, 3)), 1e-9)
+    return np.where(seen, picture, around), closed
+
+
+def _as_capture(photograph: Photograph, image: NDArray[np.uint8]) -> Capture:
+    assert photograph.camera_from_world is not None
+    x, y, z = photograph.camera_center_m.tolist()
+    viewpoint = Viewpoint("kept-out", (x, y, z), 0.0, 0.0, "lateral")
+    return Capture(f"{photograph.name}.jpg", viewpoint, photograph.camera_from_world, image)
