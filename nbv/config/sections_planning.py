@@ -62,7 +62,12 @@ class SeedConfig(Section):
         self._need_positive("radius_m")
         self._need_elevations("ring_elevations_deg")
         self._need(
-            len(self.ring_elevations_deg) == len(self.ring_azimuth_counts) > 0,
+            len(self.ring_elevations_deg) > 0,
+            "ring_elevations_deg",
+            "at least one ring: no mission begins without seeds",
+        )
+        self._need(
+            len(self.ring_elevations_deg) == len(self.ring_azimuth_counts),
             "ring_azimuth_counts",
             "as long as ring_elevations_deg",
         )

@@ -347,7 +347,7 @@ class CampaignSettings:
         needed = rocks_that_show(share)
         if self.mission is None and not self.draws_rocks and len(self.rocks) < needed:
             raise UserError(
-                f"{len(self.rocks)} rocks cannot show what {share:.0%} of rocks reach, {needed} can; let them be drawn, "
+                f"{len(self.rocks)} rocks cannot show what {100 * share:g} % of rocks reach, {needed} can; let them be drawn, "
                 "with --rock any, or any-FAMILY"
             )
 

@@ -70,6 +70,10 @@ def test_seeds_on_one_turn_take_their_elevations_in_turn() -> None:
         ({"sparse.min_registered_seeds": 12}, "below sparse.min_registered_seeds 12"),
         ({"stop.max_photographs": 7}, "is below the 8 seeds"),
         ({"seed.upper_share": 0.4, "seed.count": 24, "sparse.ground_features": 0}, "26 degrees apart"),
+        (
+            {"seed.ring_elevations_deg": [], "seed.ring_azimuth_counts": []},
+            "at least one ring: no mission begins",
+        ),
         ({"seed.count": 0, "seed.ring_azimuth_counts": [0, 0, 0, 0]}, "it must be at least 1 per ring"),
         (
             {"seed.lowest_deg": -8.0},
