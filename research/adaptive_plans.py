@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,7 @@ from nbv.types import Capture, Cloud, SparseModel, UpdateReport
 FIRST_SEED = {"train": 0, "validation": VALIDATION_FROM, "held-out": HELD_OUT_FROM}
 FIDELITIES = {"geometric": GeometricFidelity, "photogrammetric": PhotogrammetricFidelity}
 CROP_MARGIN_M = 0.1
+Listener = Callable[[Any, SparseModel], None]
 BASE: dict[str, Any] = {
     "dense.agreeing_views": 3,
     "sparse.ground_features": 2000,
@@ -63,8 +64,8 @@ class Flown:
 class _Kept:
     """Implements ``nbv.types.Reconstructor``: another one, whose last model is kept."""
 
-    def __init__(self, inner: Any) -> None:
-        self._inner, self.model = inner, None
+    def __init__(self, inner: Any, listen: Listener) -> None:
+        self._inner, self._listen, self.model = inner, listen, None
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._inner, name)
@@ -81,16 +82,33 @@ class _Kept:
 
     def _keep(self, report: UpdateReport) -> UpdateReport:
         self.model = report.model
+        self._listen(self._inner, report.model)
         return report
 
 
-def fly(config: MissionConfig, rock: str, fidelity: str = "geometric", replicate: int = 0) -> Flown:
-    """One mission in this process; nothing is written."""
+def fly(
+    config: MissionConfig,
+    rock: str,
+    fidelity: str = "geometric",
+    replicate: int = 0,
+    listen: Listener = lambda reconstructor, model: None,
+) -> Flown:
+    """One mission in this process; nothing is written.
+
+    Parameters
+    ----------
+    config, rock, replicate
+        As `nbv.mission.MissionFunction` has them.
+    fidelity
+        A name in `FIDELITIES`.
+    listen
+        Called with the reconstructor and its model after the seeds and after every further photograph.
+    """
     kept: list[Any] = []
 
     def make(context: MissionContext) -> Fidelity:
         made = FIDELITIES[fidelity](context)
-        reconstructor = _Kept(made.reconstructor)
+        reconstructor = _Kept(made.reconstructor, listen)
         made.reconstructor = reconstructor  # type: ignore[assignment]
         kept[:] = [reconstructor, made]
         return made  # type: ignore[return-value]

@@ -4,7 +4,7 @@ The surface that the vehicle believes in is the convex hull of the sparse points
 the target, so that what no photograph has matched yet exists on it, too. On it the rules of dense stereo
 (`nbv.geometry.stereo_chance`) say what the registered views will reconstruct. What a hull cannot know, such as undersides
 and cracks, is learned: a logistic curve that was fitted to simulated missions on rocks of
-training seeds (``python -m research.predict_completeness fit``; docs/results/where_planning_pays.md).
+training seeds (``python -m research.predict_completeness fit``; docs/results/predicted_completeness.md).
 """
 
 from __future__ import annotations

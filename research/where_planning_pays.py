@@ -1,0 +1,257 @@
+"""Where does planning pay? F-score against photographs, rock by rock: plain orbits, the adaptive plan, random views, an oracle.
+
+    python -m research.where_planning_pays curves --split train --rocks 4 --out train.csv
+    python -m research.where_planning_pays curves --split held-out --rocks 34 --out held_out.csv
+    python -m research.where_planning_pays tell --train train.csv --test held_out.csv
+
+``curves`` flies geometric missions: an orbit for each number of photographs, and each planned arm once, to the end, with the
+score and the prediction after every photograph, so that any threshold of the stop can be told afterwards. ``tell`` chooses
+the fixed plan and the threshold on one file and reports them on another: mean photographs at an equal share of rocks that
+reach ``--score``, with 95 % bootstrap intervals over rocks. ``--rocks`` counts seeds of each family.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nbv.cache import Store
+from nbv.config import MissionConfig
+from nbv.flight import arrival_position
+from nbv.geometric.completeness import sample_probability
+from nbv.geometric.held_worlds import world_of
+from nbv.geometric.metrics import predicted_metrics
+from nbv.geometric.world import _seen as visible
+from nbv.geometry.raycasting import RayCaster
+from nbv.geometry.stereo_chance import DenseModel
+from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG
+from nbv.rocks import load_rock
+from nbv.scorers.prediction import predict
+from nbv.types import Floats, Ints
+from nbv.viewpoints import seed_viewpoints
+from research.adaptive_plans import fly, known, rocks_of
+
+MOST = 48
+COUNTS = (16, 20, 24, 28, 32, 40, 48)
+HEAD = ("rock", "arm", "photographs", "f_score", "predicted")
+BOOTSTRAP = 2000
+FIXED: dict[str, dict[str, Any]] = {
+    "one ring at 10°": {},
+    "rings at 10° and 35°": {"seed.upper_share": 0.36, "seed.span_deg": 25.0},
+}
+ORACLE = {
+    "gate.kind": "greedy-oracle",
+    "gate.oracle_coverage": "matchable",
+    "gate.oracle_samples": 3000,
+}
+PLANNED: dict[str, dict[str, Any]] = {
+    "adaptive": {"gate.kind": "predicted"},
+    "random views": {"gate.kind": "random"},
+    "greedy oracle": ORACLE,
+}
+SEEDS: dict[str, Any] = {"seed.count": 12, "seed.lowest_deg": 10.0}
+
+
+def after_every_photograph(config: MissionConfig, rock: str) -> Iterator[tuple[int, float, float]]:
+    """Photographs, F-score at 48 mm and its prediction (percent), from the seeds to the last view."""
+    steps = []
+
+    def look(reconstructor: Any, model: Any) -> None:
+        scores = predicted_metrics(reconstructor._world, reconstructor.predicted(), config)
+        told = predict(model.points_m, model.camera_centers_m, config).f_score_percent
+        steps.append((len(model.camera_names), scores["observable"]["f_score_48mm"], told))
+
+    fly(config, rock, listen=look)
+    return iter(steps)
+
+
+def of_orbit(rock_name: str, config: MissionConfig) -> float:
+    """F-score at 48 mm of the seeds alone, all registered: as a geometric mission has it, without its sparse model."""
+    rock = load_rock(rock_name, Store())
+    caster = RayCaster(rock.vertices_m, rock.faces)
+    world = world_of(rock, known(rock_name), Store())
+    views = seed_viewpoints(config)
+    seen = visible(caster, world.samples_m, world.sample_normals, views, config, OBSERVABLE_MAX_INCIDENCE_DEG)
+    centers_m = np.array([arrival_position(view, config.flight, rock.sha256, 0) for view in views])
+    orbit = replace(world, viewpoint_ids=tuple(view.id for view in views), sample_seen=seen)
+    chance = sample_probability(orbit, list(range(len(views))), centers_m, config, DenseModel())
+    return float(predicted_metrics(orbit, chance, config)["observable"]["f_score_48mm"])
+
+
+def curves(rock: str, condition: str, arms: list[str], seeds: dict[str, Any]) -> list[tuple[Any, ...]]:
+    """Rows as `HEAD` for one rock."""
+    rows: list[tuple[Any, ...]] = []
+    for arm in arms:
+        if arm in FIXED:
+            for count in COUNTS:
+                score = of_orbit(rock, known(rock, condition, **{**FIXED[arm], "seed.count": count}))
+                rows.append((rock, arm, count, f"{score:.3f}", ""))
+            continue
+        budget = MOST - seeds["seed.count"]
+        config = known(rock, condition, **{**seeds, **PLANNED[arm], "stop.adaptive_budget": budget})
+        rows += [
+            (rock, arm, n, f"{score:.3f}", f"{told:.3f}")
+            for n, score, told in after_every_photograph(config, rock)
+        ]
+    return rows
+
+
+class Curves:
+    """F-score and prediction after every photograph, by arm and rock."""
+
+    def __init__(self, path: Path) -> None:
+        self.of: dict[str, dict[str, dict[int, tuple[float, float]]]] = {}
+        for row in read(path):
+            rock = self.of.setdefault(row["arm"], {}).setdefault(row["rock"], {})
+            rock[int(row["photographs"])] = (float(row["f_score"]), float(row["predicted"] or "nan"))
+        most = max(len(rocks) for rocks in self.of.values())
+        self.of = {arm: rocks for arm, rocks in self.of.items() if len(rocks) == most}
+        self.rocks = sorted(set.intersection(*(set(rocks) for rocks in self.of.values())))
+
+    def orbits(self) -> list[tuple[str, int]]:
+        """The fixed plans that all rocks have, fewest photographs first."""
+        plans = [(arm, n) for arm in FIXED if arm in self.of for n in COUNTS]
+        return sorted(
+            (p for p in plans if all(p[1] in self.of[p[0]][r] for r in self.rocks)), key=lambda p: p[1]
+        )
+
+    def at(self, arm: str, count: int) -> Floats:
+        """(R,) F-scores after so many photographs."""
+        return np.array([self.of[arm][rock][count][0] for rock in self.rocks])
+
+    def stopped(self, arm: str, threshold: float) -> tuple[Floats, Floats]:
+        """(R,) photographs and (R,) F-scores where the prediction first reaches ``threshold`` percent; else at the end."""
+        ends = []
+        for rock in self.rocks:
+            steps = sorted(self.of[arm][rock].items())
+            ends.append(
+                next(((n, f) for n, (f, told) in steps if told >= threshold), (steps[-1][0], steps[-1][1][0]))
+            )
+        return np.array([n for n, _ in ends], dtype=float), np.array([f for _, f in ends])
+
+    def needed(self, arm: str, score: float) -> Floats:
+        """(R,) photographs after which a rock first has ``score``; `MOST` where it never has: an end that knows the rock."""
+        return np.array(
+            [
+                min((n for n, (f, _) in self.of[arm][rock].items() if f >= score), default=MOST)
+                for rock in self.rocks
+            ],
+            dtype=float,
+        )
+
+
+def fewest(curves: Curves, share: float, score: float, rocks: Ints) -> tuple[str, int]:
+    """The fixed plan with fewest photographs that brings ``share`` of the rocks (indices) to ``score``; else the largest."""
+    plans = curves.orbits()
+    for arm, count in plans:
+        if float((curves.at(arm, count)[rocks] >= score).mean()) >= share - 1e-9:
+            return arm, count
+    return plans[-1]
+
+
+def tell(train: Curves, test: Curves, score: float) -> list[str]:
+    """The comparison at equal share, as lines."""
+    lines = []
+    grid = np.arange(92.0, 99.01, 0.25)
+    shares = np.array([float((train.stopped("adaptive", t)[1] >= score).mean()) for t in grid])
+    threshold = float(grid[int(np.argmax(shares >= shares.max() - 1e-9))])
+    everyone = np.arange(len(test.rocks))
+    count, reached = test.stopped("adaptive", threshold)
+    share = float((reached >= score).mean())
+    arm, fixed = fewest(test, share, score, everyone)
+    lines.append(
+        f"{len(train.rocks)} train rocks: stop at a predicted {threshold:g} %, share {shares.max():.2f}"
+    )
+    lines.append(f"{len(test.rocks)} test rocks: adaptive {count.mean():.1f} photographs, share {share:.2f}")
+    for plan, n in test.orbits():
+        at = test.at(plan, n)
+        lines.append(f"  {n} by {plan}: share {(at >= score).mean():.2f}, mean {at.mean():.2f}")
+    for t in grid[::2]:
+        n_at, f_at = test.stopped("adaptive", float(t))
+        lines.append(
+            f"  adaptive at {t:g}: {n_at.mean():.1f} photographs, share {(f_at >= score).mean():.2f}"
+        )
+    lines.append(f"fewest of a fixed plan at that share, chosen on the test rocks: {fixed} by {arm}")
+    rng = np.random.default_rng(0)
+    ratios = []
+    for _ in range(BOOTSTRAP):
+        draw = rng.integers(0, len(test.rocks), len(test.rocks))
+        _, needed = fewest(test, float((reached[draw] >= score).mean()), score, draw)
+        ratios.append(count[draw].mean() / needed)
+    lines.append(
+        f"adaptive over fixed: {count.mean() / fixed:.2f} [{np.percentile(ratios, 2.5):.2f}, {np.percentile(ratios, 97.5):.2f}]"
+    )
+    for n in (16, 20, 24, 28, 32, 40):
+        best = max((plan for plan in test.orbits() if plan[1] == n), key=lambda p: train.at(*p).mean())
+        difference = test.at("adaptive", n) - test.at(*best)
+        gains = [
+            difference[rng.integers(0, len(difference), len(difference))].mean() for _ in range(BOOTSTRAP)
+        ]
+        hard = test.at(*best)
+        lines.append(
+            f"{n} photographs: adaptive {test.at('adaptive', n).mean():.2f}, {best[0]} {hard.mean():.2f}, gain"
+            f" {difference.mean():+.2f} [{np.percentile(gains, 2.5):+.2f}, {np.percentile(gains, 97.5):+.2f}], share"
+            f" {(test.at('adaptive', n) >= score).mean():.2f} against {(hard >= score).mean():.2f}"
+        )
+    for name in [a for a in PLANNED if a in test.of]:
+        ideal = test.needed(name, score)
+        lines.append(
+            f"{name}, ended by one who knows the score: {ideal.mean():.1f} photographs, share"
+            f" {(np.array([max(f for f, _ in test.of[name][r].values()) for r in test.rocks]) >= score).mean():.2f}"
+        )
+    knows = np.array(
+        [
+            min((n for plan, n in test.orbits() if test.of[plan][r][n][0] >= score), default=MOST)
+            for r in test.rocks
+        ]
+    )
+    lines.append(f"the best fixed plan of each rock, by one who knows it: {knows.mean():.1f} photographs")
+    return lines
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    commands = parser.add_subparsers(dest="what", required=True)
+    flying = commands.add_parser("curves")
+    flying.add_argument("--split", choices=("train", "validation", "held-out"), default="train")
+    flying.add_argument("--rocks", type=int, default=4)
+    flying.add_argument("--first", type=int, default=0, help="seeds of the split to leave out before")
+    flying.add_argument("--condition", default="ideal")
+    flying.add_argument("--arms", nargs="+", default=[*FIXED, *PLANNED])
+    flying.add_argument("--seeds", type=int, default=SEEDS["seed.count"])
+    flying.add_argument("--seed-elevation-deg", type=float, default=SEEDS["seed.lowest_deg"])
+    flying.add_argument("--out", type=Path, required=True)
+    telling = commands.add_parser("tell")
+    telling.add_argument("--train", type=Path, required=True)
+    telling.add_argument("--test", type=Path, required=True)
+    telling.add_argument("--score", type=float, default=98.0)
+    arguments = parser.parse_args()
+    if arguments.what == "tell":
+        print("\n".join(tell(Curves(arguments.train), Curves(arguments.test), arguments.score)))
+        return
+    seeds = {"seed.count": arguments.seeds, "seed.lowest_deg": arguments.seed_elevation_deg}
+    fresh = not arguments.out.exists()
+    flown = set() if fresh else {row["rock"] for row in read(arguments.out)}
+    with arguments.out.open("a", newline="") as file:
+        writer = csv.writer(file)
+        if fresh:
+            writer.writerow(HEAD)
+        for rock in rocks_of(arguments.split, arguments.rocks, arguments.first):
+            if rock not in flown:
+                writer.writerows(curves(rock, arguments.condition, arguments.arms, seeds))
+                file.flush()
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+if __name__ == "__main__":
+    main()
