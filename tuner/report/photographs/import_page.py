@@ -95,7 +95,8 @@ def _shown(photographs: PhotographSet, views: Coverage) -> Illustration:
     away = np.abs((views.azimuths_deg[:, None] - wanted + 180) % 360 - 180)
     chosen = list(dict.fromkeys(int(i) for i in away.argmin(axis=0)))
     with look():
-        figure = new_figure(9.6, 3.2)
+        ratio = photographs.camera.height_px / photographs.camera.width_px
+        figure = new_figure(9.6, 9.6 / _SHOWN * ratio + 0.3)
         for axes, index in zip(figure.subplots(1, len(chosen), squeeze=False)[0], chosen, strict=True):
             picture = Image.fromarray(photographs.image(views.names[index]))
             picture.thumbnail((_THUMBNAIL_PX, _THUMBNAIL_PX))
@@ -150,7 +151,9 @@ def _errors(photographs: PhotographSet, reference: Reference) -> Illustration:
     step = max(1, len(reference) // _DOTS)
     points, error = reference.points_m[::step], error[::step]
     with look():
-        figure: Figure = new_figure(9.6, 3.4)
+        width, depth, height = photographs.extents_m
+        ratio = height / max(width, depth)
+        figure: Figure = new_figure(9.6, min(4.2, 8.0 / len(_SIDES) * ratio + 1.0))
         panels = figure.subplots(1, len(_SIDES))
         for axes, (title, azimuth_deg) in zip(panels, _SIDES, strict=True):
             azimuth = np.deg2rad(azimuth_deg)
@@ -168,7 +171,7 @@ def _errors(photographs: PhotographSet, reference: Reference) -> Illustration:
             )
             axes.set_aspect("equal")
             axes.set_title(title)
-        figure.colorbar(dots, ax=panels, label="error, % of the height", shrink=0.8)
+        figure.colorbar(dots, ax=panels, label="error, % of height")
     return embed(
         figure,
         "reference",
