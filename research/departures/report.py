@@ -30,8 +30,9 @@ from research.paired_cells import (
     mean_text,
 )
 from research.study_directory import preamble
+from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.statistics import Interval, PairedDifference
-from tuner.report.labels import format_number, strategy_label
+from tuner.report.labels import format_number
 from tuner.report.style import BLUE, GREY, VERMILION, look, new_figure
 
 _SHOWN = ("f_score_48mm", "c2c_mean_mm")  # of the figure, beside the views

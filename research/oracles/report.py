@@ -16,8 +16,9 @@ from research.oracles.states import CoverageSummary, JudgedMission, summarise
 from research.oracles.study import OracleFindings, StrategyResult
 from research.paired_cells import difference_text, heading, interval_sentence, markdown_table, mean_text
 from research.study_directory import preamble
+from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.statistics import PairedDifference
-from tuner.report.labels import MISSING, format_number, strategy_label
+from tuner.report.labels import MISSING, format_number
 
 _PREFERENCES = {
     "strategy": "strategy",

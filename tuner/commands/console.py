@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib
 import json
 import os
@@ -38,7 +39,7 @@ CONDITION_HELP = "World to fly in: a name of conditions/, or a YAML file."
 
 
 Verbosity = Literal["all", "quiet", "json"]
-_SLOW_S, _INTERVAL_S, _TICK_S = 1.5, 4.0, 0.5
+_SLOW_S, _INTERVAL_S, _TICK_S = 1.5, 10.0, 0.5
 _REPEAT_S = 30.0  # after which a line is said again that has not changed
 _NAMED = 2  # missions in flight that a line names
 _verbosity: list[Verbosity] = ["all"]
@@ -102,58 +103,23 @@ def ticker(tick: Callable[[], None]) -> Iterator[None]:
         thread.join()
 
 
-class Throttle:
-    """Tells when the next line is due where no bar can be drawn: after some seconds of silence, later after more."""
-
-    def __init__(self, first_s: float | None = None) -> None:
-        self._began = self._said = time.monotonic()
-        self._first_s = _INTERVAL_S if first_s is None else first_s
-
-    def said(self) -> None:
-        """Note that a line was printed."""
-        self._said = time.monotonic()
-
-    @property
-    def silent_s(self) -> float:
-        """Seconds since the last line."""
-        return time.monotonic() - self._said
-
-    @property
-    def due(self) -> bool:
-        """Whether it is time for a line."""
-        return self.silent_s > (self._first_s if self._said == self._began else _interval_s(self.elapsed_s))
-
-    @property
-    def elapsed_s(self) -> float:
-        """Seconds since the beginning."""
-        return time.monotonic() - self._began
-
-
-def _interval_s(elapsed_s: float) -> float:
-    return max(_INTERVAL_S, elapsed_s / 60)
-
-
 @contextlib.contextmanager
 def working(text: str, *, silent: bool = False) -> Iterator[None]:
-    """Say what goes on, and for how long: a clock in a terminal, else lines where it takes longer than a moment."""
+    """Say what goes on where it takes longer than a moment: with a clock in a terminal, else in a line."""
     if silent or output.quiet:
         yield
         return
     if output.is_terminal:
-        clock = Progress(_description(), TimeElapsedColumn(), console=output, transient=True)
-        with clock:
+        with Progress(_description(), TimeElapsedColumn(), console=output, transient=True) as clock:
             clock.add_task(text, total=None)
             yield
         return
-    throttle = Throttle(_SLOW_S)
-
-    def tick() -> None:
-        if throttle.due:
-            output.print(f"{text}, {seconds(throttle.elapsed_s)}", soft_wrap=True)
-            throttle.said()
-
-    with ticker(tick):
+    line = threading.Timer(_SLOW_S, functools.partial(output.print, text, soft_wrap=True))
+    line.start()
+    try:
         yield
+    finally:
+        line.cancel()
 
 
 def load(module: str) -> None:
@@ -169,7 +135,7 @@ class FlightProgress:
         self.progress, self.counts = progress, ""
         self._task = progress.add_task("missions", total=total)
         self._flights: dict[str, tuple[str, Path]] = {}
-        self._throttle, self._last = Throttle(), ""
+        self._said_s, self._last = time.monotonic(), ""
 
     def took_off(self, key: str, label: str, directory: Path) -> None:
         """A mission, and where it says what it is doing."""
@@ -188,15 +154,16 @@ class FlightProgress:
         """Say what goes on; may be called from any thread."""
         text = f"{self.counts}{self._aloft()}"
         self.progress.update(self._task, description=text)
-        if self.progress.console.is_terminal or not self._throttle.due:
-            return
-        if text != self._last or self._throttle.silent_s >= _REPEAT_S:
+        silent_s = time.monotonic() - self._said_s
+        if not self.progress.console.is_terminal and silent_s > (
+            _INTERVAL_S if text != self._last else _REPEAT_S
+        ):
             self._last = text
             self.say(text)
 
     def say(self, line: str, *, markup: bool = False) -> None:
         """A line of its own."""
-        self._throttle.said()
+        self._said_s = time.monotonic()
         self.progress.console.print(line, highlight=False, soft_wrap=True, markup=markup)
 
     def _aloft(self) -> str:
@@ -269,35 +236,40 @@ def executor_at(
     timeout_s: float,
     mission: MissionFile | None = None,
 ) -> LocalProcessExecutor | DaskExecutor:
-    """Processes here or workers elsewhere; ``where`` has the options executor, scheduler and unencrypted."""
-    kind, scheduler, unencrypted = where
-    if kind == "local" and scheduler is None:
-        return local_executor(fidelity, workers, timeout_s, mission)
-    return _cluster_executor(
-        "dask" if kind == "local" else kind, scheduler, workers, timeout_s, unencrypted=unencrypted
-    )
+    """Processes here, or workers of a Dask scheduler, which is started where none is named.
 
-
-def _cluster_executor(
-    where: str, scheduler: str | None, workers: int | None, timeout_s: float, *, unencrypted: bool
-) -> DaskExecutor:
-    """Workers of a Dask scheduler, which is started where none is named.
+    Parameters
+    ----------
+    where
+        The options executor, scheduler and unencrypted.
+    fidelity
+        What flies.
+    workers
+        Side by side; by default one per core.
+    timeout_s
+        A mission that takes longer is killed.
+    mission
+        The mission file, of missions that are not ours.
 
     Raises
     ------
     UserError
         The extra is not installed; as `tuner.missions.cluster.connect.dask_executor`.
     """
+    kind, scheduler, unencrypted = where
+    if kind == "local" and scheduler is None:
+        return local_executor(fidelity, workers, timeout_s, mission)
+    kind = "dask" if kind == "local" else kind
     try:
         from tuner.missions.cluster.connect import WHERE, dask_executor
     except ImportError as error:
         raise UserError(
-            f"--executor {where} needs an extra ({error}); install it: pip install 'gatetune[cluster]'"
+            f"--executor {kind} needs an extra ({error}); install it: pip install 'gatetune[cluster]'"
         ) from error
-    if where not in WHERE:
-        raise UserError(f"unknown executor {where!r}; there are local, {', '.join(WHERE)}")
+    if kind not in WHERE:
+        raise UserError(f"unknown executor {kind!r}; there are local, {', '.join(WHERE)}")
     count = workers or len(os.sched_getaffinity(0))
-    return dask_executor(where, scheduler, count, timeout_s, unencrypted=unencrypted)
+    return dask_executor(kind, scheduler, count, timeout_s, unencrypted=unencrypted)
 
 
 def workers_text(executor: LocalProcessExecutor | DaskExecutor) -> str:

@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.progress import Progress
 from rich.table import Table
 
 from nbv.config import IDEAL
@@ -22,7 +21,6 @@ from tuner.commands.console import (
     mission_config,
     output,
     parse_overrides,
-    progress_bar,
     seconds,
     working,
 )
@@ -31,48 +29,27 @@ app = typer.Typer(no_args_is_help=True)
 RockFile = Annotated[str | None, typer.Option(help="Mesh file of a rock that is not in the catalogue.")]
 
 
-class MissionProgress:
-    """One progress line that follows a mission's events."""
-
-    def __init__(self, progress: Progress, label: str = "mission") -> None:
-        self._progress = progress
-        self._task = progress.add_task(label, total=None)
-        self._seeds = 0
-
-    def __call__(self, event: str, facts: dict[str, Any]) -> None:
-        update = self._progress.update
-        if event == "start":
-            self._seeds = facts["seeds"]
-            update(self._task, total=facts["seeds"] + facts["budget"] + 2, description="seed phase")
-        elif event == "seed":
-            update(self._task, advance=1)
-            if facts["index"] + 1 == self._seeds:
-                update(self._task, description="seed model")
-        elif event == "aimed-anew":
-            at = facts["target_m"]
-            where = "not found yet" if at is None else "found at ({:.2f}, {:.2f}, {:.2f}) m".format(*at)
-            self._progress.console.print(f"target {where}")
-        elif event == "seed-model":
-            text = (
-                f"seed model: {facts['registered']}/{facts['captures']} images, {facts['points']} points, "
-                f"alignment {1000 * facts['alignment_rms_m']:.1f} mm"
-            )
-            self._progress.console.print(text)
-            update(self._task, description="adaptive phase")
-        elif event == "capture":
-            mark = "" if facts["registered"] else "  [yellow]not registered[/]"
-            self._progress.console.print(
-                f"capture {facts['iteration'] + 1:2d}: {facts['scorer']:<8} chose {facts['chosen']}  "
-                f"d95 {1000 * facts['d95_m']:.0f} mm  {facts['points']} points{mark}",
-                markup=True,
-            )
-            update(self._task, advance=1)
-        elif event == "dense":
-            update(self._task, description="dense reconstruction")
-        elif event == "metrics":
-            update(self._task, advance=1, description="metrics")
-        elif event == "finished":
-            update(self._task, advance=1, description="finished")
+def say_event(event: str, facts: dict[str, Any]) -> None:
+    """A line for what a mission found or chose."""
+    text = ""
+    if event == "aimed-anew":
+        at = facts["target_m"]
+        text = "target " + (
+            "not found yet" if at is None else "found at ({:.2f}, {:.2f}, {:.2f}) m".format(*at)
+        )
+    elif event == "seed-model":
+        text = (
+            f"seed model: {facts['registered']}/{facts['captures']} images, {facts['points']} points, "
+            f"alignment {1000 * facts['alignment_rms_m']:.1f} mm"
+        )
+    elif event == "capture":
+        text = (
+            f"capture {facts['iteration'] + 1:2d}: {facts['scorer']:<8} chose {facts['chosen']}  "
+            f"d95 {1000 * facts['d95_m']:.0f} mm  {facts['points']} points"
+            f"{'' if facts['registered'] else '  not registered'}"
+        )
+    if text:
+        output.print(text, highlight=False, soft_wrap=True)
 
 
 @app.command()
@@ -107,9 +84,9 @@ def run(
 
     with working(f"making rock {rock}"):
         load_rock(rock, Store())  # a mistake shows before the progress bar
-    with progress_bar() as bar:
+    with working("flying"):
         result = mission_function(fidelity)(
-            config, rock, replicate, directory, overwrite=overwrite, log=MissionProgress(bar)
+            config, rock, replicate, directory, overwrite=overwrite, log=say_event
         )
     colour = {"ok": "green", "degraded": "yellow", "failed": "red"}[result.status]
     output.print(f"[{colour}]{result.status}[/]  {escape(result.message)}", markup=True)

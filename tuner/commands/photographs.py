@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,7 +15,6 @@ from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
 from tuner.commands.console import (
     AsJson,
-    Throttle,
     answer_json,
     load,
     local_executor,
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True)
 _MIDDLE = 2  # of the thresholds
+_INTERVAL_S = 10.0  # between two lines where nothing new begins
 
 
 @app.command("import")
@@ -245,18 +246,17 @@ def _describe(found: PhotographSet) -> None:
 @contextlib.contextmanager
 def _told() -> Iterator[Progress]:
     """Say what is done: a bar in a terminal, else a line when something new begins and now and then."""
-    throttle = Throttle()
-    last = ""
+    last, said_s = "", time.monotonic()
     with progress_bar() as bar:
         task = bar.add_task("", total=None)
 
         def progress(what: str, done: int, total: int) -> None:
-            nonlocal last
+            nonlocal last, said_s
             bar.update(task, description=what, completed=done, total=total if total > 1 else None)
-            if not bar.console.is_terminal and (what != last or throttle.due):
+            if not bar.console.is_terminal and (what != last or time.monotonic() - said_s > _INTERVAL_S):
                 count = f", {done} of {total}" if total > 1 and done else ""
                 bar.console.print(f"{what}{count}", soft_wrap=True, highlight=False)
-                throttle.said()
+                said_s = time.monotonic()
             last = what
 
         yield progress

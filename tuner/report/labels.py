@@ -153,24 +153,6 @@ def parameter_value(value: Any) -> str:
     return str(value) if isinstance(value, int) else f"{value:.4g}"
 
 
-def strategy_label(kind: str) -> str:
-    """The paper's name of a gate kind; others as they are."""
-    return {
-        "covis": "Covis",
-        "b-aware": "B-aware",
-        "matchable": "Matchable",
-        "predicted": "Predicted repair",
-        "hyb-h": "Hyb-H",
-        "hyb-o": "Hyb-O",
-        "greedy-oracle": "Greedy oracle",
-        "learned": "Learned gate",
-        "random": "Random views",
-        "novelty-only": "Novelty only",
-        "movement-only": "Nearest view",
-        "uniform-coverage": "Uniform coverage",
-    }.get(kind, kind)
-
-
 _INTERVAL_METHODS = {
     "rocks": "t-intervals over rock means (every rock counts the same): they speak for unseen rocks of the same kind",
     "replicates": "rocks taken as fixed, pooled variance between replicates: they speak for new replicates on these rocks "

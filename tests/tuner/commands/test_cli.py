@@ -53,6 +53,8 @@ def mesh(kind, path):
         (["campaign", "run", "nowhere.yaml"], "nowhere.yaml"),
         (["campaign", "run", "--rock", "bouldr"], "boulder"),
         (["campaign", "run", "--rock", "mushroom"], "held out"),
+        (["campaign", "run", "--rock", "slab-20000"], "held out"),
+        (["rocks", "show", "pebble-3"], "pebble-3"),
         (["campaign", "resume", "nowhere"], "nowhere"),
         (["campaign", "status", "nowhere"], "nowhere"),
         (["evaluate", "nowhere"], "nowhere"),

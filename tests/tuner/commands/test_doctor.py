@@ -30,15 +30,6 @@ def test_a_library_that_does_not_load_is_bad(monkeypatch):
     assert first.verdict == "bad" and "no_such_library" in first.what and first.remedy == "make setup"
 
 
-def test_other_versions_than_tested_are_named(monkeypatch, tmp_path):
-    pins = tmp_path / "constraints.txt"
-    pins.write_text("# tested\nnumpy==0.0.1\nnot-installed==1\n")
-    monkeypatch.setattr(doctor, "_LIBRARIES", ())
-    monkeypatch.setattr(doctor, "_CONSTRAINTS", pins)
-    (finding,) = doctor.libraries()
-    assert finding.verdict == "note" and f"numpy {metadata.version('numpy')} (tested: 0.0.1)" in finding.what
-
-
 @pytest.mark.parametrize("word", ["--version"])
 def test_the_version(gatetune, word):
     code, out, _ = gatetune(word)

@@ -234,8 +234,7 @@ def test_two_objectives_have_their_front(tmp_path: Path) -> None:
     section = re.search(r'<section id="front">(.*?)</section>', source, re.S)[1]  # type: ignore[index]
     assert len(re.findall(r"<tr><td>", section)) == len(front)
     assert f"{front[0].values['gate.budget_fraction']:.4g}" in section
-    assert re.search(r'<img [^>]+ alt="[^"]{20,}"', source)
-    assert "Completeness @ 48 mm" in text and (tmp_path / "run" / "figures" / "front.png").is_file()
+    assert "Completeness @ 48 mm" in text
     assert "with Completeness" in text
 
 

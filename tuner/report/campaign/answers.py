@@ -13,6 +13,7 @@ from typing import Any
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.mission.result import IterationRecord, MissionResult
+from tuner.evaluation.baselines import label as strategy_label
 from tuner.missions.job import Trial
 from tuner.missions.registry import is_geometric
 from tuner.problem.configurations import configuration_key
@@ -29,7 +30,7 @@ from tuner.report.answer import (
 )
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.campaign.wider import WIDER_FILE, wider_space
-from tuner.report.labels import format_number, parameter_label, strategy_label, with_unit
+from tuner.report.labels import format_number, parameter_label, with_unit
 
 EQUAL = "="  # both scorers' best view was the same: the gate had no choice
 

@@ -13,7 +13,6 @@ import yaml
 from nbv.config import IDEAL
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
-from nbv.safe_files import parse_yaml
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
@@ -57,7 +56,6 @@ from tuner.report.pages import write_page
 
 MOST_ROWS = 500  # of missions in the table
 MOST_GATE_ROWS = 8
-FIGURES_DIRECTORY = "figures"
 # Coverage of 95 % intervals below which the page says that they are too narrow.
 POOR_COVERAGE = 0.85
 MIN_MISSIONS_FOR_COVERAGE = 12
@@ -66,8 +64,7 @@ MIN_MISSIONS_FOR_COVERAGE = 12
 def write_campaign_report(campaign: Campaign) -> Path:
     """Write ``report.html`` and settings to search on with into the campaign's run directory; the path of the page.
 
-    The campaign may be finished, interrupted or still running. The front of two objectives is also a picture in
-    ``figures/``.
+    The campaign may be finished, interrupted or still running.
 
     Raises
     ------
@@ -131,12 +128,11 @@ def _context(facts: CampaignFacts) -> dict[str, Any]:
         "settings_yaml": yaml.safe_dump(s.to_dict(), sort_keys=False, allow_unicode=True),
         "version": versions().get("gatetune", ""),
         "revision": git_revision(),
-        "mission_command": "",
         "several_conditions": facts.several_conditions,
         "per_rock": [],
         "top": [],
         "model_text": "",
-        "front": front_context(facts, facts.campaign.directory / FIGURES_DIRECTORY),
+        "front": front_context(facts),
         "explorer": explorer_data(facts),
         "walks": linked_pages(facts.campaign),
         **_answers(facts),
@@ -203,32 +199,12 @@ def _files(facts: CampaignFacts, best: Recommendation) -> list[dict[str, Any]]:
 
 def _earlier_text(facts: CampaignFacts) -> str:
     earlier = facts.campaign.learned
-    if earlier is None or facts.model is None:
+    if earlier is None:
         return ""
-    what = (
-        f"missions of earlier campaigns ({', '.join(_source(s) for s in facts.settings.sources)}; on "
-        f"{', '.join(Path(r).stem for r in earlier.rocks)})"
-    )
-    share = (
-        "What they say of a configuration is part of the model, as far as the missions here bear it out."
-        if facts.model.uses_feature
-        else "The missions here do not bear out what they say of a configuration, so it is no part of the model."
-    )
-    return f" Before it {len(earlier.observations)} {what} were flown; the best of them lead the initial design. {share}"
-
-
-def _source(name: str) -> str:
-    return "shipped with this program, geometric" if name == SHIPPED else name
-
-
-def _verification_text(facts: CampaignFacts) -> str:
-    flown = sum(t.why.get("phase") == "verification" for t in facts.trials)
-    if not flown:
-        return ""
-    missions = "One mission" if flown == 1 else f"{flown} missions"
+    sources = ["shipped with this program" if s == SHIPPED else s for s in facts.settings.sources]
     return (
-        f" {missions} near the end of the search flew its favourite on one of the {place_word(facts.settings)}s, or with a replicate, it had not seen: only a "
-        "configuration flown on two of them and with two replicates may be recommended, or the default."
+        f" It began with what {len(earlier.observations)} missions of earlier campaigns taught "
+        f"({', '.join(sources)}; on {', '.join(Path(r).stem for r in earlier.rocks)})."
     )
 
 
@@ -239,19 +215,7 @@ def _under_conditions(facts: CampaignFacts) -> str:
 
 def _recommended_context(facts: CampaignFacts, best: Recommendation) -> dict[str, Any]:
     s = facts.settings
-    text = values_yaml(best.values, s.space)
-    sets = " ".join(
-        f"--set {shlex.quote(f'{k}={v}')}" for k, v in parse_yaml(text, "the recommendation").items()
-    )
-    last = s.conditions[-1].name
-    condition = "" if last == IDEAL else f"--condition {shlex.quote(last)}"
-    base = " ".join(f"--set {shlex.quote(f'{k}={v}')}" for k, v in {**s.overrides, **s.space.base}.items())
     return {
-        "mission_command": ""
-        if s.mission is not None
-        else " ".join(
-            f"gatetune mission run --rock {shlex.quote(s.rock_flown(s.rocks[0], 0))} --preset {s.preset} {condition} {base} {sets}".split()
-        ),
         "per_rock": rock_rows(facts, best),
         "top_name": metric_label(best.metric).axis,
         "top": [
@@ -293,7 +257,7 @@ def _model_text(facts: CampaignFacts, best: Recommendation) -> str:
         f"{best.observations} missions, outcomes standardised per {place}{' and condition' if facts.several_conditions else ''}."
         f"{exact} One mission scatters about its configuration’s mean over {place}s with a standard deviation of "
         f"{with_unit(best.noise_sd, unit, facts.digits)}: that is the noise against which differences have to be seen."
-        f"{checked}{shared}{_earlier_text(facts)}{_verification_text(facts)}"
+        f"{checked}{shared}{_earlier_text(facts)}"
     )
 
 
