@@ -303,6 +303,6 @@ def _write_pages(
         raise typer.Exit(130) from None
     output.print(f"report: {report}", soft_wrap=True)
     if page is not None:
-        output.print(f"{page.label}: {page.path}", soft_wrap=True)
+        output.print(f"the default beside the recommendation: {page}", soft_wrap=True)
     elif showcase_jobs(campaign):
         output.print(f"to walk around in it: gatetune mission view {campaign.directory}", soft_wrap=True)

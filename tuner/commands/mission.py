@@ -189,7 +189,7 @@ def view(
     run: Annotated[
         Path,
         typer.Argument(
-            help="A mission's directory, flown with everything kept; or a campaign's, whose pages are made."
+            help="A mission's directory, flown with everything kept; or a campaign's, whose page is made."
         ),
     ],
     other: Annotated[
@@ -220,7 +220,7 @@ def _view_campaign(directory: Path) -> None:
     from tuner.campaign.showcase import fly_showcase
     from tuner.commands.console import local_executor
     from tuner.report import write_campaign_report
-    from tuner.report.campaign.walks import write_mission_pages
+    from tuner.report.campaign.walks import write_showcase_page
 
     campaign = Campaign.open(directory, read_only=True)
     output.print(f"campaign in {directory}: flying what is not there yet", soft_wrap=True)
@@ -228,11 +228,9 @@ def _view_campaign(directory: Path) -> None:
     with local_executor(s.fidelity, None, 3600.0, s.mission) as executor, working("flying"):
         fly_showcase(campaign, executor)
     with working("writing the pages"):
-        pages = write_mission_pages(campaign)
-    for page in pages:
-        output.print(f"{page.label}: {page.path}", markup=False, highlight=False, soft_wrap=True)
-    with working("writing the report"):
-        report = write_campaign_report(campaign)
+        page, report = write_showcase_page(campaign), write_campaign_report(campaign)
+    if page is not None:
+        output.print(f"the default beside the recommendation: {page}", soft_wrap=True)
     output.print(f"report: {report}", soft_wrap=True)
 
 

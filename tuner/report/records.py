@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.evaluation.flying import EvaluationRun
+from tuner.missions.job import Trial
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -23,40 +24,35 @@ def records_of(source: Campaign | EvaluationRun) -> list[dict[str, Any]]:
     What a mission does not have is missing from its row. Lists, such as completeness by sector, are left out.
     """
     if isinstance(source, EvaluationRun):
-        return [
-            {
-                "strategy": r.strategy,
-                "rock": r.rock,
-                "condition": r.condition,
-                "replicate": r.replicate,
-                "status": r.status,
-                "reason": r.reason,
-                "wall_s": r.wall_s,
-                **_flat("metrics", r.metrics),
-                **_flat("costs", r.costs),
-            }
-            for r in source.records
-        ]
+        named = [({"strategy": t.strategy}, t) for t in source.records]
+    else:
+        named = [(_of_campaign(t), t) for t in source.trials()]
     return [
         {
-            "trial": t.number,
-            "state": t.state,
+            **own,
             "rock": t.rock,
             "condition": t.condition,
             "replicate": t.replicate,
             "status": t.status,
             "reason": t.reason,
-            "phase": str(t.why.get("phase", "")),
-            "value": t.raw,
             "wall_s": t.wall_s,
-            "directory": t.directory,
-            "config_digest": t.config_digest,
-            **_flat("config", t.values),
             **_flat("metrics", t.metrics),
             **_flat("costs", t.costs),
         }
-        for t in source.trials()
+        for own, t in named
     ]
+
+
+def _of_campaign(t: Trial) -> dict[str, Any]:
+    return {
+        "trial": t.number,
+        "state": t.state,
+        "phase": str(t.why.get("phase", "")),
+        "value": t.raw,
+        "directory": t.directory,
+        "config_digest": t.config_digest,
+        **_flat("config", t.values),
+    }
 
 
 def frame_of(source: Campaign | EvaluationRun) -> pd.DataFrame:

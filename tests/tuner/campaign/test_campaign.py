@@ -32,7 +32,6 @@ from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
 from tuner.missions.job import Trial
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
-from tuner.report.campaign.walks import MissionPage
 
 settings = functools.partial(
     fake_campaigns.settings, space=load_search_space("gate"), budget=6, sampler="sobol"
@@ -155,7 +154,7 @@ def test_what_is_shown_flies_after_the_verdict_if_asked(
     monkeypatch.setattr(
         "tuner.campaign.showcase.fly_showcase", lambda *_: said_before.append(capsys.readouterr().out)
     )
-    page = MissionPage("default beside recommended", tmp_path / "view.html")
+    page = tmp_path / "view.html"
     monkeypatch.setattr("tuner.report.campaign.walks.write_showcase_page", lambda campaign: page)
     monkeypatch.setattr("tuner.report.campaign.write_campaign_report", lambda campaign: None)
     campaign = begin_campaign(tmp_path / "run", settings())
@@ -163,7 +162,7 @@ def test_what_is_shown_flies_after_the_verdict_if_asked(
         fly(campaign, 1, 60.0, ready=executor, show_pair=show_pair)
     end = capsys.readouterr().out
     assert ["the budget is used" in text for text in said_before] == ([True] if show_pair else [])
-    assert (f"beside recommended: {page.path}" in end) == show_pair
+    assert (f"beside the recommendation: {page}" in end) == show_pair
     assert (f"walk around in it: gatetune mission view {campaign.directory}" in end) != show_pair
 
 

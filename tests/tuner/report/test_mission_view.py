@@ -25,7 +25,7 @@ from tuner.campaign.showcase import fly_showcase
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.space_files import load_search_space
 from tuner.report import write_campaign_report, write_mission_view
-from tuner.report.campaign.walks import write_mission_pages
+from tuner.report.campaign.walks import write_showcase_page
 from tuner.report.mission.trajectory import trajectory_figure
 from tuner.report.mission.walk_world import STEP_M
 
@@ -192,7 +192,7 @@ def test_another_rock_is_refused(mission: Path, tmp_path: Path) -> None:
         write_mission_view([other], tmp_path / "view.html")
 
 
-def test_a_campaign_shows_its_default_and_its_kept_missions(tmp_path: Path) -> None:
+def test_a_campaign_shows_its_default_beside_the_recommendation(tmp_path: Path) -> None:
     settings = CampaignSettings(
         name="shown",
         space=load_search_space("gate_and_weights"),
@@ -208,10 +208,9 @@ def test_a_campaign_shows_its_default_and_its_kept_missions(tmp_path: Path) -> N
     executor = InProcessExecutor()
     fly_campaign(campaign, executor)
     fly_showcase(campaign, executor)
-    pages = write_mission_pages(campaign)
-    assert [page.path.parent.name for page in pages] == ["shown", "0000_slab_r0", "0001_slab_r0"]
-    names = [facts["name"] for facts in shown(pages[0].path)]
+    page = write_showcase_page(campaign)
+    assert page is not None and page.parent.name == "shown"
+    names = [facts["name"] for facts in shown(page)]
     assert names in (["default"], ["default", "recommended"])
     text = write_campaign_report(campaign).read_text()
-    for page in pages:
-        assert f'href="{page.path.relative_to(campaign.directory)}"' in text
+    assert f'href="{page.relative_to(campaign.directory)}"' in text

@@ -30,9 +30,7 @@ from tuner.report.answer import (
 )
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.campaign.wider import WIDER_FILE, wider_space
-from tuner.report.labels import format_number, parameter_label, with_unit
-
-EQUAL = "="  # both scorers' best view was the same: the gate had no choice
+from tuner.report.labels import parameter_label, with_unit
 
 
 @dataclass(frozen=True)
@@ -42,14 +40,6 @@ class Pair:
     place: str
     default: float | None
     recommended: float | None
-
-
-@dataclass(frozen=True)
-class GateRow:
-    """One mission: at each adaptive capture the scorer that chose, or `EQUAL`."""
-
-    name: str
-    choices: tuple[str, ...]
 
 
 # -- What should I use? --------------------------------------------------------------------------------------
@@ -102,19 +92,6 @@ def pairs(facts: CampaignFacts, best: Recommendation) -> list[Pair]:
     ]
 
 
-def pair_rows(facts: CampaignFacts, best: Recommendation) -> list[tuple[str, str, str]]:
-    """Place, default and recommended, the places where both flew first."""
-    found = sorted(pairs(facts, best), key=lambda p: (p.default is None) + (p.recommended is None))
-    return [
-        (
-            p.place,
-            format_number(p.default, facts.digits),
-            format_number(p.recommended, facts.digits),
-        )
-        for p in found
-    ]
-
-
 def sure_answer(facts: CampaignFacts) -> list[str]:
     """What it is worth, then on how many rocks that was measured at all."""
     best = facts.recommendation
@@ -147,48 +124,31 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
 # -- What did the gate do? -----------------------------------------------------------------------------------
 
 
-def traces(facts: CampaignFacts, values: Mapping[str, Any]) -> list[tuple[str, list[IterationRecord]]]:
-    """Place and choices of every mission of these values whose documents are there."""
-    found = []
-    for t in flown(facts, values):
-        with contextlib.suppress(UserError, OSError):
-            trace = MissionResult.load(facts.campaign.directory / t.directory).trace
-            if trace:
-                found.append((f"{facts.world_name(t.world)} r{t.replicate}", trace))
-    return found
-
-
-def gate_rows(named: Sequence[tuple[str, Sequence[IterationRecord]]]) -> list[GateRow]:
-    """The strip: one row per mission."""
-    return [GateRow(name, tuple(_choice(record) for record in trace)) for name, trace in named]
-
-
-def gate_answer(facts: CampaignFacts) -> tuple[str, list[GateRow]]:
-    """What the recommended configuration's gate chose, in words, and the strip of its missions and the default's."""
+def gate_answer(facts: CampaignFacts) -> str:
+    """What the recommended configuration's gate chose, from its missions' traces."""
     best = facts.recommendation
     if best is None:
-        return "No mission succeeded.", []
+        return "No mission succeeded."
     config = facts.settings.config(best.values)
     if isinstance(config, MissionConfig) and config.adaptive_budget == 0:
-        return "Nothing: the recommended plan has no planned view.", []
-    own = traces(facts, best.values)
-    if not own:
-        return "The missions' documents hold no choices.", []
+        return "Nothing: the recommended plan has no planned view."
+    records: list[IterationRecord] = []
+    missions = 0
+    for t in flown(facts, best.values):
+        with contextlib.suppress(UserError, OSError):
+            records += (trace := MissionResult.load(facts.campaign.directory / t.directory).trace)
+            missions += bool(trace)
+    if not records:
+        return "The missions' documents hold no choices."
     kind = config.gate.kind if isinstance(config, MissionConfig) else ""
-    rows = gate_rows(own)
-    records = [record for _, trace in own for record in trace]
-    text = gate_words(records, [c for row in rows for c in row.choices], strategy_label(kind), len(own))
-    if best.values != best.default_values:
-        rows = [GateRow(f"rec. {r.name}", r.choices) for r in rows]
-        rows += [GateRow(f"def. {r.name}", r.choices) for r in gate_rows(traces(facts, best.default_values))]
-    return text, rows
+    return gate_words(records, strategy_label(kind), missions)
 
 
-def gate_words(records: Sequence[IterationRecord], choices: Sequence[str], gate: str, missions: int) -> str:
+def gate_words(records: Sequence[IterationRecord], gate: str, missions: int) -> str:
     """Share of each scorer, of equal choices and of switches; or that it never switched."""
     n = len(records)
     counts = collections.Counter(record.scorer for record in records)
-    equal = sum(choice == EQUAL for choice in choices)
+    equal = sum(_all_the_same(record) for record in records)
     where = f"{n} views of {missions} {'mission' if missions == 1 else 'missions'}"
     same = f" In {_share(equal, n)} both scorers had the same best view." if equal else ""
     if len(counts) == 1:
@@ -200,14 +160,10 @@ def gate_words(records: Sequence[IterationRecord], choices: Sequence[str], gate:
     return f"{gate} switched in {_share(switches, steps)} of its steps: {shares} of {where}.{same}"
 
 
-def choice_name(choice: str) -> str:
-    """A scorer's name, or that there was no choice."""
-    return "both the same view" if choice == EQUAL else strategy_label(choice)
-
-
-def _choice(record: IterationRecord) -> str:
+def _all_the_same(record: IterationRecord) -> bool:
+    """Whether every scorer's best view was the same, so that the gate had no choice."""
     views = [best.get("candidate") for best in record.top.values()]
-    return EQUAL if len(views) > 1 and len(set(views)) == 1 else record.scorer
+    return len(views) > 1 and len(set(views)) == 1
 
 
 # -- What next? ----------------------------------------------------------------------------------------------

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from nbv.evaluation.registry import tanks_and_temples_twin
 from nbv.types import Floats
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignStatus
@@ -72,13 +71,6 @@ class CampaignFacts:
         if not feasible or (self.settings.second is None and self.campaign.exact(feasible).first is not None):
             return None
         return self.campaign.surrogate_from(feasible)
-
-    @cached_property
-    def twin(self) -> Objective | None:
-        """Tanks and Temples' form of the metric, if missions have it: shown beside the metric, tuned for by nobody."""
-        path = tanks_and_temples_twin(self.modelled.metric)
-        found = Objective(path) if path else None
-        return found if found and any(t.measured(found) is not None for t in self.trials) else None
 
     def total(self, cost: str) -> float:
         """A cost of all missions together."""

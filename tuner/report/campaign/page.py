@@ -16,16 +16,15 @@ from nbv.provenance import git_revision, versions
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
+from tuner.campaign.showcase import SHOWN
 from tuner.missions.registry import GEOMETRIC_NOTE, ignored_by, is_geometric
 from tuner.problem.search_space import SearchSpace, ours
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import place_word
 from tuner.report.campaign.answers import (
-    choice_name,
     gate_answer,
     measure_text,
     next_answer,
-    pair_rows,
     sure_answer,
     use_answer,
 )
@@ -42,7 +41,7 @@ from tuner.report.campaign.rows import (
     trial_row,
 )
 from tuner.report.campaign.vehicle_files import vehicle_files
-from tuner.report.campaign.walks import REPORT_FILE, linked_comparisons, linked_pages
+from tuner.report.campaign.walks import PAGE, REPORT_FILE, linked_comparisons
 from tuner.report.campaign.wider import write_wider_settings
 from tuner.report.labels import (
     believed,
@@ -55,7 +54,6 @@ from tuner.report.labels import (
 from tuner.report.pages import write_page
 
 MOST_ROWS = 500  # of missions in the table
-MOST_GATE_ROWS = 8
 # Coverage of 95 % intervals below which the page says that they are too narrow.
 POOR_COVERAGE = 0.85
 MIN_MISSIONS_FOR_COVERAGE = 12
@@ -115,7 +113,6 @@ def _context(facts: CampaignFacts) -> dict[str, Any]:
         "stop_reason": facts.stop_reason,
         "stages": longest_stages(facts),
         "failures": failure_rows(facts),
-        "twin_name": metric_label(facts.twin.metric).name if facts.twin else "",
         "cost_name": "" if facts.modelled == s.objective else metric_label(s.objective.metric).axis,
         "trials": [(mission_link(facts, t), trial_row(facts, t)) for t in facts.trials[-MOST_ROWS:]],
         "left_out": max(0, len(facts.trials) - MOST_ROWS),
@@ -134,7 +131,7 @@ def _context(facts: CampaignFacts) -> dict[str, Any]:
         "model_text": "",
         "front": front_context(facts),
         "explorer": explorer_data(facts),
-        "walks": linked_pages(facts.campaign),
+        "walk": f"{SHOWN}/{PAGE}" if (facts.campaign.directory / SHOWN / PAGE).is_file() else "",
         **_answers(facts),
     }
     if best is not None:
@@ -147,7 +144,6 @@ def _context(facts: CampaignFacts) -> dict[str, Any]:
 def _answers(facts: CampaignFacts) -> dict[str, Any]:
     """The first screen."""
     best = facts.recommendation
-    gate, rows = gate_answer(facts)
     measured = linked_comparisons(facts.campaign)
     why, command = next_answer(facts, evaluated=any(name.startswith("evaluation") for name, _ in measured))
     use = use_answer(facts)
@@ -158,10 +154,7 @@ def _answers(facts: CampaignFacts) -> dict[str, Any]:
         "use": use,
         **_plan(facts),
         "sure": sure_answer(facts),
-        "pairs": [] if best is None else pair_rows(facts, best),
-        "gate": gate,
-        "gate_strip": rows[:MOST_GATE_ROWS],
-        "gate_names": {c: choice_name(c) for row in rows[:MOST_GATE_ROWS] for c in row.choices},
+        "gate": gate_answer(facts),
         "measured": measured,
         "next_why": why,
         "next_command": command,

@@ -36,10 +36,7 @@ def rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
     done = [t for t in facts.trials if t.state != "running"]
     for row in best.per_rock:
         own = [t for t in done if t.world == row.world]
-        with_default, with_best = (
-            [t for t in own if t.values == values and facts.outcome(t) is not None]
-            for values in (best.default_values, best.values)
-        )
+        with_default = [t for t in own if t.values == best.default_values and facts.outcome(t) is not None]
         rows.append(
             [
                 facts.rock_names[row.rock],
@@ -49,10 +46,8 @@ def rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
                 str(row.missions),
                 format_number(facts.label.possible(row.predicted), facts.digits),
                 format_number(row.observed, facts.digits),
-                *_twin_mean(facts, with_best),
                 str(len(with_default)),
                 format_number(_mean([facts.outcome(t) for t in with_default]), facts.digits),
-                *_twin_mean(facts, with_default),
             ]
         )
     return rows
@@ -104,7 +99,6 @@ def trial_row(facts: CampaignFacts, t: Trial) -> list[str]:
         *facts.condition_cells(t.world),
         str(t.replicate),
         format_number(facts.outcome(t), facts.digits),
-        *_twin_mean(facts, [t]),
         *_cost_cell(facts, t),
         outcome,
         *(parameter_value(t.values[path]) for path in facts.settings.space.paths),
@@ -117,13 +111,6 @@ def _cost_cell(facts: CampaignFacts, t: Trial) -> list[str]:
     if facts.modelled == objective:
         return []
     return ["–" if t.raw is None else exact_text(t.raw, metric_label(objective.metric))]
-
-
-def _twin_mean(facts: CampaignFacts, trials: list[Trial]) -> list[str]:
-    """The cell of the metric's twin; no cell where missions have none."""
-    if facts.twin is None:
-        return []
-    return [format_number(_mean([t.measured(facts.twin) for t in trials]), facts.digits)]
 
 
 def _mean(values: Sequence[float | None]) -> float | None:
