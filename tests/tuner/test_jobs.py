@@ -108,10 +108,6 @@ def test_a_wrong_argument_is_one_clear_error(wrong: dict[str, Any], says: str, t
     assert not (tmp_path / "c").exists()
 
 
-def test_what_is_not_asked_is_the_campaigns_own(campaign: tuner.Campaign) -> None:
-    assert tuner.tune(campaign.directory, rocks=("slab",), workers=1).status().finished == 3
-
-
 def test_what_a_notebook_shows_is_one_line(campaign: tuner.Campaign, tmp_path: Path) -> None:
     best, trial = campaign.recommendation(save=False), campaign.trials()[0]
     assert best is not None

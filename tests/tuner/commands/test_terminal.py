@@ -116,11 +116,6 @@ def test_a_rocks_name_is_no_markup(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "[/]odd r0" in screen.file.getvalue()  # type: ignore[attr-defined]
 
 
-def test_metrics_are_listed(gatetune: Any) -> None:
-    code, out, _ = gatetune("metrics")
-    assert code == 0 and "f_score_Tmm" in out and "completeness_Tmm" in out and "48" in out
-
-
 def test_confirm_flies_both_with_replicates_nobody_has_flown(
     gatetune: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

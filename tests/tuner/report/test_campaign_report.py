@@ -19,11 +19,9 @@ from nbv.errors import UserError
 from tuner.acquisition.two_objectives import pareto_front
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.shipped import SHIPPED
 from tuner.cli import app
-from tuner.missions.executors import InProcessExecutor
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space, space_from_dict
 from tuner.report import write_campaign_report
@@ -103,8 +101,6 @@ class _Made(Exception):
     [
         {"rocks": ("waist",), "budget": 5, "replicates": 2, "seed": 7, "in_step": 3, "keep": "all"},
         {"sampler": "gp", "budget": 10},
-        {"fidelity": "geometric"},
-        {"space": load_search_space("full"), "sampler": "gp"},
         {"space": load_search_space("full"), "sampler": "gp", "learn_from": (SHIPPED,)},
         {
             "sampler": "gp",
@@ -137,27 +133,6 @@ def test_the_command_runs_the_same_campaign(
         app(words[1:], standalone_mode=False)
     again = found.value.args[0]
     assert again.to_dict() == made.settings.to_dict()
-
-
-@pytest.mark.slow
-def test_the_page_names_the_trend_of_many_parameters(tmp_path: Path) -> None:
-    assert "beside a linear trend" not in text_of(
-        write_campaign_report(flown(tmp_path / "few", sampler="gp"))
-    )
-    many = flown(tmp_path / "many", sampler="gp", space=load_search_space("full"), budget=8, initial=6)
-    text = text_of(write_campaign_report(many))
-    assert "one length scale per parameter, beside a linear trend" in text
-
-
-@pytest.mark.slow
-def test_the_page_of_a_geometric_campaign_says_so(tmp_path: Path) -> None:
-    flies = {"space": load_search_space("gate"), "rocks": ("waist",), "budget": 3, "sampler": "sobol"}
-    settings = CampaignSettings(name="geo", fidelity="geometric", **flies)  # type: ignore[arg-type]
-    campaign = begin_campaign(tmp_path / "geo", settings)
-    fly_campaign(campaign, InProcessExecutor())
-    text = text_of(write_campaign_report(campaign))
-    assert "Geometric missions" in text and "fidelity: geometric" in text
-    assert "Geometric missions" not in text_of(write_campaign_report(flown(tmp_path / "run")))
 
 
 def test_campaign_of_failures_alone_has_a_page(tmp_path: Path) -> None:
@@ -229,12 +204,6 @@ def test_two_objectives_have_their_front(tmp_path: Path) -> None:
     assert f"{front[0].values['gate.budget_fraction']:.4g}" in section
     assert "Completeness @ 48 mm" in text
     assert "with Completeness" in text
-
-
-@pytest.mark.slow
-def test_one_objective_has_no_front(tmp_path: Path) -> None:
-    page = write_campaign_report(flown(tmp_path / "run"))
-    assert 'id="front"' not in page.read_text()
 
 
 @pytest.mark.slow

@@ -29,7 +29,12 @@ from tuner.report.labels import (
             "mm",
             False,
         ),
-        ("whole.c2c_p95_mm", "P95 C2C distance, whole surface", "mm", False),
+        (
+            "gated.whole.c2c_mean_mm",
+            "Mean C2C distance, whole surface, after the ground-truth gate",
+            "mm",
+            False,
+        ),
         ("costs.flight_time_s", "Flight", "s", False),
     ],
 )
