@@ -29,12 +29,6 @@ from tuner.report.labels import (
             "mm",
             False,
         ),
-        (
-            "gated.whole.c2c_mean_mm",
-            "Mean C2C distance, whole surface, after the ground-truth gate",
-            "mm",
-            False,
-        ),
         ("costs.flight_time_s", "Flight", "s", False),
     ],
 )
