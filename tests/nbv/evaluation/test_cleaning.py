@@ -161,9 +161,3 @@ def test_nothing_left_is_a_failure():
         with pytest.raises(MissionFailure) as failure:
             clean_cloud(PointCloud(points), CONFIG, TARGET, 0)
         assert failure.value.reason == "empty_cloud"
-
-
-def test_iterations_come_from_the_configuration():
-    points, _ = scene(10)
-    none = dataclasses.replace(CONFIG, ground_ransac_iterations=0)
-    assert find_ground(points, none, TARGET, 0) is None

@@ -17,6 +17,7 @@ from nbv.gates import GroundTruthOracle
 from nbv.mission import flying
 from nbv.mission.loop import AdaptiveMission
 from nbv.photogrammetric import run_photogrammetric_mission
+from nbv.photogrammetric.cached_stages import CachedStudio
 from nbv.photogrammetric.studio import Studio
 from nbv.rocks import Rock
 
@@ -63,10 +64,10 @@ def flown() -> Iterator[tuple[AdaptiveMission, list[np.ndarray], np.ndarray]]:
             super().__init__(*arguments)
             missions.append(self)
 
-    true_pose, made = Studio.true_pose, Studio.__init__
+    true_pose, made = TelemetryErrors.true_pose, Studio.__init__
 
-    def noting(self: Studio, *arguments: Any, **named: Any) -> Any:
-        true_poses.append(true_pose(self, *arguments, **named))
+    def noting(self: TelemetryErrors, *arguments: Any) -> Any:
+        true_poses.append(true_pose(self, *arguments))
         return true_poses[-1]
 
     def making(self: Studio, make_renderer: Any, rock: Rock, *rest: Any) -> None:
@@ -76,9 +77,10 @@ def flown() -> Iterator[tuple[AdaptiveMission, list[np.ndarray], np.ndarray]]:
     config = preset("campaign").with_values({**SMALL, "telemetry": "gnss", "target.horizontal_sd_m": 0.5})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(flying, "AdaptiveMission", Kept)
-        patch.setattr(Studio, "true_pose", noting)
+        patch.setattr(TelemetryErrors, "true_pose", noting)
         patch.setattr(Studio, "__init__", making)
-        patch.setattr(Studio, "photograph", lambda *_: np.zeros((48, 64, 3), np.uint8))
+        for studio in (Studio, CachedStudio):
+            patch.setattr(studio, "photograph", lambda *_: np.zeros((48, 64, 3), np.uint8))
         result = run_photogrammetric_mission(config, "boulder", 0)
     assert result.reason == "seed_model_failed"
     yield missions[0], true_poses, rocks[0].vertices_m
