@@ -49,7 +49,7 @@ class AdaptiveMission:
     def fly(self) -> Cloud:
         """The whole mission: its dense cloud, or the `MissionFailure` that ended it."""
         model = self.fly_seed_phase()
-        if must_look(self.config):
+        if self._must_look():
             self.look_for_target(model)
         self.fly_adaptive_phase(model)
         return self.finish()
@@ -59,7 +59,7 @@ class AdaptiveMission:
         self.flight.take_off()
         seeds = self.planner.viewpoints.seeds(self.config)
         for k in range(len(seeds)):
-            if k > 0 and k == self.config.seed.reaim_after and must_look(self.config):
+            if k > 0 and k == self.config.seed.reaim_after and self._must_look():
                 self.aim_anew()
                 seeds = self.planner.viewpoints.seeds(self.config)
             self._fly_and_photograph(seeds[k])
@@ -67,6 +67,9 @@ class AdaptiveMission:
             report = self.reconstructor.bootstrap(self.captures)
         self.observer.seed_model(report)
         return report.model
+
+    def _must_look(self) -> bool:
+        return must_look(self.config) and self.planner.viewpoints.follows_target
 
     def aim_anew(self) -> None:
         """The other seeds are flown around the target as the photographs so far show it; as before if they show none."""

@@ -38,6 +38,8 @@ class PhotographViewpoints:
         where the configuration says.
     """
 
+    follows_target = False  # what was photographed, and from where, is known
+
     def __init__(
         self, positions_m: Floats, target_m: Sequence[float], ordered: MissionConfig, key: str, replicate: int
     ) -> None:

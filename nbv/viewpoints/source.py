@@ -14,6 +14,11 @@ from nbv.viewpoints.rings import seed_viewpoints
 class ViewpointSource(Protocol):
     """What the mission loop and the planner ask for viewpoints."""
 
+    @property
+    def follows_target(self) -> bool:
+        """Whether viewpoints move with the target when it is found elsewhere than believed; if not it is not looked for."""
+        ...
+
     def seeds(self, config: MissionConfig) -> Sequence[Viewpoint]:
         """The seeds of Phase 1 in the order flown."""
         ...
@@ -39,6 +44,8 @@ class ViewpointSource(Protocol):
 
 class Rings:
     """The paper's: seed rings and the two-band pool, anywhere about the target."""
+
+    follows_target = True
 
     def seeds(self, config: MissionConfig) -> Sequence[Viewpoint]:
         """See `nbv.viewpoints.seed_viewpoints`."""
