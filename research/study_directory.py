@@ -18,7 +18,7 @@ from tuner.evaluation.flying import EvaluationEvent, failure_counts, run_evaluat
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import Executor
 from tuner.missions.job import Trial
-from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric, renamed
+from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 from tuner.report.style import short_names
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ class StudySettings(ABC):
                 f"{directory} holds no {cls.STUDY} ({cls.FILE} is missing); name a study's directory"
             )
         try:
-            tree = renamed(read_yaml(path))
+            tree = read_yaml(path)
             if tree.pop("format") != FORMAT_VERSION:
                 raise UserError(f"{path} was written by another version; start a new study elsewhere")
             return cls.from_dict(tree, str(path))

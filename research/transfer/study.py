@@ -37,7 +37,6 @@ from tuner.evaluation.comparison import values_of
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval, paired_difference
 from tuner.missions.job import Trial
-from tuner.missions.registry import renamed
 from tuner.problem.objective import Objective
 from tuner.problem.search_space import ours, value_at
 
@@ -113,7 +112,7 @@ class TransferSettings(StudySettings):
     def from_dict(cls, tree: dict[str, Any], source: str) -> Self:
         """The inverse of ``to_dict``."""
         worlds = {
-            name: World(**renamed({**world, "condition": Condition(**world["condition"])}))
+            name: World(**{**world, "condition": Condition(**world["condition"])})
             for name, world in tree["worlds"].items()
         }
         configurations = {name: config_from_dict(config) for name, config in tree["configurations"].items()}

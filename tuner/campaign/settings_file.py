@@ -27,7 +27,6 @@ SETTINGS_FILE = "campaign.yaml"
 FORMAT_VERSION = 3  # 2: its ledger had the missions' metrics and costs
 _READ_BY = "42627bd"  # the last commit that reads format 2
 SETTINGS = settings_of(CampaignSettings)
-_RENAMED = {"runner": "fidelity", "search_space": "space"}  # names of earlier versions
 
 
 def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
@@ -38,7 +37,7 @@ def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
     UserError
         A setting that there is not, one of the wrong kind, or settings that make no campaign.
     """
-    tree = _of_this_version(tree, source)
+    tree = _checked(tree, source)
     if tree.get("mission") is None:
         return CampaignSettings(**values_of(CampaignSettings, _in_full(tree), source))
     mission = SETTINGS["mission"].from_yaml(tree.pop("mission"), source)
@@ -48,15 +47,14 @@ def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
     return CampaignSettings(mission=mission, space=mission.space, **values_of(CampaignSettings, full, source))
 
 
-def _of_this_version(tree: Any, source: str) -> dict[str, Any]:
-    """``tree`` with today's names; `UserError` for a setting that there is not."""
-    current = {_RENAMED.get(k, k): v for k, v in tree.items()} if isinstance(tree, Mapping) else tree
+def _checked(tree: Any, source: str) -> dict[str, Any]:
+    """``tree``; `UserError` for a setting that there is not."""
     if (
-        isinstance(current, dict) and current.get("risk") == "mean"
+        isinstance(tree, Mapping) and tree.get("risk") == "mean"
     ):  # an earlier version's only other choice is gone
-        del current["risk"]
-    require_settings(CampaignSettings, current, source)
-    return dict(current)
+        tree = {name: value for name, value in tree.items() if name != "risk"}
+    require_settings(CampaignSettings, tree, source)
+    return dict(tree)
 
 
 def _in_full(tree: Mapping[str, Any], directions: Mapping[str, Direction] | None = None) -> dict[str, Any]:
@@ -112,8 +110,8 @@ def read_settings_file(path: Path) -> dict[str, Any]:
     tree = read_yaml(path)
     if isinstance(tree, Mapping) and "format" in tree:
         _check_format(tree, path)
-        return _of_this_version(tree.get("settings") or {}, str(path))
-    return _from_folder(_of_this_version(tree or {}, str(path)), path.parent)
+        return _checked(tree.get("settings") or {}, str(path))
+    return _from_folder(_checked(tree or {}, str(path)), path.parent)
 
 
 def _from_folder(fields: dict[str, Any], folder: Path) -> dict[str, Any]:
@@ -148,7 +146,7 @@ def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
             raise UserError(f"{path} is empty or no campaign's settings; restore the file")
         _check_format(tree, path)
         require_checksum(tree, str(path))
-        return _of_this_version(tree["settings"], str(path)), tree["id"], tree["base_config_digest"]
+        return _checked(tree["settings"], str(path)), tree["id"], tree["base_config_digest"]
     except (KeyError, TypeError) as error:
         raise UserError(f"{path} is not a campaign's settings ({error!r}); restore the file") from error
 

@@ -27,13 +27,13 @@ from nbv.mission.function import Keep
 from nbv.safe_files import read_yaml, require
 from tuner.missions.external import configuration_from_dict
 from tuner.missions.job import MissionJob, Trial, landed
-from tuner.missions.registry import DEFAULT_FIDELITY, renamed, require_fidelity
+from tuner.missions.registry import DEFAULT_FIDELITY, require_fidelity
 from tuner.problem.blocks import MAX_REPLICATES
 from tuner.problem.search_space import Configuration
 from tuner.problem.worlds import World
 
 PLAN_FILE = "evaluation.yaml"
-FORMAT_VERSION = 2  # 1 named its fidelity by module and function
+FORMAT_VERSION = 3  # 2 might call its fidelity a runner
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class EvaluationPlan:
         if not path.is_file():
             raise UserError(f"{directory} holds no evaluation ({PLAN_FILE} is missing)")
         try:
-            tree = renamed(read_yaml(path))
+            tree = read_yaml(path)
             if tree["format"] != FORMAT_VERSION:
                 raise UserError(
                     f"{path} has format {tree['format']}, this version reads {FORMAT_VERSION}; begin it again in another directory"

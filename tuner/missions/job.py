@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import datetime
 import functools
-import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from nbv.checksums import CHECKSUM, require_checksum
 from nbv.config import IDEAL
 from nbv.errors import UserError
 from nbv.mission.function import Keep
+from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import write_atomic
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json
 from tuner.missions.external.configuration import ExternalConfig, configuration_from_dict
@@ -24,7 +24,6 @@ from tuner.problem.search_space import Configuration
 from tuner.problem.worlds import World
 
 RESULT_FILE = "mission.json"
-ERROR_FILE = "worker_error.json"
 LOG_FILE = "worker.log"
 _INFRASTRUCTURE_FAILURES = {
     "disk_full",
@@ -222,32 +221,40 @@ def landed(job: MissionJob, wall_s: float | None = None) -> Trial | None:
     since it was written.
     """
     tree = _read_json(job.directory / RESULT_FILE)
-    if tree is not None and _is_of(tree, job):
-        return job.trial(
-            status=tree.get("status", "failed"),
-            reason=tree.get("reason") or "",
-            message=tree.get("message") or "",
-            wall_s=float(wall_s if wall_s is not None else (tree.get("costs") or {}).get("wall_s") or 0.0),
-            rock_sha256=str((tree.get("provenance") or {}).get("rock_sha256") or ""),
-            checksum=str(tree.get(CHECKSUM) or ""),
-            measured_then={key: tree.get(key) or {} for key in _MEASURED},
-        )
-    tree = _read_json(job.directory / ERROR_FILE)
-    if tree is not None and tree.get("job_id") == job.id:
-        return job.failed(tree["reason"], tree["message"], wall_s or 0.0)
-    return None
+    if tree is None or not _is_of(tree, job):
+        return None
+    return job.trial(
+        status=tree.get("status", "failed"),
+        reason=tree.get("reason") or "",
+        message=tree.get("message") or "",
+        wall_s=float(wall_s if wall_s is not None else (tree.get("costs") or {}).get("wall_s") or 0.0),
+        rock_sha256=str((tree.get("provenance") or {}).get("rock_sha256") or ""),
+        checksum=str(tree.get(CHECKSUM) or ""),
+        measured_then={key: tree.get(key) or {} for key in _MEASURED},
+    )
 
 
 def record_failure(job: MissionJob, reason: str, message: str) -> None:
-    """Leave the reason of a failure in the job's directory; ``OSError`` if that cannot be written."""
-    text = json.dumps({"job_id": job.id, "reason": reason, "message": message})
-    write_atomic(job.directory / ERROR_FILE, text)
+    """Leave the ``mission.json`` of a mission that left none itself; ``OSError`` if that cannot be written."""
+    result = MissionResult(
+        status="failed",
+        reason=reason,
+        message=message,
+        config_digest=job.config.digest(),
+        rock=job.rock,
+        replicate=job.replicate,
+        metrics={},
+        trace=[],
+        timings_s={},
+        costs={},
+        condition=job.config.condition,
+    )
+    write_atomic(job.directory / RESULT_FILE, result.to_json())
 
 
 def clear_traces(job: MissionJob) -> None:
     """Remove what an earlier, unfinished attempt at this job may have left as its result."""
-    for name in (RESULT_FILE, ERROR_FILE):
-        (job.directory / name).unlink(missing_ok=True)
+    (job.directory / RESULT_FILE).unlink(missing_ok=True)
 
 
 def _is_of(tree: Mapping[str, Any], job: MissionJob) -> bool:

@@ -10,7 +10,7 @@ import functools
 import hashlib
 import importlib
 import importlib.util
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -63,11 +63,6 @@ def ignored_by(fidelity: str, conditions: Sequence[Condition]) -> str:
         parts += ["relief"] if condition.values.get("ground", {}).get("relief_m") else []
         found += [f"{', '.join(parts)} of {condition.name}"] if parts else []
     return f"Geometric missions ignore {'; '.join(found)}." if found else ""
-
-
-def renamed(tree: Mapping[str, Any]) -> dict[str, Any]:
-    """A document that may be of an earlier version, which called the fidelity ``runner``."""
-    return {"fidelity" if key == "runner" else key: value for key, value in tree.items()}
 
 
 def registered(name: str) -> str:

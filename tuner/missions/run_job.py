@@ -33,7 +33,7 @@ EXIT_NOT_WRITABLE = 74  # EX_IOERR: not even the error could be written
 
 
 def run_job(tree: dict[str, Any]) -> int:
-    """Fly one mission and leave ``mission.json``, or ``worker_error.json``, in its directory; exit status."""
+    """Fly one mission and leave ``mission.json`` in its directory, also of one that failed; exit status."""
     job = MissionJob.from_dict(tree)
     directory = job.directory
     try:

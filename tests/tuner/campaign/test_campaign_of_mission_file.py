@@ -156,7 +156,7 @@ def test_a_function_runs_only_where_the_caller_of_tune_names_it(toy, monkeypatch
         "name": "x",
         "budget": 2,
         "rocks": ["slab"],
-        "search_space": "gate",
+        "space": "gate",
         "fidelity": "evil_runner:fly",
     }
     begin_campaign(toy / "runs/x", settings_from_dict(settings, "test"))

@@ -203,7 +203,7 @@ def test_a_name_that_looks_like_markup_is_shown_as_it_is(gatetune, monkeypatch):
 
 def test_a_file_chooses_no_code(gatetune, monkeypatch, tmp_path):
     (tmp_path / "foreign.py").write_text("raise SystemExit('run')")
-    (tmp_path / "mine.yaml").write_text("runner: foreign:fly\nrocks: [boulder]\n")
+    (tmp_path / "mine.yaml").write_text("fidelity: foreign:fly\nrocks: [boulder]\n")
     monkeypatch.setattr("tuner.commands.campaign.fly", lambda *_, **__: None)
     code, _, err = gatetune("campaign", "run", "mine.yaml")
     assert code == 2 and "--fidelity foreign:fly" in err

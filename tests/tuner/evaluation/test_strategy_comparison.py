@@ -98,7 +98,7 @@ def test_an_earlier_version_s_evaluation_is_refused_in_one_line(tmp_path: Path) 
     file = tmp_path / "out" / PLAN_FILE
     file.write_text(file.read_text().replace(f"format: {FORMAT_VERSION}", "format: 1"))
     with pytest.raises(
-        UserError, match="format 1, this version reads 2; begin it again in another directory"
+        UserError, match="format 1, this version reads 3; begin it again in another directory"
     ):
         EvaluationPlan.load(tmp_path / "out")
 

@@ -10,7 +10,7 @@ import pytest
 from nbv.config import preset
 from nbv.errors import MissionFailure
 from tuner.missions import run_job
-from tuner.missions.job import ERROR_FILE, MissionJob
+from tuner.missions.job import RESULT_FILE, MissionJob
 from tuner.missions.progress import PROGRESS_FILE, Progress, log_of, progress_of
 
 
@@ -44,7 +44,7 @@ def test_it_is_gone_when_the_mission_is_over(tmp_path: Path, monkeypatch: pytest
     job = MissionJob("1", preset("campaign"), "slab", 0, tmp_path)
     assert run_job.run_job(job.to_dict()) == run_job.EXIT_FAILED
     assert seen == ["dense cloud"]
-    assert not (tmp_path / PROGRESS_FILE).exists() and (tmp_path / ERROR_FILE).is_file()
+    assert not (tmp_path / PROGRESS_FILE).exists() and (tmp_path / RESULT_FILE).is_file()
 
 
 def test_missions_that_are_not_ours_have_none(tmp_path: Path) -> None:
