@@ -117,9 +117,9 @@ def import_photographs(
 
     pinhole = common_pinhole(model.cameras)
     sets_folder().mkdir(parents=True, exist_ok=True)
-    for left in sets_folder().glob(f".{name}-*"):  # by an import that was killed
+    for left in sets_folder().glob(f".{name}.*"):  # by an import that was killed; no name has a full stop
         shutil.rmtree(left, ignore_errors=True)
-    work = Path(tempfile.mkdtemp(dir=sets_folder(), prefix=f".{name}-"))
+    work = Path(tempfile.mkdtemp(dir=sets_folder(), prefix=f".{name}."))
     try:
         _write_pictures(photographs, model, pinhole, sizes, masks, work, progress, upright=upright)
         views = _views(photographs, model, masks, work)
@@ -295,7 +295,7 @@ def _move_in(work: Path, folder: Path) -> None:
     """Put a whole set in its place; the one that was there goes only then."""
     old = None
     if folder.exists():
-        old = folder.with_name(f".{folder.name}-old-{work.name.rpartition('-')[2]}")
+        old = work.with_name(f"{work.name}.old")
         folder.rename(old)
     work.chmod(0o755)
     work.rename(folder)

@@ -114,10 +114,13 @@ def test_a_second_import_goes_on_from_the_store(
     monkeypatch.setattr("nbv.photographs.correspond.extract_features", never)
     monkeypatch.setattr("nbv.photographs.mapping._map", never)
     monkeypatch.setattr("nbv.photographs.dense_reference._cloud", never)
+    left = sets_folder() / ".again.killed"
+    left.mkdir()
     options = ImportOptions(max_size_px=MAX_SIZE_PX, height_m=0.4)
     again = import_photographs(ball_folder, "again", options, silent, ball_store)
     assert again.true_height_m == pytest.approx(0.4)
     assert again.halves == ball_set.halves
+    assert not left.exists()
     shutil.rmtree(again.folder)
 
 
