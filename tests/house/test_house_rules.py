@@ -65,6 +65,7 @@ OWN_WORDS = {
     "nbv/config/mission_config.py",
     "nbv/checksums.py",
     "nbv/safe_files.py",
+    "tuner/campaign/ledger.py",
     "tuner/campaign/storage.py",
     "tuner/missions/executors.py",
     "tuner/missions/external/call.py",
