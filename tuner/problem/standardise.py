@@ -1,4 +1,4 @@
-"""Outcomes made comparable over rocks, or over rocks under conditions."""
+"""Outcomes made comparable over rocks and conditions."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from nbv.types import Floats
+from tuner.problem.worlds import World, conditions_of, rocks_of
 
 # Pseudo-counts of the shrinkage below: a rock's own spread counts fully only beyond this many missions.
 _SCALE_PRIOR_COUNT = 5.0
@@ -81,6 +82,39 @@ class RockStandardiser:
             variance = (_SCALE_PRIOR_COUNT * within + within_squares[name]) / count
             scales[name] = math.sqrt(variance)
         return RockStandardiser(centres, scales, grand, math.sqrt(within))
+
+    @staticmethod
+    def over_conditions(
+        worlds: Sequence[World], outcomes: Floats | Sequence[float], places: Sequence[World]
+    ) -> RockStandardiser:
+        """Estimate from ``(n,)`` worlds and outcomes, n at least 1, where there are several conditions.
+
+        There are too many worlds for centres of their own: a world's centre is mu + rock + condition, by least squares
+        in which every effect has one pseudo-observation of 0, so a world never flown has one too. Scales are the
+        deviations from it, shrunk as in ``fit``. ``places``: further worlds to know.
+        """
+        y = np.asarray(outcomes, dtype=float)
+        known = [*worlds, *places]
+        rocks, conditions = rocks_of(known), conditions_of(known)
+        design = np.array(
+            [[1.0, *(w.rock == r for r in rocks), *(w.condition == c for c in conditions)] for w in known]
+        )
+        flown = design[: len(y)]
+        penalty = np.eye(design.shape[1])
+        penalty[0, 0] = 0.0
+        solve = np.linalg.solve(flown.T @ flown + penalty, flown.T)
+        residual = y - flown @ (solve @ y)
+        freedom = 1.0 - np.einsum("ij,ji->i", flown, solve)
+        within = float((residual**2).sum()) / max(float(freedom.sum()), 1e-9)
+        within = max(within, 1e-12 * max(1.0, float(np.mean(y**2))))
+        centres = dict(zip(known, (design @ (solve @ y)).tolist()))
+        scales = {}
+        for world in centres:
+            own = np.array([w == world for w in worlds])
+            count = _SCALE_PRIOR_COUNT + float(freedom[own].sum())
+            squares = _SCALE_PRIOR_COUNT * within + float((residual[own] ** 2).sum())
+            scales[world] = math.sqrt(squares / count)
+        return RockStandardiser(centres, scales, float(y.mean()), math.sqrt(within))
 
     def standardise(self, rocks: Sequence[Any], outcomes: Floats | Sequence[float]) -> Floats:
         """(n,) standardised outcomes."""

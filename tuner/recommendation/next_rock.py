@@ -43,7 +43,7 @@ def next_rock(
     Parameters
     ----------
     model
-        A surrogate in which worlds have landscapes of their own.
+        A surrogate in which rocks have landscapes of their own.
     values, default
         The recommended and the default values.
     calibrated
@@ -60,7 +60,7 @@ def next_rock(
 
     common = model.inputs(unit)
     elsewhere = common.clone()
-    elsewhere[:, model.space.dimension] = len(model.worlds) + len(model.observations)  # a world like no other
+    elsewhere[:, model.space.dimension] = len(model.worlds) + len(model.observations)  # a rock like no other
     mean, with_departure = gain(elsewhere, model.mean_scale)
     _, common_sd = gain(common, model.mean_scale)
     sd = math.sqrt(with_departure**2 + _scale_variance(model, rocks) * (mean**2 + with_departure**2))

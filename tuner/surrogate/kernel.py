@@ -1,15 +1,19 @@
 """The covariance of missions, a sum of GPyTorch's kernels.
 
-    k = s^2 m(x, x') + a^2 m(x, x') [same world] + b^2 [same world] + c^2 [same block] + t^2 l(x, x') + v^2 g(x) g(x')
+    k = s^2 m(x, x') + a^2 m(x, x') [same rock] + b^2 [same rock] + c^2 [same block] + t^2 l(x, x') + v^2 g(x) g(x')
+        + e^2 m(x, x') [same condition] + o^2 [same condition] + w^2 [same world]
 
 m is Matern-5/2 with a length scale per ordered parameter, times BoTorch's categorical kernel of the choices. b^2 and c^2
-are the variances of what all missions in a world, or on one (world, replicate) block, share. a^2 is that of a world's own
-departure from the common landscape: an intrinsic coregionalisation model whose worlds are exchangeable. l is the
+are the variances of what all missions on a rock, or on one (world, replicate) block, share. a^2 is that of a rock's own
+departure from the common landscape: an intrinsic coregionalisation model whose rocks are exchangeable. l is the
 covariance of a linear trend, scaled so that t^2 is its mean variance over the cube. g is a given function of the
 configuration, such as the landscape of missions flown before.
 
-Inputs are (..., d + 2): the unit cube, then the world's and the block's column of exact whole numbers. ``NO_OFFSET`` there
-is the mean over worlds, or blocks, that nobody has flown: it shares nothing, not even with itself.
+The second line is there where missions fly under several conditions; a world is a rock under a condition.
+
+Inputs are (..., d + 2): the unit cube, then the rock's and the block's column of exact whole numbers; with several conditions
+(..., d + 4), the condition's and the world's column behind them. ``NO_OFFSET`` there is the mean over rocks, or blocks,
+that nobody has flown: it shares nothing, not even with itself. ``MEAN_LEVEL`` is the mean over the training conditions.
 """
 
 from __future__ import annotations
@@ -29,6 +33,7 @@ from tuner.surrogate.settings import SurrogateSettings
 Feature = Callable[[torch.Tensor], torch.Tensor]
 
 NO_OFFSET = -1.0
+MEAN_LEVEL = -2.0
 MIN_LENGTHSCALE = 2.5e-2
 _LARGEST = 1.6e5  # of any length or variance; 1 / this is the smallest variance
 
@@ -36,8 +41,8 @@ _LARGEST = 1.6e5  # of any length or variance; 1 / this is the smallest variance
 LENGTH_MEDIAN, LENGTH_SPREAD = 0.3, 0.8  # over the square root of the number of ordered parameters
 LENGTH_LEAST = 0.7  # of the median: with few parameters there are missions enough to say otherwise
 VARIANCE = (2.0, 1.0)  # of f
-# Wide: a world's centre is the mean of a few configurations and may be off by a standard deviation.
-WORLD_VARIANCE = (1.0, 1.0)
+# Wide: a rock's centre is the mean of a few configurations and may be off by a standard deviation.
+ROCK_VARIANCE = (1.0, 1.0)
 # Wider still: measured blocks differ by anything from nothing to several times what parameters do.
 BLOCK_VARIANCE = (0.3, 1.5)
 OWN_VARIANCE = (0.6, 1.0)
@@ -47,14 +52,26 @@ NOISE_VARIANCE, MIN_NOISE_VARIANCE = (0.2, 1.0), 1e-4
 
 
 class SharedLevel(Kernel):
-    """1 where two inputs have the same level of one column, else 0; ``NO_OFFSET`` is no level."""
+    """1 where two inputs have the same level of one column, else 0; ``NO_OFFSET`` is no level.
+
+    ``MEAN_LEVEL`` is the mean over the first ``averaged`` levels: it shares 1 / ``averaged`` with each, and with itself.
+    """
+
+    def __init__(self, averaged: int = 0, **options: Any) -> None:
+        super().__init__(**options)
+        self._averaged = averaged
 
     def forward(self, x1: torch.Tensor, x2: torch.Tensor, diag: bool = False, **params: Any) -> torch.Tensor:
         """(..., n, m) of (..., n, 1) and (..., m, 1) columns; (..., n) if ``diag``."""
         one, two = x1[..., 0], x2[..., 0]
         if not diag:
             one, two = one.unsqueeze(-1), two.unsqueeze(-2)
-        return ((one == two) & (one >= 0)).to(x1.dtype)
+        same = ((one == two) & (one >= 0)).to(x1.dtype)
+        if not self._averaged:
+            return same
+        means = (one == MEAN_LEVEL) | (two == MEAN_LEVEL)
+        inside = (one != NO_OFFSET) & (two != NO_OFFSET) & (one < self._averaged) & (two < self._averaged)
+        return same + (means & inside).to(x1.dtype) / self._averaged
 
 
 class FeatureKernel(LinearKernel):
@@ -90,11 +107,12 @@ def log_normal(median: float, spread: float) -> tuple[LogNormalPrior, float]:
 def mission_kernel(
     ordered: Sequence[int],
     categorical: Sequence[int],
-    world_column: int,
+    rock_column: int,
     settings: SurrogateSettings,
     *,
     tau: float | None = None,
     feature: Feature | None = None,
+    conditions: int = 0,
 ) -> Kernel:
     """The kernel above, with its priors.
 
@@ -102,20 +120,27 @@ def mission_kernel(
     ----------
     ordered, categorical
         Columns of the ordered parameters and of the choices.
-    world_column
-        The world's column; the block's is the next one.
+    rock_column
+        The rock's column; the block's is the next one.
     tau
         Of the sparse prior of the length scales; None: log-normal, growing with the square root of the dimension.
     feature
         g, of (..., n, d + 2) inputs: (..., n, 1).
+    conditions
+        How many are tuned over, where inputs have the condition's and the world's column; 0: they have not.
     """
     f = _landscape(ordered, categorical, tau)
-    world = SharedLevel(active_dims=[world_column])
-    kernel = _scaled(f, *VARIANCE) + _scaled(world, *WORLD_VARIANCE)
+    rock = SharedLevel(active_dims=[rock_column])
+    kernel = _scaled(f, *VARIANCE) + _scaled(rock, *ROCK_VARIANCE)
     if settings.own_landscapes:
-        kernel = kernel + _scaled(f * world, *OWN_VARIANCE)
+        kernel = kernel + _scaled(f * rock, *OWN_VARIANCE)
     if settings.blocks:
-        kernel = kernel + _scaled(SharedLevel(active_dims=[world_column + 1]), *BLOCK_VARIANCE)
+        kernel = kernel + _scaled(SharedLevel(active_dims=[rock_column + 1]), *BLOCK_VARIANCE)
+    if conditions:
+        condition = SharedLevel(conditions, active_dims=[rock_column + 2])
+        world = SharedLevel(active_dims=[rock_column + 3])
+        kernel = kernel + _scaled(condition, *ROCK_VARIANCE) + _scaled(f * condition, *OWN_VARIANCE)
+        kernel = kernel + _scaled(world, *BLOCK_VARIANCE)
     if settings.trend and ordered:
         scale, columns = math.sqrt(12.0 / len(ordered)), list(ordered)
         kernel = kernel + _linear(lambda x: scale * (x[..., columns] - 0.5), *TREND_VARIANCE)

@@ -1,17 +1,20 @@
 """Gaussian process over configurations: what the missions so far say about every configuration.
 
-Outcomes are standardised per world, a rock under a condition (``tuner.problem.standardise.RockStandardiser``). The
-model is then
+Outcomes are standardised per rock, with several conditions by rock and condition
+(``tuner.problem.standardise.RockStandardiser``). The model is then
 
-    z(x, world, replicate) = f(x) + b(world) + c(world, replicate) + noise
+    z(x, rock, replicate) = f(x) + b(rock) + c(rock, replicate) + noise
 
-with a Matern-5/2 ARD kernel for f on the unit cube and an independent offset b per world: with a handful of
-missions in each world the standardisation cannot know whether a rock is hard or was flown with poor
-configurations; the offsets, inferred together with f, can. Missions on one (world, replicate) block also share
+with a Matern-5/2 ARD kernel for f on the unit cube and an independent offset b per rock: with a handful of
+missions on each rock the standardisation cannot know whether a rock is hard or was flown with poor
+configurations; the offsets, inferred together with f, can. Missions on one (rock, replicate) block also share
 the arrival errors of the seed orbit, which can move all of them together by more than configurations differ:
-the offset c, nested in the world's, makes them blocks of an experiment, so that configurations are compared within
-them and the offset cancels. The mean over worlds has c = 0: it is the mean over replicates nobody has flown. What
-worlds do not share beyond offsets and a scale ends up in the noise, which is right for a mean over worlds.
+the offset c, nested in the rock's, makes them blocks of an experiment, so that configurations are compared within
+them and the offset cancels. The mean over rocks has c = 0: it is the mean over replicates nobody has flown. What
+rocks do not share beyond offsets and a scale ends up in the noise, which is right for a mean over rocks.
+
+Where missions fly under several conditions, each condition has an offset and a departure of its own from f, and each
+world (a rock under a condition) an offset; blocks are then nested in worlds. With one condition the model is the one above.
 
 The length-scale prior grows with the square root of the dimension (Hvarfner et al., ICML 2024), but is
 narrower than theirs, there is an output scale, and the noise prior expects noise: missions are noisy, and on
@@ -38,11 +41,18 @@ from nbv.types import Floats
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.standardise import RockStandardiser
-from tuner.problem.worlds import Place, World, worlds_of
+from tuner.problem.worlds import Place, World, conditions_of, rocks_of, worlds_of
 from tuner.surrogate.condensed import condensed, fitted_subset, posterior_means
 from tuner.surrogate.feasibility import Feasibility
 from tuner.surrogate.fit import fitted
-from tuner.surrogate.kernel import NO_OFFSET, Feature, lengthscales, mission_kernel, shared_variance
+from tuner.surrogate.kernel import (
+    MEAN_LEVEL,
+    NO_OFFSET,
+    Feature,
+    lengthscales,
+    mission_kernel,
+    shared_variance,
+)
 from tuner.surrogate.leave_one_out import LooCheck, leave_one_out
 from tuner.surrogate.numerics import numerics, tensor
 from tuner.surrogate.posterior import Posterior
@@ -96,14 +106,21 @@ class RockMeanGP:
         observed = [o.world for o in feasible]
         flown = [(o.world, o.replicate) for o in feasible]
         self._models_blocks = self.settings.blocks and blocks_identifiable(flown)
-        self.standardiser = RockStandardiser.fit(
-            observed, outcomes, shrink_centres=False, blocks=flown if self._models_blocks else None
-        )
+        known = [*self.worlds, *observed]
+        self._several = len(conditions_of(known)) > 1
+        if self._several:
+            self.standardiser = RockStandardiser.over_conditions(observed, outcomes, self.worlds)
+        else:
+            self.standardiser = RockStandardiser.fit(
+                observed, outcomes, shrink_centres=False, blocks=flown if self._models_blocks else None
+            )
         self.unit = np.array([space.to_unit(o.values) for o in feasible])  # (n, d)
         self._failed = [space.to_unit(o.values) for o in observations if o.outcome is None]
         self._seed = seed
         self.targets = self.standardiser.standardise(observed, outcomes)  # (n,)
-        self._world_index = _levels([*self.worlds, *observed])
+        self._rock_index = _levels(rocks_of(known))
+        self._condition_index = _levels(conditions_of(known))
+        self._world_index = _levels(known)
         self._block_index = _levels(flown)
         self._ordered = [i for i in range(space.dimension) if i not in space.categorical_dimensions]
         columns = np.array([self.levels(world, self._block_index[world, k]) for world, k in flown])
@@ -136,6 +153,7 @@ class RockMeanGP:
                     settings,
                     tau=tau,
                     feature=feature,
+                    conditions=len(conditions_of(self.worlds)) if self._several else 0,
                 )
                 for tau in taus
             ]
@@ -150,15 +168,19 @@ class RockMeanGP:
         return plain, False
 
     def levels(self, place: Place | None, block: float = NO_OFFSET) -> list[float]:
-        """Return the input columns behind the unit cube's, of world and block.
+        """Return the input columns behind the unit cube's: rock and block and, over several conditions, condition and world.
 
-        ``place`` is a known world, or None for no world: there the offsets are 0, so configurations are compared by their
-        landscape alone.
+        ``place`` is a known world, or None for the mean over the conditions at no rock: there the offsets are 0, so
+        configurations are compared by their landscape alone.
         """
         if place is None:
-            return [NO_OFFSET, block]
+            return [NO_OFFSET, block, MEAN_LEVEL, NO_OFFSET] if self._several else [NO_OFFSET, block]
         (world,) = worlds_of([place])
-        return [self._world_index[world], block]
+        own = [self._rock_index[world.rock], block]
+        if self._several:
+            unknown = float(len(self._world_index))
+            own += [self._condition_index[world.condition], self._world_index.get(world, unknown)]
+        return own
 
     def block_level(self, place: Place, replicate: int | None) -> float:
         """Return the block column of a (world, replicate); one that has not been flown has a level without data."""
@@ -167,7 +189,7 @@ class RockMeanGP:
         return unknown if replicate is None else self._block_index.get((world, replicate), unknown)
 
     def inputs(self, unit: Floats, place: Place | None = None, block: float = NO_OFFSET) -> torch.Tensor:
-        """Return (m, d + 2) model inputs for (m, d) unit positions, by default without offsets of world and block."""
+        """Return (m, d + 2 or 4) model inputs for (m, d) unit positions, by default without offsets of rock and block."""
         return tensor(np.column_stack([unit, np.tile(self.levels(place, block), (len(unit), 1))]))
 
     def posterior(self, values: Sequence[Mapping[str, Any]]) -> Posterior:
@@ -183,7 +205,9 @@ class RockMeanGP:
         ``x``: (..., q, d + 2) inputs, whose world and block are replaced.
         """
         q, count, d = x.shape[-2], len(self.worlds), self.space.dimension
-        levels = [x.new_tensor(self.levels(world)).expand(*x.shape[:-1], 2) for world in self.worlds]
+        levels = [
+            x.new_tensor(level).expand(*x.shape[:-1], len(level)) for level in map(self.levels, self.worlds)
+        ]
         everywhere = torch.cat([torch.cat([x[..., :d], level], dim=-1) for level in levels], dim=-2)
         belief = self.model.posterior(everywhere).distribution
         scales = x.new_tensor([self.standardiser.scale(world) for world in self.worlds]) / count

@@ -8,11 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 import synthetic
+import torch
+from gpytorch.kernels import ScaleKernel
 
 from tuner.acquisition.propose import propose
 from tuner.problem.observations import Observation
+from tuner.problem.standardise import RockStandardiser
 from tuner.problem.worlds import World, worlds_over
+from tuner.surrogate.kernel import MEAN_LEVEL, NO_OFFSET, mission_kernel
 from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.settings import SurrogateSettings
 
 CONDITIONS = ("ideal", "field", "harsh")
 WORLDS = worlds_over(synthetic.ROCKS, CONDITIONS)
@@ -38,6 +43,38 @@ def missions(count: int, seed: int, worlds: Sequence[World] = WORLDS) -> list[Ob
     return found
 
 
+def test_kernel_of_conditions_and_worlds() -> None:
+    """Condition: offset 2, landscape 4; world: 0.5. The mean over 2 conditions shares half with each and with itself."""
+    kernel = mission_kernel([0], [], 1, SurrogateSettings(blocks=False), conditions=2)
+    for term, value in enumerate((1.0, 0.25, 2.0, 4.0, 0.5)):  # f, rock, condition, its landscape, world
+        part = kernel.kernels[term]
+        assert isinstance(part, ScaleKernel)
+        part.outputscale = value
+    rows = [
+        [0.5, 0, NO_OFFSET, 0, 0],
+        [0.5, 1, NO_OFFSET, 0, 1],  # another rock under the same condition
+        [0.5, 0, NO_OFFSET, 1, 2],  # the same rock under another
+        [0.5, 0, NO_OFFSET, 2, 3],  # under one that is not tuned over
+        [0.5, NO_OFFSET, NO_OFFSET, MEAN_LEVEL, NO_OFFSET],
+    ]
+    x = torch.tensor(rows, dtype=torch.float64)
+    k = kernel(x).to_dense().detach()
+    np.testing.assert_allclose(k[0], [7.75, 7.0, 1.25, 1.25, 4.0], rtol=1e-6)
+    np.testing.assert_allclose(k[4], [4.0, 4.0, 4.0, 1.0, 4.0], rtol=1e-6)
+    np.testing.assert_allclose(kernel(x, diag=True).detach(), k.diagonal(), rtol=1e-9)
+
+
+def test_centres_add_rock_and_condition() -> None:
+    """A world that nobody has flown is predicted from its rock and its condition."""
+    level = {w: 50.0 + 10 * ROCK[w.rock] + 10 * LEVEL[w.condition] for w in WORLDS}
+    unseen = World("r3", "harsh")
+    flown = [w for w in WORLDS if w != unseen for _ in range(200)]
+    found = RockStandardiser.over_conditions(flown, [level[w] for w in flown], WORLDS)
+    assert found.centre(unseen) == pytest.approx(level[unseen], abs=1.0)
+    assert found.centre(WORLDS[0]) == pytest.approx(level[WORLDS[0]], abs=1.0)
+    assert found.scale(unseen) == pytest.approx(found.pooled_scale)
+
+
 def test_one_condition_is_the_model_without_any() -> None:
     history = missions(16, 0, [World(rock) for rock in synthetic.ROCKS])
     named = [dataclasses.replace(o, condition="field") for o in history]
@@ -48,18 +85,21 @@ def test_one_condition_is_the_model_without_any() -> None:
     assert propose(plain, [], 3) == propose(other, [], 3)
 
 
-def test_worlds_known_predict_better_than_rocks_alone() -> None:
+def test_conditions_known_predict_better_than_rocks_alone() -> None:
+    """Two worlds are never flown: their missions are predicted from the same rocks and conditions elsewhere."""
+    unseen = (World("r1", "harsh"), World("r2", "field"))
     rng = np.random.default_rng(9)
     errors: dict[str, list[float]] = {"known": [], "rocks alone": []}
     for seed in range(3):
-        history = missions(40, seed)
+        history = missions(40, seed, [w for w in WORLDS if w not in unseen])
         known = RockMeanGP(synthetic.SPACE, history, WORLDS)
         alone = RockMeanGP(
             synthetic.SPACE, [dataclasses.replace(o, condition="ideal") for o in history], synthetic.ROCKS
         )
-        for unit in rng.random((10, 2)):
+        for _ in range(10):
+            unit = rng.random(2)
             values = synthetic.SPACE.from_unit(unit)
-            for world in WORLDS:
+            for world in unseen:
                 y = truth(synthetic.SPACE.to_unit(values), world)
                 errors["known"].append(known.predict_in_world(values, world) - y)
                 errors["rocks alone"].append(alone.predict_in_world(values, world.rock) - y)
