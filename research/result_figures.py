@@ -330,6 +330,36 @@ def width(data: Path) -> plt.Figure:
     return figure
 
 
+def drawn_rocks(data: Path) -> plt.Figure:
+    """How hard drawn and real rocks are, by height, concavity and contrast."""
+    rows = read(data, "drawn_rocks")
+    kinds = list(dict.fromkeys(row["kind"] for row in rows if row["kind"] != "real"))
+    figure, panels = plt.subplots(1, 3, figsize=(9, 3.4), sharey=True, layout="constrained")
+    columns = (
+        ("height_m", "height (m)"),
+        ("concavity", "concavity (share of the hull)"),
+        ("albedo_contrast", "contrast of the albedo"),
+    )
+    for axes, (column, words) in zip(panels, columns):
+        for kind, marker in zip([*kinds, "real"], ("o", "s", "^", "v", "D", "P", "*")):
+            own = [row for row in rows if row["kind"] == kind]
+            axes.plot(
+                [float(row[column]) for row in own],
+                [max(float(row["f_score_of_20"]), 65.0) for row in own],
+                marker,
+                color=ORANGE if kind == "real" else BLUE,
+                alpha=1.0 if kind == "real" else 0.55,
+                markersize=11 if kind == "real" else 5,
+                label=kind,
+            )
+        axes.set_xlabel(words)
+        axes.axhline(98, color=GREY, linewidth=0.8)
+        axes.grid(alpha=0.3)
+    panels[0].set_ylabel("F-score of an orbit of 20 (%)")
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=7, fontsize=8)
+    return figure
+
+
 FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
     figure.__name__: figure
     for figure in (
@@ -343,6 +373,7 @@ FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
         oracle_coverage,
         learned_gate,
         visibility,
+        drawn_rocks,
         hausdorff_floor,
         speed,
         width,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from nbv.cache import Store
 from nbv.errors import UserError
-from nbv.rocks import list_rocks, load_rock
+from nbv.rocks import list_rocks, load_coarse_rock
 from nbv.safe_files import is_file
 from tuner.problem.drawn_rocks import family_of
 
@@ -21,7 +21,7 @@ Making = Callable[[str], AbstractContextManager[object]]  # shown while a rock i
 def rock_arguments(rocks: Sequence[str], making: Making = nullcontext) -> list[str]:
     """Return the rocks as given, mesh files by their absolute path, so that a resume finds them from anywhere.
 
-    Every rock is loaded once, so that a mistake shows before the first flight.
+    Every rock is loaded once, drawn ones as coarse meshes, so that a mistake shows before the first flight.
 
     Raises
     ------
@@ -32,7 +32,7 @@ def rock_arguments(rocks: Sequence[str], making: Making = nullcontext) -> list[s
         if family_of(rock):
             continue
         with making(f"making rock {rock} ({number} of {len(rocks)}); it is kept for later"):
-            load_rock(rock, Store())
+            load_coarse_rock(rock, Store())
     return absolute_rocks(rocks)
 
 
@@ -62,7 +62,7 @@ def refuse_held_out(rocks: Sequence[str]) -> None:
         A rock of the held-out split.
     """
     for rock in rocks:
-        if not family_of(rock) and load_rock(rock, Store()).split == "held-out":
+        if not family_of(rock) and load_coarse_rock(rock, Store()).split == "held-out":
             raise UserError(
                 f"rock {rock!r} is held out: it may not be tuned on; `gatetune rocks list` names others"
             )
