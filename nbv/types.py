@@ -186,7 +186,7 @@ class Camera(Protocol):
         ...
 
     def close(self) -> None:
-        """After the last photograph: give memory back."""
+        """Free memory; called after the last photograph."""
         ...
 
 
@@ -198,7 +198,7 @@ class Reconstructor(Protocol):
         ...
 
     def glimpse(self, captures: Sequence[Capture]) -> SparseModel | None:
-        """The model of the first few seeds alone, None if there is none; nothing of it stays."""
+        """The model of the first few seeds alone, None if there is none; later models do not contain it."""
         ...
 
     def add(self, capture: Capture) -> UpdateReport:

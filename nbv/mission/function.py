@@ -14,7 +14,7 @@ Log = Callable[[str, dict[str, Any]], None]  # an event's name and its facts
 
 
 def no_log(event: str, facts: dict[str, Any]) -> None:
-    """Nobody listens."""
+    """Ignore the event."""
 
 
 class MissionOptions(TypedDict, total=False):

@@ -75,7 +75,7 @@ class Recorder(Observer):
             self._log("seed", {"index": self.images - 1, "id": capture.viewpoint.id})
 
     def aimed_anew(self, target_m: tuple[float, float, float] | None) -> None:
-        """Tell the display."""
+        """Log the event."""
         self._log("aimed-anew", {"target_m": target_m})
 
     def seed_model(self, report: UpdateReport) -> None:
@@ -103,7 +103,7 @@ class Recorder(Observer):
     def planned(
         self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking], decision: GateDecision
     ) -> None:
-        """Keep the planning state, and hear the oracle."""
+        """Save the planning state; ask the oracle, where there is one, for its rewards."""
         if self._run is not None:
             save_state(self._run.state_path(state.iteration), state, pool)
         rewards: dict[str, float] = {}
@@ -135,16 +135,16 @@ class Recorder(Observer):
         self._log("capture", facts)
 
     def converged(self, state: PlanningState) -> None:
-        """Tell the display."""
+        """Log the event."""
         self._log("converged", {"iteration": state.iteration, "d95_m": state.d95_m})
 
     def pool_is_empty(self, state: PlanningState, pool: CandidatePool) -> None:
-        """Note it."""
+        """Record it as a note."""
         self.notes.append("empty_pool")
         self._log("empty-pool", {"iteration": state.iteration, **pool.counts})
 
     def returning(self) -> None:
-        """Tell the display."""
+        """Log the event."""
         self._log("dense", {})
 
     def _count(self, report: UpdateReport) -> None:

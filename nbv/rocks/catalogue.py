@@ -80,7 +80,7 @@ def loaded_rocks() -> list[Rock]:
 
 
 def forget_loaded() -> None:
-    """Let go of them."""
+    """Remove all rocks from this process's memory."""
     _loaded.clear()
 
 

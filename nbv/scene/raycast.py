@@ -61,7 +61,7 @@ class RaycastRenderer:
         return self._picture(rays, position, boxes, self._ground_height(rays, position))
 
     def close(self) -> None:
-        """Nothing to give back."""
+        """There is nothing to free."""
 
     def _look(self, camera_from_world: Floats) -> tuple[_PixelRays, Floats, list[_Box]]:
         """The pixels' rays, the camera's position, and the pixels that may show the rock and each neighbour."""
