@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 from nbv.cache import Store
 from nbv.config import MissionConfig, load_condition, preset, under
@@ -18,7 +18,7 @@ from nbv.rocks.families import FAMILIES, HELD_OUT_FROM, VALIDATION_FROM
 from nbv.types import Capture, Cloud, SparseModel, UpdateReport
 
 FIRST_SEED = {"train": 0, "validation": VALIDATION_FROM, "held-out": HELD_OUT_FROM}
-FIDELITIES = {"geometric": GeometricFidelity, "photogrammetric": PhotogrammetricFidelity}
+FIDELITIES: dict[str, Any] = {"geometric": GeometricFidelity, "photogrammetric": PhotogrammetricFidelity}
 CROP_MARGIN_M = 0.1
 Listener = Callable[[Any, SparseModel], None]
 BASE: dict[str, Any] = {
@@ -65,7 +65,8 @@ class _Kept:
     """Implements ``nbv.types.Reconstructor``: another one, whose last model is kept."""
 
     def __init__(self, inner: Any, listen: Listener) -> None:
-        self._inner, self._listen, self.model = inner, listen, None
+        self._inner, self._listen = inner, listen
+        self.model: SparseModel | None = None
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._inner, name)
@@ -109,9 +110,9 @@ def fly(
     def make(context: MissionContext) -> Fidelity:
         made = FIDELITIES[fidelity](context)
         reconstructor = _Kept(made.reconstructor, listen)
-        made.reconstructor = reconstructor  # type: ignore[assignment]
+        made.reconstructor = reconstructor
         kept[:] = [reconstructor, made]
-        return made  # type: ignore[return-value]
+        return cast(Fidelity, made)
 
     result = fly_mission(make, config, rock, replicate)
     return Flown(result, kept[0].model, kept[1].believed)

@@ -357,6 +357,28 @@ def drawn_rocks(data: Path) -> plt.Figure:
         axes.grid(alpha=0.3)
     panels[0].set_ylabel("F-score of an orbit of 20 (%)")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=7, fontsize=8)
+
+
+def where_planning_pays(data: Path) -> plt.Figure:
+    """Gain of the adaptive plan over two rings at 24 photographs, by how hard the rock is for the rings."""
+    arms, count = ("rings at 10° and 35°", "adaptive"), "24"
+    figure, axes = plt.subplots(figsize=(6, 3.8))
+    for name, marker, colour, size, text in (
+        ("where_planning_pays", "o", BLUE, 22, "geometric"),
+        ("where_planning_pays_photographs", "D", ORANGE, 40, "photographs"),
+    ):
+        scores: dict[str, dict[str, float]] = {}
+        for row in read(data, name):
+            if row["photographs"].removesuffix(".0") == count and row["arm"] in arms:
+                scores.setdefault(row["rock"], {})[row["arm"]] = float(row["f_score"])
+        pairs = [(of[arms[0]], of[arms[1]] - of[arms[0]]) for of in scores.values() if len(of) == 2]
+        axes.scatter(*zip(*pairs, strict=True), s=size, marker=marker, color=colour, alpha=0.8, label=text)
+    axes.axhline(0, color="black", linewidth=0.8)
+    axes.axvline(98, color=GREY, linewidth=0.8, linestyle=":")
+    axes.set_xlabel("F-score @ 48 mm (%) of 24 photographs on rings at 10° and 35°")
+    axes.set_ylabel("adaptive plan minus rings (points)")
+    axes.legend(fontsize=8)
+    axes.grid(alpha=0.3)
     return figure
 
 
@@ -369,6 +391,7 @@ FIGURES: dict[str, Callable[[Path], plt.Figure]] = {
         conditions,
         renderer_order,
         fewer_photographs,
+        where_planning_pays,
         next_rock,
         oracle_coverage,
         learned_gate,
