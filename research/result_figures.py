@@ -357,6 +357,7 @@ def drawn_rocks(data: Path) -> plt.Figure:
         axes.grid(alpha=0.3)
     panels[0].set_ylabel("F-score of an orbit of 20 (%)")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", ncols=7, fontsize=8)
+    return figure
 
 
 def where_planning_pays(data: Path) -> plt.Figure:
