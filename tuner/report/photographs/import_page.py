@@ -11,6 +11,7 @@ from PIL import Image
 
 from nbv.photographs import PhotographSet
 from nbv.photographs.coverage import Coverage, coverage
+from nbv.photographs.kept_out import kept_out
 from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS
 from nbv.photographs.reference_file import Reference
 from nbv.provenance import versions
@@ -72,9 +73,10 @@ def write_import_report(photographs: PhotographSet, directory: Path | None = Non
 
 def _can(photographs: PhotographSet, views: Coverage) -> list[str]:
     low, high = np.percentile(views.elevations_deg, [5, 95])
+    out = len(kept_out(photographs))
     near, far = np.percentile(views.distances_m, [5, 95])
     return [
-        f"Plans with up to {len(views.names)} photographs, seeds included.",
+        f"Plans with up to {len(views.names) - out} photographs, seeds included; {out} are kept out, to judge by.",
         f"Elevations of {low:.0f}° to {high:.0f}° about the object's centre; nine tenths of the photographs lie there.",
         f"Distances of {near:.1f} to {far:.1f} units ({near / photographs.height_m:.1f} to {far / photographs.height_m:.1f} "
         "times the object's height).",
