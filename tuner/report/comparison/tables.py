@@ -222,9 +222,10 @@ def comparison_markdown(table: ComparisonTable, *, paper: bool = False) -> str:
         for c in line.cells:
             text = f"**{c.text}**" if c.best else c.text
             text += f"; paper {c.paper}" if c.paper else ""
-            texts.append(
-                f"{text} ({c.difference.difference} [{c.difference.interval}])" if c.difference else text
-            )
+            if c.difference is not None:
+                interval = "" if c.difference.interval == MISSING else f" [{c.difference.interval}]"
+                text += f" ({c.difference.difference}{interval})"
+            texts.append(text)
         lines.append(f"| {line.name} | " + " | ".join(texts or [""] * len(table.strategies)) + " |")
     lines.append("| missions | " + " | ".join(missions_text(table, name) for name in table.strategies) + " |")
     lines += ["", f"Mean over rocks ± 95 % interval; best mean in bold. {methods_sentence([table])}"]
