@@ -144,14 +144,3 @@ def test_without_held_out_instances_it_is_confirmed(gatetune, tmp_path):
     words = next_command(directory)
     assert words[0] == "confirm"
     assert "improvement +13.0" in said(gatetune, directory, *words)[0]
-
-
-def test_a_front_says_a_command_that_runs(gatetune, tmp_path):
-    returned = (
-        "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}, 'cost': {'fuel': 5.0 if m == 'slow' else 9.0}}"
-    )
-    directory = flown(tmp_path, returned, sampler="gp", initial=6, objective="loss@costs.fuel")
-    page = page_of(directory)
-    assert "Pareto front" in page and "9" in page
-    out, tree, _ = said(gatetune, directory, *next_command(directory))
-    assert "improvement +13.0" in tree["verdicts"][0]["text"], out
