@@ -200,7 +200,6 @@ def test_worlds_are_combined():
         (["--fidelity", "cardboard"], "cardboard"),
         (["--neighbours", "-1"], "neighbours"),
         (["--metric", "beauty"], "beauty"),
-        (["--rock", "a"], "tuned on"),
         (["--rock", "no-such-rock"], "no-such-rock"),
         (["--rock", "arch", "--workers", "0"], "workers"),
         (["--rock", "arch", "--replicates", "0"], "replicates"),
