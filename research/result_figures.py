@@ -370,7 +370,8 @@ def where_planning_pays(data: Path) -> plt.Figure:
     ):
         scores: dict[str, dict[str, float]] = {}
         for row in read(data, name):
-            if row["photographs"].removesuffix(".0") == count and row["arm"] in arms:
+            held_out = row.get("split", "held-out") == "held-out"
+            if held_out and row["photographs"].removesuffix(".0") == count and row["arm"] in arms:
                 scores.setdefault(row["rock"], {})[row["arm"]] = float(row["f_score"])
         pairs = [(of[arms[0]], of[arms[1]] - of[arms[0]]) for of in scores.values() if len(of) == 2]
         axes.scatter(*zip(*pairs, strict=True), s=size, marker=marker, color=colour, alpha=0.8, label=text)
