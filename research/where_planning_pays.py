@@ -38,7 +38,7 @@ from nbv.viewpoints import seed_viewpoints
 from research.adaptive_plans import fly, known, rocks_of
 
 MOST = 48
-COUNTS = (16, 20, 24, 28, 32, 40, 48)
+COUNTS = (16, 18, 20, 22, 24, 26, 28, 30, 32, 34, 36, 38, 40, 44, 48)
 HEAD = ("rock", "arm", "photographs", "f_score", "predicted")
 BOOTSTRAP = 2000
 FIXED: dict[str, dict[str, Any]] = {

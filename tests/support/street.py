@@ -28,6 +28,7 @@ class Street:
 
     folder: Path
     small: dict[str, str] = field(default_factory=lambda: dict(SMALL))
+    own_home: bool = True  # a user's folder of their own: two pages may both call a rock ``mine``
 
     def run(self, line: str, *, code: int = 0) -> str:
         """Run ``gatetune ...`` as printed, made quick; its output. A traceback or another exit status fails the test."""
@@ -47,12 +48,15 @@ class Street:
         return run.stdout
 
     def _home(self) -> Path:
-        """A user's folder of their own: two pages may both call a rock ``mine``. What is computed is shared."""
-        home, shared = self.folder / ".gatetune", Path(os.environ["GATETUNE_HOME"]) / "store"
+        """The user's folder; what is computed is shared by all."""
+        shared = Path(os.environ["GATETUNE_HOME"])
+        if not self.own_home:
+            return shared
+        home = self.folder / ".gatetune"
         if not home.exists():
             home.mkdir()
-            shared.mkdir(parents=True, exist_ok=True)
-            (home / "store").symlink_to(shared)
+            (shared / "store").mkdir(parents=True, exist_ok=True)
+            (home / "store").symlink_to(shared / "store")
         return home
 
     def _quick(self, words: list[str]) -> list[str]:

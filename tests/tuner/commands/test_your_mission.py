@@ -31,7 +31,7 @@ def test_every_command_of_the_page_runs(gatetune, tmp_path):
         code, out, err = gatetune(*words)
         assert code == 0, f"{shlex.join(words)}: {out}{err}"
         assert "Hausdorff" not in out
-    street = Street(tmp_path, OWN)
+    street = Street(tmp_path, OWN, own_home=False)
     for line in commands_on((tmp_path / "runs/packing/report.html").read_text()):
         street.run(line)
     campaign = Campaign.open(tmp_path / "runs/packing", read_only=True)
