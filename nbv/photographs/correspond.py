@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from nbv.cache import Arrays, Store, holds, remember
 from nbv.config import SparseConfig
 from nbv.photographs.folder import Progress, SourcePhotograph, read_pixels
+from nbv.sparse.database_cache import database_cache
 from nbv.sparse.features import DESCRIPTOR_SIZE, Features, extract_features
 from nbv.sparse.matching import VerifiedPair, match_pair
 from nbv.types import Ints
@@ -36,6 +37,14 @@ class Correspondences:
 
     features: list[Features]
     pairs: dict[tuple[int, int], VerifiedPair]  # (smaller index, larger index), those that have matches
+
+    def cache(
+        self, names: Sequence[str], cameras: Mapping[int, pycolmap.Camera], camera_ids: Sequence[int]
+    ) -> pycolmap.DatabaseCache:
+        """For COLMAP; image ids count from 1 in the order of ``names``. Otherwise as `nbv.sparse.database_cache`."""
+        keypoints_px = [found.keypoints[:, :2].astype(np.float64) for found in self.features]
+        pairs = {(a + 1, b + 1): pair for (a, b), pair in self.pairs.items()}
+        return database_cache(names, keypoints_px, cameras, camera_ids, pairs)
 
 
 def correspondences(
@@ -195,53 +204,3 @@ def _verified(
     if not usable or len(inliers) < config.min_inliers:
         return rejected
     return VerifiedPair(matches[inliers[:, 0]], int(geometry.config))
-
-
-def database_cache(
-    names: Sequence[str],
-    cameras: Mapping[int, pycolmap.Camera],
-    camera_ids: Sequence[int],
-    found: Correspondences,
-) -> pycolmap.DatabaseCache:
-    """The correspondences as COLMAP's in-memory cache; image ids count from 1 in the order of ``names``.
-
-    Parameters
-    ----------
-    names
-        Of the photographs.
-    cameras
-        By id.
-    camera_ids
-        Of each photograph.
-    found
-        Features and pairs by index.
-    """
-    cache = pycolmap.DatabaseCache()
-    for camera_id, camera in cameras.items():
-        cache.add_camera(camera)
-        rig = pycolmap.Rig()
-        rig.rig_id = camera_id
-        rig.add_ref_sensor(camera.sensor_id)
-        cache.add_rig(rig)
-    graph = cache.correspondence_graph
-    for index, (name, camera_id) in enumerate(zip(names, camera_ids, strict=True)):
-        image_id = index + 1
-        keypoints = found.features[index].keypoints[:, :2].astype(np.float64)
-        image = pycolmap.Image(name=name, keypoints=keypoints, camera_id=camera_id, image_id=image_id)
-        image.frame_id = image_id
-        frame = pycolmap.Frame()
-        frame.frame_id = image_id
-        frame.rig_id = camera_id
-        frame.add_data_id(image.data_id)
-        frame.finalize_data_ids()
-        cache.add_frame(frame)
-        cache.add_image(image)
-        if not graph.exists_image(image_id):
-            graph.add_image(image_id, len(keypoints))
-    for (a, b), pair in sorted(found.pairs.items()):
-        geometry = pycolmap.TwoViewGeometry()
-        geometry.config = pair.config
-        geometry.inlier_matches = pair.matches
-        graph.add_two_view_geometry(a + 1, b + 1, geometry)
-    graph.finalize()
-    return cache

@@ -13,7 +13,7 @@ import pycolmap
 
 from nbv.cache import Arrays, Store, digest, holds, remember
 from nbv.errors import UserError
-from nbv.photographs.correspond import Correspondences, correspondences, database_cache
+from nbv.photographs.correspond import Correspondences, correspondences
 from nbv.photographs.folder import Progress, SourcePhotograph
 from nbv.photographs.solved import SolvedModel, solved_from_colmap
 
@@ -123,7 +123,7 @@ def triangulated(
     found = correspondences(members, list(cameras.values()), progress, store, upright=upright)
     names = [p.name for p in members]
     progress("triangulating points", 0, 1)
-    cache = database_cache(names, cameras, list(cameras), found)
+    cache = found.cache(names, cameras, list(cameras))
     reconstruction = pycolmap.Reconstruction()
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads, options.random_seed = 1, 0
@@ -187,9 +187,7 @@ def _map(
     # COLMAP iterates to the last bit by default; one part in a million of the cost is far below the noise.
     options.ba_global_function_tolerance = options.ba_local_function_tolerance = 1e-6
     manager = pycolmap.ReconstructionManager()
-    pipeline = pycolmap.IncrementalPipeline(
-        options, database_cache(names, cameras, camera_ids, found), manager
-    )
+    pipeline = pycolmap.IncrementalPipeline(options, found.cache(names, cameras, camera_ids), manager)
     registered = 0
 
     def one_more() -> None:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from nbv.config import CameraConfig, SparseConfig
 from nbv.sparse.camera import CAMERA_ID, colmap_camera
 from nbv.sparse.correspondences import pairs_near
+from nbv.sparse.database_cache import database_cache
 from nbv.sparse.matching import VerifiedPair
 from nbv.sparse.model import files_of, model_of
 from nbv.stopwatch import Stopwatch
@@ -356,31 +357,7 @@ class IncrementalModel:
             )
 
     def _database_cache(self, pairs: Mapping[tuple[int, int], VerifiedPair]) -> pycolmap.DatabaseCache:
-        """All images and some pairs as COLMAP's in-memory cache (one rig and frame per image, as COLMAP wants)."""
-        cache = pycolmap.DatabaseCache()
-        camera = colmap_camera(self.camera)
-        cache.add_camera(camera)
-        rig = pycolmap.Rig()
-        rig.rig_id = CAMERA_ID
-        rig.add_ref_sensor(camera.sensor_id)
-        cache.add_rig(rig)
-        graph = cache.correspondence_graph
-        for image_id, (name, keypoints) in enumerate(zip(self.names, self.keypoints_px), start=1):
-            image = pycolmap.Image(name=name, keypoints=keypoints, camera_id=CAMERA_ID, image_id=image_id)
-            image.frame_id = image_id
-            frame = pycolmap.Frame()
-            frame.frame_id = image_id
-            frame.rig_id = CAMERA_ID
-            frame.add_data_id(image.data_id)
-            frame.finalize_data_ids()
-            cache.add_frame(frame)
-            cache.add_image(image)
-            if not graph.exists_image(image_id):
-                graph.add_image(image_id, len(keypoints))
-        for (a, b), pair in sorted(pairs.items()):
-            geometry = pycolmap.TwoViewGeometry()
-            geometry.config = pair.config
-            geometry.inlier_matches = pair.matches
-            graph.add_two_view_geometry(a, b, geometry)
-        graph.finalize()
-        return cache
+        """All images and some pairs."""
+        cameras = {CAMERA_ID: colmap_camera(self.camera)}
+        ids = [CAMERA_ID] * len(self.names)
+        return database_cache(self.names, self.keypoints_px, cameras, ids, pairs)
