@@ -143,15 +143,6 @@ METRICS: dict[str, Metric] = {
 }
 
 
-def tanks_and_temples_twin(path: str) -> str | None:
-    """``observable.tt_f_score_48mm`` for ``observable.f_score_48mm``; None where there is none."""
-    surface, _, key = path.rpartition(".")
-    for ours, theirs in (("accuracy", "precision"), ("completeness", "recall"), ("f_score", "f_score")):
-        if re.fullmatch(rf"{ours}_\d+(\.\d+)?mm", key):
-            return f"{surface}.{key.replace(ours, f'tt_{theirs}')}"
-    return None
-
-
 def measure_all(distances: Distances) -> dict[str, Any]:
     """Every metric by its name in the result."""
     values = {}

@@ -47,11 +47,6 @@ class MetricLabel:
         """Differences of percentages are percentage points."""
         return "points" if self.unit == "%" else self.unit
 
-    @property
-    def arrow(self) -> str:
-        """Which way is better."""
-        return "↑" if self.larger_is_better else "↓"
-
     def possible(self, number: float | None) -> float | None:
         """A prediction as something that can be: no share is above 100 %."""
         return min(number, 100.0) if self.unit == "%" and number is not None else number
