@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -67,14 +68,11 @@ def _wider(s: CampaignSettings, p: Parameter, values: Mapping[str, Any]) -> Para
     if EDGE < at < 1 - EDGE:
         return None
     low = at <= EDGE
-    reach = next(
-        (
-            u
-            for k in range(_STEPS)
-            if _flies(s, p, values, u := (-1 if low else 1) * BEYOND * (1 - k / _STEPS) + (not low))
-        ),
-        None,
-    )
+    steps = max(_STEPS, round(BEYOND * (p.high - p.low)))  # so many that no integer is left out
+    outward = ((-1 if low else 1) * BEYOND * k / steps + (not low) for k in range(1, steps + 1))
+    # Up to the first that cannot be flown: the search may propose whatever lies between.
+    flown = list(itertools.takewhile(lambda u: _flies(s, p, values, u), outward))
+    reach = flown[-1] if flown else None
     if reach is None or abs(reach - at) < LEAST_ROOM:
         return None
     bound = _beyond(p, reach)
