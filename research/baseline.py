@@ -1,6 +1,6 @@
 """One campaign, one evaluation, one reproduction and every command's help: are they still what they were?
 
-    python -m research.baseline            # compare with research/baseline.json, recorded at 404aa26
+    python -m research.baseline            # compare with research/baseline.json, recorded at 431fec0
     python -m research.baseline --write    # record
 
 Geometric missions with fixed seeds and one worker. Numbers are compared to the bit.
