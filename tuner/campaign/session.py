@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import collections
+import dataclasses
 import time
-from collections.abc import Callable, Sequence
-from typing import Literal
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal
 
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
@@ -25,6 +26,7 @@ from tuner.recommendation.recommendation import Recommendation
 
 # So many failures in a row mean that something is wrong with the set-up, not with the configurations.
 MAX_CONSECUTIVE_FAILURES = 8
+REFUSED = "configuration_refused"  # the reason of a trial whose values make no mission
 _TOGETHER = 32  # missions entered in one write at most: the first of them waits for the others
 
 
@@ -139,8 +141,13 @@ class _Session:
         trials = self._ledger.trials()
         self._finished = sum(bool(t.status) for t in trials)
         for trial in trials:
-            if not trial.status:
-                ended = landed(self._job(trial))
+            if trial.status:
+                continue
+            config = self._config(trial.values, trial.condition)
+            if isinstance(config, UserError):
+                self._count(self._refuse(trial, config))
+            else:
+                ended = landed(self._job(trial, config))
                 if ended is None or ended.reason == "user_error" or self._is_void(trial, ended):
                     self._to_retry.append(trial)
                 else:
@@ -163,13 +170,19 @@ class _Session:
 
     def take(self, free: int) -> list[MissionJob]:
         """Return the next missions to launch, entered in one write: several where proposals are prefetched."""
-        batch: list[Trial] = []
+        batch, refused = list[Trial](), list[Trial]()
         with self._ledger.together():
-            while len(batch) < min(free, _TOGETHER if self._prefetches else 1) and not self._stop.is_set():
+            most = min(free, _TOGETHER if self._prefetches else 1)
+            while len(batch) < most and len(refused) < MAX_CONSECUTIVE_FAILURES and not self._stop.is_set():
                 trial = self._to_retry.popleft() if self._to_retry else self._next_trial()
                 if trial is None:
                     break
-                batch.append(trial)
+                if trial.status:  # refused by the configuration: a failure that took no flight
+                    refused.append(trial)
+                else:
+                    batch.append(trial)
+        for trial in refused:
+            self._count(trial)
         jobs = [self._job(trial, self._configs.pop(trial.number, None)) for trial in batch]
         self._in_flight |= {job.id: trial for job, trial in zip(jobs, batch)}
         return jobs
@@ -209,11 +222,27 @@ class _Session:
 
     def _start(self, trials: Sequence[Trial], proposal: Proposal, ask_s: float) -> Trial:
         world, replicate = next_block(self._settings.worlds, self._settings.blocks, trials, proposal)
-        config = self._settings.config(proposal.values, world.condition)
-        trial = self._ledger.start(proposal, world, replicate, config.digest(), self._reproducibility.code)
-        self._configs[trial.number] = config
+        config = self._config(proposal.values, world.condition)
+        digest = "" if isinstance(config, UserError) else config.digest()
+        trial = self._ledger.start(proposal, world, replicate, digest, self._reproducibility.code)
         self._emit("proposed", trial, ask_s=ask_s)
+        if isinstance(config, UserError):
+            return self._refuse(trial, config)
+        self._configs[trial.number] = config
         return trial
+
+    def _config(self, values: Mapping[str, Any], condition: str) -> Configuration | UserError:
+        """The configuration of a proposal, or why there is none: a search space may hold values that exclude one another."""
+        try:
+            return self._settings.config(values, condition)
+        except UserError as error:
+            return error
+
+    def _refuse(self, trial: Trial, why: UserError) -> Trial:
+        """Enter a proposal without a configuration as infeasible: samplers learn from it, and nothing flies."""
+        return self._ledger.finish(
+            trial.number, dataclasses.replace(trial, status="failed", reason=REFUSED, message=str(why))
+        )
 
     def _job(self, trial: Trial, config: Configuration | None = None) -> MissionJob:
         return MissionJob(

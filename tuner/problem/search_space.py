@@ -6,7 +6,6 @@ The unit cube has one dimension per parameter: floats and integers are scaled (a
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -16,7 +15,6 @@ import numpy as np
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
-from nbv.safe_files import require
 from nbv.types import Floats
 
 
@@ -50,7 +48,6 @@ C = TypeVar("C", bound=Configuration)
 Value = float | int | str | bool
 Values = dict[str, Any]
 
-MAX_PAIRS = 20_000  # of ends and choices of two parameters: each is tried, in 0.3 ms
 CHOICE_JUMP = 0.2  # probability of another choice where a configuration is moved a little
 
 
@@ -175,37 +172,16 @@ class SearchSpace:
                 )
             values[parameter.path] = value
         for parameter in self.parameters:
-            self._require_missions(base, values, [parameter])
+            self._require_missions(base, values, parameter)
         return values
 
-    def check_pairs(self, preset: Configuration) -> None:
-        """Whether every two parameters may be anything at once; what excludes combinations, such as an order, does so for two.
-
-        Raises
-        ------
-        UserError
-            As ``default``, or bounds of two parameters that ``MissionConfig`` refuses together: a sampler that comes
-            there would end the campaign.
-        """
-        base, values = self.base_config(preset), self.default(preset)
-        pairs = itertools.combinations((len(p.ends) for p in self.parameters), 2)
-        require(
-            sum(a * b for a, b in pairs),
-            MAX_PAIRS,
-            f"search space {self.name!r}: the number of pairs of values",
-        )
-        for pair in itertools.combinations(self.parameters, 2):
-            self._require_missions(base, values, pair)
-
-    def _require_missions(self, base: Configuration, values: Values, parameters: Sequence[Parameter]) -> None:
-        for ends in itertools.product(*(p.ends for p in parameters)):
-            changed = {p.path: value for p, value in zip(parameters, ends)}
+    def _require_missions(self, base: Configuration, values: Values, parameter: Parameter) -> None:
+        for end in parameter.ends:
             try:
-                base.with_values(self.complete({**values, **changed}))
+                base.with_values(self.complete({**values, parameter.path: end}))
             except UserError as error:
-                text = " with ".join(f"{path} = {value!r}" for path, value in changed.items())
                 raise UserError(
-                    f"search space {self.name!r}: {text} is no mission: {error}; narrow the bounds"
+                    f"search space {self.name!r}: {parameter.path} = {end!r} is no mission: {error}; narrow the bounds"
                 ) from error
 
     def to_unit(self, values: Mapping[str, Any]) -> Floats:

@@ -31,7 +31,8 @@ from tuner.commands.campaign import fly
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
 from tuner.missions.job import Trial
 from tuner.problem.objective import Objective
-from tuner.problem.space_files import load_search_space
+from tuner.problem.space_files import load_search_space, space_from_dict
+from tuner.report import write_campaign_report
 
 settings = functools.partial(
     fake_campaigns.settings, space=load_search_space("gate"), budget=6, sampler="sobol"
@@ -337,6 +338,47 @@ def test_the_campaign_records_crashes_and_failures_and_goes_on(tmp_path: Path) -
     messages = {t.rock: t.message for t in campaign.trials()}
     assert "an exception nobody expected" in messages["raise"]
     assert summary.recommendation is not None and summary.recommendation.failures == 6
+
+
+EXCLUDING = space_from_dict(
+    {
+        "name": "angles",
+        "parameters": {
+            "b_aware.theta_low_deg": {"low": 0, "high": 24},
+            "b_aware.theta_saturation_deg": {"low": 6, "high": 26},
+        },
+    },
+    "test_campaign.py",
+)
+
+
+@pytest.mark.parametrize("sampler", ["sobol", "gp"])
+def test_a_proposal_that_the_configuration_refuses_is_infeasible(
+    sampler: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The lower angle may not be above the upper one: some points of the space are no mission."""
+    campaign = begin_campaign(
+        tmp_path / "run", settings(space=EXCLUDING, sampler=sampler, budget=14, initial=10)
+    )
+
+    def die(*_: object) -> Trial:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:  # killed before the refusal is in the ledger
+        patch.setattr("tuner.campaign.session._Session._refuse", die)
+        with pytest.raises(KeyboardInterrupt):
+            fly_campaign(campaign, InProcessExecutor())
+    events: list[CampaignEvent] = []
+    resumed = Campaign.open(tmp_path / "run", fidelity=FIDELITY)
+    assert fly_campaign(resumed, InProcessExecutor(), events.append).stopped == "budget"
+    refused = [t for t in resumed.trials() if t.state == "failed"]
+    assert 1 <= len(refused) < 8 and {t.reason for t in refused} == {"configuration_refused"}
+    assert all("theta_low_deg" in t.message and "\n" not in t.message for t in refused)
+    assert not any(t.path.exists() for t in refused)
+    assert [e.message for e in events if e.kind == "failed"] == [t.message for t in refused]
+    found = resumed.recommendation()
+    assert found is not None and found.failures == len(refused)
+    assert "configuration_refused" in write_campaign_report(resumed).read_text()
 
 
 def test_what_the_machine_ended_is_neither_counted_nor_learned(tmp_path: Path) -> None:

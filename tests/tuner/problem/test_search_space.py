@@ -146,11 +146,6 @@ GOOD = "parameters:\n  gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: lo
         ("", "mapping with the key 'parameters'"),
         ("parameters:\n  gate.d95_m: [0.1, 1.0\n", r"line \d+: .*mend the YAML"),
         ("parameters:\n  gate.d95_m: {low: 0.3, high: 1.0}\n", "has the default 0.14, outside"),
-        (
-            "parameters:\n  b_aware.theta_low_deg: {low: 0, high: 20}\n"
-            "  b_aware.theta_saturation_deg: {low: 13, high: 45}\n",
-            "theta_low_deg = 20.0 with b_aware.theta_saturation_deg = 13.0 is no mission: .*narrow the bounds",
-        ),
         ("parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, default: 2}\n", "has the default 2, outside"),
         ("parameters:\n  gate.d95_m: {low: abc, high: 1.0}\n", "'low' must be a finite number"),
         ("parameters:\n  gate.d95_m: {low: .nan, high: 1.0}\n", "'low' must be a finite number"),
