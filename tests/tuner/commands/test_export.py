@@ -9,10 +9,11 @@ from operator import attrgetter
 import fake_campaigns
 import pytest
 import yaml
+from authors_files import read_mission, read_scoring
 
 from nbv.config import MissionConfig, config_from_dict, preset
 from nbv.geometric import run_geometric_mission
-from tuner.bridges.photogrammetry_nbv import read_file, read_mission, read_scoring
+from tuner.bridges.photogrammetry_nbv import read_file
 from tuner.campaign.campaign import Campaign
 from tuner.problem.space_files import load_search_space
 from tuner.report import write_campaign_report
@@ -106,7 +107,7 @@ def test_status_page_and_every_export_say_the_same(gatetune, campaign, tmp_path)
     assert config_from_dict(yaml.safe_load((tmp_path / "gatetune.yaml").read_text())) == wanted
     readers = {"scoring.yaml": read_scoring, "unified_mission.yaml": read_mission}
     for kind, read in readers.items():
-        there = MissionConfig().with_values(read(read_file(tmp_path / kind, kind))[0])
+        there = MissionConfig().with_values(read(read_file(tmp_path / kind, kind)))
         for path in trees[kind]["carried"]:
             assert attrgetter(path)(there) == pytest.approx(attrgetter(path)(wanted))
     listed = json.loads(gatetune("export", campaign.directory, "--json")[1])

@@ -1,11 +1,10 @@
-"""The authors' configuration files (``scoring.yaml``, ``unified_mission.yaml``) read into ours and written back.
+"""The authors' configuration files (``scoring.yaml``, ``unified_mission.yaml``) with the values of ours.
 
 Facts about their keys come from the public repository ``photogrammetry_nbv`` at commit b8e106c; nothing of its code is here.
 """
 
 from tuner.bridges.photogrammetry_nbv.files import read_file, write_text
 from tuner.bridges.photogrammetry_nbv.keys import FILES, MISSION, SCORING, Remark
-from tuner.bridges.photogrammetry_nbv.reading import read_mission, read_scoring
 from tuner.bridges.photogrammetry_nbv.writing import carried, write_mission, write_scoring
 
 __all__ = [
@@ -15,8 +14,6 @@ __all__ = [
     "Remark",
     "carried",
     "read_file",
-    "read_mission",
-    "read_scoring",
     "write_mission",
     "write_scoring",
     "write_text",

@@ -1,7 +1,7 @@
 """Every key of the authors' two files: its default there, and what it is called here.
 
 A key without a counterpart keeps its value when a file is written back, with the reason why here nothing answers to it.
-Keys that answer to several of ours, or the other way round, are named here and converted in `reading` and `writing`.
+Keys that answer to several of ours, or the other way round, are named here and converted in `writing`.
 """
 
 from __future__ import annotations

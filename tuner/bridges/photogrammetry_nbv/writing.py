@@ -23,9 +23,9 @@ from tuner.bridges.photogrammetry_nbv.keys import (
     Key,
     Remark,
 )
-from tuner.bridges.photogrammetry_nbv.reading import UNITS_OF_KNN
 
 Values = dict[str, Any]
+UNITS_OF_KNN = "in COLMAP's units there, in metres here; the same number is another distance"
 _SHARED = ("nov", "move", "ang")
 
 
