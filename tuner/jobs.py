@@ -96,7 +96,7 @@ def tune(
     keep
         Files of every mission: ``"summary"``, or ``"all"`` with images and models.
     storage
-        Optuna storage URL of the ledger; by default a file in ``directory``.
+        URL of a PostgreSQL database with the ledger; by default a file in ``directory``.
     in_step
         A proposal knows all missions but the last ``in_step - 1``: the same campaign with any number of workers.
     workers

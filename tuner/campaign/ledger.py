@@ -18,19 +18,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import optuna
+from optuna.storages import RDBStorage
 from optuna.trial import FrozenTrial, TrialState, create_trial
 
 from nbv.checksums import CHECKSUM, checksum_of
 from nbv.errors import UserError
 from tuner.campaign.coordinator_lock import CoordinatorLock
-from tuner.campaign.storage import (
-    JOURNAL_FILE,
-    Journal,
-    journal_path,
-    one_writer,
-    open_storage,
-    patiently,
-)
+from tuner.campaign.storage import JOURNAL_FILE, Journal, open_storage, patiently
 from tuner.missions.job import Trial
 from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.worlds import World
@@ -65,7 +59,7 @@ class Ledger:
         The campaign's run directory, which holds the default storage.
     settings
         What is tuned and for what; the study's name is the campaign's, and ``storage`` None for ``study.journal`` in
-        ``directory``, otherwise an SQLAlchemy URL such as ``sqlite:///missions.db``, or ``journal:PATH``.
+        ``directory``, otherwise the URL of a PostgreSQL database.
     campaign_id
         The identity that tells the study from another campaign's of the same name.
     create
@@ -94,7 +88,6 @@ class Ledger:
         self._known: dict[int, tuple[FrozenTrial, Trial]] = {}
         self.pause: Callable[[float], bool] = threading.Event().wait  # for a database that is away
         self._alone = False  # while nobody else may write, what is known is all there is
-        self._journal = journal_path(settings.storage, directory)
         self._shown = shown = settings.storage or str(directory / JOURNAL_FILE)
         # A campaign that was killed before its first mission may not have a ledger yet, or half of one.
         begun = not create and (read_only or (directory / "missions").exists())
@@ -139,8 +132,7 @@ class Ledger:
                 )
         if not create:
             self._require_all_there()
-        engine = getattr(self._storage, "engine", None)
-        shared = engine is not None and engine.dialect.name == "postgresql"
+        shared = isinstance(self._storage, RDBStorage)
         self._lock = CoordinatorLock(self._storage, self._study_id, settings.name) if shared else None
 
     def _open_study(self, name: str, *, create: bool, begun: bool) -> optuna.Study:
@@ -172,13 +164,10 @@ class Ledger:
     def exclusive(self) -> Iterator[None]:
         """Hold the ledger while this campaign flies; ``UserError`` where another coordinator does.
 
-        A journal is for one campaign; a database for several, each with one coordinator, on whatever machine.
+        A journal goes with its run directory, which is locked; a database is for several campaigns, each with one
+        coordinator, on whatever machine.
         """
-        if self._journal is not None:
-            held: contextlib.AbstractContextManager[None] = one_writer(self._journal)
-        else:
-            held = contextlib.nullcontext() if self._lock is None else self._lock.held()
-        with held:
+        with contextlib.nullcontext() if self._lock is None else self._lock.held():
             self.trials()
             self._alone = True
             try:

@@ -224,7 +224,9 @@ class CampaignSettings:
         panel=WHERE,
     )
     storage: str | None = setting(
-        None, "Optuna storage URL of the ledger", shown="a file in the run directory"
+        None,
+        "PostgreSQL database with the ledger, postgresql+psycopg://USER@HOST/DB",
+        shown="a file in the run directory",
     )
     in_step: int | None = setting(
         None,

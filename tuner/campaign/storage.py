@@ -1,9 +1,8 @@
-"""Where a campaign's study lies: a journal file in its run directory, or a database by Optuna's storage for it."""
+"""Where a campaign's study lies: a journal file in its run directory, or a PostgreSQL database."""
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import gc
 import json
 import logging
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import optuna
+import sqlalchemy
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend, JournalFileSymlinkLock
 from sqlalchemy.exc import SQLAlchemyError
@@ -23,11 +23,8 @@ from nbv.errors import UserError
 from tuner.problem.secrets import PASSWORD_VARIABLE, require_no_password
 
 JOURNAL_FILE = "study.journal"
-_AWAY = (
-    optuna.exceptions.StorageInternalError,
-    SQLAlchemyError,
-)  # what is raised of a database that goes away
-PATIENCE_S = 600.0  # with one while missions fly
+_AWAY = (optuna.exceptions.StorageInternalError, SQLAlchemyError)  # raised where a database goes away
+PATIENCE_S = 600.0  # with a database that is away while missions fly
 _FIRST_PAUSE_S, _LONGEST_PAUSE_S = 0.5, 30.0
 log = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -100,12 +97,12 @@ class _JournalLock(JournalFileSymlinkLock):
 def open_storage(
     storage: str | None, directory: Path, *, must_exist: bool = False, heal: bool = True
 ) -> optuna.storages.BaseStorage:
-    """Open the Optuna storage named by ``storage`` (see ``Ledger``).
+    """Open a campaign's Optuna storage.
 
     Parameters
     ----------
     storage
-        None for a journal in ``directory``; an SQLAlchemy URL; or ``journal:PATH``.
+        None for a journal in ``directory``, or the URL of a PostgreSQL database.
     directory
         The campaign's run directory.
     must_exist
@@ -118,37 +115,23 @@ def open_storage(
     UserError
         Unknown kind, missing driver, or it cannot be reached.
     """
-    if (path := journal_path(storage, directory)) is not None:
-        return _journal(path, must_exist, heal)
-    assert storage is not None
-    if "://" not in storage:
+    if storage is None:
+        return _journal(directory / JOURNAL_FILE, must_exist, heal)
+    if storage.partition("://")[0].partition("+")[0] != "postgresql":
         raise UserError(
-            f"unknown storage {storage!r}; give an Optuna storage URL such as sqlite:///missions.db or journal:PATH"
-        )
-    kind = storage.partition("://")[0]
-    if kind.partition("+")[0] not in ("sqlite", "postgresql"):
-        raise UserError(
-            f"in a ledger in {kind} two coordinators are not noticed; use PostgreSQL: postgresql+psycopg://USER@HOST/DB"
+            f"storage {storage!r} is no PostgreSQL database; give postgresql+psycopg://USER@HOST/DB, or leave it out for a file"
         )
     require_no_password(storage)
     try:
-        return optuna.storages.RDBStorage(_with_password(storage))
+        url = sqlalchemy.engine.make_url(storage)
+        if password := os.environ.get(PASSWORD_VARIABLE):
+            url = url.set(password=password)
+        return optuna.storages.RDBStorage(url.render_as_string(hide_password=False))
     except Exception as error:  # SQLAlchemy and drivers each raise families of their own
         raise UserError(
             f"cannot open storage {storage!r}: {_first_line(error)}; check the URL, driver and server, and a password in "
             f"the environment's {PASSWORD_VARIABLE}"
         ) from None  # what it comes from may show the password
-
-
-def _with_password(storage: str) -> str:
-    password = os.environ.get(PASSWORD_VARIABLE, "")
-    scheme, _, rest = storage.partition("://")
-    if not password or scheme.startswith("sqlite"):
-        return storage
-    user, at, place = rest.rpartition("@")
-    return (
-        f"{scheme}://{user.removesuffix(':')}:{urllib.parse.quote(password, safe='')}@{place if at else rest}"
-    )
 
 
 def patiently(shown: str, step: Callable[[bool], T], pause: Callable[[float], bool] | None = None) -> T:
@@ -198,53 +181,18 @@ def _first_line(error: BaseException) -> str:
     return line
 
 
-def journal_path(storage: str | None, directory: Path) -> Path | None:
-    """The file that holds the study; None where it lies in a database."""
-    if storage is None:
-        return directory / JOURNAL_FILE
-    if storage.startswith("journal:"):
-        return Path(storage.removeprefix("journal:").removeprefix("//"))
-    return None
-
-
-@contextlib.contextmanager
-def one_writer(path: Path) -> Iterator[None]:
-    """Hold a journal for the one campaign that may write to it; the kernel frees it when the process dies.
-
-    Raises
-    ------
-    UserError
-        Another campaign has it: Optuna would notice only in the middle of a mission.
-    """
-    with path.open("rb") as file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise UserError(
-                f"the ledger {path} is in use by another campaign; wait for it, or give this one a file of its own"
-            ) from error
-        yield
-
-
 def _journal(path: Path, must_exist: bool, heal: bool) -> Journal:
     if must_exist and not path.is_file():
         raise UserError(f"the ledger {path} is missing; restore it, or start a new campaign elsewhere")
-    if path.exists() and not path.is_file():
-        raise UserError(f"the ledger {path} is not a file; name a file")
     try:
-        if path.exists():
-            _check_is_journal(path)
         if heal and path.exists():
-            with one_writer(path):
-                _drop_torn_line(path)
-                # Nobody writes now: a lock file here was left by a killed process.
-                path.with_name(path.name + ".lock").unlink(missing_ok=True)
+            _drop_torn_line(path)
+            # Nobody writes now: a lock file here was left by a killed process.
+            path.with_name(path.name + ".lock").unlink(missing_ok=True)
         with _without_collector():
             return Journal(path)
     except OSError as error:
         raise UserError(f"cannot open the ledger {path}: {error.strerror}; make it writable") from error
-    except UserError:
-        raise
     except Exception as error:  # Optuna's own of lines that are torn, lost, doubled or changed
         raise UserError(
             f"the ledger {path} is damaged ({_first_line(error)}); restore it from a copy"
@@ -262,15 +210,6 @@ def _without_collector() -> Iterator[None]:
         gc.freeze()
         if was_enabled:
             gc.enable()
-
-
-def _check_is_journal(path: Path) -> None:
-    """Raise `UserError` for a file that is no journal, before anything is written to it."""
-    beginning = b'{"op_code":'
-    with path.open("rb") as file:
-        head = file.read(len(beginning))
-    if not beginning.startswith(head):
-        raise UserError(f"{path} is not a ledger of campaigns; name another file, or restore it from a copy")
 
 
 def _drop_torn_line(path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import collections
 import dataclasses
 import json
 import shutil
@@ -11,7 +10,6 @@ from pathlib import Path
 import fake_campaigns
 import fake_missions
 import pytest
-from optuna.storages import RDBStorage
 from sqlalchemy.exc import OperationalError
 
 import tuner.campaign.begin as beginning
@@ -263,61 +261,9 @@ def test_a_password_of_the_environment_is_used_and_not_shown(monkeypatch):
     assert "cret" not in str(caught.value) and caught.value.__cause__ is None
 
 
-def test_a_ledger_in_redis_is_refused_for_postgresql():
-    with pytest.raises(UserError, match="use PostgreSQL: postgresql"):
-        open_storage("redis://h:6379/0", Path())
-
-
-@pytest.mark.parametrize("answer_lost", [False, True])
-def test_a_cut_connection_ends_no_campaign(answer_lost, tmp_path, monkeypatch):
-    """Every kind of call fails twice, before or after it did its work."""
-    cuts = collections.Counter()
-
-    def cut_twice(name):
-        whole = getattr(RDBStorage, name)
-
-        def call(self, *arguments, **options):
-            cuts[name] += 1
-            if cuts[name] > 2:
-                return whole(self, *arguments, **options)
-            if answer_lost:
-                whole(self, *arguments, **options)
-            raise OperationalError("SELECT 1", {}, Exception("server closed the connection"))
-
-        monkeypatch.setattr(RDBStorage, name, call)
-
-    asked = fake_campaigns.settings(sampler="sobol", budget=3, storage=f"sqlite:///{tmp_path / 'm.db'}")
-    campaign = begin_campaign(tmp_path / "run", asked)
-    for name in ("create_new_trial", "set_trial_user_attr", "set_trial_state_values", "get_trial"):
-        cut_twice(name)
-    monkeypatch.setattr(storage_module, "_FIRST_PAUSE_S", 0.001)
-    summary = fly_campaign(campaign, InProcessExecutor())
-    assert summary.stopped == "budget" and min(cuts.values()) > 2
-    monkeypatch.undo()
-    again = Campaign.open(tmp_path / "run", fidelity=FIDELITY)
-    assert [t.state for t in again.trials()] == ["complete"] * 3
-    assert len(list(tmp_path.glob("run/missions/*/flown.txt"))) == 3
-
-
 def test_a_stop_does_not_wait_for_the_database(tmp_path):
     def away(again):
         raise OperationalError("SELECT 1", {}, Exception("no route to host"))
 
     with pytest.raises(UserError, match=r"does not answer .*no route to host.*resume"):
         storage_module.patiently("db", away, lambda seconds: True)
-
-
-def test_a_locked_database_in_flight_is_one_line(tmp_path, monkeypatch):
-    import sqlite3
-
-    monkeypatch.setattr(storage_module, "PATIENCE_S", 0.0)
-    file = tmp_path / "missions.db"
-    asked = fake_campaigns.settings(sampler="sobol", budget=3, storage=f"sqlite:///{file}?timeout=0.1")
-    campaign = begin_campaign(tmp_path / "run", asked)
-    with sqlite3.connect(file) as holder:
-        holder.execute("BEGIN EXCLUSIVE")
-        with pytest.raises(UserError, match=r"does not answer .*locked.*resume"):
-            fly_campaign(campaign, InProcessExecutor())
-        holder.rollback()
-    again = Campaign.open(tmp_path / "run", fidelity=FIDELITY)
-    assert fly_campaign(again, InProcessExecutor()).status.complete == 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import os
 import shutil
 import signal
@@ -13,6 +14,8 @@ from pathlib import Path
 
 import pytest
 from fake_campaigns import FIDELITY, settings
+from optuna.storages import RDBStorage
+from sqlalchemy.exc import OperationalError
 
 from nbv.errors import UserError
 from tuner.campaign import storage
@@ -148,3 +151,36 @@ def test_a_database_that_goes_away_is_one_clear_line(
         == "budget"
     )
     assert [t.state for t in campaign.trials()] == ["complete"] * 9
+
+
+@pytest.mark.parametrize("answer_lost", [False, True])
+def test_a_cut_connection_ends_no_campaign(
+    answer_lost: bool, tmp_path: Path, server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every kind of call fails twice, before or after it did its work."""
+    cuts = collections.Counter[str]()
+
+    def cut_twice(name: str) -> None:
+        whole = getattr(RDBStorage, name)
+
+        def call(self: RDBStorage, *arguments: object, **options: object) -> object:
+            cuts[name] += 1
+            if cuts[name] > 2:
+                return whole(self, *arguments, **options)
+            if answer_lost:
+                whole(self, *arguments, **options)
+            raise OperationalError("SELECT 1", {}, Exception("server closed the connection"))
+
+        monkeypatch.setattr(RDBStorage, name, call)
+
+    asked = settings(name=f"twice {answer_lost}", sampler="sobol", budget=3, storage=server.url)
+    campaign = begin_campaign(tmp_path / "run", asked)
+    for name in ("create_new_trial", "set_trial_user_attr", "set_trial_state_values", "get_trial"):
+        cut_twice(name)
+    monkeypatch.setattr(storage, "_FIRST_PAUSE_S", 0.001)
+    summary = fly_campaign(campaign, InProcessExecutor())
+    assert summary.stopped == "budget" and min(cuts.values()) > 2
+    monkeypatch.undo()
+    again = Campaign.open(tmp_path / "run", fidelity=FIDELITY)
+    assert [t.state for t in again.trials()] == ["complete"] * 3
+    assert len(list(tmp_path.glob("run/missions/*/flown.txt"))) == 3
