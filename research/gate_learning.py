@@ -1,6 +1,6 @@
 """The learned gate: from what an oracle thought of both scorers' choices to a small readable tree.
 
-Missions of the fidelities ``...-with-oracle`` log, at every iteration and whatever they flew, what a ground-truth oracle
+Missions of `research.with_oracle` log, at every iteration and whatever they flew, what a ground-truth oracle
 would have gained from each scorer's best candidate (``oracle_rewards``) and what a deployable gate may look at (``features``). A
 decision is labelled B-aware where B-aware's reward is strictly larger, Covis where Covis' is; ties say nothing
 and are left out. The difference of the rewards is the sample's weight. Features do not depend on the scorers'
@@ -144,7 +144,7 @@ def gate_decisions(missions: Sequence[FlownMission]) -> GateDecisions:
     if not rows:
         raise UserError(
             "no mission logged what an oracle would have gained from both scorers; fly missions with "
-            "--fidelity photogrammetric-with-oracle or geometric-with-oracle"
+            "--fidelity research.with_oracle:photogrammetric or research.with_oracle:geometric"
         )
     features_, rewards_, rocks = zip(*rows.values())
     return GateDecisions(

@@ -176,7 +176,7 @@ def preamble(findings: StudyFindings[Any]) -> list[str]:
         f"({findings.wall_s / 60:.0f} min of missions).",
         "",
     ]
-    if is_geometric(s.fidelity):
+    if is_geometric(s.fidelity.rpartition(":")[2]):
         lines += [GEOMETRIC_NOTE, ""]
     if findings.failures:
         counts = ", ".join(f"{reason} {n}" for reason, n in sorted(findings.failures.items()))

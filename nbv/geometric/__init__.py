@@ -5,8 +5,7 @@ replaced by ray-cast visibility, simulated tracks and a predicted completeness. 
 its numbers are not those of a photogrammetric mission.
 """
 
-from nbv.geometric.mission import run_geometric_mission, run_geometric_mission_with_oracle
-from nbv.geometric.prediction import predict_views
+from nbv.geometric.mission import run_geometric_mission
 from nbv.geometric.reconstructor import GeometricReconstructor
 from nbv.geometric.world import GeometricWorld, build_world, load_world
 
@@ -15,7 +14,5 @@ __all__ = [
     "GeometricWorld",
     "build_world",
     "load_world",
-    "predict_views",
     "run_geometric_mission",
-    "run_geometric_mission_with_oracle",
 ]

@@ -91,18 +91,6 @@ def run_geometric_mission(
     )
 
 
-def run_geometric_mission_with_oracle(
-    config: MissionConfig,
-    rock: str,
-    replicate: int = 0,
-    directory: Path | None = None,
-    **options: Unpack[MissionOptions],
-) -> MissionResult:
-    """`run_geometric_mission` with ``with_oracle=True``: a fidelity for research."""
-    options["with_oracle"] = True
-    return run_geometric_mission(config, rock, replicate, directory, **options)
-
-
 @lru_cache(maxsize=4096)  # the same viewpoints come back in every mission
 def _aim(position_m: tuple[float, ...], target_m: tuple[float, float, float]) -> Floats:
     return look_at(np.array(position_m), np.array(target_m))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -24,17 +23,6 @@ from nbv.provenance import provenance
 from nbv.rocks import Rock, load_rock
 from nbv.stopwatch import Stopwatch
 from nbv.terrain import buried_rock
-from nbv.types import Cloud
-
-
-@dataclass(frozen=True)
-class _Outcome:
-    """How a mission ended."""
-
-    status: Status
-    reason: str
-    message: str
-    metrics: dict[str, Any]  # empty when failed
 
 
 def fly_mission(
@@ -57,6 +45,8 @@ def fly_mission(
     ----------
     make_fidelity
         Called once, when the rock is there.
+    config, rock, replicate, directory, keep
+        As in `MissionFunction`.
     overwrite
         Whether a finished mission in ``directory`` may be replaced.
     cache
@@ -78,19 +68,21 @@ def fly_mission(
     if run is not None:
         run.write_config(config.to_dict())
     full_run = run if keep == "all" else None
-    log("start", _order(config, subject, replicate))
-
+    log(
+        "start",
+        {
+            "rock": subject.name,
+            "replicate": replicate,
+            "seeds": config.seed.total,
+            "budget": config.adaptive_budget,
+            "gate": config.gate.kind,
+        },
+    )
     stopwatch = Stopwatch()
+    belief = believed(config, subject.sha256, replicate)
+    keeps_everything = full_run is not None
     fidelity = make_fidelity(
-        MissionContext(
-            config,
-            subject,
-            replicate,
-            believed(config, subject.sha256, replicate),
-            store,
-            full_run is not None,
-            stopwatch,
-        )
+        MissionContext(config, subject, replicate, belief, store, keeps_everything, stopwatch)
     )
     asked = with_oracle or gate_class(config.gate.kind).sees_ground_truth
     oracle = fidelity.oracle() if asked else None
@@ -103,27 +95,35 @@ def fly_mission(
     mission = AdaptiveMission(
         flown, flight, fidelity.camera, fidelity.reconstructor, gate, recorder, fidelity.viewpoints
     )
-
-    def measure(cloud: Cloud) -> dict[str, Any]:
+    status: Status = "ok"
+    reason = message = ""
+    metrics: dict[str, Any] = {}
+    try:
+        cloud = mission.fly()
         log("metrics", {})
         if full_run is not None:
             full_run.write_cloud("dense.ply", cloud)
-        return fidelity.measure(cloud)
-
-    outcome = _attempt(mission, measure, recorder)
+        metrics = fidelity.measure(cloud)
+    except MissionFailure as failure:
+        status, reason, message = "failed", failure.reason, failure.message
+    else:
+        if recorder.notes:
+            kinds = sorted(set(recorder.notes))
+            message = "; ".join(f"{kind}: {recorder.notes.count(kind)}" for kind in kinds)
+            status, reason = "degraded", kinds[0]
     if full_run is not None:
-        fidelity.export(full_run, outcome.metrics)
+        fidelity.export(full_run, metrics)
         full_run.write_json("flight.json", flight.to_dict())
     wall_s = time.perf_counter() - started
     stopwatch.add({"total": wall_s})
     result = MissionResult(
-        status=outcome.status,
-        reason=outcome.reason,
-        message=outcome.message,
+        status=status,
+        reason=reason,
+        message=message,
         config_digest=config.digest(),
         rock=subject.name,
         replicate=replicate,
-        metrics=outcome.metrics,
+        metrics=metrics,
         trace=recorder.trace,
         timings_s=stopwatch.total_s,
         costs={
@@ -149,28 +149,3 @@ def fly_mission(
         run.write_result(result.to_json())
     log("finished", {"status": result.status, "reason": result.reason, "message": result.message})
     return result
-
-
-def _order(config: MissionConfig, rock: Rock, replicate: int) -> dict[str, Any]:
-    return {
-        "rock": rock.name,
-        "replicate": replicate,
-        "seeds": config.seed.total,
-        "budget": config.adaptive_budget,
-        "gate": config.gate.kind,
-    }
-
-
-def _attempt(
-    mission: AdaptiveMission, measure: Callable[[Cloud], dict[str, Any]], recorder: Recorder
-) -> _Outcome:
-    """Fly and measure; a `MissionFailure` becomes a failed outcome, notes make it a degraded one."""
-    try:
-        metrics = measure(mission.fly())
-    except MissionFailure as failure:
-        return _Outcome("failed", failure.reason, failure.message, {})
-    if not recorder.notes:
-        return _Outcome("ok", "", "", metrics)
-    kinds = sorted(set(recorder.notes))
-    message = "; ".join(f"{kind}: {recorder.notes.count(kind)}" for kind in kinds)
-    return _Outcome("degraded", kinds[0], message, metrics)

@@ -1,4 +1,4 @@
-"""The closed loop of the paper's Fig. 1, and nothing else: what is recorded of it is the observer's business."""
+"""The closed loop of the paper's Fig. 1, and nothing else: what is kept of it is the recorder's business."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from nbv.flight import Flight
 from nbv.gates import Gate
 from nbv.geometry.target import find_target
 from nbv.mission.belief import located, must_look
-from nbv.mission.observer import Observer
-from nbv.planner import Plan, Planner
+from nbv.mission.recorder import Recorder
+from nbv.planner import Planner
 from nbv.types import Camera, Capture, Cloud, Reconstructor, SparseModel, Viewpoint
 from nbv.viewpoints import RINGS, ViewpointSource
 
@@ -22,8 +22,12 @@ class AdaptiveMission:
 
     Parameters
     ----------
-    observer
-        Sees every step as it happens; the mission goes the same way without one.
+    config
+        What the vehicle believes.
+    flight, camera, reconstructor, gate
+        The parts of the mission.
+    recorder
+        It sees every step and changes none.
     viewpoints
         Where photographs may be taken.
     """
@@ -35,15 +39,15 @@ class AdaptiveMission:
         camera: Camera,
         reconstructor: Reconstructor,
         gate: Gate,
-        observer: Observer | None = None,
+        recorder: Recorder,
         viewpoints: ViewpointSource = RINGS,
     ) -> None:
         self.config = config
         self.flight = flight
         self.camera = camera
         self.reconstructor = reconstructor
+        self.recorder = recorder
         self.planner = Planner(config, gate, viewpoints)
-        self.observer = observer if observer is not None else Observer()
         self.captures: list[Capture] = []
 
     def fly(self) -> Cloud:
@@ -63,33 +67,32 @@ class AdaptiveMission:
                 self.aim_anew()
                 seeds = self.planner.viewpoints.seeds(self.config)
             self._fly_and_photograph(seeds[k])
-        with self.observer.timed("bootstrap"):
+        with self.recorder.timed("bootstrap"):
             report = self.reconstructor.bootstrap(self.captures)
-        self.observer.seed_model(report)
+        self.recorder.seed_model(report)
         return report.model
 
     def _must_look(self) -> bool:
         return must_look(self.config) and self.planner.viewpoints.follows_target
 
     def aim_anew(self) -> None:
-        """The other seeds are flown around the target as the photographs so far show it; as before if they show none."""
-        with self.observer.timed("glimpse"):
+        """Fly the other seeds around the target that the photographs so far show, if they show one."""
+        with self.recorder.timed("glimpse"):
             model = self.reconstructor.glimpse(self.captures)
-        found = (
-            None
-            if model is None
-            else find_target(model.points_m, self.config.target_m, model.camera_centers_m)
-        )
-        if found is not None:
-            self._turn_to_target(dataclasses.replace(self.config, target_m=found.center_m))
-        self.observer.aimed_anew(None if found is None else found.center_m)
+        target_m = None
+        if model is not None:
+            found = find_target(model.points_m, self.config.target_m, model.camera_centers_m)
+            if found is not None:
+                target_m = found.center_m
+                self._turn_to_target(dataclasses.replace(self.config, target_m=target_m))
+        self.recorder.aimed_anew(target_m)
 
     def look_for_target(self, model: SparseModel) -> None:
         """From now on the target is where, and as large as, the model shows it; as believed if it shows none."""
         config = located(self.config, model)
         if config is not None:
             self._turn_to_target(config)
-        self.observer.located(config)
+        self.recorder.located(config)
 
     def _turn_to_target(self, config: MissionConfig) -> None:
         self.config = config
@@ -101,46 +104,40 @@ class AdaptiveMission:
     def fly_adaptive_phase(self, model: SparseModel) -> None:
         """Phase 2: plan, fly, photograph, update, until the budget is used or the cloud has converged."""
         for _ in range(self.config.adaptive_budget):
-            with self.observer.timed("planning"):
-                plan = self._plan(model)
+            with self.recorder.timed("planning"):
+                plan = self.planner.plan(
+                    model,
+                    np.array([capture.viewpoint.position_m for capture in self.captures]),
+                    sum(capture.viewpoint.band == "seed" for capture in self.captures),
+                    self.flight.position_m,
+                    self.flight.heading_rad,
+                )
             view = plan.next_view
-            if view is None or plan.pool is None or plan.rankings is None or plan.decision is None:
-                if plan.pool is None:
-                    self.observer.converged(plan.state)
-                else:
-                    self.observer.pool_is_empty(plan.state, plan.pool)
+            if view is None:
+                self.recorder.ended(plan)
                 return
-            self.observer.planned(plan.state, plan.pool, plan.rankings, plan.decision)
+            self.recorder.planned(plan)
             if self.config.flight.planning_s > 0:
                 self.flight.hover(self.config.flight.planning_s)
             capture = self._fly_and_photograph(view)
-            with self.observer.timed("update"):
+            with self.recorder.timed("update"):
                 report = self.reconstructor.add(capture)
-            self.observer.updated(report)
+            self.recorder.updated(plan, report)
             model = report.model
 
     def finish(self) -> Cloud:
         """Fly home, then reconstruct the dense cloud."""
-        self.observer.returning()
+        self.recorder.returning()
         self.flight.return_and_land()
         self.camera.close()
-        with self.observer.timed("dense"):
+        with self.recorder.timed("dense"):
             return self.reconstructor.finish()
 
     def _fly_and_photograph(self, viewpoint: Viewpoint) -> Capture:
         """Photograph the target from where the vehicle really arrives."""
         position_m = self.flight.fly_to(viewpoint)
-        with self.observer.timed("photograph"):
+        with self.recorder.timed("photograph"):
             capture = self.camera.take_photograph(viewpoint, position_m, self.flight.flight_time_s)
         self.captures.append(capture)
-        self.observer.photographed(capture)
+        self.recorder.photographed(capture)
         return capture
-
-    def _plan(self, model: SparseModel) -> Plan:
-        return self.planner.plan(
-            model,
-            np.array([capture.viewpoint.position_m for capture in self.captures]),
-            sum(capture.viewpoint.band == "seed" for capture in self.captures),
-            self.flight.position_m,
-            self.flight.heading_rad,
-        )

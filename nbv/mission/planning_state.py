@@ -10,11 +10,11 @@ from nbv.errors import UserError
 from nbv.safe_files import read_npz
 from nbv.types import CandidatePool, PlanningState, SparseModel
 
-_MODEL_ARRAYS = ("points_m", "reprojection_error_px", "track_offsets", "track_cameras", "camera_centers_m")
+_ARRAYS = ("points_m", "reprojection_error_px", "track_offsets", "track_cameras", "camera_centers_m")
 _PLACES = ("points_m", "camera_centers_m", "visited_m", "vehicle_m", "pool_positions_m")
 _FARTHEST_M = 1e5
 _MOST_CAPTURES = 10_000
-_LAYOUT = {
+MODEL_LAYOUT = {
     "points_m": "f n 3",
     "reprojection_error_px": "f n",
     "track_offsets": "iu _",
@@ -22,6 +22,9 @@ _LAYOUT = {
     "camera_centers_m": "f c 3",
     "camera_names": "U c",
     "alignment_m": "f 2",
+}
+_LAYOUT = {
+    **MODEL_LAYOUT,
     "visited_m": "f v 3",
     "vehicle_m": "f 3",
     "scalars": "f 6",
@@ -34,14 +37,40 @@ _LAYOUT = {
 }
 
 
+def arrays_of(model: SparseModel) -> dict[str, np.ndarray]:
+    """A sparse model as arrays in `MODEL_LAYOUT`."""
+    return {
+        **{name: getattr(model, name) for name in _ARRAYS},
+        "camera_names": np.array(model.camera_names),
+        "alignment_m": np.array([model.alignment_rms_m, model.alignment_max_m]),
+    }
+
+
+def model_of(arrays: dict[str, np.ndarray]) -> SparseModel:
+    """The sparse model that `arrays_of` took apart."""
+    return SparseModel(
+        **{name: arrays[name] for name in _ARRAYS},
+        camera_names=tuple(arrays["camera_names"].tolist()),
+        alignment_rms_m=float(arrays["alignment_m"][0]),
+        alignment_max_m=float(arrays["alignment_m"][1]),
+    )
+
+
+def has_tracks(arrays: dict[str, np.ndarray]) -> bool:
+    """Whether ``track_offsets`` cut ``track_cameras`` into one track for each point."""
+    offsets, ends = arrays["track_offsets"].astype(np.int64), [0, len(arrays["track_cameras"])]
+    return (
+        len(offsets) == len(arrays["points_m"]) + 1
+        and offsets[[0, -1]].tolist() == ends
+        and bool((np.diff(offsets) >= 0).all())
+    )
+
+
 def save_state(path: Path, state: PlanningState, pool: CandidatePool) -> None:
     """Write one compressed ``.npz``."""
-    model = state.model
     np.savez_compressed(
         path,
-        **{name: getattr(model, name) for name in _MODEL_ARRAYS},
-        camera_names=np.array(model.camera_names),
-        alignment_m=np.array([model.alignment_rms_m, model.alignment_max_m]),
+        **arrays_of(state.model),  # type: ignore[arg-type]
         visited_m=state.visited_m,
         vehicle_m=state.vehicle_position_m,
         scalars=np.array(
@@ -73,15 +102,9 @@ def load_state(path: Path) -> tuple[PlanningState, CandidatePool]:
     """
     data = read_npz(path, _LAYOUT)
     _check(data, path)
-    model = SparseModel(
-        **{name: data[name] for name in _MODEL_ARRAYS},
-        camera_names=tuple(data["camera_names"].tolist()),
-        alignment_rms_m=float(data["alignment_m"][0]),
-        alignment_max_m=float(data["alignment_m"][1]),
-    )
     n_seeds, heading, used, budget, d95, iteration = data["scalars"].tolist()
     state = PlanningState(
-        model,
+        model_of(data),
         data["visited_m"],
         int(n_seeds),
         data["vehicle_m"],
@@ -103,15 +126,10 @@ def load_state(path: Path) -> tuple[PlanningState, CandidatePool]:
 
 
 def _check(data: dict[str, np.ndarray], path: Path) -> None:
-    """That values fit each other: what scores them goes into compiled code with their indices."""
-    offsets, (n_seeds, *counts) = data["track_offsets"], data["scalars"][[0, 2, 3, 5]]
+    """`UserError` where values do not fit each other: their indices go into compiled code."""
+    n_seeds, *counts = data["scalars"][[0, 2, 3, 5]]
     wrong = [name for name in _PLACES if not np.all(np.abs(data[name]) < _FARTHEST_M)]  # no NaN either
-    ends = [0, len(data["track_cameras"])]
-    if (
-        len(offsets) != len(data["points_m"]) + 1
-        or offsets[[0, -1]].tolist() != ends
-        or (np.diff(offsets) < 0).any()
-    ):
+    if not has_tracks(data):
         wrong.append("track_offsets")
     if not (0 <= n_seeds <= len(data["visited_m"]) and all(0 <= count < _MOST_CAPTURES for count in counts)):
         wrong.append("scalars")

@@ -3,44 +3,37 @@
 from __future__ import annotations
 
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 
 from nbv.config import MissionConfig
 from nbv.flight import Flight
 from nbv.gates import Oracle, gate_features, oracle_rewards
 from nbv.mission.function import Log, no_log
-from nbv.mission.observer import Observer
 from nbv.mission.planning_state import save_state
 from nbv.mission.result import IterationRecord
 from nbv.mission.run_directory import LOCATED, RunDirectory
+from nbv.planner import Plan
 from nbv.stopwatch import Stopwatch
-from nbv.types import CandidatePool, Capture, GateDecision, PlanningState, Ranking, UpdateReport
+from nbv.types import CandidatePool, Capture, Ranking, UpdateReport
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """A decision, and how far the vehicle had come when it was taken."""
-
-    state: PlanningState
-    pool: CandidatePool
-    rankings: dict[str, Ranking]
-    decision: GateDecision
-    rewards: dict[str, float]
-    flight_time_s: float
-    path_length_m: float
-
-
-class Recorder(Observer):
-    """Keeps a mission's history.
+class Recorder:
+    """Sees every step of a mission, changes none, and keeps its history.
 
     Parameters
     ----------
+    config
+        What the vehicle plans by.
     flight
         The mission's own, for the length of each leg.
+    stopwatch
+        It counts the stages' seconds.
     run
         Where photographs, planning states and the trace are written as they come; ``None`` writes nothing.
     oracle
         Simulation only: what it would have thought of both scorers' choices is recorded with every decision.
+    log
+        Called with every event.
     """
 
     def __init__(
@@ -55,19 +48,19 @@ class Recorder(Observer):
     ) -> None:
         self._config, self._flight, self._stopwatch = config, flight, stopwatch
         self._run, self._oracle, self._log = run, oracle, log
-        self._plan: _Plan | None = None
+        self._rewards: dict[str, float] = {}
+        self._decided_at = (0.0, 0.0)  # flight time (s) and path (m) when the next view was chosen
         self.images = 0
         self.registered_images = 0
-        self.has_model = False
         self.trace: list[IterationRecord] = []
         self.notes: list[str] = []  # what went wrong on the way without ending the mission
 
-    def timed(self, stage: str) -> AbstractContextManager[object]:
-        """Count the stage's seconds."""
+    def timed(self, stage: str) -> AbstractContextManager[None]:
+        """Count the seconds of a stage."""
         return self._stopwatch.timed(stage)
 
     def photographed(self, capture: Capture) -> None:
-        """Keep the photograph."""
+        """The vehicle arrived at a viewpoint and took a photograph: keep it."""
         self.images += 1
         if self._run is not None and capture.image is not None:
             self._run.write_image(capture.name, capture.image)
@@ -75,11 +68,11 @@ class Recorder(Observer):
             self._log("seed", {"index": self.images - 1, "id": capture.viewpoint.id})
 
     def aimed_anew(self, target_m: tuple[float, float, float] | None) -> None:
-        """Log the event."""
+        """The first seeds have shown the target there, or not at all."""
         self._log("aimed-anew", {"target_m": target_m})
 
     def seed_model(self, report: UpdateReport) -> None:
-        """Note what became of the seeds."""
+        """The seed photographs have become a sparse model."""
         self._count(report)
         if self.registered_images < self.images:
             self.notes.append("unregistered_seed")
@@ -92,7 +85,7 @@ class Recorder(Observer):
         self._log("seed-model", facts)
 
     def located(self, config: MissionConfig | None) -> None:
-        """Plan by it from now on, and keep it; note where the target was not found."""
+        """The target was looked for in the seed model: the configuration with its place and size, or None."""
         if config is None:
             self.notes.append("target_not_found")
             return
@@ -100,27 +93,21 @@ class Recorder(Observer):
         if self._run is not None:
             self._run.write_config(config.to_dict(), LOCATED)
 
-    def planned(
-        self, state: PlanningState, pool: CandidatePool, rankings: dict[str, Ranking], decision: GateDecision
-    ) -> None:
-        """Save the planning state; ask the oracle, where there is one, for its rewards."""
+    def planned(self, plan: Plan) -> None:
+        """The next view has been chosen: save the planning state, ask the oracle where there is one."""
         if self._run is not None:
-            save_state(self._run.state_path(state.iteration), state, pool)
-        rewards: dict[str, float] = {}
+            save_state(self._run.state_path(plan.state.iteration), plan.state, plan.pool)
         if self._oracle is not None:
             with self._stopwatch.timed("shadow_oracle"):
-                rewards = oracle_rewards(self._oracle, state, pool, rankings)
-        self._plan = _Plan(
-            state, pool, rankings, decision, rewards, self._flight.flight_time_s, self._flight.path_length_m
-        )
+                self._rewards = oracle_rewards(self._oracle, plan.state, plan.pool, plan.rankings)
+        self._decided_at = (self._flight.flight_time_s, self._flight.path_length_m)
 
-    def updated(self, report: UpdateReport) -> None:
-        """Record the capture."""
-        assert self._plan is not None, "updated() follows planned()"
+    def updated(self, plan: Plan, report: UpdateReport) -> None:
+        """The photograph of the planned view is in the model, or could not be registered."""
         self._count(report)
         if not report.registered:
             self.notes.append("unregistered_image")
-        record = self._record(self._plan, report)
+        record = self._record(plan, report)
         self.trace.append(record)
         if self._run is not None:
             self._run.append_trace(asdict(record))
@@ -134,26 +121,26 @@ class Recorder(Observer):
         }
         self._log("capture", facts)
 
-    def converged(self, state: PlanningState) -> None:
-        """Log the event."""
-        self._log("converged", {"iteration": state.iteration, "d95_m": state.d95_m})
-
-    def pool_is_empty(self, state: PlanningState, pool: CandidatePool) -> None:
-        """Record it as a note."""
-        self.notes.append("empty_pool")
-        self._log("empty-pool", {"iteration": state.iteration, **pool.counts})
+    def ended(self, plan: Plan) -> None:
+        """The adaptive phase ends early: the cloud has converged, or no candidate passed the filters."""
+        if plan.converged:
+            self._log("converged", {"iteration": plan.state.iteration, "d95_m": plan.state.d95_m})
+        else:
+            self.notes.append("empty_pool")
+            self._log("empty-pool", {"iteration": plan.state.iteration, **plan.pool.counts})
 
     def returning(self) -> None:
-        """Log the event."""
+        """The last photograph has been taken."""
         self._log("dense", {})
 
     def _count(self, report: UpdateReport) -> None:
-        self.has_model = True
         self.registered_images = len(report.model.camera_names)
         self._stopwatch.add(report.timings_s, prefix="sparse.")
 
-    def _record(self, plan: _Plan, report: UpdateReport) -> IterationRecord:
+    def _record(self, plan: Plan, report: UpdateReport) -> IterationRecord:
         state, pool, decision = plan.state, plan.pool, plan.decision
+        assert decision is not None, "only a chosen view is flown"
+        decided_s, decided_m = self._decided_at
         return IterationRecord(
             iteration=state.iteration,
             pool_size=len(pool),
@@ -165,14 +152,14 @@ class Recorder(Observer):
             scorer=decision.ranking.scorer,
             reason=decision.reason,
             gate_details=decision.details,
-            oracle_rewards=plan.rewards,
+            oracle_rewards=self._rewards,
             features=gate_features(state, self._config),
             top={name: _best(ranking, pool) for name, ranking in plan.rankings.items()},
             chosen=pool.ids[decision.ranking.top],
             registered=report.registered,
             message=report.message,
-            leg_duration_s=self._flight.flight_time_s - plan.flight_time_s,
-            leg_length_m=self._flight.path_length_m - plan.path_length_m,
+            leg_duration_s=self._flight.flight_time_s - decided_s,
+            leg_length_m=self._flight.path_length_m - decided_m,
             update_s=self._stopwatch.last_s["update"],
             planning_s=self._stopwatch.last_s["planning"],
         )

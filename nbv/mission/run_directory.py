@@ -106,26 +106,18 @@ class RunDirectory:
 
 
 def write_ply(path: Path, cloud: Cloud) -> None:
-    """Binary little-endian PLY with float32 positions, optional normals and 8-bit colours."""
-    fields: list[tuple[str, str]] = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+    """Binary PLY with float32 positions, and normals and 8-bit colours where there are any."""
+    import open3d as o3d  # noqa: PLC0415  seconds to load
+
+    def tensor(values: np.ndarray, dtype: type) -> o3d.core.Tensor:
+        return o3d.core.Tensor.from_numpy(np.array(values, dtype, order="C"))
+
+    table = o3d.t.geometry.PointCloud(tensor(cloud.points_m, np.float32))
     if cloud.normals is not None:
-        fields += [("nx", "<f4"), ("ny", "<f4"), ("nz", "<f4")]
+        table.point.normals = tensor(cloud.normals, np.float32)
     if cloud.colors is not None:
-        fields += [("red", "u1"), ("green", "u1"), ("blue", "u1")]
-    table = np.empty(len(cloud.points_m), dtype=fields)
-    for axis, key in enumerate("xyz"):
-        table[key] = cloud.points_m[:, axis]
-        if cloud.normals is not None:
-            table[f"n{key}"] = cloud.normals[:, axis]
-    if cloud.colors is not None:
-        for channel, key in enumerate(("red", "green", "blue")):
-            table[key] = cloud.colors[:, channel]
-    names = {"<f4": "float", "u1": "uchar"}
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
-    header += [f"property {names[kind]} {key}" for key, kind in fields]
-    with path.open("wb") as file:
-        file.write(("\n".join([*header, "end_header"]) + "\n").encode())
-        file.write(table.tobytes())
+        table.point.colors = tensor(cloud.colors, np.uint8)
+    o3d.t.io.write_point_cloud(path, table)
 
 
 def read_ply(path: Path) -> PointCloud:

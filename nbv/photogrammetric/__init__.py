@@ -3,7 +3,6 @@
 from nbv.photogrammetric.mission import (
     PhotogrammetricFidelity,
     run_photogrammetric_mission,
-    run_photogrammetric_mission_with_oracle,
 )
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 
@@ -11,5 +10,4 @@ __all__ = [
     "PhotogrammetricFidelity",
     "PhotogrammetricReconstructor",
     "run_photogrammetric_mission",
-    "run_photogrammetric_mission_with_oracle",
 ]

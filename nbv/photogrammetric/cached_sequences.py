@@ -26,13 +26,14 @@ from nbv.cache import Arrays, Store, address, digest, holds, remember_json
 from nbv.config import CameraConfig, MissionConfig, SparseConfig, TelemetryConfig
 from nbv.evaluation import Evaluation, camera_shell, evaluate_cloud
 from nbv.evaluation.evaluate import clean_for_evaluation
+from nbv.mission.planning_state import MODEL_LAYOUT, arrays_of, has_tracks, model_of
 from nbv.photogrammetric.cached_stages import CachedCorrespondences
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.rocks import Rock
 from nbv.sparse.correspondences import Correspondences
 from nbv.sparse.locating import Located
 from nbv.sparse.reconstructor import SparseReconstructor
-from nbv.types import Capture, Cloud, Floats, PointCloud, SparseModel, UpdateReport
+from nbv.types import Capture, Cloud, Floats, PointCloud, UpdateReport
 
 
 class CachedSparse(SparseReconstructor):
@@ -253,34 +254,23 @@ class CachedEvaluation:
         return Evaluation(found["metrics"], found["cleaning"], lambda: clean_for_evaluation(cloud, config)[0])
 
 
+_HAS_REPORT = holds({**MODEL_LAYOUT, "registered": "b", "message": "U"})
+
+
 def _pack_report(report: UpdateReport) -> Arrays:
-    model = report.model
-    return {
-        "points_m": model.points_m,
-        "reprojection_error_px": model.reprojection_error_px,
-        "track_lengths": _smallest(model.track_lengths),
-        "track_cameras": _smallest(model.track_cameras),
-        "camera_centers_m": model.camera_centers_m,
-        "camera_names": np.array(model.camera_names),
-        "alignment_m": np.array([model.alignment_rms_m, model.alignment_max_m]),
-        "registered": np.array(report.registered),
-        "message": np.array(report.message),
-    }
+    arrays = arrays_of(report.model)
+    for name in ("track_offsets", "track_cameras"):  # in the smallest type that holds them
+        arrays[name] = arrays[name].astype(np.min_scalar_type(int(arrays[name].max(initial=0))))
+    return {**arrays, "registered": np.array(report.registered), "message": np.array(report.message)}
 
 
-_HAS_REPORT = holds(
-    {
-        "points_m": "f n 3",
-        "reprojection_error_px": "f n",
-        "track_lengths": "u n",
-        "track_cameras": "u _ <c",
-        "camera_centers_m": "f c 3",
-        "camera_names": "U c",
-        "alignment_m": "f 2",
-        "registered": "b",
-        "message": "U",
-    }
-)
+def _unpack_report(entry: Arrays) -> UpdateReport:
+    indices = {name: entry[name].astype(np.int64) for name in ("track_offsets", "track_cameras")}
+    return UpdateReport(model_of({**entry, **indices}), bool(entry["registered"]), str(entry["message"]))
+
+
+def _is_report(entry: Arrays) -> bool:
+    return _HAS_REPORT(entry) and has_tracks(entry)
 
 
 def _are_files(entry: Arrays) -> bool:
@@ -288,30 +278,5 @@ def _are_files(entry: Arrays) -> bool:
     return holds(layout)(entry) and all("/" not in name for name in entry)
 
 
-def _is_report(entry: Arrays) -> bool:
-    return _HAS_REPORT(entry) and int(entry["track_lengths"].sum()) == len(entry["track_cameras"])
-
-
 def _is_evaluation(tree: Any) -> bool:
     return isinstance(tree, dict) and all(isinstance(tree.get(k), dict) for k in ("metrics", "cleaning"))
-
-
-def _unpack_report(entry: Arrays) -> UpdateReport:
-    offsets = np.zeros(len(entry["track_lengths"]) + 1, dtype=np.int64)
-    np.cumsum(entry["track_lengths"], out=offsets[1:])
-    model = SparseModel(
-        points_m=entry["points_m"],
-        reprojection_error_px=entry["reprojection_error_px"],
-        track_offsets=offsets,
-        track_cameras=entry["track_cameras"].astype(np.int64),
-        camera_centers_m=entry["camera_centers_m"],
-        camera_names=tuple(str(name) for name in entry["camera_names"]),
-        alignment_rms_m=float(entry["alignment_m"][0]),
-        alignment_max_m=float(entry["alignment_m"][1]),
-    )
-    return UpdateReport(model, bool(entry["registered"]), str(entry["message"]))
-
-
-def _smallest(values: np.ndarray) -> np.ndarray:
-    """The same non-negative integers in the smallest type that holds them."""
-    return values.astype(np.min_scalar_type(int(values.max(initial=0))))

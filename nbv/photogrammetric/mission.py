@@ -89,15 +89,3 @@ def run_photogrammetric_mission(
 ) -> MissionResult:
     """Fly one complete mission with photographs and measure its cloud; see `nbv.mission.MissionFunction`."""
     return fly_mission(PhotogrammetricFidelity, config, rock, replicate, directory, **options)
-
-
-def run_photogrammetric_mission_with_oracle(
-    config: MissionConfig,
-    rock: str,
-    replicate: int = 0,
-    directory: Path | None = None,
-    **options: Unpack[MissionOptions],
-) -> MissionResult:
-    """`run_photogrammetric_mission` with ``with_oracle=True``: a fidelity for research."""
-    options["with_oracle"] = True
-    return run_photogrammetric_mission(config, rock, replicate, directory, **options)

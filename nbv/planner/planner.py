@@ -6,7 +6,7 @@ The mission loop plans with it, too.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -18,8 +18,7 @@ from nbv.geometry.neighbours import knn_d95_m
 from nbv.planner.stop import suffices
 from nbv.safe_files import read_yaml
 from nbv.scorers import expected_gain_percent, rank_candidates
-from nbv.scorers.registry import Rankings
-from nbv.types import CandidatePool, Floats, GateDecision, PlanningState, SparseModel, Viewpoint
+from nbv.types import CandidatePool, Floats, GateDecision, PlanningState, Ranking, SparseModel, Viewpoint
 from nbv.viewpoints import RINGS, ViewpointSource
 
 
@@ -28,26 +27,21 @@ class Plan:
     """One decision, with what it was made from."""
 
     state: PlanningState
-    converged: (
-        bool  # the stopping rule says that the cloud is dense enough, or that the next view adds too little
-    )
-    pool: CandidatePool | None = None  # None where converged
-    rankings: Rankings | None = None  # None where converged or where the pool is empty
-    decision: GateDecision | None = None  # likewise
+    converged: bool  # the cloud is dense enough, or the next view adds too little
+    pool: CandidatePool
+    rankings: dict[str, Ranking] = field(default_factory=dict)  # empty where there is no decision
+    decision: GateDecision | None = None  # None where the phase ends: converged, or the pool is empty
 
     @property
     def views(self) -> list[Viewpoint]:
         """Feasible viewpoints, best first; empty where the phase ends."""
-        if self.decision is None or self.pool is None:
-            return []
-        return [self.pool.viewpoint(int(i)) for i in self.decision.ranking.order]
+        order = [] if self.decision is None else self.decision.ranking.order.tolist()
+        return [self.pool.viewpoint(i) for i in order]
 
     @property
     def next_view(self) -> Viewpoint | None:
-        """Where to photograph next; None where the phase ends: converged, or nothing feasible is left."""
-        if self.decision is None or self.pool is None:
-            return None
-        return self.pool.viewpoint(self.decision.ranking.top)
+        """Where to photograph next; None where the phase ends."""
+        return None if self.decision is None else self.pool.viewpoint(self.decision.ranking.top)
 
 
 def density_d95_m(model: SparseModel, config: MissionConfig) -> float:
@@ -134,16 +128,15 @@ class Planner:
             d95_m=density_d95_m(model, self.config),
             iteration=used,
         )
-        if suffices(model, state.d95_m, self.config):
-            return Plan(state, True)
         pool = self.viewpoints.candidates(self.config, state.vehicle_position_m, visited, n_seeds)
-        if len(pool) == 0:
-            return Plan(state, False, pool)
+        converged = suffices(model, state.d95_m, self.config)
+        if converged or len(pool) == 0:
+            return Plan(state, converged, pool)
         rankings = rank_candidates(state, pool, self.config)
         decision = self.gate.decide(state, pool, rankings)
         if stop.min_gain_percent > 0:
             view_m = pool.positions_m[decision.ranking.top]
             gain = expected_gain_percent(model.points_m, view_m, visited, self.config)
             if gain < stop.min_gain_percent:
-                return Plan(state, True)
+                return Plan(state, True, pool)
         return Plan(state, False, pool, rankings, decision)

@@ -47,7 +47,7 @@ def departures(
     """
     from research.departures import DEPARTURES, DepartureSettings, analyse
     from research.departures.report import departures_table, write_departures_report
-    from tuner.missions.registry import with_oracle
+    from research.with_oracle import with_oracle
 
     complete = True
     if not report_only:

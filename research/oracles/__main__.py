@@ -54,7 +54,7 @@ def oracles(
     """
     from research.oracles import OracleSettings, analyse
     from research.oracles.report import oracles_table, write_oracles_report
-    from tuner.missions.registry import with_oracle
+    from research.with_oracle import with_oracle
 
     complete = True
     if not report_only:

@@ -9,9 +9,9 @@ import pytest
 
 from nbv.config import preset
 from nbv.errors import UserError
-from nbv.geometric import run_geometric_mission_with_oracle
 from research.oracles.states import judge, summarise
 from research.oracles.study import COVERAGES, judgements, preferences
+from research.with_oracle import geometric
 
 BUDGET = 3
 
@@ -27,7 +27,7 @@ def flown(tmp_path_factory):
         "gate.oracle_samples": 2000,
     }
     config = preset("campaign").with_values(values)
-    return run_geometric_mission_with_oracle(config, "boulder", 0, directory), directory
+    return geometric(config, "boulder", 0, directory), directory
 
 
 @pytest.fixture(scope="module")

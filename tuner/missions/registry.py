@@ -25,8 +25,6 @@ FIDELITIES = {
     "photogrammetric": "nbv.photogrammetric:run_photogrammetric_mission",
     "geometric": "nbv.geometric:run_geometric_mission",
     "photographs": "nbv.photographs.mission:run_photographs_mission",
-    "photogrammetric-with-oracle": "nbv.photogrammetric:run_photogrammetric_mission_with_oracle",
-    "geometric-with-oracle": "nbv.geometric:run_geometric_mission_with_oracle",
     "external": "tuner.missions.external.flight:run_external_mission",
 }
 DEFAULT_FIDELITY = "photogrammetric"
@@ -38,9 +36,6 @@ _IMPORTED_IN_FLIGHT = {
 }
 PHOTOGRAPHS = "photographs"
 EXTERNAL = "external"  # flies the missions of mission files, which are not ours
-
-# The same missions, with an oracle's opinion of every decision in their traces.
-_WITH_ORACLE = {name: f"{name}-with-oracle" for name in ("photogrammetric", "geometric")}
 
 GEOMETRIC_NOTE = (
     "Geometric missions: the same loop, scorers, gates and flight over simulated tracks, no photographs. Completeness is "
@@ -72,14 +67,9 @@ def registered(name: str) -> str:
     return name
 
 
-def with_oracle(name: str) -> str:
-    """The fidelity of the same missions that records what an oracle would have thought of every decision."""
-    return _WITH_ORACLE.get(registered(name), name)
-
-
 def is_geometric(name: str) -> bool:
     """Whether missions of this fidelity are geometric ones."""
-    return name in ("geometric", "geometric-with-oracle")
+    return name == "geometric"
 
 
 def fidelity_on(rock: str, fidelity: str) -> str:

@@ -11,7 +11,7 @@ from nbv.cache import Store, code_digest
 from nbv.config import preset
 from nbv.errors import UserError
 from nbv.flight import arrival_position
-from nbv.geometric import GeometricReconstructor, load_world, predict_views, run_geometric_mission
+from nbv.geometric import GeometricReconstructor, load_world, run_geometric_mission
 from nbv.geometric.held_worlds import forget_worlds
 from nbv.geometric.reconstructor import forget_seed_models
 from nbv.geometry.frames import look_at
@@ -150,15 +150,6 @@ def test_the_seed_model_resembles_a_photogrammetric_one(world, config, rock):
     # Points stay within a few millimetres of a surface: the rock's or the ground.
     distance = np.linalg.norm(model.points_m[:, None] - world.landmarks_m[None], axis=2).min(axis=1)
     assert np.median(distance) < 0.01
-
-
-def test_the_prediction_for_given_views_is_the_missions(flown, config):
-    metrics = predict_views(config, ROCK, [record.chosen for record in flown.trace])
-    assert metrics["observable"]["completeness_48mm"] == pytest.approx(
-        flown.metric("observable.completeness_48mm"), abs=1e-4
-    )
-    with pytest.raises(UserError, match="cand_999"):
-        predict_views(config, ROCK, ["cand_999"])
 
 
 def test_every_gate_flies(config):

@@ -12,8 +12,6 @@ from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.flight import Flight
 from nbv.mission.belief import believed, located, reaching_a_ring
-from nbv.mission.recorder import Recorder
-from nbv.stopwatch import Stopwatch
 from nbv.types import SparseModel
 from nbv.viewpoints import candidate_pool
 
@@ -52,10 +50,7 @@ def test_a_known_target_is_the_very_same_configuration() -> None:
 
 def test_the_mission_goes_on_with_what_the_model_shows() -> None:
     config = believed(preset("campaign").with_values(ROUGH), "rock", 3)
-    flight = Flight(config, "rock", 3)
-    recorder = Recorder(config, flight, Stopwatch())
-    reconstructor = OnTheGround()
-    mission = made(config, reconstructor, flight, recorder)
+    mission = made(config, reconstructor := OnTheGround(), Flight(config, "rock", 3))
     mission.fly()
     np.testing.assert_allclose(mission.config.target_m, [0.5, 0.0, 0.75], atol=0.1)
     # The crop is no less than configured, although the target is smaller.
@@ -66,7 +61,7 @@ def test_the_mission_goes_on_with_what_the_model_shows() -> None:
         assert np.linalg.norm(delta_m) == pytest.approx(3.5)
         aim = np.array(mission.config.target_m) - capture.camera_center_m
         assert capture.camera_from_world[2, :3] @ aim == pytest.approx(np.linalg.norm(aim))
-    assert recorder.notes == []
+    assert mission.recorder.notes == []
 
 
 def test_seeds_fly_about_the_target_once_it_is_found() -> None:
@@ -107,10 +102,9 @@ def test_altitudes_count_from_the_ground_in_the_model(ground_m: float) -> None:
     """GNSS's drift moves the ground; a pool of the lowest ring alone stays that, and is not empty."""
     gnss = {"telemetry.horizontal_noise_m": 0.3, "telemetry.vertical_noise_m": 0.4, "telemetry.drift_m": 0.4}
     config = preset("campaign").with_values({**ROUGH, **gnss, "pool.max_altitude_m": 1.5})
-    recorder = Recorder(config, flight := Flight(config, "rock", 3), Stopwatch())
-    mission = made(config, OnTheGround(ground_m), flight, recorder)
+    mission = made(config, OnTheGround(ground_m), Flight(config, "rock", 3))
     mission.fly()
-    assert recorder.notes == []
+    assert mission.recorder.notes == []
     for capture in mission.captures[24:]:
         assert 1.3 <= capture.viewpoint.position_m[2] - ground_m <= 1.5
     assert mission.config.flight.keep_out_height_m == pytest.approx(2.2 + ground_m, abs=0.05)
@@ -139,14 +133,12 @@ def test_exact_telemetry_moves_no_altitude() -> None:
 
 def test_without_a_target_in_the_model_belief_stays() -> None:
     config = believed(preset("campaign").with_values(ROUGH), "rock", 3)
-    flight = Flight(config, "rock", 3)
-    recorder = Recorder(config, flight, Stopwatch())
-    mission = made(config, CountingReconstructor(points=20), flight, recorder)
+    mission = made(config, CountingReconstructor(points=20), Flight(config, "rock", 3))
     model = mission.fly_seed_phase()
     assert located(config, model) is None
     mission.look_for_target(model)
     assert mission.config is config
-    assert recorder.notes == ["target_not_found"]
+    assert mission.recorder.notes == ["target_not_found"]
 
 
 def test_a_negative_spread_is_named() -> None:

@@ -75,30 +75,23 @@ class Flown(NamedTuple):
     notes: list
 
 
-def made(config, reconstructor=None, flight=None, observer=None):
+def made(config, reconstructor=None, flight=None):
+    flight = flight or Flight(config, rock_sha256="rock", replicate=0)
     return AdaptiveMission(
         config,
-        flight or Flight(config, rock_sha256="rock", replicate=0),
+        flight,
         PoseCamera(config.target_m),
         reconstructor or CountingReconstructor(),
         make_gate(config),
-        observer,
+        Recorder(config, flight, Stopwatch()),
     )
 
 
 def fly(reconstructor=None, **values):
     config = preset("campaign").with_values({"stop.adaptive_budget": 4, **values})
-    flight = Flight(config, rock_sha256="rock", replicate=0)
-    recorder = Recorder(config, flight, Stopwatch())
-    mission = made(config, reconstructor, flight, recorder)
+    mission = made(config, reconstructor)
     mission.fly()
-    return Flown(mission.captures, recorder.trace, recorder.notes)
-
-
-def test_a_mission_goes_the_same_way_unobserved():
-    unobserved = made(preset("campaign").with_values({"stop.adaptive_budget": 4}))
-    assert len(unobserved.fly()) == 1
-    assert [c.name for c in unobserved.captures] == [c.name for c in fly().captures]
+    return Flown(mission.captures, mission.recorder.trace, mission.recorder.notes)
 
 
 def test_a_leg_is_from_the_decision_to_the_next_photograph():

@@ -9,7 +9,7 @@ import pytest
 
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
-from tuner.missions.registry import FIDELITIES, mission_function, registered, with_oracle
+from tuner.missions.registry import FIDELITIES, mission_function, registered
 
 
 @pytest.mark.parametrize("name", [name for name in FIDELITIES if name != "external"])
@@ -39,8 +39,3 @@ def test_the_command_line_offers_registered_fidelities_only() -> None:
     assert registered("geometric") == "geometric"
     with pytest.raises(UserError, match="unknown fidelity"):
         registered("fake_missions:fake_mission")
-
-
-def test_decision_studies_fly_what_asks_the_oracle() -> None:
-    assert with_oracle("geometric") == "geometric-with-oracle"
-    assert with_oracle("photogrammetric") == "photogrammetric-with-oracle"
