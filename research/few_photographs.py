@@ -108,7 +108,7 @@ def tell(out: Path) -> None:
                 for rock, k in places:
                     gain = float(of[rock, k, one][metric]) - float(of[rock, k, other][metric])
                     gains.setdefault(rock, []).append(gain)
-                if len(gains) < 2 or (found := mean_interval(gains, "rocks")) is None:
+                if len(gains) < 2 or (found := mean_interval(gains, 2)) is None:
                     continue
                 print(
                     f"  {one} - {other}, {metric}: {found.mean:+.2f} [{found.low:+.2f}, {found.high:+.2f}], "

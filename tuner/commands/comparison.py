@@ -129,18 +129,19 @@ def _ceiling(name: str) -> str:
 
 
 def _show(facts: ComparisonFacts, *, paper: bool) -> None:
-    """The verdicts, then the tables from the shortest to the longest."""
-    from tuner.report.comparison.tables import PAPER_NOT_COMPARABLE, terminal_tables
+    """The verdicts, then the tables."""
+    from tuner.report.comparison.tables import (
+        PAPER_NOT_COMPARABLE,
+        strategies_for_terminal,
+        table_i_for_terminal,
+    )
 
     for line in facts.verdicts:
         output.print(line.text, style="bold")
-    short = {} if facts.summary is None else {"What the campaign was asked for": facts.summary}
-    short |= {f"Under {name}": table for name, table in facts.conditions.items()}
-    if facts.summary is None:
-        part = facts.parts[0]
-        short[f"Against ground truth, {part.surface} surface" if part.surface else part.title] = part.table
-    for title, table in short.items():
-        for block in terminal_tables(table, output.width, title=title, paper=paper):
-            output.print(block, markup=True)
+    tables = {"What was flown, and what it got": facts.summary}
+    tables |= {f"Under {name}": table for name, table in facts.conditions.items()}
+    for title, table in tables.items():
+        output.print(strategies_for_terminal(table, title), markup=True)
     if paper:
+        output.print(table_i_for_terminal(facts.tables["whole"], "Table I, whole surface"), markup=True)
         output.print(PAPER_NOT_COMPARABLE)

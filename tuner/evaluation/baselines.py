@@ -8,9 +8,10 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from nbv.config import GATES, Condition, MissionConfig, under
+from nbv.config import GATES, Condition, MissionConfig, SparseConfig, under
 from nbv.errors import UserError
 from nbv.mission.belief import must_look
+from tuner.problem.configurations import mission_key
 from tuner.problem.search_space import Configuration
 
 
@@ -45,8 +46,7 @@ class Baseline:
             "seed.radius_m": base.pool.radius_m,
             "seed.start_bearing_deg": 0.0,
             "seed.reaim_after": number // 2 if self.reaimed else 0,
-            "sparse.min_registered_seeds": min(base.sparse.min_registered_seeds, FEWEST_SEEDS, number),
-            "sparse.ground_features": base.sparse.ground_features or GROUND_FEATURES,
+            **{f"sparse.{name}": value for name, value in _registering(base.sparse, number).items()},
             "stop.adaptive_budget": 0,
             "stop.max_photographs": 0,
         }
@@ -56,7 +56,17 @@ class Baseline:
 # Of the splits over 10 and 35 degrees these two were best on rocks that nothing was chosen on.
 ONE_RING: dict[str, Any] = {"seed.lowest_deg": 10.0, "seed.span_deg": 0.0, "seed.upper_share": 0.0}
 TWO_RINGS: dict[str, Any] = {"seed.lowest_deg": 10.0, "seed.span_deg": 25.0, "seed.upper_share": 0.38}
+SCORER_ALONE: dict[str, Any] = {f"matchable.weights.{term}": 0.0 for term in ("nov", "move", "ang")}
 FEWEST_SEEDS, GROUND_FEATURES = 6, 2000  # as in the search space photographs
+
+
+def _registering(sparse: SparseConfig, seeds: int) -> dict[str, int]:
+    """What lets so few seeds, so far apart, register."""
+    return {
+        "min_registered_seeds": min(sparse.min_registered_seeds, FEWEST_SEEDS, seeds),
+        "ground_features": sparse.ground_features or GROUND_FEATURES,
+    }
+
 
 BASELINES: dict[str, Baseline] = {
     b.name: b
@@ -81,7 +91,13 @@ BASELINES: dict[str, Baseline] = {
             "matchable",
             "Matchable",
             "our own scorer alone: the surface that lacks matchable views",
-            values={f"matchable.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
+            values=SCORER_ALONE,
+        ),
+        Baseline(
+            "predicted",
+            "Predicted repair",
+            "our own scorer alone: the surface that a view is predicted to repair",
+            values=SCORER_ALONE,
         ),
         Baseline("orbit", "Plain orbit", "a plain orbit at 10°", values=ONE_RING, plans=False),
         Baseline(
@@ -162,14 +178,20 @@ def _at_number(name: str, config: MissionConfig, tuned: MissionConfig) -> Missio
     number = photographs(tuned)
     if _is_orbit(name):
         return BASELINES[name].orbit(config, number)
-    seed, budget = tuned.seed, tuned.adaptive_budget
-    if tuned.adaptive_budget == 0 and config.seed.count:
-        seeds = max(FEWEST_SEEDS, round(number * config.seed.total / photographs(config)))
-        seed, budget = dataclasses.replace(config.seed, count=min(seeds, number)), max(0, number - seeds)
+    seed, budget, sparse = (
+        tuned.seed,
+        tuned.adaptive_budget,
+        tuned.sparse,
+    )  # what seeds far apart need to register
+    if budget == 0:
+        seeds = min(number, max(FEWEST_SEEDS, round(number * config.seed.total / photographs(config))))
+        seed = dataclasses.replace(config.seed if config.seed.count else seed, count=seeds)
+        budget = number - seeds
+        sparse = dataclasses.replace(sparse, **_registering(sparse, seeds))
     return dataclasses.replace(
         config,
         seed=seed,
-        sparse=tuned.sparse,  # what seeds far apart need to register
+        sparse=sparse,
         stop=dataclasses.replace(ending_at(config, number).stop, adaptive_budget=budget),
     )
 
@@ -222,7 +244,7 @@ def controls_at_equal_number(strategies: Mapping[str, Configuration]) -> tuple[s
         for name, config in strategies.items()
         if isinstance(config, MissionConfig)
         and photographs(config) == number
-        and config.digest() != tuned.digest()
+        and mission_key(config) != mission_key(tuned)
         and not sees_ground_truth(name)
     )
 
@@ -236,12 +258,12 @@ def _split(strategy: str) -> tuple[str, str]:
 def tuned_configs(
     tuned: MissionConfig, base: MissionConfig, counted: MissionConfig | None = None
 ) -> dict[str, MissionConfig]:
-    """The tuned configuration and, if it has changed the pool, random views in that pool.
+    """The tuned configuration and, if it plans views in another pool, random views in that pool.
 
     ``counted``: the tuned one with as many photographs as the random views are to have, where something may end it early.
     """
     configs = {TUNED: tuned}
-    if tuned.pool != base.pool:
+    if tuned.pool != base.pool and tuned.adaptive_budget:
         chance = baseline("random").config(dataclasses.replace(base, pool=tuned.pool))
         equal = at_equal_number({"random": chance}, counted or tuned, "random")
         configs[TUNED_POOL_RANDOM] = list(equal.values())[-1]
@@ -252,8 +274,8 @@ def label(strategy: str) -> str:
     """What tables print for a strategy."""
     own = {TUNED: "Tuned", TUNED_POOL_RANDOM: "Random, tuned pool"}
     name, number = _split(strategy)
-    known = BASELINES[name].label if name in BASELINES else strategy
-    return own.get(strategy) or (f"{known}, {number}" if number else known)
+    known = BASELINES[name].label if name in BASELINES else own.get(strategy, strategy)
+    return f"{known}, {number}" if number else known
 
 
 def description(strategy: str) -> str:
@@ -263,9 +285,8 @@ def description(strategy: str) -> str:
         "default": "nothing changed",
         TUNED_POOL_RANDOM: "a candidate at random in the pool of the recommended configuration",
     }
-    name, number = _split(strategy)
-    known = BASELINES[name].description if name in BASELINES else ""
-    return own.get(strategy) or (f"{known}; {number} photographs, as tuned" if number else known)
+    name = _split(strategy)[0]
+    return BASELINES[name].description if name in BASELINES else own.get(strategy, "")
 
 
 def sees_ground_truth(strategy: str) -> bool:

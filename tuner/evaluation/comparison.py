@@ -9,7 +9,7 @@ from typing import Literal
 
 from nbv.errors import UserError
 from tuner.evaluation.paper_table import TABLE_I_ROWS, TANKS_AND_TEMPLES_ROWS, MetricRow
-from tuner.evaluation.statistics import Interval, Method, PairedDifference, mean_interval, paired_difference
+from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval, paired_difference
 from tuner.missions.job import Trial
 
 
@@ -28,14 +28,12 @@ def values_of(records: Sequence[Trial], strategy: str, key: str) -> dict[tuple[s
     return found
 
 
-def strategy_interval(
-    records: Sequence[Trial], strategy: str, key: str, method: Method = "auto"
-) -> Interval | None:
+def strategy_interval(records: Sequence[Trial], strategy: str, key: str) -> Interval | None:
     """Mean over rocks with its interval."""
     by_rock: dict[str, list[float]] = {}
     for (rock, _), value in values_of(records, strategy, key).items():
         by_rock.setdefault(rock, []).append(value)
-    return mean_interval(by_rock, method)
+    return mean_interval(by_rock)
 
 
 def strategy_difference(
@@ -43,11 +41,10 @@ def strategy_difference(
     strategy: str,
     reference: str,
     row: MetricRow,
-    method: Method = "auto",
 ) -> PairedDifference | None:
     """Paired difference of a metric against ``reference`` on common (rock, replicate) pairs."""
     ours, theirs = (values_of(records, name, row.key) for name in (strategy, reference))
-    return paired_difference(ours, theirs, row.higher_is_better, method)
+    return paired_difference(ours, theirs, row.higher_is_better)
 
 
 def rock_floor(records: Sequence[Trial], metric: MetricRow) -> float | None:
@@ -91,7 +88,6 @@ def comparison_table(
     reference: str | None = None,
     surface: Literal["whole", "observable"] | None = "whole",
     rows: Sequence[MetricRow] = TABLE_I_ROWS + TANKS_AND_TEMPLES_ROWS,
-    method: Method = "auto",
 ) -> ComparisonTable:
     """Means with intervals per strategy, and differences against ``reference`` (one of the strategies).
 
@@ -107,14 +103,14 @@ def comparison_table(
     table = []
     for row in rows:
         metric = row if surface is None or row.key.startswith("costs.") else row.on(surface)
-        cells = {name: strategy_interval(records, name, metric.key, method) for name in strategies}
+        cells = {name: strategy_interval(records, name, metric.key) for name in strategies}
         means = {name: cell.mean for name, cell in cells.items() if cell is not None}
         if row in TANKS_AND_TEMPLES_ROWS and not means:
             continue  # missions of earlier versions, and geometric ones
         pick = max if metric.higher_is_better else min
         best = tuple(name for name, mean in means.items() if mean == pick(means.values())) if means else ()
         differences = {
-            name: strategy_difference(records, name, reference, metric, method)
+            name: strategy_difference(records, name, reference, metric)
             for name in strategies
             if reference is not None and name != reference
         }

@@ -29,6 +29,7 @@ from tuner.missions.external import configuration_from_dict
 from tuner.missions.job import MissionJob, Trial, landed
 from tuner.missions.registry import DEFAULT_FIDELITY, require_fidelity
 from tuner.problem.blocks import MAX_REPLICATES
+from tuner.problem.configurations import mission_key
 from tuner.problem.search_space import Configuration
 from tuner.problem.worlds import World
 
@@ -135,9 +136,13 @@ class EvaluationPlan:
 
     @functools.cached_property
     def _owners(self) -> dict[str, str]:
-        """Strategies that are one and the same configuration share the first one's missions."""
+        """Strategies that fly one and the same mission share the first one's."""
         first: dict[str, str] = {}
-        return {name: first.setdefault(c.digest(), name) for name, c in self.strategies.items()}
+        return {name: first.setdefault(mission_key(c), name) for name, c in self.strategies.items()}
+
+    def owner(self, strategy: str) -> str:
+        """The strategy whose missions count for this one: the first that flies the same."""
+        return self._owners[strategy]
 
     def _job(self, directory: Path, strategy: str, world: World, replicate: int) -> MissionJob:
         condition = next(c for c in self.conditions if c.name == world.condition)

@@ -6,12 +6,19 @@ import collections
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from nbv.config import MissionConfig, parameters
 from tuner.problem.observations import Observation, Pending
-from tuner.problem.search_space import SearchSpace, Values
+from tuner.problem.search_space import Configuration, SearchSpace, Values
 from tuner.problem.worlds import World
 
 Key = tuple[float, ...]
 Block = tuple[World, int]  # with the replicate
+# What only the planner of a mission reads: without effect where no view is planned.
+PLANNERS = (
+    *("gate.", "covis.", "b_aware.", "matchable.", "visibility."),
+    *("pool.min_altitude_m", "pool.max_altitude_m", "pool.max_travel_m", "pool.min_spacing_m"),
+    *("pool.revisit_exclusion_m", "pool.azimuth_sectors", "pool.max_candidates"),
+)
 
 
 def configuration_key(space: SearchSpace, values: Mapping[str, Any]) -> Key:
@@ -30,6 +37,22 @@ def blocks_flown(space: SearchSpace, missions: Sequence[Observation | Pending]) 
     for mission in missions:
         flown[configuration_key(space, mission.values)].add((mission.world, mission.replicate))
     return flown
+
+
+def changes(values: Mapping[str, Any], default: Mapping[str, Any]) -> tuple[str, ...]:
+    """Paths whose values differ from the default's, less those that are without effect."""
+    idle = PLANNERS if values.get("stop.adaptive_budget") == 0 else ()
+    return tuple(
+        path for path, value in values.items() if value != default[path] and not path.startswith(idle)
+    )
+
+
+def mission_key(config: Configuration) -> str:
+    """The same for configurations that fly the same mission: what is without effect in it does not count."""
+    if isinstance(config, MissionConfig) and config.adaptive_budget == 0:
+        idle = {path: about.default for path, about in parameters().items() if path.startswith(PLANNERS)}
+        config = config.with_values(idle)
+    return config.digest()
 
 
 def short(value: Any) -> str:

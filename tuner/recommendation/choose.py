@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from tuner.acquisition.constrained import Constraint
-from tuner.problem.configurations import configuration_key
+from tuner.problem.configurations import changes, configuration_key
 from tuner.problem.drawn_rocks import are_drawn
 from tuner.problem.exact_costs import ExactCost
 from tuner.problem.objective import Objective
@@ -248,10 +248,9 @@ def fewest_changes(
         unlikely = calibrated.probability_positive(mean + noise_sd, sd) >= 1.0 - RISK_OF_LOSS
         return i == best or (mean >= -EXPECTED_LOSS * noise_sd and (unlikely or sd <= 1e-12))
 
-    def changes(i: int) -> int:
-        return sum(value != default[path] for path, value in configurations[i].items())
-
-    return min(filter(not_worse, better), key=lambda i: (changes(i), -belief.mean[i]))
+    return min(
+        filter(not_worse, better), key=lambda i: (len(changes(configurations[i], default)), -belief.mean[i])
+    )
 
 
 def _rock_row(

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from nbv.config import IDEAL
-from tuner.problem.configurations import short
+from tuner.problem.configurations import changes, short
 from tuner.problem.objective import Direction
 from tuner.problem.worlds import World
 
@@ -213,12 +213,12 @@ class Recommendation:
     @property
     def keep_default(self) -> bool:
         """Whether the answer is to change nothing."""
-        return self.values == self.default_values
+        return not self.changed
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """Paths whose values differ from the default's."""
-        return tuple(path for path, value in self.values.items() if value != self.default_values[path])
+        """Paths whose values differ from the default's and have an effect."""
+        return changes(self.values, self.default_values)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the JSON form."""

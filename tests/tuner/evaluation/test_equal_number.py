@@ -4,6 +4,7 @@ import pytest
 
 from nbv.config import IDEAL_CONDITION, load_condition, preset
 from tuner.evaluation.baselines import (
+    BASELINES,
     at_equal_number,
     baseline_configs,
     controls_at_equal_number,
@@ -13,6 +14,7 @@ from tuner.evaluation.baselines import (
     photographs,
     tuned_configs,
 )
+from tuner.evaluation.plan import EvaluationPlan
 from tuner.problem.space_files import load_search_space
 
 BASE = preset("campaign")
@@ -63,15 +65,26 @@ def test_an_orbit_is_reaimed_where_the_target_must_be_found() -> None:
     assert [c.seed.reaim_after for c in found.values()] == [0, 0, 16, 16]
 
 
-@pytest.mark.parametrize("number", [8, 20])
-def test_beside_a_tuned_orbit_planners_keep_their_share(number: int) -> None:
-    space = load_search_space("photographs")
-    base = space.config(BASE, space.default(BASE))
-    plain = {**space.default(BASE), "seed.count": number, "seed.upper_share": 0.0, "stop.adaptive_budget": 0}
-    found = at_equal_number(baseline_configs(["hyb-h"], base), space.config(BASE, plain), "hyb-h")
+@pytest.mark.parametrize(("number", "shared_out"), [(8, (6, 2)), (20, (15, 5))])
+@pytest.mark.parametrize("space", ["photographs", "gate_weights_and_pool"])
+def test_beside_a_tuned_orbit_planners_keep_their_share(space: str, number: int, shared_out) -> None:
+    """Of a default with a count of seeds, and of the paper's rings."""
+    base = load_search_space(space).base_config(BASE)
+    tuned = BASELINES["orbit"].orbit(base, number)
+    found = at_equal_number(baseline_configs(["hyb-h", "covis"], base), tuned, "hyb-h")
     equal = found[f"hyb-h-{number}"]
-    assert (equal.seed.total, equal.adaptive_budget) == {8: (6, 2), 20: (15, 5)}[number]
-    assert equal.seed.upper_share == 0.42
+    assert (equal.seed.total, equal.adaptive_budget) == shared_out
+    assert equal.seed.upper_share == (base.seed if base.seed.count else tuned.seed).upper_share
+    assert controls_at_equal_number({"tuned": tuned, **found}) == (f"hyb-h-{number}", f"covis-{number}")
+
+
+def test_what_has_no_effect_makes_no_second_mission() -> None:
+    orbit = BASELINES["orbit"].orbit(BASE, 20)
+    other = orbit.with_values({"gate.kind": "covis", "pool.max_altitude_m": 1.5, "covis.weights.nov": 0.1})
+    assert EvaluationPlan({"tuned": other, "orbit-20": orbit}, ("slab",)).missions == 1
+    wider = orbit.with_values({"seed.count": 21})
+    assert EvaluationPlan({"tuned": other, "orbit-20": orbit, "more": wider}, ("slab",)).missions == 2
+    assert tuned_configs(other, BASE) == {"tuned": other}  # no views at random where none is planned
 
 
 def test_baselines_have_the_mean_number_of_a_plan_that_may_end_early() -> None:

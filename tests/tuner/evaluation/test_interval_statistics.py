@@ -9,28 +9,21 @@ from scipy import stats
 from tuner.evaluation.statistics import mean_interval, paired_difference
 
 
-def coverage(method: str, rocks: int, replicates: int, rock_sd: float, trials: int = 300) -> float:
+def coverage(rocks: int, replicates: int, rock_sd: float, trials: int = 1500) -> float:
     rng = np.random.default_rng(0)
     inside = 0
     for _ in range(trials):
         data = {f"r{i}": list(rock_sd * rng.normal() + rng.normal(size=replicates)) for i in range(rocks)}
-        interval = mean_interval(data, method, resamples=200)  # type: ignore[arg-type]
+        interval = mean_interval(data)
         assert interval is not None and interval.low is not None and interval.high is not None
         inside += interval.low <= 0 <= interval.high
     return inside / trials
 
 
-def test_interval_over_rocks_covers_the_mean_of_all_rocks() -> None:
-    assert coverage("rocks", 4, 2, 2.0) == pytest.approx(0.95, abs=0.03)
-
-
-def test_interval_over_replicates_covers_only_for_fixed_rocks() -> None:
-    assert coverage("replicates", 3, 4, 0.0) == pytest.approx(0.95, abs=0.03)
-    assert coverage("replicates", 3, 4, 2.0) < 0.75  # does not generalise to other rocks
-
-
-def test_bootstrap_is_too_narrow_with_few_rocks() -> None:
-    assert 0.7 < coverage("bootstrap", 4, 2, 2.0, trials=80) < 0.93
+def test_an_interval_covers_what_it_says() -> None:
+    assert coverage(4, 2, 2.0) == pytest.approx(0.95, abs=0.02)
+    assert coverage(2, 4, 0.0) == pytest.approx(0.95, abs=0.02)  # over replicates: for these rocks
+    assert coverage(2, 4, 2.0) < 0.75  # not for others
 
 
 def test_closed_forms() -> None:
@@ -53,18 +46,9 @@ def test_pairs() -> None:
     difference = paired_difference(better, reference, higher_is_better=True)
     assert difference is not None
     assert difference.pairs == 3 and difference.interval.mean == pytest.approx((1.5 - 1.0) / 2)
-    assert (difference.wins, difference.losses, difference.ties) == (2, 1, 0)
+    assert (difference.wins, difference.losses) == (2, 1)
     worse = paired_difference(better, reference, higher_is_better=False)
     assert worse is not None and (worse.wins, worse.losses) == (1, 2)
     assert paired_difference({("x", 0): 1.0}, reference, True) is None
     same = paired_difference(reference, reference, True)
-    assert same is not None and same.ties == 4 and same.wilcoxon_p is None and same.sign_p is None
-
-
-def test_p_values_fall_with_evidence() -> None:
-    reference = {(f"r{i}", 0): float(i) for i in range(8)}
-    better = {key: value + 1 + 0.1 * value for key, value in reference.items()}
-    difference = paired_difference(better, reference, True)
-    assert difference is not None and difference.sign_p == pytest.approx(2 / 2**8)
-    assert difference.wilcoxon_p is not None and difference.wilcoxon_p < 0.01
-    assert difference.interval.excludes_zero
+    assert same is not None and same.exactly_zero

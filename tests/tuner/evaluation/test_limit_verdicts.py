@@ -47,7 +47,10 @@ def test_photographs_are_exact_and_the_quality_has_the_interval() -> None:
     ("tuned", "begins"),
     [
         (90.0, "Quality lost by more than 1.0 points"),
-        (96.3, "Quality worse by 0.7 points, within the margin of 1.0 points"),
+        (
+            96.3,
+            "Quality kept within 1.0 points: F-score @ 48 mm, observable surface against Hyb-H: −0.7 points",
+        ),
         (99.0, "Quality gained"),
     ],
 )
@@ -59,7 +62,7 @@ def test_worse_than_the_best_control_is_said() -> None:
     """The control beats it by 0.7 points, which the margin allows against the default and not here."""
     (line,) = [text for text in said(94.3) if "best control" in text]
     assert line.startswith("Tuned is worse than the best control at equal number (Random views)")
-    assert " by 0.7 points (95 % interval +" in line
+    assert "improvement −0.7 points (95 % interval −" in line
     (line,) = [text for text in said(97.0, Asked(F)) if "best control" in text]  # without a limit too
     assert line.startswith("Tuned is better than the best control")
 
@@ -80,20 +83,19 @@ def facts(**changes: object) -> ComparisonFacts:
     return comparison_facts(run(**changes), "hyb-h", Asked(IMAGES, F, 102.0))
 
 
-def test_the_page_shows_photographs_and_limit_as_rows() -> None:
-    found = facts()
-    shown = comparison_context(found)
-    (rows,) = shown["summary"]
-    names = [row.name for row in rows]
-    assert names == [
+def test_the_page_shows_photographs_and_limit_as_columns() -> None:
+    shown = comparison_context(facts())["strategies"][""]
+    assert shown["columns"] == [
         "Photographs ↓",
-        "Observable surface",
+        "Flight ↓ (s)",
         "F-score @ 48 mm ↑ (%)",
         "Limit kept ↑ (% of rocks)",
     ]
-    assert [cell.text for cell in rows[0].cells] == ["26", "32", "32"]
-    assert [line.text.split(" in ")[0] for line in found.others] == ["Random views is worse than Hyb-H"]
-    assert shown["tables"][0]["title"] == "Whole surface"  # none of the rows above is of it
+    assert {label: cells[0].text for label, _, cells, _ in shown["rows"]} == {
+        "Tuned": "26",
+        "Hyb-H": "32",
+        "Random views": "32",
+    }
 
 
 def test_each_condition_has_the_limit_too() -> None:
@@ -103,7 +105,7 @@ def test_each_condition_has_the_limit_too() -> None:
     two = replace(made, plan=replace(made.plan, conditions=conditions), records=records)
     found = comparison_facts(two, "hyb-h", Asked(IMAGES, F, 102.0))
     assert {name: [row.metric.key for row in table.rows] for name, table in found.conditions.items()} == {
-        name: ["costs.images", F.metric, "limit"] for name in ("ideal", "field")
+        name: ["costs.images", "costs.flight_time_s", F.metric, "limit"] for name in ("ideal", "field")
     }
 
 
@@ -113,7 +115,7 @@ def test_a_script_reads_the_same() -> None:
         "text": "Photographs: 26 in place of 32 of Hyb-H, 6 saved.",
         "kind": "better",
     }
-    photographs, quality, limit = tree["summary"]["rows"]
+    photographs, _, quality, limit = tree["summary"]["rows"]
     assert photographs["cells"]["tuned"]["mean"] == 26.0 and limit["cells"]["tuned"]["mean"] == 75.0
     assert quality["differences"]["tuned"]["pairs"] == 12
     json.dumps(json_ready(tree))

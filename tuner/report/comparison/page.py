@@ -2,43 +2,37 @@
 
 from __future__ import annotations
 
-import collections
 from pathlib import Path
 from typing import Any
 
-from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
 from nbv.provenance import versions
+from tuner.evaluation.baselines import description, sees_ground_truth
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import ComparisonTable
+from tuner.evaluation.flying import EvaluationRun
 from tuner.missions.registry import EXTERNAL
-from tuner.report.comparison.facts import ComparisonFacts, Surface
-from tuner.report.comparison.figures import rocks_figure
-from tuner.report.comparison.rows import provenance_rows, strategy_row
+from tuner.report.comparison.facts import ComparisonFacts
 from tuner.report.comparison.tables import (
     FLOOR_NOTE,
     PAPER_NOT_COMPARABLE,
     comparison_markdown,
-    difference_cell,
-    full_row_name,
-    measured,
     methods_sentence,
+    missions_text,
+    strategy_lines,
     table_lines,
 )
-from tuner.report.labels import metric_label
+from tuner.report.labels import format_number, metric_label
 from tuner.report.pages import write_page
-from tuner.report.sectors import sector_figure
-from tuner.report.style import Illustration, embed
+from tuner.report.provenance import recorded, recorded_rows
+from tuner.report.style import short_names
 
 REPORT_FILE = "report.html"
 TABLE_FILE = "table.md"
-FIGURES_DIRECTORY = "figures"
-SECTOR_KEY = "sector_completeness_48mm"
-_SURFACE_NOTES: dict[Surface | None, str] = {
-    None: "",
-    "whole": "Against the complete reference surface, underside included, as in the paper.",
-    "observable": "Against the part of the reference surface that at least two reachable cameras can see: nobody can win "
-    "or lose on the rest.",
+_TITLES = {
+    "whole": "Table I on the whole surface, underside included, as in the paper",
+    "observable": "Table I on the surface that at least two reachable cameras can see",
+    "own": "Metrics and costs",
 }
 
 
@@ -50,147 +44,112 @@ def write_comparison_report(
     paper: bool = False,
     command: str = "",
 ) -> Path:
-    """Write ``report.html``, ``table.md`` and ``figures/*.png`` into ``directory``.
+    """Write ``report.html`` and ``table.md`` into ``directory``; returns the page's path.
 
     Parameters
     ----------
     facts
-        From `comparison_facts`; the run may be incomplete. The first table decides the sectors.
+        From `comparison_facts`; the run may be incomplete.
+    directory
+        Where to.
+    title
+        The page's.
     paper
         Show the paper's Table I beside ours, with what is not comparable.
     command
         The command line that repeats the evaluation.
-
-    Returns
-    -------
-    Path of the page.
 
     Raises
     ------
     UserError
         The directory cannot be written.
     """
-    try:
-        context = comparison_context(facts, directory / FIGURES_DIRECTORY, paper=paper)
-        markdown = "\n".join(
-            f"### {part.title}\n\n{comparison_markdown(part.table, paper=paper and part.surface == 'whole')}"
-            for part in facts.parts
-        )
-        write_atomic(directory / TABLE_FILE, markdown)
-    except OSError as error:
-        raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error
-    return write_page(
+    page = write_page(
         directory / REPORT_FILE,
         "comparison.html.j2",
         title=f"{title} · gatetune",
         heading=title,
-        comparison=context,
         command=command,
         version=versions().get("gatetune", ""),
+        **comparison_context(facts, paper=paper),
     )
+    markdown = (
+        f"### {_TITLES[name]}\n\n{comparison_markdown(table, paper=paper and name == 'whole')}"
+        for name, table in facts.tables.items()
+    )
+    write_atomic(directory / TABLE_FILE, "\n".join(markdown))
+    return page
 
 
-def comparison_context(
-    facts: ComparisonFacts, figures: Path | None = None, *, paper: bool = False
-) -> dict[str, Any]:
-    """Everything the template ``comparison_body.html.j2`` shows."""
-    run, tables = facts.run, [part.table for part in facts.parts]
-    others = [name for name in facts.strategies if name != facts.reference]
-    short = [] if facts.summary is None else [facts.summary]
+def comparison_context(facts: ComparisonFacts, *, paper: bool = False) -> dict[str, Any]:
+    """Everything that the template ``comparison.html.j2`` shows of the facts."""
+    run, tables = facts.run, list(facts.tables.values())
+    kinds = [line.kind for line in facts.verdicts]
+    several = len(run.plan.conditions) > 1
     return {
         "facts": facts,
-        "kind": _kind([line.kind for line in facts.verdicts]),
-        "strategies": [strategy_row(run, name) for name in facts.strategies],
+        "kind": "worse" if "worse" in kinds else "better" if kinds[:1] == ["better"] else "",
         "reference": strategy_label(facts.reference),
+        "place": facts.asked.place,
         "ours": run.plan.fidelity != EXTERNAL,
-        "summary": [table_lines(table) for table in short],
-        "conditions": [
-            {
-                "name": name,
-                "failed": sum(table.failures.values()),
-                "rows": table_lines(table),
-            }
-            for name, table in facts.conditions.items()
-        ],
+        "strategies": {
+            "": _strategies(run, facts.summary),
+            **{name: _strategies(run, table) for name, table in facts.conditions.items()},
+        },
+        "labels": [strategy_label(name) for name in run.plan.strategies],
+        "worlds": [name if several else name.partition(",")[0] for name in _world_names(run)],
+        "by_world": _by_world(facts),
+        "headline": metric_label(facts.headline.key).full,
         "tables": [
-            {
-                "title": part.title,
-                "note": _SURFACE_NOTES[part.surface],
-                "surface": part.surface,
-                "rows": table_lines(part.table, paper=paper and part.surface == "whole"),
-                "differences": [_difference_rows(part.table, name) for name in others],
-            }
-            for part in facts.parts
+            {"title": _TITLES[name], "lines": table_lines(table, paper=paper and name == "whole")}
+            for name, table in facts.tables.items()
         ],
-        "methods": methods_sentence([*tables, *short], facts.asked.place),
-        "comparisons": len(others) * sum(len(table.rows) for table in tables),
+        "methods": methods_sentence([facts.summary, *tables], facts.asked.place),
         "paper": PAPER_NOT_COMPARABLE if paper else "",
         "floor": FLOOR_NOTE if any(row.floor is not None for t in tables for row in t.rows) else "",
-        "figures": _figures(facts, figures),
-        "provenance": provenance_rows(run, facts.asked.place),
-        "place": facts.asked.place,
+        "provenance": _provenance(run, facts.asked.place),
     }
 
 
-def _kind(kinds: list[str]) -> str:
-    """The headline's colour: good news only where nothing is worse."""
-    return "worse" if "worse" in kinds else "better" if kinds[:1] == ["better"] else ""
+def _strategies(run: EvaluationRun, table: ComparisonTable) -> dict[str, Any]:
+    """A row per strategy: what it does, what was found, how many missions."""
+    columns, lines = strategy_lines(table)
+    rows = []
+    for line in lines:
+        what = description(line.name) + ("; sees the ground truth" if sees_ground_truth(line.name) else "")
+        if (owner := run.plan.owner(line.name)) != line.name:
+            what += f"; the same missions as {strategy_label(owner)}"
+        rows.append((strategy_label(line.name), what, line.cells, missions_text(table, line.name)))
+    return {"columns": columns, "rows": rows}
 
 
-def _difference_rows(table: ComparisonTable, name: str) -> dict[str, Any]:
-    rows = [
-        {"name": full_row_name(row.metric), "cell": difference_cell(row, name)}
-        for row in measured(table.rows)
-    ]
-    return {"strategy": strategy_label(name), "rows": rows}
+def _world_names(run: EvaluationRun) -> list[str]:
+    stems = dict(zip(run.plan.rocks, short_names(run.plan.rocks)))
+    return [f"{stems[world.rock]}, {world.condition}" for world in run.plan.worlds]
 
 
-# -- figures -------------------------------------------------------------------------------------------------
-
-
-def _figures(facts: ComparisonFacts, figures: Path | None) -> list[Illustration]:
-    run, headline, surface = facts.run, facts.headline, facts.parts[0].surface
+def _by_world(facts: ComparisonFacts) -> list[tuple[str, list[str]]]:
+    """The mean of every strategy in every world, in the quality or the only objective."""
+    run, row = facts.run, facts.headline
     out = []
-    if any(r.value(headline.key) is not None for r in run.records):
-        place = facts.asked.place
-        by = f"{place} by {place}" + (" and condition by condition" if len(run.plan.conditions) > 1 else "")
-        out.append(
-            embed(
-                rocks_figure(run.records, facts.strategies, run.plan.worlds, headline),
-                "rocks",
-                f"{headline.label} of every mission, grouped by {place}, one colour and marker per strategy.",
-                f"{metric_label(headline.key).full} {by}: every mission (dots) and each strategy’s mean (bars).",
-                figures,
-                title=f"{place} by {place}".capitalize(),
-            )
-        )
-    sectors, centers = _sectors(facts, surface)
-    if sectors:
-        out.append(
-            embed(
-                sector_figure(sectors, centers),
-                "sectors",
-                "Polar plot of completeness per azimuth sector, one line per strategy.",
-                f"Completeness at 48 mm by azimuth sector of the rock ({surface} surface), mean over missions; 0° is east, "
-                "90° north, labels at sector centres (the paper’s Fig. 3).",
-                figures,
-                title="Sector by sector",
-            )
-        )
+    for name in run.plan.strategies:
+        cells = []
+        for world in run.plan.worlds:
+            own = [r.value(row.key) for r in run.records if r.strategy == name and r.world == world]
+            known = [value for value in own if value is not None]
+            cells.append(format_number(sum(known) / len(known) if known else None, row.decimals))
+        out.append((strategy_label(name), cells))
     return out
 
 
-def _sectors(
-    facts: ComparisonFacts, surface: Surface | None
-) -> tuple[dict[str, list[list[float | None]]], list[float]]:
-    found: dict[str, list[list[float | None]]] = collections.defaultdict(list)
-    centers: list[float] = []
-    for name in facts.strategies:
-        for r in facts.run.records if surface else ():
-            metrics = r.metrics
-            values, here = metrics.get(surface or "", {}).get(SECTOR_KEY), metrics.get("sector_centers_deg")
-            if r.strategy == name and r.status != "failed" and values and here:
-                centers = centers or list(here)
-                if list(here) == centers:
-                    found[strategy_label(name)].append(values)
-    return dict(found), centers
+def _provenance(run: EvaluationRun, place: str) -> list[tuple[str, str]]:
+    """Rocks, conditions, versions and revisions."""
+    plan = run.plan
+    first, last = plan.first_replicate, plan.first_replicate + plan.replicates - 1
+    return [
+        (f"{place}s", ", ".join(short_names(plan.rocks))),
+        ("conditions", ", ".join(condition.name for condition in plan.conditions)),
+        ("replicates", f"{first} to {last}" if last > first else str(first)),
+        ("mission preset", ", ".join(sorted({config.preset for config in plan.strategies.values()}))),
+        *recorded_rows(recorded([Path(r.directory) for r in run.records])),
+    ]

@@ -1,4 +1,4 @@
-"""Comparison tables in the layout of the paper's Table I: cells, markdown, terminal."""
+"""Comparison tables: a row per strategy, or in the layout of the paper's Table I; for page, markdown and terminal."""
 
 from __future__ import annotations
 
@@ -23,8 +23,6 @@ from tuner.report.labels import (
     verdict,
 )
 
-# Of the terminal's columns: "– the rocks’ own floor (mm)" and "410.8 ± 115.8" with their borders.
-_METRIC_WIDTH, _STRATEGY_WIDTH = 30, 16
 FLOOR_NOTE = (
     "The rocks’ own floor is what a reconstruction without error or omission would get: surface that no reachable camera "
     "sees, and what is cut away with the ground, keep a distance from every cloud."
@@ -39,60 +37,47 @@ PAPER_NOT_COMPARABLE = (
 
 
 @dataclass(frozen=True)
-class DifferenceCell:
-    """One strategy against the reference in one metric, ready to print."""
-
-    difference: str  # "+1.2"
-    interval: str  # "−0.3 to +2.7"
-    verdict: str  # better, worse, no difference detected; "no interval" where there is none
-    pairs: str  # "12"
-    record: str  # wins–ties–losses
-    p_rocks: str  # sign test over rock means
-    p_pairs: str  # Wilcoxon over pairs
-
-
-@dataclass(frozen=True)
 class Cell:
     """One strategy's value of one metric, ready to print."""
 
     text: str  # "71.2 ± 3.1"
     best: bool = False
     paper: str = ""  # the paper's own value; empty if it has none
-    difference: DifferenceCell | None = None
+    difference: str = ""  # from the reference, "+1.2 (−0.3 to +2.7)"
 
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a table, the same on page and terminal and in markdown; a heading has no cells."""
+    """One line of Table I; a heading has no cells."""
 
     name: str
     cells: tuple[Cell, ...] = ()
 
 
 def table_lines(table: ComparisonTable, *, paper: bool = False) -> list[Line]:
-    """The lines of a table; rows that no mission has a value of are left out.
-
-    Parameters
-    ----------
-    table
-        From ``tuner.evaluation.comparison_table``.
-    paper
-        With the paper's own values.
-    """
+    """The lines of Table I, with the paper's own values where asked; rows that no mission has a value of are left out."""
     lines: list[Line] = []
     group = ""
-    for row in measured(table.rows):
+    for row in table.rows:
+        if all(value is None for value in row.cells.values()):  # geometric missions have no distances
+            continue
         if row.metric.group != group:
             group = row.metric.group
-            lines += [Line(group)] if group else []
-        cells = [cell(row, name) for name in table.strategies]
-        lines.append(
-            Line(row_name(row.metric), tuple(cells if paper else (replace(c, paper="") for c in cells)))
-        )
+            lines.append(Line(group))
+        cells = (cell(row, name) for name in table.strategies)
+        lines.append(Line(row_name(row.metric), tuple(c if paper else replace(c, paper="") for c in cells)))
         if row.floor is not None:
             floor = Cell(format_number(row.floor, row.metric.decimals))
-            lines.append(Line(f"– the rocks’ own floor ({row.metric.unit})", (floor,) * len(cells)))
+            lines.append(
+                Line(f"– the rocks’ own floor ({row.metric.unit})", (floor,) * len(table.strategies))
+            )
     return lines
+
+
+def strategy_lines(table: ComparisonTable) -> tuple[list[str], list[Line]]:
+    """The names of the columns, and a line per strategy."""
+    lines = [Line(name, tuple(cell(row, name) for row in table.rows)) for name in table.strategies]
+    return [row_name(row.metric) for row in table.rows], lines
 
 
 def interval_text(interval: Interval | None, decimals: int) -> str:
@@ -102,7 +87,7 @@ def interval_text(interval: Interval | None, decimals: int) -> str:
     mean = format_number(interval.mean, decimals)
     if interval.low is None or interval.high is None or interval.low == interval.high:
         return mean  # a count that every mission shares has no width
-    if interval.method in ("bootstrap", "wilson"):
+    if interval.method == "wilson":
         return f"{mean} [{format_number(interval.low, decimals)}, {format_number(interval.high, decimals)}]"
     return f"{mean} ± {format_number((interval.high - interval.low) / 2, decimals)}"
 
@@ -111,12 +96,22 @@ def cell(row: ComparisonRow, strategy: str) -> Cell:
     """The cell of ``strategy`` in ``row``; "best" needs somebody to be better than."""
     metric, known = row.metric, sum(value is not None for value in row.cells.values())
     paper = PAPER_TABLE_I.get(strategy, {}).get(metric.key)
+    difference = row.differences.get(strategy)
     return Cell(
         interval_text(row.cells[strategy], metric.decimals),
         strategy in row.best and known > len(row.best),
         "" if paper is None else format_number(paper, metric.decimals),
-        difference_cell(row, strategy),
+        "" if difference is None else difference_text(difference, metric.decimals),
     )
+
+
+def difference_text(d: PairedDifference, decimals: int) -> str:
+    """``+1.2 (−0.3 to +2.7)``: strategy minus reference."""
+    i, mean = d.interval, format_number(d.interval.mean, decimals, signed=True)
+    if i.low is None or i.high is None:
+        return mean
+    low, high = (format_number(bound, decimals, signed=True) for bound in (i.low, i.high))
+    return f"{mean} ({low} to {high})"
 
 
 def row_name(metric: MetricRow) -> str:
@@ -138,12 +133,6 @@ def mission_file_rows(objective: Objective, records: Sequence[Trial]) -> tuple[M
     return tuple(rows)
 
 
-def full_row_name(metric: MetricRow) -> str:
-    """The same with its threshold, for tables without group lines: ``F-score @ 48 mm ↑ (%)``."""
-    threshold = metric.group.partition("@")[2].strip()
-    return row_name(replace(metric, label=f"{metric.label} @ {threshold}")) if threshold else row_name(metric)
-
-
 def gain_interval(
     difference: PairedDifference, metric: MetricRow
 ) -> tuple[float, float | None, float | None]:
@@ -160,35 +149,6 @@ def difference_verdict(difference: PairedDifference, metric: MetricRow) -> str:
     return "no interval" if low is None or high is None else verdict((low, high))
 
 
-def difference_cell(row: ComparisonRow, strategy: str) -> DifferenceCell | None:
-    """The strategy against the reference; None for the reference itself and where no pair is common."""
-    d, decimals = row.differences.get(strategy), row.metric.decimals
-    if d is None:
-        return None
-    i = d.interval
-    bounds = MISSING
-    if i.low is not None and i.high is not None and i.low != i.high:
-        bounds = (
-            f"{format_number(i.low, decimals, signed=True)} to {format_number(i.high, decimals, signed=True)}"
-        )
-    return DifferenceCell(
-        format_number(i.mean, decimals, signed=True),
-        bounds,
-        difference_verdict(d, row.metric),
-        str(d.pairs),
-        f"{d.wins}–{d.ties}–{d.losses}",
-        p_text(d.sign_p),
-        p_text(d.wilcoxon_p),
-    )
-
-
-def p_text(p: float | None) -> str:
-    """A p-value with two or three decimals."""
-    if p is None:
-        return MISSING
-    return "< 0.001" if p < 0.001 else f"{p:.3f}" if p < 0.1 else f"{p:.2f}"
-
-
 def methods_sentence(tables: Sequence[ComparisonTable], place: str = "rock") -> str:
     """How the intervals were made."""
     found = {c.method for t in tables for row in t.rows for c in row.cells.values() if c is not None}
@@ -198,21 +158,8 @@ def methods_sentence(tables: Sequence[ComparisonTable], place: str = "rock") -> 
     return interval_methods(found).replace("rock", place)
 
 
-def measured(rows: Sequence[ComparisonRow]) -> list[ComparisonRow]:
-    """Those that a mission has a value of: geometric ones have no distances."""
-    return [row for row in rows if any(cell is not None for cell in row.cells.values())]
-
-
 def comparison_markdown(table: ComparisonTable, *, paper: bool = False) -> str:
-    """The table as GitHub-flavoured markdown, with the paired differences in the cells.
-
-    Parameters
-    ----------
-    table
-        From ``tuner.evaluation.comparison_table``.
-    paper
-        With the paper's own values.
-    """
+    """The table as GitHub-flavoured markdown, with the paired differences in the cells; ``paper``: and its own values."""
     lines = [
         "| Metric | " + " | ".join(map(strategy_label, table.strategies)) + " |",
         "|---|" + "---:|" * len(table.strategies),
@@ -222,17 +169,12 @@ def comparison_markdown(table: ComparisonTable, *, paper: bool = False) -> str:
         for c in line.cells:
             text = f"**{c.text}**" if c.best else c.text
             text += f"; paper {c.paper}" if c.paper else ""
-            if c.difference is not None:
-                interval = "" if c.difference.interval == MISSING else f" [{c.difference.interval}]"
-                text += f" ({c.difference.difference}{interval})"
-            texts.append(text)
+            texts.append(f"{text}; {c.difference}" if c.difference else text)
         lines.append(f"| {line.name} | " + " | ".join(texts or [""] * len(table.strategies)) + " |")
     lines.append("| missions | " + " | ".join(missions_text(table, name) for name in table.strategies) + " |")
     lines += ["", f"Mean over rocks ± 95 % interval; best mean in bold. {methods_sentence([table])}"]
     if table.reference is not None and len(table.strategies) > 1:
-        lines.append(
-            f"In brackets: paired difference from {strategy_label(table.reference)} [95 % interval]."
-        )
+        lines.append(f"Signed: paired difference from {strategy_label(table.reference)} (95 % interval).")
     if any(row.floor is not None for row in table.rows):
         lines += ["", FLOOR_NOTE]
     return "\n".join([*lines, "", PAPER_NOT_COMPARABLE] if paper else lines) + "\n"
@@ -244,44 +186,35 @@ def missions_text(table: ComparisonTable, strategy: str) -> str:
     return f"{table.missions[strategy]}" + (f" + {failed} failed" if failed else "")
 
 
-def terminal_tables(
-    table: ComparisonTable,
-    width: int,
-    *,
-    title: str = "Dense cloud against ground truth",
-    paper: bool = False,
-) -> list[Table]:
-    """The table for a terminal of ``width`` columns: several below one another where there are many strategies.
-
-    Parameters
-    ----------
-    table
-        From ``tuner.evaluation.comparison_table``.
-    width
-        Columns of the terminal.
-    title
-        Of the first.
-    paper
-        With the paper's own values, below ours.
-    """
-    together = max(1, (width - _METRIC_WIDTH) // _STRATEGY_WIDTH)
-    out = []
-    for start in range(0, len(table.strategies), together):
-        block = slice(start, start + together)
-        part = Table(title=None if start else title)
-        part.add_column("metric", no_wrap=True)
-        for name in table.strategies[block]:
-            part.add_column(strategy_label(name), justify="right")
-        for line in table_lines(table, paper=paper):
-            if not line.cells:
-                part.add_section()
-            texts = []
-            for c in line.cells[block]:
-                text = f"[bold]{c.text}[/]" if c.best else c.text
-                texts.append(f"{text}\n[dim]paper {c.paper}[/]" if c.paper else text)
-            part.add_row(line.name if line.cells else f"[italic]{line.name}[/]", *texts)
-        part.add_section()
-        part.add_row("missions", *(missions_text(table, name) for name in table.strategies[block]))
-        out.append(part)
-    out[-1].caption = "mean ± 95 % interval; best mean in bold"
+def strategies_for_terminal(table: ComparisonTable, title: str) -> Table:
+    """A row per strategy; the difference from the reference below its value."""
+    names, lines = strategy_lines(table)
+    out = Table(title=title, caption="mean ± 95 % interval, paired difference below; best mean in bold")
+    out.add_column("strategy")
+    for name in (*names, "missions"):
+        out.add_column(name, justify="right")
+    for line in lines:
+        texts = [_marked(c, c.difference) for c in line.cells]
+        out.add_row(strategy_label(line.name), *texts, missions_text(table, line.name))
     return out
+
+
+def table_i_for_terminal(table: ComparisonTable, title: str) -> Table:
+    """Table I, with the paper's own values below ours."""
+    out = Table(title=title, caption="mean ± 95 % interval; best mean in bold")
+    out.add_column("metric", no_wrap=True)
+    for name in table.strategies:
+        out.add_column(strategy_label(name), justify="right")
+    for line in table_lines(table, paper=True):
+        if not line.cells:
+            out.add_section()
+        texts = [_marked(c, f"paper {c.paper}" if c.paper else "") for c in line.cells]
+        out.add_row(line.name if line.cells else f"[italic]{line.name}[/]", *texts)
+    out.add_section()
+    out.add_row("missions", *(missions_text(table, name) for name in table.strategies))
+    return out
+
+
+def _marked(c: Cell, below: str) -> str:
+    text = f"[bold]{c.text}[/]" if c.best else c.text
+    return f"{text}\n[dim]{below}[/]" if below else text

@@ -1,9 +1,8 @@
-"""What a comparison says in words: a sentence per objective, the limit, the best control, and the other strategies."""
+"""What a comparison says in words: a sentence per objective, the limit, and the best control."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 from scipy import stats
@@ -28,38 +27,29 @@ class Sentence(NamedTuple):
     kind: str = ""  # better, worse, no
 
 
-def row_of(objective: Objective, group: str = "", decimals: int = 1) -> MetricRow:
+def row_of(objective: Objective, decimals: int = 1) -> MetricRow:
     """A table row in the direction of an objective."""
     label = metric_label(objective.metric)
-    more_is_better = objective.direction == "maximise"
-    return MetricRow(group, label.name, objective.metric, label.unit, more_is_better, decimals)
+    return MetricRow(
+        "", label.name, objective.metric, label.unit, objective.direction == "maximise", decimals
+    )
 
 
 def verdicts(run: EvaluationRun, reference: str, asked: Asked) -> list[Sentence]:
     """The verdict on the tuned strategy, without one on the first that is not ``reference``, line by line."""
-    names = run.plan.strategies
-    others = [name for name in names if name != reference]
+    others = [name for name in run.plan.strategies if name != reference]
     if not others:
         return []
     subject = TUNED if TUNED in others else others[0]
     out = []
-    if names[subject].digest() != names[reference].digest():
+    if run.plan.owner(subject) != run.plan.owner(reference):
         objectives = [*asked.counts, asked.quality] if asked.quality else asked.counts
         out = [_against(run.records, subject, reference, o, asked) for o in objectives]
     if subject == TUNED and asked.limit is not None:
         out += _limit(run.records, asked)
     if subject == TUNED and asked.quality is not None:
         out += _best_control(run, reference, asked.quality, asked.place)
-    return list(dict.fromkeys(out))
-
-
-def other_strategies(run: EvaluationRun, reference: str, asked: Asked) -> list[Sentence]:
-    """A sentence for each of the others against ``reference``, in the quality where there is one."""
-    objective = asked.quality or asked.objective
-    others = [name for name in run.plan.strategies if name != reference]
-    plain = Asked(objective, decided=asked.decided, place=asked.place)
-    shown = others[1:] if TUNED not in others else [name for name in others if name != TUNED]
-    return [_against(run.records, name, reference, objective, plain) for name in shown]
+    return out
 
 
 def share_kept(records: Sequence[Trial], strategy: str, asked: Asked) -> Interval | None:
@@ -122,24 +112,21 @@ def _against(
     if objective.metric in asked.decided:
         ours, theirs = (strategy_interval(records, n, objective.metric) for n in (name, reference))
         assert ours is not None and theirs is not None
-        return _count(objective, ours.mean, theirs.mean, "" if name == TUNED else who, whom)
-    return (
-        _plain(who, whom, objective, d, asked.place)
-        if asked.limit is None
-        else _kept(whom, objective, d, asked)
-    )
+        return _count(objective, ours.mean, theirs.mean, whom)
+    if asked.limit is None:
+        return _plain(who, whom, objective, d, asked.place)
+    return _kept(whom, objective, d, asked)
 
 
-def _count(objective: Objective, ours: float, theirs: float, who: str, whom: str) -> Sentence:
+def _count(objective: Objective, ours: float, theirs: float, whom: str) -> Sentence:
     """``Photographs: 26 in place of 32 of Hyb-H, 6 saved.``; counts have no interval."""
     label, fewer = metric_label(objective.metric), ours < theirs
     change = "as many"
     if ours != theirs:
         saved = "saved" if objective.direction == "minimise" else "fewer"
         change = f"{_number(abs(ours - theirs))} {saved if fewer else 'more'}"
-    name = f"{who}, {label.name}" if who else label.name
     better = fewer == (objective.direction == "minimise")
-    text = f"{name}: {_number(ours)} in place of {_number(theirs)} of {whom}, {change}."
+    text = f"{label.name}: {_number(ours)} in place of {_number(theirs)} of {whom}, {change}."
     return Sentence(text, "no" if ours == theirs else "better" if better else "worse")
 
 
@@ -148,38 +135,33 @@ def _number(value: float) -> str:
 
 
 def _plain(who: str, whom: str, objective: Objective, d: PairedDifference, place: str) -> Sentence:
-    label, kind = metric_label(objective.metric), difference_verdict(d, row_of(objective))
+    kind = difference_verdict(d, row_of(objective))
     begin = {
         "better": f"{who} is better than {whom}",
         "worse": f"{who} is worse than {whom}",
         "no difference detected": f"No difference detected between {who} and {whom}",
         "no interval": f"{who} against {whom}",
     }[kind]
-    if kind == "worse":  # by so much, rather than an improvement below zero
-        loss = replace(objective, direction="minimise" if objective.direction == "maximise" else "maximise")
-        return Sentence(f"{begin} in {label.full} by {_gain(loss, d, place).removeprefix('+')}.", kind)
-    return Sentence(f"{begin} in {label.full}: improvement {_gain(objective, d, place)}.", kind.split()[0])
+    text = f"{begin} in {metric_label(objective.metric).full}: improvement {_gain(objective, d, place)}."
+    return Sentence(text, kind.split()[0])
 
 
 def _kept(whom: str, objective: Objective, d: PairedDifference, asked: Asked) -> Sentence:
     """Whether the quality is no worse than ``whom``'s by more than the margin."""
     label, margin = metric_label(objective.metric), asked.margin
-    gain, low, high = gain_interval(d, row_of(objective))
-    how = f"{label.full} against {whom}: {_gain(objective, d, asked.place)}."
-    allowed, worse = with_unit(margin, label.difference_unit), with_unit(-gain, label.difference_unit)
+    _, low, high = gain_interval(d, row_of(objective))
+    allowed = with_unit(margin, label.difference_unit)
     if low is None or high is None:
-        return Sentence(f"Quality: {how}", "no")
-    if low > 0:
-        return Sentence(f"Quality gained: {how}", "better")
-    if high < -margin:
-        return Sentence(f"Quality lost by more than {allowed}: {how}", "worse")
-    if low >= -margin:
-        if high < 0:
-            return Sentence(f"Quality worse by {worse}, within the margin of {allowed}: {how}", "no")
-        return Sentence(f"Quality kept within {allowed}: {how}", "better")
-    if high < 0:
-        return Sentence(f"Quality worse by {worse}, not shown to be within {allowed}: {how}", "worse")
-    return Sentence(f"Quality not shown to be kept within {allowed}: {how}", "no")
+        begin, kind = "Quality", "no"
+    elif low > 0:
+        begin, kind = "Quality gained", "better"
+    elif high < -margin:
+        begin, kind = f"Quality lost by more than {allowed}", "worse"
+    elif low >= -margin:
+        begin, kind = f"Quality kept within {allowed}", "no" if high < 0 else "better"
+    else:
+        begin, kind = f"Quality not shown to be kept within {allowed}", "worse" if high < 0 else "no"
+    return Sentence(f"{begin}: {label.full} against {whom}: {_gain(objective, d, asked.place)}.", kind)
 
 
 def _gain(objective: Objective, d: PairedDifference, place: str) -> str:
