@@ -46,7 +46,7 @@ class Baseline:
             "seed.radius_m": base.pool.radius_m,
             "seed.start_bearing_deg": 0.0,
             "seed.reaim_after": number // 2 if self.reaimed else 0,
-            **{f"sparse.{name}": value for name, value in _registering(base.sparse, number).items()},
+            **_registering(base.sparse, number),
             "stop.adaptive_budget": 0,
             "stop.max_photographs": 0,
         }
@@ -63,8 +63,8 @@ FEWEST_SEEDS, GROUND_FEATURES = 6, 2000  # as in the search space photographs
 def _registering(sparse: SparseConfig, seeds: int) -> dict[str, int]:
     """What lets so few seeds, so far apart, register."""
     return {
-        "min_registered_seeds": min(sparse.min_registered_seeds, FEWEST_SEEDS, seeds),
-        "ground_features": sparse.ground_features or GROUND_FEATURES,
+        "sparse.min_registered_seeds": min(sparse.min_registered_seeds, FEWEST_SEEDS, seeds),
+        "sparse.ground_features": sparse.ground_features or GROUND_FEATURES,
     }
 
 
@@ -178,16 +178,13 @@ def _at_number(name: str, config: MissionConfig, tuned: MissionConfig) -> Missio
     number = photographs(tuned)
     if _is_orbit(name):
         return BASELINES[name].orbit(config, number)
-    seed, budget, sparse = (
-        tuned.seed,
-        tuned.adaptive_budget,
-        tuned.sparse,
-    )  # what seeds far apart need to register
+    seed, budget = tuned.seed, tuned.adaptive_budget
+    sparse = tuned.sparse  # what seeds far apart need to register
     if budget == 0:
         seeds = min(number, max(FEWEST_SEEDS, round(number * config.seed.total / photographs(config))))
         seed = dataclasses.replace(config.seed if config.seed.count else seed, count=seeds)
         budget = number - seeds
-        sparse = dataclasses.replace(sparse, **_registering(sparse, seeds))
+        sparse = tuned.with_values(_registering(sparse, seeds)).sparse
     return dataclasses.replace(
         config,
         seed=seed,

@@ -92,7 +92,9 @@ def comparison_facts(
     against = reference or ("hyb-h" if "hyb-h" in strategies else strategies[0])
     ours = plan.fidelity != EXTERNAL
     if ours or any("whole" in r.metrics for r in records):
-        tables = {s: comparison_table(records, strategies, against, s) for s in SURFACES}
+        tables: dict[str, ComparisonTable] = {
+            s: comparison_table(records, strategies, against, s) for s in SURFACES
+        }
     else:
         rows = mission_file_rows(asked.quality or asked.objective, records)
         tables = {"own": comparison_table(records, strategies, against, None, rows)}
