@@ -67,9 +67,7 @@ def complete(path: Path) -> bool:
 def surrogate(problem: Problem, history: Sequence[Observation], seed: int, strategy: object) -> RockMeanGP:
     """Our GP, with the strategy's settings where it has some, else the product's."""
     settings = getattr(strategy, "model", None) or surrogate_settings(problem.space)
-    earlier = getattr(strategy, "earlier", None)
-    feature = None if earlier is None else earlier.feature
-    return RockMeanGP(problem.space, history, problem.rocks, seed, settings, feature)
+    return RockMeanGP(problem.space, history, problem.rocks, seed, settings)
 
 
 def common_recommendation(
@@ -158,7 +156,7 @@ def play(problem: Problem, name: str, seed: int, log: TextIO, *, end_only: bool 
             )
             own = strategy.recommend()
             belief = {"mean": mean, "sd": sd} if own is None else {}
-            belief["loo"] = model.leave_one_out().coverage_95
+            belief["loo"] = model.leave_one_out()["coverage_95"]
             values = own or values
             write(
                 "checkpoint", cost=round(spent, 6), values=dict(values), truth=problem.truth(values), **belief

@@ -59,7 +59,6 @@ from tuner.surrogate.settings import surrogate_settings
 if TYPE_CHECKING:
     from tuner.acquisition.constrained import Constraint
     from tuner.acquisition.two_objectives import FrontPoint, Outcome
-    from tuner.surrogate.kernel import Feature
     from tuner.surrogate.model import RockMeanGP
 
 RECOMMENDATION_FILE = "recommendation.json"
@@ -290,7 +289,6 @@ class Campaign:
             replicates=s.blocks,
             only_verified=s.sampler == "gp",
             settings=surrogate_settings(s.space),
-            feature=self._feature(),
             brief=brief,
             constraint=self._constraint(history),
             exact=exact.first,
@@ -306,9 +304,6 @@ class Campaign:
             return None
         return acquisition.Constraint(self._models(both)[1], s.at_least, s.second.is_share)
 
-    def _feature(self) -> Feature | None:
-        return None if self.learned is None else self.learned.feature
-
     def surrogate_from(
         self, history: Sequence[Observation], rocks: Sequence[str] | None = None
     ) -> RockMeanGP:
@@ -322,9 +317,7 @@ class Campaign:
         """Return the surrogate of a history that `modelled` has returned."""
         s = self.settings
         worlds = [world for world in s.worlds if rocks is None or world.rock in rocks]
-        return surrogate.RockMeanGP(
-            s.space, history, worlds, s.seed, surrogate_settings(s.space), self._feature()
-        )
+        return surrogate.RockMeanGP(s.space, history, worlds, s.seed, surrogate_settings(s.space))
 
     def propose(self, trials: Sequence[Trial], known: int) -> Proposal:
         """The sampler's next mission after the first ``known`` trials; the others count as in flight."""

@@ -24,7 +24,6 @@ from tuner.recommendation.limit import limit_of, on_next_rocks
 from tuner.recommendation.next_rock import next_rock
 from tuner.recommendation.recommendation import Candidate, Recommendation, RockRow, RunnerUp
 from tuner.surrogate.forward_check import Calibration, calibration
-from tuner.surrogate.kernel import Feature
 from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.posterior import Posterior
@@ -48,7 +47,6 @@ def recommend(
     replicates: int = 1,
     only_verified: bool = True,
     settings: SurrogateSettings | None = None,
-    feature: Feature | None = None,
     brief: bool = False,
     constraint: Constraint | None = None,
     exact: ExactCost | None = None,
@@ -76,7 +74,7 @@ def recommend(
     only_verified
         Whether a configuration has to have flown often enough (`tuner.recommendation.eligible`). Samplers that fly nothing again leave
         no such configuration: theirs is any that has flown.
-    settings, feature
+    settings
         Of the surrogate.
     brief
         Whether to leave the next rock out, which takes a further surrogate.
@@ -90,7 +88,7 @@ def recommend(
     feasible = [o for o in observations if o.feasible]
     if not feasible:
         return None
-    model = RockMeanGP(space, feasible, places, seed, settings, feature)
+    model = RockMeanGP(space, feasible, places, seed, settings)
     if constraint is not None and exact is not None:
         constraint = dataclasses.replace(constraint, model=model)
     groups: dict[tuple[Any, ...], list[Observation]] = {}
@@ -167,7 +165,7 @@ def recommend(
     elsewhere = None
     if not brief and values != dict(default) and not are_drawn(rocks_of(model.worlds)):
         departing = dataclasses.replace(model.settings, own_landscapes=True)
-        of_worlds = RockMeanGP(space, feasible, places, seed, departing, feature)
+        of_worlds = RockMeanGP(space, feasible, places, seed, departing)
         elsewhere = next_rock(of_worlds, values, default, calibrated)
     kept_limit = None
     if constraint is not None and second is not None and limit is not None:
@@ -197,7 +195,7 @@ def recommend(
         metric=objective.metric,
         direction=objective.direction,
         lengthscales=model.lengthscales,
-        leave_one_out=model.leave_one_out().to_dict(),
+        leave_one_out=model.leave_one_out(),
         calibration=calibrated.to_dict(),
         exact=exact is not None,
         modelled_metric=modelled.metric,

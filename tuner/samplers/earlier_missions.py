@@ -1,12 +1,8 @@
 """Missions flown before a campaign, elsewhere: on other rocks or with a cheaper fidelity (``tuner.campaign.transfer``).
 
-Their best configurations take places of the campaign's initial design, and their landscape g enters its surrogate as a
-feature,
-
-    f(x) = rho g(x) + delta(x),   rho ~ N(0, v)
-
-(autoregressive co-kriging, Kennedy and O'Hagan 2000, with g's posterior mean plugged in). Whether the landscapes agree is
-decided by the campaign's own missions at every ask: the feature is used where the marginal likelihood prefers it.
+Their best configurations, by a surrogate of those missions, take places of the campaign's initial design. The campaign's own
+surrogate knows its own missions only: the landscape of the earlier ones as a feature of it gained nothing
+(docs/results/optimiser_ablation.md).
 """
 
 from __future__ import annotations
@@ -29,7 +25,6 @@ from tuner.problem.worlds import conditions_of, worlds_over
 from tuner.surrogate.settings import surrogate_settings
 
 if TYPE_CHECKING:
-    from tuner.surrogate.landscape import Landscape
     from tuner.surrogate.model import RockMeanGP
 
 # Root mean square distance in the unit cube between their configurations in an initial design.
@@ -55,13 +50,8 @@ class EarlierMissions:
         worlds = worlds_over(self.rocks, conditions_of(o.world for o in self.observations))
         return surrogate.RockMeanGP(self.space, self.observations, worlds, 0, surrogate_settings(self.space))
 
-    @functools.cached_property
-    def feature(self) -> Landscape | None:
-        """g, standardised over the missions flown; None where they are not usable."""
-        return surrogate.Landscape(self._model) if self.usable else None
-
     def best(self, count: int) -> list[Values]:
-        """The configurations flown with the best g that are apart from each other; at most ``count``."""
+        """The configurations flown with the best posterior means that are apart from each other; at most ``count``."""
         gp = self._model
         seen = distinct_configurations(self.space, gp.observations)
         chosen: list[tuple[Values, Floats]] = []

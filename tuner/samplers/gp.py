@@ -113,8 +113,7 @@ class GPSampler:
         own = self.model or surrogate_settings(s.space)
         if both:
             return two_models(s.space, history, s.worlds, seed, own, exact)
-        feature = None if s.earlier is None else s.earlier.feature
-        return (RockMeanGP(s.space, history, s.worlds, seed, own, feature),)
+        return (RockMeanGP(s.space, history, s.worlds, seed, own),)
 
     def _by_acquisition(
         self,

@@ -143,14 +143,13 @@ def sensitivity(
         )
         for i, path in enumerate(space.paths)
     ]
-    check = gp.leave_one_out()
-    spread = float(np.var(check.observed))
+    spread = float(np.var(gp.targets[gp.fitted_to]))
     return Sensitivity(
         objective.metric,
         len(missions),
         tuple(dict.fromkeys(o.rock for o in missions)),
         sorted(importances, key=lambda item: -item.total if math.isfinite(item.total) else 0.0),
-        1.0 - check.rmse**2 / spread if spread > 0 else 0.0,
+        1.0 - gp.leave_one_out()["rmse"] ** 2 / spread if spread > 0 else 0.0,
         float(mean.std()) * gp.mean_scale,
         gp.noise_sd,
     )

@@ -11,14 +11,12 @@ import lazy_loader
 
 if TYPE_CHECKING:
     from tuner.surrogate.forward_check import Calibration, calibration
-    from tuner.surrogate.landscape import Landscape
     from tuner.surrogate.model import RockMeanGP
     from tuner.surrogate.posterior import Posterior
     from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
 
 __all__ = [
     "Calibration",
-    "Landscape",
     "Posterior",
     "RockMeanGP",
     "SurrogateSettings",
@@ -30,7 +28,6 @@ __getattr__, __dir__, _ = lazy_loader.attach(
     submod_attrs={
         "forward_check": ["Calibration", "calibration"],
         "posterior": ["Posterior"],
-        "landscape": ["Landscape"],
         "model": ["RockMeanGP"],
         "settings": ["SurrogateSettings", "surrogate_settings"],
     },

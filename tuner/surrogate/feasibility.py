@@ -29,7 +29,7 @@ class Feasibility:
         chosen = fitted_subset(len(x))
         with numerics(seed), torch.enable_grad():  # whoever asks first
             kernel = landscape_kernel(ordered, space.categorical_dimensions)
-            self._model, _ = fitted([kernel], x[chosen], y[chosen])
+            self._model = fitted([kernel], x[chosen], y[chosen])
 
     def log_chance(self, unit: torch.Tensor) -> torch.Tensor:
         """(...,) logarithm of the probability that a mission ends well, at (..., d) unit positions; differentiable."""

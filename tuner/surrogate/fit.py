@@ -20,18 +20,18 @@ MAX_ITERATIONS = 75
 MIN_OBSERVATIONS_TO_FIT = 4
 
 
-def fitted(kernels: Sequence[Kernel], x: torch.Tensor, y: torch.Tensor) -> tuple[SingleTaskGP, float]:
-    """The model with the kernel, of those given, whose most likely hyperparameters are the most likely ones.
+def fitted(kernels: Sequence[Kernel], x: torch.Tensor, y: torch.Tensor) -> SingleTaskGP:
+    """Return the model with the kernel, of those given, whose fit has the largest posterior density.
 
-    ``x`` (n, d + 2) and ``y`` (n, 1). The float is its log marginal likelihood.
+    ``x`` (n, d + 2) and ``y`` (n, 1).
     """
     models = [_fitted(kernel, x, y) for kernel in kernels]
-    model, _, evidence = max(models, key=lambda found: found[1])
-    return model.requires_grad_(False), evidence
+    model, _ = max(models, key=lambda found: found[1])
+    return model.requires_grad_(False)
 
 
-def _fitted(kernel: Kernel, x: torch.Tensor, y: torch.Tensor) -> tuple[SingleTaskGP, float, float]:
-    """A fitted model, its log posterior density and its log marginal likelihood."""
+def _fitted(kernel: Kernel, x: torch.Tensor, y: torch.Tensor) -> tuple[SingleTaskGP, float]:
+    """A fitted model and its log posterior density."""
     prior, mode = log_normal(*NOISE_VARIANCE)
     likelihood = GaussianLikelihood(
         noise_prior=prior,
@@ -54,8 +54,6 @@ def _fitted(kernel: Kernel, x: torch.Tensor, y: torch.Tensor) -> tuple[SingleTas
             model.load_state_dict(begin)
     mll.train()
     with torch.no_grad():
-        belief = model(x)
-        density = float(mll(belief, model.train_targets)) * len(x)
-        evidence = float(likelihood(belief).log_prob(model.train_targets))
+        density = float(mll(model(x), model.train_targets)) * len(x)
     model.eval()
-    return model, density, evidence
+    return model, density

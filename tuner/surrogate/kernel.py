@@ -1,13 +1,12 @@
 """The covariance of missions, a sum of GPyTorch's kernels.
 
-    k = s^2 m(x, x') + a^2 m(x, x') [same rock] + b^2 [same rock] + c^2 [same block] + t^2 l(x, x') + v^2 g(x) g(x')
+    k = s^2 m(x, x') + a^2 m(x, x') [same rock] + b^2 [same rock] + c^2 [same block] + t^2 l(x, x')
         + e^2 m(x, x') [same condition] + o^2 [same condition] + w^2 [same world]
 
 m is Matern-5/2 with a length scale per ordered parameter, times BoTorch's categorical kernel of the choices. b^2 and c^2
 are the variances of what all missions on a rock, or on one (world, replicate) block, share. a^2 is that of a rock's own
 departure from the common landscape: an intrinsic coregionalisation model whose rocks are exchangeable. l is the
-covariance of a linear trend, scaled so that t^2 is its mean variance over the cube. g is a given function of the
-configuration, such as the landscape of missions flown before.
+covariance of a linear trend, scaled so that t^2 is its mean variance over the cube.
 
 The second line is there where missions fly under several conditions; a world is a rock under a condition.
 
@@ -19,7 +18,7 @@ that nobody has flown: it shares nothing, not even with itself. ``MEAN_LEVEL`` i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -29,8 +28,6 @@ from gpytorch.kernels import Kernel, LinearKernel, MaternKernel, ScaleKernel
 from gpytorch.priors import HalfCauchyPrior, LogNormalPrior
 
 from tuner.surrogate.settings import SurrogateSettings
-
-Feature = Callable[[torch.Tensor], torch.Tensor]
 
 NO_OFFSET = -1.0
 MEAN_LEVEL = -2.0
@@ -47,7 +44,6 @@ ROCK_VARIANCE = (1.0, 1.0)
 BLOCK_VARIANCE = (0.3, 1.5)
 OWN_VARIANCE = (0.6, 1.0)
 TREND_VARIANCE = (2.0, 1.0)
-FEATURE_VARIANCE = (0.5, 1.0)
 NOISE_VARIANCE, MIN_NOISE_VARIANCE = (0.2, 1.0), 1e-4
 
 
@@ -74,16 +70,13 @@ class SharedLevel(Kernel):
         return same + (means & inside).to(x1.dtype) / self._averaged
 
 
-class FeatureKernel(LinearKernel):
-    """Linear in given features of the whole input: ``features`` maps (..., n, d + 2) to (..., n, p)."""
-
-    def __init__(self, features: Feature, **options: Any) -> None:
-        super().__init__(**options)
-        self._features = features
+class Trend(LinearKernel):
+    """Linear in all its columns about the cube's centre; its variance is the mean over the cube."""
 
     def forward(self, x1: torch.Tensor, x2: torch.Tensor, diag: bool = False, **params: Any) -> torch.Tensor:
-        """(..., n, m) of (..., n, d + 2) and (..., m, d + 2); (..., n) if ``diag``."""
-        return super().forward(self._features(x1), self._features(x2), diag=diag, **params)
+        """(..., n, m) of (..., n, p) and (..., m, p); (..., n) if ``diag``."""
+        scale = math.sqrt(12.0 / x1.shape[-1])
+        return super().forward(scale * (x1 - 0.5), scale * (x2 - 0.5), diag=diag, **params)
 
 
 class SparseLengthPrior(HalfCauchyPrior):
@@ -111,7 +104,6 @@ def mission_kernel(
     settings: SurrogateSettings,
     *,
     tau: float | None = None,
-    feature: Feature | None = None,
     conditions: int = 0,
 ) -> Kernel:
     """The kernel above, with its priors.
@@ -124,8 +116,6 @@ def mission_kernel(
         The rock's column; the block's is the next one.
     tau
         Of the sparse prior of the length scales; None: log-normal, growing with the square root of the dimension.
-    feature
-        g, of (..., n, d + 2) inputs: (..., n, 1).
     conditions
         How many are tuned over, where inputs have the condition's and the world's column; 0: they have not.
     """
@@ -142,10 +132,11 @@ def mission_kernel(
         kernel = kernel + _scaled(condition, *ROCK_VARIANCE) + _scaled(f * condition, *OWN_VARIANCE)
         kernel = kernel + _scaled(world, *BLOCK_VARIANCE)
     if settings.trend and ordered:
-        scale, columns = math.sqrt(12.0 / len(ordered)), list(ordered)
-        kernel = kernel + _linear(lambda x: scale * (x[..., columns] - 0.5), *TREND_VARIANCE)
-    if feature is not None:
-        kernel = kernel + _linear(feature, *FEATURE_VARIANCE)
+        prior, mode = log_normal(*TREND_VARIANCE)
+        constraint = _between(1 / _LARGEST, mode)
+        kernel = kernel + Trend(
+            variance_prior=prior, variance_constraint=constraint, active_dims=list(ordered)
+        )
     return kernel
 
 
@@ -185,11 +176,6 @@ def _landscape(ordered: Sequence[int], categorical: Sequence[int], tau: float | 
 def _scaled(base: Kernel, median: float, spread: float) -> ScaleKernel:
     prior, mode = log_normal(median, spread)
     return ScaleKernel(base, outputscale_prior=prior, outputscale_constraint=_between(1 / _LARGEST, mode))
-
-
-def _linear(features: Feature, median: float, spread: float) -> FeatureKernel:
-    prior, mode = log_normal(median, spread)
-    return FeatureKernel(features, variance_prior=prior, variance_constraint=_between(1 / _LARGEST, mode))
 
 
 def _between(low: float, begin: float) -> LogTransformedInterval:

@@ -35,6 +35,7 @@ from typing import Any
 import gpytorch
 import numpy as np
 import torch
+from botorch.cross_validation import efficient_loo_cv
 from botorch.models import SingleTaskGP
 
 from nbv.types import Floats
@@ -48,13 +49,11 @@ from tuner.surrogate.fit import fitted
 from tuner.surrogate.kernel import (
     MEAN_LEVEL,
     NO_OFFSET,
-    Feature,
     lengthscales,
     mission_kernel,
     shared_variance,
 )
-from tuner.surrogate.leave_one_out import LooCheck, leave_one_out
-from tuner.surrogate.numerics import numerics, tensor
+from tuner.surrogate.numerics import NORMAL_95, numerics, tensor
 from tuner.surrogate.posterior import Posterior
 from tuner.surrogate.settings import SurrogateSettings
 
@@ -81,9 +80,6 @@ class RockMeanGP:
         Seed of the fit.
     settings
         What the model is made of.
-    feature
-        A function of the configuration that may explain part of the outcomes, such as the landscape of missions flown
-        before, elsewhere.
     """
 
     def __init__(
@@ -93,7 +89,6 @@ class RockMeanGP:
         places: Sequence[Place],
         seed: int = 0,
         settings: SurrogateSettings | None = None,
-        feature: Feature | None = None,
     ) -> None:
         self.settings = settings or SurrogateSettings()
         feasible = [o for o in observations if o.outcome is not None]
@@ -129,7 +124,7 @@ class RockMeanGP:
             len(feasible)
         )  # indices of the missions that hyperparameters are fitted to
         with numerics(seed):
-            self._fitted, self.uses_feature = self._fit(x[self.fitted_to], y[self.fitted_to], feature)
+            self._fitted = self._fit(x[self.fitted_to], y[self.fitted_to])
             self.model = self._fitted if len(self.fitted_to) == len(x) else condensed(self._fitted, x, y)
 
     @functools.cached_property
@@ -139,33 +134,21 @@ class RockMeanGP:
             return None
         return Feasibility(self.space, self.unit, np.array(self._failed), self._seed)
 
-    def _fit(self, x: torch.Tensor, y: torch.Tensor, feature: Feature | None) -> tuple[SingleTaskGP, bool]:
-        """The model fitted to (n, d + 2) inputs and (n, 1) outcomes, with the feature where they prefer it so."""
+    def _fit(self, x: torch.Tensor, y: torch.Tensor) -> SingleTaskGP:
+        """The model fitted to (n, d + 2) inputs and (n, 1) outcomes."""
         settings = dataclasses.replace(self.settings, blocks=self._models_blocks)
-        taus = SPARSE_TAUS if settings.sparse and self._ordered else (None,)
-
-        def fit(feature: Feature | None) -> tuple[SingleTaskGP, float]:
-            kernels = [
-                mission_kernel(
-                    self._ordered,
-                    self.space.categorical_dimensions,
-                    self.space.dimension,
-                    settings,
-                    tau=tau,
-                    feature=feature,
-                    conditions=len(conditions_of(self.worlds)) if self._several else 0,
-                )
-                for tau in taus
-            ]
-            return fitted(kernels, x, y)
-
-        plain, evidence = fit(None)
-        if feature is not None:
-            informed, its_evidence = fit(feature)
-            # One more parameter has to earn its place (Schwarz's criterion).
-            if its_evidence - 0.5 * math.log(len(x)) > evidence:
-                return informed, True
-        return plain, False
+        kernels = [
+            mission_kernel(
+                self._ordered,
+                self.space.categorical_dimensions,
+                self.space.dimension,
+                settings,
+                tau=tau,
+                conditions=len(conditions_of(self.worlds)) if self._several else 0,
+            )
+            for tau in (SPARSE_TAUS if settings.sparse and self._ordered else (None,))
+        ]
+        return fitted(kernels, x, y)
 
     def levels(self, place: Place | None, block: float = NO_OFFSET) -> list[float]:
         """Return the input columns behind the unit cube's: rock and block and, over several conditions, condition and world.
@@ -293,9 +276,20 @@ class RockMeanGP:
         ordered = [p.path for p in self.space.parameters if p.kind != "categorical"]
         return dict(zip(ordered, lengthscales(self.model.covar_module)))
 
-    def leave_one_out(self) -> LooCheck:
-        """Predict each mission of ``fitted_to`` from all others there, hyperparameters kept."""
-        return leave_one_out(self._fitted)
+    def leave_one_out(self) -> dict[str, float]:
+        """Return how well each mission of ``fitted_to`` is predicted from all others there, hyperparameters kept.
+
+        Share in the 95 % intervals, standard deviation of the standardised residuals, and root mean square error of the
+        standardised outcomes.
+        """
+        found = efficient_loo_cv(self._fitted)
+        error = (found.observed_Y - found.posterior.mean).flatten().numpy()
+        z = error / found.posterior.variance.sqrt().flatten().numpy()
+        return {
+            "coverage_95": float(np.mean(np.abs(z) <= NORMAL_95)),
+            "z_sd": float(np.std(z)),
+            "rmse": float(np.sqrt(np.mean(error**2))),
+        }
 
 
 def _levels(names: Iterable[Any]) -> dict[Any, float]:

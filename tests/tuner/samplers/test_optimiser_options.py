@@ -60,11 +60,6 @@ def cheap(values: Values, rock: str) -> float | None:
     return 3 * synthetic.true_value(values) + (1.0 if rock == "r1" else 0.0)
 
 
-def misleading(values: Values, rock: str) -> float | None:
-    u = synthetic.SPACE.to_unit(values)
-    return math.sin(9 * u[0]) * math.cos(11 * u[1])
-
-
 def flown_before(fly: Callable[[Values, str], float | None], missions: int = 96) -> EarlierMissions:
     """Anywhere in the space, rocks and two replicates in turn."""
     rng, rocks = np.random.default_rng(3), synthetic.ROCKS
@@ -74,21 +69,6 @@ def flown_before(fly: Callable[[Values, str], float | None], missions: int = 96)
         y = fly(values, rock)
         history.append(Observation(i, values, rock, i // len(rocks) % 2, y, y))
     return EarlierMissions(synthetic.SPACE, rocks, tuple(history))
-
-
-@pytest.mark.slow
-def test_agreeing_landscape_is_used_and_a_misleading_one_is_not() -> None:
-    history = synthetic.random_design(12, 0.05, 0)
-    good = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, feature=flown_before(cheap).feature)
-    bad = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS, feature=flown_before(misleading).feature)
-    alone = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
-    assert good.uses_feature and not bad.uses_feature and not alone.uses_feature
-    points = [synthetic.SPACE.from_unit(u) for u in np.random.default_rng(5).random((200, 2))]
-    truth = np.array([synthetic.true_rock_mean(v) for v in points])
-    best = truth > np.quantile(truth, 0.75)  # the search went there
-    error, error_alone = (model.posterior(points).mean - truth for model in (good, alone))
-    assert np.std(error) < 0.7 * np.std(error_alone)
-    assert np.std(error[best]) < 0.6 * np.std(error_alone[best])
 
 
 def test_the_best_before_are_apart_and_failures_do_no_harm() -> None:
