@@ -1,4 +1,4 @@
-"""The boundary that files from anybody cross: text, YAML, JSON and NPZ, each with limits, before anything else sees them.
+"""The boundary that files from anybody cross: text, YAML, JSON and NPZ, each with limits; and how files are written.
 
 Only regular files are read (a pipe would hang), to a limit of bytes; trees have limits of depth and number of nodes, what
 YAML's aliases stand for counted each time, and hold plain values only; arrays have the kinds and shapes that the
@@ -7,12 +7,14 @@ caller names. What passes needs no further care but what it means.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import functools
 import io
 import json
 import os
 import stat
+import uuid
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -120,6 +122,18 @@ def read_text(path: Path, limit_bytes: int = TEXT_BYTES, *, follow: bool = True)
         return read_bytes(path, limit_bytes, follow=follow).decode("utf-8")
     except UnicodeDecodeError as error:
         raise UserError(f"cannot read {path}: not UTF-8 ({error.reason} at byte {error.start})") from error
+
+
+def write_atomic(path: Path, content: str | bytes | memoryview) -> None:
+    """Write so that a reader, or a crash, sees the old file or the new one, never a part."""
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
+    try:
+        temporary.write_bytes(content.encode() if isinstance(content, str) else content)
+        temporary.replace(path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)
+        raise
 
 
 def write_new_folder(folder: Path, contents: Mapping[str, str | bytes]) -> list[Path]:

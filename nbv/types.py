@@ -80,17 +80,14 @@ class Cloud(Protocol):
     @property
     def points_m(self) -> Floats:
         """(N, 3)."""
-        ...
 
     @property
     def colors(self) -> NDArray[np.uint8] | None:
         """(N, 3) RGB."""
-        ...
 
     @property
     def normals(self) -> Floats | None:
         """(N, 3)."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -179,15 +176,12 @@ class Camera(Protocol):
 
         ``time_s`` into the flight, on which slow errors of the telemetry depend.
         """
-        ...
 
     def aim_at(self, target_m: tuple[float, float, float]) -> None:
         """From now on: the target has been found there."""
-        ...
 
     def close(self) -> None:
         """Free memory; called after the last photograph."""
-        ...
 
 
 class Reconstructor(Protocol):
@@ -195,20 +189,15 @@ class Reconstructor(Protocol):
 
     def bootstrap(self, captures: Sequence[Capture]) -> UpdateReport:
         """Build the seed model; raises ``MissionFailure`` if there is none."""
-        ...
 
     def glimpse(self, captures: Sequence[Capture]) -> SparseModel | None:
         """The model of the first few seeds alone, None if there is none; later models do not contain it."""
-        ...
 
     def add(self, capture: Capture) -> UpdateReport:
         """Update the model with one more capture; an unregistered image is reported, not raised."""
-        ...
 
     def retarget(self, target_m: tuple[float, float, float], half_width_m: float) -> None:
         """From now on: the target has been found there, in a cube of twice ``half_width_m``."""
-        ...
 
     def finish(self) -> Cloud:
         """Dense reconstruction in the world frame; raises ``MissionFailure`` if nothing fuses."""
-        ...

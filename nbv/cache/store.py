@@ -18,7 +18,6 @@ import os
 import re
 import shutil
 import sys
-import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,7 +26,7 @@ import numpy as np
 
 from nbv.cache.layout import Arrays, Check
 from nbv.errors import UserError
-from nbv.safe_files import expanded, read_bytes
+from nbv.safe_files import expanded, read_bytes, write_atomic
 
 _MAGIC = b"gatetune-entry-2"
 _HEAD_BYTES = len(_MAGIC) + hashlib.sha256().digest_size
@@ -108,14 +107,9 @@ class Store:
 
     def _write(self, kind: str, key: str, data: bytes) -> None:
         path = self._path(kind, key)
-        temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
-        try:
+        with contextlib.suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
-            temporary.write_bytes(data)
-            temporary.replace(path)
-        except OSError:
-            with contextlib.suppress(OSError):
-                temporary.unlink(missing_ok=True)
+            write_atomic(path, data)
 
     def info(self) -> list[KindInfo]:
         """Number and size of the entries, by kind."""

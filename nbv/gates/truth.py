@@ -29,12 +29,9 @@ class Oracle(Protocol):
     @property
     def config(self) -> MissionConfig:
         """Its ``gate.oracle_*``."""
-        ...
 
     def coverage(self, state: PlanningState) -> Coverage:
         """What is covered before the next capture."""
-        ...
 
     def gain(self, position_m: Floats, coverage: Coverage) -> float:
         """What a view from ``position_m`` (3,) would add."""
-        ...

@@ -35,41 +35,32 @@ class Fidelity(Protocol):
     @property
     def name(self) -> str:
         """As results state it."""
-        ...
 
     @property
     def believed(self) -> MissionConfig:
         """What the vehicle plans, flies and reconstructs by."""
-        ...
 
     @property
     def viewpoints(self) -> ViewpointSource:
         """Where photographs may be taken."""
-        ...
 
     @property
     def camera(self) -> Camera:
         """What takes the photographs."""
-        ...
 
     @property
     def reconstructor(self) -> Reconstructor:
         """What they become."""
-        ...
 
     @property
     def facts(self) -> Mapping[str, Any]:
         """For the provenance: backends, versions."""
-        ...
 
     def oracle(self) -> Oracle:
         """What the oracle gates, and nothing else that plans, may ask."""
-        ...
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
         """The metrics of the mission's cloud; `MissionFailure` where it has none."""
-        ...
 
     def export(self, run: RunDirectory, metrics: dict[str, Any]) -> None:
         """Write what a whole run directory holds of this fidelity; ``metrics`` are empty when the mission failed."""
-        ...

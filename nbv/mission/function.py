@@ -63,4 +63,3 @@ class MissionFunction(Protocol):
         UserError
             Unknown rock, bad mesh, unwritable directory, missing backend.
         """
-        ...

@@ -18,7 +18,6 @@
 from __future__ import annotations
 
 import json
-import os
 from pathlib import Path
 from typing import Any
 
@@ -28,16 +27,10 @@ from PIL import Image
 
 from nbv.errors import UserError
 from nbv.mission.result import json_ready
+from nbv.safe_files import write_atomic
 from nbv.types import Cloud, PointCloud
 
 CONFIG, LOCATED = "config.yaml", "located.yaml"
-
-
-def write_atomic(path: Path, text: str) -> None:
-    """Write ``text`` so that a reader, or a crash, sees the old file or the new one, never a part."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    temporary.write_text(text)
-    temporary.replace(path)
 
 
 class RunDirectory:

@@ -11,7 +11,7 @@ from pathlib import Path
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.rocks.families import FAMILIES, generated_name
-from nbv.rocks.imported import imported_path, list_imported, list_photographed, read_rock, surface_path
+from nbv.rocks.imported import imported_path, list_kept, read_rock, surface_path
 from nbv.rocks.importer import import_mesh
 from nbv.rocks.procedural import COARSE_GRID_M, procedural_rock
 from nbv.rocks.recipes import RECIPES
@@ -27,13 +27,12 @@ def list_rocks() -> list[RockInfo]:
     """Every rock `load_rock` knows by name: procedural ones first, then imported ones by name."""
     return [
         *(RockInfo(r.name, r.split, "procedural", r.difficulty) for r in RECIPES.values()),
-        *list_imported(),
-        *list_photographed(),
+        *list_kept(),
     ]
 
 
 def load_rock(name: str, store: Store | None = None) -> Rock:
-    """The rock called ``name``: procedural (``FAMILY-SEED`` too), imported, or the path of a mesh file (or of a rock as `write_rock` keeps it).
+    """The rock called ``name``: procedural (``FAMILY-SEED`` too), imported, or the path of a mesh file (or of a rock as `write_rock` writes it).
 
     A procedural rock takes a few seconds to make; ``store`` keeps it for the next process. A mesh file is imported
     with the defaults of `import_mesh`, and nothing is kept on disk. Rocks stay in this process's memory.

@@ -1,16 +1,15 @@
-"""The user's own rocks: kept by name, one file each, so that a damaged file is noticed.
+"""The user's own rocks: kept by name, one file each, with a checksum.
 
 They are the user's data and no cache: nothing here is made anew or removed unless the user says so.
 """
 
 from __future__ import annotations
 
+import io
 import logging
-import os
 import re
-import tempfile
 from pathlib import Path
-from typing import cast
+from typing import Literal, cast
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from nbv.cache import home
 from nbv.errors import UserError
 from nbv.rocks.recipes import RECIPES
 from nbv.rocks.rock import SPLITS, Rock, RockInfo, Split, make_rock
-from nbv.safe_files import read_npz
+from nbv.safe_files import read_npz, write_atomic
 
 log = logging.getLogger(__name__)
 
@@ -36,28 +35,9 @@ _CONTENT = {
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,63}")
 
 
-def imported_dir() -> Path:
-    """Where imported rocks are kept."""
-    return home() / "rocks" / "imported"
-
-
 def imported_path(name: str) -> Path:
     """Where the imported rock ``name`` is kept."""
-    return imported_dir() / f"{name}.npz"
-
-
-def list_imported() -> list[RockInfo]:
-    """Imported rocks by name; a warning for every file that cannot be read."""
-    rocks = []
-    folder = imported_dir()
-    for path in sorted(folder.glob("*.npz")) if folder.is_dir() else []:
-        try:
-            split, difficulty = read_labels(path)
-        except UserError as error:
-            log.warning("%s; import the rock again", error)
-            continue
-        rocks.append(RockInfo(path.stem, split, "imported", difficulty))
-    return rocks
+    return home() / "rocks" / "imported" / f"{name}.npz"
 
 
 def surface_path(name: str) -> Path:
@@ -74,19 +54,23 @@ def is_photographed(name: str) -> bool:
     )
 
 
-def list_photographed() -> list[RockInfo]:
-    """Surfaces of sets of photographs by name; a warning for every file that cannot be read."""
-    folder = surface_path("NAME").parents[1]
-    names = sorted(path.name for path in folder.iterdir()) if folder.is_dir() else []
-    rocks = []
-    for name in filter(is_photographed, names):
-        try:
-            split, difficulty = read_labels(surface_path(name))
-        except UserError as error:
-            log.warning("%s; import the photographs again", error)
-            continue
-        rocks.append(RockInfo(name, split, "photographs", difficulty))
-    return rocks
+def list_kept() -> list[RockInfo]:
+    """Imported rocks, then surfaces of sets of photographs, by name; a warning for a file that cannot be read."""
+    meshes = sorted(imported_path("NAME").parent.glob("*.npz"))
+    sets = sorted(surface_path("NAME").parents[1].glob("*/surface.npz"))
+    rocks = [_info(path, path.stem, "imported") for path in meshes]
+    names = filter(is_photographed, (path.parent.name for path in sets))
+    rocks += [_info(surface_path(name), name, "photographs") for name in names]
+    return [rock for rock in rocks if rock is not None]
+
+
+def _info(path: Path, name: str, source: Literal["imported", "photographs"]) -> RockInfo | None:
+    try:
+        data = read_npz(path, _LABELS)
+        return RockInfo(name, _split(path, data), source, str(data["difficulty"]))
+    except UserError as error:
+        log.warning("%s; import it again", error)
+        return None
 
 
 def save_imported(rock: Rock, *, force: bool = False) -> Path:
@@ -110,14 +94,6 @@ def save_imported(rock: Rock, *, force: bool = False) -> Path:
     return path
 
 
-def remove_imported(name: str) -> None:
-    """Forget an imported rock; ``UserError`` if there is none of that name."""
-    path = imported_path(check_name(name))
-    if not path.is_file():
-        raise UserError(f"there is no imported rock {name!r} to remove")
-    path.unlink()
-
-
 def check_name(name: str) -> str:
     """``name`` if it can name a rock, else ``UserError``."""
     if not _NAME.fullmatch(name):
@@ -130,26 +106,21 @@ def check_name(name: str) -> str:
 
 def write_rock(rock: Rock, path: Path) -> None:
     """Write ``rock`` so that a reader sees the whole file or none of it."""
+    buffer = io.BytesIO()
+    np.savez(
+        buffer,
+        format=np.array(_FORMAT),
+        name=np.array(rock.name),
+        vertices_m=rock.vertices_m,
+        faces=rock.faces.astype(np.int32),
+        albedo=rock.albedo,
+        split=np.array(rock.split),
+        difficulty=np.array(rock.difficulty),
+        notes=np.array(rock.notes, dtype=np.str_),
+        sha256=np.array(rock.sha256),
+    )
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}-", suffix=".tmp")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez(
-                file,
-                format=np.array(_FORMAT),
-                name=np.array(rock.name),
-                vertices_m=rock.vertices_m,
-                faces=rock.faces.astype(np.int32),
-                albedo=rock.albedo,
-                split=np.array(rock.split),
-                difficulty=np.array(rock.difficulty),
-                notes=np.array(rock.notes, dtype=np.str_),
-                sha256=np.array(rock.sha256),
-            )
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    write_atomic(path, buffer.getbuffer())
 
 
 def read_rock(path: Path) -> Rock:
@@ -169,12 +140,6 @@ def read_rock(path: Path) -> Rock:
     if rock.sha256 != str(data["sha256"]):
         raise UserError(f"{path} does not have the content it was written with")
     return rock
-
-
-def read_labels(path: Path) -> tuple[Split, str]:
-    """Split and difficulty of the rock at ``path``, without reading its mesh; errors as `read_rock`."""
-    data = read_npz(path, _LABELS)
-    return _split(path, data), str(data["difficulty"])
 
 
 def _split(path: Path, data: dict[str, np.ndarray]) -> Split:

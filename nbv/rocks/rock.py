@@ -20,7 +20,7 @@ CONTACT_BAND_M = 0.02  # faces this close to the ground count as touching it, no
 OVERHANG_ANGLE_DEG = 10.0  # how far past the vertical a face must lean to count as an overhang
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Rock:
     """Ground truth of one target; what is rendered and what reconstructions are measured against.
 

@@ -30,15 +30,12 @@ class Renderer(Protocol):
 
         Raises ``ValueError`` if the camera is not above the ground.
         """
-        ...
 
     def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
         """The picture (H, W, 3) of ``render`` alone, where the rest is not needed."""
-        ...
 
     def close(self) -> None:
         """Give back what the operating system lent (a GL context); rendering afterwards is a mistake."""
-        ...
 
 
 def srgb_from_linear(radiance: NDArray[np.floating]) -> NDArray[np.floating]:

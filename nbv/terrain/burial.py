@@ -28,25 +28,11 @@ def buried_rock(rock: Rock, config: MissionConfig) -> Rock:
     ground = config.ground
     if ground.burial_m == 0 and ground.relief_m == 0:
         return rock
-    return _above_ground(_ByHash(rock), ground, config.scene.ground_seed)
+    return _above_ground(rock, ground, config.scene.ground_seed)
 
 
-class _ByHash:
-    """A rock as the key of a cache."""
-
-    def __init__(self, rock: Rock) -> None:
-        self.rock = rock
-
-    def __hash__(self) -> int:
-        return hash(self.rock.sha256)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _ByHash) and self.rock.sha256 == other.rock.sha256
-
-
-@lru_cache(maxsize=16)  # as many as `nbv.rocks` keeps
-def _above_ground(key: _ByHash, ground: GroundConfig, ground_seed: int) -> Rock:
-    rock = key.rock
+@lru_cache(maxsize=16)  # as many as `nbv.rocks` holds; each by its identity
+def _above_ground(rock: Rock, ground: GroundConfig, ground_seed: int) -> Rock:
     vertices = rock.vertices_m - [0.0, 0.0, ground.burial_m]
     relief = relief_of(ground, ground_seed)
     above_m = vertices[:, 2] - (0.0 if relief is None else relief.height_m(vertices))

@@ -17,11 +17,9 @@ class ViewpointSource(Protocol):
     @property
     def follows_target(self) -> bool:
         """Whether viewpoints move with the target when it is found elsewhere than believed; if not it is not looked for."""
-        ...
 
     def seeds(self, config: MissionConfig) -> Sequence[Viewpoint]:
         """The seeds of Phase 1 in the order flown."""
-        ...
 
     def candidates(
         self, config: MissionConfig, vehicle_position_m: Floats, visited_m: Floats, n_seeds: int
@@ -39,7 +37,6 @@ class ViewpointSource(Protocol):
         n_seeds
             How many of them are seeds.
         """
-        ...
 
 
 class Rings:

