@@ -257,26 +257,22 @@ class Campaign:
             best_observed=best(values) if values else None,
         )
 
-    def recommendation(
-        self, *, save: bool = True, latest: bool = False, brief: bool = False
-    ) -> Recommendation | None:
-        """The best of what may be recommended, by posterior mean over the training worlds.
+    def recommendation(self, *, save: bool = True, latest: bool = False) -> Recommendation | None:
+        """Return the best of what may be recommended, by posterior mean over the training worlds.
 
-        The one saved after these very missions, where there is one, or the ``latest`` one that was saved, however many
-        missions have ended since: a model of thousands takes long. ``brief``: without what takes the most models, see
-        `recommend_from`; when all missions are known it is made whole.
+        One that was saved after these very missions is read. ``latest``: also one that was saved before further missions ended,
+        since a model of thousands takes long.
         """
         history = self.history()
         if (saved := self.saved_recommendation(history, latest=latest)) is not None:
             return saved
-        result = self.recommend_from(history, brief=brief)
+        result = self.recommend_from(history)
         if result is not None and save:
-            tree = {**result.to_dict(), "brief": brief}
-            write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(tree, indent=1))
+            write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
         return result
 
-    def recommend_from(self, history: Sequence[Observation], *, brief: bool = False) -> Recommendation | None:
-        """Return what would be recommended after ``history``; ``brief``: without the next rock."""
+    def recommend_from(self, history: Sequence[Observation]) -> Recommendation | None:
+        """Return what would be recommended after ``history``."""
         s = self.settings
         exact = self.exact(history)
         return recommendation.recommend(
@@ -289,7 +285,6 @@ class Campaign:
             replicates=s.blocks,
             only_verified=s.sampler == "gp",
             settings=surrogate_settings(s.space),
-            brief=brief,
             constraint=self._constraint(history),
             exact=exact.first,
             second=s.second,
@@ -381,11 +376,9 @@ class Campaign:
         history = self.history() if history is None else history
         failures = sum(not o.feasible for o in history)
         try:
-            tree = read_json(self.directory / RECOMMENDATION_FILE)
-            brief = tree.pop("brief", False)
-            saved = Recommendation.from_dict(tree)
+            saved = Recommendation.from_dict(read_json(self.directory / RECOMMENDATION_FILE))
         except (UserError, AttributeError, ValueError, KeyError, TypeError):
             return None
         flown = any(saved.values == dict(o.values) for o in history)
         counted = (saved.observations, saved.failures) == (len(history) - failures, failures)
-        return saved if flown and (latest or (counted and not brief)) else None
+        return saved if flown and (latest or counted) else None

@@ -92,23 +92,23 @@ class Ledger:
         # A campaign that was killed before its first mission may not have a ledger yet, or half of one.
         begun = not create and (read_only or (directory / "missions").exists())
         self._storage = open_storage(settings.storage, directory, must_exist=begun, heal=not read_only)
-        identity = {
-            "metric": settings.objective.metric,
-            "search_space": settings.space.to_dict(),
-            _CAMPAIGN_ID: campaign_id,  # the last: without it the study is half made
-        }
+        direction = "maximize" if settings.objective.direction == "maximise" else "minimize"
 
-        def opened(_: bool) -> Mapping[str, Any]:
-            self._study = self._open_study(settings.name, create=create, begun=begun)
-            found = self._study.user_attrs
-            if create or (not begun and _CAMPAIGN_ID not in found and not self._study.get_trials()):
-                for key, content in identity.items():
-                    self._study.set_user_attr(key, content)
-                found = self._study.user_attrs
-            return found
+        def opened(_: bool) -> optuna.Study:
+            if begun:
+                return optuna.load_study(study_name=settings.name, storage=self._storage)
+            study = optuna.create_study(
+                study_name=settings.name,
+                storage=self._storage,
+                direction=direction,
+                load_if_exists=not create,
+            )
+            if _CAMPAIGN_ID not in study.user_attrs and not study.get_trials():
+                study.set_user_attr(_CAMPAIGN_ID, campaign_id)
+            return study
 
         try:
-            found = patiently(shown, opened)
+            self._study = patiently(shown, opened)
         except optuna.exceptions.DuplicatedStudyError as error:
             raise UserError(
                 f"{shown} already holds a study {settings.name!r}; choose another campaign name or storage"
@@ -119,39 +119,21 @@ class Ledger:
                 "restore it, or start a new campaign"
             ) from error
         self._study_id = self._study._study_id
-        if found.get(_CAMPAIGN_ID) != campaign_id:
+        if self._study.user_attrs.get(_CAMPAIGN_ID) != campaign_id:
             raise UserError(
                 f"the study {settings.name!r} in {shown} belongs to another campaign; "
                 "choose another name or storage"
             )
-        for key, content in identity.items():
-            if key in found and checksum_of(found[key]) != checksum_of(content):
-                raise UserError(
-                    f"the ledger {shown} has another {key.replace('_', ' ')} than the campaign's settings: one of them was "
-                    "changed; restore it from a copy"
-                )
         if not create:
             self._require_all_there()
         shared = isinstance(self._storage, RDBStorage)
         self._lock = CoordinatorLock(self._storage, self._study_id, settings.name) if shared else None
 
-    def _open_study(self, name: str, *, create: bool, begun: bool) -> optuna.Study:
-        try:
-            if not create:
-                return optuna.load_study(study_name=name, storage=self._storage)
-        except KeyError:
-            if begun:
-                raise
-        direction = "maximize" if self._settings.objective.direction == "maximise" else "minimize"
-        return optuna.create_study(study_name=name, storage=self._storage, direction=direction)
-
     def _require_all_there(self) -> None:
         """Raise `UserError` where the run directory holds a mission that is not among the ledger's."""
-        found = [p.name for p in (self._directory / "missions").glob("[0-9]*_*")]
+        found = sorted(p.name for p in (self._directory / "missions").glob("[0-9]*_*"))
         count = len(self.trials())  # after the listing: the campaign may be running
-        unknown = sorted(
-            name for name in found if (n := name.partition("_")[0]).isdigit() and int(n) >= count
-        )
+        unknown = [name for name in found if (n := name.partition("_")[0]).isdigit() and int(n) >= count]
         if unknown:
             raise UserError(
                 f"the ledger {self._shown} has {count} trials and knows nothing of missions/{unknown[0]}: its end was lost; "

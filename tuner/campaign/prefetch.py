@@ -47,11 +47,6 @@ class ProposalPrefetch:
         """Whether a batch of proposals is being computed."""
         return self._asked is not None
 
-    def wait(self, timeout_s: float) -> None:
-        """Wait until that batch is ready, but no longer than ``timeout_s``."""
-        if self._asked is not None:
-            concurrent.futures.wait([self._asked], timeout_s)
-
     def close(self) -> None:
         """Drop the prefetched proposals and stop computing more."""
         if self._asked is not None and not self._asked.cancel():

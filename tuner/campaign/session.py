@@ -54,7 +54,7 @@ def fly_campaign(
     on_event
         Is called with everything that happens, in this thread.
     recommend_every
-        Emit a "recommendation" event (and save it, brief) after every so many finished missions; 0: only at the end.
+        Emit a "recommendation" event and save it after every so many finished missions; 0: only at the end.
     accept_changes
         Go on where rocks or the missions' code changed since the last session.
 
@@ -97,7 +97,6 @@ class _Session:
         self._infrastructure_failures, self._last_infrastructure_failure = 0, ""  # their trials stay open
         self._to_retry: collections.deque[Trial] = collections.deque()
         self._in_flight: dict[str, Trial] = {}
-        self._configs: dict[int, Configuration] = {}  # of trials entered and not launched yet
         finished, mission = campaign.status().finished >= campaign.settings.budget, campaign.settings.mission
         self._reproducibility = ReproducibilityCheck(
             campaign.directory,
@@ -115,26 +114,32 @@ class _Session:
         self._recover()
         fly(self, self._executor, stop)
         if stop.is_set():
-            message = f"{len(self._in_flight)} missions in flight will be flown again by a resume"
-            self._emit("interrupted", message=message)
-            return self._summary("interrupted", message)
-        message = ""
+            waiting = f"{len(self._in_flight)} missions in flight will be flown again by a resume"
+            return self._end("interrupted", "interrupted", waiting)
         if self.given_up:
-            message = (
-                f"{self._failures_in_row} missions failed in a row, the last with {self._last_failure}; "
-                "mend the cause, then resume"
+            return self._end(
+                "failing",
+                "stopped",
+                f"{self._failures_in_row} missions failed in a row, the last with {self._last_failure}; mend the cause, then "
+                "resume",
             )
-        elif self._infrastructure_failures:
-            message = (
+        if self._infrastructure_failures:
+            return self._end(
+                "failing",
+                "stopped",
                 f"{self._infrastructure_failures} missions were ended by the machine, the last with "
-                f"{self._last_infrastructure_failure}; they are not counted, and flown again by a resume"
+                f"{self._last_infrastructure_failure}; they are not counted, and flown again by a resume",
             )
-        if message:
-            self._emit("stopped", message=message)
-            return self._summary("failing", message)
-        summary = self._summary("budget", "the budget is used")
-        self._emit("done", recommendation=summary.recommendation)
-        return summary
+        return self._end("budget", "done", "the budget is used")
+
+    def _end(
+        self, stopped: Literal["budget", "interrupted", "failing"], kind: EventKind, message: str
+    ) -> CampaignSummary:
+        # Who interrupts waits for the prompt: no recommendation is made.
+        best = None if stopped == "interrupted" else self._campaign.recommendation()
+        self._emit(kind, recommendation=best, message="" if stopped == "budget" else message)
+        elapsed_s = time.monotonic() - self._began
+        return CampaignSummary(stopped, message, elapsed_s, self._ask_s, self._campaign.status(), best)
 
     def _recover(self) -> None:
         """Enter missions that finished without being in the ledger; the others are flown again."""
@@ -147,7 +152,7 @@ class _Session:
             if isinstance(config, UserError):
                 self._count(self._refuse(trial, config))
             else:
-                ended = landed(self._job(trial, config))
+                ended = landed(self._job(trial))
                 if ended is None or ended.reason == "user_error" or self._is_void(trial, ended):
                     self._to_retry.append(trial)
                 else:
@@ -183,7 +188,7 @@ class _Session:
                     batch.append(trial)
         for trial in refused:
             self._count(trial)
-        jobs = [self._job(trial, self._configs.pop(trial.number, None)) for trial in batch]
+        jobs = [self._job(trial) for trial in batch]
         self._in_flight |= {job.id: trial for job, trial in zip(jobs, batch)}
         return jobs
 
@@ -228,7 +233,6 @@ class _Session:
         self._emit("proposed", trial, ask_s=ask_s)
         if isinstance(config, UserError):
             return self._refuse(trial, config)
-        self._configs[trial.number] = config
         return trial
 
     def _config(self, values: Mapping[str, Any], condition: str) -> Configuration | UserError:
@@ -244,10 +248,10 @@ class _Session:
             trial.number, dataclasses.replace(trial, status="failed", reason=REFUSED, message=str(why))
         )
 
-    def _job(self, trial: Trial, config: Configuration | None = None) -> MissionJob:
+    def _job(self, trial: Trial) -> MissionJob:
         return MissionJob(
             id=f"{trial.number:04d}",
-            config=config or self._settings.config(trial.values, trial.condition),
+            config=self._settings.config(trial.values, trial.condition),
             rock=self._settings.rock_flown(trial.rock, trial.replicate),
             replicate=trial.replicate,
             directory=trial.path,
@@ -259,27 +263,26 @@ class _Session:
         trial = self._in_flight.pop(ended.job_id)
         if ended.infrastructure_failure:  # the trial stays open: neither counted nor learned from
             self._infrastructure_failures += 1
-            self._note_failure(ended.reason, ended.message)
+            self._note_failure(ended)
             self._last_infrastructure_failure = self._last_failure
             self._emit("lost", trial, message=f"{ended.reason}: {ended.message}")
             return None
         self._require_metric(ended)
         return self._enter(trial, ended)
 
-    def _note_failure(self, reason: str, message: str) -> None:
+    def _note_failure(self, trial: Trial) -> None:
         self._failures_in_row += 1
-        self._last_failure = f"{reason!r} ({message})" if message else repr(reason)
+        self._last_failure = f"{trial.reason!r}" + (f" ({trial.message})" if trial.message else "")
 
     def _require_metric(self, ended: Trial) -> None:
         """Raise `UserError` where the first missions of a mission file end well without the objective's metric."""
         s = self._settings
-        numbers = {p.path for p in s.space.parameters if p.kind != "categorical"}
-        measured = {**ended.metrics, "costs": {**dict.fromkeys(numbers, 0.0), **ended.costs}}
-        asked = [o for o in (s.objective, s.second) if o is not None]
-        missing = [o.metric for o in asked if o.measure(measured) is None]
-        if s.mission is None or ended.status == "failed" or not missing:
+        if s.mission is None or ended.status == "failed":
             return
-        if not any(t.state == "complete" for t in self._ledger.trials()):
+        # A parameter counts as a cost: see `Trial.measurements`.
+        measured = {**ended.metrics, "costs": {**dict.fromkeys(s.space.paths, 0.0), **ended.costs}}
+        missing = [o.metric for o in (s.objective, s.second) if o is not None and o.measure(measured) is None]
+        if missing and not any(t.state == "complete" for t in self._ledger.trials()):
             there = ", ".join(dotted({**ended.metrics, "costs": ended.costs})) or "none"
             raise UserError(
                 f"{s.mission.path}: a mission ended without metric {missing[0]!r}, which it is tuned for; it has {there}"
@@ -292,26 +295,16 @@ class _Session:
     def _count(self, trial: Trial) -> None:
         self._finished += 1
         if trial.state == "failed":
-            self._note_failure(trial.reason, trial.message)
+            self._note_failure(trial)
+            self._emit("failed", trial, message=trial.message)
         else:
             self._failures_in_row = 0
-        self._emit("failed" if trial.state == "failed" else "finished", trial, message=trial.message)
+            self._emit("finished", trial, message=trial.message)
         last = self._finished >= self._settings.budget  # whose recommendation the summary has
         if self._recommend_every and self._finished % self._recommend_every == 0 and not last:
-            recommendation = self._stop.computed(lambda: self._campaign.recommendation(brief=True))
-            if recommendation is not None:
-                self._emit("recommendation", recommendation=recommendation)
-
-    def _summary(self, stopped: Literal["budget", "interrupted", "failing"], message: str) -> CampaignSummary:
-        return CampaignSummary(
-            stopped,
-            message,
-            time.monotonic() - self._began,
-            self._ask_s,
-            self._campaign.status(),
-            # What is known is enough for who waits for the prompt.
-            None if stopped == "interrupted" else self._campaign.recommendation(),
-        )
+            best = self._stop.computed(self._campaign.recommendation)
+            if best is not None:
+                self._emit("recommendation", recommendation=best)
 
     def _emit(
         self,

@@ -47,7 +47,6 @@ def recommend(
     replicates: int = 1,
     only_verified: bool = True,
     settings: SurrogateSettings | None = None,
-    brief: bool = False,
     constraint: Constraint | None = None,
     exact: ExactCost | None = None,
     second: Objective | None = None,
@@ -76,8 +75,6 @@ def recommend(
         no such configuration: theirs is any that has flown.
     settings
         Of the surrogate.
-    brief
-        Whether to leave the next rock out, which takes a further surrogate.
     constraint
         A limit of the second objective: only what keeps it may be recommended. Where nothing flown does, what is likeliest to.
     exact
@@ -163,14 +160,14 @@ def recommend(
             probability=chance(rival),
         )
     elsewhere = None
-    if not brief and values != dict(default) and not are_drawn(rocks_of(model.worlds)):
+    if values != dict(default) and not are_drawn(rocks_of(model.worlds)):
         departing = dataclasses.replace(model.settings, own_landscapes=True)
         of_worlds = RockMeanGP(space, feasible, places, seed, departing)
         elsewhere = next_rock(of_worlds, values, default, calibrated)
     kept_limit = None
     if constraint is not None and second is not None and limit is not None:
         kept_limit = limit_of(constraint, second, limit, values, default, kept)
-        if not brief and (exact is not None or constraint.is_share):
+        if exact is not None or constraint.is_share:
             no_worse = None if elsewhere is None else elsewhere.no_worse
             outcomes = [o.second if exact is None else o.outcome for o in own]
             reached = [y > 0.0 for y in outcomes if y is not None]
