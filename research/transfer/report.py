@@ -1,4 +1,4 @@
-"""The page, the tables and the figures of a study of transfer."""
+"""The report, the tables and the figures of a study of transfer."""
 
 from __future__ import annotations
 
@@ -13,65 +13,70 @@ from rich.table import Table
 from nbv.errors import UserError
 from nbv.mission.result import json_ready
 from nbv.mission.run_directory import write_atomic
-from nbv.provenance import git_revision, versions
-from research.paired_cells import difference_text, interval_sentence, mean_text
+from nbv.provenance import git_revision
+from research.paired_cells import difference_text, interval_sentence, markdown_table, mean_text
 from research.transfer.agreement import Estimate
 from research.transfer.figures import gains_figure, matrix_figure
 from research.transfer.study import REFERENCE, TransferFindings, WorldResult
 from tuner.evaluation.baselines import TUNED, label
 from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 from tuner.report.labels import MISSING, format_number, metric_label
-from tuner.report.pages import write_page
-from tuner.report.style import embed, short_names
+from tuner.report.style import save_figure, short_names
 
-REPORT_FILE = "report.html"
+REPORT_FILE = "report.md"
 DECIMALS = 2
 
 
 def write_transfer_report(findings: TransferFindings, directory: Path, command: str = "") -> Path:
-    """``transfer.json``, ``transfer.csv``, ``report.html`` and ``figures/``; the page's path.
+    """``transfer.json``, ``transfer.csv``, figures and ``report.md``; the report's path.
 
     Raises
     ------
     UserError
         The directory cannot be written.
     """
-    s = findings.settings
-    figures = directory / "figures"
-    shown = []
+    figures = {"gains": gains_figure(findings), "worlds": matrix_figure(findings)}
+    drawn = {name: figure for name, figure in figures.items() if figure is not None}
     try:
+        directory.mkdir(parents=True, exist_ok=True)
         write_atomic(directory / "transfer.json", json.dumps(json_ready(findings.to_dict()), indent=1))
         write_atomic(directory / "transfer.csv", transfer_csv(findings))
-        if (gains := gains_figure(findings)) is not None:
-            alt = "Paired difference of the tuned configuration from Hyb-H and from random views, world by world."
-            shown.append(embed(gains, "gains", alt, alt + " 95 % intervals.", figures, title="The tuned one"))
-        if (matrix := matrix_figure(findings)) is not None:
-            alt = "Matrices over pairs of worlds: rank correlation, and regret of the first world's choice."
-            shown.append(embed(matrix, "worlds", alt, alt, figures, title="World against world"))
+        for name, figure in drawn.items():
+            save_figure(figure, directory, name)
+        write_atomic(directory / REPORT_FILE, _markdown(findings, list(drawn), command))
     except OSError as error:
         raise UserError(f"cannot write to {directory}: {error.strerror}; choose another --out") from error
+    return directory / REPORT_FILE
+
+
+def _markdown(findings: TransferFindings, figures: list[str], command: str) -> str:
+    s, metric = findings.settings, metric_label(findings.settings.metric)
+    worlds = [_world(findings, w) for w in findings.worlds]
+    lines = [f"# {s.campaign}: does what was tuned hold in other worlds?", ""]
+    lines += [f"{metric.full}, {metric.difference_unit}; rocks {', '.join(short_names(s.rocks))}.", ""]
+    lines += [line for warning in _warnings(findings) for line in (warning, "")]
+    columns = {"name": "world", "missions": "missions", "failed": "failed", "reference": "tuned - Hyb-H"}
+    columns |= {"random": "tuned - random", "best": "best", "itself": "ranks itself"}
+    lines += markdown_table(list(columns.values()), [[w[key] for key in columns] for w in worlds])
     intervals = [c.mean for w in findings.worlds for c in w.configurations]
-    return write_page(
-        directory / REPORT_FILE,
-        "transfer.html.j2",
-        title=f"{s.campaign}: transfer · gatetune",
-        heading=f"{s.campaign}: does what was tuned hold in other worlds?",
-        metric=metric_label(s.metric),
-        configurations=len(s.configurations),
-        warnings=_warnings(findings),
-        worlds=[_world(findings, w) for w in findings.worlds],
-        pairs=_pairs(findings),
-        methods=interval_sentence(intervals),
-        figures=shown,
-        provenance=[
-            ("rocks", ", ".join(short_names(s.rocks))),
-            ("replicates", str(s.replicates)),
-            ("revision of this page", git_revision()),
-            ("computed", f"{findings.wall_s / 60:.0f} min of missions"),
-        ],
-        command=command,
-        version=versions().get("gatetune", ""),
-    )
+    lines += ["", f"{interval_sentence(intervals)} Ranks itself: Spearman correlation of the means over odd "]
+    lines[-1] += "and over even replicates; what limits the agreement with any other world."
+    lines += [line for name in figures for line in ("", f"![{name}]({name}.png)")]
+    if pairs := _pairs(findings):
+        lines += [
+            "",
+            "## Between worlds",
+            "",
+            *markdown_table(list(pairs[0]), [list(p.values()) for p in pairs]),
+        ]
+    for w in worlds:
+        rows = [
+            [c["label"], str(c["missions"]), str(c["failed"]), c["mean"], c["difference"]] for c in w["rows"]
+        ]
+        header = ["configuration", "missions", "failed", metric.axis, "minus Hyb-H"]
+        lines += ["", f"## {w['name']}: {w['what']}", "", *markdown_table(header, rows)]
+    lines += ["", f"Revision {git_revision()}; {findings.wall_s / 60:.0f} min of missions."]
+    return "\n".join([*lines, "", f"    {command}" if command else ""]) + "\n"
 
 
 def transfer_csv(findings: TransferFindings) -> str:

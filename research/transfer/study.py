@@ -5,7 +5,7 @@ the same rocks and replicates. The run directory::
 
     transfer.yaml   what was asked for; the same command with the same settings goes on
     WORLD/          an evaluation's directory each
-    transfer.json  transfer.csv  report.html  figures/
+    transfer.json  transfer.csv  report.md  gains.png  worlds.png
 """
 
 from __future__ import annotations

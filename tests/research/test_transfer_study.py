@@ -142,7 +142,12 @@ def test_every_world_is_flown_once_and_goes_on(flown, settings):
 def test_the_report_holds_what_was_found(flown):
     found = analyse(flown)
     page = write_transfer_report(found, flown, "python -m research.transfer run").read_text()
-    assert "Tuned" in page and "python -m research.transfer run" in page and page.count("data:image/svg") == 2
+    assert (
+        "Tuned" in page
+        and "python -m research.transfer run" in page
+        and page.count(".png)") == 2
+        and (flown / "gains.png").is_file()
+    )
     tree = json.loads((flown / "transfer.json").read_text())
     assert [(p["chosen_in"], p["flown_in"]) for p in tree["pairs"]] == [
         ("plain", "other"),
@@ -180,7 +185,7 @@ def test_geometric_missions_in_two_worlds(campaign, tmp_path):
     pair = found.pairs["ideal", "field"]
     assert pair.blocks == 1 and pair.regret.value >= 0 and pair.regret.low is None
     assert all(c.mean.mean > 0 for w in found.worlds for c in w.configurations)
-    assert write_transfer_report(found, tmp_path / "s").stat().st_size > 10_000
+    assert write_transfer_report(found, tmp_path / "s").stat().st_size > 500
 
 
 def test_worlds_are_combined():
@@ -223,4 +228,4 @@ def rocks_as_named(rocks, making=None):
 def test_the_command_reports_a_flown_study(study, flown):
     code, out, _ = study("transfer", "nowhere", "--report-only", "--out", flown)
     assert code == 0 and "Between worlds" in out and "missions; report:" in out
-    assert (flown / "report.html").is_file()
+    assert (flown / "report.md").is_file()

@@ -80,30 +80,17 @@ class Illustration:
 
 
 def embed(
-    figure: Figure,
-    name: str,
-    alt: str,
-    caption: str,
-    directory: Path | None = None,
-    *,
-    title: str = "",
-    form: Literal["svg", "png"] = "svg",
+    figure: Figure, name: str, alt: str, caption: str, *, title: str = "", form: Literal["svg", "png"] = "svg"
 ) -> Illustration:
-    """Turn a figure into an ``Illustration``; also saved as ``directory/NAME.png`` if a directory is given.
+    """Turn a figure into an ``Illustration``.
 
     Each SVG is an image of its own (data URI), so identifiers of two figures cannot clash in one page.
     """
+    buffer = io.BytesIO()
     with look():
-        buffer, kind = io.BytesIO(), "image/png"
-        if form == "png" or directory is not None:
-            figure.savefig(buffer, format="png", dpi=160, metadata={"Software": None})
-        if directory is not None:
-            directory.mkdir(parents=True, exist_ok=True)
-            (directory / f"{name}.png").write_bytes(buffer.getvalue())
-        if form == "svg":
-            buffer, kind = io.BytesIO(), "image/svg+xml"
-            figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+        figure.savefig(buffer, format=form, dpi=160, metadata={"Date": None} if form == "svg" else None)
     encoded = base64.b64encode(buffer.getvalue()).decode()
+    kind = "image/svg+xml" if form == "svg" else "image/png"
     width_px = round(figure.get_figwidth() * 104)
     return Illustration(name, f"data:{kind};base64,{encoded}", alt, caption, title, width_px)
 

@@ -12,9 +12,7 @@ from pathlib import Path
 
 import fake_campaigns
 import pytest
-import yaml
 
-from nbv.config import preset
 from nbv.errors import UserError
 from tuner.acquisition.two_objectives import pareto_front
 from tuner.campaign.begin import begin_campaign
@@ -27,7 +25,6 @@ from tuner.problem.space_files import load_search_space, space_from_dict
 from tuner.report import write_campaign_report
 from tuner.report.answer import use_sentence, worth_sentences
 from tuner.report.campaign.facts import CampaignFacts
-from tuner.report.campaign.page import values_yaml
 from tuner.report.campaign.provenance import reproduce_command
 
 MIXED = {
@@ -60,18 +57,13 @@ def test_page_says_what_is_recommended_and_is_self_contained(tmp_path: Path) -> 
     best = campaign.recommendation(save=False)
     assert best is not None
     source, text = page.read_text(), text_of(page)
-
-    shown = yaml.safe_load(html.unescape(re.search(r'<pre hidden id="file-1">(.*?)</pre>', source, re.S)[1]))  # type: ignore[index]
-    assert shown == pytest.approx(best.values, rel=1e-6)
-    preset("campaign").with_values(shown)  # ready to use
     assert use_sentence(best, campaign.settings) in text
     assert all(sentence in text for sentence in worth_sentences(best, campaign.settings))
-    first_screen = text[: text.index("Explore the missions")].lower()
+    first_screen = text[: text.index("missions finished")].lower()
     assert not [word for word in ("surrogate", "calibrated", "eligible", "posterior") if word in first_screen]
     assert html.unescape(reproduce_command(campaign)) in text
     failed = [t for t in campaign.trials() if t.state == "failed"]
-    assert f"failed: {failed[0].reason}" in text and "no seed model" in text
-    assert "The budget of 9 missions is used." in text
+    assert failed[0].reason in text and "no seed model" in text and "9 of 9 missions finished" in text
 
     assert not re.search(r"src=[\"'](?!data:)", source)  # self-contained
     assert "url(" not in source and "<script src" not in source and "@import" not in source
@@ -80,7 +72,6 @@ def test_page_says_what_is_recommended_and_is_self_contained(tmp_path: Path) -> 
 
 
 def test_a_page_stops_growing_with_its_missions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("tuner.report.campaign.page.MOST_ROWS", 10)
     for module in ("page", "explorer"):
         monkeypatch.setattr(f"tuner.report.campaign.{module}.MOST_MISSIONS", 10)
     sizes = []
@@ -158,8 +149,7 @@ def test_every_kind_of_campaign_has_a_page(tmp_path: Path, changes: dict[str, ob
     text = text_of(write_campaign_report(campaign))
     best = campaign.recommendation(save=False)
     assert best is not None
-    for line in values_yaml(best.values, campaign.settings.space).splitlines():
-        assert line in text
+    assert use_sentence(best, campaign.settings) in text
     assert "nan" not in text.lower().split()
 
 
@@ -178,8 +168,6 @@ def test_slices_pass_the_recommendation_in_the_metric_s_sense(tmp_path: Path) ->
     assert best is not None
     for part in facts.slices:
         value = best.values[part.parameter.path]
-        mean, sd = facts.belief([best.values])
-        assert mean[0] == pytest.approx(best.mean) and sd[0] == pytest.approx(best.sd)
         nearest = min(range(len(part.positions)), key=lambda i: abs(part.positions[i] - value))
         assert part.mean[nearest] == pytest.approx(best.mean, abs=0.1)
 
@@ -199,7 +187,7 @@ def test_two_objectives_have_their_front(tmp_path: Path) -> None:
     source, text = page.read_text(), text_of(page)
     front = pareto_front(campaign.flown_in_both(), (campaign.settings.objective, second))
     assert len(front) >= 5
-    section = re.search(r'<section id="front">(.*?)</section>', source, re.S)[1]  # type: ignore[index]
+    section = re.search(r'<table id="front">(.*?)</table>', source, re.S)[1]  # type: ignore[index]
     assert len(re.findall(r"<tr><td>", section)) == len(front)
     assert f"{front[0].values['gate.budget_fraction']:.4g}" in section
     assert "Completeness @ 48 mm" in text

@@ -24,7 +24,6 @@ from nbv.types import PointCloud
 from tuner.report.mission.figures import labels_of, sectors_figure, write_mission_figures
 from tuner.report.mission.overlay import overlay_figure
 from tuner.report.mission.trajectory import trajectory_figure
-from tuner.report.sectors import mean_sectors
 
 CAPTURES = 3
 OFFSET_M = 0.01
@@ -77,11 +76,6 @@ def test_trajectory_shows_the_views_of_the_trace(flown: Path) -> None:
     orbit, adaptive = (np.array(line.get_data()).T for line in plan.lines)
     np.testing.assert_allclose(adaptive[0], orbit[-1])  # from the last seed on
     assert np.isnan(orbit[0]).all()  # home is outside the square
-
-
-def test_sectors_without_samples_are_gaps() -> None:
-    mean = mean_sectors([[50.0, None, None], [70.0, 20.0, None]])
-    np.testing.assert_array_equal(mean, [60.0, 20.0, np.nan])
 
 
 def test_what_is_missing_is_named(flown: Path, tmp_path: Path) -> None:

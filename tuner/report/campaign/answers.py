@@ -1,4 +1,4 @@
-"""The first screen of a campaign's page: five questions, each with an answer that the state of the campaign decides."""
+"""The first screen of a campaign's page: questions, each with an answer that the state of the campaign decides."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import contextlib
 import itertools
 import shlex
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from nbv.config import MissionConfig
@@ -17,6 +16,7 @@ from tuner.evaluation.baselines import label as strategy_label
 from tuner.missions.job import Trial
 from tuner.missions.registry import is_geometric
 from tuner.problem.configurations import configuration_key
+from tuner.problem.worlds import World
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import (
     LEANS,
@@ -33,63 +33,41 @@ from tuner.report.campaign.wider import WIDER_FILE, wider_space
 from tuner.report.labels import parameter_label, with_unit
 
 
-@dataclass(frozen=True)
-class Pair:
-    """One rock, condition and replicate: what the default and the recommended configuration had there."""
-
-    place: str
-    default: float | None
-    recommended: float | None
-
-
-# -- What should I use? --------------------------------------------------------------------------------------
-
-
 def flown(facts: CampaignFacts, values: Mapping[str, Any]) -> list[Trial]:
     """The successful missions of exactly these values."""
-    key = configuration_key(facts.settings.space, values)
-    own = [t for t in facts.trials if t.state == "complete"]
-    return [t for t in own if configuration_key(facts.settings.space, t.values) == key]
+    space = facts.settings.space
+    key = configuration_key(space, values)
+    return [t for t in facts.trials if t.state == "complete" and configuration_key(space, t.values) == key]
 
 
 def use_answer(facts: CampaignFacts) -> dict[str, Any]:
-    """One sentence, the parameters that differ from the default, the rest, and what may be better."""
+    """One sentence, the parameters that differ from the default, and what may be better."""
     best, s = facts.recommendation, facts.settings
     if best is None:
-        return {
-            "sentence": f"Nothing yet: none of the {facts.status.finished} finished missions succeeded.",
-            "kept": [],
-            "rest": "",
-            "notes": [],
-        }
-    unchanged = [path for path in s.space.paths if path not in best.changed]
+        sentence = f"Nothing yet: none of the {facts.status.finished} finished missions succeeded."
+        return {"sentence": sentence, "kept": [], "notes": []}
     return {
         "sentence": use_sentence(best, s),
         "kept": [
             (parameter_label(p).name, p, value_text(best.values, p), value_text(facts.default, p))
             for p in best.changed
         ],
-        "rest": ", ".join(f"{parameter_label(p).name} {value_text(best.values, p)}" for p in unchanged),
         "notes": [note for note in (runner_up_sentence(best, s), default_note(s)) if note],
     }
 
 
-# -- How sure? -----------------------------------------------------------------------------------------------
-
-
-def pairs(facts: CampaignFacts, best: Recommendation) -> list[Pair]:
-    """Every place where the default or the recommended configuration flew, in the settings' order."""
-    found: dict[tuple[Any, int], list[list[float]]] = {}
+def pairs(facts: CampaignFacts, best: Recommendation) -> dict[tuple[World, int], float]:
+    """By world and replicate that both flew: the recommendation minus the default, positive where it is better."""
+    found: dict[tuple[World, int], list[list[float]]] = {}
     for side, values in enumerate((best.default_values, best.values)):
         for t in flown(facts, values):
             if (outcome := facts.outcome(t)) is not None:
-                found.setdefault((t.world, t.replicate), [[], []])[side].append(outcome)
-    worlds = list(facts.settings.worlds)
-    order = sorted(found, key=lambda place: (worlds.index(place[0]), place[1]))
-    return [
-        Pair(f"{facts.world_name(w)}, replicate {r}", *(_mean(side) for side in found[w, r]))
-        for w, r in order
-    ]
+                found.setdefault((t.world, t.replicate), [[], []])[side].append(facts.sign * outcome)
+    return {
+        place: sum(ours) / len(ours) - sum(theirs) / len(theirs)
+        for place, (theirs, ours) in found.items()
+        if ours and theirs
+    }
 
 
 def sure_answer(facts: CampaignFacts) -> list[str]:
@@ -101,27 +79,19 @@ def sure_answer(facts: CampaignFacts) -> list[str]:
     if best.keep_default:
         rocks = len({t.rock for t in flown(facts, best.values)})
         return [*said, f"It flew on {rocks} of {len(facts.settings.rocks)} {place}s."]
-    both = [p for p in pairs(facts, best) if None not in (p.default, p.recommended)]
-    rocks, of = len({p.place.rsplit(", replicate", 1)[0] for p in both}), len(facts.settings.worlds)
-    if both:
-        differences = [facts.sign * ((p.recommended or 0.0) - (p.default or 0.0)) for p in both]
-        ahead = sum(d > 0 for d in differences)
-        mean = with_unit(
-            sum(differences) / len(differences), facts.label.difference_unit, facts.digits, signed=True
-        )
-        said.append(
-            f"Flown side by side on {rocks} of {of} {place}s{' and conditions' if facts.several_conditions else ''}"
-            f" ({len(both)} {'pair' if len(both) == 1 else 'pairs'}): {mean} of {facts.label.name} on average, better in "
-            f"{ahead} of {len(both)}."
-        )
-    else:
+    both = pairs(facts, best)
+    if not both:
         said.append(
             f"Never flown side by side: no {place} and replicate has both the recommendation and the default."
         )
+        return [*said, LEANS]
+    mean = with_unit(sum(both.values()) / len(both), facts.label.difference_unit, facts.digits, signed=True)
+    said.append(
+        f"Flown side by side on {len({world for world, _ in both})} of {len(facts.settings.worlds)} {place}s"
+        f"{' and conditions' if facts.several_conditions else ''} ({len(both)} {'pair' if len(both) == 1 else 'pairs'}): "
+        f"{mean} of {facts.label.name} on average, better in {sum(d > 0 for d in both.values())} of {len(both)}."
+    )
     return [*said, LEANS]
-
-
-# -- What did the gate do? -----------------------------------------------------------------------------------
 
 
 def gate_answer(facts: CampaignFacts) -> str:
@@ -130,25 +100,25 @@ def gate_answer(facts: CampaignFacts) -> str:
     if best is None:
         return "No mission succeeded."
     config = facts.settings.config(best.values)
-    if isinstance(config, MissionConfig) and config.adaptive_budget == 0:
+    if not isinstance(config, MissionConfig) or config.adaptive_budget == 0:
         return "Nothing: the recommended plan has no planned view."
-    records: list[IterationRecord] = []
-    missions = 0
+    traces = []
     for t in flown(facts, best.values):
         with contextlib.suppress(UserError, OSError):
-            records += (trace := MissionResult.load(facts.campaign.directory / t.directory).trace)
-            missions += bool(trace)
+            traces.append(MissionResult.load(facts.campaign.directory / t.directory).trace)
+    traces = [trace for trace in traces if trace]
+    records = [record for trace in traces for record in trace]
     if not records:
         return "The missions' documents hold no choices."
-    kind = config.gate.kind if isinstance(config, MissionConfig) else ""
-    return gate_words(records, strategy_label(kind), missions)
+    return gate_words(records, strategy_label(config.gate.kind), len(traces))
 
 
 def gate_words(records: Sequence[IterationRecord], gate: str, missions: int) -> str:
     """Share of each scorer, of equal choices and of switches; or that it never switched."""
     n = len(records)
     counts = collections.Counter(record.scorer for record in records)
-    equal = sum(_all_the_same(record) for record in records)
+    views = [[best.get("candidate") for best in record.top.values()] for record in records]
+    equal = sum(len(ids) > 1 and len(set(ids)) == 1 for ids in views)
     where = f"{n} views of {missions} {'mission' if missions == 1 else 'missions'}"
     same = f" In {_share(equal, n)} both scorers had the same best view." if equal else ""
     if len(counts) == 1:
@@ -156,24 +126,15 @@ def gate_words(records: Sequence[IterationRecord], gate: str, missions: int) -> 
         return f"The gate ({gate}) never switched: {strategy_label(scorer)} chose all {where}.{same}"
     shares = ", ".join(f"{strategy_label(s)} {_share(c, n)}" for s, c in counts.most_common())
     following = [(a, b) for a, b in itertools.pairwise(records) if b.iteration == a.iteration + 1]
-    switches, steps = sum(a.scorer != b.scorer for a, b in following), len(following)
-    return f"{gate} switched in {_share(switches, steps)} of its steps: {shares} of {where}.{same}"
-
-
-def _all_the_same(record: IterationRecord) -> bool:
-    """Whether every scorer's best view was the same, so that the gate had no choice."""
-    views = [best.get("candidate") for best in record.top.values()]
-    return len(views) > 1 and len(set(views)) == 1
-
-
-# -- What next? ----------------------------------------------------------------------------------------------
+    switches = sum(a.scorer != b.scorer for a, b in following)
+    return f"{gate} switched in {_share(switches, len(following))} of its steps: {shares} of {where}.{same}"
 
 
 def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
     """``(why, command)``: the one thing to do now; an empty command means to stop."""
     best, status, place = facts.recommendation, facts.status, place_word(facts.settings)
     run = shlex.quote(str(facts.campaign.directory))
-    resume, evaluate = f"gatetune campaign resume {run}", f"gatetune evaluate {run}"
+    resume, evaluate, confirm = (f"gatetune {c} {run}" for c in ("campaign resume", "evaluate", "confirm"))
     if facts.settings.draws_rocks:  # as many of every family as are worth an interval
         evaluate += "".join(f" --rock {rock}" for rock in facts.settings.rocks)
     more = f"{resume} --missions {2 * status.budget}"
@@ -203,20 +164,11 @@ def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
     if is_geometric(facts.settings.fidelity):
         return "Fly it with photographs, on rocks it has not seen: so far it is a prediction.", evaluate
     if facts.settings.mission is not None and not facts.settings.mission.held_out:
-        return (
-            "Confirm it with fresh replicates: your mission file holds no instance out.",
-            f"gatetune confirm {run}",
-        )
-    both = [p for p in pairs(facts, best) if None not in (p.default, p.recommended)]
-    if len(both) < 2 and facts.settings.mission is None:
-        return (
-            "Confirm it where it was tuned: too few pairs were flown.",
-            f"gatetune confirm {run} --rock {shlex.quote(facts.settings.rocks[0])}",
-        )
+        return "Confirm it with fresh replicates: your mission file holds no instance out.", confirm
+    if facts.settings.mission is None and len(pairs(facts, best)) < 2:
+        one_rock = f"{confirm} --rock {shlex.quote(facts.settings.rocks[0])}"
+        return "Confirm it where it was tuned: too few pairs were flown.", one_rock
     return f"Measure it on {place}s it has not seen.", evaluate
-
-
-# -- small things --------------------------------------------------------------------------------------------
 
 
 def measure_text(facts: CampaignFacts) -> str:
@@ -224,16 +176,11 @@ def measure_text(facts: CampaignFacts) -> str:
     s = facts.settings
     if s.mission is not None:
         return f"{facts.label.full}; missions of your mission file"
+    fidelity = f"{s.fidelity} missions"
     if is_geometric(s.fidelity):
         fidelity = "predicted by the low-fidelity simulator (geometric missions, no photographs)"
-    else:
-        fidelity = f"{s.fidelity} missions"
     names = [condition.name for condition in s.conditions]
     return f"{facts.label.full}; {fidelity}; {'conditions' if len(names) > 1 else 'condition'} {', '.join(names)}"
-
-
-def _mean(values: Sequence[float]) -> float | None:
-    return sum(values) / len(values) if values else None
 
 
 def _share(part: int, whole: int) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -17,7 +16,6 @@ from tuner.campaign.session import MAX_CONSECUTIVE_FAILURES
 from tuner.campaign.settings import CampaignSettings
 from tuner.missions.job import Trial
 from tuner.problem.objective import Objective
-from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter
 from tuner.problem.worlds import World
 from tuner.recommendation.recommendation import Recommendation
@@ -48,7 +46,6 @@ class CampaignFacts:
         self.campaign = campaign
         self.settings: CampaignSettings = campaign.settings
         self.trials: list[Trial] = campaign.trials()
-        self.observations: list[Observation] = campaign.history(self.trials)
         self.status: CampaignStatus = campaign.status()
         self.modelled: Objective = campaign.modelled_objective  # of the model and its checks
         self.label: MetricLabel = dataclasses.replace(
@@ -67,14 +64,10 @@ class CampaignFacts:
     @cached_property
     def model(self) -> RockMeanGP | None:
         """The surrogate behind the recommendation; None, too, where the configuration decides all that was asked."""
-        feasible = [o for o in self.observations if o.feasible]
+        feasible = [o for o in self.campaign.history(self.trials) if o.feasible]
         if not feasible or (self.settings.second is None and self.campaign.exact(feasible).first is not None):
             return None
         return self.campaign.surrogate_from(feasible)
-
-    def total(self, cost: str) -> float:
-        """A cost of all missions together."""
-        return float(sum(t.costs.get(cost) or 0.0 for t in self.trials))
 
     @property
     def digits(self) -> int:
@@ -90,14 +83,10 @@ class CampaignFacts:
         """What a mission had of the modelled metric."""
         return trial.raw if self.modelled == self.settings.objective else trial.measured(self.modelled)
 
-    # -- stop reason -----------------------------------------------------------------------------------------
-
     @property
     def stop_reason(self) -> str:
-        """Why no more missions were flown, as the ledger tells."""
+        """Why missions of the budget are left, as the ledger tells."""
         status = self.status
-        if status.finished >= status.budget:
-            return f"The budget of {status.budget} missions is used."
         last = [t for t in self.trials if t.state != "running"][-MAX_CONSECUTIVE_FAILURES:]
         if len(last) == MAX_CONSECUTIVE_FAILURES and all(t.state == "failed" for t in last):
             return (
@@ -105,18 +94,7 @@ class CampaignFacts:
                 f"{status.finished} of {status.budget} missions are finished."
             )
         flying = f", {status.running} in flight or interrupted" if status.running else ""
-        return (
-            f"Not finished: {status.finished} of {status.budget} missions{flying}. "
-            f"`gatetune campaign resume` goes on."
-        )
-
-    # -- belief ----------------------------------------------------------------------------------------------
-
-    def belief(self, configurations: Sequence[Mapping[str, Any]]) -> tuple[Floats, Floats]:
-        """Posterior mean and sd of the mean over the training worlds, modelled metric's unit."""
-        assert self.model is not None
-        posterior = self.model.posterior(configurations)
-        return self.sign * posterior.mean, posterior.sd
+        return f"Not finished: {status.finished} of {status.budget} missions{flying}."
 
     @cached_property
     def adjusted(self) -> Floats:
@@ -128,7 +106,7 @@ class CampaignFacts:
     @cached_property
     def slices(self) -> list[Slice]:
         """One per parameter, through the recommendation."""
-        if self.recommendation is None:
+        if self.recommendation is None or self.model is None:
             return []
         out = []
         for p in self.settings.space.parameters:
@@ -136,15 +114,11 @@ class CampaignFacts:
                 positions: list[Any] = list(p.choices)
             else:
                 positions = sorted({p.from_unit(float(u)) for u in np.linspace(0.0, 1.0, SLICE_POINTS)})
-            mean, sd = self.belief([{**self.recommendation.values, p.path: v} for v in positions])
-            out.append(Slice(p, tuple(positions), mean, sd))
+            belief = self.model.posterior([{**self.recommendation.values, p.path: v} for v in positions])
+            out.append(Slice(p, tuple(positions), self.sign * belief.mean, belief.sd))
         return out
 
     def world_name(self, world: World) -> str:
         """``slab``, or ``slab, field`` where there is more than one condition."""
         rock = self.rock_names.get(world.rock, world.rock)
         return f"{rock}, {world.condition}" if self.several_conditions else rock
-
-    def condition_cells(self, world: World) -> list[str]:
-        """The condition as a table's cell, where there is more than one."""
-        return [world.condition] if self.several_conditions else []

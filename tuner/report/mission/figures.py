@@ -11,8 +11,8 @@ from nbv.errors import UserError
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.report.mission.overlay import overlay_figure
 from tuner.report.mission.run_files import mission_config, read_result
+from tuner.report.mission.sectors import sector_figure
 from tuner.report.mission.trajectory import trajectory_figure
-from tuner.report.sectors import sector_figure
 from tuner.report.style import save_figure
 
 SECTOR_KEY = "sector_completeness_48mm"
@@ -26,7 +26,7 @@ def sectors_figure(runs: Mapping[str, Path], surface: str = "whole") -> Figure:
     UserError
         A mission without metrics, or with other sectors than the first.
     """
-    completeness: dict[str, list[list[float | None]]] = {}
+    completeness: dict[str, list[float | None]] = {}
     centers: list[float] = []
     for label, run in runs.items():
         result = read_result(run)
@@ -37,7 +37,7 @@ def sectors_figure(runs: Mapping[str, Path], surface: str = "whole") -> Figure:
         if centers and here != centers:
             raise UserError(f"{run} was measured with other azimuth sectors; compare like with like")
         centers = here
-        completeness[label] = [metrics[surface][SECTOR_KEY]]
+        completeness[label] = metrics[surface][SECTOR_KEY]
     if not completeness:
         raise UserError("no mission to show; name at least one run directory")
     return sector_figure(completeness, centers)

@@ -16,12 +16,10 @@ import numpy as np
 from PIL import Image
 
 from nbv.cache import Store
-from nbv.config import IDEAL, SCORERS, MissionConfig
-from nbv.errors import MissionFailure, UserError
-from nbv.geometry.neighbours import nearest_neighbours
+from nbv.config import IDEAL
+from nbv.errors import UserError
 from nbv.mission.planning_state import load_state
 from nbv.mission.run_directory import read_ply
-from nbv.scorers import PAPER_SCORERS, find_scorer, rank_candidates
 from nbv.types import CandidatePool, Floats, PlanningState
 from tuner.missions.registry import PHOTOGRAPHS
 from tuner.report.mission.run_files import (
@@ -33,21 +31,11 @@ from tuner.report.mission.run_files import (
     read_trace,
     thin_indices,
 )
-from tuner.report.mission.walk_world import (
-    ERROR_STEP_MM,
-    MISSING_STEP_MM,
-    World,
-    as_bytes,
-    make_world,
-    packed,
-    packed_mesh,
-    the_rock,
-)
+from tuner.report.mission.walk_world import make_world, packed, packed_mesh, the_rock
 
 _MOST_DENSE_POINTS = 150_000
 _THUMBNAIL_PX = 320
-_BEST = 8  # candidates whose terms are shown
-_TERMS = ("main", "nov", "move", "ang")
+_SCORES = {"completeness_48mm": "completeness at 48 mm", "f_score_16mm": "F-score at 16 mm"}
 
 
 def walk_of(run: Path, rock: str | None = None) -> dict[str, Any]:
@@ -65,60 +53,57 @@ def walk_of(run: Path, rock: str | None = None) -> dict[str, Any]:
     UserError
         A file is missing, or the rock is not the one that the mission was flown on.
     """
-    result, flight = read_result(run), read_flight(run)
-    planned_by, store = planned_config(run), Store()
-    over_photographs = (
-        result["provenance"].get("fidelity") == PHOTOGRAPHS
-    )  # their camera, object and place are theirs
-    config = planned_by if over_photographs else mission_config(run)
+    result, flight, planned_by, store = read_result(run), read_flight(run), planned_config(run), Store()
+    fidelity = result["provenance"].get("fidelity", "")
+    # Over photographs camera, object and place are theirs.
+    config = planned_by if fidelity == PHOTOGRAPHS else mission_config(run)
     world = make_world(config, the_rock(run, result, rock, store), store)
     states = sorted((run / "states").glob("iter_*.npz"))
     decided = [(*load_state(path), record) for path, record in zip(states, read_trace(run))]
-    views, steps, models = _views(run, flight, decided), [], []
-    seeds = [view for view in views if view["id"].startswith("seed_")]
-    for number, view in enumerate(seeds, 1):
-        steps.append(_step(f"seed view {number} of {len(seeds)}", number, view["t"]))
+    views = _views(run, flight, decided)
+    seeds = sum(view["name"].startswith("seed_") for view in views)
+    steps = [_step(f"seed view {n} of {seeds}", n, view["t"]) for n, view in enumerate(views[:seeds], 1)]
+    models = []
     for state, pool, record in decided:
-        models.append(_sparse(world, state.model.points_m, state.model.track_lengths))
-        step = _decision(world, planned_by, state, pool, record)
-        now = float(views[min(len(state.visited_m), len(views)) - 1]["t"])
-        steps.append(
-            {**_step(step.pop("label"), len(state.visited_m), now), "model": len(models) - 1, **step}
-        )
-    final, dense = _final_model(run), _measured_cloud(run)
-    missing_mm = _missing_mm(world, dense[0] if dense is not None else final[0] if final else None)
-    end = _step("end of the mission", len(views), float(flight["flight_time_s"]))
-    if final is not None:
-        models.append(_sparse(world, *final))
-        end["sparse_completeness"] = world.completeness(final[0])
-        end["points"] = len(final[0])
-    end["model"] = len(models) - 1
-    steps.append({**end, "dense": dense is not None, "registered": result["costs"]["registered_images"]})
+        models.append(world.cloud(state.model.points_m))
+        taken = len(state.visited_m)
+        label = f"capture {state.iteration + 1}: chose {record['chosen']}"
+        facts = [
+            ["scorer", record["scorer"]],
+            ["why", record["reason"]],
+            ["candidates", str(len(pool))],
+            ["registered", f"{len(state.model.camera_names)} of {taken} photographs"],
+            ["sparse points", str(len(state.model.points_m))],
+        ]
+        now = views[min(taken, len(views)) - 1]["t"]
+        step = _step(label, taken, now, len(models) - 1, facts)
+        steps.append({**step, "pool": np.round(pool.positions_m, 3).tolist()})
+    sparse, dense = _final_model(run), _measured_cloud(run)
+    if sparse is not None:
+        models.append(world.cloud(sparse))
+    facts = [
+        ["registered", f"{result['costs']['registered_images']:.0f} of {len(views)} photographs"],
+        ["status", ": ".join(filter(None, (result["status"], result["message"])))],
+        *_scores(result["metrics"]),
+    ]
+    steps.append(_step("end of the mission", len(views), flight["flight_time_s"], len(models) - 1, facts))
+    condition = result.get("condition", IDEAL)
+    what = (result["rock"], f"replicate {result['replicate']}", condition, config.gate.kind, fidelity)
     camera = planned_by.camera
     return {
         "name": run.name,
-        "status": result["status"],
-        "message": result["message"],
-        "rock": result["rock"],
-        "replicate": result["replicate"],
-        "condition": result.get("condition", IDEAL),
-        "fidelity": result["provenance"].get("fidelity", ""),
-        "gate": config.gate.kind,
+        "what": " · ".join(what),
         "headline": _headline(len(views), result["metrics"]),
-        "scores": _scores(result["metrics"]),
         "target": [round(float(v), 4) for v in planned_by.target_m],
         "origin": world.origin_m.tolist(),
         "camera": [camera.width_px, camera.height_px, camera.focal_px],
+        "seeds": seeds,
         "mesh": packed_mesh(world),
-        "truth": {
-            "p": world.pack(world.truth_m),
-            "m": packed(as_bytes(missing_mm / MISSING_STEP_MM), "u1"),
-            "o": packed(world.observable, "u1"),
-        },
-        "truthAgainst": "dense cloud" if dense is not None else "sparse cloud",
-        "dense": None if dense is None else _packed_dense(world, *dense),
+        "missing": {"p": world.pack(world.missing_m(sparse if dense is None else dense))},
+        "against": "sparse" if dense is None else "dense",
+        "dense": None if dense is None else world.cloud(dense),
         "models": models,
-        "views": [{key: value for key, value in view.items() if key != "id"} for view in views],
+        "views": views,
         "steps": steps,
         "path": packed(np.array([sample[:4] for sample in flight["samples"]]), "<f4"),
     }
@@ -130,30 +115,25 @@ def _views(
     decided: list[tuple[PlanningState, CandidatePool, dict[str, Any]]],
 ) -> list[dict[str, Any]]:
     """Every photograph in the order in which they were taken: when, where from, and how it looks."""
-    places = arrivals(flight)
-    if decided:
-        first = decided[0][0]
-        places |= {f"seed_{i:02d}": place for i, place in enumerate(first.visited_m[: first.n_seeds])}
-    lost = set()
+    places, lost = arrivals(flight), set()
     for _, pool, record in decided:
         places[record["chosen"]] = pool.positions_m[pool.ids.index(record["chosen"])]
         if not record["registered"]:
             lost.add(record["chosen"])
     if decided:
-        registered = {Path(name).stem for name in decided[-1][0].model.camera_names}
+        first, last = decided[0][0], decided[-1][0]
+        places |= {f"seed_{i:02d}": place for i, place in enumerate(first.visited_m[: first.n_seeds])}
+        registered = {Path(name).stem for name in last.model.camera_names}
         lost |= {name for name in places if name.startswith("seed_")} - registered
     views = []
     for event in flight["events"]:
-        name = event["name"]
-        if not name.startswith(("seed_", "cand_")):
+        if (name := event["name"]) not in places:
             continue
-        arrived_s = event["start_s"] + event["duration_s"]
         image = _thumbnail(run / "images" / f"{name}.png")
         views.append(
             {
-                "id": name,
                 "name": name,
-                "t": round(arrived_s, 2),
+                "t": round(event["start_s"] + event["duration_s"], 2),
                 "at": [round(float(v), 3) for v in places[name]],
                 "lost": name in lost,
                 **({"image": image} if image else {}),
@@ -175,120 +155,43 @@ def _thumbnail(path: Path) -> str | None:
     return base64.b64encode(buffer.getvalue()).decode()
 
 
-def _step(label: str, views: int, time_s: float) -> dict[str, Any]:
-    return {"label": label, "views": views, "t": round(time_s, 2), "model": -1}
-
-
-def _decision(
-    world: World, config: MissionConfig, state: PlanningState, pool: CandidatePool, record: dict[str, Any]
+def _step(
+    label: str, views: int, time_s: float, model: int = -1, facts: list[list[str]] | None = None
 ) -> dict[str, Any]:
-    """What was known before an adaptive capture, and what was made of it."""
-    flown, rankings = record["scorer"], {}
-    try:
-        scored = rank_candidates(state, pool, config)
-        names = dict.fromkeys([*PAPER_SCORERS, *([flown] if flown in SCORERS else [])])
-        rankings = {name: scored[name] for name in names}
-    except MissionFailure:
-        pass  # a random gate flies on without points
-    weights = {name: find_scorer(name).weights(config) for name in rankings}
-    signed = {n: (w.main, w.nov, -w.move, -w.ang) for n, w in weights.items()}
     return {
-        "label": f"capture {state.iteration + 1}: chose {record['chosen']}",
-        "chosen": record["chosen"],
-        "scorer": flown,
-        "reason": record["reason"],
-        "d95_mm": round(1000 * state.d95_m, 2) if np.isfinite(state.d95_m) else None,
-        "points": len(state.model.points_m),
-        "registered": len(state.model.camera_names),
-        "sparse_completeness": world.completeness(state.model.points_m),
-        "pool": {
-            "ids": list(pool.ids),
-            "at": np.round(pool.positions_m, 3).tolist(),
-            "scores": {name: np.round(ranking.scores, 4).tolist() for name, ranking in rankings.items()},
-            "best": {
-                name: [
-                    {
-                        "id": pool.ids[i],
-                        "score": round(float(ranking.scores[i]), 4),
-                        "terms": [
-                            round(float(sign * ranking.terms[t][i]), 4)
-                            for sign, t in zip(signed[name], _TERMS)
-                        ],
-                    }
-                    for i in ranking.order[:_BEST]
-                ]
-                for name, ranking in rankings.items()
-            },
-        },
+        "label": label,
+        "views": views,
+        "t": round(float(time_s), 2),
+        "model": model,
+        "facts": facts or [],
     }
 
 
-def _sparse(world: World, points_m: Floats, lengths: np.ndarray) -> dict[str, str]:
-    near = world.near(points_m)
-    points = points_m[near]
-    return {
-        "p": world.pack(points),
-        "e": packed(as_bytes(world.errors_mm(points) / ERROR_STEP_MM), "u1"),
-        "n": packed(as_bytes(lengths[near]), "u1"),
-    }
-
-
-def _final_model(run: Path) -> tuple[Floats, np.ndarray] | None:
-    """(N, 3) points and (N,) track lengths of the model of all photographs."""
+def _final_model(run: Path) -> Floats | None:
+    """(N, 3) points of the model of all photographs."""
     folder = run / "sparse" / "0"
     if not (folder / "points3D.bin").is_file():
         return None
     import pycolmap  # noqa: PLC0415  seconds to load
 
-    points = [point for _, point in sorted(pycolmap.Reconstruction(folder).points3D.items())]
-    lengths = np.array([point.track.length() for point in points])
-    return np.array([point.xyz for point in points]).reshape(-1, 3), lengths
+    points = pycolmap.Reconstruction(folder).points3D
+    return np.array([points[i].xyz for i in sorted(points)]).reshape(-1, 3)
 
 
-def _measured_cloud(run: Path) -> tuple[Floats, np.ndarray | None] | None:
-    """The cloud that was measured."""
-    for name in ("cleaned.ply", "dense.ply"):
-        if (run / name).is_file():
-            cloud = read_ply(run / name)
-            kept = thin_indices(len(cloud), _MOST_DENSE_POINTS)
-            return (
-                (cloud.points_m[kept], None if cloud.colors is None else cloud.colors[kept])
-                if len(kept)
-                else None
-            )
-    return None
-
-
-def _packed_dense(world: World, points_m: Floats, colors: np.ndarray | None) -> dict[str, str]:
-    near = world.near(points_m)
-    points = points_m[near]
-    out = {
-        "p": world.pack(points),
-        "e": packed(as_bytes(world.errors_mm(points) / ERROR_STEP_MM), "u1"),
-    }
-    if colors is not None:
-        out["c"] = packed(colors[near], "u1")
-    return out
-
-
-def _missing_mm(world: World, points_m: Floats | None) -> Floats:
-    if points_m is None or len(points_m) == 0:
-        return np.full(len(world.truth_m), np.inf)
-    return 1000 * nearest_neighbours(points_m, world.truth_m)[0]
+def _measured_cloud(run: Path) -> Floats | None:
+    """(N, 3) of the cloud that was measured."""
+    file = next((run / name for name in ("cleaned.ply", "dense.ply") if (run / name).is_file()), None)
+    points_m = np.zeros((0, 3)) if file is None else read_ply(file).points_m
+    return points_m[thin_indices(len(points_m), _MOST_DENSE_POINTS)] if len(points_m) else None
 
 
 def _scores(metrics: Mapping[str, Any]) -> list[list[str]]:
     """The numbers of the whole mission, each with the surface that it is of."""
-    wanted = (
-        ("completeness_48mm", "completeness at 48 mm", "%"),
-        ("f_score_16mm", "F-score at 16 mm", "%"),
-        ("c2c_cloud_to_gt_mean_mm", "mean distance of the cloud to the truth", "mm"),
-    )
     return [
-        [f"{label}, {surface} surface", f"{metrics[surface][key]:.1f} {unit}"]
+        [f"{label}, {surface} surface", f"{metrics[surface][key]:.1f} %"]
         for surface in ("observable", "whole")
         if surface in metrics
-        for key, label, unit in wanted
+        for key, label in _SCORES.items()
         if isinstance(metrics[surface].get(key), (int, float))
     ]
 

@@ -24,8 +24,7 @@ from tuner.report.mission.run_files import thin_indices
 
 STEP_M = 0.00025  # of a packed coordinate
 ERROR_STEP_MM = 0.25  # of a packed distance to the truth: 64 mm at most
-MISSING_STEP_MM = 1.0  # of a packed distance of the truth to a cloud
-NEAR_MM = 48.0  # the paper's threshold
+NEAR_M = 0.048  # the paper's threshold
 _MOST_TRUTH_POINTS, _MOST_FACES = 50_000, 60_000
 
 
@@ -36,33 +35,27 @@ class World:
     config: MissionConfig
     rock: Rock
     caster: RayCaster
-    truth_m: Floats  # (S, 3)
-    observable: np.ndarray  # (S,) bool
+    observable_m: Floats  # (S, 3) samples of the surface that cameras can see
     origin_m: Floats  # of packed coordinates
 
     def pack(self, points_m: Floats) -> str:
         """(N, 3) as int16."""
         return packed(np.clip((points_m - self.origin_m) / STEP_M, -32767, 32767).round(), "<i2")
 
-    def near(self, points_m: Floats) -> np.ndarray:
-        """(N,) which of the points can be packed."""
-        near: np.ndarray = np.all(np.abs(points_m - self.origin_m) < 32000 * STEP_M, axis=1)
-        return near
-
-    def errors_mm(self, points_m: Floats) -> Floats:
-        """(N,) distance to the nearer of the rock and the ground."""
+    def cloud(self, points_m: Floats) -> dict[str, str]:
+        """Those of (N, 3) points that can be packed, with their distances to the nearer of rock and ground."""
+        points_m = points_m[np.all(np.abs(points_m - self.origin_m) < 32000 * STEP_M, axis=1)]
         relief = relief_of(self.config.ground, self.config.scene.ground_seed)
         ground_m = 0.0 if relief is None else relief.height_m(points_m)
-        rock_m = self.caster.distances_m(points_m)
-        return 1000 * np.minimum(rock_m, np.abs(points_m[:, 2] - ground_m))
+        wrong_m = np.minimum(self.caster.distances_m(points_m), np.abs(points_m[:, 2] - ground_m))
+        steps = np.clip(1000 * wrong_m / ERROR_STEP_MM, 0, 255).round()
+        return {"p": self.pack(points_m), "e": packed(steps, "u1")}
 
-    def completeness(self, points_m: Floats) -> float | None:
-        """Share (%) of the observable surface within `NEAR_MM` of the points."""
-        if len(points_m) == 0 or not self.observable.any():
-            return None
-        seen = self.truth_m[self.observable]
-        distances_m = nearest_neighbours(points_m, seen, within_m=2 * NEAR_MM / 1000)[0]
-        return float(100 * np.mean(1000 * distances_m < NEAR_MM))
+    def missing_m(self, points_m: Floats | None) -> Floats:
+        """(M, 3) samples of the observable surface without one of the points within `NEAR_M`."""
+        if points_m is None or len(points_m) == 0:
+            return self.observable_m
+        return self.observable_m[nearest_neighbours(points_m, self.observable_m)[0] > NEAR_M]
 
 
 def the_rock(run: Path, result: Mapping[str, Any], rock: str | None, store: Store) -> Rock:
@@ -88,13 +81,12 @@ def make_world(config: MissionConfig, found: Rock, store: Store) -> World:
     """The rock as it lay, and the samples that the metrics are made of."""
     rock = buried_rock(found, config)
     truth = ground_truth(rock, config, store)
-    kept = thin_indices(len(truth.points_m), _MOST_TRUTH_POINTS)
+    observable_m = truth.points_m[truth.observable]
     return World(
         config,
         rock,
         RayCaster(rock.vertices_m, rock.faces),
-        truth.points_m[kept],
-        truth.observable[kept],
+        observable_m[thin_indices(len(observable_m), _MOST_TRUTH_POINTS)],
         np.round(np.asarray(config.target_m, dtype=float), 3),
     )
 
@@ -116,11 +108,6 @@ def _fewer_faces(vertices_m: Floats, faces: Ints) -> tuple[Floats, Ints]:
     # Clusters are quick; quadrics would take five seconds. A cell holds two faces where the surface is even.
     mesh = mesh.simplify_vertex_clustering(float(np.sqrt(2 * mesh.get_surface_area() / _MOST_FACES)))
     return np.asarray(mesh.vertices), np.asarray(mesh.triangles)
-
-
-def as_bytes(values: np.ndarray) -> np.ndarray:
-    """Rounded to 0 to 255; infinite becomes 255."""
-    return np.clip(np.nan_to_num(values, posinf=255.0), 0, 255).round()
 
 
 def packed(values: np.ndarray, dtype: str) -> str:

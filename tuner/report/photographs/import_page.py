@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from PIL import Image
 
 from nbv.photographs import PhotographSet
 from nbv.photographs.coverage import Coverage, coverage
@@ -16,14 +15,12 @@ from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS
 from nbv.photographs.reference_file import Reference
 from nbv.provenance import versions
 from tuner.report.pages import write_page
-from tuner.report.style import BLUE, SEQUENTIAL, Illustration, embed, look, new_figure
+from tuner.report.style import SEQUENTIAL, Illustration, embed, look, new_figure
 
 REPORT_FILE = "report.html"
 MIDDLE = 2  # of THRESHOLD_FRACTIONS, which the page speaks of
 _SIDES = (("from azimuth 0°", 0.0), ("from 90°", 90.0), ("from 180°", 180.0), ("from 270°", 270.0))
 _DOTS = 40_000
-_SHOWN = 4
-_THUMBNAIL_PX = 300
 
 
 def write_import_report(photographs: PhotographSet, directory: Path | None = None) -> Path:
@@ -49,11 +46,10 @@ def write_import_report(photographs: PhotographSet, directory: Path | None = Non
         photographs=photographs,
         verdict=f"{registered} of {total} photographs make one model of the object.",
         height=height,
-        scale_source=photographs.scale_source,
         ceiling=photographs.halves.f_score[MIDDLE],
         middle=100 * THRESHOLD_FRACTIONS[MIDDLE],
         error_percent=100 * photographs.reference_error_m / photographs.height_m,
-        figures=[_shown(photographs, views), _cameras(views), _errors(photographs, reference)],
+        figures=[_cameras(views), _errors(photographs, reference)],
         rows=[
             (100 * fraction, *values)
             for fraction, *values in zip(
@@ -91,52 +87,18 @@ def _cannot(views: Coverage) -> list[str]:
     return [*lines, "Another light, wind, lens or place of the object: they are as they were."]
 
 
-def _shown(photographs: PhotographSet, views: Coverage) -> Illustration:
-    """A few photographs from all around."""
-    wanted = np.arange(_SHOWN) * 360.0 / _SHOWN
-    away = np.abs((views.azimuths_deg[:, None] - wanted + 180) % 360 - 180)
-    chosen = list(dict.fromkeys(int(i) for i in away.argmin(axis=0)))
-    with look():
-        ratio = photographs.camera.height_px / photographs.camera.width_px
-        figure = new_figure(9.6, 9.6 / _SHOWN * ratio + 0.3)
-        for axes, index in zip(figure.subplots(1, len(chosen), squeeze=False)[0], chosen, strict=True):
-            picture = Image.fromarray(photographs.image(views.names[index]))
-            picture.thumbnail((_THUMBNAIL_PX, _THUMBNAIL_PX))
-            axes.imshow(np.asarray(picture))
-            axes.set_axis_off()
-            axes.set_title(f"{views.azimuths_deg[index]:.0f}°, {views.elevations_deg[index]:.0f}° up")
-    return embed(
-        figure,
-        "photographs",
-        "photographs from all around",
-        "Photographs of the set, undistorted; azimuth about the object and elevation.",
-        form="png",
-    )
-
-
 def _cameras(views: Coverage) -> Illustration:
     with look():
-        figure = new_figure(9.6, 4.2)
-        polar, side = figure.add_subplot(1, 2, 1, projection="polar"), figure.add_subplot(1, 2, 2)
-        dots = polar.scatter(
-            np.deg2rad(views.azimuths_deg),
-            90 - views.elevations_deg,
-            c=views.distances_m,
-            cmap=SEQUENTIAL,
-            s=22,
-        )
-        polar.set_ylim(0, max(90.0, float((90 - views.elevations_deg).max())))
-        polar.set_yticks([30, 60, 90], ["60°", "30°", "0°"])
-        polar.set_title("azimuth, and elevation inwards", pad=12)
-        figure.colorbar(dots, ax=polar, label="distance, units", shrink=0.7, format="%.1f", pad=0.12)
-        side.scatter(views.azimuths_deg, views.elevations_deg, color=BLUE, s=14)
+        figure = new_figure(9.6, 3.2)
+        axes = figure.subplots()
         for start, end in views.gaps_deg:
             for low, high in ((start, end),) if start < end else ((start, 360.0), (0.0, end)):
-                side.axvspan(low, high, color="#f3d9cc", lw=0)
-        side.set_xlim(0, 360)
-        side.set_xticks(range(0, 361, 60))
-        side.set_xlabel("azimuth, °")
-        side.set_ylabel("elevation, °")
+                axes.axvspan(low, high, color="#f3d9cc", lw=0)
+        dots = axes.scatter(
+            views.azimuths_deg, views.elevations_deg, c=views.distances_m, cmap=SEQUENTIAL, s=22
+        )
+        figure.colorbar(dots, ax=axes, label="distance, units", format="%.1f")
+        axes.set(xlim=(0, 360), xticks=range(0, 361, 60), xlabel="azimuth, °", ylabel="elevation, °")
     return embed(
         figure,
         "cameras",

@@ -4,7 +4,8 @@
   const SVG = "http://www.w3.org/2000/svg";
   const BLUE = "#0072B2", INK = "#1d2329", SOFT = "#59636e", LINE = "#d9dee3", RED = "#D55E00";
   const filter = document.getElementById("rock-filter"), tip = document.getElementById("tip");
-  const text = (v) => (v === null || v === undefined ? "–" : v.toFixed(data.digits).replace("-", "−"));
+  const text = (v, digits = data.digits) => (v === null || v === undefined ? "–" : v.toFixed(digits).replace("-", "−"));
+  const tickDigits = (low, high) => Math.min(data.digits, Math.max(0, 1 - Math.floor(Math.log10((high - low) / 4))));
 
   const el = (name, attributes, parent, content) => {
     const node = document.createElementNS(SVG, name);
@@ -47,12 +48,12 @@
     const [svg, width] = canvas("history", 250), trials = shownTrials();
     const values = trials.filter((t) => t.raw !== null).map((t) => t.raw);
     if (!values.length) { el("text", { x: 8, y: 20 }, svg, "no successful mission here"); return; }
-    const [low, high] = range(values), last = Math.max(...data.trials.map((t) => t.n));
+    const [low, high] = range(values), digits = tickDigits(low, high), last = Math.max(...data.trials.map((t) => t.n));
     const x = (n) => 52 + (width - 68) * (n - 1) / Math.max(1, last - 1), y = (v) => 205 - 190 * (v - low) / (high - low);
     for (let k = 0; k <= 4; k++) {
       const v = low + k * (high - low) / 4;
       el("line", { x1: 46, x2: width - 8, y1: y(v), y2: y(v), stroke: LINE }, svg);
-      el("text", { x: 42, y: y(v) + 4, "text-anchor": "end", class: "soft" }, svg, text(v));
+      el("text", { x: 42, y: y(v) + 4, "text-anchor": "end", class: "soft" }, svg, text(v, digits));
     }
     el("text", { x: 52, y: 243, class: "soft" }, svg, `mission 1 to ${last}; ${data.axis}`);
     for (const t of trials) {
@@ -69,7 +70,7 @@
     box.textContent = "";
     if (!data.slices.length) return;
     const all = data.slices.flatMap((s) => s.mean.flatMap((m, i) => [m - 1.96 * s.sd[i], m + 1.96 * s.sd[i]]));
-    const [low, high] = range([...all, ...trials.map((t) => t.adj)]);
+    const [low, high] = range([...all, ...trials.map((t) => t.adj)]), digits = tickDigits(low, high);
     data.slices.forEach((s, k) => {
       const p = data.parameters[k];
       const svg = el("svg", { viewBox: "0 0 320 190", class: "drawing slice", role: "img", "aria-label": `slice along ${p.name}` }, box);
@@ -77,7 +78,7 @@
       el("text", { x: 46, y: 14 }, svg, p.name + (p.unit ? ` (${p.unit})` : ""));
       for (const v of [low, (low + high) / 2, high]) {
         el("line", { x1: 46, x2: 308, y1: y(v), y2: y(v), stroke: LINE }, svg);
-        el("text", { x: 42, y: y(v) + 4, "text-anchor": "end", class: "soft" }, svg, text(v));
+        el("text", { x: 42, y: y(v) + 4, "text-anchor": "end", class: "soft" }, svg, text(v, digits));
       }
       const edge = (sign) => s.mean.map((m, i) => [x(s.u[i]), y(m + sign * 1.96 * s.sd[i])]);
       if (p.choices) {
@@ -115,16 +116,5 @@
   }
   filter.addEventListener("change", draw);
   addEventListener("resize", draw);
-  for (const button of document.querySelectorAll("button[data-copy]")) {
-    button.addEventListener("click", async () => {
-      const wanted = document.getElementById(button.dataset.copy).textContent;
-      try { await navigator.clipboard.writeText(wanted); } catch {
-        const area = document.body.appendChild(document.createElement("textarea"));
-        area.value = wanted; area.select(); document.execCommand("copy"); area.remove();
-      }
-      button.textContent = "copied";
-      setTimeout(() => { button.textContent = button.dataset.label; }, 1500);
-    });
-  }
   draw();
 })();

@@ -9,49 +9,34 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from nbv.types import Floats
 from tuner.report.style import colour, look, marker, new_figure
 
 
-def mean_sectors(missions: Sequence[Sequence[float | None]]) -> Floats:
-    """(K,) mean completeness per sector over missions; NaN where no mission has a sample there."""
-    table = np.array([[np.nan if v is None else v for v in mission] for mission in missions], dtype=float)
-    known = ~np.isnan(table)
-    total = np.where(known, table, 0.0).sum(0)
-    return np.where(known.any(0), total / np.maximum(known.sum(0), 1), np.nan)
-
-
 def sector_figure(
-    completeness: Mapping[str, Sequence[Sequence[float | None]]],
-    centers_deg: Sequence[float],
-    threshold: str = "48 mm",
+    completeness: Mapping[str, Sequence[float | None]], centers_deg: Sequence[float], threshold: str = "48 mm"
 ) -> Figure:
-    """Mean completeness per sector and label.
+    """Completeness per sector and label.
 
     Parameters
     ----------
     completeness
-        By label: one list of K percentages per mission.
+        By label: K percentages; None where the sector has no sample.
     centers_deg
         (K,) azimuths of the sector centres, counter-clockwise from east, as ``nbv.evaluation`` defines them.
+    threshold
+        At which completeness is.
     """
     with look():
         figure = new_figure(6.6, 4.8)
         ax: Any = figure.add_subplot(projection="polar")
         angles = np.deg2rad(np.asarray(centers_deg, dtype=float))
         lowest = 100.0
-        for i, (label, missions) in enumerate(completeness.items()):
-            mean = mean_sectors(missions)
-            if np.isnan(mean).all():
-                continue
-            lowest = min(lowest, float(np.nanmin(mean)))
+        for i, (label, sectors) in enumerate(completeness.items()):
+            values = np.array([np.nan if v is None else v for v in sectors], dtype=float)
+            lowest = min(lowest, float(np.nanmin(values, initial=100.0)))
+            ring = np.append(values, values[0])
             ax.plot(
-                np.append(angles, angles[0]),
-                np.append(mean, mean[0]),
-                color=colour(i),
-                marker=marker(i),
-                ms=4.5,
-                label=f"{label}" + (f" (n = {len(missions)})" if len(missions) > 1 else ""),
+                np.append(angles, angles[0]), ring, color=colour(i), marker=marker(i), ms=4.5, label=label
             )
         bottom = 0.0 if lowest < 40 else 10 * np.floor(lowest / 10) - 10
         ax.set_ylim(bottom, 100)
