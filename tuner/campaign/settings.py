@@ -309,38 +309,28 @@ class CampaignSettings:
         for what, wanted in asked.items():
             if wanted and self.sampler != "gp":
                 raise UserError(f"{what} needs sampler gp, not {self.sampler}; leave it out or choose gp")
-            if wanted and self.second is not None and what != "a second objective":
-                raise UserError(f"{what} cannot be combined with a second objective; leave one of them out")
+        if all(asked.values()):
+            raise UserError(f"{' and '.join(asked)} cannot be combined; leave one of them out")
 
     def _check_limit(self) -> None:
-        if self.limit is None and self.second is None:
+        if (self.limit is None) != (self.second is None):
+            missing = (
+                "a second objective needs a limit"
+                if self.limit is None
+                else "a limit is of a second objective"
+            )
+            raise UserError(f"{missing}; write both as --objective f_score@photographs<=21")
+        if self.limit is None or self.second is None:
             return
-        if self.limit is None:
-            raise UserError(
-                "a second objective needs a limit, as in --objective f_score@photographs<=21; the page shows what was flown in both"
-            )
-        if self.second is None:
-            raise UserError(
-                "a limit is of a second objective; name one, as in --objective f_score@photographs<=21"
-            )
         if self.second.is_share:
             self._check_share(self.limit / 100.0)
-        if (
-            self.second.metric not in COUNTS
-            or self.second.direction != "minimise"
-            or self.mission is not None
-        ):
-            return
-        seeds, least = self._fewest_photographs()
-        if self.limit < seeds:
+        counted = (
+            self.second.metric in COUNTS and self.second.direction == "minimise" and self.mission is None
+        )
+        if counted and self.limit < (least := self._fewest_photographs()):
             raise UserError(
-                f"the limit of {self.limit:g} photographs is below the {seeds} seeds that every configuration here has; "
-                "raise it, or tune or --set the seed phase"
-            )
-        if self.limit < least:
-            raise UserError(
-                f"the limit of {self.limit:g} photographs is below the {least} that every configuration here takes; "
-                "raise it, or tune or --set stop.adaptive_budget"
+                f"the limit of {self.limit:g} photographs is below the {least} that every configuration here takes; raise it, "
+                "or tune or --set the seed phase or stop.adaptive_budget"
             )
 
     def _check_share(self, share: float) -> None:
@@ -353,16 +343,15 @@ class CampaignSettings:
                 "with --rock any, or any-FAMILY"
             )
 
-    def _fewest_photographs(self) -> tuple[int, int]:
-        """``(seeds, photographs)`` at the ends of what is tuned of the seed phase and of the stopping rule."""
+    def _fewest_photographs(self) -> int:
+        """The least number at the ends of what is tuned of the seed phase and of the stopping rule."""
         tuned = [p for p in self.space.parameters if p.path.partition(".")[0] in ("seed", "stop")]
-        default, found = self.default_values(), list[tuple[int, int]]()
+        default, found = self.default_values(), list[int]()
         for ends in itertools.islice(itertools.product(*(p.ends for p in tuned)), 256):
             with contextlib.suppress(UserError):  # ends that exclude one another
                 config = ours(self.config({**default, **{p.path: end for p, end in zip(tuned, ends)}}))
-                seeds, stop = config.seed.total, config.stop
-                found.append((seeds, seeds + (0 if stop.may_end_early else config.adaptive_budget)))
-        return min((n for n, _ in found), default=0), min((n for _, n in found), default=0)
+                found.append(config.seed.total + (0 if config.stop.may_end_early else config.adaptive_budget))
+        return min(found, default=0)
 
     @functools.cached_property
     def exact(self) -> Exact:

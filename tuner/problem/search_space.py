@@ -47,6 +47,8 @@ class Configuration(Protocol):
 C = TypeVar("C", bound=Configuration)
 Value = float | int | str | bool
 Values = dict[str, Any]
+Kind = Literal["float", "int", "categorical"]
+Scale = Literal["linear", "log"]
 
 CHOICE_JUMP = 0.2  # probability of another choice where a configuration is moved a little
 
@@ -60,10 +62,10 @@ class Parameter:
     """
 
     path: str
-    kind: Literal["float", "int", "categorical"]
+    kind: Kind
     low: float = 0.0
     high: float = 1.0
-    scale: Literal["linear", "log"] = "linear"
+    scale: Scale = "linear"
     choices: tuple[Value, ...] = ()
     default: Value | None = None  # None: the base configuration's value
     also: tuple[str, ...] = ()  # further paths that take the same value

@@ -14,17 +14,16 @@ A search space file reads::
 
 from __future__ import annotations
 
-import dataclasses
-import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from nbv.config import MissionConfig, parameter_paths
+from nbv.config.parsing import coerce
 from nbv.errors import UserError
 from nbv.safe_files import is_file, parse_yaml, read_text, require
-from tuner.problem.search_space import Parameter, SearchSpace
+from tuner.problem.search_space import Kind, Parameter, Scale, SearchSpace, Value
 
 MAX_PARAMETERS = 100
 MAX_CHOICES = 50
@@ -130,50 +129,30 @@ def _parameter(path: str, spec: Any, where: str) -> Parameter:
     if not isinstance(spec, dict):
         raise UserError(f"{where}: give a mapping such as {{kind: float, low: 0.1, high: 1.0}}")
     _known_keys(spec, _PARAMETER_KEYS, where)
-    also = spec.get("also", [])
-    if not isinstance(also, list) or any(not isinstance(other, str) for other in also):
-        raise UserError(f"{where}: 'also' must list parameter paths, not {also!r}")
-    return dataclasses.replace(_range(path, spec, where), also=tuple(also))
-
-
-def _range(path: str, spec: dict[str, Any], where: str) -> Parameter:
-    kind = spec.get("kind", "float")
-    if kind not in ("float", "int", "categorical"):
-        raise UserError(f"{where}: unknown kind {kind!r}; allowed: float, int, categorical")
-    default = spec.get("default")
+    kind = coerce(Kind, spec.get("kind", "float"), f"{where}: kind")
+    for key in ("low", "high", "scale") if kind == "categorical" else ("choices",):
+        if key in spec:
+            raise UserError(f"{where}: {key!r} does not belong to kind {kind}")
+    also = coerce(tuple[str, ...], spec.get("also", []), f"{where}: also")
     if kind == "categorical":
-        return _categorical(path, spec, default, where)
-    if "choices" in spec:
-        raise UserError(f"{where}: 'choices' belongs to kind categorical; give low and high")
-    for key in ("low", "high"):
-        value = spec.get(key)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise UserError(f"{where}: '{key}' must be a finite number, not {value!r}")
-        if kind == "int" and not float(value).is_integer():
-            raise UserError(f"{where}: '{key}' must be a whole number for kind int, not {value!r}")
-    low, high = float(spec["low"]), float(spec["high"])
+        choices = _choices(spec.get("choices"), where)
+        return Parameter(path, kind, choices=choices, default=spec.get("default"), also=also)
+    number = int if kind == "int" else float
+    low, high = (coerce(number, spec.get(key), f"{where}: {key}") for key in ("low", "high"))
     if low >= high:
         raise UserError(f"{where}: low {low:g} is not below high {high:g}; swap or widen the bounds")
-    scale = spec.get("scale", "linear")
-    if scale not in ("linear", "log"):
-        raise UserError(f"{where}: unknown scale {scale!r}; allowed: linear, log")
+    scale = coerce(Scale, spec.get("scale", "linear"), f"{where}: scale")
     if scale == "log" and low <= 0:
         raise UserError(f"{where}: scale log needs low above 0, not {low:g}; raise low or use scale linear")
-    if kind == "int":
-        return Parameter(path, "int", int(low), int(high), scale, (), default)
-    return Parameter(path, "float", low, high, scale, (), default)
+    return Parameter(path, kind, low, high, scale, (), spec.get("default"), also)
 
 
-def _categorical(path: str, spec: dict[str, Any], default: Any, where: str) -> Parameter:
-    for key in ("low", "high", "scale"):
-        if key in spec:
-            raise UserError(f"{where}: '{key}' does not belong to kind categorical; give 'choices'")
-    choices = spec.get("choices")
-    if not isinstance(choices, list) or len(choices) < 2:
+def _choices(raw: Any, where: str) -> tuple[Value, ...]:
+    if not isinstance(raw, list) or len(raw) < 2:
         raise UserError(f"{where}: 'choices' must list at least two values")
-    require(len(choices), MAX_CHOICES, f"{where}: the number of choices")
-    if any(not isinstance(choice, (str, int, float, bool)) for choice in choices):
+    require(len(raw), MAX_CHOICES, f"{where}: the number of choices")
+    if any(not isinstance(choice, (str, int, float, bool)) for choice in raw):
         raise UserError(f"{where}: each choice must be a string, a number or a boolean")
-    if len({repr(choice) for choice in choices}) != len(choices):
+    if len({repr(choice) for choice in raw}) != len(raw):
         raise UserError(f"{where}: a choice is given twice; list each once")
-    return Parameter(path, "categorical", choices=tuple(choices), default=default)
+    return tuple(raw)

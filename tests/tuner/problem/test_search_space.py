@@ -147,11 +147,17 @@ GOOD = "parameters:\n  gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: lo
         ("parameters:\n  gate.d95_m: [0.1, 1.0\n", r"line \d+: .*mend the YAML"),
         ("parameters:\n  gate.d95_m: {low: 0.3, high: 1.0}\n", "has the default 0.14, outside"),
         ("parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, default: 2}\n", "has the default 2, outside"),
-        ("parameters:\n  gate.d95_m: {low: abc, high: 1.0}\n", "'low' must be a finite number"),
-        ("parameters:\n  gate.d95_m: {low: .nan, high: 1.0}\n", "'low' must be a finite number"),
-        ("parameters:\n  gate.d95_m: {high: 1.0}\n", "'low' must be a finite number, not None"),
-        ("parameters:\n  gate.d95_m: {low: 0.1, high: 1, scale: cubic}\n", "unknown scale 'cubic'"),
-        ("parameters:\n  gate.d95_m: {kind: complex, low: 0.1, high: 1}\n", "unknown kind 'complex'"),
+        ("parameters:\n  gate.d95_m: {low: abc, high: 1.0}\n", "low is 'abc'; it must be a number"),
+        ("parameters:\n  gate.d95_m: {low: .nan, high: 1.0}\n", "low is nan; it must be finite"),
+        ("parameters:\n  gate.d95_m: {high: 1.0}\n", "low is None; it must be a number"),
+        (
+            "parameters:\n  gate.d95_m: {low: 0.1, high: 1, scale: cubic}\n",
+            "scale is 'cubic'; allowed: linear, log",
+        ),
+        (
+            "parameters:\n  gate.d95_m: {kind: complex, low: 0.1, high: 1}\n",
+            "kind is 'complex'; allowed: float",
+        ),
         ("parameters:\n  gate.d95_m: 0.3\n", "give a mapping"),
         ("parameters:\n  gate.budget_fraction: {low: 0.0, high: 2.0}\n", "between 0 and 1"),
         ("parameters:\n  dense.neighbours: {kind: int, low: 1.5, high: 4}\n", "whole number"),
@@ -164,7 +170,7 @@ GOOD = "parameters:\n  gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: lo
         (GOOD + "base:\n  gate.d95_m: 0.2\n", "both fixed in 'base' and tuned"),
         (
             "parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, also: gate.d95}\n",
-            "'also' must list parameter paths",
+            "also is 'gate.d95'; it must be a list",
         ),
         (
             "parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, also: [gate.d96_m]}\n",
