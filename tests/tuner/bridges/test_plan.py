@@ -66,8 +66,3 @@ def test_no_leg_passes_through_the_target():
 def test_a_home_that_is_no_place_is_refused(place):
     with pytest.raises(UserError, match="no place"):
         Home(*place)
-
-
-def test_a_view_of_another_configuration_is_refused():
-    with pytest.raises(UserError, match="cand_999"):
-        qgc_plan(CONFIG, ["cand_999"], HOME)

@@ -17,7 +17,6 @@ import fake_campaigns
 import fake_missions
 import numpy as np
 import pytest
-import typer
 import yaml
 from fake_campaigns import FIDELITY
 
@@ -27,7 +26,6 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings_file import settings_from_dict
-from tuner.commands.campaign import fly
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
 from tuner.missions.job import Trial
 from tuner.problem.objective import Objective
@@ -66,20 +64,6 @@ def test_campaign_flies_its_budget_over_rocks_in_turn(tmp_path: Path) -> None:
     for t in campaign.trials():
         result = json.loads((tmp_path / "run" / t.directory / "mission.json").read_text())
         assert result["metrics"]["observable"]["f_score_48mm"] == t.raw
-
-
-@pytest.mark.slow
-def test_gp_campaign_is_deterministic_with_one_worker(tmp_path: Path) -> None:
-    changes: dict[str, object] = {"sampler": "gp", "budget": 7, "initial": 4}
-    one, two = run(tmp_path / "one", **changes), run(tmp_path / "two", **changes)
-    phases = [t.why["phase"] for t in one.trials()]
-    assert phases[:5] == ["default"] + ["initial design"] * 3 + ["model"]
-    assert set(phases[5:]) <= {"model", "verification"}
-    for a, b in zip(one.trials(), two.trials()):
-        assert (a.rock, a.replicate) == (b.rock, b.replicate)
-        np.testing.assert_allclose(list(a.values.values()), list(b.values.values()), rtol=1e-6)
-    other = run(tmp_path / "three", **{**changes, "seed": 2})
-    assert other.trials()[3].values != one.trials()[3].values
 
 
 @pytest.mark.slow
@@ -122,93 +106,18 @@ def test_ctrl_c_does_not_wait_for_a_model(
     assert fly_campaign(resumed, InProcessExecutor()).status.complete == 6
 
 
-def test_ctrl_c_gives_the_prompt_back_without_a_page(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    class Interrupted(InProcessExecutor):
-        def wait_any(self, timeout_s: float) -> list[Trial]:
-            os.kill(os.getpid(), signal.SIGINT)
-            return super().wait_any(timeout_s)
-
-        def __enter__(self) -> Interrupted:
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            self.close()
-
-    directory = tmp_path / "run"
-    campaign = begin_campaign(directory, settings())
-    monkeypatch.setattr("tuner.commands.campaign._write_pages", None)
-    with pytest.raises(typer.Exit) as ended:
-        fly(campaign, 1, 60.0, ready=Interrupted())  # type: ignore[arg-type]
-    assert ended.value.exit_code == 130
-    assert f"go on with: gatetune campaign resume {directory}" in capsys.readouterr().out
-    assert [t.state for t in campaign.trials()] == ["complete"]
-
-
-@pytest.mark.parametrize("show_pair", [False, True])
-def test_what_is_shown_flies_after_the_verdict_if_asked(
-    show_pair: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    said_before: list[str] = []
-    monkeypatch.setattr("tuner.campaign.showcase.showcase_jobs", lambda campaign: ["a job"])
-    monkeypatch.setattr(
-        "tuner.campaign.showcase.fly_showcase", lambda *_: said_before.append(capsys.readouterr().out)
-    )
-    page = tmp_path / "view.html"
-    monkeypatch.setattr("tuner.report.campaign.walks.write_showcase_page", lambda campaign: page)
-    monkeypatch.setattr("tuner.report.campaign.write_campaign_report", lambda campaign: None)
-    campaign = begin_campaign(tmp_path / "run", settings())
-    with workers() as executor:
-        fly(campaign, 1, 60.0, ready=executor, show_pair=show_pair)
-    end = capsys.readouterr().out
-    assert ["the budget is used" in text for text in said_before] == ([True] if show_pair else [])
-    assert (f"beside the recommendation: {page}" in end) == show_pair
-    assert (f"walk around in it: gatetune mission view {campaign.directory}" in end) != show_pair
-
-
 @pytest.mark.slow
 def test_in_step_a_campaign_is_the_same_with_any_workers(tmp_path: Path) -> None:
-    changes: dict[str, object] = {
-        "sampler": "gp",
-        "budget": 10,
-        "initial": 4,
-        "rocks": ("slow", "b"),
-        "in_step": 3,
-    }
+    changes: dict[str, object] = {"sampler": "gp", "initial": 4, "rocks": ("slow", "b"), "in_step": 3}
     alone = run(tmp_path / "alone", **changes)
     side_by_side = begin_campaign(tmp_path / "four", settings(**changes))
-    flying: set[int] = set()
-    most = 0
-
-    def watch(event: CampaignEvent) -> None:
-        nonlocal most
-        if event.trial is not None and event.kind == "launched":
-            flying.add(event.trial.number)
-        elif event.trial is not None and event.kind == "finished":
-            flying.discard(event.trial.number)
-        most = max(most, len(flying))
-
     with workers(4) as executor:
-        assert fly_campaign(side_by_side, executor, watch).stopped == "budget"
-    assert 2 <= most <= 3  # a fourth worker would have to know less
-
-    def interrupt(event: CampaignEvent) -> None:
-        if event.kind == "finished" and event.finished == 6:
-            os.kill(os.getpid(), signal.SIGINT)
-
-    parts = begin_campaign(tmp_path / "parts", settings(**changes))
-    with workers(2) as executor:
-        assert fly_campaign(parts, executor, interrupt).stopped == "interrupted"
-        assert (
-            fly_campaign(Campaign.open(tmp_path / "parts", fidelity=FIDELITY), executor).stopped == "budget"
-        )
-    expected = [(t.number, t.rock, t.replicate, t.values, t.raw) for t in alone.trials()]
-    assert len(expected) == 10
-    for other in (side_by_side, Campaign.open(tmp_path / "parts", fidelity=FIDELITY)):
-        assert [(t.number, t.rock, t.replicate, t.values, t.raw) for t in other.trials()] == expected
-    with pytest.raises(UserError, match="in_step is 0 missions; give at least 1"):
-        settings(in_step=0)
+        assert fly_campaign(side_by_side, executor).stopped == "budget"
+    one, four = (
+        [(t.number, t.rock, t.replicate, t.values, t.raw) for t in campaign.trials()]
+        for campaign in (alone, side_by_side)
+    )
+    assert one == four and len(one) == 6
 
 
 @pytest.mark.slow
@@ -421,25 +330,6 @@ def test_missing_metric_is_a_failure_not_a_zero(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("sampler", ["random", "tpe", "optuna-gp"])
-def test_every_sampler_runs_and_resumes(tmp_path: Path, sampler: str) -> None:
-    changes: dict[str, object] = {"sampler": sampler, "budget": 10, "initial": 4}
-    directory = tmp_path / "run"
-    campaign = begin_campaign(directory, settings(**changes))
-
-    def interrupt(event: CampaignEvent) -> None:
-        if event.kind == "finished" and event.finished == 8:
-            os.kill(os.getpid(), signal.SIGINT)
-
-    assert fly_campaign(campaign, InProcessExecutor(), interrupt).status.finished == 8
-    resumed = Campaign.open(directory, fidelity=FIDELITY)
-    assert fly_campaign(resumed, InProcessExecutor()).status.complete == 10
-    whole = run(tmp_path / "whole", **changes)
-    for a, b in zip(whole.trials(), resumed.trials()):
-        np.testing.assert_allclose(list(a.values.values()), list(b.values.values()), rtol=1e-6)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("sampler", ["gp", "sobol", "random", "tpe", "optuna-gp"])
 def test_every_sampler_runs_on_the_mixed_space(tmp_path: Path, sampler: str) -> None:
     space = load_search_space("full")
@@ -566,17 +456,6 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
         assert found == campaign.settings.config(saved["values"])
 
 
-def test_a_recommendation_is_made_once_for_the_same_missions(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made = run(tmp_path / "run", budget=6).recommend_from
-    campaign = Campaign.open(tmp_path / "run", read_only=True)
-    monkeypatch.setattr("tuner.recommendation.choose.recommend", None)
-    found = campaign.recommendation()  # as status and resume ask
-    monkeypatch.undo()
-    assert found is not None and found == made(campaign.history())
-
-
 def test_status_fits_no_model_where_one_was_saved(
     tmp_path: Path, gatetune, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -590,14 +469,6 @@ def test_status_fits_no_model_where_one_was_saved(
     monkeypatch.setattr("tuner.recommendation.choose.recommend", None)
     code, out, _ = gatetune("campaign", "status", tmp_path / "run")
     assert code == 0 and "5 of 6 missions" in out and "recommended after 4 of them" in out
-
-
-def test_recommendations_on_the_way(tmp_path: Path) -> None:
-    looks: list[CampaignEvent] = []
-    campaign = begin_campaign(tmp_path / "run", settings(budget=6))
-    summary = fly_campaign(campaign, InProcessExecutor(), looks.append, recommend_every=3)
-    assert [e.finished for e in looks if e.kind == "recommendation"] == [3]
-    assert summary.recommendation == campaign.recommend_from(campaign.history())
 
 
 def test_a_finished_campaign_is_looked_at_without_torch(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import collections
 import dataclasses
-import json
 from pathlib import Path
 
 import fake_campaigns
@@ -15,8 +14,6 @@ import yaml
 from nbv.config import load_conditions
 from nbv.errors import UserError
 from tuner.campaign.begin import begin_campaign
-from tuner.campaign.campaign import Campaign
-from tuner.campaign.events import CampaignEvent
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import settings_from_dict
@@ -52,47 +49,6 @@ def test_a_campaign_flies_every_rock_under_every_condition(tmp_path: Path) -> No
     best = campaign.recommendation()
     assert best is not None and {row.world for row in best.per_rock} == set(flown)
     assert campaign.recommended_config().condition == "ideal"
-
-
-def test_ideal_alone_is_the_campaign_without_conditions(tmp_path: Path) -> None:
-    changes = {"sampler": "sobol", "budget": 4}
-    plain = fake_campaigns.run(tmp_path / "plain", **changes)
-    ideal = begin_campaign(tmp_path / "ideal", settings(conditions=load_conditions(["ideal"]), **changes))
-    fly_campaign(ideal, InProcessExecutor())
-    for a, b in zip(plain.trials(), ideal.trials(), strict=True):
-        assert (a.values, a.raw, a.directory, a.sampler_state) == (
-            b.values,
-            b.raw,
-            b.directory,
-            b.sampler_state,
-        )
-
-
-def test_a_geometric_campaign_over_worlds_goes_on(tmp_path: Path) -> None:
-    """Real missions on two rocks under two conditions, interrupted half-way, end as if they had not been."""
-    changes = {
-        "rocks": ("boulder", "slab"),
-        "fidelity": "geometric",
-        "sampler": "sobol",
-        "budget": 4,
-        "overrides": {"stop.adaptive_budget": 1, "evaluation.gt_samples": 3000},
-    }
-    campaign = begin_campaign(tmp_path / "run", settings(**changes))
-
-    def interrupt(event: CampaignEvent) -> None:
-        if event.kind == "finished" and event.finished == 2:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        fly_campaign(campaign, InProcessExecutor(), interrupt)
-    resumed = Campaign.open(tmp_path / "run", settings(**changes))
-    assert fly_campaign(resumed, InProcessExecutor()).stopped == "budget"
-    trials = resumed.trials()
-    assert [t.world.label for t in trials] == ["boulder", "slab, field", "boulder, field", "slab"]
-    assert all(t.state == "complete" for t in trials)
-    results = [json.loads((tmp_path / "run" / t.directory / "mission.json").read_text()) for t in trials]
-    assert [r["condition"] for r in results] == [t.condition for t in trials]
-    assert [r["provenance"]["condition"] for r in results] == [t.condition for t in trials]
 
 
 def test_settings_keep_what_their_conditions_were(tmp_path: Path) -> None:

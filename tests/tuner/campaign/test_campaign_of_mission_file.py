@@ -1,7 +1,6 @@
 """A campaign over a mission file, from the command line: everything that a campaign over our own missions has."""
 
 import contextlib
-import dataclasses
 import json
 import shutil
 
@@ -165,24 +164,6 @@ def test_a_function_runs_only_where_the_caller_of_tune_names_it(toy, monkeypatch
         with pytest.raises(UserError, match="if you trust it, name it: --fidelity evil_runner:fly"):
             tune(toy / "runs/x", **given)
     assert not (toy / "ran").exists()
-
-
-def test_confirm_tells_instances_apart(gatetune, toy, monkeypatch):
-    """``site.1`` and ``site.2`` are names, not files with suffixes; many of them make no folder's name."""
-    names = [f"site.{n}" for n in range(40)]
-    (toy / "toy.yaml").write_text(yaml.safe_dump({**FILE, "instances": names}))
-    begun(toy, 4)
-    plans = []
-
-    def compare(plan, directory, **_):
-        plans.append((plan.rocks, directory.name))
-
-    monkeypatch.setattr("tuner.commands.evaluate.compare", compare)
-    better = dataclasses.replace(Campaign.open(toy / "runs/toy").recommended(), values={"gain": 2.0})
-    monkeypatch.setattr(Campaign, "recommended", lambda self: better)
-    assert gatetune("confirm", "runs/toy", "--rock", "site.1")[0] == 0
-    assert gatetune("confirm", "runs/toy")[0] == 0
-    assert plans == [(("site.1",), "confirmation-site.1"), (tuple(names), "confirmation-40-rocks")]
 
 
 def test_what_the_command_line_names_is_run(gatetune, toy, monkeypatch):

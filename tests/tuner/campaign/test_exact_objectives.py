@@ -8,15 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import fake_campaigns
-import numpy as np
-import photograph_missions
 import pytest
 
 from tuner.campaign.campaign import Campaign
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space, space_from_dict
-from tuner.samplers import gp
-from tuner.samplers.gp import GPSampler
 
 PHOTOGRAPHS, QUALITY = Objective("costs.images", "minimise"), Objective()
 SPACE = space_from_dict(  # what matters to `photograph_missions`
@@ -94,27 +90,3 @@ def test_a_pool_that_runs_empty_makes_the_cost_a_guess(tmp_path: Path) -> None:
     best = campaign.recommendation()
     assert best is not None and not best.exact
     assert campaign.modelled_objective == PHOTOGRAPHS
-
-
-def test_a_wide_batch_with_an_exact_cost(fewest: Campaign) -> None:
-    s = fewest.settings
-    settings = gp.SamplerSettings(
-        s.space,
-        s.default_values(),
-        s.worlds,
-        0,
-        4,
-        2,
-        exact=s.exact,
-        at_least=98.0,
-    )
-    proposals = GPSampler(settings).ask_many(fewest.history(), [], 12)
-    assert len({tuple(p.values.values()) for p in proposals}) == 12
-    assert [p.why.get("drawn") for p in proposals].count(True) == 8
-
-
-def test_it_saves_photographs_that_it_need_not(fewest: Campaign) -> None:
-    best = fewest.recommendation()
-    assert best is not None and best.mean <= 30.0
-    assert photograph_missions.truth(fewest.settings.config(best.values)) >= 98.0  # type: ignore[arg-type]
-    assert np.isfinite(best.limit.difference if best.limit else np.nan)

@@ -61,17 +61,6 @@ def test_every_lost_line_is_named_or_changes_nothing(copy):
     assert named > len(lines) * 0.5
 
 
-def test_doubled_lines_are_named_or_change_nothing(copy):
-    journal = copy / "study.journal"
-    lines, before = journal.read_text().splitlines(keepends=True), facts(copy)
-    for k in range(len(lines)):
-        journal.write_text("".join(lines[: k + 1] + lines[k:]))
-        try:
-            assert facts(copy) == before
-        except UserError as error:
-            assert "ledger" in str(error)
-
-
 def test_flipped_bytes_are_named_or_change_nothing(copy):
     journal = copy / "study.journal"
     content, before = journal.read_bytes(), facts(copy)

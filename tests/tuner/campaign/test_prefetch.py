@@ -6,10 +6,8 @@ import os
 import threading
 from pathlib import Path
 
-import numpy as np
 import optuna
 import pytest
-import synthetic
 from fake_campaigns import settings
 
 from nbv.errors import UserError
@@ -20,9 +18,6 @@ from tuner.campaign.session import fly_campaign
 from tuner.campaign.storage import Journal
 from tuner.missions.executors import InProcessExecutor
 from tuner.missions.job import Trial
-from tuner.problem.observations import Observation
-from tuner.samplers.base import SamplerSettings
-from tuner.samplers.gp import GPSampler
 
 
 class Wide(InProcessExecutor):
@@ -82,21 +77,6 @@ def test_a_batch_that_is_being_made_is_forgotten(tmp_path: Path, monkeypatch: py
     begun.wait()
     proposals.close()  # would never come back
     proposals._thread.shutdown(wait=True)
-
-
-def test_a_batch_is_good_and_its_members_differ() -> None:
-    sampler = GPSampler(SamplerSettings(synthetic.SPACE, synthetic.DEFAULT, ("r0", "r1"), 0, 4, budget=None))
-    rng, history = np.random.default_rng(0), []
-    for i in range(24):
-        values = synthetic.SPACE.from_unit(rng.uniform(size=2))
-        y = synthetic.true_value(values) + 0.02 * rng.normal()
-        history.append(Observation(i, values, f"r{i % 2}", 0, y, y))
-    batch = sampler.ask_many(history, [], 24)
-    assert batch[0] == sampler.ask(history, [])
-    assert len({tuple(p.values.values()) for p in batch}) == 24
-    drawn = [synthetic.true_value(p.values) for p in batch if p.why.get("drawn")]
-    assert len(drawn) == 12 and np.mean(drawn) > np.mean([o.outcome for o in history]) + 0.1
-    assert {p.rock for p in batch} == {"r0", "r1"}
 
 
 def test_what_is_written_together_is_synchronised_once(

@@ -11,14 +11,10 @@ import pytest
 
 pytestmark = pytest.mark.slow
 
-SMALL = [
-    "--set",
-    "stop.adaptive_budget=1",
-    "--set",
-    "evaluation.gt_samples=5000",
-    "--set",
-    "dense.agreeing_views=3",
-]
+START = (
+    "campaign run --name tiny --space gate --rock boulder --budget 4 --replicates 2 --workers 1 "
+    "--set stop.adaptive_budget=1 --set evaluation.gt_samples=5000 --set dense.agreeing_views=3"
+)
 GATETUNE = [sys.executable, "-m", "tuner.cli"]
 
 
@@ -33,25 +29,8 @@ def finished(folder):
 
 
 def test_interrupt_resume_evaluate(tmp_path):
-    start = [
-        "campaign",
-        "run",
-        "--name",
-        "tiny",
-        "--space",
-        "gate",
-        "--rock",
-        "boulder",
-        "--budget",
-        "4",
-        "--replicates",
-        "2",
-        "--workers",
-        "1",
-        *SMALL,
-    ]
     process = subprocess.Popen(
-        [*GATETUNE, *start],
+        [*GATETUNE, *START.split()],
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -88,19 +67,8 @@ def test_interrupt_resume_evaluate(tmp_path):
     refused = gatetune(tmp_path, "evaluate", "runs/tiny", "--rock", "boulder")
     assert refused.returncode == 2
     assert "tuned on" in refused.stderr
-    run = gatetune(
-        tmp_path,
-        "evaluate",
-        "runs/tiny",
-        "--rock",
-        "mushroom",
-        "--replicates",
-        "1",
-        "--against",
-        "covis",
-        "--reference",
-        "covis",
-    )
+    against = "--rock mushroom --replicates 1 --against covis --reference covis"
+    run = gatetune(tmp_path, "evaluate", "runs/tiny", *against.split())
     assert run.returncode == 0, run.stdout + run.stderr
     assert "F-score" in run.stdout
     assert "Completeness" in (tmp_path / "runs/tiny/evaluation/report.html").read_text()

@@ -90,16 +90,6 @@ def test_a_campaign_in_their_space_learns_from_them_unless_told(
 
 
 def test_nothing_and_something_at_once_is_refused(gatetune: Gatetune) -> None:
-    code, _, err = gatetune(
-        "campaign",
-        "run",
-        "--space",
-        "full",
-        "--rock",
-        "waist",
-        "--learn-from",
-        "nothing",
-        "--learn-from",
-        "runs/x",
-    )
+    both = ["--learn-from", "nothing", "--learn-from", "runs/x"]
+    code, _, err = gatetune("campaign", "run", "--space", "full", "--rock", "waist", *both)
     assert code == 2 and "--learn-from nothing stands beside another" in err

@@ -8,7 +8,6 @@ import shutil
 from pathlib import Path
 
 import fake_campaigns
-import numpy as np
 import pytest
 import synthetic
 from fake_campaigns import FIDELITY
@@ -18,12 +17,9 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.transfer import learn_from
 from tuner.cli import app
-from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
 from tuner.report import write_campaign_report
-from tuner.samplers.base import SamplerSettings
-from tuner.samplers.gp import GPSampler
 
 FRACTION, D95 = synthetic.SPACE.parameters
 ONE_PARAMETER = dataclasses.replace(synthetic.SPACE, name="one", parameters=(FRACTION,))
@@ -82,50 +78,6 @@ def test_missions_are_moved_between_search_spaces(earlier: Campaign, tmp_path: P
     assert 0 < inside < 20
     with pytest.raises(UserError, match=f"{inside} of its 24 missions"):
         learned(earlier, narrow)
-
-
-@pytest.mark.slow
-def test_another_metric_is_read_from_the_missions(earlier: Campaign) -> None:
-    base = earlier.settings.base_config()
-    objective = Objective("observable.f_score_48mm", "minimise")
-    found = learn_from([str(earlier.directory)], synthetic.SPACE, base, objective)
-    assert [o.outcome for o in found.observations] == [-(o.raw or 0) for o in earlier.history()]
-    with pytest.raises(UserError, match=r"0 of its 24 missions .* with nothing\.there measured"):
-        learn_from([str(earlier.directory)], synthetic.SPACE, base, Objective("nothing.there"))
-
-
-@pytest.mark.slow
-def test_two_campaigns_on_one_rock_have_offsets_of_their_own(earlier: Campaign, tmp_path: Path) -> None:
-    other = run(tmp_path / "other", rocks=("b", "e"), seed=2)
-    base = earlier.settings.base_config()
-    both = learn_from(
-        [str(earlier.directory), str(other.directory)], synthetic.SPACE, base, earlier.settings.objective
-    )
-    assert both.rocks == ("a", "b", "b (2)", "e") and len(both.observations) == 48
-    assert synthetic.true_value(both.best(1)[0]) > 0.9
-
-
-@pytest.mark.slow
-def test_misleading_campaigns_do_not_hide_the_optimum(earlier: Campaign) -> None:
-    """What the earlier missions praise is bad here: the search finds the optimum all the same."""
-    upside_down = learn_from(
-        [str(earlier.directory)],
-        synthetic.SPACE,
-        earlier.settings.base_config(),
-        Objective(earlier.settings.objective.metric, "minimise"),
-    )
-    sampler = GPSampler(
-        SamplerSettings(
-            synthetic.SPACE, synthetic.DEFAULT, synthetic.ROCKS, 0, 6, earlier=upside_down, budget=30
-        )
-    )
-    history: list[Observation] = []
-    rng = np.random.default_rng(0)
-    for i in range(30):
-        proposal = sampler.ask(history, [])
-        history.append(synthetic.observe(i, proposal.values, synthetic.ROCKS[i % 4], 0.05, rng))
-    assert max(synthetic.true_value(o.values) for o in history[6:]) > 0.97
-    assert np.median([synthetic.true_value(o.values) for o in history[20:]]) > 0.9
 
 
 @pytest.mark.slow

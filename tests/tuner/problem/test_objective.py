@@ -55,23 +55,6 @@ def test_scales_within_blocks_ignore_what_blocks_share() -> None:
     assert within.scale("a") == pytest.approx(1, rel=0.1) and within.scale("b") == pytest.approx(1, rel=0.1)
 
 
-def test_rock_effect_is_not_mistaken_for_a_configuration_effect() -> None:
-    """One mission on a much easier rock must not look like a brilliant configuration."""
-    rocks, y = ["hard"] * 5 + ["easy"], [40.0, 41.0, 42.0, 43.0, 44.0, 90.0]
-    z = RockStandardiser.fit(rocks, y).standardise(rocks, y)
-    assert abs(z[-1]) < max(abs(z[:-1]))
-
-
-def test_centres_of_equal_rocks_shrink_to_the_grand_mean() -> None:
-    rng = np.random.default_rng(1)
-    rocks = [f"r{i % 8}" for i in range(16)]
-    y = rng.normal(size=16)
-    standardiser = RockStandardiser.fit(rocks, y)
-    raw = [y[[r == f"r{i}" for r in rocks]].mean() for i in range(8)]
-    shrunk = [standardiser.centre(f"r{i}") for i in range(8)]
-    assert np.std(shrunk) < 0.7 * np.std(raw)
-
-
 @given(
     st.lists(st.tuples(st.sampled_from("abc"), st.floats(-1e6, 1e6)), min_size=0, max_size=12),
 )

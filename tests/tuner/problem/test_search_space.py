@@ -40,25 +40,13 @@ MIXED = space_from_dict(
 def test_shipped_spaces_start_at_the_papers_values() -> None:
     gate = load_search_space("gate")
     assert gate.default(MissionConfig()) == {"gate.budget_fraction": 0.4, "gate.d95_m": 0.14}
-    both = load_search_space("gate_and_weights")
-    assert both.dimension == 8
-    assert both.default(preset("campaign")) == {
-        "gate.budget_fraction": 0.4,
-        "gate.d95_m": 0.14,
-        "covis.weights.nov": 1.2,
-        "covis.weights.move": 0.1,
-        "covis.weights.ang": 0.4,
-        "b_aware.weights.nov": 1.2,
-        "b_aware.weights.move": 0.1,
-        "b_aware.weights.ang": 0.4,
-    }
-    ten, full = load_search_space("paper_ten"), load_search_space("full")
-    assert ten.dimension == 10 and {"covis.weights.main", "b_aware.weights.main"} <= set(ten.paths)
-    assert set(both.paths) < set(ten.paths) and set(both.paths) < set(full.paths)
+    both, full = load_search_space("gate_and_weights"), load_search_space("full")
+    assert (
+        both.default(preset("campaign")).items()
+        >= {"covis.weights.nov": 1.2, "b_aware.weights.ang": 0.4}.items()
+    )
+    assert both.dimension == 8 and set(both.paths) < set(full.paths)
     assert len(full.categorical_dimensions) == 2 and len(full.discrete_dimensions) == 3
-    for space in (gate, both, ten, full):
-        base = space.base_config(preset("campaign"))
-        assert base.gate.kind == "hyb-h" and base.covis.weights.main == base.b_aware.weights.main == 1.0
     pool, beyond = load_search_space("gate_weights_and_pool"), load_search_space("beyond_paper")
     assert set(pool.paths) - set(both.paths) == {"pool.max_altitude_m"} and set(pool.paths) < set(
         beyond.paths
@@ -82,13 +70,6 @@ def test_every_point_of_the_shipped_spaces_is_a_mission(name: str) -> None:
         assert config.b_aware.theta_low_deg < config.b_aware.theta_saturation_deg
 
 
-def test_config_carries_values_and_base() -> None:
-    config = load_search_space("gate").config(
-        preset("campaign").with_values({"gate.kind": "covis"}), {"gate.d95_m": 0.3}
-    )
-    assert config.gate.d95_m == 0.3 and config.gate.kind == "hyb-h" and config.stop.adaptive_budget == 8
-
-
 @given(st.lists(st.floats(0, 1), min_size=5, max_size=5))
 def test_unit_cube_round_trip(position: list[float]) -> None:
     values = MIXED.from_unit(position)
@@ -100,12 +81,6 @@ def test_unit_cube_round_trip(position: list[float]) -> None:
     assert {k: again[k] for k in list(again)[2:]} == {k: values[k] for k in list(values)[2:]}
     np.testing.assert_allclose(again["gate.d95_m"], values["gate.d95_m"], rtol=1e-9)
     MissionConfig().with_values(values)  # and every point is a mission
-
-
-def test_log_scale_is_geometric() -> None:
-    d95 = MIXED.parameters[0]
-    assert d95.from_unit(0.5) == pytest.approx(0.1)
-    assert (d95.from_unit(0.0), d95.from_unit(1.0)) == (0.01, 1.0)
 
 
 def test_distributions_contain_every_point() -> None:

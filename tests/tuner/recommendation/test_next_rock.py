@@ -49,11 +49,6 @@ def test_where_rocks_disagree_the_interval_says_so() -> None:
     )
 
 
-def test_one_rock_says_little_of_the_next() -> None:
-    one, six = stated([2.0]), stated([2.0, 2.1, 1.9, 2.0, 2.05, 1.95])
-    assert np.ptp(one.interval_95) > 2 * np.ptp(six.interval_95)
-
-
 def test_rocks_of_many_scales_are_all_inside() -> None:
     found = stated([0.7, 0.7, 0.7, 3.3, 3.3, 3.3])
     assert found.against == ()  # all gain, in proportion to what there is to gain

@@ -12,7 +12,6 @@ from botorch.sampling import SobolQMCNormalSampler
 from tuner.acquisition.constrained import Constraint
 from tuner.acquisition.draws import draw
 from tuner.acquisition.noisy_improvement import LogNoisyImprovement
-from tuner.acquisition.propose import propose
 from tuner.acquisition.two_objectives import two_models
 from tuner.problem.observations import Observation, Pending
 from tuner.problem.search_space import Values
@@ -57,44 +56,6 @@ def test_values_are_those_of_botorch(small: bool, monkeypatch: pytest.MonkeyPatc
     assert found[likely].numpy() == pytest.approx(expected[likely].numpy(), abs=0.15)
 
 
-def test_its_gradient_is_the_differences() -> None:
-    model = model_of(24)
-    ours = LogNoisyImprovement(model.model, model.inputs(model.promising(24)), 64, 0)
-    start = ours(model.inputs(np.random.default_rng(0).random((50, 2))).unsqueeze(1)).argmax()
-    x = model.inputs(np.random.default_rng(0).random((50, 2)))[start].reshape(1, 1, -1)
-    x.requires_grad_(True)
-    (gradient,) = torch.autograd.grad(ours(x).sum(), x)
-    for i in range(2):
-        step = torch.zeros_like(x)
-        step[..., i] = 1e-6
-        with torch.no_grad():
-            difference = (ours(x + step) - ours(x - step)).item() / 2e-6
-        assert gradient[0, 0, i].item() == pytest.approx(difference, rel=1e-3, abs=1e-4)
-
-
-def test_the_same_configuration_in_flight_twice_is_one() -> None:
-    model, twice = model_of(24), positions(1, 3) * 5
-    values, figures = propose(model, twice, 0)
-    assert values != twice[0] and np.isfinite(figures["log_nei"])
-
-
-def test_a_set_by_the_acquisition_promises_more_than_draws() -> None:
-    model = model_of(24)
-    asked: list[Values] = []
-    for number in range(6):
-        asked.append(propose(model, asked, number)[0])
-    flown = model.inputs(model.promising(24))
-
-    def improvement(values: list[Values]) -> float:
-        new = model.inputs(np.array([synthetic.SPACE.to_unit(v) for v in values]))
-        with torch.no_grad():
-            torch.manual_seed(0)
-            draws = model.model.posterior(torch.cat([flown, new])).rsample(torch.Size([DRAWS]))[..., 0]
-        return float((draws.max(dim=1).values - draws[:, : len(flown)].max(dim=1).values).mean())
-
-    assert improvement(asked) > improvement(draw([model], None, 6, 0))
-
-
 @pytest.mark.parametrize(("flying", "by_acquisition"), [(24, 6), (gp.MAX_JOINT + 1, 0)])
 def test_half_a_batch_is_by_the_acquisition(flying: int, by_acquisition: int) -> None:
     history = synthetic.random_design(24, 0.1, 0)
@@ -124,10 +85,3 @@ def test_what_is_drawn_within_a_limit_keeps_it_and_is_good() -> None:
     assert np.mean([synthetic.true_value(v) for v in drawn]) > np.mean(anywhere) + 0.1
     out_of_reach = draw(models, Constraint(models[1], 2.0), 6, 0)
     assert np.mean([synthetic.SPACE.to_unit(v)[0] for v in out_of_reach]) < 0.2
-
-
-def test_a_batch_for_two_objectives_is_drawn_but_for_some() -> None:
-    settings = dataclasses.replace(synthetic.sampler_settings(0, 4), at_least=0.5)
-    proposals = gp.GPSampler(settings).ask_many(two_objectives(24), [], 8)
-    assert ["log_nei" in p.why for p in proposals] == [True] * gp.SEQUENTIAL + [False] * (8 - gp.SEQUENTIAL)
-    assert all(p.why.get("drawn") for p in proposals[gp.SEQUENTIAL :])

@@ -16,10 +16,9 @@ from tuner.acquisition.two_objectives import flown_in_both, pareto_front, two_mo
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
-from tuner.problem.space_files import load_search_space
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.surrogate.model import RockMeanGP
-from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
+from tuner.surrogate.settings import SurrogateSettings
 
 settings = functools.partial(fake_campaigns.settings, initial=4)
 COST = Objective("costs.images", "minimise")
@@ -42,15 +41,6 @@ def test_sparse_model_switches_parameters_off() -> None:
         first, second = model.lengthscales.values()
         ratio[sparse] = second / first
     assert ratio[True] > 10 and ratio[True] > ratio[False]
-
-
-@pytest.mark.parametrize(
-    ("space", "sparse"), [("gate_and_weights", False), ("beyond_paper", False), ("full", True)]
-)
-def test_most_of_many_parameters_are_expected_to_have_no_effect(space: str, sparse: bool) -> None:
-    shipped = load_search_space(space)
-    assert surrogate_settings(shipped).sparse is sparse
-    assert surrogate_settings(shipped).trend is sparse
 
 
 # -- a cheaper fidelity -----------------------------------------------------------------------------------------------

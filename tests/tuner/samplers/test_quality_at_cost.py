@@ -19,7 +19,6 @@ from tuner.problem.search_space import Values
 from tuner.problem.space_files import space_from_dict
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.recommendation import Recommendation
-from tuner.surrogate.forward_check import calibration
 
 PHOTOGRAPHS = Objective("costs.images", "minimise")
 
@@ -124,15 +123,6 @@ def test_best_quality_within_a_number_of_photographs() -> None:
     assert abs(SPACE.to_unit(result.values)[1] - 0.3) < 0.2
     assert result.runner_up is None or result.runner_up.values["stop.adaptive_budget"] <= 6
     assert Recommendation.from_dict(result.to_dict()) == result
-
-
-def test_a_surprise_in_a_count_does_not_end_all_intervals() -> None:
-    """Six missions with as many photographs each, then one with more: the model was certain, and wrong."""
-    told = Observation(
-        6, SPACE.from_unit([1.0, 0.5]), "r0", 0, -36.0, sampler_state={"predicted": [-32.0, 1e-6]}
-    )
-    low, high = calibration([told]).interval_95(0.0, 0.1)
-    assert -1.5 < low < high < 1.5
 
 
 def test_least_cost_of_a_quality_and_one_out_of_reach() -> None:

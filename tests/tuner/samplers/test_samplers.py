@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 import synthetic
 
-from nbv.errors import UserError
 from tuner.acquisition.draws import draw
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Pending
@@ -66,19 +65,6 @@ def failed(number: int, values: Mapping[str, Any]) -> Observation:
     return Observation(number, dict(values), "r0", 0, None, None, "timeout")
 
 
-def test_what_has_failed_is_not_proposed_again() -> None:
-    history, sampler = (
-        synthetic.random_design(12, 0.02, 0),
-        make_sampler("gp", synthetic.sampler_settings(0, 4)),
-    )
-    asked = []
-    for number in range(12, 15):
-        values = sampler.ask(history, []).values
-        asked.append(synthetic.SPACE.to_unit(values))
-        history.append(failed(number, values))
-    assert min(np.linalg.norm(a - b) for i, a in enumerate(asked) for b in asked[:i]) > 0.1
-
-
 def test_many_at_once_stay_away_from_what_fails() -> None:
     """Every mission above half of the first parameter, where the best is, has failed."""
     fails = [o for o in synthetic.random_design(24, 0.02, 1) if synthetic.SPACE.to_unit(o.values)[0] > 0.5]
@@ -106,8 +92,3 @@ def test_gp_beats_random_on_four_rocks() -> None:
             values.append(synthetic.true_value(result.values))
     assert np.mean(score["gp"]) > 0.95  # 1 is perfect, the paper's values give 0.51
     assert np.mean(score["gp"]) > np.mean(score["random"]) + 0.02
-
-
-def test_an_unknown_name_is_refused() -> None:
-    with pytest.raises(UserError, match="unknown sampler 'bogus'; there are gp, sobol"):
-        make_sampler("bogus", synthetic.sampler_settings(0))

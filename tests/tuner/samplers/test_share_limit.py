@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from tuner.acquisition.constrained import Constraint
 from tuner.problem.observations import Observation
@@ -30,16 +29,3 @@ def test_where_all_succeed_many_rocks_are_believed_and_few_are_not() -> None:
         constraint = Constraint(RockMeanGP(SPACE, missions, ["any-slab"]), 95.0, is_share=True)
         assert constraint.keeps([{"seed.count": 36}]) == [kept]
         assert constraint.keeps([{"seed.count": 12}]) == [False]
-
-
-@pytest.mark.slow
-def test_intervals_of_shares_cover() -> None:
-    truth = {10: 0.3, 18: 0.7, 26: 0.9, 34: 0.97}
-    inside = []
-    for seed in range(20):
-        model = RockMeanGP(SPACE, flown(truth, 20, seed), ["any-slab"])
-        beliefs = Constraint(model, 95.0, is_share=True).shares([{"seed.count": n} for n in truth])
-        for share, belief in zip(truth.values(), beliefs):
-            low, high = belief.interval_95
-            inside.append(low <= share <= high)
-    assert np.mean(inside) >= 0.85

@@ -10,10 +10,8 @@ import numpy as np
 import pytest
 import synthetic
 
-from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation, Pending
 from tuner.problem.search_space import Values
-from tuner.recommendation.choose import recommend
 from tuner.samplers.gp import GPSampler
 from tuner.samplers.verification import verification
 from tuner.surrogate.model import RockMeanGP
@@ -87,13 +85,3 @@ def test_sampler_verifies_at_its_budget_s_end_on_a_plateau(verify: bool) -> None
     )
     assert "verification" not in phases[:8]
     assert ("verification" in phases[8:]) == verify
-
-
-@pytest.mark.slow
-def test_last_missions_are_the_favourites() -> None:
-    """Wherever exploring promises something to the end, as many missions as there are blocks check the favourite."""
-    settings = dataclasses.replace(synthetic.sampler_settings(0, 4), budget=20, replicates=2)
-    history, phases = campaign(GPSampler(settings), 20, lambda x: 50.0 + 10.0 * float(x.sum()), seed=1)
-    assert phases[12:].count("verification") >= 6
-    best = recommend(synthetic.SPACE, history, synthetic.ROCKS, synthetic.DEFAULT, Objective(), replicates=2)
-    assert best is not None and sum(o.values == best.values for o in history) >= 4

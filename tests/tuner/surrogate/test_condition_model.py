@@ -8,16 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 import synthetic
-import torch
-from gpytorch.kernels import ScaleKernel
 
 from tuner.acquisition.propose import propose
 from tuner.problem.observations import Observation
-from tuner.problem.standardise import RockStandardiser
 from tuner.problem.worlds import World, worlds_over
-from tuner.surrogate.kernel import MEAN_LEVEL, NO_OFFSET, mission_kernel
 from tuner.surrogate.model import RockMeanGP
-from tuner.surrogate.settings import SurrogateSettings
 
 CONDITIONS = ("ideal", "field", "harsh")
 WORLDS = worlds_over(synthetic.ROCKS, CONDITIONS)
@@ -41,38 +36,6 @@ def missions(count: int, seed: int, worlds: Sequence[World] = WORLDS) -> list[Ob
         values = synthetic.SPACE.from_unit(unit)
         found.append(Observation(i, values, world.rock, 0, y, y, condition=world.condition))
     return found
-
-
-def test_kernel_of_conditions_and_worlds() -> None:
-    """Condition: offset 2, landscape 4; world: 0.5. The mean over 2 conditions shares half with each and with itself."""
-    kernel = mission_kernel([0], [], 1, SurrogateSettings(blocks=False), conditions=2)
-    for term, value in enumerate((1.0, 0.25, 2.0, 4.0, 0.5)):  # f, rock, condition, its landscape, world
-        part = kernel.kernels[term]
-        assert isinstance(part, ScaleKernel)
-        part.outputscale = value
-    rows = [
-        [0.5, 0, NO_OFFSET, 0, 0],
-        [0.5, 1, NO_OFFSET, 0, 1],  # another rock under the same condition
-        [0.5, 0, NO_OFFSET, 1, 2],  # the same rock under another
-        [0.5, 0, NO_OFFSET, 2, 3],  # under one that is not tuned over
-        [0.5, NO_OFFSET, NO_OFFSET, MEAN_LEVEL, NO_OFFSET],
-    ]
-    x = torch.tensor(rows, dtype=torch.float64)
-    k = kernel(x).to_dense().detach()
-    np.testing.assert_allclose(k[0], [7.75, 7.0, 1.25, 1.25, 4.0], rtol=1e-6)
-    np.testing.assert_allclose(k[4], [4.0, 4.0, 4.0, 1.0, 4.0], rtol=1e-6)
-    np.testing.assert_allclose(kernel(x, diag=True).detach(), k.diagonal(), rtol=1e-9)
-
-
-def test_centres_add_rock_and_condition() -> None:
-    """A world that nobody has flown is predicted from its rock and its condition."""
-    level = {w: 50.0 + 10 * ROCK[w.rock] + 10 * LEVEL[w.condition] for w in WORLDS}
-    unseen = World("r3", "harsh")
-    flown = [w for w in WORLDS if w != unseen for _ in range(200)]
-    found = RockStandardiser.over_conditions(flown, [level[w] for w in flown], WORLDS)
-    assert found.centre(unseen) == pytest.approx(level[unseen], abs=1.0)
-    assert found.centre(WORLDS[0]) == pytest.approx(level[WORLDS[0]], abs=1.0)
-    assert found.scale(unseen) == pytest.approx(found.pooled_scale)
 
 
 def test_one_condition_is_the_model_without_any() -> None:
@@ -112,11 +75,3 @@ def test_the_mean_over_worlds_is_that_of_its_worlds() -> None:
     values = synthetic.SPACE.from_unit([0.8, 0.4])
     by_world = [model.predict_in_world(values, world) for world in WORLDS]
     assert model.posterior([values]).mean[0] == pytest.approx(np.mean(by_world))
-
-
-def test_proposals_lean_to_what_the_conditions_like() -> None:
-    """All conditions but ideal want the first parameter large, so their mean does."""
-    worlds = worlds_over(synthetic.ROCKS[:2], CONDITIONS[::2])
-    model = RockMeanGP(synthetic.SPACE, missions(24, 2, worlds), worlds)
-    values, figures = propose(model, [synthetic.DEFAULT], 0)
-    assert synthetic.SPACE.to_unit(values)[0] > 0.6 and figures["expected_gain"] > 0

@@ -10,11 +10,9 @@ from gpytorch.kernels import Kernel, ScaleKernel
 
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
-from tuner.problem.space_files import space_from_dict
-from tuner.surrogate.kernel import NO_OFFSET, lengthscales, mission_kernel, shared_variance
+from tuner.surrogate.kernel import NO_OFFSET, mission_kernel, shared_variance
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import NORMAL_95
-from tuner.surrogate.posterior import Posterior
 from tuner.surrogate.settings import SurrogateSettings
 
 
@@ -75,24 +73,6 @@ def test_block_offsets_are_told_from_noise_and_cancel() -> None:
     assert rms[True] < 0.7 * rms[False]
 
 
-def test_predictions_know_a_flown_block_and_are_humble_elsewhere() -> None:
-    history = synthetic.random_design(40, 0.1, 1, replicates=2, block_sd=0.6)
-    model = RockMeanGP(synthetic.SPACE, history, synthetic.ROCKS)
-    rng = np.random.default_rng(7)
-    inside, known, fresh = [], [], []
-    for i in range(80):
-        rock, replicate = synthetic.ROCKS[i % 4], (i // 4) % 2
-        values = synthetic.SPACE.from_unit(rng.random(2))
-        new = synthetic.observe(0, values, rock, 0.1, rng, replicate, 0.6, block_seed=1)
-        mean, sd = model.predict_mission(values, rock, replicate)
-        inside.append(abs((new.outcome or 0) - mean) <= NORMAL_95 * sd)
-        known.append(sd)
-        fresh.append(model.predict_mission(values, rock)[1])
-        assert model.predict_mission(values, rock, 99)[1] == pytest.approx(fresh[-1])
-    assert np.mean(inside) >= 0.85
-    assert np.mean(known) < 0.7 * np.mean(fresh)
-
-
 def test_slots_are_modelled_only_where_they_show() -> None:
     from tuner.surrogate.model import blocks_identifiable
 
@@ -125,18 +105,6 @@ def test_kernel_of_missions() -> None:
     assert shared_variance(kernel, 2) == pytest.approx(3.0) and shared_variance(kernel, 0) == 0.0
 
 
-def test_kernel_is_materns_times_mismatches() -> None:
-    kernel = mission_kernel([0, 1], [2], 3, SurrogateSettings(blocks=False))
-    variance_of(kernel, 0, 1.0)
-    matern, choices = kernel.kernels[0].base_kernel.kernels
-    matern.lengthscale, choices.lengthscale = torch.tensor([0.5, 2.0]), 1.0
-    a, b = [0.1, 0.9, 0.25, -1, -1], [0.4, 0.3, 0.75, -1, -1]
-    r = 5**0.5 * np.hypot(0.3 / 0.5, 0.6 / 2.0)
-    k = kernel(torch.tensor([a], dtype=torch.float64), torch.tensor([b], dtype=torch.float64)).to_dense()
-    assert k.item() == pytest.approx((1 + r + r**2 / 3) * np.exp(-r) * np.exp(-1.0))
-    assert lengthscales(kernel) == pytest.approx([0.5, 2.0])
-
-
 def test_a_trend_reaches_where_nothing_was_flown() -> None:
     """Slopes seen in the middle of 15 parameters go on towards the corners; a smooth f alone falls back."""
     path = [f"x{i}" for i in range(15)]
@@ -164,43 +132,3 @@ def test_works_with_very_little_data(count: int) -> None:
     model = RockMeanGP(synthetic.SPACE, synthetic.random_design(count, 0.1, 1), synthetic.ROCKS)
     belief = model.posterior([synthetic.DEFAULT])
     assert np.isfinite(belief.mean[0]) and belief.sd[0] > 0
-
-
-def test_leaves_the_random_state_alone() -> None:
-    torch.manual_seed(5)
-    before = torch.rand(1)
-    torch.manual_seed(5)
-    RockMeanGP(synthetic.SPACE, synthetic.random_design(6, 0.1, 1), synthetic.ROCKS)
-    assert torch.rand(1) == before
-
-
-def test_posterior_arithmetic() -> None:
-    belief = Posterior(np.array([1.0, 0.0]), np.array([[1.0, 0.5], [0.5, 1.0]]))
-    mean, sd = belief.difference(0, 1)
-    assert (mean, sd) == (1.0, 1.0)  # variance 1 + 1 - 2 * 0.5
-    shares = belief.probability_best([0, 1], seed=0, samples=200_000)
-    assert shares[0] == pytest.approx(0.8413, abs=0.01)  # Phi(1)
-
-
-def test_mixed_parameters() -> None:
-    from tuner.acquisition.propose import propose
-
-    space = space_from_dict(
-        {
-            "parameters": {
-                "gate.budget_fraction": {"low": 0.0, "high": 1.0},
-                "b_aware.target_track_length": {"kind": "int", "low": 3, "high": 12},
-                "visibility.mode": {"kind": "categorical", "choices": ["frustum", "occlusion"]},
-            }
-        },
-        "x.yaml",
-    )
-    rng = np.random.default_rng(0)
-    history = []
-    for i in range(24):
-        v = space.from_unit(rng.random(3))
-        y = (v["visibility.mode"] == "occlusion") - abs(v["b_aware.target_track_length"] - 9) / 10
-        history.append(Observation(i, v, "r0", 0, y, y))
-    values, _ = propose(RockMeanGP(space, history, ("r0",)), [], seed=0)
-    assert values["visibility.mode"] == "occlusion" and 7 <= values["b_aware.target_track_length"] <= 11
-    assert all(p.contains(values[p.path]) for p in space.parameters)
