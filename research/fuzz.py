@@ -322,8 +322,8 @@ def make_seeds(folder: Path) -> None:
     theirs = {key.path: key.default for key in FILES[kind][1] if key.default is not None}
     SEEDS["authors' file"] = [write_text(theirs, kind).encode()]
     SEEDS["result.json"] = [
-        b'{"schema": "gatetune.result/1", "status": "ok", "metrics": {"score": 0.5, "a": {"b": 1}}, "cost": {"energy_j": 1.5}}',
-        b'{"schema": "gatetune.result/1", "status": "failed", "failure": {"of": "configuration", "reason": "x"}}',
+        b'{"metrics": {"score": 0.5, "a": {"b": 1}}, "costs": {"energy_j": 1.5}}',
+        b'{"failure": "x"}',
     ]
     SEEDS["mission.json"] = [next(FLOWN.glob("missions/*/mission.json")).read_bytes()]
     SEEDS["ledger"] = [(FLOWN / "study.journal").read_bytes()]

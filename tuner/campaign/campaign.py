@@ -183,7 +183,7 @@ class Campaign:
         if named:
             trust(self.identity, self.settings.mission)
         else:
-            require_trusted(self.identity, self.settings.mission, self.directory, program=unchanged)
+            require_trusted(self.identity, self.settings.mission, program=unchanged)
 
     # -- looking ---------------------------------------------------------------------------------------------
 

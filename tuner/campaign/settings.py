@@ -30,7 +30,6 @@ from tuner.campaign.declaration import setting, settings_of
 from tuner.campaign.rock_choice import training_rocks
 from tuner.campaign.shipped import NOTHING, SHIPPED, sources_by_default
 from tuner.missions.external import MissionFile, external_config, load_mission_file
-from tuner.missions.external.configuration import same_mission_file
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL, require_fidelity
 from tuner.problem.blocks import MAX_MISSIONS, MAX_REPLICATES
 from tuner.problem.drawn_rocks import are_drawn, training_rock, with_families
@@ -76,7 +75,7 @@ def _read_mission(raw: Any, source: str) -> MissionFile:
         return load_mission_file(Path(raw))
     if not isinstance(raw, Mapping) or set(raw) != {"file", "sha256"}:
         raise UserError(f"{source}: mission is {raw!r}; it must be the path of a mission file")
-    return same_mission_file(Path(str(raw["file"])), str(raw["sha256"]))
+    return load_mission_file(Path(str(raw["file"])), str(raw["sha256"]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -280,12 +279,12 @@ class CampaignSettings:
                 raise UserError(f"{what} are of our own missions; with a mission file leave them out")
         if self.space != self.mission.space:
             raise UserError(f"the search space is that of {self.mission.path}; leave another one out")
-        names = [instance.name for instance in self.mission.instances]
         for rock in self.rocks:
-            if rock not in names:
-                held = rock in [instance.name for instance in self.mission.held_out]
+            if rock not in self.mission.instances:
+                held = rock in self.mission.held_out
                 why = "is held out: it may not be tuned on" if held else "is no instance"
-                raise UserError(f"{rock!r} {why}; {self.mission.path} has {', '.join(names)} to tune on")
+                names = ", ".join(self.mission.instances)
+                raise UserError(f"{rock!r} {why}; {self.mission.path} has {names} to tune on")
 
     def _check_conditions(self) -> None:
         own = {
@@ -393,7 +392,7 @@ class CampaignSettings:
     def base_config(self) -> Configuration:
         """The mission configuration on which conditions and tuned values are laid."""
         if self.mission is not None:
-            return external_config(self.mission)
+            return external_config(self.mission, {})
         return self._base
 
     @functools.cached_property
@@ -415,7 +414,7 @@ class CampaignSettings:
     @functools.cached_property
     def _default_values(self) -> Values:
         if self.mission is not None:
-            return dict(external_config(self.mission).values)
+            return dict(external_config(self.mission, {}).values)
         return self.space.default(preset(self.preset).with_values(self.overrides))
 
     @property

@@ -92,7 +92,7 @@ def _said_by(mission: MissionFile) -> dict[str, Any]:
     """The settings that a mission file decides."""
     return {
         "name": mission.name,
-        "rocks": [instance.name for instance in mission.instances],
+        "rocks": list(mission.instances),
         "replicates": mission.replicates,
         "objective": SETTINGS["objective"].to_yaml(mission.objective),
         "fidelity": EXTERNAL,

@@ -1,4 +1,4 @@
-"""``gatetune mission run|explain|figures|view``, and of missions that are not ours ``init|check``."""
+"""``gatetune mission run|explain|figures|view``, and ``init|check`` for own missions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from nbv.config import IDEAL
-from nbv.errors import UserError
+from nbv.errors import MissionFailure, UserError
 from tuner.commands.console import (
     CONDITION_HELP,
     PRESET_NAMES,
@@ -24,6 +24,7 @@ from tuner.commands.console import (
     seconds,
     working,
 )
+from tuner.problem.objective import Objective, dotted
 
 app = typer.Typer(no_args_is_help=True)
 RockFile = Annotated[str | None, typer.Option(help="Mesh file of a rock that is not in the catalogue.")]
@@ -236,8 +237,7 @@ def _view_campaign(directory: Path) -> None:
 
 @app.command()
 def init(
-    folder: Annotated[Path, typer.Argument(help="A new or empty folder.")],
-    name: Annotated[str | None, typer.Option(help="Of the mission (default: the folder's).")] = None,
+    folder: Annotated[Path, typer.Argument(help="A new or empty folder; the mission is called after it.")],
     shell: Annotated[bool, typer.Option("--shell", help="In shell instead of Python.")] = False,
 ) -> None:
     """Write a working skeleton of a mission of your own, which packs real data with `xz`.
@@ -246,30 +246,41 @@ def init(
     """
     from tuner.missions.external.skeleton_files import write_skeleton
 
-    for path in write_skeleton(folder, name, shell=shell):
+    for path in write_skeleton(folder, shell=shell):
         output.print(f"wrote {path}")
 
 
 @app.command()
 def check(mission: Annotated[Path, typer.Argument(help="A mission file.")], as_json: AsJson = False) -> None:
-    """Try a mission of your own: twice its default, a failure, a time-out, the clean-up; a verdict each.
+    """Try a mission of your own: fly its defaults once, on its first instance.
 
     Example: gatetune mission check my-mission/mission.yaml
     """
     import tempfile
 
-    from tuner.missions.external import load_mission_file
-    from tuner.missions.external.rehearsal import rehearse
+    from tuner.missions.external import external_config, load_mission_file
+    from tuner.missions.external.flight import run_external_mission
 
-    colours, found = {"ok": "green", "warning": "yellow", "failed": "red"}, []
-    with tempfile.TemporaryDirectory(prefix="gatetune-check-") as folder:
-        for verdict in rehearse(load_mission_file(mission), Path(folder)):
-            found.append(verdict)
-            mark = f"[{colours[verdict.kind]}]{verdict.kind:<7}[/]"
-            output.print(
-                f"{mark} {verdict.part}: {escape(verdict.text)}", markup=True, highlight=False, soft_wrap=True
-            )
-    answer_json(found)
-    if any(verdict.kind == "failed" for verdict in found):
+    found = load_mission_file(mission)
+    config, instance = external_config(found, {}), next(iter(found.instances))
+    folder = Path(tempfile.mkdtemp(prefix="gatetune-check-"))
+    reason = message = ""
+    metrics: dict[str, Any] = {}
+    try:
+        with working(f"flying {instance}"):
+            result = run_external_mission(config, instance, 0, folder, keep="all")
+        reason, message = result.reason, result.message
+        metrics = {**result.metrics, "costs": result.costs}
+    except MissionFailure as failure:
+        reason, message = failure.reason, failure.message
+    numbers = {name: Objective(name).measure(metrics) for name in dotted(metrics)}
+    if not reason and found.metric not in numbers:
+        reason, message = "no_metric", f"there is no {found.metric!r}, for which it would be tuned"
+    for name, value in numbers.items():
+        output.print(f"{name} = {value:.6g}", markup=False, highlight=False)
+    output.print(f"its files are in {folder / 'output'}", soft_wrap=True)
+    answer_json({"reason": reason, "message": message, "numbers": numbers})
+    if reason:
+        output.print(f"[red]not ready[/]: {escape(': '.join(filter(None, (reason, message))))}", markup=True)
         raise typer.Exit(1)
     output.print(f"ready: gatetune campaign run --mission {mission}", soft_wrap=True)

@@ -198,7 +198,7 @@ def _reference(asked: str | None, configs: Mapping[str, Configuration], usual: s
 
 def _instances(settings: CampaignSettings, rocks: Sequence[str] | None) -> tuple[str, ...]:
     assert settings.mission is not None
-    names, path = [instance.name for instance in settings.mission.held_out], settings.mission.path
+    names, path = list(settings.mission.held_out), settings.mission.path
     if not names:
         raise UserError(f"{path} holds nothing out; name instances under held_out")
     for rock in rocks or ():

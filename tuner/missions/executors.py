@@ -369,13 +369,12 @@ def local_executor(
     timeout_s
         After this time a mission is killed.
     mission
-        A mission file, which has limits of its own on workers, time and attempts.
+        A mission file, which has limits of its own on workers and time.
     """
     if workers is not None and workers < 1:
         raise UserError(f"--workers is {workers}; give at least 1")
     count = workers or len(os.sched_getaffinity(0))
     if mission is None:
         return LocalProcessExecutor(count, timeout_s, preload=(fidelity,))
-    # The mission function keeps the limit itself; this one is for one that hangs. Before it there may be a wait for a slot.
-    limit_s = 2 * (mission.time_limit_s + 2 * mission.stop_grace_s) + _SCORING_S
-    return LocalProcessExecutor(min(count, mission.at_once), limit_s, (fidelity,), mission.retries + 1)
+    # The mission function keeps the limit itself; this one is for a function that hangs.
+    return LocalProcessExecutor(min(count, mission.at_once), mission.time_limit_s + _SCORING_S, (fidelity,))

@@ -33,6 +33,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from nbv.threads import single_thread_environment
+from tuner.missions.external.program import adopt_orphans
 from tuner.missions.job import LOG_FILE
 from tuner.missions.run_job import EXIT_FAILED, run_job
 from tuner.missions.shared_rocks import SharedRocks
@@ -56,6 +57,7 @@ class MissionServer:
                 importlib.import_module(name)
             except Exception:  # each mission will meet the same error and record it
                 traceback.print_exc()
+        adopt_orphans()
         self._fork = sys.platform.startswith("linux") and _thread_count() == 1
         self._wake_read, self._wake_write = os.pipe()
         os.set_blocking(self._wake_read, False)
@@ -91,15 +93,20 @@ class MissionServer:
         finally:
             for pid in self._children:
                 _kill_group(pid)
-            self._see_the_killed_end()
+            self._children.clear()
+            self._end_orphans()
 
-    def _see_the_killed_end(self) -> None:
-        """Whoever waits for this server may then read and write where its missions did."""
+    def _end_orphans(self) -> None:
+        """Kill what has become a child of this process because its mission has ended, and see it end.
+
+        Whoever waits for this server may then read and write where its missions did.
+        """
         deadline = time.monotonic() + PATIENCE_S
-        left = set(self._children)
-        while left and time.monotonic() < deadline:
-            left = {pid for pid in left if os.waitpid(pid, os.WNOHANG)[0] == 0}
-            time.sleep(0.005 if left else 0.0)
+        while (orphans := _children() - self._children.keys()) and time.monotonic() < deadline:
+            for pid in orphans:
+                os.kill(pid, signal.SIGKILL)
+                os.waitpid(pid, os.WNOHANG)
+            time.sleep(0.005)
 
     def _obey(self, order: dict[str, Any]) -> None:
         if order["op"] == "kill":
@@ -163,6 +170,7 @@ class MissionServer:
             _kill_group(pid)  # children the mission left behind
             _, status = os.waitpid(pid, 0)
             job = self._children.pop(pid)
+            self._end_orphans()
             self._say({"event": "exited", "id": job["id"], "status": os.waitstatus_to_exitcode(status)})
             if status == 0 and self._fork:
                 self._rocks.keep(job)
@@ -173,6 +181,14 @@ class MissionServer:
             self._out.write(json.dumps(message).encode() + b"\n")
         except BrokenPipeError:
             raise SystemExit(0) from None
+
+
+def _children() -> set[int]:
+    """Return the process ids of this process's children; none where the kernel keeps no list of them."""
+    try:
+        return {int(pid) for pid in Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()}
+    except OSError:
+        return set()
 
 
 def _kill_group(pid: int) -> None:

@@ -90,7 +90,7 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
     require(len(raw), MAX_PARAMETERS, f"{source}: the number of parameters")
     for path in (*raw, *base):
         _known_path(str(path), source)
-    parameters = tuple(_parameter(path, spec, f"{source}: {path}") for path, spec in raw.items())
+    parameters = tuple(parameter_from_dict(path, spec, f"{source}: {path}") for path, spec in raw.items())
     tuned = [path for p in parameters for path in (p.path, *p.also)]
     for path in tuned:
         _known_path(path, source)
@@ -125,7 +125,8 @@ def _known_path(path: str, source: str) -> None:
             raise UserError(f"{source}: {error}") from error
 
 
-def _parameter(path: str, spec: Any, where: str) -> Parameter:
+def parameter_from_dict(path: str, spec: Any, where: str) -> Parameter:
+    """Build and check one parameter of a space; ``where`` names it in a `UserError`."""
     if not isinstance(spec, dict):
         raise UserError(f"{where}: give a mapping such as {{kind: float, low: 0.1, high: 1.0}}")
     _known_keys(spec, _PARAMETER_KEYS, where)

@@ -22,11 +22,10 @@ import math
 def fly(request):
     c, away = request["configuration"], len(request["instance"]["name"])
     if c["gain"] > 3.9:
-        return {"failure": {"of": "configuration", "reason": "tipped_over"}}
-    return {"metrics": {"loss": (c["gain"] - away) ** 2 + (c["mode"] == "bad")}, "cost": {"fuel_kg": c["gain"]}}
+        return {"failure": "tipped_over"}
+    return {"metrics": {"loss": (c["gain"] - away) ** 2 + (c["mode"] == "bad")}, "costs": {"fuel_kg": c["gain"]}}
 """
 FILE = {
-    "schema": "gatetune.mission/1",
     "name": "toy",
     "function": "toy_mission:fly",
     "parameters": {
@@ -141,7 +140,7 @@ def test_nor_does_it_copied_or_behind_a_link(gatetune, toy, monkeypatch, how):
         refused()
     tree = yaml.safe_load((there / "campaign.yaml").read_text())
     tree["settings"]["mission"] = {"file": str(evil.path), "sha256": evil.sha256}
-    tree["base_config_digest"] = external_config(evil).digest()
+    tree["base_config_digest"] = external_config(evil, {}).digest()
     (there / "campaign.yaml").write_text(yaml.safe_dump(with_checksum(tree)))
     refused()
     assert not (toy / "ran").exists()
@@ -177,13 +176,9 @@ def test_what_the_command_line_names_is_run(gatetune, toy, monkeypatch):
 
 
 def test_a_changed_program_is_asked_about(gatetune, toy):
-    """Also one that it imports; what it does not name may change."""
-    (toy / "toy_mission.py").write_text("import helper\n" + FLY)
-    (toy / "helper.py").write_text("")
     begun(toy, 2)
-    (toy / "unrelated.py").write_text("print('hello')\n")
     Campaign.open(toy / "runs/toy").allow_program(named=False)
-    (toy / "helper.py").write_text("x = 1\n")
+    (toy / "toy_mission.py").write_text(FLY + "\n")
     code, _, err = gatetune("campaign", "resume", "runs/toy", "--workers", 1)
     assert (
         code == 2 and "the program of its missions changed after trial" in err and "--accept-changes" in err

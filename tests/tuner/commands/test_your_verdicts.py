@@ -17,7 +17,6 @@ from tuner.missions.executors import InProcessExecutor
 from tuner.report import write_campaign_report
 
 FILE = {
-    "schema": "gatetune.mission/1",
     "name": "own",
     "function": "own_mission:fly",
     "parameters": {"mode": {"kind": "categorical", "choices": ["slow", "quick"], "default": "slow"}},
@@ -95,7 +94,7 @@ def test_a_scored_mission_minimises_its_own_cost(gatetune, tmp_path):
     trimesh.PointCloud(ball.sample(4000, seed=1)).export(tmp_path / "cloud.ply")
     copied = (
         f"__import__('shutil').copy({str(tmp_path / 'cloud.ply')!r}, request['output']) and "
-        "{'cloud': {'path': 'cloud.ply'}, 'cost': {'battery': 20.0 if m == 'slow' else 7.0}}"
+        "{'cloud': {'path': 'cloud.ply'}, 'costs': {'battery': 20.0 if m == 'slow' else 7.0}}"
     )
     places = [{"name": name, "mesh": "ball.ply"} for name in ("a", "b", "c")]
     file = {
@@ -122,7 +121,7 @@ def test_a_recommended_default_is_said_and_not_confirmed(gatetune, tmp_path):
 
 
 def test_a_limit_that_nothing_keeps_is_said(gatetune, tmp_path):
-    returned = "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}, 'cost': {'fuel': 5.0}}"
+    returned = "{'metrics': {'loss': 20.0 if m == 'slow' else 7.0}, 'costs': {'fuel': 5.0}}"
     directory = flown(tmp_path, returned, sampler="gp", initial=6, objective="costs.fuel@loss<=1")
     code, out, err = gatetune("campaign", "status", "runs/own")
     assert code == 0 and "Nothing flown is likely to keep Loss at most 1; the likeliest is" in out, err

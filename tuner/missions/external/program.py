@@ -1,64 +1,77 @@
-"""The files that a mission runs, hashed: nobody should fly another program than before without a word.
-
-They are the files that ``command`` or ``function`` names (of the system's own programs none), and the Python and shell files in
-the mission file's folder that those name in turn. What a program reads besides is the user's own business.
-"""
+"""The program of an own mission: it has a time limit, and leaves no process behind."""
 
 from __future__ import annotations
 
-import hashlib
+import contextlib
+import ctypes
 import os
-import re
-from collections.abc import Iterator, Sequence
+import subprocess
+import sys
+from collections.abc import Iterable
 from pathlib import Path
 
-_SOURCES = (".py", ".sh")
-_LARGEST_SOURCE_BYTES = 1_000_000
+import psutil
+
+from nbv.errors import UserError
+from tuner.missions.external.contract import REQUEST_FILE, Request
+from tuner.missions.external.mission_file import MissionFile
+
+LOG_FILE = "mission.log"
+GRACE_S = 5.0  # from SIGTERM to SIGKILL
+_CALL = Path(__file__).with_name("call.py")
 
 
-def program_files(folder: Path, command: Sequence[str], function: str) -> list[Path]:
-    """The files of a mission's program, sorted; ``folder`` is absolute, the mission file's."""
-    waiting = [
-        path
-        for word in (*command, function.partition(":")[0])
-        for path in _named(folder, word)
-        if path.suffix in _SOURCES or not Path(word).is_absolute()
-    ]
-    found: set[Path] = set()
-    while waiting:
-        path = waiting.pop()
-        if path in found:
-            continue
-        found.add(path)
-        if path.suffix in _SOURCES and path.stat().st_size <= _LARGEST_SOURCE_BYTES:
-            words = set(re.findall(r"[\w./-]+", path.read_text(encoding="utf-8", errors="replace")))
-            # Python looks for modules beside the script, a shell in the folder where it runs.
-            named = (
-                file for word in words for place in {folder, path.parent} for file in _named(place, word)
+def run_program(mission: MissionFile, request: Request) -> int | None:
+    """Run the mission's program until it ends or its time is over, then end every process that it started.
+
+    Returns its exit status, negative where a signal ended it; None where its time was over. What it prints goes to
+    `LOG_FILE` in the output folder.
+
+    Raises
+    ------
+    UserError
+        The program does not exist or may not be run.
+    """
+    command, environment = list(mission.command), {**os.environ, **request.environment()}
+    if mission.function:
+        command = [sys.executable, "-P", str(_CALL), mission.function]
+        paths = (str(mission.folder), os.environ.get("PYTHONPATH", ""))
+        environment["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
+    command.append(f"{request.output}/{REQUEST_FILE}")
+    adopt_orphans()
+    before = _below()
+    with Path(request.output, LOG_FILE).open("wb") as log:
+        try:
+            process = subprocess.Popen(
+                command,
+                cwd=mission.folder,
+                env=environment,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
             )
-            waiting += [file for file in named if file.suffix in _SOURCES and file.is_relative_to(folder)]
-    return sorted(found)
+        except (OSError, ValueError) as error:
+            raise UserError(f"{mission.path}: cannot run {command[0]!r} ({error}); mend 'command'") from error
+        try:
+            return process.wait(mission.time_limit_s)
+        except subprocess.TimeoutExpired:
+            return None
+        finally:
+            _end(_below() - before)
 
 
-def program_digest(folder: Path, command: Sequence[str], function: str) -> str:
-    """SHA-256 of names and content of `program_files`; ``OSError`` where one cannot be read."""
-    digest = hashlib.sha256()
-    for path in program_files(folder, command, function):
-        with path.open("rb") as file:
-            content = hashlib.file_digest(file, "sha256").hexdigest()
-        digest.update(f"{os.path.relpath(path, folder)}\0{content}\n".encode())
-    return digest.hexdigest()
+def adopt_orphans() -> None:
+    """Ask Linux to make this process the parent of what its descendants leave behind, daemons included."""
+    ctypes.CDLL(None).prctl(36, 1, 0, 0, 0)  # PR_SET_CHILD_SUBREAPER
 
 
-def _named(place: Path, word: str) -> Iterator[Path]:
-    """The files that a word of a program means: a file, a module, or the modules of a package."""
-    names = {word.partition(".")[0], word.replace(".", "/")} if re.fullmatch(r"\w+(\.\w+)*", word) else ()
-    try:
-        for name in (word, *(f"{name}.py" for name in names)):
-            if (file := Path(os.path.normpath(place / name))).is_file():
-                yield file
-        for package in (place / name for name in names):
-            if package.is_dir():
-                yield from package.glob("**/*.py" if (package / "__init__.py").is_file() else "*.py")
-    except (OSError, ValueError):  # no name of a file
-        return
+def _below() -> set[psutil.Process]:
+    return set(psutil.Process().children(recursive=True))
+
+
+def _end(processes: Iterable[psutil.Process]) -> None:
+    for stop in (psutil.Process.terminate, psutil.Process.kill):
+        for process in processes:
+            with contextlib.suppress(psutil.Error):  # it has ended, or belongs to another user
+                stop(process)
+        _, processes = psutil.wait_procs(processes, timeout=GRACE_S)

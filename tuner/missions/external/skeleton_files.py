@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import gzip
 import json
-import re
 from importlib import resources
 from pathlib import Path
 
 import numpy as np
 from matplotlib import cbook
 
-from nbv.errors import UserError
 from nbv.safe_files import write_new_folder
-from tuner.missions.external.checking import schema
 
 _RUN = {
     False: "function: fly:fly              # module:function in this folder, or a command: [./fly.sh]",
@@ -21,27 +18,21 @@ _RUN = {
 }
 
 
-def write_skeleton(folder: Path, name: str | None = None, *, shell: bool = False) -> list[Path]:
-    """Write mission file, mission and data into a new or empty folder; what was written.
+def write_skeleton(folder: Path, *, shell: bool = False) -> list[Path]:
+    """Write mission file, mission and data into a new or empty folder; return what was written.
 
-    The mission is called ``name``, or after its folder.
-
-    The data are 16-bit measurements that come with Matplotlib: two halves of an elevation model (USGS, Jacksboro fault), and a
-    magnetic resonance scan to hold out.
+    The data are 16-bit measurements that come with Matplotlib: two halves of an elevation model (USGS, Jacksboro
+    fault), and a magnetic resonance scan to hold out.
 
     Raises
     ------
     UserError
-        There is something in ``folder``, or it cannot be written; no mission can be called so.
+        There is something in ``folder``, or it cannot be written.
     """
-    name = name or folder.resolve().name
-    if not re.fullmatch(schema("mission")["properties"]["name"]["pattern"], name):
-        raise UserError(f"{name!r} cannot name a mission; give a --name of letters, digits, '_', '.' and '-'")
-    source = resources.files(__package__).joinpath("skeleton")
-    program = "fly.sh" if shell else "fly.py"
-    text = source.joinpath("mission.yaml").read_text("utf-8")
+    source, program = resources.files(__package__).joinpath("skeleton"), "fly.sh" if shell else "fly.py"
+    text = source.joinpath("mission.yaml").read_text("utf-8").replace("RUN", _RUN[shell])
     contents: dict[str, str | bytes] = {
-        "mission.yaml": text.replace("RUN", _RUN[shell]).replace("NAME", json.dumps(name)),
+        "mission.yaml": text.replace("NAME", json.dumps(folder.resolve().name)),
         program: source.joinpath(program).read_text("utf-8"),
         **_measurements(),
     }

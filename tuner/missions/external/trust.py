@@ -1,7 +1,7 @@
-"""Whose program a run directory may run: the one that the command line names, or that of a campaign begun here.
+"""Whose program a run directory may run: one that the command line names, or that of a campaign begun here.
 
-A run directory may come from anybody, and names a mission file. What the user began, or named on the command line, is noted
-outside it, under ``GATETUNE_HOME``, by the campaign's identity.
+A run directory may come from anybody, and names a mission file. What the user began, or named on the command line, is
+noted outside it, under ``GATETUNE_HOME``, by the campaign's identity.
 """
 
 from __future__ import annotations
@@ -22,33 +22,26 @@ def trust(identity: str, mission: MissionFile) -> None:
     path = _note(identity)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, json.dumps(_facts(mission)))
+        write_atomic(path, json.dumps([str(mission.path), mission.sha256, mission.program]))
     except OSError as error:
         raise UserError(
             f"cannot write {path}: {error.strerror}; set GATETUNE_HOME to a writable folder"
         ) from error
 
 
-def require_trusted(identity: str, mission: MissionFile, directory: Path, *, program: bool) -> None:
-    """`UserError` where the campaign in ``directory`` was not begun here with this file; ``program``: and this program."""
+def require_trusted(identity: str, mission: MissionFile, *, program: bool) -> None:
+    """Raise `UserError` where the campaign was not begun here with this mission file, and this ``program`` if asked."""
     try:
         known = read_json(_note(identity))
     except UserError:
         known = None
-    facts = _facts(mission)
-    name_it = f"if you trust it, name it: --mission {mission.path}"
-    if not isinstance(known, dict) or any(known.get(key) != facts[key] for key in ("file", "sha256")):
-        raise UserError(
-            f"{directory} was not begun here and asks to run the program of {mission.path}; {name_it}"
-        )
-    if program and known.get("program") != facts["program"]:
-        raise UserError(
-            f"the program of {mission.path} changed since the campaign in {directory} flew it; {name_it}"
-        )
-
-
-def _facts(mission: MissionFile) -> dict[str, str]:
-    return {"file": str(mission.path), "sha256": mission.sha256, "program": mission.program}
+    why = ""
+    if not isinstance(known, list) or known[:2] != [str(mission.path), mission.sha256]:
+        why = f"the campaign was not begun here and asks to run the program of {mission.path}"
+    elif program and known[2:] != [mission.program]:
+        why = f"the program of {mission.path} changed since the campaign flew it"
+    if why:
+        raise UserError(f"{why}; if you trust it, name it: --mission {mission.path}")
 
 
 def _note(identity: str) -> Path:
