@@ -85,6 +85,9 @@ class DenseConfig(Section):
     search: Literal["crop", "sparse"] = ours(
         "crop", "depths are sought in all of the cube, or near the sparse model", added=True
     )
+    max_size_px: int = ours(
+        0, "long side of the photographs that depths are sought in, at most; 0: as taken", added=True
+    )
     agreeing_views: int = ours(3, "views, the reference included, that must agree on a depth")
     consistency_views: int = ours(10, "views that are asked")
     consistency_relative_depth: float = ours(0.005, "difference at which depths agree, relative")
@@ -95,6 +98,9 @@ class DenseConfig(Section):
         self._need_at_least(1, "neighbours")
         self._need(0 <= self.min_baseline_angle_deg < 90, "min_baseline_angle_deg", "in [0, 90)")
         self._need_positive("crop_half_width_m")
+        self._need(
+            self.max_size_px == 0 or self.max_size_px >= 64, "max_size_px", "0 (no limit) or at least 64"
+        )
         self._need_at_least(2, "agreeing_views")
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from nbv.config import DENSE_BACKENDS, CameraConfig, DenseConfig
@@ -45,6 +46,25 @@ class CheckedDepths:
         return fuse(maps, self.images, self.camera_from_world, self.camera, self.target_m, self.config)
 
 
+def shrunk_camera(camera: CameraConfig, max_size_px: int) -> CameraConfig:
+    """The camera of photographs whose long side is at most ``max_size_px``; 0: the camera itself."""
+    size_px = max(camera.width_px, camera.height_px)
+    if not 0 < max_size_px < size_px:
+        return camera
+    width_px, height_px = (
+        round(side * max_size_px / size_px) for side in (camera.width_px, camera.height_px)
+    )
+    return CameraConfig(width_px, height_px, camera.focal_px * width_px / camera.width_px)
+
+
+def shrunk(image: Image, camera: CameraConfig) -> Image:
+    """The photograph (H, W, 3) at the size of ``camera``; the photograph itself where it has it."""
+    size = (camera.width_px, camera.height_px)
+    if (image.shape[1], image.shape[0]) == size:
+        return image
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+
+
 def check_depths(
     images: Mapping[str, Image],
     camera_from_world: Mapping[str, Floats],
@@ -82,7 +102,8 @@ def check_depths(
                 f"image {name} has shape {images[name].shape}; the camera is configured for "
                 f"{camera.width_px}x{camera.height_px} RGB"
             )
-    photos = {name: images[name] for name in names}
+    camera = shrunk_camera(camera, config.max_size_px)
+    photos = {name: shrunk(images[name], camera) for name in names}
     poses = {name: np.asarray(camera_from_world[name], dtype=float) for name in names}
     surface_m = None
     if config.search == "sparse":

@@ -16,7 +16,7 @@ from nbv.config import SparseConfig
 from nbv.photographs.folder import Progress, SourcePhotograph, read_pixels
 from nbv.sparse.database_cache import database_cache
 from nbv.sparse.features import DESCRIPTOR_SIZE, Features, extract_features
-from nbv.sparse.matching import VerifiedPair, match_pair
+from nbv.sparse.matching import NO_MATCHES, VerifiedPair, match_pair, matches_of_one_motion
 from nbv.types import Ints
 
 MAX_FEATURES = 8192  # the largest: where there are more they are small and repeat
@@ -28,7 +28,6 @@ IN_ORDER = 2  # photographs before and after, whatever the largest features say
 WORKERS = 2
 _ARE_FEATURES = holds({"keypoints": "f k 4", "descriptors": f"u k {DESCRIPTOR_SIZE}"})
 _ARE_PAIRS = holds({"partners": "i p", "counts": "i p", "configs": "i p", "matches": "u m 2"})
-_NO_MATCHES = np.zeros((0, 2), np.uint32)
 
 
 @dataclass(frozen=True)
@@ -162,45 +161,16 @@ def _pairs(
     pool: ThreadPoolExecutor,
 ) -> Arrays:
     def one(other: int) -> VerifiedPair:
-        return _verified(features[index], features[other], cameras[index], cameras[other], config)
+        a, b = features[index], features[other]
+        matches = match_pair(a.descriptors, b.descriptors, config.match_ratio)
+        estimate = pycolmap.estimate_two_view_geometry
+        return matches_of_one_motion(a, b, matches, (cameras[index], cameras[other]), config, estimate)
 
     found = list(pool.map(one, later.tolist()))
-    matches: list[NDArray[np.uint32]] = [_NO_MATCHES, *(pair.matches for pair in found)]
+    matches: list[NDArray[np.uint32]] = [NO_MATCHES, *(pair.matches for pair in found)]
     return {
         "partners": later,
         "counts": np.array([len(pair) for pair in found], dtype=np.int64),
         "configs": np.array([pair.config for pair in found], dtype=np.int64),
         "matches": np.concatenate(matches),
     }
-
-
-def _verified(
-    a: Features, b: Features, camera_a: pycolmap.Camera, camera_b: pycolmap.Camera, config: SparseConfig
-) -> VerifiedPair:
-    """Matches that fit one two-view geometry (COLMAP's RANSAC, seeded)."""
-    rejected = VerifiedPair(_NO_MATCHES, int(pycolmap.TwoViewGeometryConfiguration.DEGENERATE))
-    matches = match_pair(a.descriptors, b.descriptors, config.match_ratio)
-    if len(matches) < config.min_inliers:
-        return rejected
-    options = pycolmap.TwoViewGeometryOptions()
-    options.min_num_inliers = config.min_inliers
-    options.ransac.random_seed = 0
-    options.ransac.num_threads = 1
-    count = np.arange(len(matches), dtype=np.uint32)
-    geometry = pycolmap.estimate_two_view_geometry(
-        camera_a,
-        a.keypoints[matches[:, 0], :2].astype(np.float64),
-        camera_b,
-        b.keypoints[matches[:, 1], :2].astype(np.float64),
-        np.stack([count, count], axis=1),
-        options,
-    )
-    inliers = np.array(geometry.inlier_matches, dtype=np.uint32).reshape(-1, 2)
-    usable = geometry.config not in (
-        pycolmap.TwoViewGeometryConfiguration.DEGENERATE,
-        pycolmap.TwoViewGeometryConfiguration.WATERMARK,
-        pycolmap.TwoViewGeometryConfiguration.UNDEFINED,
-    )
-    if not usable or len(inliers) < config.min_inliers:
-        return rejected
-    return VerifiedPair(matches[inliers[:, 0]], int(geometry.config))

@@ -16,6 +16,7 @@ from nbv.dense import make_backend, patchmatch_runs
 from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
 from nbv.dense.interface import Floats32
+from nbv.dense.reconstruct import shrunk, shrunk_camera
 from nbv.dense.stereo import choose_neighbours, estimate_depth
 from nbv.dense.surface import points_to_search
 from nbv.errors import MissionFailure, UserError
@@ -29,7 +30,7 @@ MAX_VIEWS = 140  # reconstructed at once: memory grows with them
 DENSE_SIZE_PX = 800  # long side: a pixel is then finer than a voxel
 WORKERS = 2
 MIN_BASELINE_ANGLE_DEG = 60.0  # photographs one behind the other rectify to huge pictures
-AGREEING_VIEWS = 3
+AGREEING_VIEWS = 3  # as many as `gatetune photographs enough` asks of its missions
 VOXEL_M = 0.008
 _ARE_POINTS = holds({"points_m": "f n 3", "colors": "u n 3", "normals": "f n 3"})
 
@@ -81,7 +82,7 @@ def cloud_of_views(
     UserError
         Nothing can be reconstructed from them.
     """
-    small = dense_camera(camera)
+    small = shrunk_camera(camera, DENSE_SIZE_PX)
     config = DenseConfig(
         backend="patchmatch" if patchmatch_runs() else "sgbm",
         crop_half_width_m=round(1.15 * half_width_m, 3),
@@ -123,13 +124,6 @@ def cloud_of_views(
     return clouds[0] if parts == 1 else _together(clouds)
 
 
-def dense_camera(camera: CameraConfig) -> CameraConfig:
-    """The camera shrunk to what the dense stage works on."""
-    scale = min(1.0, DENSE_SIZE_PX / max(camera.width_px, camera.height_px))
-    width, height = round(camera.width_px * scale), round(camera.height_px * scale)
-    return CameraConfig(width, height, camera.focal_px * width / camera.width_px)
-
-
 def distances_to(cloud: PointCloud, points_m: Floats) -> Floats:
     """(N,) from points (N, 3) to the nearest of the cloud."""
     return nearest_neighbours(cloud.points_m, points_m)[0]
@@ -160,7 +154,7 @@ def _cloud(
     what: str,
 ) -> dict[str, np.ndarray]:
     size = (camera.width_px, camera.height_px)
-    images = {v.name: cv2.resize(v.pixels(), size, interpolation=cv2.INTER_AREA) for v in views}
+    images = {v.name: shrunk(v.pixels(), camera) for v in views}
     poses = {v.name: v.camera_from_world for v in views}
     maps = _depth_maps(images, poses, camera, center_m, config, near_m, progress, what)
     for view in views:

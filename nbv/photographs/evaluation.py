@@ -4,8 +4,9 @@ Scores have the names that they have on rocks, and their meaning on a rock of 1.
 height. Cloud and reference are scaled to that height before they are compared.
 
 The cloud is registered first (`nbv.evaluation.registration`): it lies where the alignment with telemetry has put it. Of
-the cloud only what lies within `MARGIN` of the reference's box counts, as in Tanks and Temples: the rest of the room is
-not the object.
+the cloud only what lies within `MARGIN` of the reference's box and not below it counts, as in Tanks and Temples: the rest
+of the room is not the object. No plane of the ground is sought: the reference has been taken off its ground, and on a low
+object what is left of it may be a plane itself (a quarter of a mound of sand went that way).
 """
 
 from __future__ import annotations
@@ -49,13 +50,13 @@ def measure_cloud(
     low, high = reference.points_m.min(axis=0), reference.points_m.max(axis=0)
     margin_m = MARGIN * photographs.height_m
     half_m = float(np.abs([low - photographs.target_m, high - photographs.target_m]).max()) + margin_m
-    cleaned, report = clean_cloud(
-        cloud, dataclasses.replace(config, crop_half_extent_m=half_m), photographs.target_m, _CLEANING_SEED
-    )
+    no_ground = dataclasses.replace(config, crop_half_extent_m=half_m, ground_ransac_iterations=0)
+    cleaned, report = clean_cloud(cloud, no_ground, photographs.target_m, _CLEANING_SEED)
+    low, high = low - [margin_m, margin_m, 0.0], high + margin_m
     reaches_m = tuple(reach * photographs.height_m for reach in REACHES)
-    found = register_cloud(_within(cleaned, low - margin_m, high + margin_m).points_m, truth_m, reaches_m)
+    found = register_cloud(_within(cleaned, low, high).points_m, truth_m, reaches_m)
     moved = PointCloud(found.apply(cleaned.points_m), cleaned.colors, cleaned.normals)
-    moved = _within(moved, low - margin_m, high + margin_m)
+    moved = _within(moved, low, high)
     if len(moved) == 0:
         raise MissionFailure("empty_cloud", "no dense point lies near the reference")
     scale = DEFAULT_HEIGHT_M / photographs.height_m

@@ -24,9 +24,9 @@ from nbv.errors import UserError
 from nbv.geometry.frames import Similarity
 from nbv.photographs.dense_reference import View, cloud_of_views, distances_to, halves_agreement
 from nbv.photographs.folder import Progress, SourcePhotograph, read_folder, read_pixels, up_in_picture
-from nbv.photographs.foreign_models import working_sizes
 from nbv.photographs.kept_out import drawn_out
 from nbv.photographs.masks import Mask, find_masks
+from nbv.photographs.model_files import working_sizes
 from nbv.photographs.object_cloud import in_box, object_cloud, weak_places
 from nbv.photographs.object_frame import find_object, placement
 from nbv.photographs.photograph_set import (

@@ -35,6 +35,10 @@ from nbv.threads import limit_threads
 from nbv.types import Camera, Cloud, PointCloud
 
 FEWEST_SEEDS = 3  # that a model can be aligned by: photographs that do not register are an outcome
+# Long side in the dense stage. Photographs of 1280 px take ten times as long, and fewer of their depths agree: they are not
+# sharp to a pixel.
+DENSE_SIZE_PX = 480
+VOXEL = 0.005  # of the height, where that is more than the configuration's voxel
 ROOM_M = 0.3  # about the object, in which depths are sought
 NOMINAL = "nominal: straight legs between places where a hand held the camera"
 TAKEN = "photographs.txt"
@@ -145,7 +149,12 @@ def over_photographs(config: MissionConfig, photographs: PhotographSet) -> Missi
             config.sparse, min_registered_seeds=min(FEWEST_SEEDS, config.sparse.min_registered_seeds)
         ),
         shared=replace(config.shared, box_half_extent_m=max(config.shared.box_half_extent_m, half_m)),
-        dense=replace(config.dense, crop_half_width_m=max(config.dense.crop_half_width_m, half_m)),
+        dense=replace(
+            config.dense,
+            crop_half_width_m=max(config.dense.crop_half_width_m, half_m),
+            max_size_px=config.dense.max_size_px or DENSE_SIZE_PX,
+            fusion_voxel_m=max(config.dense.fusion_voxel_m, VOXEL * photographs.height_m),
+        ),
     )
 
 

@@ -121,11 +121,6 @@ class PhotographSet:
         return None if self.metres_per_unit is None else self.height_m * self.metres_per_unit
 
     @property
-    def thresholds_m(self) -> tuple[float, ...]:
-        """`THRESHOLD_FRACTIONS` of the height, in units of the set's frame."""
-        return tuple(fraction * self.height_m for fraction in THRESHOLD_FRACTIONS)
-
-    @property
     def sparse_folder(self) -> Path:
         """COLMAP's binary model in the set's frame; its images are called ``NAME.jpg``."""
         return self.folder / SPARSE

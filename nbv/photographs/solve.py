@@ -11,8 +11,8 @@ import numpy as np
 from nbv.cache import Store
 from nbv.errors import UserError
 from nbv.photographs.folder import Progress, SourcePhotograph, kept_upright, read_pixels
-from nbv.photographs.foreign_models import read_model, working_sizes
 from nbv.photographs.mapping import mapped, triangulated
+from nbv.photographs.model_files import read_model, working_sizes
 from nbv.photographs.solved import SolvedModel
 
 FEWEST_REGISTERED = 6

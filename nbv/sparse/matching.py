@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ MAX_DISTANCE_RAD = 0.7  # COLMAP's default largest angle between matching descri
 _NORM_SQUARED = np.float32(512.0**2)  # COLMAP stores unit descriptors times 512 as uint8
 BLOCK_BYTES = 4 << 20  # a block of similarities that stays in the cache
 _RANSAC_SEED = 0
+NO_MATCHES = np.zeros((0, 2), np.uint32)
 Descriptors = NDArray[np.uint8]
 
 
@@ -82,9 +84,8 @@ def match_pair(
     max_distance_rad
         Largest angle between matching descriptors.
     """
-    empty = np.zeros((0, 2), np.uint32)
     if len(a) == 0 or len(b) == 0:
-        return empty
+        return NO_MATCHES
 
     def accepted(x: Descriptors, y: Descriptors) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
         index, *products = nearest_two(x, y)
@@ -94,7 +95,7 @@ def match_pair(
     forward, accepted_forward = accepted(a, b)
     rows = np.flatnonzero(accepted_forward)
     if len(rows) == 0:
-        return empty
+        return NO_MATCHES
     # Only columns that some row has chosen need the check in the other direction.
     columns, position = np.unique(forward[rows], return_inverse=True)
     backward, accepted_back = accepted(b[columns], a)
@@ -120,24 +121,46 @@ def verify_pair(
     config
         Its ``min_inliers`` and ``min_ransac_trials``.
     """
-    rejected = VerifiedPair(
-        np.zeros((0, 2), np.uint32), int(pycolmap.TwoViewGeometryConfiguration.DEGENERATE)
-    )
+    colmap = colmap_camera(camera)
+    estimate = pycolmap.estimate_calibrated_two_view_geometry
+    return matches_of_one_motion(a, b, matches, (colmap, colmap), config, estimate)
+
+
+def matches_of_one_motion(
+    a: Features,
+    b: Features,
+    matches: NDArray[np.uint32],
+    cameras: tuple[pycolmap.Camera, pycolmap.Camera],
+    config: SparseConfig,
+    estimate: Callable[..., pycolmap.TwoViewGeometry],
+) -> VerifiedPair:
+    """`verify_pair` by any of COLMAP's estimators of a two-view geometry.
+
+    Parameters
+    ----------
+    a, b, matches, config
+        As in `verify_pair`.
+    cameras
+        Of the two photographs.
+    estimate
+        ``pycolmap.estimate_calibrated_two_view_geometry`` where the cameras are known, else
+        ``pycolmap.estimate_two_view_geometry``.
+    """
+    rejected = VerifiedPair(NO_MATCHES, int(pycolmap.TwoViewGeometryConfiguration.DEGENERATE))
     if len(matches) < config.min_inliers:
         return rejected
-    colmap = colmap_camera(camera)
     options = pycolmap.TwoViewGeometryOptions()
     options.min_num_inliers = config.min_inliers
-    options.detect_watermark = False  # rendered and telemetry images carry none
+    options.detect_watermark = False  # borders that are alike are no reason to give a pair up
     options.ransac.random_seed = _RANSAC_SEED
     options.ransac.num_threads = 1
     options.ransac.min_num_trials = config.min_ransac_trials
     # Only the keypoints that are matched: to hand over all of them takes longer than a short RANSAC.
     count = np.arange(len(matches), dtype=np.uint32)
-    geometry = pycolmap.estimate_calibrated_two_view_geometry(
-        colmap,
+    geometry = estimate(
+        cameras[0],
         a.keypoints[matches[:, 0], :2].astype(np.float64),
-        colmap,
+        cameras[1],
         b.keypoints[matches[:, 1], :2].astype(np.float64),
         np.stack([count, count], axis=1),
         options,

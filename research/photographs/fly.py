@@ -1,7 +1,7 @@
-"""Fly the configurations of docs/results/real_photographs.md on sets of photographs, or on rendered rocks.
+"""Fly the configurations of docs/results/real_photographs.md on sets of photographs, or on rocks.
 
 python -m research.photographs.fly OUT --rock mictlan --replicates 8
-python -m research.photographs.fly OUT --rock slab --rock waist --replicates 1
+python -m research.photographs.fly OUT --rock slab --rock waist --fidelity geometric
 """
 
 from __future__ import annotations
@@ -17,14 +17,15 @@ from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import local_executor
 
-# Elevations (deg) of rings, low rings, and the highest of the low pool: what a set has most, and its lower half.
+# Elevations (deg): of the ring, of the low ring, and the highest of the low pool. Nobody photographed the sand from below 28.
 ELEVATIONS = {"sand": (36.0, 28.0, 36.0)}
-ON_ROCKS = (22.0, 15.0, 26.0)
+ELSEWHERE = (22.0, 14.0, 26.0)
 MATCHABLE = {
     "gate.kind": "matchable",
     **{f"matchable.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
 }
-FEW = {"sparse.min_registered_seeds": 6, "sparse.ground_features": 2000}
+FEWEST_BY_SIFT = 15  # seeds; farther apart they need features of the ground
+ORACLE = {"gate.kind": "greedy-oracle", "gate.oracle_coverage": "matchable"}
 
 
 def altitude_m(elevation_deg: float) -> float:
@@ -33,34 +34,38 @@ def altitude_m(elevation_deg: float) -> float:
 
 
 def configurations(rock: str) -> dict[str, MissionConfig]:
-    """The twelve, by name; telemetry is RTK's, which holds the seeds together."""
-    middle_deg, low_deg, highest_deg = ELEVATIONS.get(rock, ON_ROCKS)
-    base = preset("campaign").with_values({**REDUCED_SFM, "telemetry": "rtk", "pool.min_altitude_m": 0.3})
-    low_pool = {"pool.max_altitude_m": altitude_m(highest_deg)}
-
-    def ring(seeds: int, budget: int, **values: Any) -> dict[str, Any]:
-        return {
-            "seed.count": seeds,
+    """By name; telemetry is RTK's, which holds the seeds together, and three views must agree, as in a set's reference."""
+    middle_deg, low_deg, highest_deg = ELEVATIONS.get(rock, ELSEWHERE)
+    base = preset("campaign").with_values(
+        {
+            **REDUCED_SFM,
+            "telemetry": "rtk",
+            "pool.min_altitude_m": 0.3,
+            "dense.agreeing_views": 3,
+            "sparse.max_features": 2048,
+            "sparse.min_registered_seeds": 6,
             "seed.lowest_deg": middle_deg,
-            "stop.adaptive_budget": budget,
-            **(FEW if seeds < 15 else {}),
-            **values,
         }
+    )
+    low = {"seed.lowest_deg": low_deg, "pool.max_altitude_m": altitude_m(highest_deg)}
 
-    low = {"seed.lowest_deg": low_deg, **low_pool}
+    def plan(seeds: int, budget: int, **values: Any) -> dict[str, Any]:
+        ground = {"sparse.ground_features": 2000} if seeds < FEWEST_BY_SIFT else {}
+        return {"seed.count": seeds, "stop.adaptive_budget": budget, **ground, **values}
+
     asked: dict[str, dict[str, Any]] = {
-        "hyb-h-24+8": {"stop.adaptive_budget": 8},
-        "random-24+8": {"gate.kind": "random"},
-        "matchable-24+8": MATCHABLE,
-        "oracle-24+8": {"gate.kind": "greedy-oracle", "gate.oracle_coverage": "matchable"},
-        "orbit-32": ring(32, 0),
-        "matchable-14+12": {**ring(14, 12), **MATCHABLE},
-        "random-14+12": {**ring(14, 12), "gate.kind": "random"},
-        "oracle-14+12": {**ring(14, 12), "gate.kind": "greedy-oracle", "gate.oracle_coverage": "matchable"},
-        "orbit-26": ring(26, 0),
-        "matchable-8+11-low": {**ring(8, 11, **low), **MATCHABLE},
-        "random-8+11-low": {**ring(8, 11, **low), "gate.kind": "random"},
-        "orbit-19-low": ring(19, 0, **{"seed.lowest_deg": low_deg}),
+        **{f"{gate}-16+8": plan(16, 8, **{"gate.kind": gate}) for gate in ("covis", "b-aware", "hyb-h")},
+        "hyb-o-16+8": plan(16, 8, **{"gate.kind": "hyb-o"}),
+        "matchable-16+8": plan(16, 8, **MATCHABLE),
+        "predicted-16+8": plan(16, 8, **{"gate.kind": "predicted"}),
+        "random-16+8": plan(16, 8, **{"gate.kind": "random"}),
+        "oracle-16+8": plan(16, 8, **ORACLE),
+        "orbit-24": plan(24, 0),
+        # `make tune`'s, and what its 21 photographs became.
+        "matchable-8+11-low": plan(8, 11, **low, **MATCHABLE),
+        "random-8+11-low": plan(8, 11, **low, **{"gate.kind": "random"}),
+        "orbit-19-low": plan(19, 0, **{"seed.lowest_deg": low_deg}),
+        "hyb-h-13+8-low": plan(13, 8, **low, **{"gate.kind": "hyb-h"}),
     }
     return {name: base.with_values(values) for name, values in asked.items()}
 
@@ -71,8 +76,18 @@ def main() -> None:
     parser.add_argument("out", type=Path)
     parser.add_argument("--rock", action="append", required=True)
     parser.add_argument("--replicates", type=int, default=8)
+    parser.add_argument("--first", type=int, default=0, help="the first replicate")
+    parser.add_argument("--fidelity", default="photogrammetric")
+    parser.add_argument("--plan", nargs="+", help="only these configurations")
     asked = parser.parse_args()
-    plan = EvaluationPlan(configurations(asked.rock[0]), tuple(asked.rock), asked.replicates)
+    plans = configurations(asked.rock[0])
+    plan = EvaluationPlan(
+        {name: plans[name] for name in asked.plan or plans},
+        tuple(asked.rock),
+        asked.replicates,
+        asked.first,
+        asked.fidelity,
+    )
     with local_executor(plan.fidelity, 1, 3600.0) as executor:
         print(run_evaluation(plan, asked.out, executor))
 

@@ -18,6 +18,7 @@ from nbv.config import MissionConfig, preset
 from nbv.config.presets import REDUCED_SFM
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
+from nbv.photographs.dense_reference import AGREEING_VIEWS
 from nbv.photographs.kept_out import kept_out
 from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.plan import EvaluationPlan
@@ -119,6 +120,7 @@ def enough_plans(
         {
             **REDUCED_SFM,
             "telemetry": TELEMETRY,
+            "dense.agreeing_views": AGREEING_VIEWS,
             "seed.lowest_deg": round(min(max(elevation_deg, 0.0), 60.0), 1),
             "pool.min_altitude_m": _BELOW_ALL_M,
             **(overrides or {}),

@@ -13,7 +13,7 @@ import pytest
 from nbv.errors import UserError
 from nbv.geometry import invert_rigid, look_at
 from nbv.photographs.folder import SourcePhotograph
-from nbv.photographs.foreign_models import read_model
+from nbv.photographs.model_files import read_model
 
 WIDTH, HEIGHT, FOCAL = 640, 480, 500.0
 POSES = [look_at(np.array([3 * np.cos(a), 3 * np.sin(a), 1.0]), np.zeros(3)) for a in np.linspace(0, 5, 8)]
