@@ -63,7 +63,7 @@ class PhotographFidelity:
             key,
             context.replicate,
         )
-        require_expressible(config, self.photographs.name, self.viewpoints)
+        require_expressible(config, self.photographs.name)
         self.believed = over_photographs(config, self.photographs)
         self._camera = PhotographCamera(
             self.photographs, self._takeable, self.viewpoints, config, key, context.replicate

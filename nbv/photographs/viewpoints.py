@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
 from nbv.config import MissionConfig
-from nbv.errors import UserError
+from nbv.errors import MissionFailure
 from nbv.geometry.frames import heading_to
 from nbv.random_streams import keyed_rng
 from nbv.types import CandidatePool, Floats, Ints, Viewpoint
@@ -71,14 +71,17 @@ class PhotographViewpoints:
 
         Raises
         ------
-        UserError
-            The set has too few photographs, or none near more than a quarter of the viewpoints.
+        MissionFailure
+            ``not_photographed``: the set has too few photographs, or none near more than a quarter of the viewpoints, or
+            hardly any within the altitudes of the pool.
         """
+        self._require_candidates(config)
         asked = seed_viewpoints(config)
         if len(asked) > len(self.positions_m):
-            raise UserError(
+            raise MissionFailure(
+                "not_photographed",
                 f"the configuration has {len(asked)} seeds, and {len(self.positions_m)} photographs may be taken; "
-                "lower seed.count"
+                "lower seed.count",
             )
         azimuth, elevation = (
             np.deg2rad([getattr(v, name) for v in asked]) for name in ("azimuth_deg", "elevation_deg")
@@ -91,15 +94,32 @@ class PhotographViewpoints:
         rows, columns = linear_sum_assignment(angle_deg**2)
         near = angle_deg[rows, columns] <= SEED_CAP_DEG
         if near.sum() < max(3, (1.0 - MOST_MISSING) * len(asked)):
-            raise UserError(
+            raise MissionFailure(
+                "not_photographed",
                 f"only {near.sum()} of the {len(asked)} seeds have a photograph within {SEED_CAP_DEG:g} degrees: "
                 f"they ask for elevations of {np.rad2deg(elevation.min()):.0f} to {np.rad2deg(elevation.max()):.0f} "
                 f"degrees, and the photographs have {self.elevations_deg.min():.0f} to "
-                f"{self.elevations_deg.max():.0f}; set seed.lowest_deg and seed.span_deg (or seed.ring_elevations_deg)"
+                f"{self.elevations_deg.max():.0f}; set seed.lowest_deg and seed.span_deg (or seed.ring_elevations_deg)",
             )
         return [
             self._viewpoint(int(column), f"seed_{k:02d}", "seed") for k, column in enumerate(columns[near])
         ]
+
+    def _require_candidates(self, config: MissionConfig) -> None:
+        allowed = int(self.within_altitudes.sum())
+        if not config.adaptive_budget or allowed >= min(
+            config.seed.total + config.adaptive_budget, len(self.positions_m) / 4
+        ):
+            return
+        elevations_deg = np.sort(self.elevations_deg)
+        raise MissionFailure(
+            "not_photographed",
+            f"pool.min_altitude_m {config.pool.min_altitude_m:g} and pool.max_altitude_m {config.pool.max_altitude_m:g} "
+            f"are elevations of {self.lowest_deg:.0f} to {self.highest_deg:.0f} degrees about the object, "
+            f"where there are {allowed} photographs to choose from: half of all photographs lie between "
+            f"{elevations_deg[len(elevations_deg) // 4]:.0f} and {elevations_deg[3 * len(elevations_deg) // 4]:.0f} "
+            "degrees; widen them",
+        )
 
     def candidates(
         self, config: MissionConfig, vehicle_position_m: Floats, visited_m: Floats, n_seeds: int

@@ -10,7 +10,7 @@ import pytest
 from photographed_ball import CAMERA, CENTRE_M, places, spread, write_set
 
 from nbv.config import preset
-from nbv.errors import UserError
+from nbv.errors import MissionFailure, UserError
 from nbv.geometry.frames import Similarity
 from nbv.photographs import PhotographSet
 from nbv.photographs.evaluation import measure_cloud
@@ -43,7 +43,7 @@ def test_seeds_are_the_nearest_photographs_each_taken_once() -> None:
     chosen = in_order(at, viewpoints(at).seeds(RING))
     assert chosen == list(range(16))
     crowded = places(north_first[[0] * 16] + np.arange(16) * 1.0, np.full(16, 25.0))
-    with pytest.raises(UserError, match="seeds have a photograph within 20 degrees"):
+    with pytest.raises(MissionFailure, match="seeds have a photograph within 20 degrees"):
         viewpoints(crowded).seeds(RING)
 
 
@@ -54,7 +54,9 @@ def test_a_seed_viewpoint_without_a_photograph_is_not_flown() -> None:
     assert 14 <= len(seeds) <= 16
     assert len({s.position_m for s in seeds}) == len(seeds)
     asked = PAPER.with_values({"seed.count": 16, "seed.lowest_deg": 25.0 + SEED_CAP_DEG + 1})
-    with pytest.raises(UserError, match="elevations of 46 to 46 degrees, and the photographs have 25 to 25"):
+    with pytest.raises(
+        MissionFailure, match="elevations of 46 to 46 degrees, and the photographs have 25 to 25"
+    ):
         viewpoints(at).seeds(asked)
 
 
@@ -88,16 +90,29 @@ def test_the_pool_is_what_is_left_within_the_altitudes() -> None:
         ({"sensor.exposure_ev": 1.0, "sensor.vignetting": 0.5}, "sensor.exposure_ev, sensor.vignetting"),
         ({"camera.width_px": 320}, "camera.width_px"),
         ({"ground.relief_m": 0.1}, "ground.relief_m"),
-        ({"pool.min_altitude_m": 4.0}, "pool.min_altitude_m 4"),
-        ({"seed.lowest_deg": 70.0}, "seed.lowest_deg"),
     ],
 )
 def test_what_a_set_cannot_express_is_refused_by_name(values: dict, named: str) -> None:
-    at = places(np.arange(0, 360, 6.0), np.full(60, 25.0))
-    require_expressible(RING, "mine", viewpoints(at))
-    asked = RING.with_values(values)
+    require_expressible(RING, "mine")
     with pytest.raises(UserError, match=named):
-        require_expressible(asked, "mine", viewpoints(at, asked))
+        require_expressible(RING.with_values(values), "mine")
+
+
+@pytest.mark.parametrize(
+    ("values", "named"),
+    [
+        ({"pool.min_altitude_m": 4.0}, "pool.min_altitude_m 4"),
+        ({"seed.lowest_deg": 70.0}, "seed.lowest_deg"),
+        ({"seed.count": 61, "seed.lowest_deg": 25.0}, "seed.count"),
+    ],
+)
+def test_a_mission_where_nobody_photographed_fails(values: dict, named: str) -> None:
+    """And is no mistake of a user's: a campaign that proposes it goes on."""
+    at = places(np.arange(0, 360, 6.0), np.full(60, 25.0))
+    asked = RING.with_values(values)
+    with pytest.raises(MissionFailure, match=named) as failure:
+        viewpoints(at, asked).seeds(asked)
+    assert failure.value.reason == "not_photographed"
 
 
 def test_a_photograph_that_the_cloud_predicts_has_no_photometric_error() -> None:
