@@ -50,6 +50,14 @@ def test_cloud_lies_on_the_true_surface(cloud):
     assert np.mean(error < 0.03) > 0.95
 
 
+def test_shrunk_photographs_show_the_same_surface(scene, cloud):
+    small = cloud_of(scene, dataclasses.replace(CONFIG, max_size_px=240))
+    error = surface_distance_m(small.points_m)
+    assert 0.4 * len(cloud.points_m) < len(small.points_m) < 0.8 * len(cloud.points_m)  # 9/16 of the pixels
+    assert np.median(error) < 0.009 and np.mean(error < 0.04) > 0.95
+    assert len(cloud_of(scene, dataclasses.replace(CONFIG, max_size_px=640)).points_m) == len(cloud.points_m)
+
+
 def test_normals_point_out_of_the_surface(cloud):
     assert np.allclose(np.linalg.norm(cloud.normals, axis=1), 1, atol=1e-6)
     offset = cloud.points_m - np.array(TARGET)
