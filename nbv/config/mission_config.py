@@ -78,7 +78,6 @@ class MissionConfig:
                 f"wind.mean_speed_m_s {self.wind.mean_speed_m_s:g} with three gusts of {self.wind.gust_m_s:g} is more "
                 f"than the vehicle can hold (flight.max_speed_m_s {self.flight.max_speed_m_s:g})"
             )
-
         self._require_seeds_that_register()
 
     def _require_seeds_that_register(self) -> None:

@@ -9,11 +9,11 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import functools
+import math
 import types
 import typing
 from typing import Any, Literal
 
-from nbv.config.section import OutOfRange
 from nbv.errors import UserError
 
 _IN_WORDS = {
@@ -101,8 +101,8 @@ def build(cls: type, tree: dict[str, Any], prefix: str = "") -> Any:
             values[f.name] = coerce(kind, raw, path)
     try:
         return cls(**values)
-    except OutOfRange as error:
-        raise UserError(f"{prefix}{error.problem}") from None
+    except UserError as error:  # a section names its field, and not itself
+        raise UserError(f"{prefix}{error}") from None
 
 
 def coerce(kind: Any, raw: Any, path: str) -> Any:
@@ -124,20 +124,14 @@ def coerce(kind: Any, raw: Any, path: str) -> Any:
         return tuple(coerce(a, item, path) for a, item in zip(args, raw))
     if origin is types.UnionType:  # of a type and None
         return None if raw is None else coerce(typing.get_args(kind)[0], raw, path)
-    if kind is float and isinstance(raw, (int, float)) and not isinstance(raw, bool):
-        if raw != raw or raw in (float("inf"), float("-inf")):
+    if isinstance(raw, (int, float)) and not isinstance(raw, bool):
+        if not math.isfinite(raw):
             raise UserError(f"{path} is {raw!r}; it must be finite")
-        return float(raw)
-    if (
-        kind is int
-        and isinstance(raw, (int, float))
-        and not isinstance(raw, bool)
-        and float(raw).is_integer()
-    ):
-        return int(raw)
-    if kind is bool and isinstance(raw, bool):
-        return raw
-    if kind is str and isinstance(raw, str):
+        if kind is float:
+            return float(raw)
+        if kind is int and float(raw).is_integer():
+            return int(raw)
+    if kind in (bool, str) and isinstance(raw, kind):
         return raw
     if origin is dict and isinstance(raw, dict):
         return dict(raw)

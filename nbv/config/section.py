@@ -7,23 +7,12 @@ from dataclasses import fields
 from nbv.errors import UserError
 
 
-class OutOfRange(UserError):
-    """A value that its section does not allow; ``problem`` begins with the field's name."""
-
-    def __init__(self, section: str, problem: str) -> None:
-        super().__init__(section, problem)
-        self.problem = problem
-
-    def __str__(self) -> str:
-        return ".".join(self.args)
-
-
 class Section:
     """What the sections share: checks that name the field, its value and the rule."""
 
     def _need(self, ok: bool, name: str, rule: str) -> None:
         if not ok:
-            raise OutOfRange(type(self).__name__, f"{name} is {getattr(self, name)!r}; it must be {rule}")
+            raise UserError(f"{name} is {getattr(self, name)!r}; it must be {rule}")
 
     def _need_positive(self, *names: str) -> None:
         for name in names:
@@ -39,7 +28,7 @@ class Section:
         for f in fields(self):  # type: ignore[arg-type]
             value = getattr(self, f.name)
             if "names" in f.metadata and value not in (allowed := f.metadata["names"]()):
-                raise OutOfRange(type(self).__name__, f"{f.name} is {value!r}; allowed: {', '.join(allowed)}")
+                raise UserError(f"{f.name} is {value!r}; allowed: {', '.join(allowed)}")
 
     def _need_elevations(self, *names: str) -> None:
         for name in names:

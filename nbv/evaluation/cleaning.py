@@ -6,14 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation.floaters import COARSE, FAR_RADII, scattered_mask, stray_mask
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.random_streams import keyed_rng
-from nbv.types import Cloud, Floats, PointCloud
+from nbv.types import Bools, Cloud, Floats, PointCloud
 
 _LOWEST_FRACTION = 0.2  # plane hypotheses come from the lowest points, as in the authors' code
 _MIN_POINTS = 10  # fewer cannot support a plane, as in the authors' code
@@ -124,7 +123,7 @@ def clean_cloud(
     return cloud, report
 
 
-def select(cloud: Cloud, keep: NDArray[np.bool_]) -> PointCloud:
+def select(cloud: Cloud, keep: Bools) -> PointCloud:
     """The points where ``keep`` (N,) is true, with their colours and normals."""
     return PointCloud(
         cloud.points_m[keep],
@@ -188,14 +187,14 @@ def find_ground(points_m: Floats, config: EvaluationConfig, target_m: Floats, se
     return refined if refined is not None and _is_ground(refined, config, target_m) else plane
 
 
-def inlier_mask(distances_m: Floats, std_ratio: float) -> NDArray[np.bool_]:
+def inlier_mask(distances_m: Floats, std_ratio: float) -> Bools:
     """Statistical outlier removal (Rusu et al. 2008): one pass, population standard deviation.
 
     True where a point's mean distance to its k nearest others (N, k) is at most the mean of that quantity over the
     cloud plus ``std_ratio`` standard deviations.
     """
     mean = distances_m.mean(1)
-    keep: NDArray[np.bool_] = mean <= mean.mean() + std_ratio * mean.std()
+    keep: Bools = mean <= mean.mean() + std_ratio * mean.std()
     return keep
 
 

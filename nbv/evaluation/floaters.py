@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from nbv.evaluation.voxels import occupied_voxels
-from nbv.types import Floats, Ints
+from nbv.types import Bools, Floats, Ints
 
 FLATNESS = 8.0  # a loose neighbourhood is a surface where it is thinner than the radius over this
 COARSE = 1.5  # of the median distance to the farthest neighbour: the radius is that at least
@@ -17,9 +16,7 @@ FAR_RADII = 4.0  # small clusters go where they are farther than so many radii f
 CLUSTER_POINTS = 50  # voxels of 8 mm: 0.05 % of the surface of a rock of 1.6 m
 
 
-def scattered_mask(
-    points_m: Floats, distances_m: Floats, nearest: Ints, radius_m: float
-) -> NDArray[np.bool_]:
+def scattered_mask(points_m: Floats, distances_m: Floats, nearest: Ints, radius_m: float) -> Bools:
     """(N,) true where the neighbourhood is loose and no plane: wrong depths on which a few views agree by chance.
 
     Loose: the farthest of the k neighbours lies beyond ``radius_m``. No plane: point and neighbours deviate from their
@@ -43,7 +40,7 @@ def scattered_mask(
     return scattered
 
 
-def stray_mask(points_m: Floats, radius_m: float) -> NDArray[np.bool_]:
+def stray_mask(points_m: Floats, radius_m: float) -> Bools:
     """(N,) true in clusters of fewer than `CLUSTER_POINTS` points; what lies in touching cubes of ``radius_m`` is one.
 
     So a cluster goes only if it is both small and more than ``radius_m`` away from all others.
@@ -54,5 +51,5 @@ def stray_mask(points_m: Floats, radius_m: float) -> NDArray[np.bool_]:
     touching = coo_array((np.ones(len(pairs), dtype=bool), tuple(pairs.T)), shape=(count, count))
     _, cluster_of_voxel = connected_components(touching, directed=False)
     cluster = cluster_of_voxel[voxels.voxel_of]
-    stray: NDArray[np.bool_] = np.bincount(cluster)[cluster] < CLUSTER_POINTS
+    stray: Bools = np.bincount(cluster)[cluster] < CLUSTER_POINTS
     return stray

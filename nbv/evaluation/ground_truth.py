@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface_evenly
 from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG, lifted, seen_from
-from nbv.types import Floats, Ints
+from nbv.types import Bools, Floats, Ints
 
 MIN_OBSERVING_VIEWS = 2  # a depth needs two rays
 
@@ -25,7 +24,7 @@ class GroundTruthSamples:
 
     points_m: Floats  # (S, 3) world frame
     normals: Floats  # (S, 3) unit, outward
-    observable: NDArray[np.bool_]  # (S,)
+    observable: Bools  # (S,)
 
     def __post_init__(self) -> None:
         if not (len(self.points_m) == len(self.normals) == len(self.observable) > 0):
@@ -34,7 +33,7 @@ class GroundTruthSamples:
 
 def observable_mask(
     vertices_m: Floats, faces: Ints, points_m: Floats, normals: Floats, camera_centers_m: Floats
-) -> NDArray[np.bool_]:
+) -> Bools:
     """Which samples at least two of the reachable cameras see.
 
     A camera sees a sample that lies above the ground (z = 0), faces the camera with an incidence of at most 80 degrees,

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.evaluation.ground_truth import GroundTruthSamples
 from nbv.geometry.neighbours import nearest_neighbours
-from nbv.types import Floats, Ints
+from nbv.types import Bools, Floats, Ints
 
 _BITS = 21  # of a key for each index: a million voxels either way from the origin
 
@@ -59,7 +58,7 @@ def voxel_scores(
     }
 
 
-def _near(these: Voxels, others: Voxels, threshold_m: float) -> NDArray[np.bool_]:
+def _near(these: Voxels, others: Voxels, threshold_m: float) -> Bools:
     """(V,) whether the nearest of the others' means is less than the threshold, twice a voxel's side, away."""
     near = np.isin(these.keys, others.keys, assume_unique=True)  # a voxel's diagonal is 0.87 of the threshold
     open_ = np.flatnonzero(~near)
@@ -68,6 +67,6 @@ def _near(these: Voxels, others: Voxels, threshold_m: float) -> NDArray[np.bool_
     return near
 
 
-def _percent(hits: NDArray[np.bool_]) -> float:
+def _percent(hits: Bools) -> float:
     """0 where there is no voxel."""
     return 100.0 * float(hits.mean()) if len(hits) else 0.0

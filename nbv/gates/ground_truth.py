@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.config import MissionConfig
-from nbv.gates.truth import Coverage, Mask, Oracle
+from nbv.gates.truth import Coverage, Oracle
 from nbv.geometry.frustum import in_frustum
 from nbv.geometry.matchability import matchable_views, matchable_views_with, usable_cosines
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
 from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG, lifted, seen_from
 from nbv.rocks.rock import Rock
-from nbv.types import CandidatePool, Floats, PlanningState, Ranking
+from nbv.types import Bools, CandidatePool, Floats, PlanningState, Ranking
 
 SAMPLE_SEED = 42
 GROUND_Z_M = 0.0  # samples below are buried
@@ -59,21 +59,21 @@ class GroundTruthOracle:
         )
         self._starts_m = lifted(self.samples_m, self.normals)
         self._caster = RayCaster(vertices_m, faces)
-        self._seen: dict[tuple[float, ...], Mask] = {}
+        self._seen: dict[tuple[float, ...], Bools] = {}
         self._partners: tuple[Floats, NDArray[np.int16]] | None = None
 
     # -- what a view sees
 
-    def visible(self, position_m: Floats) -> Mask:
+    def visible(self, position_m: Floats) -> Bools:
         """(S,) samples seen by the camera at ``position_m`` aimed at the target."""
         key = tuple(float(v) for v in np.round(position_m, 6))
         if key not in self._seen:
             self._seen[key] = self._look(np.asarray(position_m, dtype=float))
         return self._seen[key]
 
-    def _look(self, position: Floats) -> Mask:
+    def _look(self, position: Floats) -> Bools:
         target_m = np.array(self.config.target_m)
-        inside: Mask = in_frustum(self.samples_m, position[None], target_m, self.config.camera)[:, 0]
+        inside: Bools = in_frustum(self.samples_m, position[None], target_m, self.config.camera)[:, 0]
         if self.config.gate.oracle_coverage == "paper-code":
             return inside
         ask = np.flatnonzero(inside & (self.samples_m[:, 2] > GROUND_Z_M))
@@ -114,7 +114,7 @@ class GroundTruthOracle:
 
     def _pairs(
         self, position_m: Floats, rows: NDArray[np.integer], others_m: Floats, partners: NDArray[np.int16]
-    ) -> Mask:
+    ) -> Bools:
         """(V, R) which of the other views (V, 3) match one from ``position_m`` at the samples ``rows`` that it sees.
 
         ``partners`` (V, R) says which of them the others see.

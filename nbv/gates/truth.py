@@ -9,16 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.config import MissionConfig
-from nbv.types import Floats, PlanningState
-
-Mask = NDArray[np.bool_]
+from nbv.types import Bools, Floats, PlanningState
 
 
 @dataclass(frozen=True)
 class Coverage:
     """Which samples are covered in one state, and how far the others have come."""
 
-    covered: Mask  # (S,)
+    covered: Bools  # (S,)
     visited_m: Floats  # (V, 3); used by "matchable" only
     partners: NDArray[np.int16] | None = None  # (V, S), "matchable" only; see `nbv.geometry.matchability`
 

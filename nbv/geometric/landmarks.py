@@ -9,16 +9,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.geometric.world import GeometricWorld
 from nbv.random_streams import keyed_rng
-from nbv.types import Floats, Ints
+from nbv.types import Floats, Floats32, Ints
 
 _MAX_KEPT = 32  # draws per world
 _MAX_LOOKS = 512  # per draw; some 10 kB each
 
-Look = tuple[Ints, NDArray[np.float32]]
+Look = tuple[Ints, Floats32]
 
 
 @dataclass(frozen=True)

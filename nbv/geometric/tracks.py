@@ -10,9 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.types import Floats, Ints
-
-Mask = NDArray[np.bool_]
+from nbv.types import Floats, Floats32, Ints
 
 
 class Tracks:
@@ -86,7 +84,7 @@ class Tracks:
         self.n_views -= 1
         self._labels[:, self.n_views] = -1
 
-    def directions_of(self, views: Ints, landmarks: Ints) -> NDArray[np.float32]:
+    def directions_of(self, views: Ints, landmarks: Ints) -> Floats32:
         """(T, 3) directions from landmarks to cameras, ``directions[views, landmarks]`` in a third of the time."""
         flat = self._directions.reshape(-1, 3)
         return flat.take(views * self._directions.shape[1] + landmarks, axis=0)

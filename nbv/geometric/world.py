@@ -31,7 +31,7 @@ from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
 from nbv.rocks.mesh import vertex_normals
 from nbv.terrain import Body, Surroundings, make_surroundings
-from nbv.types import Floats, Viewpoint
+from nbv.types import Bools, Floats, Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints, shell_viewpoints
 
 SURFACE_SAMPLES = 3_000
@@ -44,8 +44,6 @@ TEXTURE_RADIUS_M = 0.03  # a feature's neighbourhood
 TEXTURE_NEIGHBOURS = 48
 SAMPLE_NEIGHBOURS = 16
 LIFT_M = 1e-3  # of a ray off the facet that it starts from; with it the model was calibrated
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -60,14 +58,14 @@ class GeometricWorld:
     landmarks_m: Floats  # (L, 3)
     landmark_normals: Floats  # (L, 3)
     landmark_contrast: Floats  # (L,) local standard deviation of the shaded albedo, 0 to 1
-    landmark_seen: Mask  # (V, L) inside the image, front side, not hidden
+    landmark_seen: Bools  # (V, L) inside the image, front side, not hidden
     n_rock: int
     n_near: int  # rock and near ground
     samples_m: Floats  # (S, 3) of the whole surface, uniform by area
     sample_normals: Floats  # (S, 3)
     sample_contrast: Floats  # (S,)
-    sample_seen: Mask  # (V, S)
-    observable: Mask  # (S,) what `nbv.evaluation` counts as observable
+    sample_seen: Bools  # (V, S)
+    observable: Bools  # (S,) what `nbv.evaluation` counts as observable
     sample_neighbours: NDArray[np.int32]  # (S, K) nearest samples, the sample itself first
     sample_distances_m: Floats  # (S, K)
 
@@ -133,7 +131,7 @@ def with_seeds(
     caster, seeds = _caster(rock, around), seed_viewpoints(config)
     pool = np.array([not name.startswith("seed") for name in world.viewpoint_ids])
 
-    def seen(points_m: Floats, normals: Floats, max_incidence_deg: float, known: Mask) -> Mask:
+    def seen(points_m: Floats, normals: Floats, max_incidence_deg: float, known: Bools) -> Bools:
         return np.concatenate(
             [_seen(caster, points_m, normals, seeds, config, max_incidence_deg), known[pool]]
         )
@@ -235,10 +233,10 @@ def _caster(rock: Rock, around: Surroundings | None) -> RayCaster:
     return RayCaster(np.concatenate([part.vertices_m for part in parts]), np.concatenate(faces))
 
 
-def _under_rock(caster: RayCaster, points_m: Floats, *, open_below: bool) -> Mask:
+def _under_rock(caster: RayCaster, points_m: Floats, *, open_below: bool) -> Bools:
     up = np.array([0.0, 0.0, 1.0])
     rays = rays_of(points_m - [0.0, 0.0, 1e-3], up)
-    rests: Mask = caster.cast(rays).t < 0.03  # the rock rests on it
+    rests: Bools = caster.cast(rays).t < 0.03  # the rock rests on it
     if open_below:  # cut off at the ground, so a ray from below has gone in without a crossing
         rests |= caster.crossings(rays) % 2 == 1
     return rests
@@ -251,7 +249,7 @@ def _seen(
     viewpoints: list[Viewpoint],
     config: MissionConfig,
     max_incidence_deg: float,
-) -> Mask:
+) -> Bools:
     """(V, N) points in the image of each nominal view, facing it, above ground and not hidden by the rock."""
     centers = np.array([v.position_m for v in viewpoints])
     seen = _in_images(points_m, centers, np.array(config.target_m), config.camera)
@@ -267,7 +265,7 @@ def _seen(
     return seen
 
 
-def _in_images(points_m: Floats, centers_m: Floats, target_m: Floats, camera: CameraConfig) -> Mask:
+def _in_images(points_m: Floats, centers_m: Floats, target_m: Floats, camera: CameraConfig) -> Bools:
     x, y, z = frustum_planes(centers_m, target_m, camera)
     q = np.column_stack([points_m, np.ones(len(points_m))])
     depth = q @ z
@@ -287,7 +285,7 @@ class _Shading:
         self._grey = rock.albedo.mean(axis=1).astype(float)
         self._tree = cKDTree(rock.vertices_m)
 
-    def in_sun(self, points_m: Floats, normals: Floats) -> Mask:
+    def in_sun(self, points_m: Floats, normals: Floats) -> Bools:
         """(N,) points that the rock does not shade."""
         return ~self._caster.blocked(rays_of(lifted(points_m, normals, LIFT_M), self._to_sun))
 

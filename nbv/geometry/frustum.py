@@ -7,12 +7,11 @@ nothing else, so points behind the rock count. ``occlusion`` is added in `nbv.sc
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.config import CameraConfig
 from nbv.geometry.frames import look_at
 from nbv.geometry.scratch import scratch
-from nbv.types import Floats
+from nbv.types import Bools, Floats
 
 BLOCK = 256  # points at a time: a block's (BLOCK, C) arrays stay in the processor's cache
 BORDER_M = 1e-5  # single precision errs by some 1e-6 m at 5 m
@@ -69,9 +68,7 @@ def certainly_inside_radius(positions_m: Floats, target_m: Floats, camera: Camer
     return nearest * half_px / float(np.hypot(half_px, camera.focal_px)) * (1.0 - 1e-9)
 
 
-def in_frustum(
-    points_m: Floats, positions_m: Floats, target_m: Floats, camera: CameraConfig
-) -> NDArray[np.bool_]:
+def in_frustum(points_m: Floats, positions_m: Floats, target_m: Floats, camera: CameraConfig) -> Bools:
     """(P, C): is each point in the image of the camera at each position, aimed at the target?
 
     Worked out in single precision, and again in double precision where a point comes within

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.config import DenseConfig
+from nbv.types import Bools
 
-Mask = NDArray[np.bool_]
 Counts = NDArray[np.signedinteger[Any]]
 
 
@@ -24,14 +24,14 @@ def usable_angles(angle_deg: Any, dense: DenseConfig) -> Any:
     return (angle_deg >= dense.min_pair_angle_deg) & (angle_deg <= dense.max_pair_angle_deg)
 
 
-def usable_cosines(cosine: NDArray[np.floating[Any]], dense: DenseConfig) -> Mask:
+def usable_cosines(cosine: NDArray[np.floating[Any]], dense: DenseConfig) -> Bools:
     """`usable_angles` from the angles' cosines, in their precision."""
     near = np.cos(np.deg2rad(dense.min_pair_angle_deg)).astype(cosine.dtype)
     far = np.cos(np.deg2rad(dense.max_pair_angle_deg)).astype(cosine.dtype)
     return (cosine <= near) & (cosine >= far)
 
 
-def partners(pairs: Mask, seen: Mask) -> NDArray[np.int16]:
+def partners(pairs: Bools, seen: Bools) -> NDArray[np.int16]:
     """(S, V) partners of each view, from matchable pairs (S, V, V) and who sees what (S, V)."""
     counts = (pairs & seen[:, None, :]).sum(axis=2)
     return np.where(seen, counts, -1).astype(np.int16)
@@ -43,7 +43,7 @@ def matchable_views(partners: Counts) -> Counts:
     return views
 
 
-def matchable_views_with(partners: Counts, pairs: Mask, seen: Mask) -> Counts:
+def matchable_views_with(partners: Counts, pairs: Bools, seen: Bools) -> Counts:
     """(S, C) matchable views of each sample, once one of the candidates has been flown.
 
     Parameters

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.types import Floats
+from nbv.types import Bools, Floats, Floats32
 
-Mask = NDArray[np.bool_]
-Floats32 = NDArray[np.float32]
+Floats32 = Floats32
 
 NO_FACE = 0xFFFFFFFF  # the face of a ray that hits nothing, as Open3D says it
 
@@ -51,7 +50,7 @@ class RayCaster:
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         self._scene.add_triangles(_tensor(vertices_m, np.float32), _tensor(faces, np.uint32))
 
-    def blocked(self, rays: Floats32, reach: float = np.inf) -> Mask:
+    def blocked(self, rays: Floats32, reach: float = np.inf) -> Bools:
         """(N,) does the mesh stand in the way of each ray (N, 6), up to ``reach`` lengths of its direction?"""
         return self._scene.test_occlusions(_tensor(rays), tnear=0.0, tfar=reach, nthreads=1).numpy()
 

@@ -10,15 +10,16 @@ import math
 import threading
 
 import numpy as np
-from numpy.typing import NDArray
+
+from nbv.types import Floats32
 
 _kept = threading.local()
 
 
-def scratch(*shape: int) -> NDArray[np.float32]:
+def scratch(*shape: int) -> Floats32:
     """An uninitialised array of this shape, valid until the same thread asks again."""
     size = math.prod(shape)
-    memory: NDArray[np.float32] | None = getattr(_kept, "memory", None)
+    memory: Floats32 | None = getattr(_kept, "memory", None)
     if memory is None or len(memory) < size:
         memory = _kept.memory = np.empty(size, dtype=np.float32)
     return memory[:size].reshape(shape)

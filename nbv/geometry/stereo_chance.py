@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 
 from nbv.config import DenseConfig
 from nbv.geometry.matchability import usable_angles
-from nbv.types import Floats
+from nbv.types import Bools, Floats, Floats32
 
-Mask = NDArray[np.bool_]
-Floats32 = NDArray[np.float32]
+Floats32 = Floats32
 
 
 @dataclass(frozen=True)
@@ -50,7 +49,7 @@ def pairwise_angles_deg(directions: Floats) -> Floats:
     return angles
 
 
-def stereo_partners(angle_deg: Floats, dense: DenseConfig) -> tuple[NDArray[np.intp], Mask]:
+def stereo_partners(angle_deg: Floats, dense: DenseConfig) -> tuple[NDArray[np.intp], Bools]:
     """(V, K) each view's partners, best first, and which of them are within the pair angles.
 
     As `nbv.dense.stereo.choose_neighbours` has it, but for ``min_baseline_angle_deg``: directions do not tell which
@@ -63,7 +62,7 @@ def stereo_partners(angle_deg: Floats, dense: DenseConfig) -> tuple[NDArray[np.i
     return partner, np.isfinite(np.take_along_axis(off_best, partner, axis=1))
 
 
-def witness_mask(angle_deg: Floats, count: int) -> Mask:
+def witness_mask(angle_deg: Floats, count: int) -> Bools:
     """(V, V) the ``count`` other views nearest in direction, as `nbv.dense.consistency.choose_witnesses`."""
     apart = angle_deg + np.where(np.eye(len(angle_deg), dtype=bool), np.inf, 0.0)
     mask = np.zeros(angle_deg.shape, dtype=bool)
@@ -73,7 +72,7 @@ def witness_mask(angle_deg: Floats, count: int) -> Mask:
 
 
 def reconstruction_probability(
-    seen: Mask,
+    seen: Bools,
     incidence_deg: Floats | Floats32,
     contrast: Floats,
     directions: Floats,
@@ -129,7 +128,7 @@ def reconstruction_probability(
     return np.subtract(np.float32(1.0), lost)
 
 
-def good_view(seen: Mask, incidence_deg: Floats32, model: DenseModel) -> Floats32:
+def good_view(seen: Bools, incidence_deg: Floats32, model: DenseModel) -> Floats32:
     """(V, S) of a pair's chance to match, what each view brings."""
     steepness: Floats32 = np.float32(model.incidence_deg) - incidence_deg
     steepness /= np.float32(model.incidence_width_deg)

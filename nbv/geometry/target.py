@@ -8,11 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.random_streams import keyed_rng
-from nbv.types import Floats
+from nbv.types import Bools, Floats
 
 REACH_M = 4.0  # about the aim, horizontally: the seed orbit's radius
 GROUND_BAND_M = 0.06  # to both sides of the plane: noise of sparse points, and a little relief
@@ -102,7 +101,7 @@ def _as_deep_as_wide(places_m: Floats, center_m: Floats, cameras_m: Floats) -> F
     return np.asarray(across * (left + right) / 2 + toward * depth)
 
 
-def _densest(places_m: Floats, heights_m: Floats, aim_m: Floats) -> NDArray[np.bool_]:
+def _densest(places_m: Floats, heights_m: Floats, aim_m: Floats) -> Bools:
     """(K,) the points (K, 2) within `RADIUS_M` of the place that most height votes for."""
     center = places_m[_most_votes(places_m, heights_m, aim_m)]
     for _ in range(_SHIFTS):

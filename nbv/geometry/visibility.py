@@ -8,10 +8,9 @@ camera turn.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.geometry.raycasting import RayCaster, rays_of
-from nbv.types import Floats
+from nbv.types import Bools, Floats
 
 SURFACE_OFFSET_M = 1e-4  # lifts a ray off the facet that it starts from
 # How slanted a surface may be seen: the largest angle between its normal and the line of sight, one for each question.
@@ -32,7 +31,7 @@ def lifted(points_m: Floats, normals: Floats, offset_m: float = SURFACE_OFFSET_M
 
 def seen_from(
     center_m: Floats, starts_m: Floats, normals: Floats, caster: RayCaster, max_incidence_deg: float
-) -> NDArray[np.bool_]:
+) -> Bools:
     """(P,) does the camera at ``center_m`` (3,) see each place?
 
     Parameters
@@ -48,9 +47,7 @@ def seen_from(
     """
     to_camera = center_m - starts_m
     distance_m = np.linalg.norm(to_camera, axis=1)
-    seen: NDArray[np.bool_] = (to_camera * normals).sum(axis=1) >= (
-        np.cos(np.deg2rad(max_incidence_deg)) * distance_m
-    )
+    seen: Bools = (to_camera * normals).sum(axis=1) >= (np.cos(np.deg2rad(max_incidence_deg)) * distance_m)
     ask = np.flatnonzero(seen)
     # Directions are not normalised, so the camera is one length away.
     seen[ask[caster.blocked(rays_of(starts_m[ask], to_camera[ask]), reach=1.0)]] = False

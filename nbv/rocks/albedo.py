@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nbv.rocks.noise import cells, gradient_noise, octaves, smooth_step
-from nbv.types import Floats
+from nbv.types import Floats, Floats32
 
 
 @dataclass(frozen=True)
@@ -21,9 +21,7 @@ class Paint:
     dust: float = 0.42  # 0 to 1, how much of the rock lies under dust and shows little texture
 
 
-def procedural_albedo(
-    points: Floats, normals: Floats, seed: int, paint: Paint | None = None
-) -> NDArray[np.float32]:
+def procedural_albedo(points: Floats, normals: Floats, seed: int, paint: Paint | None = None) -> Floats32:
     """Linear albedo (N, 3) in 0..1 at surface points (N, 3) in metres with unit normals (N, 3).
 
     Mottling from 0.5 m down to 1.5 cm, clasts, mineral grains about two pixels wide (8.6 mm a pixel at
@@ -65,7 +63,7 @@ def procedural_albedo(
     return np.clip(grey[:, None] * tint, 0.02, 0.95).astype(np.float32)
 
 
-def _unit(label: NDArray[np.uint32], shift: int) -> NDArray[np.float32]:
+def _unit(label: NDArray[np.uint32], shift: int) -> Floats32:
     """A number in [0, 1) from sixteen bits of a label, the bits rotated by ``shift``."""
     turned = (label >> np.uint32(shift)) | (label << np.uint32((32 - shift) % 32))
     return ((turned & np.uint32(0xFFFF)).astype(np.float32)) / np.float32(65536)

@@ -6,13 +6,12 @@ import zlib
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.rocks import mesh as meshes
 from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.mesh_file import Soup
 from nbv.rocks.texture import Linear, fill_gutters, sample, shrink
-from nbv.types import Floats, Ints
+from nbv.types import Floats, Floats32, Ints
 
 
 @dataclass(frozen=True)
@@ -26,7 +25,7 @@ class FineMesh:
     max_edge_m: float  # the longest edge
 
 
-def imported_albedo(soup: Soup, fine: FineMesh, notes: list[str]) -> NDArray[np.float32]:
+def imported_albedo(soup: Soup, fine: FineMesh, notes: list[str]) -> Floats32:
     """(V, 3) linear albedo of the fine mesh's vertices; ``notes`` gets where it comes from.
 
     The colours that the corners of ``soup``, the coarse mesh in metres, carry; a procedural albedo where there are none.
@@ -43,7 +42,7 @@ def imported_albedo(soup: Soup, fine: FineMesh, notes: list[str]) -> NDArray[np.
     return procedural_albedo(fine.vertices, meshes.vertex_normals(fine.vertices, fine.faces), seed)
 
 
-def _own_colors(soup: Soup, fine: FineMesh, spacing: float) -> NDArray[np.float32] | None:
+def _own_colors(soup: Soup, fine: FineMesh, spacing: float) -> Floats32 | None:
     """(V, 3) the mean over the faces at each vertex of the colour there; None if nothing has a colour.
 
     Each face is asked at points drawn a sixth of the way from its corners to its middle: the mean then

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.types import Floats
+from nbv.types import Floats, Floats32
 
 _U32 = NDArray[np.uint32]
 # A fixed rotation between octaves keeps their lattices from lining up.
@@ -29,7 +29,7 @@ def _hash(x: _U32, y: _U32, z: _U32, seed: int) -> _U32:
     return h
 
 
-def _lattice(points: Floats, wavelength: float) -> tuple[list[_U32], list[NDArray[np.float32]]]:
+def _lattice(points: Floats, wavelength: float) -> tuple[list[_U32], list[Floats32]]:
     """Cell indices and fractional positions along each axis."""
     scaled = points / wavelength
     floor = np.floor(scaled)
@@ -38,7 +38,7 @@ def _lattice(points: Floats, wavelength: float) -> tuple[list[_U32], list[NDArra
     return [cells[:, i].copy() for i in range(3)], [fractions[:, i].copy() for i in range(3)]
 
 
-def gradient_noise(points: Floats, wavelength: float, seed: int) -> NDArray[np.float32]:
+def gradient_noise(points: Floats, wavelength: float, seed: int) -> Floats32:
     """Perlin's gradient noise at points (N, 3): (N,), zero mean, standard deviation 0.84.
 
     Perlin, "Improving noise", SIGGRAPH 2002 (quintic interpolation), with hashed gradients.
@@ -62,14 +62,12 @@ def gradient_noise(points: Floats, wavelength: float, seed: int) -> NDArray[np.f
     return total * np.float32(_AMPLITUDE)
 
 
-def _component(h: _U32) -> NDArray[np.float32]:
+def _component(h: _U32) -> Floats32:
     """A gradient component in [-1, 1] from the low ten bits."""
     return (h & np.uint32(1023)).astype(np.float32) * np.float32(2 / 1023) - np.float32(1)
 
 
-def octaves(
-    points: Floats, wavelengths: Sequence[float], amplitudes: Sequence[float], seed: int
-) -> NDArray[np.float32]:
+def octaves(points: Floats, wavelengths: Sequence[float], amplitudes: Sequence[float], seed: int) -> Floats32:
     """Sum of gradient noises (N,), each octave in a rotated frame and with its own seed.
 
     Parameters
@@ -89,7 +87,7 @@ def octaves(
     return total
 
 
-def cells(points: Floats, size: float, seed: int) -> tuple[_U32, NDArray[np.float32]]:
+def cells(points: Floats, size: float, seed: int) -> tuple[_U32, Floats32]:
     """Irregular grains of about ``size``: a random integer per grain (N,) and the distance to its centre.
 
     The nearest of the eight jittered lattice points around each point (after Worley, "A cellular texture

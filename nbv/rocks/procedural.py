@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from skimage.measure import marching_cubes
 
 from nbv.cache import Arrays, Store, holds, remember
@@ -13,7 +12,7 @@ from nbv.rocks.mesh import body_labels, drop_unused_vertices, face_areas, rest_o
 from nbv.rocks.recipe import Recipe, Shape
 from nbv.rocks.recipes import RECIPES
 from nbv.rocks.rock import DEFAULT_HEIGHT_M, Rock, make_rock
-from nbv.types import Floats, Ints
+from nbv.types import Floats, Floats32, Ints
 
 GRID_M = 0.007  # of the signed distance; mean edge about 6 mm, below a pixel at 4 m (8.6 mm)
 COARSE_GRID_M = 0.028  # where nothing is photographed: a sixteenth of the faces
@@ -71,7 +70,7 @@ def _surface(recipe: Recipe, grid_m: float) -> tuple[Floats, Ints]:
     return vertices * grid_m + origin, faces
 
 
-def sample_near_surface(shape: Shape, grid_m: float) -> tuple[NDArray[np.float32], Floats]:
+def sample_near_surface(shape: Shape, grid_m: float) -> tuple[Floats32, Floats]:
     """Signed distances on a grid, exact next to the surface and coarse elsewhere.
 
     Blocks of 8, then 4, then 2 cells are kept if the surface may pass through them, judged from the value

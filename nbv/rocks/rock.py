@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.rocks.mesh import edge_face_counts, face_areas, face_normals, signed_volume
-from nbv.types import Floats, Ints
+from nbv.types import Floats, Floats32, Ints
 
 Split = Literal["train", "validation", "held-out", "extra"]
 SPLITS: tuple[Split, ...] = get_args(Split)
@@ -31,7 +30,7 @@ class Rock:
     name: str
     vertices_m: Floats  # (V, 3)
     faces: Ints  # (F, 3), counter-clockwise seen from outside
-    albedo: NDArray[np.float32]  # (V, 3) linear reflectance, 0 to 1
+    albedo: Floats32  # (V, 3) linear reflectance, 0 to 1
     split: Split
     difficulty: str  # what makes the rock easy or hard, in a phrase
     sha256: str  # of geometry and albedo, see `content_hash`
@@ -70,7 +69,7 @@ class RockFacts:
     notes: tuple[str, ...]
 
 
-def content_hash(vertices_m: Floats, faces: Ints, albedo: NDArray[np.float32]) -> str:
+def content_hash(vertices_m: Floats, faces: Ints, albedo: Floats32) -> str:
     """SHA-256 of geometry and albedo, on values rounded to 1 micrometre and 1e-4.
 
     Rounding keeps the last bits of a floating-point library out of a rock's identity.
@@ -90,7 +89,7 @@ def make_rock(
     name: str,
     vertices_m: Floats,
     faces: Ints,
-    albedo: NDArray[np.float32],
+    albedo: Floats32,
     *,
     split: Split,
     difficulty: str,

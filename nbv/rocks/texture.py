@@ -8,9 +8,9 @@ from PIL import Image, ImageDraw
 from scipy.ndimage import distance_transform_edt
 
 from nbv.safe_files import require
-from nbv.types import Floats, Ints
+from nbv.types import Floats, Floats32, Ints
 
-Linear = NDArray[np.float32]
+Linear = Floats32
 MAX_PIXELS = 100_000_000  # 1.2 GB of linear values
 _MAX_RASTERISED_FACES = 400_000
 _CHUNK = 1_000_000

@@ -24,10 +24,9 @@ from nbv.rocks.rock import Rock
 from nbv.scene.ground import GroundSpec, synthesise_ground
 from nbv.scene.view import linear_from_srgb
 from nbv.terrain import RELIEF_HALF_EXTENT_M, Body, Relief, Surroundings
-from nbv.types import Floats
+from nbv.types import Floats, Floats32
 
 GROUND_TINT = np.array([1.0, 0.985, 0.955], dtype=np.float32)  # regolith is very slightly warm
-Floats32 = NDArray[np.float32]
 _FULL_SCALE = 65535.0  # radiance 1.0 in the stored 16-bit textures
 
 
@@ -38,9 +37,9 @@ class Scene:
     The mesh is the rock's and, after it, that of its neighbours.
     """
 
-    vertices_m: NDArray[np.float32]  # (V, 3)
+    vertices_m: Floats32  # (V, 3)
     faces: NDArray[np.uint32]  # (F, 3)
-    vertex_radiance: NDArray[np.float32]  # (V, 3) linear
+    vertex_radiance: Floats32  # (V, 3) linear
     ground_spec: GroundSpec
     ground_levels: tuple[NDArray[np.uint16], ...]  # per level (S, S) grey radiance, 65535 is 1.0
     sky_radiance: float  # linear grey
@@ -146,7 +145,7 @@ def build_scene(
 class _Solid:
     """All that stands on the ground as one mesh, the rock first."""
 
-    vertices: NDArray[np.float32]  # (V, 3)
+    vertices: Floats32  # (V, 3)
     faces: NDArray[np.uint32]  # (F, 3)
     albedo: NDArray[np.floating]  # (V, 3)
     part_ends: tuple[int, ...]  # see `Scene`
@@ -164,7 +163,7 @@ class _Solid:
         )
 
 
-def with_relief(vertices: NDArray[np.float32], faces: NDArray[np.uint32], relief: Relief | None) -> RayCaster:
+def with_relief(vertices: Floats32, faces: NDArray[np.uint32], relief: Relief | None) -> RayCaster:
     """The mesh, followed by the relief."""
     if relief is not None:
         heights, cells = relief.mesh()
@@ -226,12 +225,12 @@ def _rock_arrays(
 
 def vertex_radiance(
     albedo: NDArray[np.floating],
-    vertices: NDArray[np.float32],
+    vertices: Floats32,
     faces: NDArray[np.uint32],
     config: SceneConfig,
     to_sun: Floats,
     caster: RayCaster,
-) -> NDArray[np.float32]:
+) -> Floats32:
     """albedo * (ambient * mild sky term + sun * max(0, n.l) * visibility).
 
     Parameters
@@ -258,7 +257,7 @@ def vertex_radiance(
     return (np.asarray(albedo, dtype=np.float64) * light[:, None]).astype(np.float32)
 
 
-def _shadow_box(vertices: NDArray[np.float32], to_sun: Floats) -> tuple[float, float, float, float]:
+def _shadow_box(vertices: Floats32, to_sun: Floats) -> tuple[float, float, float, float]:
     """(x0, x1, y0, y1) around the rock's shadow on z = 0."""
     ground = vertices[:, :2] - vertices[:, 2:] * (to_sun[:2] / to_sun[2]).astype(np.float32)
     (x0, y0), (x1, y1) = ground.min(0), ground.max(0)

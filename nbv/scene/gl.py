@@ -18,7 +18,7 @@ from nbv.scene.bake import GROUND_TINT, Scene
 from nbv.scene.raycast import FADE_START
 from nbv.scene.view import RenderedView, camera_position, grey_levels, srgb_from_linear
 from nbv.terrain import RELIEF_HALF_EXTENT_M, Relief
-from nbv.types import Floats
+from nbv.types import Floats, Floats32
 
 NEAR_M, FAR_M = 0.05, 4000.0
 HORIZON_M = 2000.0  # half extent of the plain ground beyond the clipmap
@@ -168,7 +168,7 @@ def _no_gl(error: Exception) -> str:
     )
 
 
-def relief_within(relief: Relief, half_extent_m: float) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+def relief_within(relief: Relief, half_extent_m: float) -> tuple[Floats32, NDArray[np.uint32]]:
     """The relief, and flat ground from there to the square of half side ``half_extent_m``."""
     vertices, faces = relief.mesh()
     rim, around = square_frame(RELIEF_HALF_EXTENT_M, half_extent_m)
@@ -176,7 +176,7 @@ def relief_within(relief: Relief, half_extent_m: float) -> tuple[NDArray[np.floa
     return np.concatenate([vertices, rim]).astype(np.float32), all_faces.astype(np.uint32)
 
 
-def square_frame(inner_m: float, outer_m: float) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
+def square_frame(inner_m: float, outer_m: float) -> tuple[Floats32, NDArray[np.uint32]]:
     """Vertices (8, 3) and faces (8, 3) of a square of z = 0 around a square hole; (4, 3) and (2, 3) without one.
 
     ``inner_m`` and ``outer_m`` are half the sides of the hole and of the square.

@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 
 from nbv.random_streams import keyed_rng
 from nbv.terrain import Relief
-
-Floats32 = NDArray[np.float32]
+from nbv.types import Floats32
 
 MEAN_ALBEDO = 0.21  # linear; lunar mare to highland is 0.07 to 0.25
 LARGEST_NODE_M = 12.8  # node spacing of the coarsest noise octave

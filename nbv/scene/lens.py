@@ -12,13 +12,10 @@ import math
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, SensorConfig
 from nbv.errors import UserError
-from nbv.types import Floats
-
-Floats32 = NDArray[np.float32]
+from nbv.types import Floats, Floats32
 
 WIDEST = 2.0  # largest factor by which a lens may draw the picture's corner in
 RADII = 8001  # of the table that inverts the distortion; its error is below 1e-5 px

@@ -16,9 +16,8 @@ from nbv.geometry.raycasting import RayCaster, RayHits
 from nbv.scene.bake import GROUND_TINT, Scene, with_relief
 from nbv.scene.view import RenderedView, camera_position, grey_levels
 from nbv.terrain import RELIEF_HALF_EXTENT_M
-from nbv.types import Floats
+from nbv.types import Bools, Floats, Floats32
 
-Floats32 = NDArray[np.float32]
 _Box = tuple[int, int, int, int]  # rows from, to, columns from, to
 _Height = Floats32 | np.float32
 
@@ -209,7 +208,7 @@ class RaycastRenderer:
         position: Floats,
         box: _Box,
         depth: Floats32,
-        mask: NDArray[np.bool_],
+        mask: Bools,
     ) -> None:
         """Depth and mask where the rock is nearer than the ground."""
         r0, r1, c0, c1 = box

@@ -18,9 +18,7 @@ from nbv.random_streams import keyed_rng
 from nbv.rocks.rock import Rock
 from nbv.scene.lens import Lens
 from nbv.scene.view import Renderer, grey_levels, linear_from_srgb
-from nbv.types import Floats
-
-Floats32 = NDArray[np.float32]
+from nbv.types import Floats, Floats32
 
 _RADIANCE = np.array([linear_from_srgb(level / 255) for level in range(256)], dtype=np.float32)
 _SAMPLES_PER_PX = 32  # along a streak

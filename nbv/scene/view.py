@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.types import Floats
+from nbv.types import Bools, Floats, Floats32
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,8 +16,8 @@ class RenderedView:
     """A noiseless photograph with its ground truth (for tests and evaluation, never for planning)."""
 
     rgb: NDArray[np.uint8]  # (H, W, 3) before sensor noise
-    depth_m: NDArray[np.float32]  # (H, W) distance along the optical axis at the pixel centre; inf is sky
-    rock_mask: NDArray[np.bool_]  # (H, W) True where the pixel's centre sees the rock
+    depth_m: Floats32  # (H, W) distance along the optical axis at the pixel centre; inf is sky
+    rock_mask: Bools  # (H, W) True where the pixel's centre sees the rock
 
 
 class Renderer(Protocol):
@@ -52,7 +52,7 @@ def linear_from_srgb(value: float) -> float:
 _GREY_LEVELS = np.rint(255 * srgb_from_linear(np.arange(65536) / 65535.0)).astype(np.uint8)
 
 
-def grey_levels(radiance: NDArray[np.float32]) -> NDArray[np.uint8]:
+def grey_levels(radiance: Floats32) -> NDArray[np.uint8]:
     """8-bit display values of linear radiance (1.0 is white), by table."""
     index = np.clip(radiance, 0.0, 1.0)
     index *= np.float32(65535.0)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.config import MissionConfig
 from nbv.scorers.scorer import Scorer
 from nbv.scorers.shared import SharedTerms
-from nbv.types import CandidatePool, Floats
+from nbv.types import Bools, CandidatePool, Floats
 
 
-def co_visibility(visible: NDArray[np.bool_]) -> Floats:
+def co_visibility(visible: Bools) -> Floats:
     """Eq. 5: (C,) fraction of the P > 0 tracked points in the box that each candidate sees.
 
     ``visible`` is (P, C).

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from nbv.config import MissionConfig
@@ -22,7 +21,7 @@ from nbv.geometry.sampling import sample_surface
 from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG
 from nbv.scorers.scorer import Scorer
 from nbv.scorers.shared import SharedTerms
-from nbv.types import CandidatePool, Floats
+from nbv.types import Bools, CandidatePool, Floats, Floats32
 
 SAMPLES = 1_000
 SAMPLE_SEED = 42
@@ -98,7 +97,7 @@ def ball(config: MissionConfig) -> Floats:
     return np.array(config.target_m) + config.target_m[2] * directions
 
 
-def sees(surface: ProxySurface, positions_m: Floats, config: MissionConfig) -> NDArray[np.bool_]:
+def sees(surface: ProxySurface, positions_m: Floats, config: MissionConfig) -> Bools:
     """(S, N): in the image of each view aimed at the target, its front side, within 75 degrees of incidence.
 
     A convex surface hides nothing else of itself.
@@ -168,10 +167,10 @@ def views_gained(
     return gained, missing
 
 
-def _pairs(samples_m: Floats, a_m: Floats, b_m: Floats, config: MissionConfig) -> NDArray[np.bool_]:
+def _pairs(samples_m: Floats, a_m: Floats, b_m: Floats, config: MissionConfig) -> Bools:
     """(S, A, B): can two views be matched, as seen from a sample?"""
 
-    def directions(positions_m: Floats) -> NDArray[np.float32]:
+    def directions(positions_m: Floats) -> Floats32:
         delta = (positions_m.reshape(1, -1, 3) - samples_m[:, None]).astype(np.float32)
         delta /= np.sqrt(np.einsum("snk,snk->sn", delta, delta))[:, :, None]
         return delta

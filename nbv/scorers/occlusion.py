@@ -16,13 +16,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.visibility import SURFEL_MAX_INCIDENCE_DEG
 from nbv.scorers.box import BoxPoints
-from nbv.types import Floats, Ints
+from nbv.types import Bools, Floats, Ints
 
 NORMAL_NEIGHBOURS = 16
 SPACING_NEIGHBOURS = 5
@@ -75,7 +74,7 @@ def discs(points_m: Floats, normals: Floats, radius_m: Floats) -> RayCaster:
     return RayCaster(vertices.reshape(-1, 3), faces.reshape(-1, 3))
 
 
-def unoccluded(in_frustum: NDArray[np.bool_], box: BoxPoints, candidates_m: Floats) -> NDArray[np.bool_]:
+def unoccluded(in_frustum: Bools, box: BoxPoints, candidates_m: Floats) -> Bools:
     """(P, C): ``in_frustum`` (P, C) without the points whose back a candidate (C, 3) sees or which surfels hide."""
     points_m = box.points_m
     normals, radius = surfels(points_m, mean_observing_directions(box))
@@ -115,7 +114,7 @@ class _Cylinder:
     center_m: Floats  # (2,)
     radius_m: float
 
-    def may_hide(self, points_m: Floats, candidates_m: Floats) -> NDArray[np.bool_]:
+    def may_hide(self, points_m: Floats, candidates_m: Floats) -> Bools:
         """(P, C) False where the half-line from the point through the candidate passes it by for certain.
 
         In single precision, with 1 mm to spare.
@@ -130,7 +129,7 @@ class _Cylinder:
         w2 = u2 + 2.0 * along + (c**2).sum(axis=1)
         along += u2
         near = cross * cross <= np.float32(reach**2) * w2 + np.float32(1e-6)
-        result: NDArray[np.bool_] = near & ((along >= -1e-5) | (u2 <= reach**2))
+        result: Bools = near & ((along >= -1e-5) | (u2 <= reach**2))
         return result
 
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.scorers.box import BoxPoints
-from nbv.types import Floats
+from nbv.types import Bools, Floats
 
 BLOCK = 128  # points whose weakness is summed at a time
 
@@ -48,7 +47,7 @@ def geometry_gain(
 
 
 def repair(
-    visible: NDArray[np.bool_],
+    visible: Bools,
     weak: Floats,
     candidates_m: Floats,
     box: BoxPoints,

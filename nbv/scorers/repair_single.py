@@ -8,13 +8,10 @@ double precision. Everything is laid out so that each step is one pass over an a
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.geometry.scratch import scratch
 from nbv.scorers.box import BoxPoints
-from nbv.types import Floats, Ints
-
-Floats32 = NDArray[np.float32]
+from nbv.types import Bools, Floats, Floats32, Ints
 
 BLOCK = 512  # points at a time: two (BLOCK, C) arrays stay in the second-level cache
 MIN_ANGLE_DEG = 1.5
@@ -69,7 +66,7 @@ def _dot(a: Floats32, b: Floats32 | list[Floats32], out: Floats32, product: Floa
 
 
 def repair_single(
-    visible: NDArray[np.bool_],
+    visible: Bools,
     weak: Floats,
     candidates_m: Floats,
     box: BoxPoints,

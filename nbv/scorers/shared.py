@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
@@ -14,7 +13,7 @@ from nbv.geometry.frustum import in_frustum
 from nbv.scorers.box import BoxPoints, box_points
 from nbv.scorers.occlusion import unoccluded
 from nbv.scorers.terms import angular_penalty, movement, novelty
-from nbv.types import CandidatePool, Floats, Ints, PlanningState
+from nbv.types import Bools, CandidatePool, Floats, Ints, PlanningState
 
 
 @dataclass(frozen=True)
@@ -24,7 +23,7 @@ class SharedTerms:
     box: BoxPoints  # in the model's order, which the memory of neighbour distances knows
     order: Ints  # (P,) the same points, longest track first
     points_m: Floats  # (P, 3) box.points_m[order]
-    visible: NDArray[np.bool_]  # (P, C) rows as in ``points_m``
+    visible: Bools  # (P, C) rows as in ``points_m``
     visited_m: Floats  # (V, 3)
     nov: Floats  # (C,)
     move: Floats  # (C,)

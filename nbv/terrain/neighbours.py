@@ -7,7 +7,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nbv.cache import Arrays, Store, holds, remember
 from nbv.config import GroundConfig, canonical
@@ -18,7 +17,7 @@ from nbv.rocks.mesh import vertex_normals
 from nbv.rocks.procedural import generate_rock
 from nbv.rocks.recipes import RECIPES
 from nbv.terrain.relief import Relief, relief_of
-from nbv.types import Floats, Ints
+from nbv.types import Floats, Floats32, Ints
 
 CROP_M = 1.5  # half the side of the square that evaluation crops to by default
 APART_M = 0.2  # between two neighbours
@@ -43,7 +42,7 @@ class Body:
 
     vertices_m: Floats  # (V, 3)
     faces: Ints  # (F, 3)
-    albedo: NDArray[np.float32]
+    albedo: Floats32
 
 
 @lru_cache(maxsize=64)
