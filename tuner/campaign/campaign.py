@@ -54,7 +54,6 @@ from tuner.samplers.base import Sampler, SamplerSettings, ask_many, in_flight
 from tuner.samplers.beside_default import BesideDefault
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.samplers.registry import make_sampler
-from tuner.surrogate.settings import surrogate_settings
 
 if TYPE_CHECKING:
     from tuner.acquisition.constrained import Constraint
@@ -202,39 +201,40 @@ class Campaign:
         except (UserError, ValueError, KeyError, TypeError) as error:
             raise UserError(f"{path} cannot be read ({error}); restore it") from error
 
-    @property
-    def modelled_objective(self) -> Objective:
-        """The objective of the surrogate: the second one where the configuration decides the first."""
-        s = self.settings
-        return s.objective if s.second is None or not self._swapped(self.history()) else s.second
-
-    def modelled(self, history: Sequence[Observation]) -> list[Observation]:
-        """Return the history with the outcomes of `modelled_objective`."""
-        return modelled(history) if self._swapped(history) else list(history)
-
     def exact(self, history: Sequence[Observation]) -> Exact:
         """Return which objectives the configuration decides; one that any mission in ``history`` contradicts is left out."""
         return self.settings.exact.agreed(history)
 
+    @property
+    def modelled_objective(self) -> Objective:
+        """The objective of the surrogate: the second one where the configuration decides the first."""
+        second = self.settings.second if self._swapped(self.history()) else None
+        return second or self.settings.objective
+
+    def _modelled(self, history: Sequence[Observation]) -> list[Observation]:
+        """The history with the outcomes of `modelled_objective`."""
+        return modelled(history) if self._swapped(history) else list(history)
+
     def _swapped(self, history: Sequence[Observation]) -> bool:
         return self.settings.second is not None and self.exact(history).first is not None
+
+    def _in_both(
+        self, history: Sequence[Observation]
+    ) -> tuple[list[Observation], tuple[Outcome, Outcome]] | None:
+        """The missions that have both objectives, and a model of each; None where there are no such missions."""
+        s, both = self.settings, [o for o in history if o.outcome is not None and o.second is not None]
+        if not both:
+            return None
+        return both, acquisition.two_models(s.space, both, s.worlds, s.seed, exact=self.exact(both))
 
     def flown_in_both(self) -> list[FrontPoint]:
         """Return what is believed of every configuration in both objectives; empty without a second one or its values."""
         s = self.settings
-        if s.second is None:
+        found = None if s.second is None else self._in_both(self.history())
+        if s.second is None or found is None:
             return []
-        both = [o for o in self.history() if o.outcome is not None and o.second is not None]
-        if not both:
-            return []
-        return acquisition.flown_in_both(self._models(both), (s.objective, s.second), s.space, both)
-
-    def _models(self, both: Sequence[Observation]) -> tuple[Outcome, Outcome]:
-        """A model of each objective, or what is known of it."""
-        s = self.settings
-        return acquisition.two_models(
-            s.space, both, s.worlds, s.seed, surrogate_settings(s.space), self.exact(both)
-        )
+        both, models = found
+        return acquisition.flown_in_both(models, (s.objective, s.second), s.space, both)
 
     def status(self) -> CampaignStatus:
         """Return counts, as the ledger knows them."""
@@ -277,14 +277,13 @@ class Campaign:
         exact = self.exact(history)
         return recommendation.recommend(
             s.space,
-            self.modelled(history),
+            self._modelled(history),
             s.worlds,
             s.default_values(),
             s.objective,
             s.seed,
             replicates=s.blocks,
             only_verified=s.sampler == "gp",
-            settings=surrogate_settings(s.space),
             constraint=self._constraint(history),
             exact=exact.first,
             second=s.second,
@@ -292,27 +291,17 @@ class Campaign:
         )
 
     def _constraint(self, history: Sequence[Observation]) -> Constraint | None:
-        """Return the limit of the second objective with its model; None without one, or without a mission that has both."""
+        """The limit of the second objective with its model; None without one, or without a mission that has both."""
         s = self.settings
-        both = [o for o in history if o.outcome is not None and o.second is not None]
-        if s.second is None or s.at_least is None or not both:
+        found = None if s.second is None else self._in_both(history)
+        if s.second is None or s.at_least is None or found is None:
             return None
-        return acquisition.Constraint(self._models(both)[1], s.at_least, s.second.is_share)
+        return acquisition.Constraint(found[1][1], s.at_least, s.second.is_share)
 
-    def surrogate_from(
-        self, history: Sequence[Observation], rocks: Sequence[str] | None = None
-    ) -> RockMeanGP:
-        """The surrogate of `modelled_objective` behind such a recommendation, of ``rocks`` (the campaign's where None).
-
-        ``ValueError`` without a successful mission.
-        """
-        return self.surrogate_of(self.modelled(history), rocks)
-
-    def surrogate_of(self, history: Sequence[Observation], rocks: Sequence[str] | None = None) -> RockMeanGP:
-        """Return the surrogate of a history that `modelled` has returned."""
+    def surrogate_from(self, history: Sequence[Observation]) -> RockMeanGP:
+        """Return the surrogate of `modelled_objective` behind such a recommendation; ``ValueError`` without a success."""
         s = self.settings
-        worlds = [world for world in s.worlds if rocks is None or world.rock in rocks]
-        return surrogate.RockMeanGP(s.space, history, worlds, s.seed, surrogate_settings(s.space))
+        return surrogate.RockMeanGP(s.space, self._modelled(history), s.worlds, s.seed)
 
     def propose(self, trials: Sequence[Trial], known: int) -> Proposal:
         """The sampler's next mission after the first ``known`` trials; the others count as in flight."""

@@ -68,7 +68,14 @@ def _missions_of(
     directory: str, space: SearchSpace, base: Configuration, objective: Objective
 ) -> EarlierMissions:
     campaign = Campaign.open(Path(directory), read_only=True)
-    own = _observations(campaign, space, base, objective)
+    held, own = campaign.settings.base_config(), list[Observation]()
+    for t in campaign.trials():
+        values = _moved(t.values, held, space, base)
+        if values is None or not t.status:
+            continue
+        raw = t.raw if objective == campaign.settings.objective else t.measured(objective)
+        outcome = None if raw is None else objective.sign * raw
+        own.append(Observation(t.number, values, t.rock, t.replicate, outcome, raw, condition=t.condition))
     measured = sum(o.feasible for o in own)
     if measured < MIN_OBSERVATIONS:
         raise UserError(
@@ -77,34 +84,6 @@ def _missions_of(
             "another campaign, or search the space it searched"
         )
     return EarlierMissions(space, campaign.settings.rocks, tuple(own))
-
-
-def _observations(
-    campaign: Campaign,
-    space: SearchSpace,
-    base: Configuration,
-    objective: Objective,
-) -> list[Observation]:
-    held = campaign.settings.base_config()
-    found = []
-    for trial in campaign.trials():
-        values = _moved(trial.values, held, space, base)
-        if values is None or not trial.status:
-            continue
-        raw = trial.raw if objective == campaign.settings.objective else trial.measured(objective)
-        outcome = None if raw is None else objective.sign * raw
-        found.append(
-            Observation(
-                trial.number,
-                values,
-                trial.rock,
-                trial.replicate,
-                outcome,
-                raw,
-                condition=trial.condition,
-            )
-        )
-    return found
 
 
 def _moved(

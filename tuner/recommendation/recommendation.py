@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import types
+import typing
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,12 +77,6 @@ class Limit:
         None  # of a share: rocks that reached it with this configuration, and all that it flew
     )
 
-    @staticmethod
-    def from_dict(tree: Mapping[str, Any]) -> Limit:
-        """The inverse of ``dataclasses.asdict``, after JSON too."""
-        pairs = ("interval_95", "difference_interval_95", "next_hundred", "flown")
-        return Limit(**{**tree, **{key: tuple(tree[key]) for key in pairs if tree.get(key) is not None}})
-
 
 @dataclass(frozen=True)
 class RunnerUp:
@@ -99,12 +95,6 @@ class RunnerUp:
     improvement: float  # over the default
     improvement_interval_95: tuple[float, float]
     probability: float | None = None  # that the limit is kept, where there is one
-
-    @staticmethod
-    def from_dict(tree: Mapping[str, Any]) -> RunnerUp:
-        """The inverse of ``dataclasses.asdict``, after JSON too."""
-        pairs = ("difference_interval_95", "improvement_interval_95")
-        return RunnerUp(**{**tree, **{key: tuple(tree[key]) for key in pairs}})
 
 
 @dataclass(frozen=True)
@@ -147,13 +137,6 @@ class NextRock:
                 f"{more} would tell the mean gain over such {place}s from 0, if it is as large as that."
             )
         return said
-
-    @staticmethod
-    def from_dict(tree: Mapping[str, Any]) -> NextRock:
-        """The inverse of ``dataclasses.asdict``, after JSON too."""
-        return NextRock(
-            **{**tree, "interval_95": tuple(tree["interval_95"]), "against": tuple(tree["against"])}
-        )
 
 
 @dataclass(frozen=True)
@@ -227,15 +210,17 @@ class Recommendation:
     @staticmethod
     def from_dict(tree: Mapping[str, Any]) -> Recommendation:
         """The inverse of ``to_dict``, after JSON too; ``TypeError`` or ``KeyError`` where it is not."""
-        return Recommendation(
-            **{
-                **tree,
-                "interval_95": tuple(tree["interval_95"]),
-                "improvement_interval_95": tuple(tree["improvement_interval_95"]),
-                "top": [Candidate(**candidate) for candidate in tree["top"]],
-                "per_rock": [RockRow(**row) for row in tree["per_rock"]],
-                "runner_up": None if tree["runner_up"] is None else RunnerUp.from_dict(tree["runner_up"]),
-                "next_rock": None if tree["next_rock"] is None else NextRock.from_dict(tree["next_rock"]),
-                "limit": None if tree["limit"] is None else Limit.from_dict(tree["limit"]),
-            }
-        )
+        found: Recommendation = _read(Recommendation, tree)
+        return found
+
+
+def _read(kind: Any, raw: Any) -> Any:
+    """The value of a type, dataclasses in it included, from its JSON form."""
+    if isinstance(kind, types.UnionType):  # of a type and None
+        return None if raw is None else _read(typing.get_args(kind)[0], raw)
+    if dataclasses.is_dataclass(kind):
+        hints = typing.get_type_hints(kind)
+        return typing.cast(Any, kind)(**{name: _read(hints[name], value) for name, value in raw.items()})
+    if typing.get_origin(kind) is list:
+        return [_read(typing.get_args(kind)[0], item) for item in raw]
+    return tuple(raw) if typing.get_origin(kind) is tuple else raw

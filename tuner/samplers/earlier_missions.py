@@ -22,7 +22,6 @@ from tuner.problem.configurations import distinct_configurations
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values
 from tuner.problem.worlds import conditions_of, worlds_over
-from tuner.surrogate.settings import surrogate_settings
 
 if TYPE_CHECKING:
     from tuner.surrogate.model import RockMeanGP
@@ -48,7 +47,7 @@ class EarlierMissions:
     @functools.cached_property
     def _model(self) -> RockMeanGP:
         worlds = worlds_over(self.rocks, conditions_of(o.world for o in self.observations))
-        return surrogate.RockMeanGP(self.space, self.observations, worlds, 0, surrogate_settings(self.space))
+        return surrogate.RockMeanGP(self.space, self.observations, worlds)
 
     def best(self, count: int) -> list[Values]:
         """The configurations flown with the best posterior means that are apart from each other; at most ``count``."""

@@ -29,7 +29,7 @@ from tuner.samplers.design import near_default, places_for_earlier, sobol_point,
 from tuner.samplers.verification import verification
 from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
-from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
+from tuner.surrogate.settings import SurrogateSettings
 
 MIN_FEASIBLE_FOR_MODEL = 2
 ASIDE, MOST_SKIPPED = (
@@ -55,7 +55,7 @@ class GPSampler:
 
     settings: SamplerSettings
     name: str = "gp"
-    model: SurrogateSettings | None = None  # of the surrogate; None: by the settings' options
+    model: SurrogateSettings | None = None  # of the surrogate; None: by the number of parameters
     verify: bool = True
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
@@ -110,10 +110,9 @@ class GPSampler:
     ) -> tuple[Outcome, ...]:
         """Return a surrogate of the objective, or a model of each of two."""
         s, seed = self.settings, derived_seed(self.settings.seed, number)
-        own = self.model or surrogate_settings(s.space)
         if both:
-            return two_models(s.space, history, s.worlds, seed, own, exact)
-        return (RockMeanGP(s.space, history, s.worlds, seed, own),)
+            return two_models(s.space, history, s.worlds, seed, self.model, exact)
+        return (RockMeanGP(s.space, history, s.worlds, seed, self.model),)
 
     def _by_acquisition(
         self,

@@ -55,7 +55,7 @@ from tuner.surrogate.kernel import (
 )
 from tuner.surrogate.numerics import NORMAL_95, numerics, tensor
 from tuner.surrogate.posterior import Posterior
-from tuner.surrogate.settings import SurrogateSettings
+from tuner.surrogate.settings import SurrogateSettings, surrogate_settings
 
 SPARSE_TAUS = (1e-3, 1e-2, 1e-1, 1.0)
 
@@ -79,7 +79,7 @@ class RockMeanGP:
     seed
         Seed of the fit.
     settings
-        What the model is made of.
+        What the model is made of; None: by the number of parameters.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class RockMeanGP:
         seed: int = 0,
         settings: SurrogateSettings | None = None,
     ) -> None:
-        self.settings = settings or SurrogateSettings()
+        self.settings = settings or surrogate_settings(space)
         feasible = [o for o in observations if o.outcome is not None]
         if not feasible:
             raise ValueError("no feasible observation to learn from")
