@@ -12,20 +12,17 @@ Rocks that a user imported by name live beside the store (``nbv.rocks.imported``
 """
 
 from nbv.cache.addressing import address, code_digest, digest
-from nbv.cache.layout import Arrays, Check, holds
 from nbv.cache.remembering import remember, remember_json
-from nbv.cache.store import DEFAULT_MAX_BYTES, KindInfo, Store, home
+from nbv.cache.store import DEFAULT_MAX_BYTES, Arrays, KindInfo, Store, home
 
 __all__ = [
     "DEFAULT_MAX_BYTES",
     "Arrays",
-    "Check",
     "KindInfo",
     "Store",
     "address",
     "code_digest",
     "digest",
-    "holds",
     "home",
     "remember",
     "remember_json",

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from nbv.cache.addressing import address
-from nbv.cache.layout import Arrays, Check, holds
-from nbv.cache.store import Store
+from nbv.cache.store import Arrays, Store
 
 
 def remember(
@@ -18,7 +17,6 @@ def remember(
     kind: str,
     make: Callable[[], Arrays],
     *,
-    is_sound: Check,
     code: str,
     inputs: Sequence[Any],
 ) -> Arrays:
@@ -32,8 +30,6 @@ def remember(
         What it is, for ``gatetune cache info``.
     make
         Makes it; what it raises is raised, and nothing is kept.
-    is_sound
-        Whether an entry is of this kind, such as `nbv.cache.holds`; another one is made anew.
     code
         The module or package that makes it (``nbv.cache.addressing.code_digest``).
     inputs
@@ -42,7 +38,7 @@ def remember(
     if store is None:
         return make()
     key = address(code, *inputs)
-    entry = store.get(kind, key, is_sound)
+    entry = store.get(kind, key)
     if entry is None:
         entry = make()
         store.put(kind, key, entry)
@@ -54,23 +50,12 @@ def remember_json(
     kind: str,
     make: Callable[[], Any],
     *,
-    is_sound: Callable[[Any], bool],
     code: str,
     inputs: Sequence[Any],
 ) -> Any:
-    """`remember` for a JSON value; ``is_sound``: whether a stored one is what it is kept as."""
+    """`remember` for a JSON value."""
 
     def packed() -> Arrays:
         return {"json": np.frombuffer(json.dumps(make()).encode(), np.uint8)}
 
-    def check(arrays: Arrays) -> bool:
-        try:
-            return holds({"json": "u _"})(arrays) and is_sound(_value(arrays))
-        except (ValueError, RecursionError):
-            return False
-
-    return _value(remember(store, kind, packed, is_sound=check, code=code, inputs=inputs))
-
-
-def _value(arrays: Arrays) -> Any:
-    return json.loads(arrays["json"].tobytes())
+    return json.loads(remember(store, kind, packed, code=code, inputs=inputs)["json"].tobytes())

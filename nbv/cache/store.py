@@ -2,8 +2,8 @@
 
 An entry is a dictionary of arrays under (kind, key). Entries are written to a temporary file and renamed, so a
 reader sees a whole entry or none, and two processes that fill the same entry leave one of two equal files. Every
-entry carries a checksum of its kind, its key and its content: one that is damaged, lies under another's name or is not
-what its kind holds (`Check`) is noticed, removed and made anew by whoever needs it.
+entry carries a checksum of its kind, its key and its content: one that is damaged or lies under another's name is
+noticed, removed and made anew by whoever needs it.
 
 Machines may share a folder besides, ``$GATETUNE_SHARED_STORE``: what a store does not have is looked for there and kept, and
 what it is given is put there too. Nothing removes what is old from it.
@@ -24,7 +24,6 @@ from pathlib import Path
 
 import numpy as np
 
-from nbv.cache.layout import Arrays, Check
 from nbv.errors import UserError
 from nbv.safe_files import expanded, read_bytes, write_atomic
 
@@ -33,6 +32,7 @@ _HEAD_BYTES = len(_MAGIC) + hashlib.sha256().digest_size
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]*")
 DEFAULT_MAX_BYTES = 10 * 2**30
 _PRUNE_EVERY_PUTS = 500
+Arrays = dict[str, np.ndarray]
 
 
 def home() -> Path:
@@ -66,11 +66,11 @@ class Store:
         shared = os.environ.get("GATETUNE_SHARED_STORE") if root is None else None
         self._shared = Store(expanded(shared)) if shared else None
 
-    def get(self, kind: str, key: str, is_sound: Check | None = None) -> Arrays | None:
-        """The entry, or ``None`` if it is absent, not what was put there or not ``is_sound`` (then it is removed)."""
-        found = self._read(kind, key, is_sound)
+    def get(self, kind: str, key: str) -> Arrays | None:
+        """The entry, or ``None`` if it is absent or not what was put there (then it is removed)."""
+        found = self._read(kind, key)
         if found is None and self._shared is not None:
-            found = self._shared._read(kind, key, is_sound)
+            found = self._shared._read(kind, key)
             if found is not None:
                 self._keep(kind, key, found[0])
         return None if found is None else found[1]
@@ -88,14 +88,14 @@ class Store:
         if self._puts % _PRUNE_EVERY_PUTS == 0:
             self.prune(self.max_bytes)
 
-    def _read(self, kind: str, key: str, is_sound: Check | None) -> tuple[bytes, Arrays] | None:
+    def _read(self, kind: str, key: str) -> tuple[bytes, Arrays] | None:
         path = self._path(kind, key)
         try:
             data = read_bytes(path, DEFAULT_MAX_BYTES)
         except UserError:  # absent, or no file: others may write to a shared folder
             return None
         arrays = _unpack(data) if _is_sound(kind, key, data) else None
-        if arrays is None or not (is_sound is None or is_sound(arrays)):
+        if arrays is None:
             with contextlib.suppress(
                 OSError
             ):  # another process may have pruned it, or nobody may write there

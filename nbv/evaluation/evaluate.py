@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from nbv.cache import Store, holds, remember, remember_json
+from nbv.cache import Store, remember, remember_json
 from nbv.config import MissionConfig
 from nbv.evaluation.cleaning import clean_cloud
 from nbv.evaluation.floor import hausdorff_floors
@@ -62,7 +62,6 @@ def ground_truth(rock: Rock, config: MissionConfig, store: Store | None = None) 
         store,
         "ground-truth",
         lambda: vars(build_ground_truth(rock.vertices_m, rock.faces, shell, count)),
-        is_sound=holds({"points_m": "f n 3", "normals": "f n 3", "observable": "b n"}),
         code=_GROUND_TRUTH,
         inputs=[rock.sha256, shell, count],
     )
@@ -79,23 +78,10 @@ def rock_floors(
         store,
         "floors",
         lambda: hausdorff_floors(rock.vertices_m, rock.faces, truth, shell, voxel_m, ground_cut_m),
-        is_sound=_are_floors,
         code=_FLOORS,
         inputs=[rock.sha256, shell, config.evaluation.gt_samples, voxel_m, ground_cut_m],
     )
     return floors
-
-
-def _are_floors(tree: Any) -> bool:
-    return (
-        isinstance(tree, dict)
-        and set(tree) == {"whole", "observable"}
-        and all(map(_has_numbers, tree.values()))
-    )
-
-
-def _has_numbers(tree: Any) -> bool:
-    return isinstance(tree, dict) and all(isinstance(value, float) for value in tree.values())
 
 
 def clean_for_evaluation(cloud: Cloud, config: MissionConfig) -> tuple[PointCloud, dict[str, float]]:

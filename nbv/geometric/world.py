@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from nbv.cache import Store, holds, remember
+from nbv.cache import Store, remember
 from nbv.config import CameraConfig, MissionConfig, SeedConfig
 from nbv.evaluation.ground_truth import MIN_OBSERVING_VIEWS
 from nbv.geometry.frustum import frustum_planes
@@ -117,7 +117,6 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
         store,
         "geometric-worlds",
         lambda: _to_arrays(build_world(rock, config, around)),
-        is_sound=holds(_LAYOUT),
         code=__name__,
         inputs=inputs,
     )
@@ -303,24 +302,6 @@ class _Shading:
         weight = (distance <= np.maximum(TEXTURE_RADIUS_M, distance[:, 7:8])).astype(float)
         mean = (value * weight).sum(axis=1) / weight.sum(axis=1)
         return np.sqrt((weight * (value - mean[:, None]) ** 2).sum(axis=1) / weight.sum(axis=1))
-
-
-_LAYOUT = {
-    "viewpoint_ids": "U v",
-    "landmarks_m": "f l 3",
-    "landmark_normals": "f l 3",
-    "landmark_contrast": "f l",
-    "landmark_seen": "u v _",
-    "n_rock": "i",
-    "n_near": "i",
-    "samples_m": "f s 3",
-    "sample_normals": "f s 3",
-    "sample_contrast": "f s",
-    "sample_seen": "u v _",
-    "observable": "b s",
-    "sample_neighbours": f"i s {SAMPLE_NEIGHBOURS} <s",
-    "sample_distances_m": f"f s {SAMPLE_NEIGHBOURS}",
-}
 
 
 def _to_arrays(world: GeometricWorld) -> dict[str, np.ndarray]:

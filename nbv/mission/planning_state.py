@@ -14,7 +14,7 @@ _ARRAYS = ("points_m", "reprojection_error_px", "track_offsets", "track_cameras"
 _PLACES = ("points_m", "camera_centers_m", "visited_m", "vehicle_m", "pool_positions_m")
 _FARTHEST_M = 1e5
 _MOST_CAPTURES = 10_000
-MODEL_LAYOUT = {
+_LAYOUT = {
     "points_m": "f n 3",
     "reprojection_error_px": "f n",
     "track_offsets": "iu _",
@@ -22,9 +22,6 @@ MODEL_LAYOUT = {
     "camera_centers_m": "f c 3",
     "camera_names": "U c",
     "alignment_m": "f 2",
-}
-_LAYOUT = {
-    **MODEL_LAYOUT,
     "visited_m": "f v 3",
     "vehicle_m": "f 3",
     "scalars": "f 6",
@@ -38,7 +35,7 @@ _LAYOUT = {
 
 
 def arrays_of(model: SparseModel) -> dict[str, np.ndarray]:
-    """A sparse model as arrays in `MODEL_LAYOUT`."""
+    """A sparse model as arrays."""
     return {
         **{name: getattr(model, name) for name in _ARRAYS},
         "camera_names": np.array(model.camera_names),
@@ -53,16 +50,6 @@ def model_of(arrays: dict[str, np.ndarray]) -> SparseModel:
         camera_names=tuple(arrays["camera_names"].tolist()),
         alignment_rms_m=float(arrays["alignment_m"][0]),
         alignment_max_m=float(arrays["alignment_m"][1]),
-    )
-
-
-def has_tracks(arrays: dict[str, np.ndarray]) -> bool:
-    """Whether ``track_offsets`` cut ``track_cameras`` into one track for each point."""
-    offsets, ends = arrays["track_offsets"].astype(np.int64), [0, len(arrays["track_cameras"])]
-    return (
-        len(offsets) == len(arrays["points_m"]) + 1
-        and offsets[[0, -1]].tolist() == ends
-        and bool((np.diff(offsets) >= 0).all())
     )
 
 
@@ -129,7 +116,12 @@ def _check(data: dict[str, np.ndarray], path: Path) -> None:
     """`UserError` where values do not fit each other: their indices go into compiled code."""
     n_seeds, *counts = data["scalars"][[0, 2, 3, 5]]
     wrong = [name for name in _PLACES if not np.all(np.abs(data[name]) < _FARTHEST_M)]  # no NaN either
-    if not has_tracks(data):
+    offsets, ends = data["track_offsets"].astype(np.int64), [0, len(data["track_cameras"])]
+    if (
+        len(offsets) != len(data["points_m"]) + 1
+        or offsets[[0, -1]].tolist() != ends
+        or (np.diff(offsets) < 0).any()
+    ):
         wrong.append("track_offsets")
     if not (0 <= n_seeds <= len(data["visited_m"]) and all(0 <= count < _MOST_CAPTURES for count in counts)):
         wrong.append("scalars")

@@ -22,11 +22,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.cache import Arrays, Store, address, digest, holds, remember_json
+from nbv.cache import Arrays, Store, address, digest, remember_json
 from nbv.config import CameraConfig, MissionConfig, SparseConfig, TelemetryConfig
 from nbv.evaluation import Evaluation, camera_shell, evaluate_cloud
 from nbv.evaluation.evaluate import clean_for_evaluation
-from nbv.mission.planning_state import MODEL_LAYOUT, arrays_of, has_tracks, model_of
+from nbv.mission.planning_state import arrays_of, model_of
 from nbv.photogrammetric.cached_stages import CachedCorrespondences
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.rocks import Rock
@@ -108,7 +108,7 @@ class CachedSparse(SparseReconstructor):
         super().export(directory, images)
 
     def _known_report(self) -> UpdateReport:
-        if (entry := self._store.get("sequence-models", self.key, _is_report)) is not None:
+        if (entry := self._store.get("sequence-models", self.key)) is not None:
             return _unpack_report(entry)
         report = self._catch_up()  # a failure is not kept, it is met again
         assert report is not None
@@ -136,11 +136,8 @@ class CachedSparse(SparseReconstructor):
 
     def _seed_model(self, captures: Sequence[Capture]) -> UpdateReport:
         """`SparseReconstructor.bootstrap`; of many missions on one (rock, replicate) it is the same, so it is kept."""
-        if (entry := self._store.get("seed-models", self._seed_key, _are_files)) is not None:
-            try:
-                return self.bootstrap_from(captures, {name: data.tobytes() for name, data in entry.items()})
-            except ValueError:  # not what its name says: built and kept anew
-                pass
+        if (entry := self._store.get("seed-models", self._seed_key)) is not None:
+            return self.bootstrap_from(captures, {name: data.tobytes() for name, data in entry.items()})
         report = super().bootstrap(captures)
         files = {name: np.frombuffer(content, np.uint8) for name, content in self.seed_files().items()}
         self._store.put("seed-models", self._seed_key, files)
@@ -245,16 +242,12 @@ class CachedEvaluation:
             self._store,
             "evaluations",
             evaluate,
-            is_sound=_is_evaluation,
             code="nbv.evaluation",
             inputs=inputs,
         )
         if made:
             return made[0]
         return Evaluation(found["metrics"], found["cleaning"], lambda: clean_for_evaluation(cloud, config)[0])
-
-
-_HAS_REPORT = holds({**MODEL_LAYOUT, "registered": "b", "message": "U"})
 
 
 def _pack_report(report: UpdateReport) -> Arrays:
@@ -267,16 +260,3 @@ def _pack_report(report: UpdateReport) -> Arrays:
 def _unpack_report(entry: Arrays) -> UpdateReport:
     indices = {name: entry[name].astype(np.int64) for name in ("track_offsets", "track_cameras")}
     return UpdateReport(model_of({**entry, **indices}), bool(entry["registered"]), str(entry["message"]))
-
-
-def _is_report(entry: Arrays) -> bool:
-    return _HAS_REPORT(entry) and has_tracks(entry)
-
-
-def _are_files(entry: Arrays) -> bool:
-    layout = dict.fromkeys(entry, "u _")
-    return holds(layout)(entry) and all("/" not in name for name in entry)
-
-
-def _is_evaluation(tree: Any) -> bool:
-    return isinstance(tree, dict) and all(isinstance(tree.get(k), dict) for k in ("metrics", "cleaning"))

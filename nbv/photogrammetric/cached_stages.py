@@ -10,18 +10,15 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.cache import Arrays, Store, holds, remember
+from nbv.cache import Arrays, Store, remember
 from nbv.config import CameraConfig, MissionConfig, SparseConfig
 from nbv.photogrammetric.studio import Studio
 from nbv.rocks import Rock
 from nbv.scene import Renderer
 from nbv.sparse.correspondences import Correspondences
-from nbv.sparse.features import DESCRIPTOR_SIZE, Features
+from nbv.sparse.features import Features
 from nbv.sparse.matching import VerifiedPair
 from nbv.types import Floats, Viewpoint
-
-_ARE_FEATURES = holds({"keypoints": "f k 4", "descriptors": f"u k {DESCRIPTOR_SIZE}"})
-_IS_PAIR = holds({"matches": "u _ 2", "config": "i"})
 
 
 class CachedStudio(Studio):
@@ -39,7 +36,6 @@ class CachedStudio(Studio):
         self._store = store
         world = (config.camera, config.scene, config.sensor, config.ground, config.target_m)
         self._identity = (rock.sha256, replicate, *world)
-        self._is_photograph = holds({"image": f"u {config.camera.height_px} {config.camera.width_px} 3"})
 
     def photograph(self, viewpoint: Viewpoint, true_pose: Floats) -> NDArray[np.uint8]:
         """See `Studio.photograph`."""
@@ -48,7 +44,6 @@ class CachedStudio(Studio):
             self._store,
             "photographs",
             lambda: {"image": photograph(viewpoint, true_pose)},
-            is_sound=self._is_photograph,
             code=Studio.__module__,
             inputs=[*self._identity, viewpoint.id, true_pose],
         )["image"]
@@ -84,7 +79,7 @@ class CachedCorrespondences(Correspondences):
             features = extract()
             return {"keypoints": features.keypoints, "descriptors": features.descriptors}
 
-        entry = remember(self._store, "features", make, is_sound=_ARE_FEATURES, code=code, inputs=inputs)
+        entry = remember(self._store, "features", make, code=code, inputs=inputs)
         return Features(entry["keypoints"], entry["descriptors"])
 
     def pair(self, a: Features, b: Features) -> VerifiedPair:
@@ -95,10 +90,7 @@ class CachedCorrespondences(Correspondences):
             pair = verify(a, b)
             return {"matches": pair.matches, "config": np.array(pair.config)}
 
-        def is_sound(entry: Arrays) -> bool:
-            return _IS_PAIR(entry) and bool((entry["matches"] < [[len(a), len(b)]]).all())
-
         inputs = [*self._pair_options, a.digest, b.digest]
         code = "nbv.sparse.matching"
-        entry = remember(self._store, "pairs", make, is_sound=is_sound, code=code, inputs=inputs)
+        entry = remember(self._store, "pairs", make, code=code, inputs=inputs)
         return VerifiedPair(entry["matches"], int(entry["config"]))

@@ -11,11 +11,11 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from nbv.cache import Arrays, Store, holds, remember
+from nbv.cache import Arrays, Store, remember
 from nbv.config import SparseConfig
 from nbv.photographs.folder import Progress, SourcePhotograph, read_pixels
 from nbv.sparse.database_cache import database_cache
-from nbv.sparse.features import DESCRIPTOR_SIZE, Features, extract_features
+from nbv.sparse.features import Features, extract_features
 from nbv.sparse.matching import NO_MATCHES, VerifiedPair, match_pair, matches_of_one_motion
 from nbv.types import Ints
 
@@ -26,8 +26,6 @@ FIRST_FEATURES, FIRST_MATCHES = 800, 4
 PARTNERS = 30  # at most, best first
 IN_ORDER = 2  # photographs before and after, whatever the largest features say
 WORKERS = 2
-_ARE_FEATURES = holds({"keypoints": "f k 4", "descriptors": f"u k {DESCRIPTOR_SIZE}"})
-_ARE_PAIRS = holds({"partners": "i p", "counts": "i p", "configs": "i p", "matches": "u m 2"})
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,6 @@ def correspondences(
                 store,
                 "photograph-pairs",
                 lambda index=index, later=later: _pairs(index, later, features, cameras, config, pool),  # type: ignore[misc]
-                is_sound=_ARE_PAIRS,
                 code=__name__,
                 inputs=[
                     [features[i].digest for i in (index, *later.tolist())],
@@ -126,7 +123,6 @@ def _features(
         store,
         "photograph-features",
         extract,
-        is_sound=_ARE_FEATURES,
         code="nbv.sparse.features",
         inputs=[photograph.sha256, size, upright, config],
     )

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.cache import Store, holds, remember
+from nbv.cache import Store, remember
 from nbv.config import CameraConfig, DenseConfig
 from nbv.dense import make_backend, patchmatch_runs
 from nbv.dense.consistency import check_consistency
@@ -32,7 +32,6 @@ WORKERS = 2
 MIN_BASELINE_ANGLE_DEG = 60.0  # photographs one behind the other rectify to huge pictures
 AGREEING_VIEWS = 3  # as many as `gatetune photographs enough` asks of its missions
 VOXEL_M = 0.008
-_ARE_POINTS = holds({"points_m": "f n 3", "colors": "u n 3", "normals": "f n 3"})
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,7 +102,6 @@ def cloud_of_views(
             lambda members=members, said=said: _cloud(  # type: ignore[misc]
                 members, small, center_m, config, near_m, progress, said
             ),
-            is_sound=_ARE_POINTS,
             code=__name__,
             inputs=[
                 [(v.name, v.sha256, v.mask_sha256) for v in members],

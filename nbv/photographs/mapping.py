@@ -11,7 +11,7 @@ import cv2  # noqa: F401  before pycolmap: the other order aborts the process wh
 import numpy as np
 import pycolmap
 
-from nbv.cache import Arrays, Store, digest, holds, remember
+from nbv.cache import Arrays, Store, digest, remember
 from nbv.errors import UserError
 from nbv.photographs.correspond import Correspondences, correspondences
 from nbv.photographs.folder import Progress, SourcePhotograph
@@ -63,7 +63,6 @@ def mapped(
         store,
         "photograph-models",
         lambda: _map(names, cameras, camera_ids, found, progress),
-        is_sound=holds({"counts": "i _", **dict.fromkeys(_FILES, "u _")}),
         code=__name__,
         inputs=[names, camera_ids, [f.digest for f in found.features], _pairs_digest(found)],
     )

@@ -106,7 +106,6 @@ class PhotographFidelity:
                 self.context.store,
                 "evaluations",
                 lambda: self._measure(cloud),
-                is_sound=lambda tree: isinstance(tree, dict) and "kept_out" in tree,
                 code="nbv.photographs",
                 inputs=inputs,
             )

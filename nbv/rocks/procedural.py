@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from skimage.measure import marching_cubes
 
-from nbv.cache import Arrays, Store, holds, remember
+from nbv.cache import Arrays, Store, remember
 from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.families import generated_name, generated_recipe
 from nbv.rocks.mesh import body_labels, drop_unused_vertices, face_areas, rest_on_ground, vertex_normals
@@ -45,8 +45,7 @@ def procedural_rock(name: str, store: Store | None = None, *, grid_m: float = GR
         rock = generate_rock(name, grid_m=grid_m)
         return {"vertices_m": rock.vertices_m, "faces": rock.faces.astype(np.int32), "albedo": rock.albedo}
 
-    layout = {"vertices_m": "f n 3", "faces": "i _ 3 <n", "albedo": "f n 3"}
-    found = remember(store, "rocks", arrays, is_sound=holds(layout), code=__name__, inputs=[name, grid_m])
+    found = remember(store, "rocks", arrays, code=__name__, inputs=[name, grid_m])
     return make_rock(
         name,
         found["vertices_m"],

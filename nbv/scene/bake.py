@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.cache import Arrays, Check, Store, digest, holds, remember
+from nbv.cache import Arrays, Store, digest, remember
 from nbv.config import CameraConfig, SceneConfig
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.rocks.mesh import vertex_normals
@@ -99,13 +99,12 @@ def build_scene(
         raise ValueError("relief does not fit the sharpest level of the ground")
     light = {"irradiance": config.sun_irradiance, "ambient": config.ambient}
 
-    def stored(kind: str, bake: Callable[[], Arrays], is_sound: Check, **inputs: Any) -> Arrays:
-        return remember(store, kind, bake, is_sound=is_sound, code=__name__, inputs=[inputs])
+    def stored(kind: str, bake: Callable[[], Arrays], **inputs: Any) -> Arrays:
+        return remember(store, kind, bake, code=__name__, inputs=[inputs])
 
     surface = stored(
         "scene-ground",
         lambda: _ground_arrays(config.ground_seed, to_sun, spec, relief),
-        holds(dict.fromkeys(_names(spec, "albedo", "sun"), f"u {spec.size_px} {spec.size_px}")),
         seed=config.ground_seed,
         **({} if relief is None else {"relief": digest(relief.heights_m)}),
         **geometry,
@@ -113,7 +112,6 @@ def build_scene(
     rock_light = stored(
         "scene-rock",
         lambda: _rock_arrays(solid, config, to_sun, spec, relief),
-        lambda arrays: _is_rock_light(arrays, len(solid.vertices), spec),
         rock=rock.sha256,
         **around,
         **geometry,
@@ -181,25 +179,6 @@ def _ground_arrays(
         arrays[f"albedo_{level}"] = np.rint(surface.albedo[level] * _FULL_SCALE).astype(np.uint16)
         arrays[f"sun_{level}"] = np.rint(surface.sun_cosine[level] * 255).astype(np.uint8)
     return arrays
-
-
-def _names(spec: GroundSpec, *names: str) -> list[str]:
-    return [f"{name}_{level}" for name in names for level in range(spec.levels)]
-
-
-def _is_rock_light(arrays: Arrays, vertices: int, spec: GroundSpec) -> bool:
-    layout = {
-        "radiance": f"f {vertices} 3",
-        **dict.fromkeys(_names(spec, "shadow_box"), "i 4"),
-        **dict.fromkeys(_names(spec, "sunlit"), "u _ _"),
-    }
-    if not holds(layout)(arrays):
-        return False
-    boxes = [(arrays[f"shadow_box_{k}"].tolist(), arrays[f"sunlit_{k}"]) for k in range(spec.levels)]
-    return all(
-        0 <= r0 <= r1 <= spec.size_px and 0 <= c0 <= c1 <= spec.size_px and sunlit.shape == (r1 - r0, c1 - c0)
-        for (r0, r1, c0, c1), sunlit in boxes
-    )
 
 
 def _rock_arrays(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from nbv.cache import Arrays, Store, holds, remember
+from nbv.cache import Arrays, Store, remember
 from nbv.config import GroundConfig, canonical
 from nbv.errors import UserError
 from nbv.random_streams import keyed_rng
@@ -100,7 +100,6 @@ def neighbour_bodies(
             store,
             "neighbours",
             lambda: _shape(name),  # noqa: B023
-            is_sound=holds({"vertices_m": "f n 3", "faces": "i _ 3 <n"}),
             code=__name__,
             inputs=[name, GRID_M],
         )

@@ -1,7 +1,6 @@
 """What decides an address: inputs, the code with all that it imports, libraries."""
 
 import ast
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ from nbv.cache.addressing import imported_modules
 from nbv.config import CameraConfig
 
 ROOT = Path(nbv.__file__).parent.parent
-SOUND = bool
 MAKERS = (
     "nbv.scene.bake",
     "nbv.geometric.world",
@@ -95,40 +93,26 @@ def test_what_was_made_is_read_back_and_a_stale_entry_is_not(tmp_path):
         return {"i": np.arange(3)}
 
     for inputs in ([1], [1], [2]):
-        entry = remember(store, "things", make, is_sound=SOUND, code="nbv.geometry", inputs=inputs)
+        entry = remember(store, "things", make, code="nbv.geometry", inputs=inputs)
         assert entry["i"].tolist() == [0, 1, 2]
     assert len(made) == 2
-    remember(store, "things", make, is_sound=SOUND, code="nbv.scene", inputs=[1])
+    remember(store, "things", make, code="nbv.scene", inputs=[1])
     assert len(made) == 3
     value = {"a": [1.5, None, "x"]}
     for _ in range(2):
-        assert (
-            remember_json(store, "values", lambda: value, is_sound=SOUND, code="nbv.geometry", inputs=[])
-            == value
-        )
+        assert remember_json(store, "values", lambda: value, code="nbv.geometry", inputs=[]) == value
     assert [(kind.kind, kind.entries) for kind in store.info()] == [("things", 3), ("values", 1)]
-
-
-def test_a_stored_value_of_another_kind_is_made_anew(tmp_path):
-    store, args = Store(tmp_path), {"code": "nbv.geometry", "inputs": []}
-    for wrong in ([1], "x", {"b": 2}):
-        remember_json(store, "values", lambda wrong=wrong: wrong, is_sound=SOUND, **args)
-        found = remember_json(store, "values", lambda: {"a": 1}, is_sound=lambda tree: "a" in tree, **args)
-        assert found == {"a": 1}
-        shutil.rmtree(store.root)
 
 
 def test_without_a_store_everything_is_made():
     made = []
     for _ in range(2):
-        remember(None, "things", lambda: made.append(1) or {}, is_sound=SOUND, code="nbv.geometry", inputs=[])
+        remember(None, "things", lambda: made.append(1) or {}, code="nbv.geometry", inputs=[])
     assert len(made) == 2
 
 
 def test_a_failure_is_not_kept(tmp_path):
     store = Store(tmp_path)
     with pytest.raises(ZeroDivisionError):
-        remember(
-            store, "things", lambda: {"i": np.array(1 // 0)}, is_sound=SOUND, code="nbv.geometry", inputs=[]
-        )
+        remember(store, "things", lambda: {"i": np.array(1 // 0)}, code="nbv.geometry", inputs=[])
     assert store.info() == []

@@ -3,7 +3,6 @@
 import dataclasses
 import hashlib
 import json
-import shutil
 
 import numpy as np
 import pytest
@@ -100,27 +99,6 @@ def test_a_sequence_whose_middle_was_pruned_is_replayed(store, plain):
     entries[3].unlink()
     assert bits(fly(reconstructor(store=store), LATER)[1:]) == plain[len(LATER)]
     assert entries[3].exists()
-
-
-@pytest.mark.parametrize("other", [{"x": np.zeros(3)}, {"points3D.bin": np.zeros(3, np.uint8)}])
-def test_a_seed_model_that_is_something_else_is_rebuilt(store, plain, other):
-    filled(store)
-    shutil.rmtree(store.root / "sequence-models")
-    (path,) = (path for path in (store.root / "seed-models").rglob("*") if path.is_file())
-    entry = store.get("seed-models", path.name)
-    store.put("seed-models", path.name, other)
-    assert bits(filled(store)[1:]) == plain[len(LATER)]
-    assert set(store.get("seed-models", path.name)) == set(entry)
-
-
-def test_models_that_are_something_else_are_rebuilt(store, plain):
-    filled(store)
-    for path in (store.root / "sequence-models").rglob("??/*"):
-        store.put("sequence-models", path.name, {"x": np.zeros(3)})
-    world = Counting(SEEDS + LATER)
-    assert bits(fly(reconstructor(world, store), LATER)[1:]) == plain[len(LATER)]
-    assert world.asked > 0
-    assert store.verify()[1] == 0  # sound again
 
 
 @pytest.mark.slow
