@@ -218,7 +218,6 @@ class Flight:
                 "--timeout-s",
                 "3",
                 "--resume-if-present",
-                "--quiet",
                 *more,
                 str(self.settings),
             ]

@@ -13,7 +13,7 @@ import typer
 from nbv.errors import UserError
 from tuner.campaign.rock_choice import refuse_held_out
 from tuner.commands.comparison import ComparisonProgress
-from tuner.commands.console import output, progress_bar, rock_arguments, ticker
+from tuner.commands.console import output, rock_arguments
 
 if TYPE_CHECKING:
     from research.study_directory import StudySettings
@@ -63,11 +63,9 @@ def fly_study(
     output.print(f"{sizes}: {settings.missions} missions, {count} workers")
     with (
         LocalProcessExecutor(count, timeout_s=timeout_s, preload=fidelities) as executor,
-        progress_bar() as bar,
+        ComparisonProgress(metric) as show,
     ):
-        show = ComparisonProgress(bar, metric)
-        with ticker(show.tick):
-            return fly(settings, directory, executor, show)
+        return fly(settings, directory, executor, show)
 
 
 def end_study(failures: dict[str, int], missions: int, expected: int, report: Path, complete: bool) -> None:

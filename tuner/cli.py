@@ -32,7 +32,7 @@ from tuner.commands import (  # noqa: E402
     rocks,
     studies,
 )
-from tuner.commands.console import errors, output, set_verbosity  # noqa: E402
+from tuner.commands.console import errors, only_json, output  # noqa: E402
 
 EXIT_UNEXPECTED = 70  # EX_SOFTWARE
 # Words of the system, PyTorch, the loader, C++ and Python.
@@ -62,11 +62,10 @@ def options(
     ] = False,
 ) -> None:
     """Tune hybrid next-best-view planning with Bayesian optimisation on real photogrammetry missions."""
-    set_verbosity("all")
+    only_json(False)
 
 
 campaign.app.command("list")(campaigns.list_)
-campaign.app.command("compare")(campaigns.compare)
 app.add_typer(campaign.app, name="campaign", help="Job 1: run, resume and look at GP tuning campaigns.")
 app.command(
     name="evaluate", short_help="Job 2: the tuned configuration against the baselines on held-out rocks."

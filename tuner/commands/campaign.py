@@ -15,23 +15,19 @@ from tuner.commands.campaign_display import (
     echo_event,
     show_counts,
     show_recommendation,
-    show_verdict,
 )
 from tuner.commands.console import (
     AsJson,
     answer_json,
+    as_json,
     executor_at,
     load,
     local_executor,
     note_dense_stage,
     output,
     parse_overrides,
-    progress_bar,
     seconds,
-    set_verbosity,
-    ticker,
     under_conditions,
-    verbosity,
     workers_text,
     working,
 )
@@ -40,7 +36,6 @@ from tuner.commands.options import (
     EventsAsJson,
     Executor,
     MissionAllowed,
-    Quiet,
     Scheduler,
     Timeout,
     Unencrypted,
@@ -55,11 +50,9 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True)
 
-LARGE = 1000  # missions
 MODEL = "tuner.samplers.gp"  # takes a second to load; a finished campaign is shown without it
 LEAST_BETWEEN, UPDATES = 8, 6  # missions between two looks at the best so far, and looks per campaign
 RUNS = Path("runs")
-REPORT = "report.html"
 
 
 @app.command()
@@ -89,8 +82,7 @@ def run(
             "--resume-if-present", help="Go on if the directory holds it already.", rich_help_panel=EXECUTION
         ),
     ] = False,
-    quiet: Quiet = False,
-    as_json: EventsAsJson = False,
+    json: EventsAsJson = False,
 ) -> None:
     """Run a campaign: the paper's defaults, an initial design, then a GP proposes; one mission per trial.
 
@@ -98,7 +90,6 @@ def run(
 
     Example: gatetune campaign run --name mine --rock mine --budget 32
     """
-    set_verbosity("json" if as_json else "quiet" if quiet else "all")
     from tuner.campaign.asked_settings import asked_fields, asked_settings
     from tuner.campaign.settings_file import SETTINGS_FILE
     from tuner.missions.registry import DEFAULT_FIDELITY, refuse_code_of_file
@@ -164,14 +155,12 @@ def resume(
     accept_changes: Annotated[
         bool, typer.Option("--accept-changes", help="Rocks or code changed since: go on all the same.")
     ] = False,
-    quiet: Quiet = False,
-    as_json: EventsAsJson = False,
+    json: EventsAsJson = False,
 ) -> None:
     """Go on with an interrupted campaign; only the missions that were in flight are flown again.
 
     Example: gatetune campaign resume runs/mine --missions 64
     """
-    set_verbosity("json" if as_json else "quiet" if quiet else "all")
     output.print(f"campaign in {directory}")  # before what takes seconds to load
     if ledger is not None:
         from tuner.campaign.begin import adopt_campaign
@@ -227,8 +216,8 @@ def fly(
     from tuner.campaign.shipped import SHIPPED
     from tuner.missions.registry import ignored_by
 
-    settings, before = campaign.settings, campaign.status().finished
-    if before < settings.budget:
+    settings = campaign.settings
+    if campaign.status().finished < settings.budget:
         load(MODEL)
     executor = ready or executor_at(where, settings.fidelity, workers, timeout_s, settings.mission)
     output.print(
@@ -248,61 +237,49 @@ def fly(
             )
         )
     with executor:
-        with progress_bar() as bar:
-            progress = CampaignProgress(bar, settings, campaign.directory)
-            show = echo_event if verbosity() == "json" else progress
-            every = max(LEAST_BETWEEN, settings.budget // UPDATES)
-            with ticker(progress.tick):
-                summary = fly_campaign(
-                    campaign, executor, show, recommend_every=every, accept_changes=accept_changes
-                )
+        with CampaignProgress(settings, campaign.directory) as progress:
+            summary = fly_campaign(
+                campaign,
+                executor,
+                echo_event if as_json() else progress,
+                recommend_every=max(LEAST_BETWEEN, settings.budget // UPDATES),
+                accept_changes=accept_changes,
+            )
         if summary.stopped == "interrupted":  # and the prompt is back at once
             again, page = (
                 f"gatetune {command} {campaign.directory}" for command in ("campaign resume", "mission view")
             )
             output.print(f"go on with: {again}\nits page so far: {page}", soft_wrap=True)
             raise typer.Exit(130)
-        quiet = verbosity() == "quiet"
-        if quiet:
-            set_verbosity("all")
-            if summary.recommendation is not None:
-                show_verdict(summary.recommendation, settings)
-        else:
-            show_recommendation(summary.recommendation, settings)
+        show_recommendation(summary.recommendation, settings)
         output.print(
             f"{summary.message}; {seconds(summary.elapsed_s)}, of which the sampler {seconds(summary.ask_s)}"
         )
-        report = campaign.directory / REPORT
-        if summary.status.finished > LARGE and summary.status.finished == before and report.is_file():
-            output.print(f"report, as it was: {report}", soft_wrap=True)  # of many missions it takes a minute
-        elif summary.status.finished:
-            pair = executor if show_pair and summary.stopped == "budget" else None
-            _write_pages(campaign, pair, report, quiet=quiet)
+        if summary.status.finished:
+            _write_pages(campaign, executor if show_pair and summary.stopped == "budget" else None)
     if summary.stopped == "failing" or not summary.status.complete:
         raise typer.Exit(1)
 
 
-def _write_pages(
-    campaign: Campaign, pair: LocalProcessExecutor | DaskExecutor | None, report: Path, *, quiet: bool
-) -> None:
+def _write_pages(campaign: Campaign, pair: LocalProcessExecutor | DaskExecutor | None) -> None:
     """The answer is known: what is left is to draw it. ``pair``: where what is shown flies once more, whole."""
     from tuner.campaign.showcase import fly_showcase, showcase_jobs
     from tuner.report import campaign as pages  # what draws is loaded where it is called
     from tuner.report.campaign.walks import write_showcase_page
 
-    page = None
+    page, shown = None, showcase_jobs(campaign)
     try:
-        if pair is not None and showcase_jobs(campaign):
-            with working("flying the default and the recommendation whole, to show them", silent=quiet):
+        if pair is not None and shown:
+            with working("flying the default and the recommendation whole, to show them"):
                 fly_showcase(campaign, pair)
                 page = write_showcase_page(campaign)
-        with working("writing the report", silent=quiet):
-            pages.write_campaign_report(campaign)
+        with working("writing the report"):
+            report = pages.write_campaign_report(campaign)
     except KeyboardInterrupt:
         output.print(f"no report: gatetune mission view {campaign.directory} writes it", soft_wrap=True)
         raise typer.Exit(130) from None
     output.print(f"report: {report}", soft_wrap=True)
     if page is not None:
         output.print(f"the default beside the recommendation: {page}", soft_wrap=True)
-    elif showcase_jobs(campaign):
+    elif shown:
         output.print(f"to walk around in it: gatetune mission view {campaign.directory}", soft_wrap=True)

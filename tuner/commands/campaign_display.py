@@ -11,11 +11,10 @@ from rich.table import Table
 from nbv.config import IDEAL
 from nbv.mission.result import json_ready
 from tuner.commands.console import FlightProgress, output, seconds
+from tuner.problem.configurations import short
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from rich.progress import Progress
 
     from tuner.campaign.events import CampaignEvent, CampaignStatus
     from tuner.campaign.settings import CampaignSettings
@@ -23,14 +22,13 @@ if TYPE_CHECKING:
 
 
 LINE = 80  # columns of a mission's line
-_INITIALS = {"covis": "C", "b_aware": "B", "matchable": "M"}  # whose weight it is
 
 
 class CampaignProgress(FlightProgress):
     """A line per mission and one bar: how far, what failed, what is left, the best so far, what flies now."""
 
-    def __init__(self, progress: Progress, settings: CampaignSettings, directory: Path) -> None:
-        super().__init__(progress, settings.budget)
+    def __init__(self, settings: CampaignSettings, directory: Path) -> None:
+        super().__init__(settings.budget)
         self._settings, self._directory = settings, directory
         self._began: int | None = None  # missions finished in earlier sessions
         self._failed = 0
@@ -45,21 +43,17 @@ class CampaignProgress(FlightProgress):
             label = f"{trial.world.label} r{trial.replicate}"
             self.took_off(str(trial.number), label, self._directory / trial.directory)
         elif trial is not None and event.kind in ("finished", "failed", "lost"):
-            self.landed(str(trial.number))
             self._failed += event.kind == "failed"
-            self.say(mission_line(event, self._settings))
+            self.landed(str(trial.number), mission_line(event, self._settings))
         elif event.kind in ("interrupted", "stopped"):
-            self.progress.console.print(f"{event.kind}: {event.message}", style="yellow")
+            output.print(f"{event.kind}: {event.message}", style="yellow")
         elif event.kind == "recommendation" and event.recommendation is not None:
             self._best = f", best {best_text(event.recommendation)}"
-        self.counts = self._counted(event, self._began)
-        self.reached(event.finished, event.budget)
-
-    def _counted(self, event: CampaignEvent, began: int) -> str:
-        flown, left = event.finished - began, event.budget - event.finished
+        flown, left = event.finished - self._began, event.budget - event.finished
         rest = f", {seconds(event.elapsed_s / flown * left)} left" if flown and left else ""
         failed = f", {self._failed} failed" if self._failed else ""
-        return f"{event.finished}/{event.budget}{failed}{rest}{self._best}"
+        self.counts = f"{event.finished}/{event.budget}{failed}{rest}{self._best}"
+        self.reached(event.finished, event.budget)
 
 
 def best_text(found: Recommendation) -> str:
@@ -71,7 +65,7 @@ def best_text(found: Recommendation) -> str:
 
 
 def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:
-    """One mission in at most `LINE` columns: ``#012 slab r1  94.57  13 s  C.nov 1.2 B.nov 0.4 …``."""
+    """One mission in at most `LINE` columns: ``#012 slab r1  94.57  13 s  proposal``."""
     trial = event.trial
     assert trial is not None
     if event.kind == "lost":
@@ -80,15 +74,10 @@ def mission_line(event: CampaignEvent, settings: CampaignSettings) -> str:
         outcome = f"failed: {trial.reason} {event.message}"
     else:
         mark = " degraded" if trial.status == "degraded" else ""
-        default = settings.default_values()
-        changed = [
-            f"{_initial(path)} {_short(value)}"
-            for path, value in trial.values.items()
-            if value != default.get(path)
-        ]
         second = trial.measured(settings.second) if settings.second else None
         also = f" at {second:.1f}" if second is not None else ""
-        outcome = f"{trial.raw:7.{0 if settings.exact.first else 2}f}{also}{mark} {trial.wall_s:4.0f} s  {' '.join(changed) or 'the default'}"
+        value = f"{trial.raw:7.{0 if settings.exact.first else 2}f}{also}{mark}"
+        outcome = f"{value} {trial.wall_s:4.0f} s  {trial.why.get('phase', '')}"
     line = f"#{trial.number + 1:03d} {trial.world.label:<12} r{trial.replicate} {' '.join(outcome.split(chr(10)))}"
     return line if len(line) <= LINE else f"{line[: LINE - 1]}…"
 
@@ -104,14 +93,10 @@ def event_line(event: CampaignEvent) -> str:
     if event.message:
         fields["message"] = event.message
     if (t := event.trial) is not None:
-        fields |= {
-            "mission": t.number + 1,
-            "rock": t.rock,
-            "condition": t.condition,
-            "replicate": t.replicate,
-        }
-        fields |= {"values": t.values, "value": t.raw, "status": t.status, "reason": t.reason}
-        fields |= {"wall_s": t.wall_s, "directory": t.directory}
+        fields["mission"] = t.number + 1
+        for name in ("rock", "condition", "replicate", "values", "status", "reason", "wall_s", "directory"):
+            fields[name] = getattr(t, name)
+        fields["value"] = t.raw
     if (best := event.recommendation) is not None:
         fields["recommendation"] = {"keep_default": best.keep_default, **best.to_dict()}
     return json.dumps(json_ready(fields))
@@ -129,62 +114,46 @@ def show_counts(facts: CampaignStatus, place: str) -> None:
         f"({facts.failed} failed, {facts.running} open); "
         f"{seconds(facts.mission_wall_s)} of computing"
     )
-    output.print(
-        f"missions per {place}: " + ", ".join(f"{rock} {count}" for rock, count in facts.per_rock.items())
-    )
+    parts = {place: facts.per_rock}
     if list(facts.per_condition) != [IDEAL]:
-        output.print(
-            "missions per condition: "
-            + ", ".join(f"{name} {count}" for name, count in facts.per_condition.items())
-        )
+        parts["condition"] = facts.per_condition
+    for what, counts in parts.items():
+        named = ", ".join(f"{name} {count}" for name, count in counts.items())
+        output.print(f"missions per {what}: {named}")
     for reason, count in facts.failures.items():
         output.print(f"  failed {count} times: {reason}")
 
 
-def _initial(path: str) -> str:
-    section, _, rest = path.partition(".")
-    name = rest.rpartition(".")[2] or path
-    return f"{_INITIALS[section]}.{name}" if section in _INITIALS else name
-
-
-def _short(value: Any) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
-def show_recommendation(recommendation: Recommendation | None, settings: CampaignSettings) -> None:
-    """The answer, the values beside the defaults, rock by rock."""
-    if recommendation is None:
+def show_recommendation(best: Recommendation | None, settings: CampaignSettings) -> None:
+    """What to use, what that is worth, the values that differ from the defaults, rock by rock."""
+    if best is None:
         output.print("no recommendation yet: no mission has succeeded")
-    else:
-        show_verdict(recommendation, settings)
-        _show_values(recommendation, settings)
-
-
-def show_verdict(recommendation: Recommendation, settings: CampaignSettings) -> None:
-    """What to use, and what that is worth."""
-    from tuner.report.answer import use_sentence, worth_sentences  # loads every metric
-
-    for line in (use_sentence(recommendation, settings), *worth_sentences(recommendation, settings)):
-        output.print(line, highlight=False)
-
-
-def _show_values(recommendation: Recommendation, settings: CampaignSettings) -> None:
-    from tuner.report.answer import default_note, place_word, runner_up_sentence
+        return
+    from tuner.report.answer import (  # loads every metric
+        default_note,
+        place_word,
+        runner_up_sentence,
+        use_sentence,
+        worth_sentences,
+    )
     from tuner.report.labels import decimals_for, format_number, metric_label
 
-    table = Table()
-    for column in ("parameter", "default", "recommended"):
-        table.add_column(column, justify="left" if column == "parameter" else "right")
-    for path, value in recommendation.values.items():
-        table.add_row(path, _short(recommendation.default_values[path]), _short(value))
-    output.print(table)
-    label, place = metric_label(recommendation.modelled_metric), place_word(settings)
-    digits = decimals_for(recommendation.noise_sd)
+    for line in (use_sentence(best, settings), *worth_sentences(best, settings)):
+        output.print(line, highlight=False)
+    if best.changed:
+        table = Table("parameter")
+        for column in ("default", "recommended"):
+            table.add_column(column, justify="right")
+        for path in best.changed:
+            table.add_row(path, short(best.default_values[path]), short(best.values[path]))
+        output.print(table)
+    label, digits = metric_label(best.modelled_metric), decimals_for(best.noise_sd)
+    place = place_word(settings)
     rows = [
         f"{row.world.label} {format_number(label.possible(row.predicted), digits)}"
         + ("" if row.observed is None else f" (measured {format_number(row.observed, digits)})")
-        for row in recommendation.per_rock
+        for row in best.per_rock
     ]
     output.print(f"{label.axis}, {place} by {place}: {', '.join(rows)}", highlight=False)
-    for line in filter(None, (runner_up_sentence(recommendation, settings), default_note(settings))):
+    for line in filter(None, (runner_up_sentence(best, settings), default_note(settings))):
         output.print(line, highlight=False)

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
-from rich.markup import escape
 
 from nbv.rocks.imported import is_photographed
 from tuner.commands.console import (
@@ -17,9 +15,7 @@ from tuner.commands.console import (
     answer_json,
     local_executor,
     output,
-    progress_bar,
     seconds,
-    ticker,
     under_conditions,
     working,
 )
@@ -27,11 +23,8 @@ from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 from tuner.problem.worlds import World
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
-
     from tuner.evaluation.flying import EvaluationEvent
-    from tuner.evaluation.of_campaign import Asked
-    from tuner.evaluation.plan import EvaluationPlan
+    from tuner.evaluation.of_campaign import CampaignEvaluation
     from tuner.missions.external import MissionFile
     from tuner.report.comparison.facts import ComparisonFacts
 
@@ -39,13 +32,11 @@ if TYPE_CHECKING:
 class ComparisonProgress(FlightProgress):
     """A line per mission and one bar."""
 
-    def __init__(self, progress: Progress, metric: str) -> None:
-        super().__init__(progress, None)
+    def __init__(self, metric: str) -> None:
+        super().__init__()
         self._metric = metric
 
     def __call__(self, event: EvaluationEvent) -> None:
-        from tuner.report.labels import metric_label
-
         self.counts = f"{event.finished}/{event.total}"
         self.reached(event.finished, event.total)
         if event.job is None:
@@ -55,53 +46,62 @@ class ComparisonProgress(FlightProgress):
         if event.trial is None:
             label = f"{strategy} {world.label} r{event.job.replicate}"
             return self.took_off(event.job.id, label, event.job.directory)
-        self.landed(event.job.id)
         if event.kind == "failed":
-            text = f"[red]failed: {escape(event.trial.reason)}[/] {escape(event.trial.message)}"
+            text = f"failed: {event.trial.reason} {event.trial.message}"
         else:
             value = event.trial.value(self._metric)
-            name = metric_label(self._metric).name
-            text = f"{name} [bold]{'not measured' if value is None else f'{value:6.2f}'}[/]"
-        self.say(
-            f"{strategy:<14} {escape(world.label):<16} r{event.job.replicate} {text}  "
-            f"{event.trial.wall_s:4.0f} s",
-            markup=True,
+            text = f"{self._metric} " + ("not measured" if value is None else f"{value:.2f}")
+        self.landed(
+            event.job.id,
+            f"{strategy:<14} {world.label:<16} r{event.job.replicate} {text}  {event.trial.wall_s:.0f} s",
         )
 
 
 def compare(
-    plan: EvaluationPlan,
     directory: Path,
     *,
     workers: int | None,
     timeout_s: float,
     title: str,
-    asked: Asked,
-    reference: str | None,
-    notes: Sequence[str] = (),
+    asked: CampaignEvaluation,
     paper: bool = False,
     mission: MissionFile | None = None,
 ) -> None:
-    """Fly what is missing, say what was found, write the report."""
+    """Fly what is missing, say what was found, write the report.
+
+    Parameters
+    ----------
+    directory
+        Of the evaluation.
+    workers, timeout_s
+        Of the processes here.
+    title
+        Of the page.
+    asked
+        What is flown, against what, in which metrics.
+    paper
+        Show the paper's numbers beside.
+    mission
+        The mission file, of missions that are not ours.
+    """
     from tuner.evaluation.flying import run_evaluation
     from tuner.report import write_comparison_report
     from tuner.report.comparison.facts import comparison_facts
     from tuner.report.comparison.verdicts import counted
 
+    plan, place = asked.plan, asked.asked.place
     executor = local_executor(plan.fidelity, workers, timeout_s, mission)
-    notes = (*notes, GEOMETRIC_NOTE) if is_geometric(plan.fidelity) else notes
+    notes = (*asked.notes, GEOMETRIC_NOTE) if is_geometric(plan.fidelity) else asked.notes
     notes = (*notes, *(_ceiling(rock) for rock in plan.rocks if is_photographed(rock)))
     for note in notes:
         output.print(note, style="yellow")
     output.print(
-        f"{len(plan.strategies)} strategies on {counted(len(plan.rocks), asked.place)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
+        f"{len(plan.strategies)} strategies on {counted(len(plan.rocks), place)}, {counted(plan.replicates, 'replicate')} each{under_conditions(plan.conditions)}: "
         f"{plan.missions} missions, {counted(executor.capacity, 'worker')}"
     )
-    with executor, progress_bar() as bar:
-        show = ComparisonProgress(bar, (asked.quality or asked.objective).metric)
-        with ticker(show.tick):
-            run = run_evaluation(plan, directory, executor, show)
-    facts = comparison_facts(run, reference, asked, notes=notes)
+    with executor, ComparisonProgress((asked.asked.quality or asked.asked.objective).metric) as show:
+        run = run_evaluation(plan, directory, executor, show)
+    facts = comparison_facts(run, asked.reference, asked.asked, notes=notes)
     _show(facts, paper=paper)
     with working("writing the report"):
         report = write_comparison_report(

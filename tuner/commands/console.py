@@ -8,14 +8,14 @@ import importlib
 import json
 import os
 import threading
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TimeElapsedColumn
+from rich.text import Text
 
 from nbv.config import IDEAL, PRESETS, Condition, MissionConfig, load_condition, preset, under
 from nbv.dense import best_dense_stage
@@ -38,80 +38,40 @@ PRESET_NAMES = ", ".join(PRESETS)  # help of --preset
 CONDITION_HELP = "World to fly in: a name of conditions/, or a YAML file."
 
 
-Verbosity = Literal["all", "quiet", "json"]
-_SLOW_S, _INTERVAL_S, _TICK_S = 1.5, 10.0, 0.5
-_REPEAT_S = 30.0  # after which a line is said again that has not changed
+_SLOW_S, _PER_SECOND = 1.5, 2.0
 _NAMED = 2  # missions in flight that a line names
-_verbosity: list[Verbosity] = ["all"]
+_json = [False]
 
 
-def set_verbosity(how: Verbosity) -> None:
-    """Set what commands print from here on; every command begins with "all"."""
-    _verbosity[0] = how
-    output.quiet = how != "all"
-
-
-def _only_json(wanted: bool) -> bool:
-    if wanted:
-        set_verbosity("json")
+def only_json(wanted: bool) -> bool:
+    """Print one JSON document, or one per event, and nothing else from here on; every command begins without."""
+    _json[0] = output.quiet = wanted
     return wanted
+
+
+def as_json() -> bool:
+    """Return what `only_json` has set."""
+    return _json[0]
 
 
 # What lists or shows takes this option and ends with `answer_json`; what it prints on the way is not shown then.
 AsJson = Annotated[
     bool,
-    typer.Option("--json", callback=_only_json, help="The same as one JSON document, and nothing else."),
+    typer.Option("--json", callback=only_json, help="The same as one JSON document, and nothing else."),
 ]
 
 
 def answer_json(document: Any) -> None:
     """Print what a command shows as one JSON document, where ``--json`` asked for it."""
-    if verbosity() == "json":
+    if as_json():
         typer.echo(json.dumps(json_ready(document), indent=1))
 
 
-def verbosity() -> Verbosity:
-    """Return what `set_verbosity` has set."""
-    return _verbosity[0]
-
-
-def progress_bar() -> Progress:
-    """The bar that all commands use."""
-    return Progress(_description(), BarColumn(), TimeElapsedColumn(), console=output)
-
-
-def _description() -> TextColumn:
-    """Return a bar's text column without markup: a rock's file may have any name."""
-    return TextColumn("{task.description}", markup=False)
-
-
 @contextlib.contextmanager
-def ticker(tick: Callable[[], None]) -> Iterator[None]:
-    """Call ``tick`` twice a second, from a thread, while what is inside goes on."""
-    over = threading.Event()
-
-    def run() -> None:
-        while not over.wait(_TICK_S):
-            tick()
-
-    thread = threading.Thread(target=run, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
-
-
-@contextlib.contextmanager
-def working(text: str, *, silent: bool = False) -> Iterator[None]:
-    """Say what goes on where it takes longer than a moment: with a clock in a terminal, else in a line."""
-    if silent or output.quiet:
-        yield
-        return
-    if output.is_terminal:
-        with Progress(_description(), TimeElapsedColumn(), console=output, transient=True) as clock:
-            clock.add_task(text, total=None)
+def working(text: str) -> Iterator[None]:
+    """Say what goes on where it takes longer than a moment: a spinner in a terminal, else a line."""
+    if output.quiet or output.is_terminal:
+        with output.status(Text(text)):
             yield
         return
     line = threading.Timer(_SLOW_S, functools.partial(output.print, text, soft_wrap=True))
@@ -128,55 +88,52 @@ def load(module: str) -> None:
         importlib.import_module(module)
 
 
-class FlightProgress:
-    """One bar, or lines where none can be drawn: how far it is, and what the missions in flight are doing."""
+class FlightProgress(Progress):
+    """One bar: how far it is, and what the missions in flight are doing."""
 
-    def __init__(self, progress: Progress, total: int | None) -> None:
-        self.progress, self.counts = progress, ""
-        self._task = progress.add_task("missions", total=total)
+    def __init__(self, total: int | None = None) -> None:
+        self.counts = ""
         self._flights: dict[str, tuple[str, Path]] = {}
-        self._said_s, self._last = time.monotonic(), ""
+        super().__init__(
+            _Now(self), BarColumn(), TimeElapsedColumn(), console=output, refresh_per_second=_PER_SECOND
+        )
+        self._missions = self.add_task("missions", total=total)
 
     def took_off(self, key: str, label: str, directory: Path) -> None:
         """A mission, and where it says what it is doing."""
         self._flights[key] = (label, directory)
 
-    def landed(self, key: str) -> None:
-        """It is over."""
+    def landed(self, key: str, line: str, *, markup: bool = False) -> None:
+        """It is over, and what there is to say of it."""
         self._flights.pop(key, None)
+        output.print(line, highlight=False, soft_wrap=True, markup=markup)
 
     def reached(self, finished: int, total: int) -> None:
         """So many missions."""
-        self.progress.update(self._task, completed=finished, total=total)
-        self.tick()
+        self.update(self._missions, completed=finished, total=total)
 
-    def tick(self) -> None:
-        """Say what goes on; may be called from any thread."""
-        text = f"{self.counts}{self._aloft()}"
-        self.progress.update(self._task, description=text)
-        silent_s = time.monotonic() - self._said_s
-        if not self.progress.console.is_terminal and silent_s > (
-            _INTERVAL_S if text != self._last else _REPEAT_S
-        ):
-            self._last = text
-            self.say(text)
-
-    def say(self, line: str, *, markup: bool = False) -> None:
-        """A line of its own."""
-        self._said_s = time.monotonic()
-        self.progress.console.print(line, highlight=False, soft_wrap=True, markup=markup)
-
-    def _aloft(self) -> str:
-        """``, flies slab r0 (photograph 3/24), fin r1 (seed model) and 6 more``; empty where none is."""
+    def now(self) -> str:
+        """``3/9, flies slab r0 (photograph 3/24), fin r1 (seed model) and 6 more``."""
         flights = list(self._flights.values())
         if not flights:
-            return ""
+            return self.counts
         named = [
             f"{label} ({doing})" if (doing := progress_of(directory)) else label
             for label, directory in flights[:_NAMED]
         ]
         more = f" and {len(flights) - _NAMED} more" if len(flights) > _NAMED else ""
-        return f", flies {', '.join(named)}{more}"
+        return f"{self.counts}, flies {', '.join(named)}{more}"
+
+
+class _Now(ProgressColumn):
+    """`FlightProgress.now`, read where the bar is drawn; a rock's file may have any name, so without markup."""
+
+    def __init__(self, bar: FlightProgress) -> None:
+        super().__init__()
+        self._bar = bar
+
+    def render(self, task: Task) -> Text:
+        return Text(self._bar.now())
 
 
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from nbv.config import load_conditions
 from nbv.errors import UserError
 from tuner.commands.comparison import compare
 from tuner.commands.console import AsJson, answer_json, load, output, working
-from tuner.commands.options import Fidelity, MissionAllowed, Timeout, Workers
+from tuner.commands.options import Conditions, Fidelity, MissionAllowed, Rocks, Timeout, Workers
 from tuner.missions.registry import DEFAULT_FIDELITY
 
 if TYPE_CHECKING:
@@ -32,17 +32,8 @@ MarginOption = Annotated[
 
 def evaluate(
     campaign: Annotated[Path, typer.Argument(help="The campaign's run directory.")],
-    rocks: Annotated[
-        list[str] | None,
-        typer.Option("--rock", help="Held-out rock, repeatable (default: the procedural ones)."),
-    ] = None,
-    conditions: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--condition",
-            help="World to fly the rocks in, a name of conditions/ or a YAML file; repeatable (default: the campaign's).",
-        ),
-    ] = None,
+    rocks: Rocks = None,
+    conditions: Conditions = None,
     replicates: Annotated[int, typer.Option(help="Per rock, the same for all strategies.")] = 3,
     strategies: Annotated[
         list[str] | None,
@@ -50,12 +41,6 @@ def evaluate(
             "--against",
             help="Baseline, repeatable (default: the paper's four, learned, matchable, random, greedy-oracle, orbit, orbit-two; "
             "where the target has to be looked for orbit-reaimed and orbit-two-reaimed, too).",
-        ),
-    ] = None,
-    reference: Annotated[
-        str | None,
-        typer.Option(
-            help="Paired differences are against this strategy (default: hyb-h, of a mission file default; else the first)."
         ),
     ] = None,
     workers: Workers = None,
@@ -81,31 +66,24 @@ def evaluate(
         rocks=rocks,
         replicates=replicates,
         strategies=strategies,
-        reference=reference,
         conditions=load_conditions(conditions) if conditions else None,
         margin=margin,
         fidelity=fidelity,
         making=working,
     )
     compare(
-        asked.plan,
         out or place_for(asked.plan, campaign / "evaluation"),
         workers=workers,
         timeout_s=timeout_s,
         title=f"{source.settings.name}: tuned against baselines on held-out {asked.asked.place}s",
-        asked=asked.asked,
-        reference=asked.reference,
-        notes=asked.notes,
+        asked=asked,
         mission=source.settings.mission,
     )
 
 
 def confirm(
     campaign: Annotated[Path, typer.Argument(help="The campaign's run directory.")],
-    rocks: Annotated[
-        list[str] | None,
-        typer.Option("--rock", help="Training rock, repeatable (default: all of the campaign's)."),
-    ] = None,
+    rocks: Rocks = None,
     replicates: Annotated[int, typer.Option(help="Per rock, none of them flown by the campaign.")] = 4,
     workers: Workers = None,
     timeout_s: Timeout = 3600.0,
@@ -138,14 +116,11 @@ def confirm(
     if len(names) > LONGEST_NAME:
         names = f"{len(stems)}-rocks"
     compare(
-        asked.plan,
         out or place_for(asked.plan, campaign / f"confirmation-{names}"),
         workers=workers,
         timeout_s=timeout_s,
         title=f"{source.settings.name}: the recommendation against the default on training {asked.asked.place}s, fresh replicates",
-        asked=asked.asked,
-        reference=asked.reference,
-        notes=asked.notes,
+        asked=asked,
         mission=source.settings.mission,
     )
 

@@ -24,6 +24,7 @@ from tuner.commands.console import (
     seconds,
     working,
 )
+from tuner.commands.options import Overrides
 from tuner.problem.objective import Objective, dotted
 
 app = typer.Typer(no_args_is_help=True)
@@ -59,9 +60,7 @@ def run(
     preset: Annotated[str, typer.Option(help=PRESET_NAMES)] = "campaign",
     gate: Annotated[str | None, typer.Option(help="covis, b-aware, hyb-h, hyb-o, random, ...")] = None,
     condition: Annotated[str, typer.Option(help=CONDITION_HELP)] = IDEAL,
-    set_: Annotated[
-        list[str] | None, typer.Option("--set", help="PATH=VALUE, e.g. stop.adaptive_budget=4.")
-    ] = None,
+    set_: Overrides = None,
     replicate: Annotated[int, typer.Option(help="Draw of arrival errors and sensor noise.")] = 0,
     out: Annotated[
         Path | None, typer.Option(help="Run directory (default: runs/mission-ROCK-CONDITION-GATE-REPLICATE).")
@@ -82,7 +81,6 @@ def run(
 
     fidelity = fidelity_on(rock, DEFAULT_FIDELITY)
     load(module_of(fidelity))
-
     with working(f"making rock {rock}"):
         load_rock(rock, Store())  # a mistake shows before the progress bar
     with working("flying"):
@@ -104,26 +102,21 @@ def run(
 
 def metrics_table(metrics: dict[str, Any]) -> Table:
     """Both surfaces side by side; over photographs the reference, and what one half of them reaches of the other."""
-    surfaces = [name for name in ("whole", "observable") if name in metrics]
-    ceiling = metrics.get("reference", {}).get("ceiling", {})
-    if ceiling:
-        table = Table("metric", title="Dense cloud against the dense reference; 48 mm are 3 % of the height")
-        table.add_column("mission", justify="right")
-        table.add_column("half against half", justify="right")
-        for key, value in metrics["observable"].items():
-            if isinstance(value, (int, float)):
-                table.add_row(key, f"{value:.1f}", f"{ceiling[key]:.1f}" if key in ceiling else "")
-        for key, value in metrics["kept_out"].items():
-            table.add_row(f"kept out: {key}", "–" if value is None else f"{value:.1f}", "")
-        return table
-    table = Table(title="Dense cloud against ground truth")
-    table.add_column("metric")
-    for name in surfaces:
-        table.add_column(f"{name} surface", justify="right")
-    for key in metrics[surfaces[0]]:
-        values = [metrics[name].get(key) for name in surfaces]
-        if all(isinstance(value, (int, float)) for value in values):
-            table.add_row(key, *(f"{value:.1f}" for value in values))
+    columns = {f"{name} surface": metrics[name] for name in ("whole", "observable") if name in metrics}
+    table = Table("metric", title="Dense cloud against ground truth")
+    if "reference" in metrics:
+        table.title = "Dense cloud against the dense reference; 48 mm are 3 % of the height"
+        kept_out = {f"kept out: {key}": value for key, value in metrics["kept_out"].items()}
+        columns = {
+            "mission": {**metrics["observable"], **kept_out},
+            "half against half": metrics["reference"]["ceiling"],
+        }
+    for name in columns:
+        table.add_column(name, justify="right")
+    for key, first in next(iter(columns.values())).items():
+        if isinstance(first, (int, float)) or key.startswith("kept out"):
+            texts = [column.get(key) for column in columns.values()]
+            table.add_row(key, *("–" if value is None else f"{value:.1f}" for value in texts))
     return table
 
 
@@ -133,14 +126,10 @@ def explain(
     iteration: Annotated[
         int | None, typer.Option(help="All candidates of one step instead; 0 is the first.")
     ] = None,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", help="PATH=VALUE: what would another setting choose at that step?"),
-    ] = None,
-    top: Annotated[int, typer.Option(help="Candidates to show.")] = 10,
+    set_: Overrides = None,
     as_json: AsJson = False,
 ) -> None:
-    """What the gate decided at each step, why, and what would have switched it; --iteration scores one step again.
+    """What the gate decided at each step, why, and what would have switched it; --iteration scores one step again, --set with other values.
 
     Example: gatetune mission explain runs/mine/shown/recommended
     """
@@ -161,7 +150,7 @@ def explain(
         gate = dataclasses.asdict(config.gate)
         answer_json({"mission": mission, "gate": gate, "steps": [decision.to_dict() for decision in found]})
         return
-    items, rankings = explain_state(mission, iteration or 0, parse_overrides(set_ or []), top)
+    items, rankings = explain_state(mission, iteration or 0, parse_overrides(set_ or []))
     for item in items:
         output.print(item)
     answer_json({"mission": mission, "iteration": iteration or 0, "rankings": rankings})
@@ -212,8 +201,7 @@ def view(
     page = out or run / ("view.html" if other is None else f"view-beside-{other.resolve().name}.html")
     with working("writing the page"):
         write_mission_view(runs, page, rock)
-    size_mb = page.stat().st_size / 1e6
-    output.print(f"wrote {page} ({size_mb:.1f} MB)", markup=False, highlight=False, soft_wrap=True)
+    output.print(f"wrote {page}", highlight=False, soft_wrap=True)
 
 
 def _view_campaign(directory: Path) -> None:

@@ -12,9 +12,25 @@ from typing import Annotated, Any
 import typer
 
 from tuner.campaign.declaration import Setting, settings_of
+from tuner.commands.console import only_json
 
 EXECUTION = "Execution"  # panel of the help
 
+Rocks = Annotated[
+    list[str] | None,
+    typer.Option("--rock", help="Rock or mesh file, repeatable (default: the procedural ones)."),
+]
+Conditions = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--condition",
+        help="World to fly in: a name of conditions/ or a YAML file; repeatable (default: the campaign's, or ideal).",
+    ),
+]
+Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="PATH=VALUE for every mission, e.g. stop.adaptive_budget=4; repeatable."),
+]
 Fidelity = Annotated[
     str,
     typer.Option(help="geometric: no photographs, a fraction of the time; it ranks, it does not measure."),
@@ -46,13 +62,14 @@ Unencrypted = Annotated[
         "--unencrypted", help="Allow workers of other machines without TLS.", rich_help_panel=EXECUTION
     ),
 ]
-Quiet = Annotated[
-    bool,
-    typer.Option("--quiet", help="Only the verdict and where the report is.", rich_help_panel=EXECUTION),
-]
 EventsAsJson = Annotated[
     bool,
-    typer.Option("--json", help="One JSON object per event, and nothing else.", rich_help_panel=EXECUTION),
+    typer.Option(
+        "--json",
+        callback=only_json,
+        help="One JSON object per event, and nothing else.",
+        rich_help_panel=EXECUTION,
+    ),
 ]
 MissionAllowed = Annotated[
     Path | None,

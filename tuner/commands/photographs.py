@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+from rich.progress import Progress as RichProgress
 from rich.table import Table
 
 from nbv.errors import UserError
@@ -20,10 +21,8 @@ from tuner.commands.console import (
     local_executor,
     output,
     parse_overrides,
-    progress_bar,
-    ticker,
 )
-from tuner.commands.options import Timeout, Workers
+from tuner.commands.options import Overrides, Timeout, Workers
 
 if TYPE_CHECKING:
     from nbv.photographs import PhotographSet
@@ -31,7 +30,6 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True)
 _MIDDLE = 2  # of the thresholds
-_INTERVAL_S = 10.0  # between two lines where nothing new begins
 
 
 @app.command("import")
@@ -130,7 +128,7 @@ def enough(
             help="Whose recommended gate and scorers fly as the tuned planner (default: our own scorer)."
         ),
     ] = None,
-    set_: Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE for every mission.")] = None,
+    set_: Overrides = None,
     replicates: Annotated[int, typer.Option(help="Of each way at each number, each begun elsewhere.")] = 3,
     workers: Workers = None,
     timeout_s: Timeout = 3600.0,
@@ -171,11 +169,10 @@ def enough(
         f"{sum(plan.missions for plan in plans)} missions; the first takes all photographs and longest",
         soft_wrap=True,
     )
-    with local_executor(plans[0].fidelity, workers, timeout_s) as executor, progress_bar() as bar:
-        runs = []
+    runs = []
+    with local_executor(plans[0].fidelity, workers, timeout_s) as executor:
         for plan, folder in zip(plans, ("all", "few"), strict=True):
-            show = ComparisonProgress(bar, METRIC)
-            with ticker(show.tick):
+            with ComparisonProgress(METRIC) as show:
                 runs.append(run_evaluation(plan, where / folder, executor, show))
     if not all(run.complete for run in runs):
         output.print(f"stopped; the same command goes on in {where}")
@@ -196,12 +193,6 @@ def enough(
     output.print(
         f"all {answer.all_photographs:.0f}: {answer.all_quality:.1f} %; {keep:g} % of that: {answer.asked_quality:.1f} %"
     )
-    for way in answer.curves:
-        first = answer.first_number(way)
-        output.print(
-            f"  {WAYS[way]}: "
-            + ("not at these numbers" if first is None else f"from {first:.0f} on, in the mean")
-        )
     picture = draw_enough(answer, photographs, keep, where / "enough.png")
     if answer.smallest is None:
         output.print(
@@ -245,18 +236,17 @@ def _describe(found: PhotographSet) -> None:
 
 @contextlib.contextmanager
 def _told() -> Iterator[Progress]:
-    """Say what is done: a bar in a terminal, else a line when something new begins and now and then."""
-    last, said_s = "", time.monotonic()
-    with progress_bar() as bar:
+    """Say what is done: a bar in a terminal, else a line when something new begins."""
+    last = ""
+    text = TextColumn("{task.description}", markup=False)  # a photograph's file may have any name
+    with RichProgress(text, BarColumn(), TimeElapsedColumn(), console=output) as bar:
         task = bar.add_task("", total=None)
 
         def progress(what: str, done: int, total: int) -> None:
-            nonlocal last, said_s
+            nonlocal last
             bar.update(task, description=what, completed=done, total=total if total > 1 else None)
-            if not bar.console.is_terminal and (what != last or time.monotonic() - said_s > _INTERVAL_S):
-                count = f", {done} of {total}" if total > 1 and done else ""
-                bar.console.print(f"{what}{count}", soft_wrap=True, highlight=False)
-                said_s = time.monotonic()
+            if not output.is_terminal and what != last:
+                output.print(what, soft_wrap=True, highlight=False)
             last = what
 
         yield progress

@@ -9,15 +9,8 @@ import typer
 
 from tuner.campaign.rock_choice import refuse_held_out, training_rocks
 from tuner.commands.comparison import ComparisonProgress
-from tuner.commands.console import (
-    local_executor,
-    output,
-    parse_overrides,
-    progress_bar,
-    rock_arguments,
-    ticker,
-)
-from tuner.commands.options import Fidelity, Timeout, Workers
+from tuner.commands.console import local_executor, output, parse_overrides, rock_arguments
+from tuner.commands.options import Fidelity, Overrides, Rocks, Timeout, Workers
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -27,19 +20,14 @@ def noise(
     space: Annotated[
         str, typer.Option(help="Search space whose configurations are compared.")
     ] = "gate_and_weights",
-    rocks: Annotated[
-        list[str] | None,
-        typer.Option("--rock", help="Training rock, repeatable (default: the procedural ones)."),
-    ] = None,
+    rocks: Rocks = None,
     configurations: Annotated[int, typer.Option(help="Sobol points of the space.")] = 8,
     replicates: Annotated[int, typer.Option(help="Of every configuration on every rock.")] = 3,
     metrics: Annotated[
         list[str] | None, typer.Option("--metric", help="Repeatable, e.g. observable.f_score_48mm.")
     ] = None,
-    preset: Annotated[str, typer.Option(help="Mission preset.")] = "campaign",
-    set_: Annotated[list[str] | None, typer.Option("--set", help="PATH=VALUE for every mission.")] = None,
+    set_: Overrides = None,
     fidelity: Fidelity = "photogrammetric",
-    seed: Annotated[int, typer.Option(help="Of the Sobol points.")] = 0,
     workers: Workers = None,
     timeout_s: Timeout = 3600.0,
     out: Annotated[Path, typer.Option(help="Directory; the same command goes on where it stopped.")] = Path(
@@ -61,18 +49,14 @@ def noise(
         chosen,
         configurations,
         replicates,
-        base=preset,
         overrides=parse_overrides(set_ or []),
         fidelity=fidelity,
-        seed=seed,
     )
     asked = metrics or METRICS
     executor = local_executor(plan.fidelity, workers, timeout_s, None)
     output.print(f"{plan.missions} missions, {executor.capacity} workers")
-    with executor, progress_bar() as bar:
-        show = ComparisonProgress(bar, asked[0])
-        with ticker(show.tick):
-            run = run_evaluation(plan, out, executor, show)
+    with executor, ComparisonProgress(asked[0]) as show:
+        run = run_evaluation(plan, out, executor, show)
     found = [noise for metric in asked if (noise := analyse(plan, run.records, metric)) is not None]
     output.print(
         noise_table(found) if found else "too few configurations are complete, or none has the metrics"
@@ -91,7 +75,6 @@ def sensitivity(
     metric: Annotated[
         str | None, typer.Option(help="Another metric than the tuned one, e.g. observable.c2c_mean_mm.")
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of fit and sampling.")] = 0,
     out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/sensitivity).")] = None,
 ) -> None:
     """Which parameters matter: Sobol indices of the surrogate, beside Optuna's importances.
@@ -105,7 +88,7 @@ def sensitivity(
         write_sensitivity,
     )
 
-    result = campaign_sensitivity(campaign, metric, seed)
+    result = campaign_sensitivity(campaign, metric)
     output.print(sensitivity_table(result))
     for line in summary_lines(result):
         output.print(line)

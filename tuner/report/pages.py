@@ -11,7 +11,7 @@ import jinja2
 from markupsafe import Markup, escape
 
 from nbv.errors import UserError
-from nbv.mission.run_directory import write_atomic
+from nbv.safe_files import write_atomic
 
 
 @functools.cache

@@ -11,7 +11,6 @@ come out negative, which means about zero.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,8 +23,6 @@ from scipy import stats
 
 from nbv.config import preset
 from nbv.errors import UserError
-from nbv.mission.result import json_ready
-from nbv.mission.run_directory import write_atomic
 from nbv.types import Floats
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
@@ -33,6 +30,7 @@ from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.search_space import SearchSpace
 from tuner.report.labels import format_number, metric_label
 from tuner.samplers.design import sobol_point
+from tuner.studies.writing import terminal_table, write_study
 
 DEFAULT = "default"
 METRICS = (
@@ -51,10 +49,8 @@ def noise_plan(
     configurations: int = 8,
     replicates: int = 3,
     *,
-    base: str = "campaign",
     overrides: Mapping[str, Any] | None = None,
     fidelity: str = DEFAULT_FIDELITY,
-    seed: int = 0,
 ) -> EvaluationPlan:
     """Return what the study flies: the default and Sobol points of the space, on every rock with every replicate.
 
@@ -66,24 +62,22 @@ def noise_plan(
         Training rocks.
     configurations, replicates
         Sobol points of the space, and replicates of each on every rock.
-    base, overrides
-        A preset, and values by parameter path laid over it.
+    overrides
+        Values by parameter path, laid over preset ``campaign``.
     fidelity
         Of the missions.
-    seed
-        Of the Sobol points.
 
     Raises
     ------
     UserError
-        Too few configurations or replicates for a variance; an unknown preset, path or fidelity; no rock.
+        Too few configurations or replicates for a variance; an unknown path or fidelity; no rock.
     """
     if configurations < LEAST_CONFIGURATIONS:
         raise UserError(f"configurations is {configurations}; give at least {LEAST_CONFIGURATIONS}")
     if replicates < LEAST_REPLICATES:
         raise UserError(f"replicates is {replicates}; a variance needs at least {LEAST_REPLICATES}")
-    config = space.base_config(preset(base).with_values(dict(overrides or {})))
-    points = {f"sobol-{i:02d}": sobol_point(space, seed, i) for i in range(configurations)}
+    config = space.base_config(preset("campaign").with_values(dict(overrides or {})))
+    points = {f"sobol-{i:02d}": sobol_point(space, 0, i) for i in range(configurations)}
     named = {DEFAULT: space.default(config), **points}
     strategies = {name: space.config(config, values) for name, values in named.items()}
     return EvaluationPlan(strategies, tuple(rocks), replicates, fidelity=fidelity)
@@ -190,31 +184,22 @@ def _row(found: Noise) -> list[str]:
 
 
 def noise_table(found: Sequence[Noise]) -> Table:
-    """For the terminal, a metric a row; bold where configurations stand out."""
-    table = Table(title="Do configurations differ by more than missions do?")
-    for i, column in enumerate(_COLUMNS):
-        table.add_column(column, justify="right" if i else "left")
-    for noise in found:
-        table.add_row(*_row(noise), style="bold" if noise.signal_to_noise >= WANTED else "")
-    return table
+    """For the terminal, a metric a row."""
+    rows = [_row(noise) for noise in found]
+    return terminal_table("Do configurations differ by more than missions do?", _COLUMNS, rows)
 
 
 def write_noise(plan: EvaluationPlan, found: Sequence[Noise], directory: Path) -> Path:
     """Write ``noise.json`` and ``noise.md``, and return the latter."""
-    write_atomic(directory / "noise.json", json.dumps(json_ready(list(found)), indent=1))
-    lines = [
-        "# How noisy is a mission?",
-        "",
+    return write_study(
+        directory / "noise",
+        list(found),
+        "How noisy is a mission?",
         f"{len(plan.strategies) - 1} configurations and the default on {len(plan.rocks)} rocks "
         f"({', '.join(plan.rocks)}), {plan.replicates} replicates, fidelity {plan.fidelity}.",
-        "",
-        "| " + " | ".join(_COLUMNS) + " |",
-        "|---|" + "---:|" * (len(_COLUMNS) - 1),
-        *("| " + " | ".join(_row(noise)) + " |" for noise in found),
-        "",
+        _COLUMNS,
+        [_row(noise) for noise in found],
         "Signal to noise: the variance between configurations of their true mean over these rocks over the variance of one "
         "configuration's mean, flown once on each. Paired: on common replicates, as campaigns and evaluations compare; "
         f"draws that all configurations share cancel. Wanted: {WANTED:g} or more.",
-    ]
-    write_atomic(directory / "noise.md", "\n".join(lines) + "\n")
-    return directory / "noise.md"
+    )

@@ -6,7 +6,6 @@ variance of the posterior mean over the search space, whose parameters are taken
 
 from __future__ import annotations
 
-import json
 import math
 import warnings
 from collections.abc import Sequence
@@ -22,8 +21,6 @@ from rich.table import Table
 from scipy.stats import qmc, sobol_indices
 
 from nbv.errors import UserError
-from nbv.mission.result import json_ready
-from nbv.mission.run_directory import write_atomic
 from nbv.types import Floats
 from tuner.campaign.campaign import Campaign
 from tuner.problem.objective import Objective, direction_of
@@ -32,12 +29,14 @@ from tuner.problem.search_space import SearchSpace
 from tuner.report.labels import format_number, metric_label, parameter_label
 from tuner.report.style import BLACK, BLUE, SKY, look, new_figure, save_figure
 from tuner.samplers.distributions import distributions
+from tuner.studies.writing import terminal_table, write_study
 from tuner.surrogate.condensed import posterior_means
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import numerics
 
 MEAN_POINTS, DRAW_POINTS = 2048, 128  # per sample, of the posterior mean and of joint draws
 DRAWS = 200
+SEED = 0  # of the fit and of the points
 DOUBTFUL = 0.1  # share of the variance explained below which indices describe a guess
 
 
@@ -75,7 +74,7 @@ class Sensitivity:
         return ""
 
 
-def campaign_sensitivity(directory: Path, metric: str | None = None, seed: int = 0) -> Sensitivity:
+def campaign_sensitivity(directory: Path, metric: str | None = None) -> Sensitivity:
     """Return the sensitivity of a campaign's objective, or of another ``metric`` that its missions have.
 
     Raises
@@ -94,12 +93,10 @@ def campaign_sensitivity(directory: Path, metric: str | None = None, seed: int =
             missions.append(
                 Observation(t.number, t.values, t.rock, t.replicate, outcome, value, condition=t.condition)
             )
-    return sensitivity(campaign.settings.space, missions, objective, seed)
+    return sensitivity(campaign.settings.space, missions, objective)
 
 
-def sensitivity(
-    space: SearchSpace, missions: Sequence[Observation], objective: Objective, seed: int = 0
-) -> Sensitivity:
+def sensitivity(space: SearchSpace, missions: Sequence[Observation], objective: Objective) -> Sensitivity:
     """Fit the surrogate to the missions and take it apart.
 
     Parameters
@@ -110,8 +107,6 @@ def sensitivity(
         Finished missions with an outcome.
     objective
         What the outcomes are of.
-    seed
-        Of the fit and of the points.
 
     Raises
     ------
@@ -123,15 +118,15 @@ def sensitivity(
         raise UserError(
             f"{len(missions)} missions for {d} parameters; fly at least {2 * (d + 1)} before asking what matters"
         )
-    gp = RockMeanGP(space, missions, tuple(dict.fromkeys(o.world for o in missions)), seed)
-    with numerics(seed), torch.no_grad():
-        points = _points(space, MEAN_POINTS, seed)
+    gp = RockMeanGP(space, missions, tuple(dict.fromkeys(o.world for o in missions)), SEED)
+    with numerics(SEED), torch.no_grad():
+        points = _points(space, MEAN_POINTS)
         mean = posterior_means(gp.model, gp.inputs(points)).numpy()
         first, total = (found[0] for found in _indices(mean[None], d))
-        points = _points(space, DRAW_POINTS, seed)
+        points = _points(space, DRAW_POINTS)
         draws = gp.model.posterior(gp.inputs(points)).rsample(torch.Size([DRAWS]))[..., 0].numpy()
         first_95, total_95 = (np.nanpercentile(found, (2.5, 97.5), axis=0).T for found in _indices(draws, d))
-    shares = _optuna_importances(gp, seed)
+    shares = _optuna_importances(gp)
     importances = [
         Importance(
             path,
@@ -155,10 +150,10 @@ def sensitivity(
     )
 
 
-def _points(space: SearchSpace, count: int, seed: int) -> Floats:
+def _points(space: SearchSpace, count: int) -> Floats:
     """((2 + d) count, d) positions: samples A and B, and A with each column from B; integers and choices settle."""
     d = space.dimension
-    sample = qmc.Sobol(2 * d, scramble=True, rng=seed).random(count)
+    sample = qmc.Sobol(2 * d, scramble=True, rng=SEED).random(count)
     a, b = sample[:, :d], sample[:, d:]
     points: Floats = np.concatenate([a, b, *(np.where(np.arange(d) == i, b, a) for i in range(d))])
     for i in space.discrete_dimensions:
@@ -178,7 +173,7 @@ def _indices(values: Floats, d: int) -> tuple[Floats, Floats]:
     return np.where(flat, np.nan, first), np.where(flat, np.nan, total)
 
 
-def _optuna_importances(gp: RockMeanGP, seed: int) -> dict[str, float]:
+def _optuna_importances(gp: RockMeanGP) -> dict[str, float]:
     """Optuna's importances of standardised outcomes, by path; empty where it finds nothing to attribute."""
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     study, known = optuna.create_study(direction="maximize"), distributions(gp.space)
@@ -221,12 +216,7 @@ def _rows(result: Sensitivity) -> list[list[str]]:
 
 def sensitivity_table(result: Sensitivity) -> Table:
     """For the terminal, most important parameter first."""
-    table = Table(title=f"What matters for {metric_label(result.metric).full}")
-    for i, column in enumerate(_COLUMNS):
-        table.add_column(column, justify="right" if i else "left")
-    for row in _rows(result):
-        table.add_row(*row)
-    return table
+    return terminal_table(f"What matters for {metric_label(result.metric).full}", _COLUMNS, _rows(result))
 
 
 def summary_lines(result: Sensitivity) -> list[str]:
@@ -244,27 +234,21 @@ def summary_lines(result: Sensitivity) -> list[str]:
 
 def write_sensitivity(result: Sensitivity, directory: Path) -> Path:
     """Write ``sensitivity.json``, ``sensitivity.md`` and ``importance.png``, and return the second."""
-    directory.mkdir(parents=True, exist_ok=True)
-    write_atomic(directory / "sensitivity.json", json.dumps(json_ready(result), indent=1))
-    save_figure(importance_figure(result), directory, "importance")
-    lines = [
-        f"# What matters for {metric_label(result.metric).full}",
-        "",
-        *(f"{line}  " for line in summary_lines(result)),
-        "",
-        "| " + " | ".join(_COLUMNS) + " |",
-        "|---|" + "---:|" * (len(_COLUMNS) - 1),
-        *("| " + " | ".join(row) + " |" for row in _rows(result)),
-        "",
+    path = write_study(
+        directory / "sensitivity",
+        result,
+        f"What matters for {metric_label(result.metric).full}",
+        "  \n".join(summary_lines(result)),
+        _COLUMNS,
+        _rows(result),
         "Sobol indices of the surrogate's posterior mean: the share of its variance over the search space that a "
         "parameter explains alone (first order) and with all its interactions (total). Intervals are of posterior draws, "
         "which vary in more ways than the mean does: where missions are few its index may lie outside. Optuna's "
-        "importances (PED-ANOVA) are of the missions without the surrogate and sum to 1.",
-        "",
+        "importances (PED-ANOVA) are of the missions without the surrogate and sum to 1.\n\n"
         "![importance](importance.png)",
-    ]
-    write_atomic(directory / "sensitivity.md", "\n".join(lines) + "\n")
-    return directory / "sensitivity.md"
+    )
+    save_figure(importance_figure(result), directory, "importance")
+    return path
 
 
 def importance_figure(result: Sensitivity) -> Figure:

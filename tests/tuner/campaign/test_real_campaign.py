@@ -67,7 +67,7 @@ def test_interrupt_resume_evaluate(tmp_path):
     refused = gatetune(tmp_path, "evaluate", "runs/tiny", "--rock", "boulder")
     assert refused.returncode == 2
     assert "tuned on" in refused.stderr
-    against = "--rock mushroom --replicates 1 --against covis --reference covis"
+    against = "--rock mushroom --replicates 1 --against covis"
     run = gatetune(tmp_path, "evaluate", "runs/tiny", *against.split())
     assert run.returncode == 0, run.stdout + run.stderr
     assert "F-score" in run.stdout

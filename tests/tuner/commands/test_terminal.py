@@ -15,14 +15,17 @@ import pytest
 import typer
 from rich.console import Console
 
+from nbv.config import preset
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
 from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
 from tuner.commands import console, evaluate
 from tuner.commands.campaign_display import LINE, CampaignProgress, event_line, mission_line
+from tuner.commands.comparison import ComparisonProgress
+from tuner.evaluation.flying import EvaluationEvent
 from tuner.evaluation.plan import EvaluationPlan
-from tuner.missions.job import Trial
+from tuner.missions.job import MissionJob, Trial
 from tuner.missions.progress import Progress
 from tuner.problem.space_files import load_search_space
 
@@ -43,13 +46,10 @@ def event(kind: Any = "finished", **changes: Any) -> CampaignEvent:
     return CampaignEvent(kind, 2.0, 3, 9, Trial(number=11, **{**fields, **changes}))
 
 
-def test_a_mission_has_one_line_that_tells_scorers_apart() -> None:
-    line = mission_line(event(), SETTINGS)
+def test_a_mission_has_one_line() -> None:
+    line = mission_line(event(why={"phase": "model"}), SETTINGS)
     assert len(line) <= LINE and line.startswith("#012 a ")
-    assert "81.23" in line and " C." in line
-    few = {**SETTINGS.default_values(), "b_aware.weights.nov": 0.5}
-    assert mission_line(event(values=few), SETTINGS).endswith("B.nov 0.5")
-    assert mission_line(event(values=SETTINGS.default_values()), SETTINGS).endswith("the default")
+    assert "81.23" in line and line.endswith("model")
     assert "degraded" in mission_line(event(status="degraded"), SETTINGS)
     failed = mission_line(event("failed", raw=None, reason="lost", message="long\n" * 40), SETTINGS)
     assert "failed: lost" in failed and len(failed) <= LINE and "\n" not in failed
@@ -67,40 +67,31 @@ def test_a_pipe_hears_what_takes_long(
     monkeypatch.setattr(console, "_SLOW_S", 0.05)
     with console.working("at once"):
         pass
-    with console.working("nobody asked", silent=True):
-        time.sleep(0.2)
     with console.working("writing the report"):
         time.sleep(0.3)
     assert capsys.readouterr().out == "writing the report\n"
 
 
-def test_a_pipe_hears_what_flies(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(console, "_INTERVAL_S", -1.0)  # always due
+def test_the_bar_says_what_flies(tmp_path: Path) -> None:
     (tmp_path / "2").mkdir()
     Progress(tmp_path / "2")("dense", {})
-    show = CampaignProgress(console.progress_bar(), SETTINGS, tmp_path)
+    show = CampaignProgress(SETTINGS, tmp_path)
     for number in (1, 2, 3):
         launched = event("launched").trial
         assert launched is not None
         trial = replace(launched, number=number, directory=f"{number}")
         show(CampaignEvent("launched", 1.0, 0, 9, trial))
-    last = capsys.readouterr().out.splitlines()[-1]
-    assert last == "0/9, flies a r1, a r1 (dense cloud) and 1 more"
+    assert show.now() == "0/9, flies a r1, a r1 (dense cloud) and 1 more"
+    show(event("finished"))
+    assert show.now().startswith("3/9")
 
 
-def test_a_pipe_hears_a_line_again_when_it_changes(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(console, "_INTERVAL_S", -1.0)  # always due
-    show = console.FlightProgress(console.progress_bar(), 9)
-    for show.counts in ("1/9", "1/9", "1/9", "2/9", "2/9"):
-        show.tick()
-    assert capsys.readouterr().out.splitlines() == ["1/9", "2/9"]
-    monkeypatch.setattr(console, "_REPEAT_S", 0.0)
-    show.tick()
-    assert capsys.readouterr().out.splitlines() == ["2/9"]
+def test_an_evaluations_mission_tells_its_metric(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    job = MissionJob("tuned/a", preset("campaign"), "slab", 0, tmp_path / "a")
+    trial = job.trial(status="ok", measured_then={"costs": {"images": 26.0}})
+    with ComparisonProgress("costs.images") as show:
+        show(EvaluationEvent("finished", 1.0, 1, 1, job, trial))
+    assert "costs.images 26.00" in capsys.readouterr().out
 
 
 def test_a_cluster_without_workers_says_that_missions_wait() -> None:
@@ -108,11 +99,11 @@ def test_a_cluster_without_workers_says_that_missions_wait() -> None:
     assert said == ["no worker yet: missions wait for the first", "1 worker", "64 workers"]
 
 
-def test_a_rocks_name_is_no_markup(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_rocks_name_is_no_markup(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     screen = Console(force_terminal=True, width=80, file=io.StringIO())
     monkeypatch.setattr(console, "output", screen)
-    with console.working("making rock [/]odd.obj"), console.progress_bar() as bar:
-        bar.add_task("[/]odd r0")
+    with console.working("making rock [/]odd.obj"), console.FlightProgress(1) as bar:
+        bar.took_off("1", "[/]odd r0", tmp_path)
     assert "[/]odd r0" in screen.file.getvalue()  # type: ignore[attr-defined]
 
 
@@ -122,7 +113,7 @@ def test_confirm_flies_both_with_replicates_nobody_has_flown(
     space = load_search_space("gate")
     run = fake_campaigns.run(tmp_path / "run", space=space, sampler="sobol", budget=8, replicates=2)
     plans: list[EvaluationPlan] = []
-    monkeypatch.setattr(evaluate, "compare", lambda plan, *_, **__: plans.append(plan))
+    monkeypatch.setattr(evaluate, "compare", lambda *_, asked, **__: plans.append(asked.plan))
     code, out, _ = gatetune("confirm", run.directory)
     assert code == 0 and "keep the default: there is nothing to confirm" in out and not plans
     better = replace(run.recommendation(), values=run.trials()[-1].values)  # type: ignore[type-var]

@@ -12,7 +12,7 @@ import yaml
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
-from nbv.mission.run_directory import write_atomic
+from nbv.safe_files import write_atomic
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.problem.search_space import Parameter, SearchSpace

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from nbv.mission.run_directory import write_atomic
 from nbv.provenance import versions
+from nbv.safe_files import write_atomic
 from tuner.evaluation.baselines import description, sees_ground_truth
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import ComparisonTable

@@ -16,10 +16,11 @@ from nbv.types import CandidatePool, Ranking
 from tuner.report.mission.run_files import planned_config
 
 TERMS = ("main", "nov", "move", "ang")
+TOP = 10  # candidates per scorer
 
 
 def explain_state(
-    mission: Path, iteration: int, overrides: Mapping[str, Any], top: int
+    mission: Path, iteration: int, overrides: Mapping[str, Any]
 ) -> tuple[list[Table | str], dict[str, list[dict[str, Any]]]]:
     """The rankings of one state, by the paper's two scorers and by what the gate flies: to be read, and as data.
 
@@ -31,8 +32,6 @@ def explain_state(
         Which state, from 0.
     overrides
         Values by parameter path, laid over the mission's configuration.
-    top
-        Candidates per scorer.
 
     Raises
     ------
@@ -61,19 +60,19 @@ def explain_state(
     flown = [name for name in (config.gate.kind, config.gate.geometry_scorer) if name in SCORERS]
     for name in dict.fromkeys([*rankings, *flown]):
         weights = find_scorer(name).weights(config)
-        said.append(_ranking_table(name, rankings[name], pool, weights, top))
+        said.append(_ranking_table(name, rankings[name], pool, weights))
         data[name] = [
             {
                 "candidate": pool.ids[index],
                 "score": float(rankings[name].scores[index]),
                 **{term: float(rankings[name].terms[term][index]) for term in TERMS},
             }
-            for index in rankings[name].order[:top]
+            for index in rankings[name].order[:TOP]
         ]
     return said, data
 
 
-def _ranking_table(title: str, ranking: Ranking, pool: CandidatePool, weights: Weights, top: int) -> Table:
+def _ranking_table(title: str, ranking: Ranking, pool: CandidatePool, weights: Weights) -> Table:
     table = Table(
         title=f"{title}: S = {weights.main:g} main + {weights.nov:g} nov - {weights.move:g} move - "
         f"{weights.ang:g} ang"
@@ -81,7 +80,7 @@ def _ranking_table(title: str, ranking: Ranking, pool: CandidatePool, weights: W
     # In full on a terminal of 80 columns: names of candidates are what one looks up.
     for column in ("#", "candidate", "elev.", "azim.", *TERMS, "score"):
         table.add_column(column, justify="right", no_wrap=True)
-    for rank, index in enumerate(ranking.order[:top]):
+    for rank, index in enumerate(ranking.order[:TOP]):
         table.add_row(
             str(rank + 1),
             pool.ids[index],
