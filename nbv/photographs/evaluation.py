@@ -5,7 +5,7 @@ height. Cloud and reference are scaled to that height before they are compared.
 
 The cloud is registered first (`nbv.evaluation.registration`): it lies where the alignment with telemetry has put it. Of
 the cloud only what lies within `MARGIN` of the reference's box and not below it counts, as in Tanks and Temples: the rest
-of the room is not the object. No plane of the ground is sought: the reference has been taken off its ground, and on a low
+of the room is not the object; nor is what most masks of the set say is not. No plane of the ground is sought: the reference has been taken off its ground, and on a low
 object what is left of it may be a plane itself (a quarter of a mound of sand went that way).
 """
 
@@ -23,13 +23,15 @@ from nbv.evaluation.ground_truth import GroundTruthSamples
 from nbv.evaluation.metrics import compute_metrics
 from nbv.evaluation.registration import register_cloud
 from nbv.geometry.neighbours import nearest_neighbours
+from nbv.photographs.object_frame import IN_MASK
 from nbv.photographs.photograph_set import THRESHOLD_FRACTIONS, PhotographSet, Reference
 from nbv.random_streams import keyed_rng
 from nbv.rocks import DEFAULT_HEIGHT_M
-from nbv.types import Cloud, Floats, PointCloud
+from nbv.types import Bools, Cloud, Floats, PointCloud
 
 MARGIN = 0.1  # of the height, about the reference's box
 REACHES = (0.125, 0.06, 0.03)  # of correspondences, of the height: 0.2, 0.1 and 0.05 of a rock of 1.6 m
+MASKS = 16  # of a set are asked, evenly picked
 LOOSE = 0.048  # of the height
 _CLEANING_SEED = 0
 
@@ -57,6 +59,7 @@ def measure_cloud(
     found = register_cloud(_within(cleaned, low, high).points_m, truth_m, reaches_m)
     moved = PointCloud(found.apply(cleaned.points_m), cleaned.colors, cleaned.normals)
     moved = _within(moved, low, high)
+    moved = select(moved, in_masks(moved.points_m, photographs))
     if len(moved) == 0:
         raise MissionFailure("empty_cloud", "no dense point lies near the reference")
     scale = DEFAULT_HEIGHT_M / photographs.height_m
@@ -89,6 +92,24 @@ def ceiling(photographs: PhotographSet) -> dict[str, float]:
 def _within(cloud: Cloud, low_m: Floats, high_m: Floats) -> PointCloud:
     inside = (cloud.points_m >= low_m) & (cloud.points_m <= high_m)
     return select(cloud, np.all(inside, axis=1))
+
+
+def in_masks(points_m: Floats, photographs: PhotographSet) -> Bools:
+    """(N,) which points (N, 3) lie on the object in half of the masks that show them; all where the set has none."""
+    masked = [p for p in photographs.registered if p.masked]
+    outside, shown = np.zeros(len(points_m)), np.zeros(len(points_m))
+    camera = photographs.camera
+    for photograph in masked[:: max(1, len(masked) // MASKS)]:
+        mask, pose = photographs.mask(photograph.name), photograph.camera_from_world
+        assert mask is not None and pose is not None
+        seen_m = points_m @ pose[:3, :3].T + pose[:3, 3]
+        at_px = camera.focal_px * seen_m[:, :2] / seen_m[:, 2:] + [camera.width_px / 2, camera.height_px / 2]
+        there = (seen_m[:, 2] > 0) & (at_px >= 0).all(axis=1) & (at_px < mask.shape[::-1]).all(axis=1)
+        column, row = at_px[there].astype(int).T
+        shown += there
+        outside[there] += ~mask[row, column]
+    inside: Bools = outside <= (1.0 - IN_MASK) * shown
+    return inside
 
 
 def _picked(points_m: Floats, count: int, key: str) -> Floats:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from photographed_ball import CAMERA, CENTRE_M, places, spread, write_set
+from PIL import Image
 
 from nbv.config import preset
 from nbv.errors import MissionFailure, UserError
@@ -158,6 +160,28 @@ def test_the_reference_itself_scores_everything_wherever_it_lies(grey_set: Photo
     # A ball of 1.6 m is complete as far as 48 mm beyond its middle: (0.8 + 0.048) / 1.6 of its surface (Archimedes).
     assert metrics["observable"]["completeness_48mm"] == pytest.approx(53.0, abs=1.0)
     assert metrics["reference"]["completeness_at_4_8_percent"] > metrics["observable"]["completeness_48mm"]
+
+
+def test_what_masks_say_is_not_the_object_does_not_count(grey_set: PhotographSet) -> None:
+    reference = grey_set.reference()
+    plinth = np.column_stack(
+        [np.random.default_rng(0).uniform(-0.7, 0.7, (20_000, 2)), np.full(20_000, 0.25)]
+    )
+    cloud = PointCloud(np.concatenate([reference.points_m, plinth]), None, None)
+    before = measure_cloud(cloud, grey_set, reference, PAPER.evaluation)[0]["whole"]
+    v, u = np.indices((CAMERA.height_px, CAMERA.width_px))
+    radius_px = CAMERA.focal_px * (grey_set.height_m / 2) / 3.4
+    disc = (
+        np.hypot(u - CAMERA.width_px / 2, v - CAMERA.height_px / 2) < radius_px
+    )  # the ball, seen from 3.5 m
+    for photograph in grey_set.photographs:
+        Image.fromarray(disc.astype(np.uint8) * 255).save(
+            grey_set.folder / "masks" / f"{photograph.name}.png"
+        )
+    masked = replace(grey_set, photographs=tuple(replace(p, masked=True) for p in grey_set.photographs))
+    after = measure_cloud(cloud, masked, reference, PAPER.evaluation)[0]["whole"]
+    assert before["accuracy_48mm"] < 80.0 and after["accuracy_48mm"] > 99.0
+    assert after["completeness_48mm"] > 99.0
 
 
 def test_a_tenth_is_kept_out_by_content(grey_set: PhotographSet) -> None:
