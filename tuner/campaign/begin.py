@@ -7,24 +7,19 @@ import datetime
 import uuid
 from pathlib import Path
 
-from nbv.checksums import require_checksum
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
-from nbv.safe_files import parse_yaml
 from tuner.campaign.campaign import LEARNED_FILE, Campaign, sampler_of
-from tuner.campaign.ledger import Ledger, kept_files
+from tuner.campaign.ledger import Ledger
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import (
     FORMAT_VERSION,
     SETTINGS_FILE,
     read_settings,
-    settings_text,
-    without_storage,
     write_settings,
 )
 from tuner.campaign.transfer import learn_from
 from tuner.missions.external.trust import trust
-from tuner.problem.secrets import require_no_password
 
 
 def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
@@ -73,46 +68,11 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
                 with contextlib.suppress(OSError):  # not empty: somebody else's
                     directory.rmdir()
             raise
-        files = {SETTINGS_FILE: settings_text(without_storage(tree))}
-        if learned is not None:
-            files[LEARNED_FILE] = learned.to_json()
-        ledger.keep_files(files)
         if settings.mission is not None:
             trust(identity, settings.mission)
     except OSError as error:
         raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error
     return Campaign(directory, settings, ledger, identity)
-
-
-def adopt_campaign(directory: Path, storage: str) -> None:
-    """Make the run directory of a campaign whose coordinator was on another machine; nothing where that was done.
-
-    ``directory`` is named after the campaign; ``storage`` is the database with its ledger.
-
-    Raises
-    ------
-    UserError
-        The database cannot be used or has no such campaign; the directory cannot be written or has another ledger.
-    """
-    require_no_password(storage)
-    if (directory / SETTINGS_FILE).exists():
-        if (own := read_settings(directory)[0]["storage"]) != storage:
-            raise UserError(
-                f"the ledger of {directory} is {own or 'a file in it'}, not {storage}; leave --ledger out, or name another "
-                "directory"
-            )
-        return
-    files = kept_files(storage, directory.resolve().name, directory)
-    tree = parse_yaml(files.pop(SETTINGS_FILE), f"{SETTINGS_FILE} in {storage}")
-    require_checksum(tree, f"{SETTINGS_FILE} in {storage}")
-    tree["settings"]["storage"] = storage
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        if LEARNED_FILE in files:
-            write_atomic(directory / LEARNED_FILE, files[LEARNED_FILE])
-        write_settings(directory, tree)
-    except OSError as error:
-        raise UserError(f"cannot write to {directory}: {error.strerror}; choose another directory") from error
 
 
 def _is_leftover(path: Path) -> bool:

@@ -9,7 +9,7 @@ from pathlib import Path
 from nbv.errors import UserError
 from nbv.safe_files import read_yaml
 from tuner.campaign.campaign import Campaign
-from tuner.campaign.settings_file import SETTINGS_FILE, settings_text, without_storage, write_settings
+from tuner.campaign.settings_file import SETTINGS_FILE, write_settings
 from tuner.missions.long_runs import exclusive
 
 
@@ -52,7 +52,6 @@ def extend_campaign(
             when = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
             tree.setdefault("extensions", []).append({"when": when, "from": old.budget, "to": budget})
             write_settings(directory, tree)
-            campaign.ledger.keep_files({SETTINGS_FILE: settings_text(without_storage(tree))})
     except OSError as error:
         raise UserError(f"cannot write {path}: {error.strerror}; make room, then resume") from error
     return Campaign.open(directory, fidelity=fidelity, mission=mission)

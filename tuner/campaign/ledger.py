@@ -34,20 +34,9 @@ if TYPE_CHECKING:
     from tuner.campaign.settings import CampaignSettings
 
 T = TypeVar("T")
-_CAMPAIGN_ID, _FILES = "campaign_id", "files"
+_CAMPAIGN_ID = "campaign_id"
 _END = "end"  # a trial's attribute: how the mission ended
 _ENDING = ("status", "message", "rock_sha256", "checksum")  # of it, as in `Trial`
-
-
-def kept_files(storage: str, name: str, directory: Path) -> dict[str, str]:
-    """Return what `Ledger.keep_files` kept of the campaign ``name``; ``UserError`` where the database has no such campaign."""
-    try:
-        study = optuna.load_study(study_name=name, storage=open_storage(storage, directory, must_exist=True))
-        return dict(study.user_attrs[_FILES])
-    except KeyError as error:
-        raise UserError(
-            f"that ledger has no campaign {name!r} to go on with; name the directory after it"
-        ) from error
 
 
 class Ledger:
@@ -263,12 +252,6 @@ class Ledger:
 
     def _patiently(self, step: Callable[[bool], T]) -> T:
         return patiently(self._shown, step, self.pause)
-
-    def keep_files(self, files: Mapping[str, str]) -> None:
-        """Keep these of the run directory's files beside the missions of a database, for a coordinator on another machine."""
-        if self._lock is not None:
-            kept = {**self._study.user_attrs.get(_FILES, {}), **files}
-            patiently(self._shown, lambda _: self._study.set_user_attr(_FILES, kept))
 
     # -- reading ---------------------------------------------------------------------------------------------
 

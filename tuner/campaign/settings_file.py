@@ -152,18 +152,9 @@ def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
 
 
 def write_settings(directory: Path, tree: Mapping[str, Any]) -> None:
-    """``campaign.yaml`` with a checksum; ``OSError`` where it cannot be written."""
-    write_atomic(directory / SETTINGS_FILE, settings_text(tree))
-
-
-def without_storage(tree: Mapping[str, Any]) -> dict[str, Any]:
-    """``tree`` as a ledger keeps it: whoever goes on with the campaign says where that ledger is."""
-    return {**tree, "settings": {**tree["settings"], "storage": None}}
-
-
-def settings_text(tree: Mapping[str, Any]) -> str:
-    """Return the text of ``campaign.yaml``."""
-    return yaml.safe_dump(with_checksum(tree), sort_keys=False, allow_unicode=True)
+    """Write ``campaign.yaml`` with a checksum; ``OSError`` where it cannot be written."""
+    text = yaml.safe_dump(with_checksum(tree), sort_keys=False, allow_unicode=True)
+    write_atomic(directory / SETTINGS_FILE, text)
 
 
 def _check_format(tree: Mapping[str, Any], path: Path) -> None:

@@ -146,12 +146,6 @@ def resume(
         str | None, typer.Option(help="Only where the campaign has a module:function of yours: that one.")
     ] = None,
     mission: MissionAllowed = None,
-    ledger: Annotated[
-        str | None,
-        typer.Option(
-            help="URL of the database with the ledger, to go on with a campaign of another machine here."
-        ),
-    ] = None,
     accept_changes: Annotated[
         bool, typer.Option("--accept-changes", help="Rocks or code changed since: go on all the same.")
     ] = False,
@@ -162,10 +156,6 @@ def resume(
     Example: gatetune campaign resume runs/mine --missions 64
     """
     output.print(f"campaign in {directory}")  # before what takes seconds to load
-    if ledger is not None:
-        from tuner.campaign.begin import adopt_campaign
-
-        adopt_campaign(directory, ledger)
     load("tuner.campaign.session")
     from tuner.campaign.campaign import Campaign
     from tuner.campaign.extension import extend_campaign
