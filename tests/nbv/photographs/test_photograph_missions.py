@@ -164,9 +164,8 @@ def test_the_reference_itself_scores_everything_wherever_it_lies(grey_set: Photo
 
 def test_what_masks_say_is_not_the_object_does_not_count(grey_set: PhotographSet) -> None:
     reference = grey_set.reference()
-    plinth = np.column_stack(
-        [np.random.default_rng(0).uniform(-0.7, 0.7, (20_000, 2)), np.full(20_000, 0.25)]
-    )
+    angle, radius = np.random.default_rng(0).uniform([[0.0], [0.8]], [[2 * np.pi], [0.9]], (2, 20_000))
+    plinth = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(20_000, 0.25)])
     cloud = PointCloud(np.concatenate([reference.points_m, plinth]), None, None)
     before = measure_cloud(cloud, grey_set, reference, PAPER.evaluation)[0]["whole"]
     v, u = np.indices((CAMERA.height_px, CAMERA.width_px))
