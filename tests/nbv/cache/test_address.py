@@ -64,16 +64,6 @@ def test_every_import_of_the_code_is_in_its_digest(maker):
                 assert name in found or f"{name}.__init__" in found, f"{module} imports {name}"
 
 
-def test_a_package_stands_for_all_of_its_files():
-    files = {f"nbv.scene.{path.stem}" for path in (ROOT / "nbv" / "scene").glob("*.py")}
-    assert files <= imported_modules("nbv.scene")
-
-
-def test_unknown_code_is_a_mistake():
-    with pytest.raises(ValueError, match="no module"):
-        code_digest("nbv.scenery")
-
-
 def test_other_code_or_libraries_or_inputs_are_another_address(monkeypatch):
     first = address("nbv.geometry.sampling", 1)
     assert address("nbv.geometry.sampling", 1) == first
@@ -109,10 +99,3 @@ def test_without_a_store_everything_is_made():
     for _ in range(2):
         remember(None, "things", lambda: made.append(1) or {}, code="nbv.geometry", inputs=[])
     assert len(made) == 2
-
-
-def test_a_failure_is_not_kept(tmp_path):
-    store = Store(tmp_path)
-    with pytest.raises(ZeroDivisionError):
-        remember(store, "things", lambda: {"i": np.array(1 // 0)}, code="nbv.geometry", inputs=[])
-    assert store.info() == []

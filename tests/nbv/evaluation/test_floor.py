@@ -91,15 +91,6 @@ def test_no_real_cloud_beats_the_floor_by_more_than_a_voxel(standing_box):
     assert worse["hausdorff_gt_to_cloud_mm"] > worse["hausdorff_gt_to_cloud_floor_mm"] + 100
 
 
-def test_floors_stand_beside_the_scores_and_change_none(standing_box):
-    _, _, _, truth, floors = standing_box
-    cloud = PointCloud(truth.points_m[::3])
-    without = compute_metrics(cloud, truth, EvaluationConfig())
-    given = compute_metrics(cloud, truth, EvaluationConfig(), floors=floors)
-    for surface in ("whole", "observable"):
-        assert given[surface] == {**without[surface], **floors[surface]} and len(floors[surface]) == 3
-
-
 def test_nothing_observable_has_no_floor():
     vertices, faces = box(1.0, 0.02)  # all of it is taken for ground
     cameras = dome_of_cameras()

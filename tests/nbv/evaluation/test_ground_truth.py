@@ -5,7 +5,6 @@ import open3d as o3d
 import pytest
 
 from nbv.evaluation.ground_truth import (
-    GroundTruthSamples,
     observable_mask,
 )
 from nbv.geometry.sampling import sample_surface
@@ -64,8 +63,3 @@ def test_order_of_cameras_does_not_matter():
     first = observable_mask(vertices, faces, points, normals, cameras)
     assert np.array_equal(first, observable_mask(vertices, faces, points, normals, shuffled))
     assert 0.3 < first.mean() < 0.95
-
-
-def test_empty_samples_are_refused():
-    with pytest.raises(ValueError, match="non-empty"):
-        GroundTruthSamples(np.empty((0, 3)), np.empty((0, 3)), np.empty(0, bool))

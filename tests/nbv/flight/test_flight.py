@@ -108,14 +108,6 @@ def test_detour_between_opposite_low_views() -> None:
     assert sum(leg.duration_s for leg in legs) > fly_straight(start, end, LIMITS).duration_s
 
 
-def test_clear_knows_the_cylinders_height() -> None:
-    assert clear((-3, 0, 2.3), (3, 0, 2.3), TARGET, 1.3, 2.2)
-    assert not clear((-3, 0, 2.1), (3, 0, 2.1), TARGET, 1.3, 2.2)
-    assert clear((-3, 1.31, 1.0), (3, 1.31, 1.0), TARGET, 1.3, 2.2)
-    assert clear((-3, 0, 1.0), (-1.4, 0, 1.0), TARGET, 1.3, 2.2)  # stops short
-    assert clear((-3, 0, 1.0), (1.0, 0, 12.0), TARGET, 1.3, 2.2)  # above 2.2 m before it gets there
-
-
 def test_arrival_error_is_within_tolerance_and_spread() -> None:
     viewpoints = raw_candidates(MissionConfig())
     errors = np.array(
@@ -174,12 +166,6 @@ def test_a_mission_adds_up() -> None:
     chords = np.linalg.norm(np.diff(samples[:, 1:4], axis=0), axis=1).sum()
     assert chords == pytest.approx(flight.path_length_m, rel=1e-6)
     assert segment_distance(samples, 1.7) > 1.0  # nowhere near the rock
-
-
-def test_hovering_takes_time_only() -> None:
-    flight = Flight(MissionConfig(), "rock", 0)
-    flight.hover(3.5)
-    assert flight.flight_time_s == 3.5 and flight.path_length_m == 0.0
 
 
 def test_energy_is_that_of_hovering_and_more_in_a_climb() -> None:

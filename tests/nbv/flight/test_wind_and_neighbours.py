@@ -26,13 +26,6 @@ def test_a_long_leg_takes_its_length_over_the_ground_speed() -> None:
         assert windy - calm == pytest.approx(400 / speed - 400 / 5.0, abs=2.0)
 
 
-def test_without_wind_nothing_changes() -> None:
-    calm = WindConfig()
-    assert mean_wind_m_s(calm, "rock", 0) == (0.0, 0.0)
-    assert fly_straight(*EAST, LIMITS, (0.0, 0.0)) == fly_straight(*EAST, LIMITS)
-    assert not sway_m(calm, "rock", 0, "seed_00").any()
-
-
 def test_the_wind_blows_one_way_all_through_a_replicate() -> None:
     wind = WindConfig(mean_speed_m_s=3.0)
     drawn = {mean_wind_m_s(wind, "rock", replicate) for replicate in range(6)}

@@ -56,11 +56,6 @@ def test_features_are_what_they_say() -> None:
     assert features["mean_reprojection_px"] == pytest.approx(s.model.reprojection_error_px[:3].mean())
 
 
-def test_features_do_not_see_weights() -> None:
-    heavy = MissionConfig().with_values({"covis.weights.nov": 2.0, "b_aware.weights.ang": 0.01})
-    assert gate_features(state(), heavy) == gate_features(state(), MissionConfig())
-
-
 def test_features_of_an_empty_box() -> None:
     with pytest.raises(MissionFailure) as failure:
         gate_features(state(points=np.full((3, 3), 40.0)), MissionConfig())
@@ -76,14 +71,6 @@ def test_walks_the_tree(tmp_path: Path) -> None:
     assert late.ranking is both["covis"] and "mean_track_length 5 > 3" in late.reason
     weak = gate.decide(state(used=21, lengths=np.full(50, 2)), candidates, both)
     assert weak.ranking is both["b-aware"] and weak.details["features"]["mean_track_length"] == 2
-
-
-def test_a_single_leaf_is_a_policy(tmp_path: Path) -> None:
-    gate = gate_for(
-        tmp_path, {"type": "decision_tree", "version": 1, "root": {"scorer": "covis", "probability": 1}}
-    )
-    both = rankings(0, 1, len(pool()))
-    assert gate.decide(state(), pool(), both).ranking is both["covis"]
 
 
 @pytest.mark.parametrize(

@@ -60,28 +60,6 @@ def test_the_order_of_views_does_not_matter(seed, order):
     assert grouped(forward, 2, range(7)) == grouped(shuffled, 2, order)
 
 
-def test_matches_counts_landmarks_that_join():
-    toward = np.tile([0.0, 0.0, 1.0], (3, 1))
-    away = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    tracks = Tracks(np.full(3, np.cos(0.5)), 2)
-    assert add(tracks, toward, np.array([True, True, False])) == 0
-    # The second landmark looks different from there, the third is new.
-    assert add(tracks, away, np.array([True, True, True])) == 1
-
-
-def test_a_copy_goes_its_own_way():
-    directions, detected, limit = random_views(3, 4, 6)
-    tracks = Tracks(limit, 2)
-    for v in range(2):
-        add(tracks, directions[v], detected[v])
-    before = grouped(tracks, 2, range(4))
-    other = tracks.copy(4)
-    for v in (2, 3):
-        add(other, directions[v], detected[v])
-    assert grouped(tracks, 2, range(4)) == before
-    assert other.n_views == 4
-
-
 def test_a_view_that_is_dropped_leaves_its_place_to_the_next():
     directions, detected, limit = random_views(5, 4, 8)
     tracks, without = Tracks(limit, 4), Tracks(limit, 4)

@@ -66,12 +66,6 @@ def test_grazing_views_and_faint_texture_reconstruct_less():
     assert all(a > b for a, b in pairwise(by_contrast)) and by_contrast[-1] == 0.0
 
 
-def test_a_pair_at_unlike_slants_matches_less():
-    like = probability([0, 20], incidence_deg=[[40.0], [40.0]])[0]
-    unlike = probability([0, 20], incidence_deg=[[20.0], [56.0]])[0]
-    assert unlike < like
-
-
 @settings(max_examples=25)
 @given(seed=st.integers(0, 10_000), n=st.integers(2, 20))
 def test_partners_and_witnesses_are_those_of_the_dense_stage(seed, n):
@@ -89,14 +83,6 @@ def test_partners_and_witnesses_are_those_of_the_dense_stage(seed, n):
         assert [f"{j:02d}" for j in partner[i][usable[i]]] == expected
         expected = choose_witnesses(f"{i:02d}", poses, target, config.consistency_views)
         assert {f"{j:02d}" for j in np.flatnonzero(witnesses[i])} == set(expected)
-
-
-def test_what_no_view_sees_is_never_reconstructed():
-    seen = np.ones((7, 3), dtype=bool)
-    seen[:, 1] = False
-    chance = probability([0, 8, 16, 24, 32, 40, 48], seen=seen)
-    assert chance[1] == 0.0
-    assert chance[0] > 0.9
 
 
 def test_reach_takes_the_best_neighbour_within_the_threshold():

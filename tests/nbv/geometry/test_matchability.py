@@ -6,13 +6,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nbv.config import DenseConfig
 from nbv.geometry.matchability import (
     matchable_views,
     matchable_views_with,
     partners,
-    usable_angles,
-    usable_cosines,
 )
 
 
@@ -43,13 +40,3 @@ def test_one_view_more_counts_as_if_it_had_been_there_all_along(
     new = pairs[:, -1:, :-1] & seen[:, -1:, None] & seen[:, None, :-1]
     after = matchable_views_with(have, new, seen[:, -1:])[:, 0]
     np.testing.assert_array_equal(after, plainly(pairs, seen))
-
-
-def test_angles_and_their_cosines_agree_in_either_precision() -> None:
-    dense = DenseConfig()
-    angle_deg = np.array([0.0, 2.9, 3.1, 20.0, 34.9, 35.1, 90.0, 180.0])
-    expected = [False, False, True, True, True, False, False, False]
-    assert usable_angles(angle_deg, dense).tolist() == expected
-    for precision in (np.float32, np.float64):
-        cosine = np.cos(np.deg2rad(angle_deg)).astype(precision)
-        assert usable_cosines(cosine, dense).tolist() == expected

@@ -52,17 +52,3 @@ def test_even_samples_lie_on_the_surface_one_in_each_share():
     )
     assert np.allclose(normals, [0, 0, 1])
     assert np.allclose(lower[:, :2].mean(0), 1 / 3, atol=0.01)
-
-
-def test_sampling_noise_is_a_tenth_of_half_a_point():
-    """Of a share of the surface at 50,000 samples, the campaign's, over seeds; uniform draws exceed it."""
-    vertices, faces = sphere()
-
-    def noise(sample):
-        shares = []
-        for seed in range(10):
-            x, y, z = sample(vertices, faces, 50_000, seed)[0].T
-            shares.append(100 * ((x > -0.6) & (y < 0.8) & (z > -0.7)).mean())
-        return np.std(shares, ddof=1)
-
-    assert noise(sample_surface_evenly) < 0.05 < noise(sample_surface)

@@ -48,12 +48,6 @@ def test_one_side_of_it_is_taken_for_half() -> None:
     assert off_m[0] > 0.3 and off_m[1] < 0.15
 
 
-def test_cameras_all_round_change_nothing() -> None:
-    bearings = np.linspace(0.0, 2 * np.pi, 12, endpoint=False)
-    cameras = np.c_[3.5 * np.sin(bearings), 3.5 * np.cos(bearings), np.full(12, 1.4)]
-    assert find_target(scene(), (0.0, 0.0, 0.8), cameras) == find_target(scene(), (0.0, 0.0, 0.8))
-
-
 def test_of_two_things_the_nearer_is_meant() -> None:
     both = np.concatenate([scene((0.4, 0.0)), scene((2.8, 0.0), height_m=2.2)])
     found = find_target(both, (0.0, 0.3, 0.8))

@@ -107,14 +107,6 @@ def test_cached_and_uncached_missions_are_bit_identical(flown, config, tmp_path,
     assert again.metrics == without.metrics == result.metrics
 
 
-@pytest.mark.slow
-def test_a_finished_mission_is_not_overwritten(tmp_path, config):
-    (tmp_path / "mission.json").write_text("{}")
-    with pytest.raises(UserError, match="already holds a finished mission"):
-        run_photogrammetric_mission(config, ROCK, 0, tmp_path)
-    assert (tmp_path / "mission.json").read_text() == "{}"
-
-
 def test_an_unknown_rock_is_a_users_mistake(tmp_path, config):
     with pytest.raises(UserError, match="no-such-rock"):
         run_photogrammetric_mission(config, "no-such-rock", 0, tmp_path / "run")

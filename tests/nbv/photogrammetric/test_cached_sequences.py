@@ -114,19 +114,6 @@ def test_the_model_can_be_exported_after_a_known_sequence(store, tmp_path):
     assert all(np.array_equal(poses[name], pose) for name, pose in expected.items())
 
 
-@pytest.mark.slow
-def test_other_options_or_photographs_are_another_sequence(store):
-    filled(store)
-    other = Counting(SEEDS + LATER)
-    fly(reconstructor(other, store, dataclasses.replace(CONFIG, global_ba_interval=3)), LATER)
-    assert other.asked > 0
-    moved = [dataclasses.replace(c, camera_from_world=c.camera_from_world.copy()) for c in LATER]
-    moved[0].camera_from_world[0, 3] += 1e-9
-    third = Counting(SEEDS + LATER)
-    fly(reconstructor(third, store), moved)
-    assert third.asked > 0
-
-
 # -- clouds and metrics ---------------------------------------------------------------------------------
 
 

@@ -50,11 +50,6 @@ def test_a_procedural_rock_is_generated_once_and_read_back(home, monkeypatch):
     assert [kind.kind for kind in Store().info()] == ["rocks"]
 
 
-def test_without_a_store_a_rock_is_made_in_memory(home):
-    assert load_rock("waist").name == "waist"
-    assert not home.exists()
-
-
 def test_altered_content_in_a_sound_file_is_noticed(tmp_path):
     rock, file = load_rock("waist"), tmp_path / "waist.npz"
     write_rock(dataclasses.replace(rock, vertices_m=rock.vertices_m * 1.01), file)  # keeps the old hash

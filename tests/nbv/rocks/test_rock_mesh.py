@@ -36,26 +36,11 @@ def test_refine_keeps_the_surface_and_closes_every_seam(seed, max_edge):
     assert meshes.signed_volume(fine, fine_faces) == pytest.approx(hull.volume)
 
 
-def test_refine_leaves_a_fine_mesh_alone():
-    box = trimesh.creation.box()
-    faces = np.asarray(box.faces, dtype=np.int64)
-    vertices, fine_faces, parent, _ = meshes.refine(np.asarray(box.vertices), faces, 2.0)
-    assert len(vertices) == 8
-    np.testing.assert_array_equal(fine_faces, faces)
-    np.testing.assert_array_equal(parent, np.arange(12))
-
-
 def test_bodies_are_told_apart_and_non_manifold_edges_join():
     one = np.array([[0, 1, 2], [1, 2, 3]])
     assert len(np.unique(meshes.body_labels(np.concatenate([one, one + 4])))) == 2
     fin = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]])  # three faces at one edge
     assert len(np.unique(meshes.body_labels(fin))) == 1
-
-
-def test_normals_point_outwards():
-    sphere = trimesh.creation.icosphere(subdivisions=2)
-    normals = meshes.vertex_normals(np.asarray(sphere.vertices), np.asarray(sphere.faces))
-    assert (np.einsum("ij,ij->i", normals, sphere.vertices) > 0.99).all()
 
 
 def test_content_hash_ignores_the_last_bits_and_nothing_else():

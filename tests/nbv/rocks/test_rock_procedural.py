@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from nbv.rocks import describe
-from nbv.rocks.noise import cells, gradient_noise
 from nbv.rocks.procedural import generate_rock, sample_near_surface
 from nbv.rocks.recipes import RECIPES
 
@@ -71,33 +70,3 @@ def test_blocks_that_are_skipped_hold_no_surface(name):
     inner = np.s_[1:-2, 1:-2, 1:-2]
     agree = (everywhere < 1e-6)[inner] == (distance < 1e-6)[inner]
     assert agree.all()
-
-
-@pytest.mark.slow
-def test_full_resolution_is_finer_than_a_pixel():
-    facts = describe(generate_rock("arch"))
-    assert facts.mean_edge_m < 0.0075  # ground sampling distance at 3.5 m
-    assert facts.boundary_edges == 0
-
-
-def test_gradient_noise_is_standardised_continuous_and_aperiodic():
-    rng = np.random.default_rng(0)
-    points = rng.uniform(-50, 50, size=(100_000, 3))
-    noise = gradient_noise(points, 1.0, seed=3)
-    assert abs(noise.mean()) < 0.02
-    assert noise.std() == pytest.approx(0.84, abs=0.02)
-    assert np.abs(gradient_noise(points + 1e-4, 1.0, 3) - noise).max() < 0.01
-    for shift in (2.0, 16.0, 256.0):
-        other = gradient_noise(points + np.array([shift, 0, 0]), 1.0, 3)
-        assert abs(np.corrcoef(noise, other)[0, 1]) < 0.02
-    assert abs(np.corrcoef(noise, gradient_noise(points, 1.0, 4))[0, 1]) < 0.02
-
-
-def test_cells_are_constant_inside_and_of_the_asked_size():
-    rng = np.random.default_rng(0)
-    points = rng.uniform(0, 1, size=(40_000, 3))
-    label, distance = cells(points, 0.1, seed=1)
-    assert 700 < len(np.unique(label)) < 1900  # about a thousand grains in a cubic metre
-    assert distance.max() < 1.2
-    near, _ = cells(points + 1e-5, 0.1, seed=1)
-    assert (near == label).mean() > 0.99

@@ -72,12 +72,7 @@ def test_a_camera_below_the_ground_is_refused(gl):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "broken",
-    [{"PYOPENGL_PLATFORM": "nothing"}, {"__EGL_VENDOR_LIBRARY_FILENAMES": "/nowhere.json"}],
-    ids=["unknown platform", "no driver"],
-)
-def test_missing_opengl_is_a_user_error_that_names_the_remedy(broken):
+def test_missing_opengl_is_a_user_error_that_names_the_remedy():
     script = textwrap.dedent(
         """
         import sys
@@ -98,7 +93,7 @@ def test_missing_opengl_is_a_user_error_that_names_the_remedy(broken):
         [sys.executable, "-c", script, str(Path(__file__).parents[2] / "support")],
         capture_output=True,
         text=True,
-        env={**os.environ, **broken},
+        env={**os.environ, "__EGL_VENDOR_LIBRARY_FILENAMES": "/nowhere.json"},
     )
     message = out.stdout.strip().splitlines()
     assert len(message) == 1, out.stdout + out.stderr

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from nbv.scene.ground import MEAN_ALBEDO, GroundSpec, synthesise_ground
+from nbv.scene.ground import GroundSpec, synthesise_ground
 
 SPEC = GroundSpec(texel_m=0.012, size_px=1024, levels=3)
 TO_SUN = np.array([0.0, -0.625, 0.78]) / np.hypot(0.625, 0.78)
@@ -39,11 +39,6 @@ def test_the_ground_has_no_period(ground):
             assert strongest_repeat(texture, 24) < 0.15
 
 
-def test_the_period_test_would_see_a_tile(ground):
-    tiled = np.tile(ground.albedo[0][:128, :128], (4, 4))
-    assert strongest_repeat(tiled, 24) > 0.9
-
-
 def test_levels_show_the_same_landscape(ground):
     for level in range(SPEC.levels - 1):
         quarter = SPEC.size_px // 4
@@ -60,11 +55,3 @@ def test_seed_decides_the_ground(ground):
     a, b, c = (synthesise_ground(seed, TO_SUN, small).albedo[0] for seed in (3, 3, 4))
     assert np.array_equal(a, b)
     assert abs(np.corrcoef(a.ravel(), c.ravel())[0, 1]) < 0.2
-
-
-def test_albedo_is_plausible(ground):
-    for level in range(SPEC.levels):
-        assert ground.albedo[level].mean() == pytest.approx(MEAN_ALBEDO, rel=0.25)
-        assert ground.albedo[level].min() >= 0.03 and ground.albedo[level].max() <= 0.6
-        assert ground.albedo[level].std() > 0.03
-        assert ground.sun_cosine[level].min() >= 0 and ground.sun_cosine[level].max() <= 1

@@ -54,15 +54,6 @@ def test_a_principal_point_error_shifts_the_picture():
     assert np.abs(moved - expected_at(POINT) - (7.0, -4.5)).max() < 0.01
 
 
-@pytest.mark.parametrize(
-    "sensor", [{"k1": -0.1}, {"k1": 0.1}, {"principal_point_error_px": (20.0, -15.0), "k1": -0.05}]
-)
-def test_no_black_corner_comes_in(sensor):
-    lens = Lens(SMALL_CAMERA, SensorConfig(**sensor))
-    white = np.ones((lens.drawn.height_px, lens.drawn.width_px, 3), np.float32)
-    assert lens.see(white).min() > 0.999
-
-
 def test_the_middle_of_a_distorted_photograph_is_the_same(ball_scene):
     """What is drawn wider shows the same scene at the same place."""
     small = dataclasses.replace(MissionConfig(), camera=SMALL_CAMERA)

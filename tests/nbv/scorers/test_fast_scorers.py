@@ -14,7 +14,6 @@ from nbv.geometry.frustum import in_frustum
 from nbv.scorers import BoxPoints, b_aware, rank_candidates, shared_terms
 from nbv.scorers.repair import repair
 from nbv.scorers.repair_single import precision, repair_single
-from nbv.scorers.weakness import weakness
 
 
 @settings(max_examples=10)
@@ -42,27 +41,6 @@ def test_rankings_are_those_of_double_precision(
     for name, expected in reference.scores(state, pool, config).items():
         np.testing.assert_allclose(rankings[name].scores, expected, rtol=0, atol=allowed)
         np.testing.assert_array_equal(rankings[name].order, reference.order(expected))
-
-
-@settings(max_examples=10)
-@given(
-    seed=st.integers(0, 10_000),
-    n_points=st.integers(300, 1_500),
-    low_deg=st.floats(1.5, 12.0),
-    width_deg=st.floats(11.0, 40.0),
-)
-def test_single_precision_is_as_good_as_it_says(
-    seed: int, n_points: int, low_deg: float, width_deg: float
-) -> None:
-    config = MissionConfig()
-    state, pool = synthetic_state(n_points, config, seed)
-    terms = shared_terms(state, pool, config)
-    box = terms.ordered
-    weak = weakness(box.points_m, box.track_lengths, box.reprojection_error_px, config.b_aware)
-    angles = (low_deg, low_deg + width_deg)
-    single = repair_single(terms.visible, weak, pool.positions_m, terms.box, terms.order, *angles)
-    double = repair(terms.visible, weak, pool.positions_m, box, *angles)
-    assert np.abs(single - double).max() < precision(low_deg, low_deg + width_deg)
 
 
 def test_degenerate_geometry_is_no_trouble_in_single_precision() -> None:

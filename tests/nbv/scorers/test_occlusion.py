@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nbv.scorers import BoxPoints
-from nbv.scorers.occlusion import mean_observing_directions, surfels, unoccluded
+from nbv.scorers.occlusion import unoccluded
 
 CENTER, RADIUS = np.array([0.0, 0.0, 1.0]), 0.8
 
@@ -48,22 +48,6 @@ def test_agrees_with_the_truth_on_a_sphere() -> None:
     for part, hit_rate, reject_rate in ((on_sphere, 0.82, 0.98), (~on_sphere, 0.97, 0.97)):
         assert ours[part][truth[part]].mean() > hit_rate
         assert (~ours[part])[~truth[part]].mean() > reject_rate
-
-
-def test_never_adds_to_the_frustum() -> None:
-    box = sphere_and_ground(noise_m=0.0)
-    inside = np.random.default_rng(0).random((len(box.points_m), 3)) < 0.5
-    assert not (unoccluded(inside, box, box.camera_centers_m[:3] * 0.9) & ~inside).any()
-
-
-def test_normals_are_the_surfaces_on_the_observed_side() -> None:
-    box = sphere_and_ground(noise_m=0.0)
-    points = box.points_m
-    normals, radius = surfels(points, mean_observing_directions(box))
-    top = points[:, 2] > 1.0  # clear of the ground's neighbourhood
-    cosine = np.einsum("ij,ij->i", normals[top], (points[top] - CENTER) / RADIUS)
-    assert np.percentile(cosine, 2) > np.cos(np.deg2rad(15.0))
-    assert (radius > 0).all() and radius.max() <= 0.12
 
 
 def test_few_points_fall_back_to_the_observing_direction() -> None:

@@ -24,15 +24,6 @@ def test_ring_counts_are_the_papers() -> None:
     assert upper_ring_counts(50, 3) == [17, 17, 16]
 
 
-@given(total=st.integers(4, 400), rings=st.integers(1, 6))
-def test_ring_counts_add_up(total: int, rings: int) -> None:
-    assert sum(upper_ring_counts(total, rings)) == total
-    lateral = lateral_ring_counts(total, rings)
-    assert min(lateral) >= 1
-    if total >= 20 * rings:  # with very few candidates the minimum of one per ring wins
-        assert sum(lateral) == total
-
-
 def test_seeds() -> None:
     config = MissionConfig()
     seeds = seed_viewpoints(config)
@@ -103,10 +94,6 @@ def test_two_rings_have_even_steps_each() -> None:
     assert [s.id for s in seeds] == [f"seed_{k:02d}" for k in range(25)]
 
 
-def test_a_small_share_is_one_turn() -> None:
-    assert seed_viewpoints(turn(20, upper_share=0.02)) == seed_viewpoints(turn(20))
-
-
 def test_every_ring_may_have_its_radius_and_phase() -> None:
     values = {
         "seed.ring_elevations_deg": [10.0, 40.0],
@@ -163,13 +150,6 @@ def test_pool_counts(name: str, altitude: int, spacing: int) -> None:
     assert dropped == {f"cand_{i}" for i in (120, 121, 125, 126, 131, 132, 136)}
 
 
-def test_sector_occupancy_is_the_references() -> None:
-    config = preset("paper-code")
-    pool = candidate_pool(config, VEHICLE, NOWHERE)
-    sectors = filters.sector_of(pool.positions_m, np.array(config.target_m), 8)
-    assert np.bincount(sectors).tolist() == [15, 14, 12, 13, 14, 12, 14, 11]
-
-
 @pytest.mark.parametrize(
     ("name", "golden"),
     [("paper-code", "15016_seed_paper_weights"), ("paper", "15016_40_views_low_novelty_10deg_ring")],
@@ -224,25 +204,10 @@ def test_survivors_obey_every_filter(picks: list[int], x: float, y: float) -> No
     np.testing.assert_allclose(aim, 0.0, atol=1e-9)
 
 
-def test_seeds_do_not_exclude_candidates() -> None:
-    """Revisit exclusion knows adaptive captures only; the caller passes no seeds."""
-    config = MissionConfig()
-    assert len(candidate_pool(config, VEHICLE, NOWHERE)) == 163
-    seeds = np.array([s.position_m for s in seed_viewpoints(config)])
-    assert len(candidate_pool(config, VEHICLE, seeds)) < 163
-
-
 def test_an_unreachable_target_gives_an_empty_pool() -> None:
     pool = candidate_pool(MissionConfig(), np.array([1000.0, 0.0, 0.0]), NOWHERE)
     assert len(pool) == 0
     assert pool.counts["raw"] == 170 and pool.counts["altitude_travel"] == 0
-
-
-def test_truncation_keeps_the_first() -> None:
-    full = candidate_pool(MissionConfig(), VEHICLE, NOWHERE)
-    cropped = candidate_pool(MissionConfig().with_values({"pool.max_candidates": 20}), VEHICLE, NOWHERE)
-    assert cropped.ids == full.ids[:20]
-    assert cropped.counts["revisit"] == 163 and cropped.counts["azimuth_balance"] == 20
 
 
 def test_farthest_point_crop_spreads() -> None:
