@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import collections
-import dataclasses
 from pathlib import Path
 
 import fake_campaigns
@@ -18,9 +17,7 @@ from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import settings_from_dict
 from tuner.missions.executors import InProcessExecutor
-from tuner.problem.observations import Observation
 from tuner.problem.worlds import World, worlds_over
-from tuner.recommendation.eligible import may_be_recommended
 
 TWO = load_conditions(["ideal", "field"])
 
@@ -90,18 +87,3 @@ def test_conditions_in_a_settings_file_are_checked() -> None:
     ):
         with pytest.raises(UserError, match=said):
             settings_from_dict({**tree, "conditions": wrong}, "file")
-
-
-def test_one_rock_under_two_conditions_is_one_rock() -> None:
-    worlds = worlds_over(["a", "b"], ["ideal", "field"])
-    good, fair = synthetic.SPACE.from_unit([0.7, 0.3]), synthetic.SPACE.from_unit([0.2, 0.8])
-    first = Observation(0, good, "a", 0, 1.0)
-
-    def may(**other: object) -> bool:
-        second = dataclasses.replace(first, **{"replicate": 1, **other})  # type: ignore[arg-type]
-        return may_be_recommended(synthetic.SPACE, [first, second], [good], worlds, 2, fair)[0]
-
-    assert not may(condition="field")  # one rock
-    assert not may(rock="b")  # one condition
-    assert not may(rock="b", condition="field", replicate=0)
-    assert may(rock="b", condition="field")

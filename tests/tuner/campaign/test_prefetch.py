@@ -63,22 +63,6 @@ def test_a_failure_while_asking_ahead_ends_the_campaign(
     assert where[0] is not threading.main_thread()
 
 
-def test_a_batch_that_is_being_made_is_forgotten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    campaign, begun = begin_campaign(tmp_path, settings(budget=30)), threading.Event()
-
-    def think(*_: object) -> None:
-        begun.set()
-        while True:
-            sum(range(1000))
-
-    monkeypatch.setattr(campaign, "propose_many", think)
-    proposals = prefetch.ProposalPrefetch(campaign)
-    assert proposals.next([], 16) is None
-    begun.wait()
-    proposals.close()  # would never come back
-    proposals._thread.shutdown(wait=True)
-
-
 def test_what_is_written_together_is_synchronised_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

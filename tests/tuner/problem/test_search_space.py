@@ -107,13 +107,11 @@ GOOD = "parameters:\n  gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: lo
     ("text", "message"),
     [
         ("parameters:\n  gate.d95_m: {low: 1.0, high: 0.1}\n", "low 1 is not below high 0.1"),
-        ("parameters:\n  gate.d95_m: {low: 0.1, high: 0.1}\n", "not below"),
         ("parameters:\n  gate.d95_m: {low: 0.0, high: 1.0, scale: log}\n", "scale log needs low above 0"),
         (
             "parameters:\n  gate.d95: {low: 0.1, high: 1.0}\n",
             r"unknown mission parameter 'gate.d95'; did you mean",
         ),
-        ("parameters:\n  gate: {low: 0.1, high: 1.0}\n", "unknown mission parameter 'gate'"),
         ("parameters:\n  gate.d95_m: {lo: 0.1, high: 1.0}\n", "unknown key 'lo'; allowed: kind, low"),
         ("parametres:\n  gate.d95_m: {low: 0.1, high: 1.0}\n", "unknown key 'parametres'"),
         (GOOD + "  gate.d95_m: {low: 0.1, high: 1.0}\n", r"line 3: duplicate key 'gate.d95_m'"),
@@ -123,7 +121,6 @@ GOOD = "parameters:\n  gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: lo
         ("parameters:\n  gate.d95_m: {low: 0.3, high: 1.0}\n", "has the default 0.14, outside"),
         ("parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, default: 2}\n", "has the default 2, outside"),
         ("parameters:\n  gate.d95_m: {low: abc, high: 1.0}\n", "low is 'abc'; it must be a number"),
-        ("parameters:\n  gate.d95_m: {low: .nan, high: 1.0}\n", "low is nan; it must be finite"),
         ("parameters:\n  gate.d95_m: {high: 1.0}\n", "low is None; it must be a number"),
         (
             "parameters:\n  gate.d95_m: {low: 0.1, high: 1, scale: cubic}\n",

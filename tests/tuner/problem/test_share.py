@@ -9,7 +9,7 @@ from nbv.errors import UserError
 from tuner.campaign.asked_settings import asked_settings
 from tuner.problem.objective import Objective
 from tuner.problem.quality_at_cost import asked_objective, objective_text
-from tuner.problem.share import SURE, ShareBelief, rocks_that_show
+from tuner.problem.share import ShareBelief
 
 TEXT = "photographs@P(f_score>=98)>=0.95"
 
@@ -75,9 +75,3 @@ def test_a_belief_is_that_of_the_rocks_flown() -> None:
     next_ones = stats.betabinom(100, 57.5, 1.5)
     assert belief.of_the_next() == (next_ones.ppf(0.025), next_ones.ppf(0.975))
     assert ShareBelief(1.0, 3).interval_95[1] == 1.0 and ShareBelief(0.0, 3).interval_95[0] == 0.0
-
-
-def test_so_many_rocks_show_a_share() -> None:
-    for share in (0.8, 0.9, 0.95):
-        n = rocks_that_show(share)
-        assert ShareBelief(1.0, n).probability(share) >= SURE > ShareBelief(1.0, n - 1).probability(share)

@@ -9,6 +9,7 @@ import synthetic
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
+from tuner.problem.worlds import Place, World
 from tuner.recommendation.choose import recommend
 from tuner.recommendation.eligible import may_be_recommended
 from tuner.recommendation.recommendation import Recommendation
@@ -73,10 +74,11 @@ def flights(values: Values, outcome: float | None, *blocks: tuple[str, int]) -> 
         (("r0",), 2, [("r0", 0), ("r0", 1)], True),  # and here one rock
         (("r0",), 1, [("r0", 0)], True),
         (ROCKS, 2, [("r0", 0), ("elsewhere", 1)], False),
+        ([World("r0", c) for c in ("ideal", "field")], 1, [("r0", 0)], False),  # one of two conditions
     ],
 )
 def test_two_rocks_and_two_replicates_or_all_there_are(
-    rocks: tuple[str, ...], replicates: int, blocks: list[tuple[str, int]], expected: bool
+    rocks: list[Place], replicates: int, blocks: list[tuple[str, int]], expected: bool
 ) -> None:
     history = flights(GOOD, 1.0, *blocks)
     may = may_be_recommended(synthetic.SPACE, history, [GOOD, FAIR], rocks, replicates, FAIR)

@@ -12,7 +12,6 @@ import pytest
 import synthetic
 
 from nbv.errors import UserError
-from tuner.acquisition.two_objectives import flown_in_both, pareto_front, two_models
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
@@ -87,20 +86,3 @@ def test_the_best_before_are_apart_and_failures_do_no_harm() -> None:
 def test_options_that_make_no_sense_are_refused(changes: dict[str, object], message: str) -> None:
     with pytest.raises(UserError, match=message):
         settings(**changes)
-
-
-def test_what_no_other_one_beats_in_both() -> None:
-    """First: u; second: 1 - u^2, minus what the other parameter wastes. The front is all u, at v = 0."""
-    rng, history = np.random.default_rng(0), []
-    for i, (u, v) in enumerate([*rng.random((14, 2)), *((u, 0.0) for u in np.linspace(0, 1, 6))]):
-        values = synthetic.SPACE.from_unit([u, v])
-        y = [u - 0.5 * v + 0.01 * rng.normal(), 1 - u**2 - v + 0.01 * rng.normal()]
-        history.append(Observation(i, values, "r0", 0, y[0], y[0], second=y[1]))
-    objectives = (Objective("first"), Objective("second", "minimise"))
-    models = two_models(synthetic.SPACE, history, ("r0",), 0)
-    points = flown_in_both(models, objectives, synthetic.SPACE, history)
-    front = pareto_front(points, objectives)
-    assert len(points) == 20 and 4 <= len(front) < 12
-    assert all(any(q.first >= p.first and q.second <= p.second for q in front) for p in points)
-    firsts, seconds = [p.first for p in front], [-p.second for p in front]
-    assert firsts == sorted(firsts, reverse=True) and seconds == sorted(seconds)

@@ -25,19 +25,6 @@ def test_starts_at_the_papers_values_and_stays_inside(name: str) -> None:
     assert len({tuple(o.values.values()) for o in history}) == 9
 
 
-@pytest.mark.parametrize("name", ["gp", "tpe", "optuna-gp", "random"])
-def test_is_a_function_of_history_pending_and_seed(name: str) -> None:
-    history = synthetic.random_design(8, 0.05, 0)
-    pending = [Pending(8, synthetic.SPACE.from_unit([0.5, 0.5]), "r0", 0)]
-    asks = [
-        make_sampler(name, synthetic.sampler_settings(3, 4)).ask(history, pending).values for _ in range(2)
-    ]
-    np.testing.assert_allclose(list(asks[0].values()), list(asks[1].values()), rtol=1e-9)
-    other = make_sampler(name, synthetic.sampler_settings(4, 4)).ask(history, pending).values
-    if name == "random":
-        assert other != asks[0]
-
-
 def test_pending_missions_push_the_next_proposal_away() -> None:
     history = synthetic.random_design(16, 0.02, 0)
     sampler = make_sampler("gp", synthetic.sampler_settings(0, 4))

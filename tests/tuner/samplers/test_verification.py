@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-import pytest
 import synthetic
 
 from tuner.problem.observations import Observation, Pending
 from tuner.problem.search_space import Values
-from tuner.samplers.gp import GPSampler
 from tuner.samplers.verification import verification
 from tuner.surrogate.model import RockMeanGP
 
@@ -56,32 +51,3 @@ def test_nothing_to_verify_while_exploring_promises_more() -> None:
     assert verification(model, history, [], 1, expected_gain=10 * model.noise_sd) is None
     assert verification(model, history, [], 1, expected_gain=10 * model.noise_sd, last=True) is not None
     assert verification(model, history, [], 1, expected_gain=0.5 * model.noise_sd) is not None
-
-
-def campaign(
-    sampler: GPSampler, missions: int, outcome: Callable[[np.ndarray], float], seed: int
-) -> tuple[list[Observation], list[str]]:
-    """The observations and phases of a campaign on synthetic rocks in turn; ``outcome`` of a position, without noise."""
-    rng = np.random.default_rng(seed)
-    history: list[Observation] = []
-    phases: list[str] = []
-    for i in range(missions):
-        p = sampler.ask(history, [])
-        value = outcome(synthetic.SPACE.to_unit(p.values)) + 0.1 * rng.normal()
-        history.append(
-            seen(i, p.values, p.rock or synthetic.ROCKS[i % 4], value, p.replicate or 0, **p.sampler_state)
-        )
-        phases.append(p.why["phase"])
-    return history, phases
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("verify", [True, False])
-def test_sampler_verifies_at_its_budget_s_end_on_a_plateau(verify: bool) -> None:
-    settings = dataclasses.replace(synthetic.sampler_settings(0, 4), budget=12, replicates=2)
-    # A cliff; nothing to gain elsewhere.
-    _, phases = campaign(
-        GPSampler(settings, verify=verify), 12, lambda x: 40.0 if x[0] < 0.3 else 60.0, seed=0
-    )
-    assert "verification" not in phases[:8]
-    assert ("verification" in phases[8:]) == verify

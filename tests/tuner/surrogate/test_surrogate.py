@@ -125,10 +125,3 @@ def test_a_trend_reaches_where_nothing_was_flown() -> None:
     )
     assert abs(with_trend.mean[0] - truth) < 0.15 * truth
     assert abs(with_trend.mean[0] - truth) < 0.5 * abs(without.mean[0] - truth)
-
-
-@pytest.mark.parametrize("count", [1, 2, 3])
-def test_works_with_very_little_data(count: int) -> None:
-    model = RockMeanGP(synthetic.SPACE, synthetic.random_design(count, 0.1, 1), synthetic.ROCKS)
-    belief = model.posterior([synthetic.DEFAULT])
-    assert np.isfinite(belief.mean[0]) and belief.sd[0] > 0
