@@ -69,12 +69,12 @@ class LogBelievedSaving(AcquisitionFunction):
         self._weights = torch.tensor(weights, dtype=torch.float64)
 
     def forward(self, X: torch.Tensor) -> torch.Tensor:
-        """(b,) of (b, 1, inputs)."""
+        """Return (b,) values of (b, 1, inputs)."""
         saved = (self._cost.at(X[:, 0])[:, None] - self._levels).clamp_min(0.0) @ self._weights
         return saved.clamp_min(_LEAST).log() + self._log_chance(X)
 
     def _log_chance(self, X: torch.Tensor) -> torch.Tensor:
-        """(b,) of (b, 1, inputs): that a configuration will be believed to keep the limit after a mission."""
+        """Return (b,) log probabilities, of (b, 1, inputs), that a mission will make one believe that the limit is kept."""
         points = X
         if self._recent is not None:
             points = torch.cat([X, self._recent.expand(len(X), *self._recent.shape)], dim=1)

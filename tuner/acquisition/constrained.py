@@ -43,7 +43,7 @@ class Constraint:
     is_share: bool = False  # of rocks, in percent
 
     def belief(self, configurations: Sequence[Mapping[str, Any]]) -> tuple[Floats, Floats]:
-        """(m,) means and standard deviations of the second objective, larger is better."""
+        """Return (m,) means and standard deviations of the second objective, larger is better."""
         found = [
             self.model.posterior(configurations[i : i + _CHUNK])
             for i in range(0, len(configurations), _CHUNK)
@@ -51,7 +51,7 @@ class Constraint:
         return np.concatenate([b.mean for b in found]), np.concatenate([b.sd for b in found])
 
     def probability(self, configurations: Sequence[Mapping[str, Any]]) -> Floats:
-        """(m,) that each keeps the limit."""
+        """Return (m,) probabilities that each keeps the limit."""
         mean, sd = self.belief(configurations)
         if isinstance(self.model, KnownOutcome):
             return self.model.keeps(mean, self.at_least).astype(float)
@@ -63,7 +63,7 @@ class Constraint:
         )
 
     def shares(self, configurations: Sequence[Mapping[str, Any]]) -> list[ShareBelief]:
-        """What is believed of each share: as if from so many rocks as one mission varies more than the mean."""
+        """Return the belief about each share, worth as many rocks as the mean's variance goes into one mission's."""
         assert isinstance(self.model, RockMeanGP)
         one = self.model.one_mission_sd**2
         return [
@@ -72,11 +72,11 @@ class Constraint:
         ]
 
     def keeps(self, configurations: Sequence[Mapping[str, Any]]) -> list[bool]:
-        """Whether each can be taken to keep the limit."""
+        """Return whether each can be taken to keep the limit."""
         return [bool(p >= SURE) for p in self.probability(configurations)] if configurations else []
 
     def floor(self) -> float:
-        """The limit on the model's common landscape, whose offsets belong to the limit."""
+        """Return the limit on the model's common landscape, whose offsets belong to the limit."""
         model = self.model
         assert isinstance(model, RockMeanGP)
         unit = np.unique(model.unit, axis=0)
@@ -86,7 +86,7 @@ class Constraint:
         return (self.at_least - float(np.mean(mean - model.mean_scale * level))) / model.mean_scale
 
     def promising(self, first: RockMeanGP | KnownOutcome) -> Floats:
-        """(few, d) unit positions flown: the best of the first objective that may keep the limit, else the likeliest to."""
+        """Return (few, d) unit positions flown: the best that may keep the limit, else the likeliest to keep it."""
         unit = np.unique(surrogate_of((first, self.model)).unit, axis=0)
         configurations = [first.space.from_unit(u) for u in unit]
         chance = self.probability(configurations)
@@ -220,7 +220,7 @@ class _WithinKnownLimit(AcquisitionFunction):
         self._acquisition, self._allowed, self._dimension = acquisition, allowed, model.space.dimension
 
     def forward(self, X: torch.Tensor) -> torch.Tensor:
-        """(b,) of (b, 1, inputs)."""
+        """Return (b,) values of (b, 1, inputs)."""
         kept = torch.from_numpy(self._allowed(X.detach()[:, 0, : self._dimension].numpy()))
         value: torch.Tensor = torch.where(kept, self._acquisition(X), _BROKEN)
         return value

@@ -63,7 +63,7 @@ def draw(
 
 
 def _drawn(model: RockMeanGP | KnownOutcome, inputs: torch.Tensor, count: int) -> torch.Tensor:
-    """(count, points) draws on the model's own scale; an exact outcome on a standardised one."""
+    """Return (count, points) draws on the model's own scale; an exact outcome on a standardised one."""
     if isinstance(model, RockMeanGP):
         drawn: torch.Tensor = model.model.posterior(inputs).rsample(torch.Size([count]))[..., 0]
         return drawn
@@ -72,7 +72,7 @@ def _drawn(model: RockMeanGP | KnownOutcome, inputs: torch.Tensor, count: int) -
 
 
 def _distinct(model: RockMeanGP, points: Floats, draws: torch.Tensor, seed: int) -> list[Values]:
-    """The best of each draw, (count, points), that none before has and that may work."""
+    """Return the best of each draw, (count, points), that none before has and that may work."""
     if model.feasibility is not None:
         # Each draw has one opinion on what works: a point's own would let some of many through.
         chance = model.feasibility.log_chance(tensor(points)).exp()

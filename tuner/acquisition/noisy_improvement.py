@@ -46,7 +46,7 @@ class LogNoisyImprovement(AcquisitionFunction):
             self._residual, self._best = normal[-1], drawn.max(dim=0).values
 
     def forward(self, X: torch.Tensor) -> torch.Tensor:
-        """(b,) of (b, 1, inputs)."""
+        """Return (b,) values of (b, 1, inputs)."""
         x, model = X[..., 0, :], self.model
         covariances = model.covar_module(self._inputs, x).to_dense()
         half = torch.linalg.solve_triangular(self._root, covariances, upper=False)

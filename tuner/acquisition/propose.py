@@ -154,14 +154,14 @@ class _TimesFeasibility(AcquisitionFunction):
         self._acquisition, self._feasibility, self._dimension = acquisition, feasibility, dimension
 
     def forward(self, X: torch.Tensor) -> torch.Tensor:
-        """(b,) of (b, 1, inputs)."""
+        """Return (b,) values of (b, 1, inputs)."""
         chance = self._feasibility.log_chance(X[..., 0, : self._dimension])
         value: torch.Tensor = self._acquisition(X) + chance
         return value
 
 
 def best_flown(model: RockMeanGP, count: int) -> Floats:
-    """(count or fewer, d) unit positions with the best posterior means among those flown, best first."""
+    """Return (count or fewer, d) unit positions with the best posterior means among those flown, best first."""
     seen = model.promising(BASELINE)
     with torch.no_grad():
         mean, _ = moments(model.model.posterior(model.inputs(seen)))
@@ -209,7 +209,7 @@ def starting_points(
 def _climbs(
     points: Floats, order: Sequence[int], discrete: Sequence[int]
 ) -> list[tuple[dict[int, float], list[int]]]:
-    """``(fixed coordinates, starting points)`` of each gradient search; one per discrete combination."""
+    """Return ``(fixed coordinates, starting points)`` of each gradient search; one per discrete combination."""
     if not discrete:
         return [({}, list(order[:RESTARTS]))]
     climbs: dict[tuple[float, ...], list[int]] = {}

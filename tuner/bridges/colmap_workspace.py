@@ -14,7 +14,7 @@ _FEWEST = 3  # cameras that determine a similarity
 
 
 def best_model(workspace: Path) -> pycolmap.Reconstruction:
-    """The sparse model with the most registered images (stale ones of earlier mappings lie beside it).
+    """Return the sparse model with the most registered images (stale ones of earlier mappings lie beside it).
 
     Raises
     ------
@@ -33,7 +33,7 @@ def best_model(workspace: Path) -> pycolmap.Reconstruction:
 
 
 def camera_centers(model: pycolmap.Reconstruction) -> dict[str, Floats]:
-    """By image file: the centre (3,) in the model's frame."""
+    """Return the camera centre (3,) of each image file, in the model's frame."""
     return {
         Path(image.name).name: np.array(image.projection_center())
         for image in model.images.values()
@@ -42,7 +42,7 @@ def camera_centers(model: pycolmap.Reconstruction) -> dict[str, Floats]:
 
 
 def sparse_model(model: pycolmap.Reconstruction, reported_m: dict[str, Floats]) -> SparseModel:
-    """The model in the world, aligned by the cameras whose world positions are ``reported_m``.
+    """Return the model in the world, aligned by the cameras whose world positions are ``reported_m``.
 
     Raises
     ------

@@ -42,7 +42,7 @@ class Home:
             )
 
     def place(self, east_m: float, north_m: float) -> tuple[float, float]:
-        """(latitude, longitude) in degrees of a point near home, on the tangent plane of the ellipsoid."""
+        """Return (latitude, longitude) in degrees of a point near home, on the tangent plane of the ellipsoid."""
         sine = math.sin(math.radians(self.latitude_deg))
         e2 = _FLATTENING * (2 - _FLATTENING)
         across_m = _EQUATOR_M / math.sqrt(1 - e2 * sine**2)
@@ -55,7 +55,7 @@ class Home:
 
 
 def qgc_plan(config: MissionConfig, view_ids: Sequence[str], home: Home) -> dict[str, Any]:
-    """The plan as a JSON tree.
+    """Return the plan as a JSON tree.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def _pose(position_m: tuple[float, float, float], target_m: Any) -> Pose:
 def _at(
     command: int, first: tuple[float, float, float], pose: Pose, config: MissionConfig, home: Home
 ) -> dict[str, Any]:
-    """An item with a place; yaw is clockwise from north in MAVLink, counter-clockwise from east here."""
+    """Return an item with a place; yaw is clockwise from north in MAVLink, counter-clockwise from east here."""
     x, y, z = (p - h for p, h in zip(pose.position_m, config.flight.home_m))
     yaw_deg = (90.0 - math.degrees(pose.heading_rad)) % 360.0
     latitude_deg, longitude_deg = home.place(x, y)

@@ -31,7 +31,7 @@ QUICK: dict[str, Any] = {
 
 
 def asked_fields(file: Path | None, given: Mapping[str, Any], *, quick: bool) -> dict[str, Any]:
-    """The YAML form of what is asked for: what was ``given`` goes before the file, the file before ``quick``.
+    """Return the YAML form of what is asked for: what was ``given`` goes before the file, the file before ``quick``.
 
     Overrides are laid over one another.
 
@@ -59,7 +59,7 @@ def asked_fields(file: Path | None, given: Mapping[str, Any], *, quick: bool) ->
 
 
 def asked_settings(tree: Mapping[str, Any], source: str, making: Making = nullcontext) -> CampaignSettings:
-    """The settings that a YAML form means on this machine; ``source`` names a file in messages.
+    """Return the settings that a YAML form means on this machine; ``source`` names a file in messages.
 
     Raises
     ------

@@ -76,7 +76,7 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
 
 
 def _is_leftover(path: Path) -> bool:
-    """Whether a campaign that was killed before it had its ``campaign.yaml`` left this file."""
+    """Return whether a campaign that was killed before it had its ``campaign.yaml`` left this file."""
     temporary = path.name.startswith(".") and path.name.endswith(".tmp")
     return path.name == LEARNED_FILE or (
         temporary and any(f in path.name for f in (LEARNED_FILE, SETTINGS_FILE))

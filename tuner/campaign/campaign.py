@@ -126,7 +126,7 @@ class Campaign:
         fidelity: str | None = None,
         mission: Path | None = None,
     ) -> Campaign:
-        """The campaign in ``directory``.
+        """Return the campaign in ``directory``.
 
         Parameters
         ----------
@@ -187,7 +187,7 @@ class Campaign:
     # -- looking ---------------------------------------------------------------------------------------------
 
     def trials(self) -> list[Trial]:
-        """All missions, in trial order."""
+        """Return all missions, in trial order."""
         return self.ledger.trials()
 
     def history(self, trials: Sequence[Trial] | None = None) -> list[Observation]:
@@ -212,7 +212,7 @@ class Campaign:
         return second or self.settings.objective
 
     def _modelled(self, history: Sequence[Observation]) -> list[Observation]:
-        """The history with the outcomes of `modelled_objective`."""
+        """Return the history with the outcomes of `modelled_objective`."""
         return modelled(history) if self._swapped(history) else list(history)
 
     def _swapped(self, history: Sequence[Observation]) -> bool:
@@ -221,7 +221,7 @@ class Campaign:
     def _in_both(
         self, history: Sequence[Observation]
     ) -> tuple[list[Observation], tuple[Outcome, Outcome]] | None:
-        """The missions that have both objectives, and a model of each; None where there are no such missions."""
+        """Return the missions that have both objectives, and a model of each; None where there are no such missions."""
         s, both = self.settings, [o for o in history if o.outcome is not None and o.second is not None]
         if not both:
             return None
@@ -291,7 +291,7 @@ class Campaign:
         )
 
     def _constraint(self, history: Sequence[Observation]) -> Constraint | None:
-        """The limit of the second objective with its model; None without one, or without a mission that has both."""
+        """Return the limit of the second objective with its model; None without one, or without a mission that has both."""
         s = self.settings
         found = None if s.second is None else self._in_both(history)
         if s.second is None or s.at_least is None or found is None:
@@ -304,7 +304,7 @@ class Campaign:
         return surrogate.RockMeanGP(s.space, self._modelled(history), s.worlds, s.seed)
 
     def propose(self, trials: Sequence[Trial], known: int) -> Proposal:
-        """The sampler's next mission after the first ``known`` trials; the others count as in flight."""
+        """Return the sampler's next mission after the first ``known`` trials; the others count as in flight."""
         return self._sampler.ask(self.history(trials[:known]), self.ledger.pending(trials, known))
 
     def propose_many(
@@ -318,7 +318,7 @@ class Campaign:
         return ask_many(self._sampler, asked, history, flying, count)
 
     def unseen_rocks(self, rocks: Sequence[str] | None, making: Making = nullcontext) -> tuple[str, ...]:
-        """``rocks``, or the held-out procedural ones, looked up.
+        """Look up ``rocks``, or the held-out procedural ones, and return them.
 
         Raises
         ------
@@ -337,7 +337,7 @@ class Campaign:
         return chosen
 
     def recommended_config(self) -> Configuration:
-        """The recommendation as a complete mission configuration, under no condition; raises as `recommended`."""
+        """Return the recommendation as a complete mission configuration, under no condition; raises as `recommended`."""
         return self.settings.config(self.recommended().values)
 
     def recommended(self) -> Recommendation:

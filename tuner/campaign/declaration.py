@@ -72,7 +72,7 @@ class Setting:
             require(value, self.limit, self.name)
 
     def from_yaml(self, raw: Any, source: str) -> Any:
-        """The value of a YAML form; `UserError`, which names ``source``, where it is of another kind."""
+        """Return the value of a YAML form; `UserError`, which names ``source``, where it is of another kind."""
         if self.read is not None:
             return self.read(raw, source)
         try:
@@ -81,7 +81,7 @@ class Setting:
             raise UserError(f"{error} ({self.meaning})") from None
 
     def to_yaml(self, value: Any) -> Any:
-        """The inverse of `from_yaml`."""
+        """Return the inverse of `from_yaml`."""
         if self.write is not None:
             return None if value is None else self.write(value)
         if isinstance(value, Mapping):
@@ -90,7 +90,7 @@ class Setting:
 
 
 def setting(default: Any, meaning: str, **more: Any) -> Any:
-    """A field: its default, or a function that makes it, its meaning, and ``more`` of what `Setting` has."""
+    """Return a field: its default, or a function that makes it, its meaning, and ``more`` of what `Setting` has."""
     about = {"setting": Setting(meaning, default, **more)}
     if callable(default):
         return dataclasses.field(default_factory=default, metadata=about)
@@ -98,7 +98,7 @@ def setting(default: Any, meaning: str, **more: Any) -> Any:
 
 
 def settings_of(declared: Any) -> dict[str, Setting]:
-    """The settings of a dataclass by name, in the order of its fields."""
+    """Return the settings of a dataclass by name, in the order of its fields."""
     kinds = typing.get_type_hints(declared)
     return {
         f.name: dataclasses.replace(f.metadata["setting"], name=f.name, kind=kinds[f.name])
@@ -121,6 +121,6 @@ def require_settings(declared: type, tree: Any, source: str) -> None:
 
 
 def values_of(declared: type, tree: Mapping[str, Any], source: str) -> dict[str, Any]:
-    """The values of a YAML form, by name; null is as if it were left out."""
+    """Return the values of a YAML form, by name; null is as if it were left out."""
     known = settings_of(declared)
     return {key: known[key].from_yaml(raw, source) for key, raw in tree.items() if raw is not None}

@@ -256,7 +256,7 @@ class Ledger:
     # -- reading ---------------------------------------------------------------------------------------------
 
     def trials(self) -> list[Trial]:
-        """All missions in trial order."""
+        """Return all missions in trial order."""
         if self._alone:
             return [trial for _, trial in self._known.values()]
         found = self._patiently(lambda _: self._study.get_trials(deepcopy=False))

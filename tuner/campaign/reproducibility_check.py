@@ -89,5 +89,5 @@ class ReproducibilityCheck:
 
 
 def _name(trial: Trial) -> str:
-    """What rock it is: of a family every replicate is another one."""
+    """Return the name of the rock; of a family every replicate is another rock."""
     return f"{trial.rock}, rock {trial.replicate}" if family_of(trial.rock) else trial.rock

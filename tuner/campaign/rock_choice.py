@@ -44,12 +44,12 @@ def absolute_rocks(rocks: Sequence[str]) -> list[str]:
 
 
 def training_rocks() -> list[str]:
-    """The procedural rocks of the train split, in catalogue order."""
+    """Return the procedural rocks of the train split, in catalogue order."""
     return [info.name for info in list_rocks() if info.split == "train" and info.source == "procedural"]
 
 
 def held_out_rocks() -> list[str]:
-    """The procedural rocks of the held-out split, in catalogue order."""
+    """Return the procedural rocks of the held-out split, in catalogue order."""
     return [info.name for info in list_rocks() if info.split == "held-out" and info.source == "procedural"]
 
 

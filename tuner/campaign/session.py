@@ -160,7 +160,7 @@ class _Session:
         self._reproducibility.begin()
 
     def _is_void(self, trial: Trial, ended: Trial) -> bool:
-        """Whether the end does not count: an infrastructure failure, or a mesh that has been replaced since."""
+        """Return whether the end does not count: the machine failed, or the mesh has been replaced since."""
         return ended.infrastructure_failure or self._reproducibility.is_another(trial, ended.rock_sha256)
 
     # -- what `fly` asks ---------------------------------------------------------------------------------------
@@ -236,7 +236,7 @@ class _Session:
         return trial
 
     def _config(self, values: Mapping[str, Any], condition: str) -> Configuration | UserError:
-        """The configuration of a proposal, or why there is none: a search space may hold values that exclude one another."""
+        """Return the configuration of a proposal, or why there is none: some values may exclude one another."""
         try:
             return self._settings.config(values, condition)
         except UserError as error:

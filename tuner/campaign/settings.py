@@ -343,7 +343,7 @@ class CampaignSettings:
             )
 
     def _fewest_photographs(self) -> int:
-        """The least number at the ends of what is tuned of the seed phase and of the stopping rule."""
+        """Return the least number at the ends of what is tuned of the seed phase and of the stopping rule."""
         tuned = [p for p in self.space.parameters if p.path.partition(".")[0] in ("seed", "stop")]
         default, found = self.default_values(), list[int]()
         for ends in itertools.islice(itertools.product(*(p.ends for p in tuned)), 256):
@@ -381,7 +381,7 @@ class CampaignSettings:
         return are_drawn(self.rocks)
 
     def rock_flown(self, rock: str, replicate: int) -> str:
-        """The rock that a mission at ``rock`` meets: a fresh one where that is a family."""
+        """Return the rock that a mission at ``rock`` meets: a fresh one where that is a family."""
         return training_rock(rock, replicate, self.seed)
 
     @property
@@ -390,7 +390,7 @@ class CampaignSettings:
         return worlds_over(self.rocks, [condition.name for condition in self.conditions])
 
     def base_config(self) -> Configuration:
-        """The mission configuration on which conditions and tuned values are laid."""
+        """Return the mission configuration on which conditions and tuned values are laid."""
         if self.mission is not None:
             return external_config(self.mission, {})
         return self._base
@@ -400,7 +400,7 @@ class CampaignSettings:
         return self.space.base_config(preset(self.preset).with_values(self.overrides))
 
     def config(self, values: Mapping[str, Any], condition: str = IDEAL) -> Configuration:
-        """The mission configuration at tuned ``values``, under one of the campaign's conditions or none."""
+        """Return the mission configuration at tuned ``values``, under one of the campaign's conditions or none."""
         if self.mission is not None:
             return external_config(self.mission, values)
         config = self._base.with_values(self.space.complete(values))

@@ -30,7 +30,7 @@ SETTINGS = settings_of(CampaignSettings)
 
 
 def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
-    """The inverse of ``CampaignSettings.to_dict``; ``source`` names the file in messages.
+    """Return the inverse of ``CampaignSettings.to_dict``; ``source`` names the file in messages.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def settings_from_dict(tree: Any, source: str) -> CampaignSettings:
 
 
 def _checked(tree: Any, source: str) -> dict[str, Any]:
-    """``tree``; `UserError` for a setting that there is not."""
+    """Return ``tree`` as a dictionary; raise `UserError` for an unknown setting."""
     if (
         isinstance(tree, Mapping) and tree.get("risk") == "mean"
     ):  # an earlier version's only other choice is gone
@@ -58,7 +58,7 @@ def _checked(tree: Any, source: str) -> dict[str, Any]:
 
 
 def _in_full(tree: Mapping[str, Any], directions: Mapping[str, Direction] | None = None) -> dict[str, Any]:
-    """``tree`` with objectives that are texts as mappings: ``f_score@photographs<=21`` says three settings.
+    """Return ``tree`` with objectives written out: the text ``f_score@photographs<=21`` stands for three settings.
 
     ``directions``: which way the metrics of a mission file are better.
     """
@@ -73,7 +73,7 @@ def _in_full(tree: Mapping[str, Any], directions: Mapping[str, Direction] | None
 
 
 def with_mission_file(stored: Mapping[str, Any], file: Path, directory: Path) -> dict[str, Any]:
-    """The settings of the campaign in ``directory`` with its mission file where the user says that it is.
+    """Return the settings of the campaign in ``directory`` with its mission file where the user says that it is.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def with_mission_file(stored: Mapping[str, Any], file: Path, directory: Path) ->
 
 
 def _said_by(mission: MissionFile) -> dict[str, Any]:
-    """The settings that a mission file decides."""
+    """Return the settings that a mission file decides."""
     return {
         "name": mission.name,
         "rocks": list(mission.instances),
@@ -100,7 +100,7 @@ def _said_by(mission: MissionFile) -> dict[str, Any]:
 
 
 def read_settings_file(path: Path) -> dict[str, Any]:
-    """The settings in a user's file, whose relative paths are taken from its folder, or in a ``campaign.yaml``.
+    """Return the settings in a user's file, whose relative paths are taken from its folder, or in a ``campaign.yaml``.
 
     Raises
     ------
@@ -115,7 +115,7 @@ def read_settings_file(path: Path) -> dict[str, Any]:
 
 
 def _from_folder(fields: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """``fields`` with paths as they are from here; what has neither a slash nor a suffix is a name."""
+    """Return ``fields`` with paths as they are from here; what has neither a slash nor a suffix is a name."""
 
     def placed(text: Any) -> Any:
         is_path = isinstance(text, str) and (os.sep in text or Path(text).suffix) and not text.startswith("~")
@@ -128,7 +128,7 @@ def _from_folder(fields: dict[str, Any], folder: Path) -> dict[str, Any]:
 
 
 def read_settings(directory: Path) -> tuple[dict[str, Any], str, str]:
-    """``(settings, identity, digest of the base configuration)`` of the campaign in ``directory``.
+    """Return ``(settings, identity, digest of the base configuration)`` of the campaign in ``directory``.
 
     Raises
     ------

@@ -40,7 +40,7 @@ def sources_by_default(
 
 
 def shipped_missions(space: SearchSpace, objective: Objective) -> EarlierMissions:
-    """The missions in ``space``, outcomes in the direction that ``objective`` maximises.
+    """Return the missions in ``space``, outcomes in the direction that ``objective`` maximises.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def shipped_missions(space: SearchSpace, objective: Objective) -> EarlierMission
 
 
 def _read(space: SearchSpace, objective: Objective) -> dict[str, Any] | None:
-    """The file of ``space``; None where there is none, or where it is of another space of that name or objective."""
+    """Return the file of ``space``; None where there is none, or where it is of another space of that name or objective."""
     path = DIRECTORY / f"{space.name}.json"
     if not path.is_file():
         return None

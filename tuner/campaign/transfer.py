@@ -89,7 +89,7 @@ def _missions_of(
 def _moved(
     tuned: Mapping[str, Any], held: Configuration, space: SearchSpace, base: Configuration
 ) -> Values | None:
-    """``tuned`` values of a mission whose others are ``held``, in ``space``; None where it is no configuration of it."""
+    """Return ``tuned`` values of a mission whose others are ``held``, in ``space``; None where it is no configuration of it."""
     if any(path not in space.paths and value != value_at(base, path) for path, value in tuned.items()):
         return None
     values = {path: tuned[path] if path in tuned else value_at(held, path) for path in space.paths}

@@ -22,7 +22,7 @@ PLANNERS = (
 
 
 def configuration_key(space: SearchSpace, values: Mapping[str, Any]) -> Key:
-    """The same for the same configuration."""
+    """Return what is the same for equal configurations, and for no others."""
     return tuple(round(float(u), 12) for u in space.to_unit(values))
 
 
@@ -32,7 +32,7 @@ def distinct_configurations(space: SearchSpace, missions: Sequence[Observation])
 
 
 def blocks_flown(space: SearchSpace, missions: Sequence[Observation | Pending]) -> dict[Key, set[Block]]:
-    """The (world, replicate) blocks that each configuration has flown, or is flying."""
+    """Return the (world, replicate) blocks that each configuration has flown, or is flying."""
     flown: dict[Key, set[Block]] = collections.defaultdict(set)
     for mission in missions:
         flown[configuration_key(space, mission.values)].add((mission.world, mission.replicate))
@@ -48,7 +48,7 @@ def changes(values: Mapping[str, Any], default: Mapping[str, Any]) -> tuple[str,
 
 
 def mission_key(config: Configuration) -> str:
-    """The same for configurations that fly the same mission: what is without effect in it does not count."""
+    """Return the same for configurations that fly the same mission: what is without effect in it does not count."""
     if isinstance(config, MissionConfig) and config.adaptive_budget == 0:
         idle = {path: about.default for path, about in parameters().items() if path.startswith(PLANNERS)}
         config = config.with_values(idle)
@@ -56,5 +56,5 @@ def mission_key(config: Configuration) -> str:
 
 
 def short(value: Any) -> str:
-    """A parameter's value as a person writes it: four significant digits."""
+    """Return a parameter's value as a person writes it: four significant digits."""
     return f"{value:.4g}" if isinstance(value, float) else str(value)

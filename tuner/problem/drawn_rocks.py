@@ -15,13 +15,13 @@ ANY = "any"
 
 
 def family_of(rock: str) -> str | None:
-    """The family of a place such as ``any-cleft``; None for a rock."""
+    """Return the family of a place such as ``any-cleft``; None for a rock."""
     prefix, _, family = rock.partition("-")
     return family if prefix == ANY and family in FAMILIES else None
 
 
 def with_families(rocks: Iterable[str]) -> list[str]:
-    """``rocks`` with ``any`` as one place of every family.
+    """Return ``rocks`` with ``any`` as one place of every family.
 
     Raises
     ------
@@ -46,17 +46,17 @@ def with_families(rocks: Iterable[str]) -> list[str]:
 
 
 def are_drawn(rocks: Sequence[str]) -> bool:
-    """Whether the places are families."""
+    """Return whether the places are families."""
     return any(family_of(rock) for rock in rocks)
 
 
 def training_rock(rock: str, replicate: int, seed: int) -> str:
-    """The rock of a place's replicate in a campaign of that seed, such as ``cleft-4711``; a rock is itself."""
+    """Return the rock of a place's replicate in a campaign of that seed, such as ``cleft-4711``; a rock is itself."""
     family = family_of(rock)
     return rock if family is None else f"{family}-{(seed * 1009 + replicate) % VALIDATION_FROM}"
 
 
 def held_out_rocks_of(rocks: Iterable[str], count: int) -> list[str]:
-    """The first ``count`` held-out rocks of every family, families in turn."""
+    """Return the first ``count`` held-out rocks of every family, families in turn."""
     families = [family_of(rock) for rock in rocks]
     return [f"{family}-{HELD_OUT_FROM + k}" for k in range(count) for family in families]

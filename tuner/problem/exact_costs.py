@@ -34,14 +34,14 @@ class ExactCost:
     _known: dict[tuple[Any, ...], float] = field(default_factory=dict, compare=False)
 
     def of(self, values: Mapping[str, Any]) -> float:
-        """The metric of a mission at ``values``, in its unit."""
+        """Return the metric of a mission at ``values``, in its unit."""
         key = tuple(values[path] for path in self.paths)
         if key not in self._known:
             self._known[key] = self._of(values)
         return self._known[key]
 
     def outcome(self, values: Mapping[str, Any]) -> float:
-        """The same, oriented so that larger is better."""
+        """Return the metric of a mission at ``values``, oriented so that larger is better."""
         return self.objective.sign * self.of(values)
 
     def agrees(self, missions: Iterable[tuple[Mapping[str, Any], float]]) -> bool:
@@ -72,7 +72,7 @@ class Exact:
 
 
 def modelled(history: Sequence[Observation]) -> list[Observation]:
-    """The history with the second objective's outcomes in the place of the first's, which are computed."""
+    """Return the history with the second objective's outcomes in the place of the first's, which are computed."""
     both = [o for o in history if o.outcome is None or o.second is not None]
     return [
         replace(

@@ -16,7 +16,7 @@ _SHARE = re.compile(r"P\((?P<metric>[\w.]+)>=(?P<least>[^()]+)\)", re.ASCII)
 
 
 def reached(metric: str) -> tuple[str, float] | None:
-    """``(metric, least)`` of a share's path, such as ``P(observable.f_score_48mm>=98)``; None of any other.
+    """Return ``(metric, least)`` of a share's path, such as ``P(observable.f_score_48mm>=98)``; None of any other.
 
     A mission has 100 or 0 of it, so that its mean over rocks is the share of rocks that reach it, in percent.
     """
@@ -46,7 +46,7 @@ def direction_of(metric: str) -> Direction:
 
 
 def dotted(metrics: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    """The path of every number in a mission's metrics."""
+    """Return the path of every number in a mission's metrics."""
     for name, value in metrics.items():
         if isinstance(value, Mapping):
             yield from dotted(value, f"{prefix}{name}.")
@@ -73,7 +73,7 @@ class Objective:
         return 1.0 if self.direction == "maximise" else -1.0
 
     def measure(self, metrics: Mapping[str, Any]) -> float | None:
-        """The metric as measured, a share (`reached`) as 100 or 0; None where it is absent or not a finite number."""
+        """Return the metric as measured, a share (`reached`) as 100 or 0; None where it is absent or not a finite number."""
         if share := reached(self.metric):
             value = Objective(share[0]).measure(metrics)
             return None if value is None else 100.0 * (value >= share[1])
@@ -97,7 +97,7 @@ class Objective:
         return reached(self.metric) is not None
 
     def outcome(self, status: str, metrics: Mapping[str, Any]) -> tuple[float | None, str]:
-        """``(value, reason)``: the value as measured, or None with the reason why the mission is infeasible.
+        """Return ``(value, reason)``: the value as measured, or None with the reason why the mission is infeasible.
 
         A degraded mission has metrics and counts; a failed one is infeasible, never a bad number.
         """

@@ -44,7 +44,7 @@ class AskedObjective:
 
 
 def asked_objective(text: str, own: Mapping[str, Direction] | None = None) -> AskedObjective:
-    """The meaning of a text; ``UserError`` in one line where it has none.
+    """Return the meaning of a text; ``UserError`` in one line where it has none.
 
     ``own``: which way metrics and costs of a mission that is not ours are better, as its mission file says.
     """
@@ -85,7 +85,7 @@ def require_share(share: float, what: str) -> None:
 
 
 def objective_text(objective: Objective, second: Objective | None = None, limit: float | None = None) -> str:
-    """The text that asks for them: the inverse of `asked_objective`."""
+    """Return the text that asks for them: the inverse of `asked_objective`."""
     text = _name(objective)
     if second is None:
         return text
@@ -119,7 +119,7 @@ def _objective(name: str, own: Mapping[str, Direction] | None) -> Objective:
 
 
 def _share(text: str, own: Mapping[str, Direction] | None) -> Objective:
-    """The objective of ``P(f_score>=98)``."""
+    """Return the objective of ``P(f_score>=98)``."""
     found = _SHARE.fullmatch(text)
     try:
         least = float(found["least"]) if found else math.nan

@@ -32,15 +32,15 @@ class Configuration(Protocol):
         ...
 
     def digest(self) -> str:
-        """The same for the same configuration."""
+        """Return what is the same for equal configurations, and for no others."""
         ...
 
     def to_dict(self) -> dict[str, Any]:
-        """The JSON form."""
+        """Return the JSON form."""
         ...
 
     def with_values(self, values: dict[str, Any]) -> Self:
-        """A copy with the named parameters replaced; ``UserError`` for a name or value that is none."""
+        """Return a copy with the named parameters replaced; ``UserError`` for a name or value that is none."""
         ...
 
 
@@ -71,7 +71,7 @@ class Parameter:
     also: tuple[str, ...] = ()  # further paths that take the same value
 
     def contains(self, value: Any) -> bool:
-        """Whether ``value`` is admissible."""
+        """Return whether ``value`` is admissible."""
         if self.kind == "categorical":
             return value in self.choices
         if isinstance(value, bool) or not isinstance(value, (int, float)):
@@ -108,7 +108,7 @@ class Parameter:
         return round(number) if self.kind == "int" else number
 
     def to_dict(self) -> dict[str, Any]:
-        """The YAML form."""
+        """Return the YAML form."""
         tree: dict[str, Any] = {"kind": self.kind}
         if self.kind == "categorical":
             tree["choices"] = list(self.choices)
@@ -141,15 +141,15 @@ class SearchSpace:
         return tuple(parameter.path for parameter in self.parameters)
 
     def base_config(self, preset: C) -> C:
-        """``preset`` with the space's fixed values."""
+        """Return ``preset`` with the space's fixed values."""
         return preset.with_values(self.base)
 
     def config(self, preset: C, values: Mapping[str, Any]) -> C:
-        """The mission configuration at ``values``."""
+        """Return the mission configuration at ``values``."""
         return preset.with_values({**self.base, **self.complete(values)})
 
     def complete(self, values: Mapping[str, Any]) -> Values:
-        """``values`` with the further paths that take the same (``also``): all that a configuration sets."""
+        """Return ``values`` with the further paths that take the same (``also``): all that a configuration sets."""
         return {
             **values,
             **{path: values[p.path] for p in self.parameters for path in p.also if p.path in values},
@@ -187,7 +187,7 @@ class SearchSpace:
                 ) from error
 
     def to_unit(self, values: Mapping[str, Any]) -> Floats:
-        """(d,) position of ``values`` in the unit cube."""
+        """Return (d,) position of ``values`` in the unit cube."""
         return np.array([parameter.to_unit(values[parameter.path]) for parameter in self.parameters])
 
     def from_unit(self, position: Floats | Sequence[float]) -> Values:
@@ -197,11 +197,11 @@ class SearchSpace:
         return {p.path: p.from_unit(float(u)) for p, u in zip(self.parameters, position)}
 
     def snap(self, position: Floats) -> Floats:
-        """(d,) nearest position that is exactly a configuration (integers and choices settle)."""
+        """Return (d,) nearest position that is exactly a configuration (integers and choices settle)."""
         return self.to_unit(self.from_unit(position))
 
     def redraw_choices(self, moved: Floats, origin: Floats, rng: np.random.Generator) -> Floats:
-        """(..., d) ``moved`` with the choices of ``origin``, each drawn anew with probability ``CHOICE_JUMP``.
+        """Return (..., d) ``moved`` with the choices of ``origin``, each drawn anew with probability ``CHOICE_JUMP``.
 
         Nothing is near a choice, so a small move cannot change one.
         """
@@ -223,7 +223,7 @@ class SearchSpace:
         return tuple(i for i, p in enumerate(self.parameters) if p.kind == "categorical")
 
     def to_dict(self) -> dict[str, Any]:
-        """The YAML form; ``space_from_dict`` reads it back."""
+        """Return the YAML form; ``space_from_dict`` reads it back."""
         return {
             "name": self.name,
             "description": self.description,
@@ -240,7 +240,7 @@ def ours(config: Configuration) -> MissionConfig:
 
 
 def value_at(config: Configuration, path: str) -> Any:
-    """The value of a parameter path such as ``gate.d95_m``; ``UserError`` if there is no such path."""
+    """Return the value of a parameter path such as ``gate.d95_m``; ``UserError`` if there is no such path."""
     if not isinstance(config, MissionConfig):  # parameters by their names, which may have dots
         found = config.to_dict()["values"]
         return found[path] if path in found else config.with_values({path: None})

@@ -44,7 +44,7 @@ class ShareBelief:
         return low, high
 
     def probability(self, least: float) -> float:
-        """That the share is at least so large."""
+        """Return the probability that the share is at least ``least``."""
         return float(special.betaincc(*self._ab, least))
 
     def of_the_next(self, count: int = NEXT) -> tuple[int, int]:
@@ -58,5 +58,5 @@ class ShareBelief:
 
 
 def rocks_that_show(share: float) -> int:
-    """How many rocks must succeed, and none fail, before it may be believed that so large a share does."""
+    """Return how many rocks must succeed, and none fail, before it may be believed that so large a share does."""
     return next(n for n in range(1, 1_000_000) if ShareBelief(1.0, n).probability(share) >= SURE)

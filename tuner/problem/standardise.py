@@ -117,19 +117,19 @@ class RockStandardiser:
         return RockStandardiser(centres, scales, float(y.mean()), math.sqrt(within))
 
     def standardise(self, rocks: Sequence[Any], outcomes: Floats | Sequence[float]) -> Floats:
-        """(n,) standardised outcomes."""
+        """Return (n,) standardised outcomes."""
         return np.array([(y - self.centre(rock)) / self.scale(rock) for rock, y in zip(rocks, outcomes)])
 
     def centre(self, rock: Any) -> float:
-        """The rock's centre, in the outcome's unit."""
+        """Return the rock's centre, in the outcome's unit."""
         return self.centres.get(rock, self.grand_mean)
 
     def scale(self, rock: Any) -> float:
-        """The rock's scale, in the outcome's unit."""
+        """Return the rock's scale, in the outcome's unit."""
         return self.scales.get(rock, self.pooled_scale)
 
     def mean_over(self, rocks: Sequence[Any]) -> tuple[float, float]:
-        """``(offset, factor)``: the mean outcome over ``rocks`` is offset + factor * z."""
+        """Return ``(offset, factor)``: the mean outcome over ``rocks`` is offset + factor * z."""
         return (
             float(np.mean([self.centre(rock) for rock in rocks])),
             float(np.mean([self.scale(rock) for rock in rocks])),
@@ -137,7 +137,7 @@ class RockStandardiser:
 
 
 def _residuals(y: Floats, groups: Sequence[Hashable]) -> tuple[Floats, Floats]:
-    """(n,) deviations from the group means, and (n,) shares of the degrees of freedom, 1 - 1 / group size."""
+    """Return (n,) deviations from the group means, and (n,) shares of the degrees of freedom, 1 - 1 / group size."""
     residual, share = np.empty(len(y)), np.empty(len(y))
     for group in set(groups):
         inside = np.array([g == group for g in groups])

@@ -52,7 +52,7 @@ def recommend(
     second: Objective | None = None,
     limit: float | None = None,
 ) -> Recommendation | None:
-    """The recommendation after ``observations``; None before the first feasible one.
+    """Return the recommendation after ``observations``; None before the first feasible one.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def fewest_changes(
     calibrated: Calibration,
     noise_sd: float,
 ) -> int:
-    """Return the index of the configuration to use, as this file begins.
+    """Return the index of the configuration to use, by the rule in this file's docstring.
 
     One is not worse than the best where the posterior mean of their difference is no loss above `EXPECTED_LOSS` of a
     mission's noise, and a loss above the noise of one mission has a probability of at most `RISK_OF_LOSS`.

@@ -79,7 +79,7 @@ def on_next_rocks(
     reached: Sequence[bool],
     no_worse: float | None,
 ) -> Limit:
-    """``found`` with what it says of rocks never flown.
+    """Return ``found`` with what it says of rocks never flown.
 
     Parameters
     ----------

@@ -90,7 +90,7 @@ def next_rock(
 
 
 def _scale_variance(model: RockMeanGP, rocks: Sequence[str]) -> float:
-    """Return tau^2 above."""
+    """Return tau^2 of this file's docstring."""
     logs = [
         np.mean([math.log(model.standardiser.scale(w)) for w in model.worlds if w.rock == rock])
         for rock in rocks

@@ -209,13 +209,13 @@ class Recommendation:
 
     @staticmethod
     def from_dict(tree: Mapping[str, Any]) -> Recommendation:
-        """The inverse of ``to_dict``, after JSON too; ``TypeError`` or ``KeyError`` where it is not."""
+        """Return the inverse of ``to_dict``, after JSON too; ``TypeError`` or ``KeyError`` where it is not."""
         found: Recommendation = _read(Recommendation, tree)
         return found
 
 
 def _read(kind: Any, raw: Any) -> Any:
-    """The value of a type, dataclasses in it included, from its JSON form."""
+    """Return the value of a type, dataclasses in it included, from its JSON form."""
     if isinstance(kind, types.UnionType):  # of a type and None
         return None if raw is None else _read(typing.get_args(kind)[0], raw)
     if dataclasses.is_dataclass(kind):

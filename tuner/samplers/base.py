@@ -37,7 +37,7 @@ class Sampler(Protocol):
         ...
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
-        """The next configuration, given all finished missions and those in flight."""
+        """Return the next configuration, given all finished missions and those in flight."""
         ...
 
 

@@ -30,13 +30,13 @@ class BesideDefault:
         return self.inner.name
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
-        """The default where it is missing, else what ``inner`` proposes."""
+        """Propose the default where it is missing, else what ``inner`` proposes."""
         return self.ask_many(history, pending, 1)[0]
 
     def ask_many(
         self, history: Sequence[Observation], pending: Sequence[Pending], count: int
     ) -> list[Proposal]:
-        """``count`` proposals, each knowing those before."""
+        """Return ``count`` proposals, each knowing those before."""
         s, proposals, flying = self.settings, list[Proposal](), list(pending)
         while len(proposals) < count:
             missing = self._without_default([*history, *flying])
@@ -53,7 +53,7 @@ class BesideDefault:
         return proposals
 
     def _without_default(self, missions: Sequence[Observation | Pending]) -> Block | None:
-        """The first block on which the default is missing; None after verification has begun."""
+        """Return the first block on which the default is missing; None after verification has begun."""
         s = self.settings
         if s.budget is not None and missions_asked(missions, ()) >= VERIFICATION_BEGINS * s.budget:
             return None

@@ -20,7 +20,7 @@ NEAR_SD = (0.075, 0.3)
 
 
 def stays_near_default(dimension: int, trusted_default: bool) -> bool:
-    """Whether half of the design stays near the default: one that can be trusted, in not too many dimensions."""
+    """Return whether half of the design stays near the default: one that can be trusted, in not too many dimensions."""
     return trusted_default and dimension < MANY_PARAMETERS
 
 

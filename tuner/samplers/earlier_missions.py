@@ -50,7 +50,7 @@ class EarlierMissions:
         return surrogate.RockMeanGP(self.space, self.observations, worlds)
 
     def best(self, count: int) -> list[Values]:
-        """The configurations flown with the best posterior means that are apart from each other; at most ``count``."""
+        """Return the configurations flown with the best posterior means that are apart from each other; at most ``count``."""
         gp = self._model
         seen = distinct_configurations(self.space, gp.observations)
         chosen: list[tuple[Values, Floats]] = []
@@ -72,7 +72,7 @@ class EarlierMissions:
 
     @staticmethod
     def from_json(text: str, space: SearchSpace) -> EarlierMissions:
-        """The inverse of ``to_json``; ``UserError``, ``ValueError``, ``TypeError`` or ``KeyError`` where it is not."""
+        """Return the inverse of ``to_json``; ``UserError``, ``ValueError``, ``TypeError`` or ``KeyError`` where it is not."""
         tree = parse_json(text, "the missions learned from", RESULT_NODES)
         observations = [
             Observation(i, v, r, k, y, y, condition=condition[0] if condition else IDEAL)

@@ -59,13 +59,13 @@ class GPSampler:
     verify: bool = True
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
-        """The maximiser of the acquisition, or the next point of the initial design."""
+        """Propose the maximiser of the acquisition, or the next point of the initial design."""
         return self.ask_many(history, pending, 1)[0]
 
     def ask_many(
         self, history: Sequence[Observation], pending: Sequence[Pending], count: int
     ) -> list[Proposal]:
-        """``count`` missions by one model: half by the acquisition, each knowing those before, the others drawn.
+        """Propose ``count`` missions by one model: half by the acquisition, each knowing those before; the others are drawn.
 
         With more in flight than `MAX_JOINT` all are drawn.
         """

@@ -19,7 +19,7 @@ class SobolSampler:
     name: str = "sobol"
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
-        """The next point of the sequence."""
+        """Return the next point of the sequence."""
         return initial_proposal(self.settings, missions_asked(history, pending), self.name)
 
 
@@ -31,7 +31,7 @@ class RandomSampler:
     name: str = "random"
 
     def ask(self, history: Sequence[Observation], pending: Sequence[Pending]) -> Proposal:
-        """A fresh uniform draw."""
+        """Return a fresh uniform draw."""
         number = missions_asked(history, pending)
         if number == 0:
             return initial_proposal(self.settings, 0, self.name)
@@ -41,5 +41,5 @@ class RandomSampler:
 
 
 def make_plain_sampler(name: str, settings: SamplerSettings) -> SobolSampler | RandomSampler:
-    """``sobol`` or ``random``."""
+    """Return ``sobol`` or ``random``."""
     return SobolSampler(settings) if name == "sobol" else RandomSampler(settings)

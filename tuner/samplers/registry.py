@@ -25,7 +25,7 @@ SAMPLER_NAMES = tuple(SAMPLERS)
 
 
 def make_sampler(name: str, settings: SamplerSettings) -> Sampler:
-    """The sampler called ``name``.
+    """Return the sampler called ``name``.
 
     Raises
     ------

@@ -36,7 +36,7 @@ def verification(
     constraint: Constraint | None = None,
     exact: KnownOutcome | None = None,
 ) -> Proposal | None:
-    """The favourite on a block it has not flown, if that is worth more than exploring.
+    """Return the favourite on a block it has not flown, if that is worth more than exploring.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def _worth_confirming(
     constraint: Constraint,
     exact: KnownOutcome,
 ) -> tuple[Values, float] | None:
-    """The configuration flown that one mission more may save most by, and how much it is expected to save.
+    """Return the configuration flown that one mission more may save most by, and how much it is expected to save.
 
     Against the cheapest that may be recommended already and is believed to keep the limit: that one where nothing is cheaper.
     """
@@ -128,7 +128,7 @@ def _unseen_block(
     missions: Sequence[Observation | Pending],
     values: Values,
 ) -> Block | None:
-    """The next block of a configuration that has flown ``own``, in a world it has flown least; None if there is none."""
+    """Return the next block of a configuration that has flown ``own``, in a world it has flown least; None if there is none."""
     counts = {world: sum((world, k) in own for k in range(replicates)) for world in worlds}
     least = min(counts.values())
     if least >= replicates:

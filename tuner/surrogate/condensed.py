@@ -53,7 +53,7 @@ def fitted_subset(count: int) -> Ints:
 
 
 def condensed(model: SingleTaskGP, x: torch.Tensor, y: torch.Tensor) -> SingleTaskGP:
-    """``model``, fitted to some missions, with what all say: (n, inputs) and (n, 1). It knows only their outcomes anew.
+    """Return ``model``, fitted to some missions, as if it had seen all: (n, inputs) and (n, 1). Hyperparameters stay.
 
     The inducing missions are those of ``model`` and the best by its means, where a search goes on.
     """
@@ -89,7 +89,7 @@ def condensed(model: SingleTaskGP, x: torch.Tensor, y: torch.Tensor) -> SingleTa
 
 
 def posterior_means(model: SingleTaskGP, x: torch.Tensor) -> torch.Tensor:
-    """(n,) posterior means at (n, inputs), without the (n, n) covariance."""
+    """Return (n,) posterior means at (n, inputs), without the (n, n) covariance."""
     with torch.no_grad():
         model(x[:1])  # computes the weights of the outcomes
         weights, z = model.prediction_strategy.mean_cache, model.train_inputs[0]

@@ -32,7 +32,7 @@ class Feasibility:
             self._model = fitted([kernel], x[chosen], y[chosen])
 
     def log_chance(self, unit: torch.Tensor) -> torch.Tensor:
-        """(...,) logarithm of the probability that a mission ends well, at (..., d) unit positions; differentiable."""
+        """Return (...,) logarithm of the probability that a mission ends well, at (..., d) unit positions; differentiable."""
         belief = self._model(unit.unsqueeze(-2))
         mean, variance = belief.mean[..., 0], belief.variance[..., 0]
         return torch.special.log_ndtr(mean / (variance + _LEAST_SD**2).sqrt())

@@ -31,7 +31,7 @@ def fitted(kernels: Sequence[Kernel], x: torch.Tensor, y: torch.Tensor) -> Singl
 
 
 def _fitted(kernel: Kernel, x: torch.Tensor, y: torch.Tensor) -> tuple[SingleTaskGP, float]:
-    """A fitted model and its log posterior density."""
+    """Return a fitted model and its log posterior density."""
     prior, mode = log_normal(*NOISE_VARIANCE)
     likelihood = GaussianLikelihood(
         noise_prior=prior,

@@ -32,14 +32,14 @@ LARGEST_Z = 8.0
 
 
 def widening(z: Floats) -> Floats:
-    """(n + 1,) factors of the standard deviations before each of (n,) standardised residuals, and after the last."""
+    """Return (n + 1,) factors of the standard deviations before each of (n,) standardised residuals, and after the last."""
     squares = np.concatenate([[0.0], np.cumsum(np.asarray(z, dtype=float) ** 2)])
     factors: Floats = np.sqrt((PRIOR_COUNT + squares) / (PRIOR_COUNT + np.arange(len(squares))))
     return factors
 
 
 def half_widths_95(z: Floats) -> Floats:
-    """(n + 1,) half-widths of calibrated 95 % intervals, in standard deviations of the model.
+    """Return (n + 1,) half-widths of calibrated 95 % intervals, in standard deviations of the model.
 
     Before each of (n,) standardised residuals, by those before it, and after the last.
     """
@@ -71,7 +71,7 @@ class Calibration:
         return float(special.stdtr(PRIOR_COUNT + len(self.z), mean / (factor * sd)))
 
     def to_dict(self) -> dict[str, float | None]:
-        """The figures for a report; shares are None before the first prediction."""
+        """Return the figures for a report; shares are None before the first prediction."""
         share = float(np.mean(np.abs(self.z) <= NORMAL_95)) if len(self.z) else None
         calibrated = float(np.mean(np.abs(self.z) <= half_widths_95(self.z)[:-1])) if len(self.z) else None
         return {
@@ -84,7 +84,7 @@ class Calibration:
 
 
 def calibration(history: Sequence[Observation]) -> Calibration:
-    """The calibration after ``history``. ``UserError`` where the ledger has something else than a prediction."""
+    """Return the calibration after ``history``. ``UserError`` where the ledger has something else than a prediction."""
     predicted = [
         (o.outcome, *_prediction(o))
         for o in history

@@ -58,7 +58,7 @@ class SharedLevel(Kernel):
         self._averaged = averaged
 
     def forward(self, x1: torch.Tensor, x2: torch.Tensor, diag: bool = False, **params: Any) -> torch.Tensor:
-        """(..., n, m) of (..., n, 1) and (..., m, 1) columns; (..., n) if ``diag``."""
+        """Return (..., n, m) of (..., n, 1) and (..., m, 1) columns; (..., n) if ``diag``."""
         one, two = x1[..., 0], x2[..., 0]
         if not diag:
             one, two = one.unsqueeze(-1), two.unsqueeze(-2)
@@ -74,7 +74,7 @@ class Trend(LinearKernel):
     """Linear in all its columns about the cube's centre; its variance is the mean over the cube."""
 
     def forward(self, x1: torch.Tensor, x2: torch.Tensor, diag: bool = False, **params: Any) -> torch.Tensor:
-        """(..., n, m) of (..., n, p) and (..., m, p); (..., n) if ``diag``."""
+        """Return (..., n, m) of (..., n, p) and (..., m, p); (..., n) if ``diag``."""
         scale = math.sqrt(12.0 / x1.shape[-1])
         return super().forward(scale * (x1 - 0.5), scale * (x2 - 0.5), diag=diag, **params)
 
@@ -93,7 +93,7 @@ class SparseLengthPrior(HalfCauchyPrior):
 
 
 def log_normal(median: float, spread: float) -> tuple[LogNormalPrior, float]:
-    """The prior and its mode, where the search for hyperparameters begins."""
+    """Return the prior and its mode, where the search for hyperparameters begins."""
     return LogNormalPrior(math.log(median), spread), median * math.exp(-(spread**2))
 
 
@@ -106,7 +106,7 @@ def mission_kernel(
     tau: float | None = None,
     conditions: int = 0,
 ) -> Kernel:
-    """The kernel above, with its priors.
+    """Return the kernel of this file's docstring, with its priors.
 
     Parameters
     ----------

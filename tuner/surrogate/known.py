@@ -33,18 +33,18 @@ class KnownOutcome:
         )
 
     def worst(self) -> float:
-        """The least outcome at the ends of the parameters that decide it."""
+        """Return the least outcome at the ends of the parameters that decide it."""
         own = [self.space.parameters[i] for i in self._columns]
         some = self.space.from_unit([0.5] * self.space.dimension)
         ends = itertools.islice(itertools.product(*(p.ends for p in own)), MOST_ENDS)
         return min(self.cost.outcome({**some, **dict(zip(self.cost.paths, end))}) for end in ends)
 
     def keeps(self, outcomes: Floats, at_least: float) -> Bools:
-        """Whether each outcome is at least that, whatever a position rounds to."""
+        """Return whether each outcome is at least that, whatever a position rounds to."""
         return np.asarray(outcomes >= at_least - ROUNDING * max(1.0, abs(at_least)))
 
     def at(self, x: torch.Tensor) -> torch.Tensor:
-        """(...,) at (..., inputs), whose first columns are the unit cube's; integers and choices are rounded."""
+        """Return (...,) at (..., inputs), whose first columns are the unit cube's; integers and choices are rounded."""
         unit = x.detach()[..., : self.space.dimension].reshape(-1, self.space.dimension).numpy()
         _, first, inverse = np.unique(unit[:, self._columns], axis=0, return_index=True, return_inverse=True)
         found = np.array([self.cost.outcome(self.space.from_unit(unit[i])) for i in first])

@@ -61,7 +61,7 @@ SPARSE_TAUS = (1e-3, 1e-2, 1e-1, 1.0)
 
 
 def moments(posterior: Any) -> tuple[Floats, Floats]:
-    """``(mean, covariance)`` of a joint posterior, (m,) and (m, m)."""
+    """Return ``(mean, covariance)`` of a joint posterior, (m,) and (m, m)."""
     return posterior.distribution.mean.numpy(), posterior.distribution.covariance_matrix.numpy()
 
 
@@ -135,7 +135,7 @@ class RockMeanGP:
         return Feasibility(self.space, self.unit, np.array(self._failed), self._seed)
 
     def _fit(self, x: torch.Tensor, y: torch.Tensor) -> SingleTaskGP:
-        """The model fitted to (n, d + 2) inputs and (n, 1) outcomes."""
+        """Return the model fitted to (n, d + 2) inputs and (n, 1) outcomes."""
         settings = dataclasses.replace(self.settings, blocks=self._models_blocks)
         kernels = [
             mission_kernel(
@@ -183,7 +183,7 @@ class RockMeanGP:
         return Posterior(mean.numpy(), covariance.numpy())
 
     def mean_over_worlds(self, x: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """(..., q) means and (..., q, q) covariance of the mean over the training worlds, objective's unit; differentiable.
+        """Return (..., q) means and (..., q, q) covariance of the mean over the training worlds; differentiable.
 
         ``x``: (..., q, d + 2) inputs, whose world and block are replaced.
         """
@@ -209,7 +209,7 @@ class RockMeanGP:
         return order
 
     def promising(self, count: int) -> Floats:
-        """(m, d) unit positions flown, each once: all where there are at most ``count``, else those best by posterior mean."""
+        """Return (m, d) unit positions flown, each once: all, or the ``count`` with the best posterior means."""
         seen = np.unique(self.unit, axis=0)
         if len(seen) <= count:
             return seen
@@ -220,7 +220,7 @@ class RockMeanGP:
     def predict_mission(
         self, values: Mapping[str, Any], place: Place, replicate: int | None = None
     ) -> tuple[float, float]:
-        """``(mean, sd)`` of the outcome of one new mission on a known rock under a known condition, its noise included.
+        """Return ``(mean, sd)`` of the outcome of one new mission on a known rock under a known condition, its noise included.
 
         On the block of a ``replicate`` flown before, what that block taught is used; any other replicate, or
         None, is a block like the others whose offset is not known.
@@ -298,7 +298,7 @@ def _levels(names: Iterable[Any]) -> dict[Any, float]:
 
 
 def blocks_identifiable(blocks: Sequence[tuple[World, int]]) -> bool:
-    """Whether missions on these (world, replicate) blocks can tell block offsets from the world's offset and noise.
+    """Return whether missions on these (world, replicate) blocks can tell block offsets from the world's offset and noise.
 
     Some world must have been flown with two replicates, and some block twice in a world that has another one.
     """

@@ -27,13 +27,13 @@ class Posterior:
         return np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
 
     def difference(self, index: int, reference: int) -> tuple[float, float]:
-        """``(mean, sd)`` of entry ``index`` minus entry ``reference``."""
+        """Return ``(mean, sd)`` of entry ``index`` minus entry ``reference``."""
         c = self.covariance
         variance = c[index, index] + c[reference, reference] - 2 * c[index, reference]
         return float(self.mean[index] - self.mean[reference]), math.sqrt(max(0.0, float(variance)))
 
     def probability_best(self, indices: Sequence[int], seed: int, samples: int = 20_000) -> Floats:
-        """(len(indices),) probability that each is the best of them, by joint sampling."""
+        """Return (len(indices),) probability that each is the best of them, by joint sampling."""
         pick = np.asarray(indices)
         covariance = self.covariance[np.ix_(pick, pick)]
         rng = np.random.default_rng(seed)

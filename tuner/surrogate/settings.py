@@ -24,7 +24,7 @@ class SurrogateSettings:
 
 
 def surrogate_settings(space: SearchSpace) -> SurrogateSettings:
-    """The surrogate that goes with a search space.
+    """Return the surrogate that goes with a search space.
 
     In ``full`` (18 parameters, 64 geometric missions) the recommendation is worse by 0.25 points (0.06 to 0.49, five
     seeds) without the sparse prior and the trend, and by 0.21 (0.04 to 0.41, seven seeds) without the trend alone.

@@ -15,7 +15,7 @@ from tuner.bridges.photogrammetry_nbv.keys import FILES
 
 
 def read_file(path: Path, kind: str) -> dict[str, Any]:
-    """The values of one of their files, by dotted path; ``kind`` is a key of `FILES`.
+    """Return the values of one of their files, by dotted path; ``kind`` is a key of `FILES`.
 
     Raises
     ------

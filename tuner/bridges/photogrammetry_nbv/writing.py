@@ -32,7 +32,7 @@ _SHARED = ("nov", "move", "ang")
 def write_scoring(
     config: MissionConfig, theirs: Mapping[str, Any] | None = None
 ) -> tuple[Values, list[Remark]]:
-    """A ``scoring.yaml`` (flat) that does what ``config`` does; keys that we do not have are as in ``theirs``.
+    """Return a ``scoring.yaml`` (flat) that does what ``config`` does; keys that we do not have are as in ``theirs``.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def _scorer(config: MissionConfig) -> tuple[str, str | None]:
 
 
 def _with_the_flying_scorers_weights(config: MissionConfig) -> MissionConfig:
-    """Where one scorer flies alone, the weights that both share there are its own."""
+    """Return ``config`` with both scorers having the shared weights of the one that flies alone, where one does."""
     alone = {"covis": ("covis", "b_aware"), "b-aware": ("b_aware", "covis")}.get(config.gate.kind)
     if alone is None:
         return config
@@ -174,7 +174,7 @@ def _few_seeds(config: MissionConfig) -> list[Remark]:
 
 
 def carried(kind: str, changes: Mapping[str, tuple[MissionConfig, MissionConfig]]) -> list[str]:
-    """The changed parameters that a file of ``kind`` (a key of `FILES`) carries.
+    """Return the changed parameters that a file of ``kind`` (a key of `FILES`) carries.
 
     ``changes``: per changed parameter path a configuration with the change, and the same without it.
     """
