@@ -183,7 +183,16 @@ def read_yaml(path: Path) -> Any:
 
 
 def parse_json(text: str, source: str, nodes: int = TREE_NODES, *, finite: bool = False) -> Any:
-    """The tree in ``text``; ``finite``: without NaN and Infinity, which Python reads and JSON does not have.
+    """The tree in ``text``.
+
+    Parameters
+    ----------
+    text, source
+        The JSON, and what messages call it.
+    nodes
+        How many values it may hold.
+    finite
+        Refuse NaN and Infinity, which Python reads and JSON does not have.
 
     Raises
     ------

@@ -25,9 +25,9 @@ from nbv.cache import Store
 from nbv.config import MissionConfig
 from nbv.flight import arrival_position
 from nbv.geometric.completeness import sample_probability
-from nbv.geometric.held_worlds import world_of
 from nbv.geometric.metrics import predicted_metrics
 from nbv.geometric.world import _seen as visible
+from nbv.geometric.world_cache import world_of
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.stereo_chance import DenseModel
 from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG

@@ -53,7 +53,13 @@ def remember_json(
     code: str,
     inputs: Sequence[Any],
 ) -> Any:
-    """`remember` for a JSON value."""
+    """`remember` for a JSON value.
+
+    Parameters
+    ----------
+    store, kind, make, code, inputs
+        As in `remember`.
+    """
 
     def packed() -> Arrays:
         return {"json": np.frombuffer(json.dumps(make()).encode(), np.uint8)}

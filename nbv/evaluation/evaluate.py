@@ -71,7 +71,17 @@ def ground_truth(rock: Rock, config: MissionConfig, store: Store | None = None) 
 def rock_floors(
     rock: Rock, truth: GroundTruthSamples, config: MissionConfig, store: Store | None = None
 ) -> dict[str, dict[str, float]]:
-    """What a perfect reconstruction of the rock's observable surface would get; ``truth`` as `ground_truth` has it."""
+    """What a perfect reconstruction of the rock's observable surface would get.
+
+    Parameters
+    ----------
+    rock, truth
+        The rock, and its samples from `ground_truth`.
+    config
+        Voxels of the fusion, and how much cleaning takes for ground.
+    store
+        Where floors are kept; nowhere where left out.
+    """
     shell = camera_shell(config)
     voxel_m, ground_cut_m = config.dense.fusion_voxel_m, config.evaluation.ground_ransac_threshold_m
     floors: dict[str, dict[str, float]] = remember_json(

@@ -75,7 +75,17 @@ def observable_mask(
 def build_ground_truth(
     vertices_m: Floats, faces: Ints, camera_centers_m: Floats, n: int, seed: int = 0
 ) -> GroundTruthSamples:
-    """Samples and observable mask of a mesh; arguments as `sample_surface_evenly` and `observable_mask` have them."""
+    """Samples of a mesh and which of them are observable.
+
+    Parameters
+    ----------
+    vertices_m, faces
+        (V, 3) and (F, 3): the rock.
+    camera_centers_m
+        (C, 3): see `observable_mask`.
+    n, seed
+        See `sample_surface_evenly`.
+    """
     points, normals = sample_surface_evenly(vertices_m, faces, n, seed)
     mask = observable_mask(vertices_m, faces, points, normals, camera_centers_m)
     return GroundTruthSamples(points, normals, mask)

@@ -52,7 +52,17 @@ def azimuth_sectors(
 def sector_completeness(
     to_cloud_mm: Floats, sectors: NDArray[np.int64], count: int, threshold_mm: float
 ) -> list[float | None]:
-    """Completeness in percent per sector; None where a sector holds no sample."""
+    """Completeness in percent per sector; None where a sector holds no sample.
+
+    Parameters
+    ----------
+    to_cloud_mm, sectors
+        (S,) distance of each sample to the cloud, and its sector.
+    count
+        Number of sectors.
+    threshold_mm
+        A sample nearer than this is complete.
+    """
     reached = to_cloud_mm < threshold_mm
     total = np.bincount(sectors, minlength=count)
     hit = np.bincount(sectors, weights=reached, minlength=count)

@@ -27,6 +27,13 @@ def sway_m(wind: WindConfig, rock_sha256: str, replicate: int, viewpoint_id: str
     """(3,) how far gusts have pushed the vehicle at a photograph, beyond the arrival error.
 
     A gust u moves a vehicle with rotor drag k and a position loop of stiffness w**2 by k u / w**2, ``sway_s`` times u.
+
+    Parameters
+    ----------
+    wind
+        Its gusts and the vehicle's answer to them.
+    rock_sha256, replicate, viewpoint_id
+        Key of the draw.
     """
     normal = keyed_rng("gust", rock_sha256, replicate, viewpoint_id).standard_normal(3)
     return wind.gust_m_s * wind.sway_s * normal * (1.0, 1.0, VERTICAL_GUST)

@@ -12,9 +12,9 @@ import numpy as np
 from nbv.cache import code_digest
 from nbv.config import MissionConfig, TargetConfig, TelemetryConfig
 from nbv.gates import Oracle, make_oracle
-from nbv.geometric.held_worlds import world_of
 from nbv.geometric.metrics import predicted_metrics
 from nbv.geometric.reconstructor import GeometricReconstructor
+from nbv.geometric.world_cache import world_of
 from nbv.geometry.frames import look_at
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.flying import fly_mission

@@ -38,7 +38,7 @@ _MAX_SEEDS = 32
 
 
 def forget_seed_models() -> None:
-    """Hold none in this process's memory."""
+    """Remove all seed models from this process's memory."""
     _SEEDS.clear()
 
 

@@ -17,15 +17,16 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from nbv.cache import Store, remember
-from nbv.config import CameraConfig, MissionConfig, SeedConfig
+from nbv.config import MissionConfig, SeedConfig
 from nbv.evaluation.ground_truth import MIN_OBSERVING_VIEWS
-from nbv.geometry.frustum import frustum_planes
+from nbv.geometry.frustum import in_frustum
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.geometry.sampling import sample_surface
 from nbv.geometry.visibility import (
     LANDMARK_MAX_INCIDENCE_DEG,
     OBSERVABLE_MAX_INCIDENCE_DEG,
     lifted,
+    seen_from,
 )
 from nbv.random_streams import keyed_rng
 from nbv.rocks import Rock
@@ -126,7 +127,17 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
 def with_seeds(
     world: GeometricWorld, rock: Rock, config: MissionConfig, around: Surroundings | None = None
 ) -> GeometricWorld:
-    """``world`` with the seeds of ``config`` in place of the paper's; what counts as observable stays."""
+    """``world`` with the seeds of ``config`` in place of the paper's; what counts as observable stays.
+
+    Parameters
+    ----------
+    world
+        Of the paper's seeds.
+    rock, around
+        What it was made of.
+    config
+        Its ``seed``, camera and target.
+    """
     caster, seeds = _caster(rock, around), seed_viewpoints(config)
     pool = np.array([not name.startswith("seed") for name in world.viewpoint_ids])
 
@@ -251,24 +262,13 @@ def _seen(
 ) -> Bools:
     """(V, N) points in the image of each nominal view, facing it, above ground and not hidden by the rock."""
     centers = np.array([v.position_m for v in viewpoints])
-    seen = _in_images(points_m, centers, np.array(config.target_m), config.camera)
+    seen = in_frustum(points_m, centers, np.array(config.target_m), config.camera).T
     seen &= points_m[:, 2] >= 0
     starts = lifted(points_m, normals, LIFT_M)
-    # As `nbv.geometry.visibility.seen_from`, for all views at once.
-    ahead = centers @ normals.T - np.einsum("ij,ij->i", starts, normals)
-    squared = (centers**2).sum(axis=1)[:, None] + (starts**2).sum(axis=1) - 2.0 * centers @ starts.T
-    seen &= ahead >= np.cos(np.deg2rad(max_incidence_deg)) * np.sqrt(squared)
     for row, center in enumerate(centers):
         ask = np.flatnonzero(seen[row])
-        seen[row, ask] = ~caster.blocked(rays_of(starts[ask], center - starts[ask]), reach=1.0)
+        seen[row, ask] = seen_from(center, starts[ask], normals[ask], caster, max_incidence_deg)
     return seen
-
-
-def _in_images(points_m: Floats, centers_m: Floats, target_m: Floats, camera: CameraConfig) -> Bools:
-    x, y, z = frustum_planes(centers_m, target_m, camera)
-    q = np.column_stack([points_m, np.ones(len(points_m))])
-    depth = q @ z
-    return ((np.abs(q @ x) <= depth) & (np.abs(q @ y) <= depth)).T
 
 
 class _Shading:

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from nbv.config import CameraConfig, MissionConfig
-from nbv.evaluation import Evaluation, evaluate_cloud, ground_truth
-from nbv.evaluation.evaluate import rock_floors
+from nbv.evaluation import Evaluation, evaluate_cloud
 from nbv.gates import Oracle, make_oracle
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.flying import fly_mission
@@ -72,9 +71,6 @@ class PhotogrammetricFidelity:
         config = self.context.config
         with self.context.stopwatch.timed("scene"):
             rock, store = self.context.rock, self.context.store
-            if store is not None and self.context.replicate % 2:
-                # Replicates of a new rock fly side by side: here this comes first, there the scene, and each is made once.
-                rock_floors(rock, ground_truth(rock, config, store), config, store)
             around = make_surroundings(config.ground, config.scene.ground_seed, rock.sha256, store)
             scene = build_scene(rock, config.scene, camera, store=store, surroundings=around)
             return make_renderer(scene, config.scene.backend)

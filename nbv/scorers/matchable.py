@@ -115,6 +115,11 @@ def matchable_repair(
     """(C,) share of all matchable views still missing that each candidate would add, in [0, 1].
 
     Zeros where nothing is missing.
+
+    Parameters
+    ----------
+    surface, candidates_m, visited_m, config
+        As in `views_gained`.
     """
     gained, missing = views_gained(surface, candidates_m, visited_m, config)
     return gained / max(missing, 1)
@@ -123,7 +128,17 @@ def matchable_repair(
 def expected_gain_percent(
     points_m: Floats, candidate_m: Floats, visited_m: Floats, config: MissionConfig
 ) -> float:
-    """Of all matchable views that the surface around ``points_m`` needs, the share that a view (3,) would add (%)."""
+    """Of all matchable views that the believed surface needs, the share that one more view would add (%).
+
+    Parameters
+    ----------
+    points_m
+        (N, 3) sparse points, around which the surface is believed.
+    candidate_m, visited_m
+        (3,) the view, and (V, 3) the views so far.
+    config
+        As in `views_gained`.
+    """
     surface = proxy_surface(points_m, config)
     gained, _ = views_gained(surface, candidate_m.reshape(1, 3), visited_m, config)
     return 100.0 * float(gained[0]) / (len(surface.samples_m) * config.matchable.views)

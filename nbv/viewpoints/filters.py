@@ -18,7 +18,17 @@ def within_altitude_and_travel(
     vehicle_position_m: Floats,
     max_travel_m: float,
 ) -> Ints:
-    """Altitude limits (inclusive) and straight-line distance from where the vehicle really is."""
+    """Altitude limits (inclusive) and straight-line distance from where the vehicle really is.
+
+    Parameters
+    ----------
+    positions_m, keep
+        (R, 3) the raw pool, and (K,) the rows that are left of it.
+    min_altitude_m, max_altitude_m
+        Above z = 0.
+    vehicle_position_m, max_travel_m
+        (3,), and how far from there a candidate may lie.
+    """
     z = positions_m[keep, 2]
     travel = np.linalg.norm(positions_m[keep] - vehicle_position_m, axis=1)
     return keep[(z >= min_altitude_m) & (z <= max_altitude_m) & (travel <= max_travel_m)]
@@ -44,7 +54,17 @@ def _spaced(points: bytes, min_spacing_m: float) -> Ints:
 
 
 def not_revisiting(positions_m: Floats, keep: Ints, adaptive_visited_m: Floats, exclusion_m: float) -> Ints:
-    """Drop candidates closer than ``exclusion_m`` to the commanded position of an adaptive capture."""
+    """Drop candidates closer than ``exclusion_m`` to the commanded position of an adaptive capture.
+
+    Parameters
+    ----------
+    positions_m, keep
+        (R, 3) the raw pool, and (K,) the rows that are left of it.
+    adaptive_visited_m
+        (V, 3) commanded positions of the adaptive captures.
+    exclusion_m
+        Least distance to all of them.
+    """
     if len(adaptive_visited_m) == 0:
         return keep
     distance = np.linalg.norm(positions_m[keep][:, None] - adaptive_visited_m[None], axis=2)
@@ -69,23 +89,19 @@ def azimuth_balanced(
     max_candidates: int,
 ) -> Ints:
     """Stable sort: sectors with the fewest adaptive captures first, then the highest elevation first;
-    then at most ``max_candidates``. Below that count only tie-breaking feels it."""
+    then at most ``max_candidates``. Below that count only tie-breaking feels it.
+
+    Parameters
+    ----------
+    positions_m, elevations_deg, keep
+        (R, 3) and (R,) the raw pool, and (K,) the rows that are left of it.
+    target_m
+        (3,) about which sectors are counted.
+    adaptive_visited_m
+        (V, 3) commanded positions of the adaptive captures.
+    sectors, max_candidates
+        How many there are, and how many candidates are left at most.
+    """
     counts = np.bincount(sector_of(adaptive_visited_m, target_m, sectors), minlength=sectors)
     visited = counts[sector_of(positions_m[keep], target_m, sectors)]
     return keep[np.lexsort((-elevations_deg[keep], visited))][:max_candidates]
-
-
-def diverse(positions_m: Floats, keep: Ints, max_candidates: int) -> Ints:
-    """Farthest-point subset of at most ``max_candidates``, starting from the first; ties: the earlier.
-
-    The pool's order is kept, so that the crop does not disturb tie-breaking.
-    """
-    if len(keep) <= max_candidates:
-        return keep
-    points = positions_m[keep]
-    chosen = [0]
-    distance = np.linalg.norm(points - points[0], axis=1)
-    while len(chosen) < max_candidates:
-        chosen.append(int(np.argmax(distance)))
-        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
-    return keep[np.sort(np.array(chosen, dtype=np.int64))]

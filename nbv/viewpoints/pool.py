@@ -99,7 +99,7 @@ def candidate_pool(
     -------
     CandidatePool
         Possibly empty: whether the mission ends there is the mission's decision. ``counts`` holds the
-        survivors after each step: raw, altitude_travel, spacing, revisit, azimuth_balance, diversity.
+        survivors after each step: raw, altitude_travel, spacing, revisit, azimuth_balance.
     """
     pool = config.pool
     raw = raw_candidates(config)
@@ -126,8 +126,6 @@ def candidate_pool(
         positions, elevations, keep, target, visited, pool.azimuth_sectors, pool.max_candidates
     )
     counts["azimuth_balance"] = len(keep)
-    keep = filters.diverse(positions, keep, pool.max_candidates)
-    counts["diversity"] = len(keep)
 
     chosen = keep.tolist()
     return CandidatePool(

@@ -21,8 +21,20 @@ def ring(
 ) -> list[Viewpoint]:
     """``count`` viewpoints at one elevation, clockwise from ``first_bearing_deg`` (0: due north of the target).
 
-    ``radius_m`` is the distance to the target, not the radius of the circle. Ids are
-    ``{id_prefix}_{index}`` with ``id_digits`` digits, counting from ``first_index``.
+    Parameters
+    ----------
+    target_m
+        What the ring stands about.
+    radius_m
+        Distance to the target, not the radius of the circle.
+    elevation_deg, count
+        Of the ring, and how many viewpoints it has.
+    band
+        Of the viewpoints.
+    id_prefix, first_index, id_digits
+        Ids are ``{id_prefix}_{index}`` with so many digits, counting from ``first_index``.
+    first_bearing_deg
+        Clockwise from north.
     """
     return [
         _viewpoint(

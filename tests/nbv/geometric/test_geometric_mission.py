@@ -12,8 +12,8 @@ from nbv.config import preset
 from nbv.errors import UserError
 from nbv.flight import arrival_position
 from nbv.geometric import GeometricReconstructor, load_world, run_geometric_mission
-from nbv.geometric.held_worlds import forget_worlds
 from nbv.geometric.reconstructor import forget_seed_models
+from nbv.geometric.world_cache import forget_worlds
 from nbv.geometry.frames import look_at
 from nbv.mission.result import MissionResult
 from nbv.rocks import load_rock

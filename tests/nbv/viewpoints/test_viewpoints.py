@@ -143,7 +143,6 @@ def test_pool_counts(name: str, altitude: int, spacing: int) -> None:
         "spacing": spacing,
         "revisit": spacing,
         "azimuth_balance": spacing,
-        "diversity": spacing,
     }
     assert len(pool) == spacing
     dropped = {c.id for c in raw_candidates(preset("paper"))[120:]} - set(pool.ids)
@@ -208,10 +207,3 @@ def test_an_unreachable_target_gives_an_empty_pool() -> None:
     pool = candidate_pool(MissionConfig(), np.array([1000.0, 0.0, 0.0]), NOWHERE)
     assert len(pool) == 0
     assert pool.counts["raw"] == 170 and pool.counts["altitude_travel"] == 0
-
-
-def test_farthest_point_crop_spreads() -> None:
-    line = np.column_stack([np.array([0.0, 0.1, 0.2, 5.0, 9.9, 10.0]), np.zeros(6), np.zeros(6)])
-    kept = filters.diverse(line, np.arange(6), 3)
-    assert kept.tolist() == [0, 3, 5]  # the first, the farthest, then the middle; pool order
-    assert filters.diverse(line, np.arange(6), 6).tolist() == list(range(6))

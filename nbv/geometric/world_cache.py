@@ -1,4 +1,4 @@
-"""The last few worlds, in this process's memory: a campaign in one process loads each once."""
+"""The last few worlds in this process's memory: a campaign in one process loads each once."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from nbv.config import MissionConfig
 from nbv.geometric.world import GeometricWorld, load_world
 from nbv.rocks import Rock
 
-MAX_HELD = 16
-_held: dict[tuple[object, ...], GeometricWorld] = {}
+MOST_WORLDS = 16
+_worlds: dict[tuple[object, ...], GeometricWorld] = {}
 
 
 def world_of(rock: Rock, config: MissionConfig, store: Store | None) -> GeometricWorld:
@@ -24,15 +24,15 @@ def world_of(rock: Rock, config: MissionConfig, store: Store | None) -> Geometri
         config.target_m,
         config.shared.box_half_extent_m,
     )
-    world = _held.pop(key, None)
+    world = _worlds.pop(key, None)
     if world is None:
         world = load_world(rock, config, store)
-        while len(_held) >= MAX_HELD:
-            _held.pop(next(iter(_held)))
-    _held[key] = world  # most recently used last
+        while len(_worlds) >= MOST_WORLDS:
+            _worlds.pop(next(iter(_worlds)))
+    _worlds[key] = world  # most recently used last
     return world
 
 
 def forget_worlds() -> None:
-    """Hold none."""
-    _held.clear()
+    """Remove all worlds from this process's memory."""
+    _worlds.clear()
