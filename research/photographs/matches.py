@@ -1,6 +1,6 @@
-"""Verified matches of neighbours, by the angle between them: photographs of sets against rendered ones.
+"""Verified matches of neighbours, by the angle between them: photographs of sets against rendered ones, 640 px wide or high.
 
-python -m research.photographs.matches slab vesicular mictlan sand
+python -m research.photographs.matches slab slab@indoors mictlan sand
 """
 
 from __future__ import annotations
@@ -11,12 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from nbv.cache import Store
-from nbv.config import CameraConfig, MissionConfig, preset
+from nbv.config import IDEAL, CameraConfig, MissionConfig, load_condition, preset, under
+from nbv.dense.reconstruct import shrunk, shrunk_camera
 from nbv.geometry import look_at
 from nbv.photographs import PhotographSet
 from nbv.rocks import Rock, load_rock
 from nbv.rocks.imported import is_photographed
-from nbv.scene import build_scene, make_renderer
+from nbv.scene import Sensor, build_scene, make_renderer
 from nbv.sparse.features import extract_features
 from nbv.sparse.matching import match_pair, pair_angle_deg, verify_pair
 from nbv.types import Floats
@@ -24,24 +25,27 @@ from nbv.viewpoints import seed_viewpoints
 
 WANTED_DEG = {15: (12.0, 18.0), 30: (26.0, 34.0)}
 VIEWS = 24
+SIZE_PX = 640
 PAIRS = 16  # of each kind, at most
 
 
 def rendered(rock: Rock, config: MissionConfig) -> tuple[Floats, list[np.ndarray]]:
     """A ring at 22 degrees."""
+    sensor = Sensor(config)
     renderer = make_renderer(
-        build_scene(rock, config.scene, config.camera, store=Store()), config.scene.backend
+        build_scene(rock, config.scene, sensor.drawn, store=Store()), config.scene.backend
     )
     ring = config.with_values({"seed.count": VIEWS, "seed.lowest_deg": 22.0, "seed.radius_m": 3.5})
     at = np.array([v.position_m for v in seed_viewpoints(ring)])
-    return at, [renderer.rgb(look_at(p, np.array(config.target_m))) for p in at]
+    poses = [look_at(p, np.array(config.target_m)) for p in at]
+    return at, [sensor.photograph(renderer, pose, rock, 0, f"{k}") for k, pose in enumerate(poses)]
 
 
-def taken(photographs: PhotographSet) -> tuple[Floats, list[np.ndarray]]:
-    """Every few of them, in the order in which they were taken."""
+def taken(photographs: PhotographSet, camera: CameraConfig) -> tuple[Floats, list[np.ndarray]]:
+    """Every few of them, in the order in which they were taken, at the size of ``camera``."""
     chosen = photographs.registered[:: max(1, len(photographs.registered) // (2 * VIEWS))]
     at = np.array([p.camera_center_m for p in chosen])
-    return at, [photographs.image(p.name) for p in chosen]
+    return at, [shrunk(photographs.image(p.name), camera) for p in chosen]
 
 
 def counts(
@@ -69,12 +73,14 @@ def counts(
 
 def main() -> None:
     """A line per rock or set."""
-    config = preset("campaign")
-    for name in sys.argv[1:]:
-        print(name)
+    for asked in sys.argv[1:]:
+        print(asked)
+        name, _, condition = asked.partition("@")
+        config = under(preset("campaign"), load_condition(condition or IDEAL))
         if is_photographed(name):
             photographs = PhotographSet.read(name)
-            found = counts(*taken(photographs), photographs.target_m, photographs.camera, config)
+            camera = shrunk_camera(photographs.camera, SIZE_PX)
+            found = counts(*taken(photographs, camera), photographs.target_m, camera, config)
         else:
             found = counts(
                 *rendered(load_rock(name, Store()), config), config.target_m, config.camera, config
