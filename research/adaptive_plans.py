@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from nbv.cache import Store
-from nbv.config import MissionConfig, load_condition, preset, under
+from nbv.config import MissionConfig, preset
 from nbv.geometric.mission import GeometricFidelity
 from nbv.mission.fidelity import Fidelity, MissionContext
 from nbv.mission.flying import fly_mission
@@ -39,7 +39,7 @@ def rocks_of(split: str, per_family: int, first: int = 0) -> list[str]:
     return [f"{family}-{seed}" for seed in range(start, start + per_family) for family in FAMILIES]
 
 
-def known(rock: str, condition: str = "ideal", **values: Any) -> MissionConfig:
+def known(rock: str, **values: Any) -> MissionConfig:
     """The base configuration about a rock whose place and size are known: aim at its middle, crop beyond its ends."""
     vertices_m = load_rock(rock, Store()).vertices_m
     height_m = float(vertices_m[:, 2].max())
@@ -49,7 +49,7 @@ def known(rock: str, condition: str = "ideal", **values: Any) -> MissionConfig:
         "dense.crop_half_width_m": round(reach_m, 3),
         "evaluation.crop_half_extent_m": round(reach_m, 3),
     }
-    return under(preset("campaign").with_values({**BASE, **about, **values}), load_condition(condition))
+    return preset("campaign").with_values({**BASE, **about, **values})
 
 
 @dataclass(frozen=True)
@@ -62,11 +62,12 @@ class Flown:
 
 
 class _Kept:
-    """Implements ``nbv.types.Reconstructor``: another one, whose last model is kept."""
+    """Implements ``nbv.types.Reconstructor``: another one, whose last model is kept, and about what it was to be."""
 
-    def __init__(self, inner: Any, listen: Listener) -> None:
+    def __init__(self, inner: Any, listen: Listener, believed: MissionConfig) -> None:
         self._inner, self._listen = inner, listen
         self.model: SparseModel | None = None
+        self.believed = believed
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._inner, name)
@@ -76,6 +77,12 @@ class _Kept:
 
     def add(self, capture: Capture) -> UpdateReport:
         return self._keep(self._inner.add(capture))
+
+    def retarget(self, target_m: tuple[float, float, float], crop_half_width_m: float) -> None:
+        self.believed = self.believed.with_values(
+            {"target_m": target_m, "dense.crop_half_width_m": crop_half_width_m}
+        )
+        self._inner.retarget(target_m, crop_half_width_m)
 
     def finish(self) -> Cloud:
         cloud: Cloud = self._inner.finish()
@@ -109,10 +116,9 @@ def fly(
 
     def make(context: MissionContext) -> Fidelity:
         made = FIDELITIES[fidelity](context)
-        reconstructor = _Kept(made.reconstructor, listen)
-        made.reconstructor = reconstructor
-        kept[:] = [reconstructor, made]
+        made.reconstructor = _Kept(made.reconstructor, listen, made.believed)
+        kept[:] = [made.reconstructor]
         return cast(Fidelity, made)
 
     result = fly_mission(make, config, rock, replicate)
-    return Flown(result, kept[0].model, kept[1].believed)
+    return Flown(result, kept[0].model, kept[0].believed)

@@ -16,6 +16,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.axes import Axes
 
 Row = dict[str, str]
@@ -361,26 +362,56 @@ def drawn_rocks(data: Path) -> plt.Figure:
 
 
 def where_planning_pays(data: Path) -> plt.Figure:
-    """Gain of the adaptive plan over two rings at 24 photographs, by how hard the rock is for the rings."""
-    arms, count = ("rings at 10° and 35°", "adaptive"), "24"
-    figure, axes = plt.subplots(figsize=(6, 3.8))
-    for name, marker, colour, size, text in (
-        ("where_planning_pays", "o", BLUE, 22, "geometric"),
-        ("where_planning_pays_photographs", "D", ORANGE, 40, "photographs"),
-    ):
-        scores: dict[str, dict[str, float]] = {}
-        for row in read(data, name):
-            held_out = row.get("split", "held-out") == "held-out"
-            if held_out and row["photographs"].removesuffix(".0") == count and row["arm"] in arms:
-                scores.setdefault(row["rock"], {})[row["arm"]] = float(row["f_score"])
-        pairs = [(of[arms[0]], of[arms[1]] - of[arms[0]]) for of in scores.values() if len(of) == 2]
-        axes.scatter(*zip(*pairs, strict=True), s=size, marker=marker, color=colour, alpha=0.8, label=text)
-    axes.axhline(0, color="black", linewidth=0.8)
-    axes.axvline(98, color=GREY, linewidth=0.8, linestyle=":")
-    axes.set_xlabel("F-score @ 48 mm (%) of 24 photographs on rings at 10° and 35°")
-    axes.set_ylabel("adaptive plan minus rings (points)")
-    axes.legend(fontsize=8)
-    axes.grid(alpha=0.3)
+    """Gain of the adaptive plan over an orbit of as many photographs: by how hard the rock is, and by condition."""
+    figure, (hard, worlds) = plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained")
+    arms = ("rings at 10° and 35°", "adaptive")
+    scores: dict[str, dict[str, float]] = {}
+    for row in read(data, "where_planning_pays"):
+        if row["split"] == "held-out" and row["photographs"] == "24" and row["arm"] in arms:
+            scores.setdefault(row["rock"], {})[row["arm"]] = float(row["f_score"])
+    pairs = [(of[arms[0]], of[arms[1]] - of[arms[0]]) for of in scores.values() if len(of) == 2]
+    hard.scatter(*zip(*pairs, strict=True), s=14, color=BLUE, alpha=0.6, label="geometric")
+    flown: dict[str, dict[str, dict[str, float]]] = {}
+    for row in read(data, "where_planning_pays_photographs"):
+        flown.setdefault(row["condition"], {}).setdefault(row["rock"], {})[row["arm"]] = float(row["f_score"])
+    gains = {
+        name: [
+            (max(orbits), of["adaptive"] - max(orbits))
+            for of in rocks.values()
+            if "adaptive" in of and (orbits := [f for arm, f in of.items() if arm.startswith("two rings")])
+        ]
+        for name, rocks in flown.items()
+    }
+    hard.scatter(
+        *zip(*gains["ideal"], strict=True), s=34, marker="D", color=ORANGE, alpha=0.8, label="photographs"
+    )
+    hard.axvline(98, color=GREY, linewidth=0.8, linestyle=":")
+    hard.set_xlabel("F-score of the orbit of 24 (%), ideal")
+    hard.set_ylabel("adaptive plan minus orbit (points)")
+    hard.legend(fontsize=8)
+    rng = np.random.default_rng(0)
+    for place, (_, of) in enumerate(gains.items()):
+        gain = np.array([difference for _, difference in of])
+        means = gain[rng.integers(0, len(gain), (4000, len(gain)))].mean(axis=1)
+        worlds.scatter(place + rng.uniform(-0.12, 0.12, len(gain)), gain, s=14, color=ORANGE, alpha=0.6)
+        low, high = np.percentile(means, [2.5, 97.5])
+        worlds.errorbar(
+            place + 0.3,
+            gain.mean(),
+            [[gain.mean() - low], [high - gain.mean()]],
+            fmt="o",
+            color="black",
+            capsize=3,
+            markersize=4,
+        )
+    worlds.set_xticks(
+        range(len(gains)), [f"{name}\n{len(of)} rocks" for name, of in gains.items()], fontsize=8
+    )
+    worlds.set_yscale("symlog", linthresh=2)
+    worlds.set_title("with photographs; mean and 95 % interval", fontsize=9)
+    for axes in (hard, worlds):
+        axes.axhline(0, color="black", linewidth=0.8)
+        axes.grid(alpha=0.3)
     return figure
 
 

@@ -3,17 +3,20 @@
     python -m research.where_planning_pays curves --split train --rocks 4 --out train.csv
     python -m research.where_planning_pays curves --split held-out --rocks 34 --out held_out.csv
     python -m research.where_planning_pays tell --train train.csv --test held_out.csv
+    python -m research.where_planning_pays bounds --rock cleft-20000 breccia-20002
 
 ``curves`` flies geometric missions: an orbit for each number of photographs, and each planned arm once, to the end, with the
 score and the prediction after every photograph, so that any threshold of the stop can be told afterwards. ``tell`` chooses
 the fixed plan and the threshold on one file and reports them on another: mean photographs at an equal share of rocks that
-reach ``--score``, with 95 % bootstrap intervals over rocks. ``--rocks`` counts seeds of each family.
+reach ``--score``, with 95 % bootstrap intervals over rocks. ``--rocks`` counts seeds of each family. ``bounds`` says what
+keeps a rock from it.
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
+import functools
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -33,12 +36,14 @@ from nbv.geometry.stereo_chance import DenseModel
 from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG
 from nbv.rocks import load_rock
 from nbv.scorers.prediction import predict
-from nbv.types import Floats, Ints
-from nbv.viewpoints import seed_viewpoints
+from nbv.types import Floats, Ints, Viewpoint
+from nbv.viewpoints import raw_candidates, seed_viewpoints
 from research.adaptive_plans import fly, known, rocks_of
 
 MOST = 48
 COUNTS = (16, 18, 20, 22, 24, 26, 28, 30, 32, 34, 36, 38, 40, 44, 48)
+MANY = (48, 64, 96)
+BOUNDS = ("rock", *(f"rings of {n}" for n in MANY), "every place", "greedy oracle")
 HEAD = ("rock", "arm", "photographs", "f_score", "predicted")
 BOOTSTRAP = 2000
 FIXED: dict[str, dict[str, Any]] = {
@@ -59,24 +64,23 @@ SEEDS: dict[str, Any] = {"seed.count": 12, "seed.lowest_deg": 10.0}
 
 
 def after_every_photograph(config: MissionConfig, rock: str) -> Iterator[tuple[int, float, float]]:
-    """Photographs, F-score at 48 mm and its prediction (percent), from the seeds to the last view."""
-    steps = []
+    """Photographs flown, F-score at 48 mm and its prediction (percent), from the seeds to the last view."""
+    steps: list[tuple[int, float, float]] = []
 
     def look(reconstructor: Any, model: Any) -> None:
         scores = predicted_metrics(reconstructor._world, reconstructor.predicted(), config)
         told = predict(model.points_m, model.camera_centers_m, config).f_score_percent
-        steps.append((len(model.camera_names), scores["observable"]["f_score_48mm"], told))
+        steps.append((config.seed.total + len(steps), scores["observable"]["f_score_48mm"], told))
 
     fly(config, rock, listen=look)
     return iter(steps)
 
 
-def of_orbit(rock_name: str, config: MissionConfig) -> float:
-    """F-score at 48 mm of the seeds alone, all registered: as a geometric mission has it, without its sparse model."""
+def of_views(rock_name: str, config: MissionConfig, views: list[Viewpoint]) -> float:
+    """F-score at 48 mm of views that are all registered: as a geometric mission has it, without its sparse model."""
     rock = load_rock(rock_name, Store())
     caster = RayCaster(rock.vertices_m, rock.faces)
     world = world_of(rock, known(rock_name), Store())
-    views = seed_viewpoints(config)
     seen = visible(caster, world.samples_m, world.sample_normals, views, config, OBSERVABLE_MAX_INCIDENCE_DEG)
     centers_m = np.array([arrival_position(view, config.flight, rock.sha256, 0) for view in views])
     orbit = replace(world, viewpoint_ids=tuple(view.id for view in views), sample_seen=seen)
@@ -84,17 +88,18 @@ def of_orbit(rock_name: str, config: MissionConfig) -> float:
     return float(predicted_metrics(orbit, chance, config)["observable"]["f_score_48mm"])
 
 
-def curves(rock: str, condition: str, arms: list[str], seeds: dict[str, Any]) -> list[tuple[Any, ...]]:
+def curves(rock: str, arms: list[str], seeds: dict[str, Any]) -> list[tuple[Any, ...]]:
     """Rows as `HEAD` for one rock."""
     rows: list[tuple[Any, ...]] = []
     for arm in arms:
         if arm in FIXED:
             for count in COUNTS:
-                score = of_orbit(rock, known(rock, condition, **{**FIXED[arm], "seed.count": count}))
+                config = known(rock, **{**FIXED[arm], "seed.count": count})
+                score = of_views(rock, config, seed_viewpoints(config))
                 rows.append((rock, arm, count, f"{score:.3f}", ""))
             continue
         budget = MOST - seeds["seed.count"]
-        config = known(rock, condition, **{**seeds, **PLANNED[arm], "stop.adaptive_budget": budget})
+        config = known(rock, **{**seeds, **PLANNED[arm], "stop.adaptive_budget": budget})
         rows += [
             (rock, arm, n, f"{score:.3f}", f"{told:.3f}")
             for n, score, told in after_every_photograph(config, rock)
@@ -102,27 +107,16 @@ def curves(rock: str, condition: str, arms: list[str], seeds: dict[str, Any]) ->
     return rows
 
 
-def with_photographs(rocks: list[str], arms: list[str], count: int, condition: str, out: Path) -> None:
-    """Photogrammetric missions of ``count`` photographs, a row each: the registered score where telemetry errs."""
-    fresh = not out.exists()
-    with out.open("a", newline="") as file:
-        writer = csv.writer(file)
-        if fresh:
-            writer.writerow(("rock", "condition", "arm", "photographs", "registered", "f_score", "status"))
-        for rock in rocks:
-            for arm in arms:
-                values = {**FIXED[arm], "seed.count": count} if arm in FIXED else {**SEEDS, **PLANNED[arm]}
-                if arm not in FIXED:
-                    values["stop.adaptive_budget"] = count - SEEDS["seed.count"]
-                result = fly(known(rock, condition, **values), rock, "photogrammetric").result
-                path = "observable.f_score_48mm"
-                if "registered" in result.metrics:
-                    path = f"registered.{path}"
-                score = result.metric(path) if result.status != "failed" else 0.0
-                costs = result.costs
-                row = (costs["images"], costs["registered_images"], f"{score:.3f}", result.status)
-                writer.writerow((rock, condition, arm, *row))
-                file.flush()
+def bounds(rock: str) -> tuple[Any, ...]:
+    """A row as `BOUNDS`: what more photographs, a planner that sees the surface, and every place together bring a rock."""
+    row: list[str] = []
+    for count in MANY:
+        config = known(rock, **{**FIXED["rings at 10° and 35°"], "seed.count": count})
+        row.append(f"{of_views(rock, config, seed_viewpoints(config)):.2f}")
+    row.append(f"{of_views(rock, config, [*seed_viewpoints(config), *raw_candidates(config)]):.2f}")
+    config = known(rock, **{**SEEDS, **ORACLE, "stop.adaptive_budget": MOST - SEEDS["seed.count"]})
+    row.append(f"{max(score for _, score, _ in after_every_photograph(config, rock)):.2f}")
+    return (rock, *row)
 
 
 class Curves:
@@ -144,6 +138,7 @@ class Curves:
             (p for p in plans if all(p[1] in self.of[p[0]][r] for r in self.rocks)), key=lambda p: p[1]
         )
 
+    @functools.cache  # noqa: B019  there are two of them
     def at(self, arm: str, count: int) -> Floats:
         """(R,) F-scores after so many photographs."""
         return np.array([self.of[arm][rock][count][0] for rock in self.rocks])
@@ -184,71 +179,80 @@ def fewest(curves: Curves, share: float, score: float, rocks: Ints) -> tuple[str
     return plans[-1]
 
 
-def tell(train: Curves, test: Curves, score: float) -> list[str]:
-    """The comparison at equal share, as lines."""
-    lines = []
+def chosen_threshold(train: Curves, score: float) -> float:
+    """The lowest predicted F-score with which the stop brings as many training rocks to ``score`` as any does."""
     grid = np.arange(92.0, 99.01, 0.25)
     shares = np.array([float((train.stopped("adaptive", t)[1] >= score).mean()) for t in grid])
-    threshold = float(grid[int(np.argmax(shares >= shares.max() - 1e-9))])
-    everyone = np.arange(len(test.rocks))
-    count, reached = test.stopped("adaptive", threshold)
-    share = float((reached >= score).mean())
-    arm, fixed = fewest(test, share, score, everyone)
-    lines.append(
-        f"{len(train.rocks)} train rocks: stop at a predicted {threshold:g} %, share {shares.max():.2f}"
+    return float(grid[int(np.argmax(shares >= shares.max() - 1e-9))])
+
+
+def at_equal_share(curves: Curves, threshold: float, score: float, rocks: Ints) -> str:
+    """Photographs of the stopped mission and of the fewest fixed plan that brings as many of the rocks to ``score``."""
+    count, reached = curves.stopped("adaptive", threshold)
+
+    def ratio(of: Ints) -> tuple[float, str, int]:
+        arm, fixed = fewest(curves, float((reached[of] >= score).mean()), score, of)
+        return float(count[of].mean() / fixed), arm, fixed
+
+    value, arm, fixed = ratio(rocks)
+    rng = np.random.default_rng(0)
+    low, high = np.percentile(
+        [ratio(rocks[rng.integers(0, len(rocks), len(rocks))])[0] for _ in range(BOOTSTRAP)], [2.5, 97.5]
     )
-    lines.append(f"{len(test.rocks)} test rocks: adaptive {count.mean():.1f} photographs, share {share:.2f}")
+    return (
+        f"{len(rocks)} rocks, share {(reached[rocks] >= score).mean():.2f}: adaptive {count[rocks].mean():.1f},"
+        f" {arm} {fixed}, {value:.2f} [{low:.2f}, {high:.2f}]"
+    )
+
+
+def tell(train: Curves, test: Curves, score: float) -> list[str]:
+    """The comparison at equal share, then at equal number, as lines."""
+    threshold, everyone = chosen_threshold(train, score), np.arange(len(test.rocks))
+    family = np.array([rock.rpartition("-")[0] for rock in test.rocks])
+    lines = [f"{len(train.rocks)} train rocks: stop at a predicted {threshold:g} %"]
+    lines.append(f"all: {at_equal_share(test, threshold, score, everyone)}")
+    for percent in np.arange(96.0, 99.01, 0.5):
+        lines.append(f"stop at {percent:g}: {at_equal_share(test, float(percent), score, everyone)}")
+    for name in sorted(set(family)):
+        lines.append(f"{name}: {at_equal_share(test, threshold, score, np.flatnonzero(family == name))}")
+    lines.append(
+        f"without clefts: {at_equal_share(test, threshold, score, np.flatnonzero(family != 'cleft'))}"
+    )
     for plan, n in test.orbits():
         at = test.at(plan, n)
         lines.append(f"  {n} by {plan}: share {(at >= score).mean():.2f}, mean {at.mean():.2f}")
-    for t in grid[::2]:
-        n_at, f_at = test.stopped("adaptive", float(t))
-        lines.append(
-            f"  adaptive at {t:g}: {n_at.mean():.1f} photographs, share {(f_at >= score).mean():.2f}"
-        )
-    lines.append(f"fewest of a fixed plan at that share, chosen on the test rocks: {fixed} by {arm}")
     rng = np.random.default_rng(0)
-    ratios = []
-    for _ in range(BOOTSTRAP):
-        draw = rng.integers(0, len(test.rocks), len(test.rocks))
-        _, needed = fewest(test, float((reached[draw] >= score).mean()), score, draw)
-        ratios.append(count[draw].mean() / needed)
-    lines.append(
-        f"adaptive over fixed: {count.mean() / fixed:.2f} [{np.percentile(ratios, 2.5):.2f}, {np.percentile(ratios, 97.5):.2f}]"
-    )
     ceiling = max(float((test.at(*plan) >= score).mean()) for plan in test.orbits())
-    numbers = (
-        fewest_planned(test, "adaptive", ceiling, score, everyone),
-        fewest(test, ceiling, score, everyone)[1],
-    )
     ratios = []
     for _ in range(BOOTSTRAP):
         draw = rng.integers(0, len(test.rocks), len(test.rocks))
         most = max(float((test.at(*plan)[draw] >= score).mean()) for plan in test.orbits())
-        mine = fewest_planned(test, "adaptive", most, score, draw)
-        ratios.append(mine / fewest(test, most, score, draw)[1])
+        ratios.append(
+            fewest_planned(test, "adaptive", most, score, draw) / fewest(test, most, score, draw)[1]
+        )
     low, high = np.percentile(ratios, [2.5, 97.5])
+    mine, fixed = (
+        fewest_planned(test, "adaptive", ceiling, score, everyone),
+        fewest(test, ceiling, score, everyone)[1],
+    )
     lines.append(
-        f"at the largest share of a fixed plan, {ceiling:.2f}, one number for all rocks: adaptive {numbers[0]}, fixed"
-        f" {numbers[1]}, {numbers[0] / numbers[1]:.2f} [{low:.2f}, {high:.2f}]"
+        f"at the largest share of a fixed plan, {ceiling:.2f}, one number for all rocks: adaptive {mine}, fixed {fixed},"
+        f" {mine / fixed:.2f} [{low:.2f}, {high:.2f}]"
     )
     for n in (16, 20, 24, 28, 32, 40):
         best = max((plan for plan in test.orbits() if plan[1] == n), key=lambda p: train.at(*p).mean())
-        difference = test.at("adaptive", n) - test.at(*best)
-        gains = [
-            difference[rng.integers(0, len(difference), len(difference))].mean() for _ in range(BOOTSTRAP)
-        ]
-        hard = test.at(*best)
+        own, its = test.at("adaptive", n), test.at(*best)
+        gains = [(own - its)[rng.integers(0, len(own), len(own))].mean() for _ in range(BOOTSTRAP)]
         lines.append(
-            f"{n} photographs: adaptive {test.at('adaptive', n).mean():.2f}, {best[0]} {hard.mean():.2f}, gain"
-            f" {difference.mean():+.2f} [{np.percentile(gains, 2.5):+.2f}, {np.percentile(gains, 97.5):+.2f}], share"
-            f" {(test.at('adaptive', n) >= score).mean():.2f} against {(hard >= score).mean():.2f}"
+            f"{n} photographs: adaptive {own.mean():.2f}, {best[0]} {its.mean():.2f}, gain {(own - its).mean():+.2f}"
+            f" [{np.percentile(gains, 2.5):+.2f}, {np.percentile(gains, 97.5):+.2f}], share {(own >= score).mean():.2f}"
+            f" against {(its >= score).mean():.2f}"
         )
     for name in [a for a in PLANNED if a in test.of]:
-        ideal = test.needed(name, score)
+        reached = np.array([max(f for f, _ in test.of[name][r].values()) for r in test.rocks]) >= score
         lines.append(
-            f"{name}, ended by one who knows the score: {ideal.mean():.1f} photographs, share"
-            f" {(np.array([max(f for f, _ in test.of[name][r].values()) for r in test.rocks]) >= score).mean():.2f}"
+            f"{name}, ended by one who knows the score: {test.needed(name, score).mean():.1f} photographs, share"
+            f" {reached.mean():.2f}"
         )
     knows = np.array(
         [
@@ -257,6 +261,8 @@ def tell(train: Curves, test: Curves, score: float) -> list[str]:
         ]
     )
     lines.append(f"the best fixed plan of each rock, by one who knows it: {knows.mean():.1f} photographs")
+    never = [r for r in test.rocks if max(f for a in test.of.values() for f, _ in a[r].values()) < score]
+    lines.append(f"never at {score:g} with any plan: {', '.join(never)}")
     return lines
 
 
@@ -267,17 +273,12 @@ def main() -> None:
     flying.add_argument("--split", choices=("train", "validation", "held-out"), default="train")
     flying.add_argument("--rocks", type=int, default=4)
     flying.add_argument("--first", type=int, default=0, help="seeds of the split to leave out before")
-    flying.add_argument("--condition", default="ideal")
     flying.add_argument("--arms", nargs="+", default=[*FIXED, *PLANNED])
     flying.add_argument("--seeds", type=int, default=SEEDS["seed.count"])
     flying.add_argument("--seed-elevation-deg", type=float, default=SEEDS["seed.lowest_deg"])
     flying.add_argument("--out", type=Path, required=True)
-    seeing = commands.add_parser("photographs")
-    seeing.add_argument("--rock", action="append", required=True)
-    seeing.add_argument("--count", type=int, default=24)
-    seeing.add_argument("--condition", default="ideal")
-    seeing.add_argument("--arms", nargs="+", default=["adaptive", "rings at 10° and 35°"])
-    seeing.add_argument("--out", type=Path, required=True)
+    bounding = commands.add_parser("bounds")
+    bounding.add_argument("--rock", nargs="+", required=True)
     telling = commands.add_parser("tell")
     telling.add_argument("--train", type=Path, required=True)
     telling.add_argument("--test", type=Path, required=True)
@@ -286,8 +287,10 @@ def main() -> None:
     if arguments.what == "tell":
         print("\n".join(tell(Curves(arguments.train), Curves(arguments.test), arguments.score)))
         return
-    if arguments.what == "photographs":
-        with_photographs(arguments.rock, arguments.arms, arguments.count, arguments.condition, arguments.out)
+    if arguments.what == "bounds":
+        print(*BOUNDS, sep=",")
+        for rock in arguments.rock:
+            print(*bounds(rock), sep=",", flush=True)
         return
     seeds = {"seed.count": arguments.seeds, "seed.lowest_deg": arguments.seed_elevation_deg}
     fresh = not arguments.out.exists()
@@ -298,7 +301,7 @@ def main() -> None:
             writer.writerow(HEAD)
         for rock in rocks_of(arguments.split, arguments.rocks, arguments.first):
             if rock not in flown:
-                writer.writerows(curves(rock, arguments.condition, arguments.arms, seeds))
+                writer.writerows(curves(rock, arguments.arms, seeds))
                 file.flush()
 
 

@@ -2,9 +2,10 @@
 
 The surface that the vehicle believes in is the convex hull of the sparse points on the rock and of a smaller ball about
 the target, so that what no photograph has matched yet exists on it, too. On it the rules of dense stereo
-(`nbv.geometry.stereo_chance`) say what the registered views will reconstruct. What a hull cannot know, such as undersides
-and cracks, is learned: a logistic curve that was fitted to simulated missions on rocks of
-training seeds (``python -m research.predict_completeness fit``; docs/results/predicted_completeness.md).
+(`nbv.geometry.stereo_chance`) say what the registered views will reconstruct. Holes come where it is weakest: the least
+chance of the best nine tenths, and the rock's height, give the completeness by a logistic curve that was fitted to simulated
+missions on rocks of training seeds (``python -m research.predict_completeness fit``;
+docs/results/predicted_completeness.md).
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ SAMPLES = 600
 BALL_WITHIN = 0.75  # of the ball about the target, where there are points enough
 CONTRAST = 0.02  # of the rock's texture, which nothing says: the median of the training rocks
 FEWEST_OBSERVING = 2
+WEAKEST = 0.1
+LEAST_CHANCE = 0.05  # what has less is not covered at all: the curve has only seen missions all round
 _LEAST_SHARE = 0.005  # shares are kept this far from 0 and 1 where their logarithms are taken
 
 Mask = NDArray[np.bool_]
@@ -38,10 +41,9 @@ Floats32 = NDArray[np.float32]
 class Calibration:
     """Log-odds of the completeness at 48 mm: ``intercept`` and a weight for each feature."""
 
-    intercept: float = 0.61
-    chance: float = 0.56  # of the log-odds of the mean chance on the believed surface
-    observable: float = 0.54  # of the log-odds of the share of the believed surface that cameras can see
-    log_height: float = -0.64  # of the logarithm of its height in metres
+    intercept: float = 3.09
+    weakest: float = 0.2  # of the log-odds of `Prediction.weakest`
+    log_height: float = -1.22  # of the logarithm of the believed surface's height in metres
 
 
 CALIBRATION = Calibration()
@@ -54,11 +56,15 @@ class Prediction:
     samples_m: Floats  # (S, 3) the observable part of it, evenly
     normals: Floats  # (S, 3)
     chance: Floats32  # (S,) that a sample is reconstructed
-    observable_share: float  # of the whole believed surface
     height_m: float  # of its top above the ground
     good: Floats32  # (V, S) how good each registered view is for a match there
     cameras_m: Floats  # (V, 3)
     config: MissionConfig
+
+    @property
+    def weakest(self) -> float:
+        """The chance that all but `WEAKEST` of the samples have."""
+        return float(np.quantile(self.chance, WEAKEST)) if len(self.chance) else 0.0
 
     @property
     def completeness(self) -> float:
@@ -66,11 +72,11 @@ class Prediction:
         weight = CALIBRATION
         log_odds = (
             weight.intercept
-            + weight.chance * _log_odds(float(self.chance.mean()))
-            + weight.observable * _log_odds(self.observable_share)
+            + weight.weakest * _log_odds(self.weakest)
             + weight.log_height * float(np.log(self.height_m))
         )
-        return float(1.0 / (1.0 + np.exp(-log_odds)))
+        covered = float((self.chance > LEAST_CHANCE).mean()) if len(self.chance) else 0.0
+        return min(float(1.0 / (1.0 + np.exp(-log_odds))), covered)
 
     @property
     def f_score_percent(self) -> float:
@@ -107,7 +113,6 @@ def predict(points_m: Floats, cameras_m: Floats, config: MissionConfig) -> Predi
     shell = np.array([view.position_m for view in shell_viewpoints(config)])
     seen, _ = _looks(samples, normals, shell, config)
     observable = seen.sum(axis=0) >= FEWEST_OBSERVING
-    share = float(observable.mean()) if len(samples) else 0.0
     samples, normals = samples[observable], normals[observable]
     seen, incidence = _looks(samples, normals, cameras_m, config)
     chance = reconstruction_probability(
@@ -122,7 +127,6 @@ def predict(points_m: Floats, cameras_m: Floats, config: MissionConfig) -> Predi
         samples_m=samples,
         normals=normals,
         chance=chance,
-        observable_share=share,
         height_m=max(float(points[:, 2].max()), 0.1),
         good=good_view(seen, incidence, DenseModel()),
         cameras_m=cameras_m,

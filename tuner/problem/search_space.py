@@ -129,6 +129,7 @@ class SearchSpace:
     parameters: tuple[Parameter, ...]
     base: dict[str, Any] = field(default_factory=dict)
     description: str = ""
+    begin: tuple[Values, ...] = ()  # flown right after the default: where they differ from it
 
     @property
     def dimension(self) -> int:
@@ -175,7 +176,20 @@ class SearchSpace:
             values[parameter.path] = value
         for parameter in self.parameters:
             self._require_missions(base, values, parameter)
+        for begin in self.begin:
+            self._require_begin(base, values, begin)
         return values
+
+    def _require_begin(self, base: Configuration, default: Values, begin: Values) -> None:
+        own = {parameter.path: parameter for parameter in self.parameters}
+        for path, value in begin.items():
+            if path not in own or not own[path].contains(value):
+                rule = _range_text(own[path]) if path in own else f"the parameters {', '.join(own)}"
+                raise UserError(f"search space {self.name!r}: begin has {path} {value!r}, outside {rule}")
+        try:
+            base.with_values(self.complete({**default, **begin}))
+        except UserError as error:
+            raise UserError(f"search space {self.name!r}: begin has no mission: {error}") from error
 
     def _require_missions(self, base: Configuration, values: Values, parameter: Parameter) -> None:
         for end in parameter.ends:
@@ -228,6 +242,7 @@ class SearchSpace:
             "name": self.name,
             "description": self.description,
             "base": dict(self.base),
+            **({"begin": [dict(values) for values in self.begin]} if self.begin else {}),
             "parameters": {parameter.path: parameter.to_dict() for parameter in self.parameters},
         }
 

@@ -5,6 +5,8 @@ A search space file reads::
     name: gate
     base:                       # optional: fixed values laid over the preset
       gate.kind: hyb-h
+    begin:                      # optional: flown right after the default
+      - {gate.d95_m: 0.1}
     parameters:
       gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: log}       # default: the preset's value
       b_aware.target_track_length: {kind: int, low: 3, high: 12}
@@ -27,8 +29,9 @@ from tuner.problem.search_space import Kind, Parameter, Scale, SearchSpace, Valu
 
 MAX_PARAMETERS = 100
 MAX_CHOICES = 50
+MAX_BEGIN = 10
 _PARAMETER_KEYS = ("kind", "low", "high", "scale", "choices", "default", "also")
-_SPACE_KEYS = ("name", "description", "base", "parameters")
+_SPACE_KEYS = ("name", "description", "base", "begin", "parameters")
 
 
 def search_space_directories() -> tuple[Path, ...]:
@@ -100,8 +103,16 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
             raise UserError(
                 f"{source}: {path} is tuned twice, as a parameter and in 'also'; remove one of the two"
             )
+    begin = tree.get("begin") or []
+    if not isinstance(begin, list) or not all(isinstance(values, dict) for values in begin):
+        raise UserError(f"{source}: 'begin' must list mappings from parameter paths to values")
+    require(len(begin), MAX_BEGIN, f"{source}: the number of configurations in 'begin'")
     space = SearchSpace(
-        str(tree.get("name") or Path(source).stem), parameters, dict(base), str(tree.get("description") or "")
+        str(tree.get("name") or Path(source).stem),
+        parameters,
+        dict(base),
+        str(tree.get("description") or ""),
+        tuple(begin),
     )
     try:
         space.base_config(MissionConfig())

@@ -48,7 +48,7 @@ SEQUENTIAL = (
 class GPSampler:
     """Default configuration, initial design, then log noisy expected improvement on the rock-mean GP.
 
-    The design is a Sobol sequence; unless parameters are many every second point stays near a trusted default. Where
+    The space's own beginnings come right after the default. The design is a Sobol sequence; unless parameters are many every second point stays near a trusted default. Where
     missions were flown before the campaign, the best of them take places of it. Near the end of the budget the favourite
     is flown on blocks it has not seen, where that is worth more (``tuner.samplers.verification``).
     """
@@ -182,6 +182,9 @@ class GPSampler:
 
     def _design_point(self, number: int) -> Proposal:
         s, rank = self.settings, number // 2 - 1
+        if 1 <= number <= len(s.space.begin):
+            values = {**s.default, **s.space.begin[number - 1]}
+            return Proposal(values, {"sampler": self.name, "phase": "begin"})
         places = places_for_earlier(s.initial)
         if number in places and s.earlier is not None and s.earlier.usable:
             place = places.index(number)

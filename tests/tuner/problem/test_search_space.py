@@ -140,6 +140,9 @@ GOOD = "parameters:\n  gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: lo
             "allowed: frustum",
         ),
         (GOOD + "base:\n  gate.d95_m: 0.2\n", "both fixed in 'base' and tuned"),
+        (GOOD + "begin: {gate.d95_m: 0.2}\n", "'begin' must list mappings"),
+        (GOOD + "begin:\n  - {gate.d95_m: 7}\n", r"begin has gate.d95_m 7, outside \[0.01, 1\]"),
+        (GOOD + "begin:\n  - {stop.adaptive_budget: 0}\n", "outside the parameters gate.d95_m"),
         (
             "parameters:\n  gate.d95_m: {low: 0.1, high: 1.0, also: gate.d95}\n",
             "also is 'gate.d95'; it must be a list",

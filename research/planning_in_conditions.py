@@ -1,0 +1,197 @@
+"""Planned views against orbits, with photographs: known targets, targets to be found, neighbours, and the stop flown.
+
+    python -m research.planning_in_conditions fly --condition field --out field.csv --rock boulder-20001 ...
+    python -m research.planning_in_conditions tell field.csv
+
+The vehicle knows how large the rock is. Where the condition has a target to be found, what it is told of the place is off by
+the condition's error, and it finds the rock in its own photographs: a re-aimed orbit after the first `REAIM_AFTER`, the
+planned arms after their seeds. Scores are registered where telemetry errs, and a failed mission scores 0. ``tell`` pairs the
+arms rock by rock, with 95 % bootstrap intervals over rocks.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nbv.config import under
+from nbv.config.conditions import Condition, load_condition
+from nbv.scorers.prediction import predict
+from nbv.types import Floats
+from research.adaptive_plans import FIDELITIES, Flown, fly, known
+
+REAIM_AFTER = 12
+SEEDS: dict[str, Any] = {"seed.count": 12, "seed.lowest_deg": 10.0}
+TWO_RINGS: dict[str, Any] = {"seed.upper_share": 0.36, "seed.span_deg": 25.0}
+REAIMED: dict[str, Any] = {"seed.reaim_after": REAIM_AFTER}
+MOST = 48
+ORBITS: dict[str, dict[str, Any]] = {
+    "one ring": {},
+    "two rings": TWO_RINGS,
+    "one ring, re-aimed": REAIMED,
+    "two rings, re-aimed": {**TWO_RINGS, **REAIMED},
+}
+PLANNED: dict[str, dict[str, Any]] = {
+    "adaptive": {"gate.kind": "predicted"},
+    "random views": {"gate.kind": "random"},
+    "random views in the tuned pool": {"gate.kind": "random", "pool.max_altitude_m": 1.45},
+}
+STOPPED = "stopped"
+# Flown beside those of ``conditions/``.
+CONDITIONS = {
+    # They hide the larger part of the rock from a third of the lowest ring.
+    "neighbours": Condition(
+        "neighbours",
+        {"ground": {"neighbours": 8, "neighbour_height_m": [1.4, 1.5], "neighbour_gap_m": [0.05, 0.8]}},
+    ),
+    "known-to-1m": Condition("known-to-1m", {"target": {"horizontal_sd_m": 1.0, "vertical_sd_m": 0.3}}),
+}
+HEAD = ("rock", "condition", "arm", "photographs", "registered", "f_score", "predicted", "flight_s", "status")
+BOOTSTRAP = 4000
+Keep = Callable[[str, str, Flown], None]
+
+
+def condition_of(name: str) -> Condition:
+    return CONDITIONS.get(name) or load_condition(name)
+
+
+def arm_values(arm: str, count: int, percent: float) -> dict[str, Any]:
+    """What an arm changes: ``count`` photographs in all; the stopped one ends at a predicted ``percent``."""
+    if arm in ORBITS:
+        return {**ORBITS[arm], "seed.count": count}
+    if arm == STOPPED:
+        ends = {"stop.criterion": "predicted", "stop.predicted_percent": percent}
+        return {**SEEDS, **PLANNED["adaptive"], **ends, "stop.adaptive_budget": MOST - SEEDS["seed.count"]}
+    return {**SEEDS, **PLANNED[arm], "stop.adaptive_budget": count - SEEDS["seed.count"]}
+
+
+def mission(
+    rock: str, condition: str, arm: str, count: int, percent: float, fidelity: str = "photogrammetric"
+) -> tuple[tuple[Any, ...], Flown]:
+    """A row as `HEAD`, and what was flown.
+
+    Parameters
+    ----------
+    rock, condition, arm
+        Their names.
+    count
+        Photographs in all, of an arm that does not stop by itself.
+    percent
+        The prediction at which one does.
+    fidelity
+        As `research.adaptive_plans.fly` has it.
+    """
+    values = arm_values(arm, count, percent)
+    flown = fly(under(known(rock, **values), condition_of(condition)), rock, fidelity)
+    result, costs = flown.result, flown.result.costs
+    score = told = float("nan")
+    if result.status == "failed":
+        score = 0.0
+    else:
+        path = "observable.f_score_48mm"
+        score = result.metric(f"registered.{path}" if "registered" in result.metrics else path)
+    if flown.model is not None:
+        told = predict(flown.model.points_m, flown.model.camera_centers_m, flown.believed).f_score_percent
+    photographs, registered = int(costs["images"]), int(costs["registered_images"])
+    row = (photographs, registered, f"{score:.3f}", f"{told:.3f}", f"{costs['flight_time_s']:.1f}")
+    return (rock, condition, arm, *row, result.status if not result.reason else result.reason), flown
+
+
+def fly_all(arguments: argparse.Namespace, keep: Keep = lambda rock, arm, flown: None) -> None:
+    """What the file does not have yet, rock by rock."""
+    out: Path = arguments.out
+    fresh = not out.exists()
+    wanted = dict.fromkeys(arguments.arms, arguments.count)
+    for orbit in arguments.orbit:
+        arm, _, count = orbit.rpartition(":")
+        wanted[orbit] = int(count)
+    flown = set() if fresh else {(r["rock"], r["condition"], r["arm"]) for r in read(out)}
+    with out.open("a", newline="") as file:
+        writer = csv.writer(file)
+        if fresh:
+            writer.writerow(HEAD)
+        for rock in arguments.rock:
+            name = Path(rock).stem
+            for label, count in wanted.items():
+                if (name, arguments.condition, label) in flown:
+                    continue
+                arm = label.rpartition(":")[0] if label in arguments.orbit else label
+                row, what = mission(
+                    rock, arguments.condition, arm, count, arguments.percent, arguments.fidelity
+                )
+                writer.writerow((name, row[1], label, *row[3:]))
+                file.flush()
+                keep(name, label, what)
+
+
+def read(path: Path) -> list[dict[str, str]]:
+    with path.open() as file:
+        return list(csv.DictReader(file))
+
+
+def interval(values: Floats) -> str:
+    """Mean and its 95 % bootstrap interval."""
+    rng = np.random.default_rng(0)
+    means = values[rng.integers(0, len(values), (BOOTSTRAP, len(values)))].mean(axis=1)
+    low, high = np.percentile(means, [2.5, 97.5])
+    return f"{values.mean():+.2f} [{low:+.2f}, {high:+.2f}]"
+
+
+def tell(rows: list[dict[str, str]], against: str, score: float) -> list[str]:
+    """Every arm alone, then ``against`` less each other one, on the rocks that all arms have."""
+    lines = []
+    for condition in dict.fromkeys(row["condition"] for row in rows):
+        here = [row for row in rows if row["condition"] == condition]
+        arms = list(dict.fromkeys(row["arm"] for row in here))
+        of = {arm: {row["rock"]: row for row in here if row["arm"] == arm} for arm in arms}
+        rocks = sorted(set.intersection(*(set(rocks) for rocks in of.values())))
+        values = {arm: np.array([float(of[arm][rock]["f_score"]) for rock in rocks]) for arm in arms}
+        lines.append(f"{condition}: {len(rocks)} rocks")
+        for arm in arms:
+            n = np.array([float(of[arm][rock]["photographs"]) for rock in rocks])
+            v = values[arm]
+            failed = sum(of[arm][rock]["f_score"] == "0.000" for rock in rocks)
+            lines.append(
+                f"  {arm}: {n.mean():.1f} photographs, mean {v.mean():.2f}, worst {v.min():.1f}, "
+                f"share >= {score:g} {(v >= score).mean():.2f}, failed {failed}"
+            )
+        for arm in arms:
+            if arm != against and against in values:
+                share = (values[against] >= score).astype(float) - (values[arm] >= score)
+                gain = values[against] - values[arm]
+                lines.append(f"  {against} less {arm}: score {interval(gain)}, share {interval(share)}")
+    return lines
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    commands = parser.add_subparsers(dest="what", required=True)
+    flying = commands.add_parser("fly")
+    flying.add_argument("--rock", nargs="+", required=True)
+    flying.add_argument("--condition", default="ideal")
+    flying.add_argument("--count", type=int, default=24)
+    flying.add_argument(
+        "--percent", type=float, default=98.0, help="the prediction that ends the stopped arm"
+    )
+    flying.add_argument("--arms", nargs="*", default=[], choices=[*ORBITS, *PLANNED, STOPPED])
+    flying.add_argument("--orbit", nargs="*", default=[], help="ARM:COUNT, an arm with another number")
+    flying.add_argument("--fidelity", default="photogrammetric", choices=FIDELITIES)
+    flying.add_argument("--out", type=Path, required=True)
+    telling = commands.add_parser("tell")
+    telling.add_argument("file", type=Path)
+    telling.add_argument("--against", default="adaptive")
+    telling.add_argument("--score", type=float, default=98.0)
+    arguments = parser.parse_args()
+    if arguments.what == "fly":
+        fly_all(arguments)
+    else:
+        print("\n".join(tell(read(arguments.file), arguments.against, arguments.score)))
+
+
+if __name__ == "__main__":
+    main()
