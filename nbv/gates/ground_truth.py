@@ -16,7 +16,6 @@ from nbv.geometry.matchability import matchable_views, matchable_views_with, usa
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
 from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG, lifted, seen_from
-from nbv.rocks.rock import Rock
 from nbv.types import Bools, CandidatePool, Floats, PlanningState, Ranking
 
 SAMPLE_SEED = 42
@@ -164,11 +163,6 @@ class GroundTruthOracle:
         need = self.config.gate.oracle_matchable_views
         growth = np.minimum(after, need) - np.minimum(matchable_views(before.T), need)
         return float(growth.sum()) / need
-
-
-def make_oracle(config: MissionConfig, rock: Rock) -> GroundTruthOracle:
-    """The ground truth of one rock, for oracle gates and for logging rewards off-policy."""
-    return GroundTruthOracle(rock.vertices_m, rock.faces, config)
 
 
 def oracle_rewards(

@@ -43,10 +43,12 @@ def make_gate(
 
     Parameters
     ----------
+    config
+        Its ``gate``.
     rock_sha256, replicate
         Key of the random control's stream.
     oracle
-        The ground truth (`make_oracle`). Only gates that see it get it.
+        The ground truth. Only gates that see it get it.
 
     Raises
     ------

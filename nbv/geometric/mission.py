@@ -11,7 +11,7 @@ import numpy as np
 
 from nbv.cache import code_digest
 from nbv.config import MissionConfig, TargetConfig, TelemetryConfig
-from nbv.gates import Oracle, make_oracle
+from nbv.gates import GroundTruthOracle, Oracle
 from nbv.geometric.metrics import predicted_metrics
 from nbv.geometric.reconstructor import GeometricReconstructor
 from nbv.geometric.world_cache import world_of
@@ -66,7 +66,8 @@ class GeometricFidelity:
 
     def oracle(self) -> Oracle:
         """The true surface."""
-        return make_oracle(self.context.config, self.context.rock)
+        rock = self.context.rock
+        return GroundTruthOracle(rock.vertices_m, rock.faces, self.context.config)
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
         """Predicted scores; ``metrics["fidelity"]`` says that they are."""

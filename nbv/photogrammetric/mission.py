@@ -8,7 +8,7 @@ from typing import Any, Unpack
 
 from nbv.config import CameraConfig, MissionConfig
 from nbv.evaluation import Evaluation, evaluate_cloud
-from nbv.gates import Oracle, make_oracle
+from nbv.gates import GroundTruthOracle, Oracle
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.flying import fly_mission
 from nbv.mission.function import MissionOptions
@@ -51,7 +51,8 @@ class PhotogrammetricFidelity:
 
     def oracle(self) -> Oracle:
         """The true surface."""
-        return make_oracle(self.context.config, self.context.rock)
+        rock = self.context.rock
+        return GroundTruthOracle(rock.vertices_m, rock.faces, self.context.config)
 
     def measure(self, cloud: Cloud) -> dict[str, Any]:
         """Clean the cloud and compare it with the true rock."""

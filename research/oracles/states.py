@@ -13,7 +13,7 @@ from typing import Any
 
 from nbv.cache import Store
 from nbv.errors import UserError
-from nbv.gates import make_oracle
+from nbv.gates import GroundTruthOracle
 from nbv.mission.planning_state import load_state
 from nbv.rocks import Rock, load_rock
 from nbv.scorers import B_AWARE, COVIS, rank_candidates
@@ -92,7 +92,9 @@ def _judge_mission(mission: FlownMission, rock: Rock, coverages: Sequence[str]) 
     rock = buried_rock(rock, mission.config)
     files = sorted((mission.directory / "states").glob("iter_*.npz"))
     oracles = {
-        coverage: make_oracle(mission.config.with_values({"gate.oracle_coverage": coverage}), rock)
+        coverage: GroundTruthOracle(
+            rock.vertices_m, rock.faces, mission.config.with_values({"gate.oracle_coverage": coverage})
+        )
         for coverage in coverages
     }
     judged: dict[str, list[Judgement]] = {coverage: [] for coverage in coverages}

@@ -92,10 +92,3 @@ def test_what_was_made_is_read_back_and_a_stale_entry_is_not(tmp_path):
     for _ in range(2):
         assert remember_json(store, "values", lambda: value, code="nbv.geometry", inputs=[]) == value
     assert [(kind.kind, kind.entries) for kind in store.info()] == [("things", 3), ("values", 1)]
-
-
-def test_without_a_store_everything_is_made():
-    made = []
-    for _ in range(2):
-        remember(None, "things", lambda: made.append(1) or {}, code="nbv.geometry", inputs=[])
-    assert len(made) == 2

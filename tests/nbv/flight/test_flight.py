@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from nbv.config import FlightConfig, MissionConfig
 from nbv.flight import Flight, Pose, arrival_position, fly_straight, route
 from nbv.flight.energy import power_w
-from nbv.flight.route import clear
 from nbv.geometry.frames import heading_to, wrap_angle
 from nbv.types import Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
@@ -98,16 +97,6 @@ def test_no_leg_passes_through_the_keep_out(start: Pose, end: Pose) -> None:
     assert all(leg.end.position_m[2] >= min(start.position_m[2], end.position_m[2]) for leg in legs)
 
 
-def test_detour_between_opposite_low_views() -> None:
-    start, end = Pose((3.5, 0.0, 1.4), np.pi), Pose((-3.5, 0.0, 1.4), 0.0)
-    assert not clear(start.position_m, end.position_m, TARGET, 1.3, 2.2)
-    legs = route(start, end, TARGET, LIMITS)
-    assert len(legs) == 2
-    length = sum(leg.path_length_m for leg in legs)
-    assert 7.0 < length < 8.0
-    assert sum(leg.duration_s for leg in legs) > fly_straight(start, end, LIMITS).duration_s
-
-
 def test_arrival_error_is_within_tolerance_and_spread() -> None:
     viewpoints = raw_candidates(MissionConfig())
     errors = np.array(
@@ -117,21 +106,6 @@ def test_arrival_error_is_within_tolerance_and_spread() -> None:
     np.testing.assert_allclose(errors.mean(axis=0), 0.0, atol=0.01)
     np.testing.assert_allclose(errors.std(axis=0), 0.35 / 3, rtol=0.05)  # truncation takes 1 %
     assert np.abs(np.corrcoef(errors.T) - np.eye(3)).max() < 0.06
-
-
-def test_arrival_depends_on_rock_replicate_and_viewpoint_only() -> None:
-    a, b = raw_candidates(MissionConfig())[:2]
-    config = MissionConfig()
-    one, other = Flight(config, "rock", 0), Flight(config, "rock", 0)
-    one.take_off()
-    first = one.fly_to(a), one.fly_to(b)
-    second = other.fly_to(b), other.fly_to(a)  # another order, no take-off
-    np.testing.assert_array_equal(first[0], second[1])
-    np.testing.assert_array_equal(first[1], second[0])
-    assert (arrival_position(a, LIMITS, "rock", 1) != first[0]).any()
-    assert (arrival_position(a, LIMITS, "other", 0) != first[0]).any()
-    exact = MissionConfig().with_values({"flight.arrival_tolerance_m": 0.0})
-    np.testing.assert_array_equal(Flight(exact, "rock", 0).fly_to(a), a.position_m)
 
 
 def test_never_below_the_minimum_altitude() -> None:

@@ -59,24 +59,11 @@ def test_attitude_error_turns_the_camera_about_itself() -> None:
     assert np.sqrt((angle_deg**2).mean()) == pytest.approx(np.sqrt(3.0), rel=0.06)
 
 
-def test_the_ground_is_solid() -> None:
-    config = TelemetryConfig(horizontal_noise_m=0.1, vertical_noise_m=50.0)
-    assert (POSITION[2] - errors_m(config, 50)[:, 2]).min() >= 0.3 - 1e-9
-
-
 def test_same_viewpoint_same_error_other_viewpoint_another() -> None:
     flight = TelemetryErrors(TELEMETRY_LEVELS["gnss"], "rock", 0, 0.3)
     a, b, c = (flight.true_pose(REPORTED, name, 5.0) for name in ("seed_00", "seed_00", "seed_01"))
     assert np.array_equal(a, b)
     assert not np.array_equal(a, c)
-
-
-def test_standard_deviation_covers_every_part() -> None:
-    config = TelemetryConfig(
-        horizontal_noise_m=0.3, vertical_noise_m=0.4, drift_m=0.5, lever_arm_m=(0.0, 0.0, 1.2)
-    )
-    assert config.position_sd_m == pytest.approx(np.sqrt(2 * 0.09 + 0.16 + 3 * 0.25 + 1.44))
-    assert TelemetryConfig().position_sd_m == 0.0
 
 
 def test_a_level_sets_the_whole_section() -> None:

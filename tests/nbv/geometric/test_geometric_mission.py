@@ -195,33 +195,6 @@ def test_the_seed_layout_leaves_the_observable_surface(config, rock, world):
     assert len(other.sample_seen) == len(other.landmark_seen) == len(other.viewpoint_ids)
 
 
-def test_it_runs_in_a_campaign(tmp_path):
-    from tuner.campaign.begin import begin_campaign
-    from tuner.campaign.session import fly_campaign
-    from tuner.campaign.settings import CampaignSettings
-    from tuner.missions.executors import InProcessExecutor
-    from tuner.problem.space_files import load_search_space
-
-    settings = CampaignSettings(
-        name="geometric",
-        space=load_search_space("gate_and_weights"),
-        rocks=(ROCK,),
-        budget=3,
-        replicates=1,
-        overrides={"stop.adaptive_budget": 2},
-        sampler="sobol",
-        fidelity="geometric",
-    )
-    summary = fly_campaign(begin_campaign(tmp_path / "campaign", settings), InProcessExecutor())
-    assert summary.stopped == "budget"
-    files = sorted((tmp_path / "campaign" / "missions").glob("*/mission.json"))
-    assert len(files) == 3
-    for file in files:
-        tree = json.loads(file.read_text())
-        assert tree["status"] == "ok"
-        assert tree["provenance"]["fidelity"] == "geometric"
-
-
 def test_planning_in_the_air_costs_time_and_energy_alone() -> None:
     config = preset("campaign").with_values({"stop.adaptive_budget": 3})
     without = run_geometric_mission(config, "slab", 0, None)

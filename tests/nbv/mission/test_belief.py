@@ -84,13 +84,6 @@ def test_nobody_looks_for_a_target_that_is_known_or_all_seen(values: dict) -> No
     assert mission.config is config
 
 
-def test_without_a_target_in_the_first_seeds_belief_stays() -> None:
-    config = believed(preset("campaign").with_values({**ROUGH, "seed.reaim_after": 6}), "rock", 3)
-    mission = made(config, CountingReconstructor(points=20), Flight(config, "rock", 3))
-    mission.fly_seed_phase()
-    assert mission.config is config
-
-
 @pytest.mark.parametrize("ground_m", [-0.7, 0.0, 0.7])
 def test_altitudes_count_from_the_ground_in_the_model(ground_m: float) -> None:
     """GNSS's drift moves the ground; a pool of the lowest ring alone stays that, and is not empty."""

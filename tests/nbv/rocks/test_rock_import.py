@@ -139,16 +139,6 @@ def test_up_axis_comes_out_on_top_without_mirroring(tmp_path, up):
     assert describe(rock).volume_m3 == pytest.approx(hull.volume * (SMALL_M / 2) ** 3, rel=1e-6)
 
 
-def test_stl_is_welded_and_gets_a_procedural_albedo(tmp_path):
-    trimesh.creation.icosphere(subdivisions=2, radius=40).export(tmp_path / "ball.stl")
-    rock = small(tmp_path / "ball.stl")
-    assert describe(rock).boundary_edges == 0
-    assert describe(rock).extents_m[2] == pytest.approx(SMALL_M)
-    assert rock.albedo.std() > 0.02
-    assert any("procedural" in note for note in rock.notes)
-    assert small(tmp_path / "ball.stl").sha256 == rock.sha256
-
-
 def test_largest_body_by_surface_is_kept(tmp_path):
     crumbs = [trimesh.creation.icosphere(subdivisions=3, radius=0.05) for _ in range(3)]  # many small faces
     for k, crumb in enumerate(crumbs):
@@ -231,13 +221,6 @@ def test_bad_files_are_refused_in_one_line(tmp_path, name):
         import_mesh(path)
     assert "\n" not in str(caught.value)
     assert path.name in str(caught.value)
-
-
-def test_enormous_mesh_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("nbv.rocks.mesh_file.MAX_FACES", 10)
-    trimesh.creation.box().export(tmp_path / "big.stl")
-    with pytest.raises(UserError, match="decimate"):
-        import_mesh(tmp_path / "big.stl")
 
 
 @pytest.mark.parametrize("option", [{"up": "w"}, {"split": "test"}, {"height_m": 0.0}, {"height_m": np.nan}])

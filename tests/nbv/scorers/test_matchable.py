@@ -108,22 +108,6 @@ def test_it_plans_from_a_first_model_without_points_on_the_rock(synthetic) -> No
     assert radius_m.min() > 0.75 and radius_m.max() < 0.8 + 1e-9  # stands on the ground
 
 
-def test_the_ranking_is_eq_1_with_its_own_main_term_and_weights(synthetic) -> None:
-    state, pool = synthetic(flat=False)
-    mission = config(**{"matchable.weights.nov": 0.3})
-    ranking = rank_candidates(state, pool, mission)["matchable"]
-    assert ranking.scorer == "matchable"
-    expected = matchable_repair(
-        proxy_surface(state.model.points_m, mission), pool.positions_m, state.visited_m, mission
-    )
-    np.testing.assert_allclose(ranking.terms["main"], expected)
-    w, t = mission.matchable.weights, ranking.terms
-    np.testing.assert_allclose(
-        ranking.scores, w.main * t["main"] + 0.3 * t["nov"] - w.move * t["move"] - w.ang * t["ang"]
-    )
-    assert ranking.scores[ranking.top] == ranking.scores.max() and expected.max() > 0
-
-
 @pytest.fixture
 def synthetic():
     from dataclasses import replace

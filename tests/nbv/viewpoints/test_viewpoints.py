@@ -201,9 +201,3 @@ def test_survivors_obey_every_filter(picks: list[int], x: float, y: float) -> No
         [np.cos(pool.headings_rad), np.sin(pool.headings_rad)]
     )
     np.testing.assert_allclose(aim, 0.0, atol=1e-9)
-
-
-def test_an_unreachable_target_gives_an_empty_pool() -> None:
-    pool = candidate_pool(MissionConfig(), np.array([1000.0, 0.0, 0.0]), NOWHERE)
-    assert len(pool) == 0
-    assert pool.counts["raw"] == 170 and pool.counts["altitude_travel"] == 0
