@@ -73,7 +73,7 @@ class Waits:
     def __init__(self, durations: list[float]) -> None:
         self.durations = durations
 
-    def __call__(self, order: dict[str, Any]) -> dict[str, Any]:
+    def __call__(self, order: dict[str, Any], rock: bytes | None) -> dict[str, Any]:
         job, begin = order["job"], time.time()
         rng = np.random.default_rng(int(job["id"]))
         time.sleep(rng.choice(self.durations))
@@ -89,7 +89,7 @@ class Waits:
             "wall_s": timings["end"] - begin,
         }
         with tempfile.TemporaryDirectory() as empty:
-            return {"outcome": outcome, "files": worker.packed(Path(empty))}
+            return {"outcome": outcome, "files": worker.pack(Path(empty))}
 
 
 def busy(workers: int, seconds: float, rounds: int) -> dict[str, Any]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import ipaddress
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import urlsplit
@@ -25,18 +23,25 @@ _SETTINGS = {
     "distributed.scheduler.worker-ttl": "60s",
     "distributed.admin.large-graph-warning-threshold": "1GB",
 }
+_THIS_MACHINE = ("127.0.0.1", "::1", "localhost")
+_REMEDY = "say --unencrypted where the network is yours alone"
 
 
 def dask_executor(
     where: Where, scheduler: str | None, workers: int, timeout_s: float, *, unencrypted: bool = False
 ) -> DaskExecutor:
-    """An executor on the scheduler at ``scheduler``, on a local cluster, or on jobs of SLURM or PBS.
+    """Return an executor on the scheduler at ``scheduler``, on a local cluster, or on jobs of SLURM or PBS.
 
     Parameters
     ----------
+    where
+        What is started where ``scheduler`` is None; Dask-jobqueue's ``jobqueue.yaml`` has a batch system's settings.
     scheduler
-        ``tls://HOST:PORT`` (certificates as Dask's configuration names them) or ``tcp://127.0.0.1:PORT``; None: start
-        ``workers`` workers, here or as jobs of the batch system, whose settings are Dask-jobqueue's ``jobqueue.yaml``.
+        ``tls://HOST:PORT`` (certificates as Dask's configuration names them) or ``tcp://127.0.0.1:PORT``.
+    workers
+        How many workers are started.
+    timeout_s
+        A mission that takes longer is killed.
     unencrypted
         Whether ``tcp://`` to another machine, or between the batch system's, will do: whoever can reach a scheduler or
         worker there can run programs.
@@ -50,7 +55,8 @@ def dask_executor(
     if scheduler is not None:
         if where != "dask":
             raise UserError(f"--scheduler belongs to --executor dask, not {where}; leave one of them out")
-        client = _client(_checked(scheduler, unencrypted))
+        _check_address(scheduler, unencrypted)
+        client = _client(scheduler)
         try:
             _check_scheduler(client, scheduler, unencrypted)
         except BaseException:
@@ -72,25 +78,25 @@ def dask_executor(
     return DaskExecutor(_client(cluster), timeout_s)
 
 
-def _checked(address: str, unencrypted: bool) -> str:
-    scheme, host, port = address.partition("://")[0], None, None
-    with contextlib.suppress(ValueError):
-        host, port = urlsplit(address).hostname, urlsplit(address).port
-    if scheme not in ("tcp", "tls") or not host or not port or "@" in address:
+def _check_address(address: str, unencrypted: bool) -> None:
+    try:
+        parts = urlsplit(address)
+        good = parts.scheme in ("tcp", "tls") and parts.hostname and parts.port and "@" not in address
+    except ValueError:
+        good = False
+    if not good:
         raise UserError(
             f"--scheduler {address!r} is no address; give tls://HOST:PORT or tcp://127.0.0.1:PORT"
         )
-    if scheme == "tcp" and not unencrypted and not _is_loopback(host):
+    if parts.scheme == "tcp" and not unencrypted and parts.hostname not in _THIS_MACHINE:
         raise UserError(
-            f"--scheduler {address}: without TLS anybody who reaches it can run programs on the workers; use tls://, or say "
-            "--unencrypted where the network is yours alone"
+            f"--scheduler {address}: without TLS anybody who reaches it can run programs on the workers; use tls://, or {_REMEDY}"
         )
-    if scheme == "tls":
-        _require_certificates(address)
-    return address
+    if parts.scheme == "tls":
+        _check_certificates(address)
 
 
-def _require_certificates(address: str) -> None:
+def _check_certificates(address: str) -> None:
     """Raise `UserError` where Dask's configuration names none, or no good ones: its client would wait for itself to end."""
     why = "none are named"
     try:
@@ -105,7 +111,7 @@ def _require_certificates(address: str) -> None:
 
 
 def _check_scheduler(client: Client, address: str, unencrypted: bool) -> None:
-    """Raise `UserError` where workers of other machines may reach it without TLS, or another program than this runs there."""
+    """Raise `UserError` where another program than this runs there, or others may reach it without TLS."""
     here = worker.identity()
     try:
         theirs = client.run_on_scheduler(worker.identity, callback_timeout=_CONNECT_S)
@@ -117,20 +123,11 @@ def _check_scheduler(client: Client, address: str, unencrypted: bool) -> None:
         why = f"it does not answer ({str(error) or type(error).__name__}); look after it and the network"
     if why:
         raise UserError(f"the scheduler at {address}: {why}")
-    try:
-        _checked(heard, unencrypted)
-    except UserError:
+    if heard.startswith("tcp:") and not unencrypted and urlsplit(heard).hostname not in _THIS_MACHINE:
         raise UserError(
-            f"the scheduler at {address} also listens on {heard}, without TLS; start it with --host 127.0.0.1 or for tls://, or say "
-            "--unencrypted where the network is yours alone"
-        ) from None
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
+            f"the scheduler at {address} also listens on {heard}, without TLS; start it with --host 127.0.0.1 or for tls://, "
+            f"or {_REMEDY}"
+        )
 
 
 def _client(to: Any) -> Client:
@@ -145,7 +142,6 @@ def _client(to: Any) -> Client:
 def _batch_cluster(where: Where, unencrypted: bool) -> Any:
     from dask_jobqueue import PBSCluster, SLURMCluster  # noqa: PLC0415  it reads the user's settings when imported
 
-    kind = SLURMCluster if where == "slurm" else PBSCluster
     options: dict[str, Any] = {}
     if not unencrypted:  # certificates of this cluster alone, where jobs can read them
         shared = dask.config.get(f"jobqueue.{where}.shared-temp-directory", None) or home() / "certificates"
@@ -156,7 +152,7 @@ def _batch_cluster(where: Where, unencrypted: bool) -> Any:
             "shared_temp_directory": str(shared),
         }
     try:
-        return kind(**options)
+        return (SLURMCluster if where == "slurm" else PBSCluster)(**options)
     except (ValueError, OSError, ImportError) as error:
         raise UserError(
             f"--executor {where}: {error}; say cores, memory and the like in ~/.config/dask/jobqueue.yaml"

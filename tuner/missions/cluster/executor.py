@@ -21,11 +21,13 @@ from nbv.rocks.imported import write_rock
 from nbv.rocks.recipes import RECIPES
 from tuner.missions.cluster import worker
 from tuner.missions.executors import MAX_ATTEMPTS
-from tuner.missions.job import RESULT_FILE, MissionJob, Trial, clear_traces, landed
+from tuner.missions.job import MissionJob, Trial, clear_traces, landed
 from tuner.missions.registry import EXTERNAL, FIDELITIES
 
 _COUNTED_EVERY_S = 1.0
 _RECONNECT_S = 10.0
+_WORKER_LOST = ("KilledWorker", "CommClosedError", "CancelledError", "FutureCancelledError", "TimeoutError")
+Answer = tuple[dict[str, Any] | None, str, str]  # a worker's, or reason and message why there is none
 
 
 @dataclass
@@ -40,8 +42,8 @@ class _Attempt:
 class DaskExecutor:
     """Missions on the workers of a scheduler; ``capacity`` follows the workers as they come and go.
 
-    Where a worker dies its mission is flown elsewhere; what the lost one may still send is ignored: only the scheduler's
-    word counts. A rock that workers cannot make themselves is sent to each worker that asks, by the hash of its content.
+    Where a worker dies its mission is flown elsewhere. What the lost worker may still send is ignored, since only the
+    scheduler's word counts.
 
     Parameters
     ----------
@@ -51,15 +53,14 @@ class DaskExecutor:
         A mission that takes longer is killed and recorded as ``timeout``.
     """
 
-    def __init__(self, client: Client, timeout_s: float = 3600.0, max_attempts: int = MAX_ATTEMPTS) -> None:
+    def __init__(self, client: Client, timeout_s: float = 3600.0) -> None:
         if not timeout_s > 0:
             raise UserError(f"the mission time-out is {timeout_s} s; it must be positive")
         self._client = client
         self._timeout_s = timeout_s
-        self._max_attempts = max_attempts
         self._attempts: dict[str, _Attempt] = {}
         self._done: queue.SimpleQueue[tuple[str, Future]] = queue.SimpleQueue()
-        self._rocks: dict[str, tuple[str, bytes]] = {}
+        self._rocks: dict[str, tuple[str, Future]] = {}  # hash and content
         self._counted, self._count = -_COUNTED_EVERY_S, 0
         for name in ("distributed", "distributed.client", "asyncio"):
             logging.getLogger(name).setLevel(logging.CRITICAL)  # what matters comes back as an outcome
@@ -89,27 +90,29 @@ class DaskExecutor:
         self._send(job, 1)
 
     def _send(self, job: MissionJob, number: int, *, excused: bool = False) -> None:
+        rock_sha256, rock = self._rock(job)
         order = {
             "job": job.to_dict(),
-            "rock_sha256": self._rock(job)[0],
+            "rock_sha256": rock_sha256,
             "timeout_s": self._timeout_s,
             "identity": worker.identity(job.fidelity),
         }
         # A key of its own: Dask would take an equal mission for the same one.
-        future = self._client.submit(worker.fly, order, key=f"{job.id}-{uuid.uuid4().hex}", pure=False)
+        future = self._client.submit(worker.fly, order, rock, key=f"{job.id}-{uuid.uuid4().hex}", pure=False)
         self._attempts[job.id] = _Attempt(job, number, excused, time.monotonic(), future)
         future.add_done_callback(lambda done: self._done.put((job.id, done)))
 
-    def _rock(self, job: MissionJob) -> tuple[str, bytes]:
-        """Return hash and content of a rock that a worker cannot make itself; empty for one that it can."""
+    def _rock(self, job: MissionJob) -> tuple[str, Future | None]:
+        """Return hash and content of a rock that workers cannot make themselves; Dask takes it where it is needed."""
         made_there = job.rock in RECIPES or generated_name(job.rock) is not None
         if job.fidelity not in FIDELITIES or job.fidelity == EXTERNAL or made_there:
-            return "", b""
-        if job.rock not in self._rocks:
+            return "", None
+        if job.rock not in self._rocks or self._rocks[job.rock][1].status not in ("pending", "finished"):
             rock = load_rock(job.rock, Store())
             path = worker.received_rock(rock.sha256)
             write_rock(rock, path)
-            self._rocks[job.rock] = (rock.sha256, path.read_bytes())
+            content = self._client.submit(bytes, path.read_bytes(), key=f"rock-{uuid.uuid4().hex}")
+            self._rocks[job.rock] = rock.sha256, content
         return self._rocks[job.rock]
 
     def wait_any(self, timeout_s: float) -> list[Trial]:
@@ -145,50 +148,37 @@ class DaskExecutor:
         job, wall_s = attempt.job, time.monotonic() - attempt.since
         del self._attempts[job.id]
         attempt.future.release()  # a scheduler makes anew what is wanted still where a worker is lost
-        if answer is not None and "refused" in answer:
-            return job.failed("user_error", answer["refused"])
-        if answer is not None and "needs" in answer:
-            sha256, content = self._rock(job)
-            with contextlib.suppress(OSError):  # the worker has gone meanwhile
-                self._client.run(worker.keep_rock, sha256, content, workers=[answer["worker"]])
-            self._send(job, attempt.number, excused=attempt.excused)
-            return None
+        trial = None
         if answer is not None:
-            worker.unpacked(answer["files"], job.directory, RESULT_FILE)
             reason, message, wall_s = answer["reason"], answer["message"], answer["wall_s"]
-        trial = (landed(job, wall_s) if answer else None) or job.failed(reason, message, wall_s)
-        retry = trial.should_retry(attempt.number, self._max_attempts, excused=attempt.excused)
+            worker.unpack(answer["files"], job.directory)
+            trial = landed(job, wall_s)
+        trial = trial or job.failed(reason, message, wall_s)
+        retry = trial.should_retry(attempt.number, MAX_ATTEMPTS, excused=attempt.excused)
         if retry and self._client.status == "running":
             self._send(job, attempt.number + 1, excused=attempt.excused or trial.possibly_machine_fault)
             return None
         return trial
 
-    def _answers(self, futures: list[Future]) -> list[tuple[dict[str, Any] | None, str, str]]:
+    def _answers(self, futures: list[Future]) -> list[Answer]:
         """Return each worker's answer, or why it gave none; they are fetched together where all is well."""
         if len(futures) > 1 and all(future.status == "finished" for future in futures):
             with contextlib.suppress(Exception):  # one by one they say which it was
                 fetch = functools.partial(self._client.gather, futures, asynchronous=True)
-                answers = self._client.sync(fetch, callback_timeout=_RECONNECT_S)
-                return [(answer, "", "") for answer in answers]
+                return [
+                    (answer, "", "") for answer in self._client.sync(fetch, callback_timeout=_RECONNECT_S)
+                ]
         return [self._answer(future) for future in futures]
 
-    def _answer(self, future: Future) -> tuple[dict[str, Any] | None, str, str]:
-        """Return the worker's answer, or why it gave none."""
+    def _answer(self, future: Future) -> Answer:
         if future.status in ("cancelled", "lost"):
             self._require_scheduler()
             return None, "server_lost", "the way to the scheduler was cut"
         try:
-            answer: dict[str, Any] = future.result(timeout=_RECONNECT_S)
-            return answer, "", ""
+            return future.result(timeout=_RECONNECT_S), "", ""
         except Exception as error:  # whatever the worker, or the way to it, raised
             name = type(error).__name__
-            if name in (
-                "KilledWorker",
-                "CommClosedError",
-                "CancelledError",
-                "FutureCancelledError",
-                "TimeoutError",
-            ):
+            if name in _WORKER_LOST:
                 return None, "worker_killed", f"the worker died or left ({name})"
             if isinstance(error, ImportError):
                 return None, "user_error", f"a worker cannot import this program ({error}); install it there"

@@ -1,6 +1,6 @@
 """What a worker does: it flies one mission, in a process of its own, and sends back the directory that it left.
 
-Runs in threads of Dask's workers; nothing but bytes and JSON goes over the network, beside the names of these functions.
+It runs in threads of Dask's workers; nothing but bytes and JSON goes over the network, beside the names of these functions.
 """
 
 from __future__ import annotations
@@ -22,11 +22,10 @@ from distributed.utils import sync
 from distributed.worker import WORKER_ANY_RUNNING
 
 from nbv.cache import home
-from nbv.errors import UserError
 from nbv.provenance import MISSION_LIBRARIES, versions
-from nbv.rocks.imported import read_rock
+from nbv.safe_files import write_atomic
 from tuner.missions.executors import LocalProcessExecutor
-from tuner.missions.job import MissionJob, Trial
+from tuner.missions.job import RESULT_FILE, MissionJob, Trial
 from tuner.missions.registry import code_of
 
 _POLL_S = 0.2
@@ -43,8 +42,8 @@ def identity(fidelity: str = "") -> dict[str, str]:
     return found | ({f"the code of {fidelity}": code_of(fidelity)[:12]} if fidelity else {})
 
 
-def difference(theirs: dict[str, str], ours: dict[str, str], whose: str = "worker") -> str:
-    """The first thing in which a worker and the coordinator differ, both named; empty where there is none."""
+def difference(theirs: dict[str, str], ours: dict[str, str], whose: str) -> str:
+    """Return the first thing in which they and the coordinator differ, both named; empty where there is none."""
     for name in {**ours, **theirs}:
         if theirs.get(name) != ours.get(name):
             return (
@@ -55,48 +54,33 @@ def difference(theirs: dict[str, str], ours: dict[str, str], whose: str = "worke
 
 
 def received_rock(sha256: str) -> Path:
-    """Return the file in which a worker keeps the rock of that content."""
+    """Return the file in which a rock of that content is kept for workers."""
     return home() / "rocks" / "received" / f"{sha256}.npz"
 
 
-def keep_rock(sha256: str, content: bytes) -> None:
-    """Keep a rock that the coordinator sent."""
-    path = received_rock(sha256)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=path.parent, delete=False) as file:
-        file.write(content)
-    Path(file.name).replace(path)
+def fly(order: dict[str, Any], rock: bytes | None) -> dict[str, Any]:
+    """Fly the mission of ``order`` (see `tuner.missions.cluster.executor`) and return how it ended, with its files.
 
-
-def fly(order: dict[str, Any]) -> dict[str, Any]:
-    """Fly the mission of ``order`` (see `tuner.missions.cluster.executor`).
-
-    Returns ``{"refused": why}``, ``{"needs": the rock's hash}``, or how it ended with the directory as a tar file.
+    ``rock`` is the content of one that workers cannot make themselves.
     """
     worker = get_worker()
-    ours = identity(order["job"]["fidelity"])
-    if why := difference(ours, order["identity"]):
-        return {"refused": f"worker {worker.address}: {why}"}
     job = MissionJob.from_dict(order["job"])
-    if sha256 := order["rock_sha256"]:
-        path = received_rock(sha256)
-        if not _has(path, sha256):
-            return {"needs": sha256, "worker": worker.address}
-        job = dataclasses.replace(job, rock=str(path))
     directory = Path(tempfile.mkdtemp(prefix=f"mission-{job.id}-", dir=worker.local_directory))
     try:
-        trial = _flown(dataclasses.replace(job, directory=directory), order["timeout_s"])
+        if why := difference(identity(job.fidelity), order["identity"], "worker"):
+            trial = job.failed("user_error", f"worker {worker.address}: {why}")
+        else:
+            if rock is not None:
+                path = received_rock(order["rock_sha256"])
+                if not path.is_file():  # a new file would be read again
+                    path.parent.mkdir(parents=True, exist_ok=True)
+                    write_atomic(path, rock)
+                job = dataclasses.replace(job, rock=str(path))
+            trial = _flown(dataclasses.replace(job, directory=directory), order["timeout_s"])
         ended = {name: getattr(trial, name) for name in ("reason", "message", "wall_s")}
-        return {**ended, "files": packed(directory)}
+        return {**ended, "files": pack(directory)}
     finally:
         shutil.rmtree(directory, ignore_errors=True)
-
-
-def _has(path: Path, sha256: str) -> bool:
-    try:
-        return read_rock(path).sha256 == sha256
-    except UserError:
-        return False
 
 
 def _flown(job: MissionJob, timeout_s: float) -> Trial:
@@ -145,10 +129,9 @@ def grant(task: str, address: str, attempt: str, dask_scheduler: Any) -> bool:
 
 
 def _granted(here: Worker, task: str) -> bool:
-    attempt = uuid.uuid4().hex
+    arguments = dumps((task, here.address, uuid.uuid4().hex))
 
     async def ask() -> Any:
-        arguments = dumps((task, here.address, attempt))
         return await here.scheduler.run_function(function=dumps(grant), args=arguments)
 
     while True:
@@ -164,7 +147,7 @@ def _granted(here: Worker, task: str) -> bool:
 
 
 def _wanted(task: str) -> bool:
-    """Whether the coordinator still waits for this task, and can hear of it: Dask does not stop one that runs."""
+    """Return whether the coordinator still waits for this task, and can hear of it: Dask does not stop one that runs."""
     here = get_worker()
     state = here.state.tasks.get(task)
     return (
@@ -174,26 +157,20 @@ def _wanted(task: str) -> bool:
     )
 
 
-def packed(directory: Path) -> bytes:
-    """The files of a mission."""
+def pack(directory: Path) -> bytes:
+    """Return a mission's files, its result last: its presence means that the mission has finished.
+
+    Links and pipes are left out, which would lead elsewhere at the coordinator's.
+    """
+    files = [path for path in directory.rglob("*") if path.is_file() and not path.is_symlink()]
     buffer = io.BytesIO()
     with tarfile.open(fileobj=buffer, mode="w:gz", compresslevel=1) as archive:
-        # A link or a pipe that a mission left would lead elsewhere at the coordinator's.
-        archive.add(
-            directory, arcname=".", filter=lambda m: m if m.isreg() or m.isdir() or m.islnk() else None
-        )
+        for path in sorted(files, key=lambda path: path == directory / RESULT_FILE):
+            archive.add(path, arcname=path.relative_to(directory))
     return buffer.getvalue()
 
 
-def unpacked(files: bytes, directory: Path, last: str) -> None:
-    """Write the files into ``directory``, ``last`` after all others: its presence means that the mission is finished."""
-    directory.mkdir(parents=True, exist_ok=True)
+def unpack(files: bytes, directory: Path) -> None:
+    """Write a mission's files into ``directory``."""
     with tarfile.open(fileobj=io.BytesIO(files)) as archive:
-        result = [member for member in archive.getmembers() if Path(member.name) == Path(last)]
-        archive.extractall(directory, [m for m in archive.getmembers() if m not in result], filter="data")
-        for member in result:
-            content = archive.extractfile(member)
-            assert content is not None
-            temporary = directory / f".{last}.{time.monotonic_ns()}"
-            temporary.write_bytes(content.read())
-            temporary.replace(directory / last)
+        archive.extractall(directory, filter="data")
