@@ -107,14 +107,16 @@ def fly_all(jobs: list[tuple[MissionConfig, str]], workers: int, folder: Path) -
                 fidelity="research.fresh_process:timed_mission",
             )
         )
-        while executor.in_flight:
-            executor.wait_any(1.0)
-        waiting, landed = list(queue), 0
+        while not executor.wait_any(1.0):
+            pass
+        waiting, landed, flying = list(queue), 0, 0
         started = time.perf_counter()
         while landed < len(queue):
-            while waiting and len(executor.in_flight) < workers:
+            while waiting and flying < workers:
                 executor.submit(waiting.pop(0))
-            landed += len(executor.wait_any(60.0))
+                flying += 1
+            ended = len(executor.wait_any(60.0))
+            landed, flying = landed + ended, flying - ended
         wall = time.perf_counter() - started
     finally:
         executor.close()

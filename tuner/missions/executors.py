@@ -1,13 +1,12 @@
 """Where missions run: processes of this machine, or this very process for debugging.
 
-Each mission has a process group of its own, so that an abort inside a native library, the out-of-memory
-killer or a time-out ends one mission and not the campaign. What the machine ends (somebody kills or stops a process, no
-process can be started, the disk is full) says nothing about the mission: it is flown again, at most `MAX_ATTEMPTS` times in
-all, and comes back as ``lost`` only after that.
+Each mission has a process group of its own, so that an abort inside a native library, the out-of-memory killer or a
+time-out ends one mission and not the campaign.
 """
 
 from __future__ import annotations
 
+import abc
 import collections
 import contextlib
 import json
@@ -20,7 +19,7 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Self
 
 from nbv.errors import UserError
 from nbv.safe_files import require
@@ -33,40 +32,41 @@ if TYPE_CHECKING:
     from tuner.missions.external import MissionFile
 
 
-class Executor(Protocol):
-    """Runs missions, at most ``capacity`` at a time."""
+class Executor(abc.ABC):
+    """Runs missions, each once and at most ``capacity`` at a time; who is done with it closes it."""
 
     @property
+    @abc.abstractmethod
     def capacity(self) -> int:
         """Missions at a time; it may change."""
-        ...
 
+    @abc.abstractmethod
     def submit(self, job: MissionJob) -> None:
-        """Start ``job``; returns at once (the in-process executor flies it in ``wait_any``)."""
-        ...
+        """Start ``job`` and return at once (the in-process executor flies it in ``wait_any``)."""
 
+    @abc.abstractmethod
     def wait_any(self, timeout_s: float) -> list[Trial]:
         """Return the trials that have ended, waiting up to ``timeout_s`` for the first; possibly none."""
-        ...
 
+    @abc.abstractmethod
     def cancel_all(self) -> None:
         """Kill all missions in flight; they leave no trial."""
-        ...
 
     def close(self) -> None:
         """Kill what flies and free all resources."""
-        ...
+        self.cancel_all()
 
-    @property
-    def in_flight(self) -> tuple[str, ...]:
-        """Ids of the jobs that were submitted and have not come back."""
-        ...
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
 
 
-class InProcessExecutor:
+class InProcessExecutor(Executor):
     """One mission at a time in this process, without any protection: for debugging and tests."""
 
-    capacity = 1
+    capacity = 1  # type: ignore[assignment]
 
     def __init__(self) -> None:
         self._queue: collections.deque[MissionJob] = collections.deque()
@@ -90,18 +90,8 @@ class InProcessExecutor:
         """Forget what has not started."""
         self._queue.clear()
 
-    def close(self) -> None:
-        """Do nothing: there is nothing to free."""
-        self._queue.clear()
-
-    @property
-    def in_flight(self) -> tuple[str, ...]:
-        """Queued jobs."""
-        return tuple(job.id for job in self._queue)
-
 
 MAX_WORKERS = 1024
-MAX_ATTEMPTS = 3  # of one mission that the machine keeps ending
 # A mission that has not been started (the server is still importing) gets this much longer.
 _START_GRACE_S = 120.0
 _SCORING_S = 900.0  # of an own mission's cloud
@@ -116,8 +106,6 @@ _FROM_OUTSIDE = {signal.SIGKILL, signal.SIGTERM, signal.SIGHUP, signal.SIGINT, s
 class _Attempt:
     job: MissionJob
     since: float  # of submission, then of the start
-    number: int = 1  # among the attempts of this job
-    excused: bool = False  # one of them ended by what may have been the machine
     pid: int | None = None  # once started
     timed_out: bool = False
     stopped: bool = False  # when it was killed for taking too long, somebody had stopped it
@@ -127,7 +115,7 @@ class _Attempt:
         return time.monotonic() - self.since
 
 
-class LocalProcessExecutor:
+class LocalProcessExecutor(Executor):
     """Missions in processes of this machine, started by one ``tuner.missions.server``.
 
     Parameters
@@ -138,8 +126,6 @@ class LocalProcessExecutor:
         A mission that takes longer is killed and recorded as ``timeout``.
     preload
         Fidelities whose modules the server imports before it forks.
-    max_attempts
-        How often a mission that the machine ends is flown in all.
     """
 
     def __init__(
@@ -147,24 +133,26 @@ class LocalProcessExecutor:
         workers: int = 1,
         timeout_s: float = 3600.0,
         preload: tuple[str, ...] = (DEFAULT_FIDELITY,),
-        max_attempts: int = MAX_ATTEMPTS,
     ) -> None:
         if workers < 1:
             raise UserError(f"workers is {workers}; it must be at least 1")
         require(workers, MAX_WORKERS, "workers")
         if not timeout_s > 0:
             raise UserError(f"the mission time-out is {timeout_s} s; it must be positive")
-        self.capacity = workers
+        self._workers = workers
         self._timeout_s = timeout_s
-        self._max_attempts = max_attempts
         self._preload = [module for fidelity in preload for module in all_modules(fidelity)]
         self._attempts: dict[str, _Attempt] = {}
-        self._to_retry: list[_Attempt] = []
         self._ready: list[Trial] = []
         self._server: subprocess.Popen[bytes] | None = None
         self._server_is_up = False
         self._silent_s = 0.0  # of listening to the server
         self._buffer = b""
+
+    @property
+    def capacity(self) -> int:
+        """The number of workers."""
+        return self._workers
 
     def begin(self) -> None:
         """Let the server import now, while the caller does other things; otherwise the first mission waits for it."""
@@ -172,22 +160,16 @@ class LocalProcessExecutor:
 
     def submit(self, job: MissionJob) -> None:
         """Start ``job``."""
-        if job.id in self.in_flight:
+        if job.id in self._attempts:
             raise ValueError(f"job {job.id} is already in flight")
-        self._start(_Attempt(job, time.monotonic()))
-
-    def _start(self, attempt: _Attempt) -> None:
-        clear_traces(attempt.job)
-        self._attempts[attempt.job.id] = attempt
-        self._order({"op": "run", "job": attempt.job.to_dict()})
+        clear_traces(job)
+        self._attempts[job.id] = _Attempt(job, time.monotonic())
+        self._order({"op": "run", "job": job.to_dict()})
 
     def wait_any(self, timeout_s: float) -> list[Trial]:
         """Return the trials that end within ``timeout_s``."""
         deadline = time.monotonic() + timeout_s
-        while not self._ready and (self._attempts or self._to_retry):
-            waiting, self._to_retry = self._to_retry, []
-            for attempt in waiting:
-                self._start(attempt)
+        while not self._ready and self._attempts:
             left = deadline - time.monotonic()
             self._listen(max(0.0, min(left, 0.5)))
             self._kill_overdue()
@@ -200,25 +182,7 @@ class LocalProcessExecutor:
         """Kill all missions in flight."""
         self._stop_server()
         self._attempts.clear()
-        self._to_retry.clear()
         self._ready.clear()
-
-    def close(self) -> None:
-        """Kill what flies and end the server."""
-        self.cancel_all()
-
-    @property
-    def in_flight(self) -> tuple[str, ...]:
-        """Jobs that have not come back."""
-        return (*self._attempts, *(attempt.job.id for attempt in self._to_retry))
-
-    def __enter__(self) -> LocalProcessExecutor:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    # -- the server ------------------------------------------------------------------------------------------
 
     def _start_server(self) -> subprocess.Popen[bytes]:
         # Where a library may start threads, the server cannot fork.
@@ -278,20 +242,15 @@ class LocalProcessExecutor:
             trial = job.failed(reason, message, wall_s)
             with contextlib.suppress(OSError):  # so that the directory tells its own story
                 record_failure(job, reason, message)
-        if trial.should_retry(attempt.number, self._max_attempts, excused=attempt.excused):
-            excused = attempt.excused or trial.possibly_machine_fault
-            self._to_retry.append(_Attempt(job, time.monotonic(), attempt.number + 1, excused))
-        else:
-            self._ready.append(trial)
+        self._ready.append(trial)
 
     def _verdict(self, attempt: _Attempt, status: int | None, error: str) -> tuple[str, str]:
         """Return why a mission left nothing, as reason and message; ``status`` is None where the server died."""
         log = attempt.job.directory / LOG_FILE
-        attempts = f" in attempt {attempt.number} of {self._max_attempts}"
         if status is None:
-            return ("server_lost" if attempt.pid else "not_started"), error + attempts
+            return ("server_lost" if attempt.pid else "not_started"), error
         if attempt.timed_out and attempt.stopped:
-            return "worker_stopped", f"somebody stopped its process (SIGSTOP){attempts}; see {log}"
+            return "worker_stopped", f"somebody stopped its process (SIGSTOP); see {log}"
         if attempt.timed_out:
             return "timeout", f"killed after {self._timeout_s:g} s; see {log}"
         if status == EXIT_NOT_WRITABLE:
@@ -300,10 +259,7 @@ class LocalProcessExecutor:
             return f"worker_died: exit {status}", f"ended without a result; see {log}"
         name = signal.Signals(-status).name if -status in set(signal.Signals) else "unknown"
         if -status in _FROM_OUTSIDE:
-            return (
-                f"worker_killed: signal {-status}",
-                f"somebody sent {name}, or memory ran out{attempts}; see {log}",
-            )
+            return f"worker_killed: signal {-status}", f"somebody sent {name}, or memory ran out; see {log}"
         return f"worker_died: signal {-status}", f"killed by {name}; see {log}"
 
     def _kill_overdue(self) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 from nbv.errors import UserError
@@ -75,34 +76,48 @@ class JobList:
             self._on_end(trial)
 
 
+@dataclass
+class _Flight:
+    job: MissionJob
+    attempt: int = 1
+    excused: bool = False  # an earlier attempt ended by what may have been the machine
+
+
 def fly(source: Source, executor: Executor, stop: Stop) -> None:
     """Fly what ``source`` hands out until there is no more, it gives up, or somebody asks for a stop.
 
-    The executor is left open; missions still in flight at the end are killed.
+    What the machine ends (somebody kills or stops a process, no process can be started, the disk is full) says nothing
+    about the mission: it is flown again, and comes back as an infrastructure failure only after `MAX_ATTEMPTS`. The executor is left open; missions still in flight at the end are killed.
 
     Raises
     ------
     UserError
         A mission met a user's mistake, which every other one would meet too.
     """
-    flying: set[str] = set()
+    flying: dict[str, _Flight] = {}
     try:
         while not stop.is_set() and not source.given_up:
             while (free := executor.capacity - len(flying)) > 0 and (jobs := source.take(free)):
                 for job in jobs:
                     executor.submit(job)
-                    flying.add(job.id)
+                    flying[job.id] = _Flight(job)
                     source.launched(job)
             if not flying:
                 if not source.thinking:
                     return
                 stop.wait(_SHORT_POLL_S)
                 continue
-            trials = executor.wait_any(_SHORT_POLL_S if free > 0 and source.thinking else _POLL_S)
-            for trial in trials:
-                flying.remove(trial.job_id)
+            ended = []
+            for trial in executor.wait_any(_SHORT_POLL_S if free > 0 and source.thinking else _POLL_S):
+                flight = flying.pop(trial.job_id)
                 if trial.reason == "user_error":
                     raise UserError(trial.message)
-            source.ended(trials)
+                if trial.should_retry(flight.attempt, excused=flight.excused):
+                    executor.submit(flight.job)
+                    excused = flight.excused or trial.possibly_machine_fault
+                    flying[trial.job_id] = _Flight(flight.job, flight.attempt + 1, excused)
+                else:
+                    ended.append(trial)
+            source.ended(ended)
     finally:
         executor.cancel_all()

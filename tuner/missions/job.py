@@ -25,6 +25,7 @@ from tuner.problem.worlds import World
 
 RESULT_FILE = "mission.json"
 LOG_FILE = "worker.log"
+MAX_ATTEMPTS = 3  # of one mission that the machine keeps ending
 _INFRASTRUCTURE_FAILURES = {
     "disk_full",
     "machine_error",
@@ -203,15 +204,17 @@ class Trial:
         """Whether the machine or the configuration may have ended it."""
         return self.status == "failed" and self.reason.partition(":")[0] in _POSSIBLY_MACHINE_FAULTS
 
-    def should_retry(self, attempt: int, max_attempts: int, *, excused: bool) -> bool:
+    def should_retry(self, attempt: int, *, excused: bool) -> bool:
         """Return whether to fly the mission once more after this ``attempt`` (from 1).
 
-        An infrastructure failure is retried until ``max_attempts``; a possible machine fault once only: where an earlier
+        An infrastructure failure is retried until `MAX_ATTEMPTS`; a possible machine fault once only: where an earlier
         attempt was ``excused`` as one, the fault is the configuration's.
         """
-        if self.infrastructure_failure:
-            return attempt < max_attempts
-        return self.possibly_machine_fault and not excused and max_attempts > 1
+        return (
+            attempt < MAX_ATTEMPTS
+            if self.infrastructure_failure
+            else self.possibly_machine_fault and not excused
+        )
 
 
 def landed(job: MissionJob, wall_s: float | None = None) -> Trial | None:

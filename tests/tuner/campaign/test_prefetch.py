@@ -30,7 +30,7 @@ class Wide(InProcessExecutor):
         self.most = 0
 
     def wait_any(self, timeout_s: float) -> list[Trial]:
-        self.most = max(self.most, len(self.in_flight))
+        self.most = max(self.most, len(self._queue))
         return super().wait_any(timeout_s)
 
 

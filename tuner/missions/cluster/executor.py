@@ -20,7 +20,7 @@ from nbv.rocks.families import generated_name
 from nbv.rocks.imported import write_rock
 from nbv.rocks.recipes import RECIPES
 from tuner.missions.cluster import worker
-from tuner.missions.executors import MAX_ATTEMPTS
+from tuner.missions.executors import Executor
 from tuner.missions.job import MissionJob, Trial, clear_traces, landed
 from tuner.missions.registry import EXTERNAL, FIDELITIES
 
@@ -33,13 +33,11 @@ Answer = tuple[dict[str, Any] | None, str, str]  # a worker's, or reason and mes
 @dataclass
 class _Attempt:
     job: MissionJob
-    number: int
-    excused: bool
     since: float
     future: Future
 
 
-class DaskExecutor:
+class DaskExecutor(Executor):
     """Missions on the workers of a scheduler; ``capacity`` follows the workers as they come and go.
 
     Where a worker dies its mission is flown elsewhere. What the lost worker may still send is ignored, since only the
@@ -85,11 +83,9 @@ class DaskExecutor:
         """Send ``job`` to the scheduler."""
         if job.id in self._attempts:
             raise ValueError(f"job {job.id} is already in flight")
+        self._require_scheduler()
         job.directory.mkdir(parents=True, exist_ok=True)
         clear_traces(job)
-        self._send(job, 1)
-
-    def _send(self, job: MissionJob, number: int, *, excused: bool = False) -> None:
         rock_sha256, rock = self._rock(job)
         order = {
             "job": job.to_dict(),
@@ -99,7 +95,7 @@ class DaskExecutor:
         }
         # A key of its own: Dask would take an equal mission for the same one.
         future = self._client.submit(worker.fly, order, rock, key=f"{job.id}-{uuid.uuid4().hex}", pure=False)
-        self._attempts[job.id] = _Attempt(job, number, excused, time.monotonic(), future)
+        self._attempts[job.id] = _Attempt(job, time.monotonic(), future)
         future.add_done_callback(lambda done: self._done.put((job.id, done)))
 
     def _rock(self, job: MissionJob) -> tuple[str, Future | None]:
@@ -117,16 +113,9 @@ class DaskExecutor:
 
     def wait_any(self, timeout_s: float) -> list[Trial]:
         """Return the trials that end within ``timeout_s``."""
-        deadline = time.monotonic() + timeout_s
-        ready: list[Trial] = []
-        while self._attempts and not ready:
-            done = self._ended(max(0.0, deadline - time.monotonic()))
-            if not done:
-                break
-            answers = self._answers([attempt.future for attempt in done])
-            ended = [self._landed(attempt, *answer) for attempt, answer in zip(done, answers)]
-            ready = [trial for trial in ended if trial is not None]
-        return ready
+        done = self._ended(timeout_s)
+        answers = self._answers([attempt.future for attempt in done])
+        return [self._landed(attempt, *answer) for attempt, answer in zip(done, answers)]
 
     def _ended(self, timeout_s: float) -> list[_Attempt]:
         """Return all attempts that have ended, waiting up to ``timeout_s`` for the first; cancelled ones are left out."""
@@ -141,10 +130,7 @@ class DaskExecutor:
                     found.append(attempt)
         return found
 
-    def _landed(
-        self, attempt: _Attempt, answer: dict[str, Any] | None, reason: str, message: str
-    ) -> Trial | None:
-        """Return the trial; None where the mission flies again."""
+    def _landed(self, attempt: _Attempt, answer: dict[str, Any] | None, reason: str, message: str) -> Trial:
         job, wall_s = attempt.job, time.monotonic() - attempt.since
         del self._attempts[job.id]
         attempt.future.release()  # a scheduler makes anew what is wanted still where a worker is lost
@@ -153,12 +139,7 @@ class DaskExecutor:
             reason, message, wall_s = answer["reason"], answer["message"], answer["wall_s"]
             worker.unpack(answer["files"], job.directory)
             trial = landed(job, wall_s)
-        trial = trial or job.failed(reason, message, wall_s)
-        retry = trial.should_retry(attempt.number, MAX_ATTEMPTS, excused=attempt.excused)
-        if retry and self._client.status == "running":
-            self._send(job, attempt.number + 1, excused=attempt.excused or trial.possibly_machine_fault)
-            return None
-        return trial
+        return trial or job.failed(reason, message, wall_s)
 
     def _answers(self, futures: list[Future]) -> list[Answer]:
         """Return each worker's answer, or why it gave none; they are fetched together where all is well."""
@@ -205,14 +186,3 @@ class DaskExecutor:
         for end in (self._client.close, *([] if cluster is None else [cluster.close])):
             with contextlib.suppress(OSError, TimeoutError):
                 end(timeout=_RECONNECT_S)
-
-    @property
-    def in_flight(self) -> tuple[str, ...]:
-        """Jobs that have not come back."""
-        return tuple(self._attempts)
-
-    def __enter__(self) -> DaskExecutor:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

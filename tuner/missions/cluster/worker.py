@@ -88,7 +88,7 @@ def _flown(job: MissionJob, timeout_s: float) -> Trial:
     if getattr(_own, "key", None) != key:
         if hasattr(_own, "executor"):
             _own.executor.close()
-        _own.executor, _own.key = LocalProcessExecutor(1, timeout_s, (job.fidelity,), max_attempts=1), key
+        _own.executor, _own.key = LocalProcessExecutor(1, timeout_s, (job.fidelity,)), key
     executor: LocalProcessExecutor = _own.executor
     executor.begin()
     task = get_worker().get_current_task()

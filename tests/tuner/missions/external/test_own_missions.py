@@ -16,6 +16,9 @@ from nbv.evaluation import Evaluation
 from tuner.missions import LocalProcessExecutor, MissionJob
 from tuner.missions.external import external_config, load_mission_file, program
 from tuner.missions.external.flight import run_external_mission
+from tuner.missions.fly import JobList
+from tuner.missions.fly import fly as fly_all
+from tuner.missions.long_runs import Stop
 
 FILE = {
     "name": "toy",
@@ -136,12 +139,10 @@ def jobs(tmp_path, *scripts):
 @pytest.mark.slow
 def test_what_the_machine_ends_is_flown_again(tmp_path):
     once, always = jobs(tmp_path, f"[ -f flown ] || {{ touch flown; exit 1; }}; {FINE}", "exit 1")
-    with LocalProcessExecutor(1, 30.0, ("external",), max_attempts=2) as executor:
-        found = {}
-        for each in (once, always):
-            executor.submit(each)
-            while each.id not in found:
-                found |= {trial.job_id: trial for trial in executor.wait_any(1.0)}
+    found = {}
+    jobs_to_fly = JobList((once, always), on_end=lambda trial: found.update({trial.job_id: trial}))
+    with LocalProcessExecutor(1, 30.0, ("external",)) as executor:
+        fly_all(jobs_to_fly, executor, Stop())
     assert (found["0"].status, found["0"].metrics) == ("ok", {"loss": 0.5})
     assert found["1"].infrastructure_failure and found["1"].reason == "machine_error: no_result"
 
