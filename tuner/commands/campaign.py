@@ -253,8 +253,8 @@ def fly(
 
 def _write_pages(campaign: Campaign, pair: LocalProcessExecutor | DaskExecutor | None) -> None:
     """The answer is known: what is left is to draw it. ``pair``: where what is shown flies once more, whole."""
+    from tuner import report as pages  # what draws is loaded where it is called
     from tuner.campaign.showcase import fly_showcase, showcase_jobs
-    from tuner.report import campaign as pages  # what draws is loaded where it is called
     from tuner.report.campaign.walks import write_showcase_page
 
     page, shown = None, showcase_jobs(campaign)

@@ -130,7 +130,6 @@ def show_recommendation(best: Recommendation | None, settings: CampaignSettings)
         output.print("no recommendation yet: no mission has succeeded")
         return
     from tuner.report.answer import (  # loads every metric
-        default_note,
         place_word,
         runner_up_sentence,
         use_sentence,
@@ -155,5 +154,5 @@ def show_recommendation(best: Recommendation | None, settings: CampaignSettings)
         for row in best.per_rock
     ]
     output.print(f"{label.axis}, {place} by {place}: {', '.join(rows)}", highlight=False)
-    for line in filter(None, (runner_up_sentence(best, settings), default_note(settings))):
-        output.print(line, highlight=False)
+    if rival := runner_up_sentence(best, settings):
+        output.print(rival, highlight=False)

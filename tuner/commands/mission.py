@@ -12,6 +12,7 @@ from rich.table import Table
 
 from nbv.config import IDEAL
 from nbv.errors import MissionFailure, UserError
+from nbv.mission.result import MissionResult
 from tuner.commands.console import (
     CONDITION_HELP,
     PRESET_NAMES,
@@ -134,7 +135,7 @@ def explain(
     Example: gatetune mission explain runs/mine/shown/recommended
     """
     from tuner.campaign.settings_file import SETTINGS_FILE
-    from tuner.report.mission.decisions import decisions_of, summary
+    from tuner.report.mission.decisions import decisions_of, gate_words
     from tuner.report.mission.explain import explain_state
     from tuner.report.mission.run_files import planned_config
 
@@ -143,13 +144,14 @@ def explain(
             f"{mission} is a campaign; name one of its missions, such as {mission}/shown/recommended"
         )
     if iteration is None and not set_:
-        found, config = decisions_of(mission), planned_config(mission)
+        found, gate = decisions_of(mission), planned_config(mission).gate
         for line in (line for decision in found for line in decision.lines()):
             output.print(line, highlight=False, soft_wrap=True)
-        output.print(summary(found, config), highlight=False, soft_wrap=True)
-        gate = dataclasses.asdict(config.gate)
-        answer_json({"mission": mission, "gate": gate, "steps": [decision.to_dict() for decision in found]})
-        return
+        trace = MissionResult.load(mission).trace
+        said = gate_words(trace, gate.kind, 1) if trace else f"gate {gate.kind}: no step was planned"
+        output.print(said, highlight=False, soft_wrap=True)
+        steps = [vars(decision) for decision in found]
+        return answer_json({"mission": mission, "gate": dataclasses.asdict(gate), "steps": steps})
     items, rankings = explain_state(mission, iteration or 0, parse_overrides(set_ or []))
     for item in items:
         output.print(item)

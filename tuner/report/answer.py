@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import re
 from typing import TYPE_CHECKING
 
-from nbv.config import MissionConfig, preset
+from nbv.config import MissionConfig
 from tuner.missions.registry import is_geometric
 from tuner.problem.objective import reached
 from tuner.problem.search_space import Configuration
@@ -244,20 +243,3 @@ def _decimals(sd: float) -> int:
 
 def _digits(value: float) -> int:
     return next((digits for digits in (0, 1) if round(value, digits) == value), 2)
-
-
-def default_note(s: CampaignSettings) -> str:
-    """Where the default is not the paper's, in what was tuned; empty for a mission that is not ours."""
-    if s.mission is not None:
-        return ""
-    paper, default, differs = preset("paper"), s.default_values(), []
-    for path, value in default.items():
-        theirs = functools.reduce(getattr, path.split("."), paper)
-        if path == "seed.count" and value == paper.seed.total:  # its rings have as many
-            continue
-        if theirs != value:
-            differs.append(f"{parameter_label(path).name} {value_text({path: theirs}, path)}")
-    if not differs:
-        return "The default has the paper's values."
-    named = ", ".join(differs) if len(differs) <= 2 * FEW else f"other values of {len(differs)} parameters"
-    return f"The default is preset {s.preset} with the search space's own defaults; the paper has {named}."

@@ -68,7 +68,7 @@ def test_trajectory_shows_the_views_of_the_trace(flown: Path) -> None:
     figure = trajectory_figure(flown)
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert "24 seed views" in names and any(name.startswith("3 selected views") for name in names)
-    plan = figure.axes[1]
+    (plan,) = figure.axes
     assert [text.get_text() for text in plan.texts] == ["1", "2", "3"]
     _, pool = load_state(flown / "states" / "iter_00.npz")
     chosen = json.loads((flown / "trace.jsonl").read_text().splitlines()[0])["chosen"]

@@ -94,7 +94,7 @@ def test_a_mission_without_planned_views_has_figures(orbit: Path, gatetune) -> N
 def test_the_slider_goes_over_every_capture(mission: Path, tmp_path: Path) -> None:
     page = write_mission_view([mission], tmp_path / "view.html")
     (facts,) = shown(page)
-    trace = [json.loads(line) for line in (mission / "trace.jsonl").read_text().splitlines()]
+    trace = json.loads((mission / "mission.json").read_text())["trace"]
     assert [step["views"] for step in facts["steps"]] == [*range(1, 25), 24, 25, 26]
     decisions = facts["steps"][24 : 24 + BUDGET]
     for step, record in zip(decisions, trace, strict=True):
@@ -162,7 +162,6 @@ def test_documents_of_other_kinds_are_one_line(gatetune, mission: Path, tmp_path
         ("mission.json", {**tree, "rock": 1}),
         ("mission.json", {**tree, "costs": 1}),
         ("flight.json", {"samples": [1], "events": [], "flight_time_s": 1}),
-        ("trace.jsonl", {"chosen": 1}),
     ):
         kept = (run / file).read_text()
         (run / file).write_text(json.dumps(wrong))

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import collections
 import contextlib
-import itertools
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from nbv.config import MissionConfig
 from nbv.errors import UserError
-from nbv.mission.result import IterationRecord, MissionResult
+from nbv.mission.result import MissionResult
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.missions.job import Trial
 from tuner.missions.registry import is_geometric
@@ -20,7 +18,6 @@ from tuner.problem.worlds import World
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import (
     LEANS,
-    default_note,
     limit_words,
     place_word,
     runner_up_sentence,
@@ -31,6 +28,7 @@ from tuner.report.answer import (
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.campaign.wider import WIDER_FILE, wider_space
 from tuner.report.labels import parameter_label, with_unit
+from tuner.report.mission.decisions import gate_words
 
 
 def flown(facts: CampaignFacts, values: Mapping[str, Any]) -> list[Trial]:
@@ -45,14 +43,14 @@ def use_answer(facts: CampaignFacts) -> dict[str, Any]:
     best, s = facts.recommendation, facts.settings
     if best is None:
         sentence = f"Nothing yet: none of the {facts.status.finished} finished missions succeeded."
-        return {"sentence": sentence, "kept": [], "notes": []}
+        return {"sentence": sentence, "kept": [], "runner_up": ""}
     return {
         "sentence": use_sentence(best, s),
         "kept": [
             (parameter_label(p).name, p, value_text(best.values, p), value_text(facts.default, p))
             for p in best.changed
         ],
-        "notes": [note for note in (runner_up_sentence(best, s), default_note(s)) if note],
+        "runner_up": runner_up_sentence(best, s),
     }
 
 
@@ -113,23 +111,6 @@ def gate_answer(facts: CampaignFacts) -> str:
     return gate_words(records, strategy_label(config.gate.kind), len(traces))
 
 
-def gate_words(records: Sequence[IterationRecord], gate: str, missions: int) -> str:
-    """Share of each scorer, of equal choices and of switches; or that it never switched."""
-    n = len(records)
-    counts = collections.Counter(record.scorer for record in records)
-    views = [[best.get("candidate") for best in record.top.values()] for record in records]
-    equal = sum(len(ids) > 1 and len(set(ids)) == 1 for ids in views)
-    where = f"{n} views of {missions} {'mission' if missions == 1 else 'missions'}"
-    same = f" In {_share(equal, n)} both scorers had the same best view." if equal else ""
-    if len(counts) == 1:
-        (scorer,) = counts
-        return f"The gate ({gate}) never switched: {strategy_label(scorer)} chose all {where}.{same}"
-    shares = ", ".join(f"{strategy_label(s)} {_share(c, n)}" for s, c in counts.most_common())
-    following = [(a, b) for a, b in itertools.pairwise(records) if b.iteration == a.iteration + 1]
-    switches = sum(a.scorer != b.scorer for a, b in following)
-    return f"{gate} switched in {_share(switches, len(following))} of its steps: {shares} of {where}.{same}"
-
-
 def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
     """``(why, command)``: the one thing to do now; an empty command means to stop."""
     best, status, place = facts.recommendation, facts.status, place_word(facts.settings)
@@ -181,7 +162,3 @@ def measure_text(facts: CampaignFacts) -> str:
         fidelity = "predicted by the low-fidelity simulator (geometric missions, no photographs)"
     names = [condition.name for condition in s.conditions]
     return f"{facts.label.full}; {fidelity}; {'conditions' if len(names) > 1 else 'condition'} {', '.join(names)}"
-
-
-def _share(part: int, whole: int) -> str:
-    return f"{100 * part / whole:.0f} %" if whole else "0 %"

@@ -1,5 +1,1 @@
-"""The page of an evaluation or a reproduction: Table I, paired differences, figures."""
-
-from tuner.report.comparison.page import write_comparison_report
-
-__all__ = ["write_comparison_report"]
+"""The page of an evaluation or a reproduction: a row per strategy, Table I."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import collections
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,7 @@ from typing import Any
 from nbv.config import MissionConfig
 from nbv.mission.result import IterationRecord, MissionResult
 from nbv.scorers import COVIS
+from tuner.evaluation.baselines import label as strategy_label
 from tuner.report.mission.run_files import planned_config
 
 
@@ -24,15 +27,6 @@ class Decision:
     would_switch: str  # what of the gate's thresholds would have flown the other scorer; "" where it has none
     chosen: str  # candidate
     best: dict[str, dict[str, Any]]  # by scorer: its best candidate, the score and the terms
-
-    @property
-    def same_choice(self) -> bool:
-        """Whether all scorers would have flown the same candidate, so that the gate changed nothing."""
-        return len({found["candidate"] for found in self.best.values()}) == 1
-
-    def to_dict(self) -> dict[str, Any]:
-        """JSON form."""
-        return {**vars(self), "same_choice": self.same_choice}
 
     def lines(self) -> list[str]:
         """The decision in words, three lines at most."""
@@ -60,7 +54,7 @@ def decisions_of(directory: Path) -> list[Decision]:
     UserError
         It holds no mission.
     """
-    config, trace = planned_config(directory), MissionResult.load(directory).trace
+    config = planned_config(directory)
     return [
         Decision(
             step=entry.iteration + 1,
@@ -70,22 +64,26 @@ def decisions_of(directory: Path) -> list[Decision]:
             chosen=entry.chosen,
             best=entry.top,
         )
-        for entry in trace
+        for entry in MissionResult.load(directory).trace
         if entry.chosen
     ]
 
 
-def summary(decisions: list[Decision], config: MissionConfig) -> str:
-    """Which scorer flew how often, and how often that mattered."""
-    if not decisions:
-        return f"gate {config.gate.kind}: no step was planned"
-    names = dict.fromkeys(d.scorer for d in decisions)
-    flown = ", ".join(f"{name} {sum(d.scorer == name for d in decisions)}" for name in names)
-    same = sum(d.same_choice for d in decisions)
-    return (
-        f"gate {config.gate.kind}, {len(decisions)} steps: {flown}; at {same} of them all scorers preferred the same "
-        "candidate, so that the gate changed nothing there"
-    )
+def gate_words(records: Sequence[IterationRecord], gate: str, missions: int) -> str:
+    """Share of each scorer, of equal choices and of switches; or that it never switched."""
+    n = len(records)
+    counts = collections.Counter(record.scorer for record in records)
+    views = [[best.get("candidate") for best in record.top.values()] for record in records]
+    equal = sum(len(ids) > 1 and len(set(ids)) == 1 for ids in views)
+    where = f"{n} views of {missions} {'mission' if missions == 1 else 'missions'}"
+    same = f" In {_share(equal, n)} both scorers had the same best view." if equal else ""
+    if len(counts) == 1:
+        (scorer,) = counts
+        return f"The gate ({gate}) never switched: {strategy_label(scorer)} chose all {where}.{same}"
+    shares = ", ".join(f"{strategy_label(s)} {_share(c, n)}" for s, c in counts.most_common())
+    following = [(a, b) for a, b in itertools.pairwise(records) if b.iteration == a.iteration + 1]
+    switches = sum(a.scorer != b.scorer for a, b in following)
+    return f"{gate} switched in {_share(switches, len(following))} of its steps: {shares} of {where}.{same}"
 
 
 def _why(entry: IterationRecord, config: MissionConfig) -> str:
@@ -127,3 +125,7 @@ def _up(value: float) -> str:
 
 def _down(value: float) -> str:
     return f"{math.floor(1e4 * value) / 1e4:g}"
+
+
+def _share(part: int, whole: int) -> str:
+    return f"{100 * part / whole:.0f} %" if whole else "0 %"

@@ -8,9 +8,10 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from nbv.errors import UserError
+from nbv.mission.result import MissionResult
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.report.mission.overlay import overlay_figure
-from tuner.report.mission.run_files import mission_config, read_result
+from tuner.report.mission.run_files import mission_config
 from tuner.report.mission.sectors import sector_figure
 from tuner.report.mission.trajectory import trajectory_figure
 from tuner.report.style import save_figure
@@ -29,10 +30,10 @@ def sectors_figure(runs: Mapping[str, Path], surface: str = "whole") -> Figure:
     completeness: dict[str, list[float | None]] = {}
     centers: list[float] = []
     for label, run in runs.items():
-        result = read_result(run)
-        if result["status"] == "failed":
-            raise UserError(f"{run} holds a failed mission ({result['reason']}); leave it out")
-        metrics = result["metrics"]
+        result = MissionResult.load(run)
+        if result.status == "failed":
+            raise UserError(f"{run} holds a failed mission ({result.reason}); leave it out")
+        metrics = result.metrics
         here = list(metrics["sector_centers_deg"])
         if centers and here != centers:
             raise UserError(f"{run} was measured with other azimuth sectors; compare like with like")

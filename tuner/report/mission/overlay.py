@@ -13,10 +13,11 @@ from nbv.errors import UserError
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.sampling import sample_surface
+from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import read_ply
 from nbv.terrain import buried_rock
 from nbv.types import Floats
-from tuner.report.mission.run_files import mission_config, read_result, thin_indices
+from tuner.report.mission.run_files import mission_config, thin_indices
 from tuner.report.mission.walk_world import the_rock
 from tuner.report.style import BLUE, ORANGE, SKY, VERMILION, look, new_figure
 
@@ -50,7 +51,7 @@ def overlay_figure(run: Path, rock: str | None = None) -> Figure:
     UserError
         A file is missing or the rock is unknown.
     """
-    config, result, store = mission_config(run), read_result(run), Store()
+    config, result, store = mission_config(run), MissionResult.load(run), Store()
     cloud = read_ply(run / "cleaned.ply").points_m
     if len(cloud) == 0:
         raise UserError(f"{run / 'cleaned.ply'} holds no points")

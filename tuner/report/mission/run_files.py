@@ -12,7 +12,6 @@ import numpy as np
 from nbv import safe_files
 from nbv.config import MissionConfig, config_from_dict
 from nbv.errors import UserError
-from nbv.mission.result import IterationRecord, MissionResult, require_kinds
 from nbv.mission.run_directory import LOCATED
 from nbv.types import Floats
 
@@ -44,23 +43,6 @@ def read_json(run: Path, name: str) -> dict[str, Any]:
     return tree
 
 
-def read_trace(run: Path) -> list[dict[str, Any]]:
-    """The records of every adaptive iteration, none where no view was planned; ``UserError`` if nothing was kept."""
-    file = run / "trace.jsonl"
-    if not file.is_file():
-        if (run / "flight.json").is_file():
-            return []
-        raise UserError(f"{run} holds no trace.jsonl; fly the mission with everything kept")
-    lines = safe_files.read_text(file, safe_files.RESULT_BYTES).splitlines()
-    records = [safe_files.parse_json(line, str(file)) for line in lines if line.strip()]
-    try:
-        for record in records:
-            require_kinds(record, IterationRecord)
-    except TypeError as error:
-        raise UserError(f"{file} is not a mission's trace: {error}") from error
-    return records
-
-
 def read_flight(run: Path) -> dict[str, Any]:
     """What a mission flew: its events and samples; ``UserError`` if the mission kept nothing of it."""
     flight = read_json(run, "flight.json")
@@ -74,11 +56,6 @@ def read_flight(run: Path) -> dict[str, Any]:
     if not sound:
         raise UserError(f"{run / 'flight.json'} is not a mission's flight; restore it")
     return flight
-
-
-def read_result(run: Path) -> dict[str, Any]:
-    """The fields of a mission's `MissionResult`; errors as `MissionResult.load`."""
-    return dict(vars(MissionResult.load(run)))
 
 
 def arrivals(flight: Mapping[str, Any]) -> dict[str, Floats]:

@@ -7,21 +7,21 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 from nbv.mission.planning_state import load_state
+from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import read_ply
 from nbv.types import Floats
-from tuner.report.mission.run_files import arrivals, mission_config, read_flight, read_trace, thin_indices
+from tuner.report.mission.run_files import arrivals, mission_config, read_flight, thin_indices
 from tuner.report.style import BLUE, GREY, ORANGE, SKY, VERMILION, look, new_figure
 
 _ROCK_GREY = "#8d8d8d"
 
 
 def trajectory_figure(run: Path) -> Figure:
-    """Flown path, seed and selected views, and the first iteration's candidates, in ENU (m).
+    """Flown path, seed and selected views, and the first iteration's candidates from above, in ENU (m).
 
-    Left in perspective, right the plan with the selected views numbered in the order of their capture.
+    The selected views are numbered in the order of their capture.
 
     Parameters
     ----------
@@ -45,7 +45,9 @@ def trajectory_figure(run: Path) -> Figure:
     chosen = _chosen_positions(run)
     x, y, _ = config.target_m
     reach = 1.08 * max(config.seed.radius_m, config.pool.radius_m)
-    orbit, adaptive = _paths(flight, {record["chosen"] for record in read_trace(run)}, (x, y), reach)
+    orbit, adaptive = _paths(
+        flight, {record.chosen for record in MissionResult.load(run).trace}, (x, y), reach
+    )
     # Selected candidates have markers of their own; in perspective the small one would lie on the large.
     taken = (candidates[:, None] == chosen[None]).all(axis=2).any(axis=1)
     cloud = run / "cleaned.ply"
@@ -77,31 +79,18 @@ def trajectory_figure(run: Path) -> Figure:
     ]
     paths = [(orbit, GREY, "flown in the seed phase"), (adaptive, VERMILION, "flown in the adaptive phase")]
     with look():
-        figure = new_figure(11.6, 5.6)
-        space: Any = figure.add_subplot(1, 2, 1, projection="3d")
-        plan: Any = figure.add_subplot(1, 2, 2)
-        for ax, dimensions in ((space, 3), (plan, 2)):
-            depth: dict[str, Any] = {"depthshade": False} if dimensions == 3 else {"zorder": 3}
-            for points, style in marks:
-                if len(points):
-                    ax.scatter(*points.T[:dimensions], **style, **depth)
-            for path, shade, label in paths if len(chosen) else paths[:1]:
-                ax.plot(*path.T[:dimensions], color=shade, lw=0.9, label=label)
-            ax.set(
-                xlim=(x - reach, x + reach),
-                ylim=(y - reach, y + reach),
-                xlabel="east (m)",
-                ylabel="north (m)",
-            )
+        figure = new_figure(6.4, 6.8)
+        plan = figure.subplots()
+        for points, style in marks:
+            if len(points):
+                plan.scatter(*points.T[:2], **style, zorder=3)
+        for path, shade, label in paths if len(chosen) else paths[:1]:
+            plan.plot(*path.T[:2], color=shade, lw=0.9, label=label)
         for k, position in enumerate(chosen, 1):
             plan.text(*position[:2], str(k), fontsize=6.5, ha="center", va="center_baseline", zorder=5)
-        plan.set(aspect="equal", title="from above")
-        top = max(float(np.nanmax(orbit[:, 2])), float(candidates[:, 2].max(initial=0.0))) + 0.3
-        space.set(zlim=(0, top), zlabel="up (m)")
-        space.zaxis.set_major_locator(MaxNLocator(4))
-        space.set_box_aspect((2 * reach, 2 * reach, top), zoom=1.15)
-        space.view_init(elev=27, azim=-58)
-        figure.legend(*plan.get_legend_handles_labels(), loc="outside lower center", ncols=3)
+        plan.set(xlim=(x - reach, x + reach), ylim=(y - reach, y + reach))
+        plan.set(xlabel="east (m)", ylabel="north (m)", aspect="equal")
+        figure.legend(*plan.get_legend_handles_labels(), loc="outside lower center", ncols=2)
         return figure
 
 
@@ -124,8 +113,8 @@ def _paths(
 
 def _chosen_positions(run: Path) -> Floats:
     """(K, 3) commanded positions of the selected views, in order."""
-    trace, positions = read_trace(run), []
-    for record in trace:
-        _, pool = load_state(run / "states" / f"iter_{record['iteration']:02d}.npz")
-        positions.append(pool.positions_m[pool.ids.index(record["chosen"])])
+    positions = []
+    for record in MissionResult.load(run).trace:
+        _, pool = load_state(run / "states" / f"iter_{record.iteration:02d}.npz")
+        positions.append(pool.positions_m[pool.ids.index(record.chosen)])
     return np.array(positions).reshape(-1, 3)

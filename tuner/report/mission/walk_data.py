@@ -16,9 +16,9 @@ import numpy as np
 from PIL import Image
 
 from nbv.cache import Store
-from nbv.config import IDEAL
 from nbv.errors import UserError
 from nbv.mission.planning_state import load_state
+from nbv.mission.result import IterationRecord, MissionResult
 from nbv.mission.run_directory import read_ply
 from nbv.types import CandidatePool, Floats, PlanningState
 from tuner.missions.registry import PHOTOGRAPHS
@@ -27,8 +27,6 @@ from tuner.report.mission.run_files import (
     mission_config,
     planned_config,
     read_flight,
-    read_result,
-    read_trace,
     thin_indices,
 )
 from tuner.report.mission.walk_world import make_world, packed, packed_mesh, the_rock
@@ -53,13 +51,18 @@ def walk_of(run: Path, rock: str | None = None) -> dict[str, Any]:
     UserError
         A file is missing, or the rock is not the one that the mission was flown on.
     """
-    result, flight, planned_by, store = read_result(run), read_flight(run), planned_config(run), Store()
-    fidelity = result["provenance"].get("fidelity", "")
+    result, flight, planned_by, store = (
+        MissionResult.load(run),
+        read_flight(run),
+        planned_config(run),
+        Store(),
+    )
+    fidelity = result.provenance.get("fidelity", "")
     # Over photographs camera, object and place are theirs.
     config = planned_by if fidelity == PHOTOGRAPHS else mission_config(run)
     world = make_world(config, the_rock(run, result, rock, store), store)
     states = sorted((run / "states").glob("iter_*.npz"))
-    decided = [(*load_state(path), record) for path, record in zip(states, read_trace(run))]
+    decided = [(*load_state(path), record) for path, record in zip(states, result.trace)]
     views = _views(run, flight, decided)
     seeds = sum(view["name"].startswith("seed_") for view in views)
     steps = [_step(f"seed view {n} of {seeds}", n, view["t"]) for n, view in enumerate(views[:seeds], 1)]
@@ -67,10 +70,10 @@ def walk_of(run: Path, rock: str | None = None) -> dict[str, Any]:
     for state, pool, record in decided:
         models.append(world.cloud(state.model.points_m))
         taken = len(state.visited_m)
-        label = f"capture {state.iteration + 1}: chose {record['chosen']}"
+        label = f"capture {state.iteration + 1}: chose {record.chosen}"
         facts = [
-            ["scorer", record["scorer"]],
-            ["why", record["reason"]],
+            ["scorer", record.scorer],
+            ["why", record.reason],
             ["candidates", str(len(pool))],
             ["registered", f"{len(state.model.camera_names)} of {taken} photographs"],
             ["sparse points", str(len(state.model.points_m))],
@@ -82,18 +85,17 @@ def walk_of(run: Path, rock: str | None = None) -> dict[str, Any]:
     if sparse is not None:
         models.append(world.cloud(sparse))
     facts = [
-        ["registered", f"{result['costs']['registered_images']:.0f} of {len(views)} photographs"],
-        ["status", ": ".join(filter(None, (result["status"], result["message"])))],
-        *_scores(result["metrics"]),
+        ["registered", f"{result.costs['registered_images']:.0f} of {len(views)} photographs"],
+        ["status", ": ".join(filter(None, (result.status, result.message)))],
+        *_scores(result.metrics),
     ]
     steps.append(_step("end of the mission", len(views), flight["flight_time_s"], len(models) - 1, facts))
-    condition = result.get("condition", IDEAL)
-    what = (result["rock"], f"replicate {result['replicate']}", condition, config.gate.kind, fidelity)
+    what = (result.rock, f"replicate {result.replicate}", result.condition, config.gate.kind, fidelity)
     camera = planned_by.camera
     return {
         "name": run.name,
         "what": " · ".join(what),
-        "headline": _headline(len(views), result["metrics"]),
+        "headline": _headline(len(views), result.metrics),
         "target": [round(float(v), 4) for v in planned_by.target_m],
         "origin": world.origin_m.tolist(),
         "camera": [camera.width_px, camera.height_px, camera.focal_px],
@@ -112,14 +114,14 @@ def walk_of(run: Path, rock: str | None = None) -> dict[str, Any]:
 def _views(
     run: Path,
     flight: Mapping[str, Any],
-    decided: list[tuple[PlanningState, CandidatePool, dict[str, Any]]],
+    decided: list[tuple[PlanningState, CandidatePool, IterationRecord]],
 ) -> list[dict[str, Any]]:
     """Every photograph in the order in which they were taken: when, where from, and how it looks."""
     places, lost = arrivals(flight), set()
     for _, pool, record in decided:
-        places[record["chosen"]] = pool.positions_m[pool.ids.index(record["chosen"])]
-        if not record["registered"]:
-            lost.add(record["chosen"])
+        places[record.chosen] = pool.positions_m[pool.ids.index(record.chosen)]
+        if not record.registered:
+            lost.add(record.chosen)
     if decided:
         first, last = decided[0][0], decided[-1][0]
         places |= {f"seed_{i:02d}": place for i, place in enumerate(first.visited_m[: first.n_seeds])}

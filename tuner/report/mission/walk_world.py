@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import base64
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,6 +14,7 @@ from nbv.errors import UserError
 from nbv.evaluation import ground_truth
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.geometry.raycasting import RayCaster
+from nbv.mission.result import MissionResult
 from nbv.rocks import Rock, load_coarse_rock, load_rock
 from nbv.terrain import buried_rock
 from nbv.terrain.relief import relief_of
@@ -58,13 +57,13 @@ class World:
         return self.observable_m[nearest_neighbours(points_m, self.observable_m)[0] > NEAR_M]
 
 
-def the_rock(run: Path, result: Mapping[str, Any], rock: str | None, store: Store) -> Rock:
+def the_rock(run: Path, result: MissionResult, rock: str | None, store: Store) -> Rock:
     """The rock that the mission in ``run`` was flown on; ``UserError`` if the one found is another."""
-    name = rock or result["rock"]
+    name = rock or result.rock
     remedy = "name its mesh file with --rock"
     try:
         # As the mission loaded it.
-        load = load_coarse_rock if result["provenance"].get("fidelity") == "geometric" else load_rock
+        load = load_coarse_rock if result.provenance.get("fidelity") == "geometric" else load_rock
         found = load(name, store)
     except UserError as error:
         if rock is not None:
@@ -72,7 +71,7 @@ def the_rock(run: Path, result: Mapping[str, Any], rock: str | None, store: Stor
         raise UserError(
             f"{run} was flown on {name!r}, which the catalogue does not have; {remedy}"
         ) from error
-    if found.sha256 != result["provenance"].get("rock_sha256", found.sha256):
+    if found.sha256 != result.provenance.get("rock_sha256", found.sha256):
         raise UserError(f"{run} was flown on another {name!r} than the one found now; {remedy}")
     return found
 
