@@ -72,12 +72,6 @@ class Enough:
     curves: Mapping[str, tuple[Point, ...]]  # by way
     smallest: Smallest | None
 
-    def first_number(self, way: str) -> float | None:
-        """The fewest photographs with which the mean of a way keeps what was asked for; None: at none that was flown."""
-        return next(
-            (p.photographs for p in self.curves.get(way, ()) if p.quality.mean >= self.asked_quality), None
-        )
-
 
 def enough_plans(
     photographs: PhotographSet,

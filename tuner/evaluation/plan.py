@@ -116,7 +116,7 @@ class EvaluationPlan:
                 tree["keep"],
                 tuple(
                     condition_from_dict(name, content, str(path))
-                    for name, content in tree.get("conditions", {IDEAL: {}}).items()
+                    for name, content in tree["conditions"].items()
                 ),
             )
         except (KeyError, TypeError, AttributeError) as error:

@@ -9,7 +9,6 @@ import pytest
 import trimesh
 import yaml
 
-from nbv.config import config_from_dict, preset
 from tuner.cli import main
 
 RUN = ["campaign", "run", "--rock", "boulder"]
@@ -223,20 +222,6 @@ def test_a_directory_with_something_else_in_it_is_left_alone(gatetune, tmp_path)
     assert code == 2
     assert "mine" in err
     assert [p.name for p in (tmp_path / "mine").iterdir()] == ["thesis.tex"]
-
-
-def test_configuration_and_rocks_can_be_looked_at(gatetune):
-    code, out, _ = gatetune("config", "show", "--preset", "paper", "--set", "stop.adaptive_budget=7")
-    assert code == 0
-    shown = yaml.safe_load(out)
-    assert shown["stop"]["adaptive_budget"] == 7
-    assert config_from_dict(shown) == preset("paper").with_values({"stop.adaptive_budget": 7})
-    line = next(line for line in out.splitlines() if line.strip().startswith("d95_m: 0.14"))
-    assert "m; " in line and "(text, Eq. 9)" in line
-    code, out, _ = gatetune("rocks", "list", "--split", "held-out")
-    assert code == 0
-    assert "mushroom" in out
-    assert "boulder" not in out
 
 
 def test_import_list_show_a_rock_of_ones_own(gatetune, tmp_path):

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-import tuner
 from nbv.config import MissionConfig, preset
 from nbv.rocks import list_rocks
 from tuner.commands import doctor
@@ -51,32 +49,3 @@ def test_a_machine_that_is_not_fit_is_said(gatetune: Any, monkeypatch: pytest.Mo
         "fit": False,
         "findings": [{"verdict": "bad", "what": "no Python", "remedy": "make setup"}],
     }
-
-
-@pytest.fixture(scope="module")
-def campaign(tmp_path_factory: pytest.TempPathFactory) -> tuner.Campaign:
-    return tuner.tune(
-        tmp_path_factory.mktemp("json") / "first",
-        rocks=["slab"],
-        space="gate",
-        budget=3,
-        overrides={"stop.adaptive_budget": 2, "evaluation.gt_samples": 2000},
-        sampler="sobol",
-        fidelity="geometric",
-        learn_from=["nothing"],
-        workers=1,
-    )
-
-
-def test_status_is_the_campaigns(gatetune: Any, campaign: tuner.Campaign) -> None:
-    best = campaign.recommendation(save=False)
-    assert best is not None
-    tree = shown(gatetune, "campaign", "status", campaign.directory)
-    assert (tree["status"]["complete"], tree["status"]["budget"]) == (3, 3)
-    assert tree["recommendation"]["values"] == best.values
-    assert tree["recommendation"]["improvement_interval_95"] == list(best.improvement_interval_95)
-
-
-def test_a_table_says_where_it_is(gatetune: Any, campaign: tuner.Campaign, tmp_path: Path) -> None:
-    tree = shown(gatetune, "export", campaign.directory, "--to", "csv", "--out", tmp_path / "m.csv")
-    assert len(Path(tree["wrote"]).read_text().splitlines()) == 1 + 3

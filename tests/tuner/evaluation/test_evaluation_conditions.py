@@ -6,16 +6,14 @@ from pathlib import Path
 
 import fake_campaigns
 import pytest
-import yaml
 
 from nbv.config import load_conditions, preset
-from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.evaluation.comparison import comparison_table, strategy_difference, values_of
 from tuner.evaluation.flying import EvaluationRun, run_evaluation
 from tuner.evaluation.of_campaign import held_out
 from tuner.evaluation.paper_table import MetricRow
-from tuner.evaluation.plan import PLAN_FILE, EvaluationPlan
+from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import InProcessExecutor
 from tuner.missions.registry import ignored_by
 from tuner.problem.worlds import World
@@ -64,22 +62,6 @@ def test_its_page_has_a_table_per_condition(tmp_path: Path) -> None:
     assert (
         "Under ideal" not in write_comparison_report(comparison_facts(ideal), tmp_path / "plain").read_text()
     )
-
-
-def test_a_plan_of_before_conditions_is_one_under_ideal(tmp_path: Path) -> None:
-    plan = evaluated(tmp_path / "out", conditions=TWO[:1]).plan
-    path = tmp_path / "out" / PLAN_FILE
-    tree = yaml.safe_load(path.read_text())
-    assert tree.pop("conditions") == {"ideal": TWO[0].to_dict()}
-    path.write_text(yaml.safe_dump(tree))
-    again = EvaluationPlan.load(tmp_path / "out")
-    assert again.worlds == plan.worlds == tuple(World(rock) for rock in "xyz")
-    assert len(again.records(tmp_path / "out")) == 12
-
-
-def test_a_plan_without_a_condition_is_told() -> None:
-    with pytest.raises(UserError, match="no condition to fly in"):
-        EvaluationPlan({"a": BASE}, ("x",), conditions=())
 
 
 def test_evaluate_says_what_the_campaign_has_not_seen(gatetune, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.missions.job import Trial
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
-from tuner.recommendation.recommendation import Limit, NextRock, RunnerUp
+from tuner.recommendation.recommendation import Limit, NextRock
 from tuner.report.campaign.answers import (
     measure_text,
     next_answer,
@@ -125,31 +125,6 @@ def test_a_dearer_plan_says_why(campaign: Campaign) -> None:
     assert "F-score 100.0 % on the training rocks (95 % interval 99.0 to 100.0;" in first
 
 
-def test_a_runner_up_stands_below(campaign: Campaign) -> None:
-    rival = RunnerUp(
-        {
-            "seed.upper_share": 0.42,
-            "seed.lowest_deg": 18.0,
-            "seed.count": 12,
-            "stop.adaptive_budget": 12,
-            "pool.max_altitude_m": 1.45,
-        },
-        1,
-        24.0,
-        2.0,
-        (2.0, 2.0),
-        8.0,
-        (8.0, 8.0),
-        0.83,
-    )
-    answer = use_answer(with_limit(campaign, runner_up=rival))
-    assert "8 photographs at 18° and 6 at 33°" in answer["sentence"]
-    assert answer["runner_up"] == (
-        "Runner-up (flown 1 time): 7 photographs at 18° and 5 at 33°, then 12 chosen by the planner, none above 1.45 m. "
-        "24 photographs; keeps the limit with probability 0.83."
-    )
-
-
 def test_pairs_that_flew_are_counted(campaign: Campaign) -> None:
     facts = better(campaign)
     best = facts.recommendation
@@ -174,15 +149,6 @@ def test_a_geometric_gain_is_called_a_prediction(campaign: Campaign) -> None:
     assert "prediction" in next_answer(facts, evaluated=False)[0]
     plain = better(campaign)
     assert "low-fidelity" not in measure_text(plain)
-
-
-def test_the_answer_is_the_recommended_configuration(campaign: Campaign) -> None:
-    default = CampaignFacts(campaign).default
-    first, second = CampaignFacts(campaign).settings.space.paths[:2]
-    facts = better(campaign, values={**default, first: 0.77})
-    answer = use_answer(facts)
-    assert [row[1] for row in answer["kept"]] == [first] and "0.77" in answer["sentence"]
-    assert second not in answer["sentence"]
 
 
 def test_where_nothing_is_needed_the_default_is_used(campaign: Campaign) -> None:
@@ -222,13 +188,6 @@ def test_switches_and_equal_choices_are_counted() -> None:
     text = gate_words(trace, "Hyb-H", 1)
     assert "switched in 50 % of its steps" in text and "B-aware 67 %" in text
     assert "In 33 % both scorers had the same best view" in text
-
-
-def test_where_all_failed_nothing_is_recommended(tmp_path: Path) -> None:
-    facts = CampaignFacts(fake_campaigns.run(tmp_path / "run", rocks=("fail",), budget=20))
-    assert use_answer(facts)["sentence"].startswith("Nothing yet: none of the 8")
-    why, command = next_answer(facts, evaluated=False)
-    assert "seed_model_failed" in why and "campaign resume" in command
 
 
 def test_searching_wider_keeps_everything_else(campaign: Campaign, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import html
 import json
@@ -24,7 +23,6 @@ from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space, space_from_dict
 from tuner.report import write_campaign_report
 from tuner.report.answer import use_sentence, worth_sentences
-from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.campaign.provenance import reproduce_command
 
 MIXED = {
@@ -91,7 +89,6 @@ class _Made(Exception):
     "changes",
     [
         {"rocks": ("waist",), "budget": 5, "replicates": 2, "seed": 7, "in_step": 3, "keep": "all"},
-        {"sampler": "gp", "budget": 10},
         {"space": load_search_space("full"), "sampler": "gp", "learn_from": (SHIPPED,)},
         {
             "sampler": "gp",
@@ -151,25 +148,6 @@ def test_every_kind_of_campaign_has_a_page(tmp_path: Path, changes: dict[str, ob
     assert best is not None
     assert use_sentence(best, campaign.settings) in text
     assert "nan" not in text.lower().split()
-
-
-@pytest.mark.slow
-def test_interrupted_campaign_says_so(tmp_path: Path) -> None:
-    campaign = flown(tmp_path / "run", budget=4)
-    larger = Campaign(campaign.directory, dataclasses.replace(campaign.settings, budget=10), campaign.ledger)
-    text = text_of(write_campaign_report(larger))
-    assert "Not finished: 4 of 10 missions" in text
-    assert "Only 4 successful missions" in text
-
-
-def test_slices_pass_the_recommendation_in_the_metric_s_sense(tmp_path: Path) -> None:
-    facts = CampaignFacts(flown(tmp_path / "run", budget=8, objective=Objective(direction="minimise")))
-    best = facts.recommendation
-    assert best is not None
-    for part in facts.slices:
-        value = best.values[part.parameter.path]
-        nearest = min(range(len(part.positions)), key=lambda i: abs(part.positions[i] - value))
-        assert part.mean[nearest] == pytest.approx(best.mean, abs=0.1)
 
 
 def test_campaign_without_missions_is_refused(tmp_path: Path) -> None:

@@ -122,14 +122,6 @@ def test_what_is_missing_of_the_truth_is_told(mission: Path, tmp_path: Path) -> 
     assert len(missing) > 100 and missing[:, 0].max() < 0.0  # nothing of the half that is there
 
 
-def test_two_missions_stand_side_by_side(gatetune, mission: Path, tmp_path: Path) -> None:
-    other = tmp_path / "other"
-    shutil.copytree(mission, other)
-    code, _, err = gatetune("mission", "view", mission, other, "--out", tmp_path / "two.html")
-    assert code == 0, err
-    assert [facts["name"] for facts in shown(tmp_path / "two.html")] == ["first", "other"]
-
-
 _CLICK = """<script>addEventListener("load", () => {
   const room = rooms[0], { canvas } = room, all = { bubbles: true, pointerId: 1 };
   canvas.setPointerCapture = () => {}; room.space.draw();

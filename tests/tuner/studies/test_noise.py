@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from fake_study import SD
 
-from nbv.errors import UserError
 from nbv.types import Floats
 from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.plan import EvaluationPlan
@@ -139,8 +138,3 @@ def test_the_command_flies_and_says_what_was_found(gatetune, tmp_path: Path) -> 
     )
     assert code == 0, err
     assert "8 missions, 1 workers" in out and (tmp_path / "s" / "noise.md").is_file()
-
-
-def test_a_space_that_is_none_is_refused() -> None:
-    with pytest.raises(UserError, match=r"stop\.nonsense"):
-        noise_plan(GATE, ("r0",), overrides={"stop.nonsense": 3})
