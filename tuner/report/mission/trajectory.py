@@ -87,7 +87,9 @@ def trajectory_figure(run: Path) -> Figure:
         for path, shade, label in paths if len(chosen) else paths[:1]:
             plan.plot(*path.T[:2], color=shade, lw=0.9, label=label)
         for k, position in enumerate(chosen, 1):
-            plan.text(*position[:2], str(k), fontsize=6.5, ha="center", va="center_baseline", zorder=5)
+            plan.text(
+                position[0], position[1], str(k), fontsize=6.5, ha="center", va="center_baseline", zorder=5
+            )
         plan.set(xlim=(x - reach, x + reach), ylim=(y - reach, y + reach))
         plan.set(xlabel="east (m)", ylabel="north (m)", aspect="equal")
         figure.legend(*plan.get_legend_handles_labels(), loc="outside lower center", ncols=2)
