@@ -10,6 +10,7 @@ A name is a metric's path, or one of `SHORT`.
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from collections.abc import Mapping
@@ -63,12 +64,7 @@ def asked_objective(text: str, own: Mapping[str, Direction] | None = None) -> As
     right = "<=" if second.direction == "minimise" else ">="
     if found["sign"] != right:
         raise UserError(f"objective {text!r}: {second.metric} is {second.direction}d; write {right}")
-    try:
-        limit = float(found["limit"])
-    except ValueError:
-        limit = math.nan
-    if not math.isfinite(limit):
-        raise UserError(f"objective {text!r}: {found['limit']!r} is no number")
+    limit = _number(found["limit"], f"objective {text!r}")
     if second.is_share:
         require_share(limit, f"objective {text!r}")
         limit *= 100.0
@@ -121,15 +117,18 @@ def _objective(name: str, own: Mapping[str, Direction] | None) -> Objective:
 def _share(text: str, own: Mapping[str, Direction] | None) -> Objective:
     """Return the objective of ``P(f_score>=98)``."""
     found = _SHARE.fullmatch(text)
-    try:
-        least = float(found["least"]) if found else math.nan
-    except ValueError:
-        least = math.nan
-    if found is None or not math.isfinite(least):
+    if found is None:
         raise UserError(f"{text!r} is not understood; the share of rocks that reach 98 is P(f_score>=98)")
     metric = _objective(found["name"], own)
     if metric.direction != "maximise":
         raise UserError(
             f"{text!r}: less of {metric.metric} is better; a share is of what should be at least so much"
         )
-    return Objective(f"P({metric.metric}>={least:g})")
+    return Objective(f"P({metric.metric}>={_number(found['least'], text):g})")
+
+
+def _number(text: str, where: str) -> float:
+    with contextlib.suppress(ValueError):
+        if math.isfinite(value := float(text)):
+            return value
+    raise UserError(f"{where}: {text!r} is no number")

@@ -55,32 +55,29 @@ class RockStandardiser:
             what is common to a block.
         """
         y = np.asarray(outcomes, dtype=float)
-        names = sorted(set(rocks))
-        groups = {name: y[np.array([rock == name for rock in rocks])] for name in names}
         if len(y) == 0:
             return RockStandardiser({}, {}, 0.0, 1.0)
-        means = {name: float(group.mean()) for name, group in groups.items()}
-        residual, own = _residuals(y, rocks if blocks is None else blocks)
-        of_rock = {name: np.array([rock == name for rock in rocks]) for name in names}
-        within_squares = {name: float((residual[of_rock[name]] ** 2).sum()) for name in names}
-        freedom = {name: float(own[of_rock[name]].sum()) for name in names}
+        inside = {name: np.array([rock == name for rock in rocks]) for name in sorted(set(rocks))}
+        means = {name: float(y[own].mean()) for name, own in inside.items()}
+        counts = {name: int(own.sum()) for name, own in inside.items()}
+        residual, shares = _residuals(y, rocks if blocks is None else blocks)
+        squares = {name: float((residual[own] ** 2).sum()) for name, own in inside.items()}
+        freedom = {name: float(shares[own].sum()) for name, own in inside.items()}
         degrees = sum(freedom.values())
-        between = float(np.var(list(means.values()), ddof=1)) if len(names) > 1 else 0.0
+        between = float(np.var(list(means.values()), ddof=1)) if len(means) > 1 else 0.0
         # With one mission per rock nothing tells rock from configuration: share the spread between them.
-        within = sum(within_squares.values()) / degrees if degrees > 0.5 else between / 2
+        within = sum(squares.values()) / degrees if degrees > 0.5 else between / 2
         within = max(within, 1e-12 * max(1.0, float(np.mean(y**2))))
-        mean_inverse_count = float(np.mean([1 / len(group) for group in groups.values()]))
+        mean_inverse_count = float(np.mean([1 / count for count in counts.values()]))
         rock_variance = max(0.0, between - within * mean_inverse_count)
 
-        precision = {n: 1 / (rock_variance + within / len(g)) for n, g in groups.items()}
-        grand = sum(precision[n] * means[n] for n in names) / sum(precision.values())
+        precision = {name: 1 / (rock_variance + within / count) for name, count in counts.items()}
+        grand = sum(precision[name] * means[name] for name in means) / sum(precision.values())
         centres, scales = {}, {}
-        for name, group in groups.items():
-            weight = rock_variance / (rock_variance + within / len(group)) if shrink_centres else 1.0
+        for name, count in counts.items():
+            weight = rock_variance / (rock_variance + within / count) if shrink_centres else 1.0
             centres[name] = grand + weight * (means[name] - grand)
-            count = _SCALE_PRIOR_COUNT + freedom[name]
-            variance = (_SCALE_PRIOR_COUNT * within + within_squares[name]) / count
-            scales[name] = math.sqrt(variance)
+            scales[name] = _scale(within, squares[name], freedom[name])
         return RockStandardiser(centres, scales, grand, math.sqrt(within))
 
     @staticmethod
@@ -111,9 +108,7 @@ class RockStandardiser:
         scales = {}
         for world in centres:
             own = np.array([w == world for w in worlds])
-            count = _SCALE_PRIOR_COUNT + float(freedom[own].sum())
-            squares = _SCALE_PRIOR_COUNT * within + float((residual[own] ** 2).sum())
-            scales[world] = math.sqrt(squares / count)
+            scales[world] = _scale(within, float((residual[own] ** 2).sum()), float(freedom[own].sum()))
         return RockStandardiser(centres, scales, float(y.mean()), math.sqrt(within))
 
     def standardise(self, rocks: Sequence[Any], outcomes: Floats | Sequence[float]) -> Floats:
@@ -134,6 +129,11 @@ class RockStandardiser:
             float(np.mean([self.centre(rock) for rock in rocks])),
             float(np.mean([self.scale(rock) for rock in rocks])),
         )
+
+
+def _scale(within: float, squares: float, freedom: float) -> float:
+    """Return a rock's standard deviation, shrunk to that ``within`` rocks (a variance)."""
+    return math.sqrt((_SCALE_PRIOR_COUNT * within + squares) / (_SCALE_PRIOR_COUNT + freedom))
 
 
 def _residuals(y: Floats, groups: Sequence[Hashable]) -> tuple[Floats, Floats]:
