@@ -26,7 +26,7 @@ import torch
 from scipy import special
 
 from tuner.problem.worlds import rocks_of
-from tuner.recommendation.recommendation import MOST_ROCKS, NextRock
+from tuner.recommendation.recommendation import NextRock
 from tuner.surrogate.forward_check import Calibration
 from tuner.surrogate.model import RockMeanGP, moments
 
@@ -58,13 +58,10 @@ def next_rock(
         variance = c[0, 0] + c[1, 1] - 2 * c[0, 1]
         return scale * float(mean[0] - mean[1]), scale * math.sqrt(max(0.0, float(variance)))
 
-    common = model.inputs(unit)
-    elsewhere = common.clone()
+    elsewhere = model.inputs(unit)
     elsewhere[:, model.space.dimension] = len(model.worlds) + len(model.observations)  # a rock like no other
     mean, with_departure = gain(elsewhere, model.mean_scale)
-    _, common_sd = gain(common, model.mean_scale)
     sd = math.sqrt(with_departure**2 + _scale_variance(model, rocks) * (mean**2 + with_departure**2))
-    between = math.sqrt(max(0.0, sd**2 - common_sd**2))
     on = {
         rock: [
             gain(model.inputs(unit, w), model.standardiser.scale(w)) for w in model.worlds if w.rock == rock
@@ -85,7 +82,6 @@ def next_rock(
         per_rock=own,
         against=against,
         no_worse=float(special.stdtr(freedom, mean / sd)) if sd else 0.5,
-        more_rocks=_more_rocks(abs(mean), common_sd, between, len(rocks)),
     )
 
 
@@ -97,12 +93,3 @@ def _scale_variance(model: RockMeanGP, rocks: Sequence[str]) -> float:
     ]
     squares = float(np.var(logs)) * len(logs)
     return (PRIOR_ROCKS * SCALE_SPREAD**2 + squares) / (PRIOR_ROCKS + len(logs) - 1)
-
-
-def _more_rocks(gain: float, common_sd: float, between: float, rocks: int) -> int | None:
-    """Return how many rocks more make the 95 % interval of the mean gain exclude 0; its variance falls with their number."""
-    for count in range(rocks, MOST_ROCKS + 1):
-        sd = max(common_sd * math.sqrt(rocks / count), between / math.sqrt(count))
-        if float(special.stdtrit(count - 1 + PRIOR_ROCKS, 0.975)) * sd < gain:
-            return count - rocks
-    return None

@@ -15,8 +15,6 @@ from tuner.problem.configurations import changes, short
 from tuner.problem.objective import Direction
 from tuner.problem.worlds import World
 
-MOST_ROCKS = 50  # that a prediction of how many more are needed looks at
-
 
 @dataclass(frozen=True)
 class Candidate:
@@ -105,37 +103,16 @@ class NextRock:
     interval_95: tuple[float, float]
     per_rock: dict[str, float]  # posterior means of the gain on the training rocks
     against: tuple[str, ...]  # training rocks that the recommendation probably makes worse
-    more_rocks: (
-        int | None
-    )  # that tell the mean gain over such rocks from 0, if it is as large as believed; None: too many
     no_worse: float = 0.5  # probability that the gain is not below 0
 
-    def warnings(self, *, of_gain: bool = True, place: str = "rock") -> list[str]:
-        """Return sentences on where training rocks disagree and how many more would settle it; none where all is well.
-
-        ``of_gain``: whether a gain is asked for at all, not only that nothing is lost. ``place``: what a rock is called.
-        """
+    def warnings(self, place: str = "rock") -> list[str]:
+        """Return sentences on where training rocks disagree; none where all is well. ``place``: what a rock is called."""
         said = []
         if len(self.per_rock) == 1:
             said.append(f"Only one {place} was flown: how {place}s differ is not known.")
         if self.against:
             names = ", ".join(Path(rock).stem for rock in self.against)
             said.append(f"Training {place}s disagree: it is probably worse than the default on {names}.")
-        if not of_gain:
-            return said
-        if self.more_rocks is None:
-            said.append(
-                f"Not even {MOST_ROCKS} training {place}s would tell the mean gain over such {place}s from 0."
-            )
-        elif self.more_rocks:
-            more = (
-                f"1 more training {place}"
-                if self.more_rocks == 1
-                else f"{self.more_rocks} more training {place}s"
-            )
-            said.append(
-                f"{more} would tell the mean gain over such {place}s from 0, if it is as large as that."
-            )
         return said
 
 

@@ -90,7 +90,7 @@ def worth_sentences(best: Recommendation, s: CampaignSettings) -> list[str]:
     """What the recommendation is worth on the training rocks, then on the next one."""
     said = _exact_worth(best, s) if best.exact else _modelled_worth(best, s)
     if best.next_rock is not None:
-        said += best.next_rock.warnings(of_gain=not best.exact, place=place_word(s))
+        said += best.next_rock.warnings(place_word(s))
     if is_geometric(s.fidelity):
         said.append(GEOMETRIC)
     return said

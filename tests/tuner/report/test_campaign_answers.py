@@ -136,10 +136,10 @@ def test_pairs_that_flew_are_counted(campaign: Campaign) -> None:
 
 
 def test_the_next_rock_is_said_and_where_rocks_disagree(campaign: Campaign) -> None:
-    elsewhere = NextRock(0.5, (-1.0, 2.0), {"a": 2.0, "b": -1.0}, ("rocks/b.obj",), 7)
+    elsewhere = NextRock(0.5, (-1.0, 2.0), {"a": 2.0, "b": -1.0}, ("rocks/b.obj",))
     said = " ".join(sure_answer(better(campaign, next_rock=elsewhere)))
     assert "On the next rock +0.5 points (95 % interval −1.0 to +2.0); no worse than the default with" in said
-    assert "worse than the default on b." in said and "7 more training rocks would tell" in said
+    assert "worse than the default on b." in said
 
 
 def test_a_geometric_gain_is_called_a_prediction(campaign: Campaign) -> None:
