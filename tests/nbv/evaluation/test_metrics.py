@@ -127,20 +127,6 @@ def test_strict_threshold_as_in_tanks_and_temples():
     assert distance_scores(np.array([0.0479]), np.array([0.0479]), (48.0,))["completeness_48mm"] == 100.0
 
 
-def test_tanks_and_temples_definition_by_brute_force():
-    rng = np.random.default_rng(4)
-    reconstruction, reference = rng.uniform(size=(300, 3)), rng.uniform(size=(400, 3))
-    d = 0.07
-    table = np.linalg.norm(reconstruction[:, None] - reference[None], axis=2)
-    precision = 100.0 * np.mean([row.min() < d for row in table])
-    recall = 100.0 * np.mean([column.min() < d for column in table.T])
-    config = EvaluationConfig(thresholds_mm=(70.0,))
-    scores = compute_metrics(PointCloud(reconstruction), truth_of(reference), config)["whole"]
-    assert scores["accuracy_70mm"] == pytest.approx(precision)
-    assert scores["completeness_70mm"] == pytest.approx(recall)
-    assert scores["f_score_70mm"] == pytest.approx(2 * precision * recall / (precision + recall))
-
-
 def noisy_and_cropped():
     """A reconstruction with everything that scores react to: uneven density, noise, a hole, floaters."""
     rng = np.random.default_rng(13)
