@@ -30,7 +30,6 @@ class MetricLabel:
     name: str  # "F-score @ 48 mm"
     unit: str  # "%", "mm", "" ...
     surface: str  # "observable surface", ...; empty if the metric has none
-    larger_is_better: bool
 
     @property
     def full(self) -> str:
@@ -94,23 +93,23 @@ def metric_label(path: str) -> MetricLabel:
     if share := reached(path):
         of = metric_label(share[0])
         least = of.value(share[1], 0 if share[1] == int(share[1]) else 1)
-        return MetricLabel(f"Rocks with {of.name} of at least {least}", "%", of.surface, True)
+        return MetricLabel(f"Rocks with {of.name} of at least {least}", "%", of.surface)
     *prefix, key = path.split(".")
     if prefix == ["costs"]:
         prefix = []  # no surface
         if key in COSTS:
             name, unit = COSTS[key]
-            return MetricLabel(name, unit, "", False)
+            return MetricLabel(name, unit, "")
     surface = ", ".join(SURFACES.get(part) or part for part in reversed(prefix))
     floor = "_floor_mm" if key.endswith("_floor_mm") else ""
     if found := find_metric(f"{key.removesuffix(floor)}_mm" if floor else key):
         metric, name = found
         name = f"{name}, the rock's own floor" if floor else name
-        return MetricLabel(name, metric.unit, surface, metric.larger_is_better)
+        return MetricLabel(name, metric.unit, surface)
     for ending, unit in (("_mm", "mm"), ("_m", "m"), ("_s", "s"), ("_deg", "°"), ("_px", "px")):
         if key.endswith(ending):
-            return MetricLabel(_words(key.removesuffix(ending)), unit, surface, False)
-    return MetricLabel(_words(key), "", surface, not path.startswith("costs."))
+            return MetricLabel(_words(key.removesuffix(ending)), unit, surface)
+    return MetricLabel(_words(key), "", surface)
 
 
 @dataclass(frozen=True)
@@ -120,11 +119,6 @@ class ParameterLabel:
     name: str  # "Gate: budget fraction"
     short: str  # for axes and table columns
     unit: str
-
-    @property
-    def axis(self) -> str:
-        """Name with unit."""
-        return f"{self.name} ({self.unit})" if self.unit else self.name
 
 
 def parameter_label(path: str) -> ParameterLabel:
@@ -152,7 +146,6 @@ _INTERVAL_METHODS = {
     "rocks": "t-intervals over rock means (every rock counts the same): they speak for unseen rocks of the same kind",
     "replicates": "rocks taken as fixed, pooled variance between replicates: they speak for new replicates on these rocks "
     "only, not for other rocks",
-    "bootstrap": "percentile bootstrap, rocks resampled and then replicates within them; too narrow when rocks are few",
     "wilson": "Wilson's for the share of rocks that kept the limit",
     "none": "none where there are too few missions for one",
 }

@@ -18,23 +18,22 @@ from tuner.report.labels import (
 
 
 @pytest.mark.parametrize(
-    ("path", "full", "unit", "larger"),
+    ("path", "full", "unit"),
     [
-        ("observable.f_score_48mm", "F-score @ 48 mm, observable surface", "%", True),
-        ("whole.completeness_80mm", "Completeness @ 80 mm, whole surface", "%", True),
-        ("whole.hausdorff_gt_to_cloud_mm", "Hausdorff distance, whole surface", "mm", False),
+        ("observable.f_score_48mm", "F-score @ 48 mm, observable surface", "%"),
+        ("whole.completeness_80mm", "Completeness @ 80 mm, whole surface", "%"),
+        ("whole.hausdorff_gt_to_cloud_mm", "Hausdorff distance, whole surface", "mm"),
         (
             "whole.hausdorff_gt_to_cloud_floor_mm",
             "Hausdorff distance, the rock's own floor, whole surface",
             "mm",
-            False,
         ),
-        ("costs.flight_time_s", "Flight", "s", False),
+        ("costs.flight_time_s", "Flight", "s"),
     ],
 )
-def test_metric_labels(path: str, full: str, unit: str, larger: bool) -> None:
+def test_metric_labels(path: str, full: str, unit: str) -> None:
     label = metric_label(path)
-    assert (label.full, label.unit, label.larger_is_better) == (full, unit, larger)
+    assert (label.full, label.unit) == (full, unit)
 
 
 def test_every_parameter_has_a_label_that_tells_it_apart() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -48,9 +47,7 @@ class CampaignFacts:
         self.trials: list[Trial] = campaign.trials()
         self.status: CampaignStatus = campaign.status()
         self.modelled: Objective = campaign.modelled_objective  # of the model and its checks
-        self.label: MetricLabel = dataclasses.replace(
-            metric_label(self.modelled.metric), larger_is_better=self.modelled.direction == "maximise"
-        )
+        self.label: MetricLabel = metric_label(self.modelled.metric)
         self.sign = self.modelled.sign
         self.default: dict[str, Any] = self.settings.default_values()
         self.rock_names: dict[str, str] = dict(zip(self.settings.rocks, short_names(self.settings.rocks)))

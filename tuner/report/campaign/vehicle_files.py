@@ -45,14 +45,10 @@ class VehicleFile:
         """``2 of 3 changes, not pool.max_altitude_m``."""
         if not self.useful:
             return "none of the changes"
-        return share_text(len(self.carried), self.lost)
-
-
-def share_text(kept: int, lost: Sequence[str] = ()) -> str:
-    """How many of the changes a file carries, and which it does not."""
-    if not kept and not lost:
-        return "the default"
-    return f"{kept} of {kept + len(lost)} changes" + (f", not {', '.join(lost)}" if lost else "")
+        if not self.carried:
+            return "the default"
+        lost = f", not {', '.join(self.lost)}" if self.lost else ""
+        return f"{len(self.carried)} of {len(self.carried) + len(self.lost)} changes{lost}"
 
 
 def vehicle_files(
