@@ -23,7 +23,7 @@ from nbv.errors import UserError
 from nbv.mission.result import json_ready
 from nbv.safe_files import parse_yaml
 from tuner.campaign import rock_choice
-from tuner.missions.executors import local_executor
+from tuner.missions.executors import limit_s, local_executor
 from tuner.missions.progress import progress_of
 
 if TYPE_CHECKING:
@@ -226,7 +226,8 @@ def executor_at(
     if kind not in WHERE:
         raise UserError(f"unknown executor {kind!r}; there are local, {', '.join(WHERE)}")
     count = workers or len(os.sched_getaffinity(0))
-    return dask_executor(kind, scheduler, count, timeout_s, unencrypted=unencrypted)
+    limit = limit_s(timeout_s, mission)
+    return dask_executor(kind, scheduler, count, limit, unencrypted=unencrypted)
 
 
 def workers_text(executor: LocalProcessExecutor | DaskExecutor) -> str:

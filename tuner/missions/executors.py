@@ -330,7 +330,11 @@ def local_executor(
     if workers is not None and workers < 1:
         raise UserError(f"--workers is {workers}; give at least 1")
     count = workers or len(os.sched_getaffinity(0))
-    if mission is None:
-        return LocalProcessExecutor(count, timeout_s, preload=(fidelity,))
-    # The mission function keeps the limit itself; this one is for a function that hangs.
-    return LocalProcessExecutor(min(count, mission.at_once), mission.time_limit_s + _SCORING_S, (fidelity,))
+    if mission is not None:
+        count = min(count, mission.at_once)
+    return LocalProcessExecutor(count, limit_s(timeout_s, mission), (fidelity,))
+
+
+def limit_s(timeout_s: float, mission: MissionFile | None) -> float:
+    """Return when an executor kills a mission: one of a mission file keeps its own limit, unless it hangs afterwards."""
+    return timeout_s if mission is None else mission.time_limit_s + _SCORING_S

@@ -8,12 +8,8 @@ fresh interpreter. Lines of JSON: in ``{"op": "run", "job": {...}}`` and ``{"op"
 ``{"event": "ready" | "started" | "exited" | "beat", ...}``. When standard input closes, i.e. the campaign ended or was
 killed, all missions are killed: none outlives its campaign.
 
-What it buys over a library, with a process of its own for every mission, one worker and a warm store
-(medians of three rounds on two busy cores, 2026-11): a geometric mission takes 0.57
-of the time under pebble 5.2.3 and 0.77 of that under `concurrent.futures`, whose processes read the rock again; a
-photogrammetric one 0.88 of that under `concurrent.futures`. Under pebble a process that a hung mission had started
-outlived the time-out; under `concurrent.futures` one aborted mission broke the pool and a hung one went on; under both
-a mission outlived its killed campaign.
+Libraries do less: under `concurrent.futures` one aborted mission breaks the pool and a hung one goes on, under pebble
+what a hung mission has started outlives the time-out, and under both a mission outlives its killed campaign.
 """
 
 from __future__ import annotations

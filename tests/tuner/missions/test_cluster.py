@@ -31,7 +31,7 @@ from tuner.missions.cluster import worker
 from tuner.missions.cluster.connect import dask_executor
 from tuner.missions.registry import FIDELITIES
 
-MISSIONS = 20
+MISSIONS = 12
 COORDINATOR = """
 import os, signal, sys
 from pathlib import Path
@@ -40,9 +40,9 @@ from tuner.campaign.session import fly_campaign
 from tuner.missions.cluster.connect import dask_executor
 directory, scheduler, worker = sys.argv[1:]
 def accidents(event):
-    if event.kind == "finished" and event.finished == 4:
+    if event.kind == "finished" and event.finished == 3:
         os.kill(int(worker), signal.SIGKILL)
-    if event.kind == "finished" and event.finished == 9:
+    if event.kind == "finished" and event.finished == 6:
         os.kill(os.getpid(), signal.SIGKILL)
 fly_campaign(Campaign.open(Path(directory), fidelity="fake_missions:fake_mission"), dask_executor("dask", scheduler, 1, 60.0), accidents)
 """
@@ -97,10 +97,10 @@ def test_no_mission_is_lost_or_entered_twice(tmp_path: Path, monkeypatch: pytest
     # Its worker, then the coordinator itself are killed.
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     assert subprocess.run(script, env=environment, timeout=60).returncode == -signal.SIGKILL
-    assert sum(t.state == "complete" for t in Campaign.open(directory, read_only=True).trials()) == 9
+    assert sum(t.state == "complete" for t in Campaign.open(directory, read_only=True).trials()) == 6
 
     def end_scheduler(event: CampaignEvent) -> None:
-        if event.kind == "finished" and event.finished == 13:
+        if event.kind == "finished" and event.finished == 9:
             cluster.scheduler.kill()
 
     campaign = Campaign.open(directory, fidelity="fake_missions:fake_mission")

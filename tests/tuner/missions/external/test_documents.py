@@ -8,6 +8,7 @@ import pytest
 import yaml
 
 from nbv.errors import UserError
+from tuner.missions.executors import limit_s
 from tuner.missions.external import MissionFile, load_mission_file
 from tuner.missions.external.contract import read_result, seed_of
 from tuner.problem.quality_at_cost import asked_objective
@@ -41,6 +42,8 @@ def test_a_mission_file_says_what_a_mission_takes(tmp_path):
     assert mission.complete(mission.baselines["hand"])["gain"] == 2.0
     assert mission.instance("b") == {"name": "b", "mesh": "b.obj", "wind_m_s": 3}
     assert mission.objective.measure({"f": {"score": 0.5}}) == 0.5
+    # Its own limit counts, wherever it flies.
+    assert limit_s(10.0, load(tmp_path, time_limit_s=7200)) > 7200 and limit_s(10.0, None) == 10.0
 
 
 @pytest.mark.parametrize(
