@@ -23,10 +23,14 @@ class Section:
         for name in names:
             self._need(getattr(self, name) >= low, name, rule)
 
-    def _need_known_names(self) -> None:
-        """Fields that name a part of the program name one that there is."""
+    def __post_init__(self) -> None:
+        """Check what fields declare: a range, or that a name is one of a part of the program."""
         for f in fields(self):  # type: ignore[arg-type]
-            value = getattr(self, f.name)
+            value, least, most = getattr(self, f.name), f.metadata.get("least"), f.metadata.get("most")
+            if least is not None and most is not None:
+                self._need(least <= value <= most, f.name, f"between {least:g} and {most:g}")
+            elif least is not None:
+                self._need_at_least(least, f.name)
             if "names" in f.metadata and value not in (allowed := f.metadata["names"]()):
                 raise UserError(f"{f.name} is {value!r}; allowed: {', '.join(allowed)}")
 

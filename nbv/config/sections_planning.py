@@ -312,10 +312,7 @@ class MatchableConfig(Section):
     """Ours: which surface still lacks views that dense stereo could match (`nbv.scorers.matchable`)."""
 
     weights: Weights = field(default_factory=Weights)
-    views: int = ours(6, "views that must match one another on a piece of surface")
-
-    def __post_init__(self) -> None:
-        self._need_at_least(2, "views")
+    views: int = ours(6, "views that must match one another on a piece of surface", least=2)
 
 
 @dataclass(frozen=True)
@@ -357,7 +354,7 @@ class GateConfig(Section):
     learned_policy: str = ours("", "path of a policy for the learned gate; empty: the one that ships")
 
     def __post_init__(self) -> None:
-        self._need_known_names()
+        super().__post_init__()
         self._need(0 <= self.budget_fraction <= 1, "budget_fraction", "between 0 and 1")
         self._need_at_least(0, "d95_m")
         self._need_at_least(100, "oracle_samples")

@@ -61,6 +61,8 @@ def _described(
     label: str = "",
     symbol: str = "",
     added: bool = False,
+    least: float | None = None,
+    most: float | None = None,
     names: Callable[[], Collection[str]] | None = None,
 ) -> T:
     """A field of a section.
@@ -77,6 +79,8 @@ def _described(
         For reports: a name, where the field's own does not do, and the paper's symbol.
     added
         The field came after missions had been recorded without it.
+    least, most
+        The range of its value, both ends in it; ``most`` needs ``least``.
     names
         What it may name.
     """
@@ -89,6 +93,7 @@ def _described(
     }
     if added:
         metadata |= ADDED_SINCE_VERSION_1
+    metadata |= {"least": least, "most": most}
     if names is not None:
         metadata["names"] = names
     return cast(T, dataclasses.field(default=default, metadata=metadata))

@@ -24,7 +24,8 @@ from nbv.config import EvaluationConfig
 from nbv.errors import MissionFailure
 from nbv.evaluation.ground_truth import GroundTruthSamples
 from nbv.evaluation.measures import azimuth_sectors, sector_centers_deg
-from nbv.evaluation.registry import Distances, measure_all
+from nbv.evaluation.metric import Distances
+from nbv.evaluation.registry import measure_all
 from nbv.evaluation.voxels import voxel_scores
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.types import Floats, PointCloud

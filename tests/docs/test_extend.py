@@ -23,7 +23,8 @@ def examples():
     return [(heading, blocks) for heading, blocks in found if blocks]
 
 
-PARTS = [example for example in examples() if example[0] != "A setting"]
+PARTS = [example for example in examples() if not example[0].startswith("A setting")]
+SETTINGS = [example for example in examples() if example[0].startswith("A setting")]
 
 
 def add_file(title, code, folder, monkeypatch):
@@ -65,15 +66,19 @@ def test_an_example_works_as_one_file_and_one_line(heading, blocks, tmp_path, mo
 
 
 @pytest.mark.slow
-def test_a_setting_is_one_line(tmp_path):
-    [((place, line), (_, check))] = [blocks for heading, blocks in examples() if heading == "A setting"]
+@pytest.mark.parametrize(("heading", "blocks"), SETTINGS, ids=[heading for heading, _ in SETTINGS])
+def test_a_setting_is_one_line(heading, blocks, tmp_path):
+    (place, line), (_, check) = blocks
     file, owner = place.split(", ")
     assert line.strip().count("\n") == 0
-    shutil.copytree(ROOT / "tuner", tmp_path / "tuner", ignore=shutil.ignore_patterns("__pycache__"))
+    for package in ("nbv", "tuner"):
+        shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__"))
     (tmp_path / "search_spaces").symlink_to(ROOT / "search_spaces")
-    before, fields = (tmp_path / file).read_text().split(f"class {owner}:\n")
-    last_field, methods = fields.split("\n    def ", 1)
-    (tmp_path / file).write_text(f"{before}class {owner}:\n{last_field}    {line}\n    def {methods}")
+    (tmp_path / "conditions").symlink_to(ROOT / "conditions")
+    before, fields = re.split(rf"class {owner}\b.*:\n", (tmp_path / file).read_text())
+    declaration = re.search(rf"class {owner}\b.*:\n", (tmp_path / file).read_text())[0]
+    at = re.search(r"\n(?=\n    def |\n\n@|\n\nclass )", fields).start()
+    (tmp_path / file).write_text(f"{before}{declaration}{fields[:at]}\n    {line}{fields[at:]}")
     path = os.pathsep.join([str(tmp_path), str(ROOT)])
     subprocess.run(
         [sys.executable, "-c", check], env={**os.environ, "PYTHONPATH": path}, cwd=tmp_path, check=True
@@ -81,7 +86,8 @@ def test_a_setting_is_one_line(tmp_path):
 
 
 def test_every_kind_of_part_has_an_example():
-    kinds = {"scorer", "gate", "renderer", "dense backend", "metric", "sampler", "fidelity", "setting"}
+    kinds = {"scorer", "gate", "renderer", "dense backend", "metric", "sampler", "fidelity"}
+    kinds |= {"setting of the mission", "setting of a campaign"}
     assert {heading.removeprefix("A ") for heading, _ in examples()} == kinds
 
 

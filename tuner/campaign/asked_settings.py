@@ -10,12 +10,12 @@ from typing import Any
 
 from nbv.dense import best_dense_stage
 from nbv.errors import UserError
-from nbv.evaluation.registry import METRICS
+from nbv.evaluation.registry import METRICS, PREDICTED
 from tuner.campaign.rock_choice import QUICK_ROCKS, Making, absolute_rocks, refuse_held_out, rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import SETTINGS, read_settings_file, settings_from_dict
 from tuner.missions.external import load_mission_file
-from tuner.missions.registry import DEFAULT_FIDELITY
+from tuner.missions.registry import DEFAULT_FIDELITY, is_geometric
 from tuner.problem.drawn_rocks import with_families
 from tuner.problem.objective import reached
 from tuner.problem.search_space import ours
@@ -85,15 +85,17 @@ def _require_metrics(settings: CampaignSettings) -> None:
     if settings.fidelity not in ("photogrammetric", "geometric"):
         return
     thresholds = ours(settings.base_config()).evaluation.thresholds_mm
-    keys = {key.replace("{t}", f"{t:g}") for key in METRICS for t in thresholds}
+    measured = PREDICTED if is_geometric(settings.fidelity) else METRICS
+    keys = {key.replace("{t}", f"{t:g}") for key in measured for t in thresholds}
     for objective in filter(None, (settings.objective, settings.second)):
         share = reached(objective.metric)
         *surface, key = (share[0] if share else objective.metric).split(".")
         if surface[:1] == ["registered"]:
             surface = surface[1:]
-        if surface in (["whole"], ["observable"]) and key not in keys:
+        unknown = surface in (["whole"], ["observable"]) and key not in keys
+        if unknown or (not surface and key in keys):
             near = difflib.get_close_matches(key, keys, 1)
-            hint = f"did you mean {surface[0]}.{near[0]}? " if near else ""
+            hint = f"did you mean {(surface or ['observable'])[0]}.{near[0]}? " if near else ""
             raise UserError(
-                f"a mission has no metric {objective.metric!r}; {hint}docs/reference/metrics.md names them"
+                f"a {settings.fidelity} mission has no metric {objective.metric!r}; {hint}docs/reference/metrics.md names them"
             )

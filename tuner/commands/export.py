@@ -81,8 +81,9 @@ def export(
             f"the missions of {run} are not ours; run: gatetune export {run} --to {found[0].name}"
         )
     if not file.useful:
+        why = f": {file.remarks[0]}" if not file.text else ""
         raise UserError(
-            f"{file.name} carries none of the changes ({', '.join(file.lost)}); "
+            f"{file.name} carries none of the changes ({', '.join(file.lost)}){why}; "
             f"run: gatetune export {run} --to {found[0].name}"
         )
     said = [f"it carries {file.share}", *(f"does not transfer: {text}" for text in file.remarks)]

@@ -18,8 +18,9 @@ from nbv.evaluation.measures import (
     sector_centers_deg,
     sector_completeness,
 )
+from nbv.evaluation.metric import Distances, Metric
 from nbv.evaluation.metrics import compute_metrics
-from nbv.evaluation.registry import METRICS, Distances, Metric, find_metric, measure_all
+from nbv.evaluation.registry import METRICS, find_metric, measure_all
 from nbv.types import PointCloud
 
 CONFIG = EvaluationConfig()

@@ -5,12 +5,13 @@ Facts about their keys come from the public repository ``photogrammetry_nbv`` at
 
 from tuner.bridges.photogrammetry_nbv.files import read_file, write_text
 from tuner.bridges.photogrammetry_nbv.keys import FILES, MISSION, SCORING, Remark
-from tuner.bridges.photogrammetry_nbv.writing import carried, write_mission, write_scoring
+from tuner.bridges.photogrammetry_nbv.writing import NoSuchGate, carried, write_mission, write_scoring
 
 __all__ = [
     "FILES",
     "MISSION",
     "SCORING",
+    "NoSuchGate",
     "Remark",
     "carried",
     "read_file",

@@ -29,6 +29,10 @@ UNITS_OF_KNN = "in COLMAP's units there, in metres here; the same number is anot
 _SHARED = ("nov", "move", "ang")
 
 
+class NoSuchGate(UserError):
+    """The authors' planner has no such gate or scorer."""
+
+
 def write_scoring(
     config: MissionConfig, theirs: Mapping[str, Any] | None = None
 ) -> tuple[Values, list[Remark]]:
@@ -36,7 +40,7 @@ def write_scoring(
 
     Raises
     ------
-    UserError
+    NoSuchGate
         The gate, or a scorer, does not exist there.
     """
     config = _with_the_flying_scorers_weights(config)
@@ -81,7 +85,7 @@ def _scorer(config: MissionConfig) -> tuple[str, str | None]:
     if kind in MODE_OF_GATE:
         return HYBRID, MODE_OF_GATE[kind]
     known = ", ".join((*SCORER_OF_GATE, *MODE_OF_GATE))
-    raise UserError(f"gate {kind!r} does not exist in photogrammetry_nbv; what can be written is {known}")
+    raise NoSuchGate(f"gate {kind!r} does not exist in photogrammetry_nbv; what can be written is {known}")
 
 
 def _with_the_flying_scorers_weights(config: MissionConfig) -> MissionConfig:

@@ -11,6 +11,7 @@ from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
 from tuner.bridges.photogrammetry_nbv import (
+    NoSuchGate,
     carried,
     read_file,
     write_mission,
@@ -78,8 +79,12 @@ def vehicle_files(
     files = []
     for name, write in ((SCORING, write_scoring), (MISSION, write_mission)):
         theirs = read_file(onto[name], name) if onto and name in onto else None
-        values, remarks = write(build(best.values), theirs)
-        kept = carried(name, pairs)
+        try:
+            values, remarks = write(build(best.values), theirs)
+            kept = carried(name, pairs)
+        except NoSuchGate as error:
+            files.append(VehicleFile(name, "", (), best.changed or ("gate.kind",), (str(error),)))
+            continue
         lost = [path for path in best.changed if path not in kept]
         said = tuple(str(remark) for remark in remarks)
         lines = [*header(campaign, best, kept), *(f"does not transfer: {text}" for text in said)]
