@@ -56,9 +56,7 @@ GATES = Registry(
         "greedy-oracle": "nbv.gates.greedy_oracle:GreedyOracleGate",
         "learned": "nbv.gates.learned:LearnedGate",
         "random": "nbv.gates.controls:RandomGate",
-        "novelty-only": "nbv.gates.controls:NoveltyGate",
         "movement-only": "nbv.gates.controls:MovementGate",
-        "uniform-coverage": "nbv.gates.controls:UniformCoverageGate",
     },
 )
 

@@ -77,9 +77,7 @@ BASELINES: dict[str, Baseline] = {
         Baseline("hyb-o", "Hyb-O", "oracle gate, from the true surface", in_paper=True),
         Baseline("learned", "Learned gate", "decision tree trained on the oracle's choices"),
         Baseline("random", "Random views", "a feasible candidate at random"),
-        Baseline("novelty-only", "Novelty only", "the feasible candidate farthest from earlier views"),
         Baseline("movement-only", "Movement only", "the feasible candidate nearest to the vehicle"),
-        Baseline("uniform-coverage", "Uniform coverage", "azimuths and elevations filled evenly"),
         # The ceiling needs the reward that the dense stage pays back: docs/results/oracle_coverage.md.
         Baseline(
             "greedy-oracle",

@@ -94,20 +94,8 @@ def test_random_is_keyed_not_sequential() -> None:
     assert all((first.order != o.order).any() for o in others)
 
 
-def test_controls_rank_by_their_term() -> None:
+def test_the_movement_control_ranks_by_its_term() -> None:
     candidates, both = pool(), rankings(0, 1, len(pool()))
     terms = both["covis"].terms
-    novelty = make_gate(config("novelty-only")).decide(state(), candidates, both).ranking
-    assert novelty.scorer == "novelty-only" and novelty.top == int(np.argmax(terms["nov"]))
     movement = make_gate(config("movement-only")).decide(state(), candidates, both).ranking
     assert movement.scorer == "movement-only" and movement.top == int(np.argmin(terms["move"]))
-
-
-def test_uniform_coverage_takes_the_farthest_direction() -> None:
-    candidates, both = pool(), rankings(0, 1, len(pool()))
-    visited = np.array([[0.0, -9.0, 3.0]])  # one direction, at any distance
-    decision = make_gate(config("uniform-coverage")).decide(state(visited=visited), candidates, both)
-    a, b = candidates.positions_m - [0, 0, 0.8], visited - [0, 0, 0.8]
-    angles = np.arccos((a @ b.T)[:, 0] / np.linalg.norm(a, axis=1) / np.linalg.norm(b))
-    assert decision.ranking.top == int(np.argmax(np.round(angles, 12)))
-    assert decision.ranking.scorer == "uniform-coverage"

@@ -34,7 +34,7 @@ def test_it_loads_no_open3d_pyrender_or_torch():
     assert heavy & set(ran.stdout.split()) == set()
 
 
-@pytest.mark.parametrize("gate", ["hyb-h", "learned", "matchable", "predicted", "uniform-coverage"])
+@pytest.mark.parametrize("gate", ["hyb-h", "learned", "matchable", "predicted"])
 def test_alone_it_chooses_the_views_of_the_mission(gate, tmp_path):
     config = preset("campaign").with_values({"stop.adaptive_budget": 4, "gate.kind": gate})
     result = run_geometric_mission(config, "slab", 0, tmp_path)

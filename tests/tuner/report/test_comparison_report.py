@@ -108,7 +108,7 @@ def test_terminal_tables() -> None:
     facts = comparison_facts(made_run(LEVELS, failed=(("covis", "slab", 1),)))
     text = printed(table_i_for_terminal(facts.tables["whole"], "Table I"), 140)
     assert "paper 535.1" in text and "11 + 1 failed" in text and "Thresholded @ 80 mm" in text
-    names = ("tuned", "novelty-only", *LEVELS, "learned", "uniform-coverage", "random")
+    names = ("tuned", "movement-only", *LEVELS, "learned", "greedy-oracle", "random")
     many = comparison_facts(made_run({name: 60.0 + 1.5 * i for i, name in enumerate(names)}, noise=0.5))
     text = printed(strategies_for_terminal(many.summary, ""), 80)
     assert max(map(len, text.splitlines())) <= 80
