@@ -5,7 +5,7 @@
   const BLUE = "#0072B2", INK = "#1d2329", SOFT = "#59636e", LINE = "#d9dee3", RED = "#D55E00";
   const filter = document.getElementById("rock-filter"), tip = document.getElementById("tip");
   const text = (v, digits = data.digits) => (v === null || v === undefined ? "–" : v.toFixed(digits).replace("-", "−"));
-  const tickDigits = (low, high) => Math.min(data.digits, Math.max(0, 1 - Math.floor(Math.log10((high - low) / 4))));
+  const tickDigits = (low, high) => Math.min(data.digits, Math.max(0, -Math.floor(Math.log10((high - low) / 4))));
 
   const el = (name, attributes, parent, content) => {
     const node = document.createElementNS(SVG, name);
@@ -15,6 +15,7 @@
     return node;
   };
   const shownTrials = () => data.trials.filter((t) => !filter.value || t.where === filter.value);
+  const roomFor = (low, high, digits) => 6 + 6.6 * Math.max(text(low, digits).length, text(high, digits).length); // labels of an axis
   const range = (values) => {
     let low = Math.min(...values), high = Math.max(...values);
     if (!(high > low)) { low -= 1; high += 1; }
@@ -48,14 +49,14 @@
     const [svg, width] = canvas("history", 250), trials = shownTrials();
     const values = trials.filter((t) => t.raw !== null).map((t) => t.raw);
     if (!values.length) { el("text", { x: 8, y: 20 }, svg, "no successful mission here"); return; }
-    const [low, high] = range(values), digits = tickDigits(low, high), last = Math.max(...data.trials.map((t) => t.n));
-    const x = (n) => 52 + (width - 68) * (n - 1) / Math.max(1, last - 1), y = (v) => 205 - 190 * (v - low) / (high - low);
+    const [low, high] = range(values), digits = tickDigits(low, high), left = roomFor(low, high, digits), last = Math.max(...data.trials.map((t) => t.n));
+    const x = (n) => left + 10 + (width - left - 26) * (n - 1) / Math.max(1, last - 1), y = (v) => 205 - 190 * (v - low) / (high - low);
     for (let k = 0; k <= 4; k++) {
       const v = low + k * (high - low) / 4;
-      el("line", { x1: 46, x2: width - 8, y1: y(v), y2: y(v), stroke: LINE }, svg);
-      el("text", { x: 42, y: y(v) + 4, "text-anchor": "end", class: "soft" }, svg, text(v, digits));
+      el("line", { x1: left + 4, x2: width - 8, y1: y(v), y2: y(v), stroke: LINE }, svg);
+      el("text", { x: left, y: y(v) + 4, "text-anchor": "end", class: "soft" }, svg, text(v, digits));
     }
-    el("text", { x: 52, y: 243, class: "soft" }, svg, `mission 1 to ${last}; ${data.axis}`);
+    el("text", { x: left + 10, y: 243, class: "soft" }, svg, `mission 1 to ${last}; ${data.axis}`);
     for (const t of trials) {
       const g = linked(svg, t);
       if (t.raw === null) el("path", { d: `M${x(t.n) - 4} 216l8 8m0 -8l-8 8`, stroke: RED, "stroke-width": 2, fill: "none" }, g);
@@ -70,15 +71,15 @@
     box.textContent = "";
     if (!data.slices.length) return;
     const all = data.slices.flatMap((s) => s.mean.flatMap((m, i) => [m - 1.96 * s.sd[i], m + 1.96 * s.sd[i]]));
-    const [low, high] = range([...all, ...trials.map((t) => t.adj)]), digits = tickDigits(low, high);
+    const [low, high] = range([...all, ...trials.map((t) => t.adj)]), digits = tickDigits(low, high), left = roomFor(low, high, digits);
     data.slices.forEach((s, k) => {
       const p = data.parameters[k];
       const svg = el("svg", { viewBox: "0 0 320 190", class: "drawing slice", role: "img", "aria-label": `slice along ${p.name}` }, box);
-      const x = (u) => 46 + 262 * u, y = (v) => 150 - 125 * (v - low) / (high - low);
-      el("text", { x: 46, y: 14 }, svg, p.name + (p.unit ? ` (${p.unit})` : ""));
+      const x = (u) => left + 4 + (304 - left) * u, y = (v) => 150 - 125 * (v - low) / (high - low);
+      el("text", { x: left + 4, y: 14 }, svg, p.name + (p.unit ? ` (${p.unit})` : ""));
       for (const v of [low, (low + high) / 2, high]) {
-        el("line", { x1: 46, x2: 308, y1: y(v), y2: y(v), stroke: LINE }, svg);
-        el("text", { x: 42, y: y(v) + 4, "text-anchor": "end", class: "soft" }, svg, text(v, digits));
+        el("line", { x1: left + 4, x2: 308, y1: y(v), y2: y(v), stroke: LINE }, svg);
+        el("text", { x: left, y: y(v) + 4, "text-anchor": "end", class: "soft" }, svg, text(v, digits));
       }
       const edge = (sign) => s.mean.map((m, i) => [x(s.u[i]), y(m + sign * 1.96 * s.sd[i])]);
       if (p.choices) {
@@ -94,13 +95,13 @@
       for (const [u, label] of p.ticks) {
         el("text", { x: x(u), y: 166, "text-anchor": u < 0.1 ? "start" : u > 0.9 ? "end" : "middle", class: "soft" }, svg, label);
       }
-      const hit = el("rect", { x: 46, y: 20, width: 262, height: 134, fill: "transparent" }, svg);
+      const hit = el("rect", { x: left + 4, y: 20, width: 304 - left, height: 134, fill: "transparent" }, svg);
       for (const t of trials) {
         el("circle", { cx: x(t.u[k]), cy: y(t.adj), r: t.best ? 4.5 : 2.5, fill: t.best ? BLUE : SOFT, opacity: 0.7 }, linked(svg, t));
       }
-      const reading = el("text", { x: 46, y: 184, class: "soft" }, svg, " ");
+      const reading = el("text", { x: left + 4, y: 184, class: "soft" }, svg, " ");
       hit.addEventListener("mousemove", (e) => {
-        const at = svg.getBoundingClientRect(), u = ((e.clientX - at.left) / at.width * 320 - 46) / 262;
+        const at = svg.getBoundingClientRect(), u = ((e.clientX - at.left) / at.width * 320 - left - 4) / (304 - left);
         let i = 0;
         s.u.forEach((v, j) => { if (Math.abs(v - u) < Math.abs(s.u[i] - u)) i = j; });
         reading.textContent = `at ${s.v[i]}: ${text(s.mean[i])} (95 %: ${text(s.mean[i] - 1.96 * s.sd[i])} to ${text(s.mean[i] + 1.96 * s.sd[i])})`;
