@@ -105,6 +105,10 @@ def test_the_slider_goes_over_every_capture(mission: Path, tmp_path: Path) -> No
         assert chosen["name"] == record["chosen"] and chosen["at"] in step["pool"]
         assert len(points(facts, facts["models"][step["model"]]["p"])) == record["n_points"]
     assert all(view["image"] for view in facts["views"])
+    for view in facts["views"]:  # as it was aimed: up, and at the target
+        forward = np.array(facts["target"]) - view["at"]
+        assert view["axes"][1][2] > 0.5
+        assert np.dot(view["axes"][2], forward) > 0.995 * np.linalg.norm(forward)
     f_score = json.loads((mission / "mission.json").read_text())["metrics"]["observable"]["f_score_48mm"]
     assert facts["headline"] == f"{24 + BUDGET} photographs, F-score {f_score:.1f} % at 48 mm"
     text = page.read_text()

@@ -81,9 +81,11 @@ def walk_of(run: Path, rock: str | None = None) -> dict[str, Any]:
         now = views[min(taken, len(views)) - 1]["t"]
         step = _step(label, taken, now, len(models) - 1, facts)
         steps.append({**step, "pool": np.round(pool.positions_m, 3).tolist()})
-    sparse, dense = _final_model(run), _measured_cloud(run)
-    if sparse is not None:
+    final, dense = _final_model(run), _measured_cloud(run)
+    if final is not None:
+        sparse, axes = final
         models.append(world.cloud(sparse))
+        views = [{**view, "axes": axes[view["name"]]} if view["name"] in axes else view for view in views]
     facts = [
         ["registered", f"{result.costs['registered_images']:.0f} of {len(views)} photographs"],
         ["status", ": ".join(filter(None, (result.status, result.message)))],
@@ -101,7 +103,7 @@ def walk_of(run: Path, rock: str | None = None) -> dict[str, Any]:
         "camera": [camera.width_px, camera.height_px, camera.focal_px],
         "seeds": seeds,
         "mesh": packed_mesh(world),
-        "missing": {"p": world.pack(world.missing_m(sparse if dense is None else dense))},
+        "missing": {"p": world.pack(world.missing_m(final[0] if dense is None and final else dense))},
         "against": "sparse" if dense is None else "dense",
         "dense": None if dense is None else world.cloud(dense),
         "models": models,
@@ -169,15 +171,22 @@ def _step(
     }
 
 
-def _final_model(run: Path) -> Floats | None:
-    """(N, 3) points of the model of all photographs."""
+def _final_model(run: Path) -> tuple[Floats, dict[str, list[list[float]]]] | None:
+    """Of the model of all photographs the points, (N, 3), and by photograph the camera's right, up and forward."""
     folder = run / "sparse" / "0"
     if not (folder / "points3D.bin").is_file():
         return None
     import pycolmap  # noqa: PLC0415  seconds to load
 
-    points = pycolmap.Reconstruction(folder).points3D
-    return np.array([points[i].xyz for i in sorted(points)]).reshape(-1, 3)
+    model = pycolmap.Reconstruction(folder)
+    points_m = np.array([model.points3D[i].xyz for i in sorted(model.points3D)]).reshape(-1, 3)
+    flip = np.array([[1.0], [-1.0], [1.0]])  # OpenCV's y points down
+    axes = {
+        Path(image.name).stem: np.round(flip * image.cam_from_world().rotation.matrix(), 4).tolist()
+        for image in model.images.values()
+        if image.has_pose
+    }
+    return points_m, axes
 
 
 def _measured_cloud(run: Path) -> Floats | None:

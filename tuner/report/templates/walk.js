@@ -1,5 +1,5 @@
 "use strict";
-// A mission in WebGL 2: three programs (points, lines, the rock), one camera that all missions share.
+// A mission in WebGL 2: four programs (points, lines, the rock, photographs), one camera that all missions share.
 const STEP_M = 0.00025, RAMP = ["#2f7fd0", "#7cc4f2", "#f4f1e4", "#f2b233", "#e0531a"];
 const BROWN = "#a0522d", GREY = "#9aa4ae", WHITE = "#ffffff", BLUE = "#57b3e8", ORANGE = "#e69e00", RED = "#e64033";
 const missions = JSON.parse(document.getElementById("data").textContent);
@@ -14,7 +14,7 @@ const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
 const unpack = (text, Kind) => new Kind(bytes(text).buffer);
 const metres = (text, origin) => Float32Array.from(unpack(text, Int16Array), (v, i) => origin[i % 3] + STEP_M * v);
 
-const layers = { rock: "true rock", missing: "missing surface", sparse: "sparse cloud", dense: "dense cloud (at the end)", cameras: "cameras", pool: "candidate pool", path: "path" };
+const layers = { rock: "true rock", missing: "missing surface", sparse: "sparse cloud", dense: "dense cloud (at the end)", cameras: "cameras", photographs: "photographs", pool: "candidate pool", path: "path" };
 const shown = Object.fromEntries(Object.keys(layers).map(key => [key, true]));
 let step = 0;
 
@@ -44,6 +44,8 @@ const SHADERS = {
       float t = clamp(e / 64.0, 0.0, 1.0) * 4.0; int i = min(int(t), 3); col = mix(ramp[i], ramp[i + 1], t - float(i)); }`,
     `in vec3 col; out vec4 o; void main() { vec2 d = gl_PointCoord - 0.5; if (dot(d, d) > 0.25) discard; o = vec4(col, 1); }`],
   lines: [`in vec3 p; uniform mat4 m; void main() { gl_Position = m * vec4(p, 1.0); }`, `uniform vec3 col; out vec4 o; void main() { o = vec4(col, 1); }`],
+  photograph: [`in vec3 p; uniform mat4 m; out vec2 at; void main() { gl_Position = m * vec4(p, 1.0); at = vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1); }`,
+    `in vec2 at; out vec4 o; uniform sampler2D s; void main() { o = texture(s, at); }`],
   rock: [`in vec3 p; uniform mat4 m; out vec3 w; void main() { w = p; gl_Position = m * vec4(p, 1.0); }`,
     `in vec3 w; out vec4 o; uniform vec3 eye; void main() { vec3 n = normalize(cross(dFdx(w), dFdy(w))); float s = abs(dot(n, normalize(eye - w))); o = vec4(vec3(0.42, 0.43, 0.45) * (0.35 + 0.65 * s), 1); }`],
 };
@@ -64,7 +66,10 @@ class Space {
     const [x, y] = mission.target, grid = [];
     for (let i = -4; i <= 4; i++) grid.push(x + i, y - 4, 0, x + i, y + 4, 0, x - 4, y + i, 0, x + 4, y + i, 0);
     this.grid = this.buffer(new Float32Array([...grid, x - 4, y - 4, 0, x - 3, y - 4, 0, x - 4, y - 4, 0, x - 4, y - 3, 0]));
-    this.frusta = this.buffer(new Float32Array(mission.views.flatMap(view => this.frustum(view))));
+    const corners = mission.views.map(view => this.corners(view));
+    this.frusta = this.buffer(new Float32Array(corners.flatMap((c, i) => c.flatMap((corner, j) => [...mission.views[i].at, ...corner, ...corner, ...c[(j + 1) % 4]]))));
+    this.quads = this.buffer(new Float32Array(corners.flatMap(([a, b, c, d]) => [...a, ...b, ...d, ...c])));
+    this.photographs = mission.views.map(view => view.image && this.texture(view.image));
   }
   program(v, f) {
     const gl = this.gl, p = gl.createProgram();
@@ -72,10 +77,14 @@ class Space {
     gl.linkProgram(p); return p;
   }
   buffer(values, kind = this.gl.ARRAY_BUFFER) { const b = this.gl.createBuffer(); this.gl.bindBuffer(kind, b); this.gl.bufferData(kind, values, this.gl.STATIC_DRAW); return b; }
-  frustum({ at }) { // 16 ends of lines
-    const [w, h, f] = this.mission.camera, depth = 0.24, [r, u, forward] = axes(at, this.mission.target), mid = add(at, forward, depth);
-    const c = [[-1, 1], [1, 1], [1, -1], [-1, -1]].map(([x, y]) => add(add(mid, r, x * depth * w / 2 / f), u, y * depth * h / 2 / f));
-    return c.flatMap((corner, i) => [...at, ...corner, ...corner, ...c[(i + 1) % 4]]);
+  corners({ at, axes: own }) { // of a photograph, from the upper left, clockwise
+    const [w, h, f] = this.mission.camera, depth = 0.24, [r, u, forward] = own || axes(at, this.mission.target), mid = add(at, forward, depth);
+    return [[-1, 1], [1, 1], [1, -1], [-1, -1]].map(([x, y]) => add(add(mid, r, x * depth * w / 2 / f), u, y * depth * h / 2 / f));
+  }
+  texture(jpeg) {
+    const gl = this.gl, texture = gl.createTexture(), image = new Image();
+    image.onload = () => { gl.bindTexture(gl.TEXTURE_2D, texture); gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, image); gl.generateMipmap(gl.TEXTURE_2D); draw(); };
+    image.src = "data:image/jpeg;base64," + jpeg; return texture;
   }
   use(name, m, p) {
     const gl = this.gl, program = this.programs[name], at = gl.getAttribLocation(program, "p");
@@ -109,6 +118,7 @@ class Space {
       this.lines(m, this.path, 0, flown, "#dbe0e6", gl.LINE_STRIP); this.lines(m, this.path, Math.max(0, flown - 1), all - flown + 1, "#525c66", gl.LINE_STRIP);
     }
     if (shown.cameras) mission.views.slice(0, now.views).forEach((view, i) => this.lines(m, this.frusta, 16 * i, 16, view.lost ? RED : i === picked(mission) ? WHITE : i < mission.seeds ? BLUE : ORANGE));
+    if (shown.photographs) mission.views.slice(0, now.views).forEach((view, i) => { if (view.image) { this.use("photograph", m, this.quads); gl.bindTexture(gl.TEXTURE_2D, this.photographs[i]); gl.drawArrays(gl.TRIANGLE_STRIP, 4 * i, 4); } });
     if (shown.pool && now.pool && mission.views[now.views]) {
       const temporary = places => ({ p: this.buffer(new Float32Array(places.flat())), n: places.length });
       const pool = temporary(now.pool), chosen = temporary([mission.views[now.views].at]), leg = temporary([mission.views[now.views - 1].at, mission.views[now.views].at]);
