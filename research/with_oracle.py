@@ -12,7 +12,7 @@ from nbv.config import MissionConfig
 from nbv.geometric import run_geometric_mission
 from nbv.mission import MissionOptions, MissionResult
 from nbv.photogrammetric import run_photogrammetric_mission
-from tuner.missions.registry import registered
+from tuner.missions.registry import require_fidelity
 
 
 def photogrammetric(
@@ -39,4 +39,5 @@ def geometric(
 
 def with_oracle(name: str) -> str:
     """The fidelity ``name``, or the one here that flies the same missions; `UserError` if there is no such name."""
-    return f"{__name__}:{name}" if registered(name) in ("photogrammetric", "geometric") else name
+    require_fidelity(name)
+    return f"{__name__}:{name}" if name in ("photogrammetric", "geometric") else name

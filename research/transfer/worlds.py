@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from nbv.config import IDEAL_CONDITION, Condition
 from nbv.errors import UserError
-from tuner.missions.registry import DEFAULT_FIDELITY, registered
+from tuner.missions.registry import DEFAULT_FIDELITY, require_fidelity
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ def worlds(conditions: Sequence[Condition], fidelities: Sequence[str]) -> dict[s
     found: dict[str, World] = {}
     for condition in conditions:
         for fidelity in fidelities:
-            registered(fidelity)
+            require_fidelity(fidelity)
             name = f"{condition.name}-{fidelity}"
             if name in found:
                 raise UserError(f"world {name!r} is asked for twice; name it once")

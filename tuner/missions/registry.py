@@ -60,13 +60,6 @@ def ignored_by(fidelity: str, conditions: Sequence[Condition]) -> str:
     return f"Geometric missions ignore {'; '.join(found)}." if found else ""
 
 
-def registered(name: str) -> str:
-    """``name``; ``UserError`` if no fidelity is called so."""
-    if name not in FIDELITIES:
-        raise UserError(f"unknown fidelity {name!r}; choose from {', '.join(FIDELITIES)}")
-    return name
-
-
 def is_geometric(name: str) -> bool:
     """Whether missions of this fidelity are geometric ones."""
     return name == "geometric"
@@ -84,8 +77,8 @@ def fidelity_on(rock: str, fidelity: str) -> str:
 
 def require_fidelity(fidelity: str) -> None:
     """Raise `UserError` for a name that no fidelity has; ``"module:function"`` is not looked for here."""
-    if ":" not in fidelity:
-        registered(fidelity)
+    if ":" not in fidelity and fidelity not in FIDELITIES:
+        raise UserError(f"unknown fidelity {fidelity!r}; choose from {', '.join(FIDELITIES)}")
 
 
 def refuse_code_of_file(fidelity: str, named: str | None, source: str) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
-from tuner.missions.registry import FIDELITIES, mission_function, registered
+from tuner.missions.registry import FIDELITIES, mission_function
 
 
 @pytest.mark.parametrize("name", [name for name in FIDELITIES if name != "external"])
@@ -33,9 +33,3 @@ def test_a_fidelity_of_ones_own_is_named_by_module_and_function() -> None:
 def test_unknown_fidelities_are_refused_with_a_remedy(name: str, message: str) -> None:
     with pytest.raises(UserError, match=message):
         mission_function(name)
-
-
-def test_the_command_line_offers_registered_fidelities_only() -> None:
-    assert registered("geometric") == "geometric"
-    with pytest.raises(UserError, match="unknown fidelity"):
-        registered("fake_missions:fake_mission")
