@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
+from nbv.evaluation.registry import find_metric
 from research.transfer.study import TransferFindings
 from tuner.evaluation.baselines import TUNED
 from tuner.evaluation.statistics import PairedDifference
@@ -36,7 +37,8 @@ def gains_figure(findings: TransferFindings) -> Figure | None:
             ax.plot([], [], "-o", color=shade, ms=5, label=f"tuned {name}")
         ax.set_yticks(range(len(findings.worlds)), [w.name for w in findings.worlds])
         ax.set_ylim(len(findings.worlds) - 0.5, -0.5)
-        better = "right" if metric.larger_is_better else "left"
+        found = find_metric(findings.settings.metric.split(".")[-1])
+        better = "left" if found is None or not found[0].larger_is_better else "right"
         ax.set_xlabel(f"{metric.name} ({metric.difference_unit}); {better} is better")
         ax.grid(False, axis="y")
         figure.legend(*ax.get_legend_handles_labels(), loc="outside upper center", ncols=2)

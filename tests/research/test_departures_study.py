@@ -79,7 +79,7 @@ def test_what_changes_nothing_is_exactly_zero_and_shown(findings):
     for name in ("features-16384", "frustum-oracle", "straight-legs"):
         arm = findings.arm(name)
         assert arm.other_views.mean == 0 and arm.same_flights == 6
-        assert all(d.interval.mean == 0 and d.ties == 6 for d in arm.differences.values())
+        assert all(d.interval.mean == 0 and d.pairs == 6 and d.exactly_zero for d in arm.differences.values())
     assert findings.arm("features-16384").changes_nothing
     assert not findings.arm("frustum-oracle").changes_nothing  # it flies Covis throughout: see the share
     assert not findings.arm("alphas").changes_nothing

@@ -66,7 +66,7 @@ def test_gains_are_paired_with_every_deployable_strategy(findings):
     r = findings.strategy("hyb-o-seen")
     assert set(r.differences) == {"covis", "b-aware", "hyb-h"}
     d = r.differences["covis"]["observable.f_score_48mm"]
-    assert d.pairs == 6 and d.ties == 6  # the fake's gate does not change the outcome
+    assert d.pairs == 6 and d.exactly_zero  # the fake's gate does not change the outcome
     assert set(findings.strategy("covis").differences) == {"b-aware", "hyb-h"}
     assert findings.strategy("covis").prefers_b_aware.mean == 50  # judged by the base's coverage
 
