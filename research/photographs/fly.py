@@ -24,6 +24,7 @@ MATCHABLE = {
     "gate.kind": "matchable",
     **{f"matchable.weights.{term}": 0.0 for term in ("nov", "move", "ang")},
 }
+GROUND = {"sparse.ground_features": 2000}
 FEWEST_BY_SIFT = 15  # seeds; farther apart they need features of the ground
 ORACLE = {"gate.kind": "greedy-oracle", "gate.oracle_coverage": "matchable"}
 
@@ -50,7 +51,7 @@ def configurations(rock: str) -> dict[str, MissionConfig]:
     low = {"seed.lowest_deg": low_deg, "pool.max_altitude_m": altitude_m(highest_deg)}
 
     def plan(seeds: int, budget: int, **values: Any) -> dict[str, Any]:
-        ground = {"sparse.ground_features": 2000} if seeds < FEWEST_BY_SIFT else {}
+        ground = GROUND if seeds < FEWEST_BY_SIFT else {}
         return {"seed.count": seeds, "stop.adaptive_budget": budget, **ground, **values}
 
     asked: dict[str, dict[str, Any]] = {
@@ -64,7 +65,7 @@ def configurations(rock: str) -> dict[str, MissionConfig]:
         # `make tune`'s, and what its 21 photographs became.
         "matchable-8+11-low": plan(8, 11, **low, **MATCHABLE),
         "random-8+11-low": plan(8, 11, **low, **{"gate.kind": "random"}),
-        "orbit-19-low": plan(19, 0, **{"seed.lowest_deg": low_deg}),
+        "orbit-19-low": plan(19, 0, **{"seed.lowest_deg": low_deg}, **GROUND),
         "hyb-h-13+8-low": plan(13, 8, **low, **{"gate.kind": "hyb-h"}),
     }
     return {name: base.with_values(values) for name, values in asked.items()}
