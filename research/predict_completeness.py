@@ -1,7 +1,7 @@
 """Fits the calibration of `nbv.scorers.prediction`, and says how well the dense cloud's completeness is predicted.
 
-    python -m research.predict_completeness fit --rocks 10
-    python -m research.predict_completeness check --split held-out --rocks 10 --out predicted.csv
+    python -m research.predict_completeness fit --rocks 6
+    python -m research.predict_completeness check --split held-out --first 4 --rocks 5 --out predicted.csv
 
 States of geometric missions: orbits, and the adaptive plan on its way. The sparse model gives the prediction, the simulator
 the completeness at 48 mm of the observable surface. ``fit`` flies rocks of training seeds, prints what is to be put into
@@ -133,11 +133,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("what", choices=("fit", "check"))
     parser.add_argument("--split", choices=("train", "validation", "held-out"), default="train")
-    parser.add_argument("--rocks", type=int, default=10, help="seeds of each family")
+    parser.add_argument("--rocks", type=int, default=6, help="seeds of each family")
+    parser.add_argument("--first", type=int, default=0, help="seeds of the split to leave out before")
     parser.add_argument("--out", type=Path, help="CSV of the states")
     arguments = parser.parse_args()
     split = "train" if arguments.what == "fit" else arguments.split
-    rows = [row for rock in rocks_of(split, arguments.rocks) for row in states(rock)]
+    rows = [row for rock in rocks_of(split, arguments.rocks, arguments.first) for row in states(rock)]
     if arguments.what == "fit":
         print(Calibration(*(round(float(w), 2) for w in fit(rows))))
         predict_without_the_rock(rows)

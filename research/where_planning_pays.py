@@ -7,7 +7,7 @@
 
 ``curves`` flies geometric missions: an orbit for each number of photographs, and each planned arm once, to the end, with the
 score and the prediction after every photograph, so that any threshold of the stop can be told afterwards. ``tell`` chooses
-the fixed plan and the threshold on one file and reports them on another: mean photographs at an equal share of rocks that
+the threshold on one file and reports it on another: mean photographs at an equal share of rocks that
 reach ``--score``, with 95 % bootstrap intervals over rocks. ``--rocks`` counts seeds of each family. ``bounds`` says what
 keeps a rock from it.
 """
@@ -46,6 +46,7 @@ MANY = (48, 64, 96)
 BOUNDS = ("rock", *(f"rings of {n}" for n in MANY), "every place", "greedy oracle")
 HEAD = ("rock", "arm", "photographs", "f_score", "predicted")
 BOOTSTRAP = 2000
+OF_THE_ORBIT = 0.9
 FIXED: dict[str, dict[str, Any]] = {
     "one ring at 10°": {},
     "rings at 10° and 35°": {"seed.upper_share": 0.36, "seed.span_deg": 25.0},
@@ -180,10 +181,19 @@ def fewest(curves: Curves, share: float, score: float, rocks: Ints) -> tuple[str
 
 
 def chosen_threshold(train: Curves, score: float) -> float:
-    """The lowest predicted F-score with which the stop brings as many training rocks to ``score`` as any does."""
-    grid = np.arange(92.0, 99.01, 0.25)
-    shares = np.array([float((train.stopped("adaptive", t)[1] >= score).mean()) for t in grid])
-    return float(grid[int(np.argmax(shares >= shares.max() - 1e-9))])
+    """The predicted F-score that, as a stop, flies fewest photographs for those of the fixed plan with the same share.
+
+    Of those that bring at least `OF_THE_ORBIT` of what the largest orbits do to ``score``.
+    """
+    everyone = np.arange(len(train.rocks))
+    most = max(float((train.at(*plan) >= score).mean()) for plan in train.orbits())
+    best = (np.inf, 100.0)
+    for percent in np.arange(92.0, 99.6, 0.25):
+        count, reached = train.stopped("adaptive", float(percent))
+        share = float((reached >= score).mean())
+        if share >= OF_THE_ORBIT * most:
+            best = min(best, (count.mean() / fewest(train, share, score, everyone)[1], float(percent)))
+    return best[1]
 
 
 def at_equal_share(curves: Curves, threshold: float, score: float, rocks: Ints) -> str:
@@ -211,7 +221,7 @@ def tell(train: Curves, test: Curves, score: float) -> list[str]:
     family = np.array([rock.rpartition("-")[0] for rock in test.rocks])
     lines = [f"{len(train.rocks)} train rocks: stop at a predicted {threshold:g} %"]
     lines.append(f"all: {at_equal_share(test, threshold, score, everyone)}")
-    for percent in np.arange(96.0, 99.01, 0.5):
+    for percent in np.arange(96.5, 99.01, 0.25):
         lines.append(f"stop at {percent:g}: {at_equal_share(test, float(percent), score, everyone)}")
     for name in sorted(set(family)):
         lines.append(f"{name}: {at_equal_share(test, threshold, score, np.flatnonzero(family == name))}")
