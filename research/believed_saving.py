@@ -32,20 +32,6 @@ import photograph_missions
 from tuner.acquisition import constrained
 from tuner.problem.objective import Objective
 from tuner.problem.search_space import ours
-from tuner.problem.space_files import load_search_space, space_from_dict
-
-SPACE = space_from_dict(
-    {
-        "name": "photographs",
-        "base": load_search_space("photographs").base,
-        "parameters": {
-            "seed.count": {"kind": "int", "low": 8, "high": 24, "default": 24},
-            "stop.adaptive_budget": {"kind": "int", "low": 2, "high": 16, "default": 8},
-            "pool.max_altitude_m": {"kind": "float", "low": 1.45, "high": 4.0, "default": 4.0},
-        },
-    },
-    "believed_saving.py",
-)
 
 
 def of_botorch(cost: Any, constraint: Any, model: Any, flying: torch.Tensor | None) -> AcquisitionFunction:
@@ -78,7 +64,7 @@ def main() -> None:
             with unittest.mock.patch.object(constrained, "_saving", way), tempfile.TemporaryDirectory() as at:
                 campaign = fake_campaigns.run(
                     Path(at) / "run",
-                    space=SPACE,
+                    space=photograph_missions.SPACE,
                     fidelity="photograph_missions:mission",
                     replicates=2,
                     objective=Objective("costs.images", "minimise"),

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +22,13 @@ from nbv.config import under
 from nbv.config.conditions import Condition, load_condition
 from nbv.scorers.prediction import predict
 from nbv.types import Floats
-from research.adaptive_plans import FIDELITIES, Flown, fly, known
+from research.adaptive_plans import FIDELITIES, fly, known
+from research.where_planning_pays import FIXED, MOST, SEEDS, read
+from research.where_planning_pays import PLANNED as UNBOUND
 
 REAIM_AFTER = 12
-SEEDS: dict[str, Any] = {"seed.count": 12, "seed.lowest_deg": 10.0}
-TWO_RINGS: dict[str, Any] = {"seed.upper_share": 0.36, "seed.span_deg": 25.0}
+TWO_RINGS = FIXED["rings at 10° and 35°"]
 REAIMED: dict[str, Any] = {"seed.reaim_after": REAIM_AFTER}
-MOST = 48
 ORBITS: dict[str, dict[str, Any]] = {
     "one ring": {},
     "two rings": TWO_RINGS,
@@ -37,9 +36,8 @@ ORBITS: dict[str, dict[str, Any]] = {
     "two rings, re-aimed": {**TWO_RINGS, **REAIMED},
 }
 PLANNED: dict[str, dict[str, Any]] = {
-    "adaptive": {"gate.kind": "predicted"},
-    "random views": {"gate.kind": "random"},
-    "random views in the tuned pool": {"gate.kind": "random", "pool.max_altitude_m": 1.45},
+    **UNBOUND,
+    "random views in the tuned pool": {**UNBOUND["random views"], "pool.max_altitude_m": 1.45},
 }
 STOPPED = "stopped"
 # Flown beside those of ``conditions/``.
@@ -53,7 +51,6 @@ CONDITIONS = {
 }
 HEAD = ("rock", "condition", "arm", "photographs", "registered", "f_score", "predicted", "flight_s", "status")
 BOOTSTRAP = 4000
-Keep = Callable[[str, str, Flown], None]
 
 
 def condition_of(name: str) -> Condition:
@@ -72,8 +69,8 @@ def arm_values(arm: str, count: int, percent: float) -> dict[str, Any]:
 
 def mission(
     rock: str, condition: str, arm: str, count: int, percent: float, fidelity: str = "photogrammetric"
-) -> tuple[tuple[Any, ...], Flown]:
-    """A row as `HEAD`, and what was flown.
+) -> tuple[Any, ...]:
+    """A row as `HEAD`.
 
     Parameters
     ----------
@@ -99,39 +96,24 @@ def mission(
         told = predict(flown.model.points_m, flown.model.camera_centers_m, flown.believed).f_score_percent
     photographs, registered = int(costs["images"]), int(costs["registered_images"])
     row = (photographs, registered, f"{score:.3f}", f"{told:.3f}", f"{costs['flight_time_s']:.1f}")
-    return (rock, condition, arm, *row, result.status if not result.reason else result.reason), flown
+    return (Path(rock).stem, condition, arm, *row, result.reason or result.status)
 
 
-def fly_all(arguments: argparse.Namespace, keep: Keep = lambda rock, arm, flown: None) -> None:
+def fly_all(arguments: argparse.Namespace) -> None:
     """What the file does not have yet, rock by rock."""
     out: Path = arguments.out
     fresh = not out.exists()
-    wanted = dict.fromkeys(arguments.arms, arguments.count)
-    for orbit in arguments.orbit:
-        arm, _, count = orbit.rpartition(":")
-        wanted[orbit] = int(count)
     flown = set() if fresh else {(r["rock"], r["condition"], r["arm"]) for r in read(out)}
     with out.open("a", newline="") as file:
         writer = csv.writer(file)
         if fresh:
             writer.writerow(HEAD)
         for rock in arguments.rock:
-            name = Path(rock).stem
-            for label, count in wanted.items():
-                if (name, arguments.condition, label) in flown:
-                    continue
-                arm = label.rpartition(":")[0] if label in arguments.orbit else label
-                row, what = mission(
-                    rock, arguments.condition, arm, count, arguments.percent, arguments.fidelity
-                )
-                writer.writerow((name, row[1], label, *row[3:]))
-                file.flush()
-                keep(name, label, what)
-
-
-def read(path: Path) -> list[dict[str, str]]:
-    with path.open() as file:
-        return list(csv.DictReader(file))
+            for arm in arguments.arms:
+                if (Path(rock).stem, arguments.condition, arm) not in flown:
+                    asked = (arguments.count, arguments.percent, arguments.fidelity)
+                    writer.writerow(mission(rock, arguments.condition, arm, *asked))
+                    file.flush()
 
 
 def interval(values: Floats) -> str:
@@ -178,8 +160,7 @@ def main() -> None:
     flying.add_argument(
         "--percent", type=float, default=98.0, help="the prediction that ends the stopped arm"
     )
-    flying.add_argument("--arms", nargs="*", default=[], choices=[*ORBITS, *PLANNED, STOPPED])
-    flying.add_argument("--orbit", nargs="*", default=[], help="ARM:COUNT, an arm with another number")
+    flying.add_argument("--arms", nargs="+", required=True, choices=[*ORBITS, *PLANNED, STOPPED])
     flying.add_argument("--fidelity", default="photogrammetric", choices=FIDELITIES)
     flying.add_argument("--out", type=Path, required=True)
     telling = commands.add_parser("tell")

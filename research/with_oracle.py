@@ -5,36 +5,14 @@ gatetune campaign run --fidelity research.with_oracle:photogrammetric ...
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Unpack
+import functools
 
-from nbv.config import MissionConfig
 from nbv.geometric import run_geometric_mission
-from nbv.mission import MissionOptions, MissionResult
 from nbv.photogrammetric import run_photogrammetric_mission
 from tuner.missions.registry import require_fidelity
 
-
-def photogrammetric(
-    config: MissionConfig,
-    rock: str,
-    replicate: int = 0,
-    directory: Path | None = None,
-    **options: Unpack[MissionOptions],
-) -> MissionResult:
-    """`run_photogrammetric_mission` with ``with_oracle=True``."""
-    return run_photogrammetric_mission(config, rock, replicate, directory, **{**options, "with_oracle": True})
-
-
-def geometric(
-    config: MissionConfig,
-    rock: str,
-    replicate: int = 0,
-    directory: Path | None = None,
-    **options: Unpack[MissionOptions],
-) -> MissionResult:
-    """`run_geometric_mission` with ``with_oracle=True``."""
-    return run_geometric_mission(config, rock, replicate, directory, **{**options, "with_oracle": True})
+photogrammetric = functools.partial(run_photogrammetric_mission, with_oracle=True)
+geometric = functools.partial(run_geometric_mission, with_oracle=True)
 
 
 def with_oracle(name: str) -> str:

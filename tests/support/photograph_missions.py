@@ -9,8 +9,21 @@ import fake_missions
 
 from nbv.config import MissionConfig
 from nbv.mission.result import MissionResult
+from tuner.problem.space_files import load_search_space, space_from_dict
 
 NOISE_SD = 0.25
+SPACE = space_from_dict(  # what matters to them
+    {
+        "name": "photographs",
+        "base": load_search_space("photographs").base,
+        "parameters": {
+            "seed.count": {"kind": "int", "low": 8, "high": 24, "default": 24},
+            "stop.adaptive_budget": {"kind": "int", "low": 2, "high": 16, "default": 8},
+            "pool.max_altitude_m": {"kind": "float", "low": 1.45, "high": 4.0, "default": 4.0},
+        },
+    },
+    "photograph_missions.py",
+)
 
 
 def photographs(config: MissionConfig) -> int:

@@ -8,28 +8,16 @@ from pathlib import Path
 from typing import Any
 
 import fake_campaigns
+import photograph_missions
 import pytest
 
 from tuner.campaign.campaign import Campaign
 from tuner.problem.objective import Objective
-from tuner.problem.space_files import load_search_space, space_from_dict
 
 PHOTOGRAPHS, QUALITY = Objective("costs.images", "minimise"), Objective()
-SPACE = space_from_dict(  # what matters to `photograph_missions`
-    {
-        "name": "photographs",
-        "base": load_search_space("photographs").base,
-        "parameters": {
-            "seed.count": {"kind": "int", "low": 8, "high": 24, "default": 24},
-            "stop.adaptive_budget": {"kind": "int", "low": 2, "high": 16, "default": 8},
-            "pool.max_altitude_m": {"kind": "float", "low": 1.45, "high": 4.0, "default": 4.0},
-        },
-    },
-    "test_exact_objectives.py",
-)
 run = functools.partial(
     fake_campaigns.run,
-    space=SPACE,
+    space=photograph_missions.SPACE,
     fidelity="photograph_missions:mission",
     replicates=2,
 )
