@@ -21,9 +21,8 @@ import numpy as np
 from nbv.config import under
 from nbv.config.conditions import Condition, load_condition
 from nbv.scorers.prediction import predict
-from nbv.types import Floats
 from research.adaptive_plans import FIDELITIES, fly, known
-from research.where_planning_pays import FIXED, MOST, SEEDS, read
+from research.where_planning_pays import FIXED, MOST, SEEDS, interval, read
 from research.where_planning_pays import PLANNED as UNBOUND
 
 REAIM_AFTER = 12
@@ -50,7 +49,6 @@ CONDITIONS = {
     "known-to-1m": Condition("known-to-1m", {"target": {"horizontal_sd_m": 1.0, "vertical_sd_m": 0.3}}),
 }
 HEAD = ("rock", "condition", "arm", "photographs", "registered", "f_score", "predicted", "flight_s", "status")
-BOOTSTRAP = 4000
 
 
 def condition_of(name: str) -> Condition:
@@ -114,14 +112,6 @@ def fly_all(arguments: argparse.Namespace) -> None:
                     asked = (arguments.count, arguments.percent, arguments.fidelity)
                     writer.writerow(mission(rock, arguments.condition, arm, *asked))
                     file.flush()
-
-
-def interval(values: Floats) -> str:
-    """Mean and its 95 % bootstrap interval."""
-    rng = np.random.default_rng(0)
-    means = values[rng.integers(0, len(values), (BOOTSTRAP, len(values)))].mean(axis=1)
-    low, high = np.percentile(means, [2.5, 97.5])
-    return f"{values.mean():+.2f} [{low:+.2f}, {high:+.2f}]"
 
 
 def tell(rows: list[dict[str, str]], against: str, score: float) -> list[str]:

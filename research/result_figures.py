@@ -19,6 +19,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 
+from nbv.rocks.families import HELD_OUT_FROM
+
 Row = dict[str, str]
 NAMES = {"optuna-gp": "Optuna's GP", "smac": "SMAC3", "ax": "Ax", "tpe": "TPE", "hebo": "HEBO"}
 WAYS = {"": "", "all": ", all rocks each", "pruned": ", pruned"}  # how a peer flies many rocks
@@ -367,7 +369,8 @@ def where_planning_pays(data: Path) -> plt.Figure:
     arms = ("rings at 10° and 35°", "adaptive")
     scores: dict[str, dict[str, float]] = {}
     for row in read(data, "where_planning_pays"):
-        if row["value"] == "f_score" and row["arm"] in arms:
+        held_out = int(row["rock"].rpartition("-")[2]) >= HELD_OUT_FROM
+        if held_out and row["value"] == "f_score" and row["arm"] in arms:
             scores.setdefault(row["rock"], {})[row["arm"]] = float(row["24"])
     pairs = [(of[arms[0]], of[arms[1]] - of[arms[0]]) for of in scores.values() if len(of) == 2]
     hard.scatter(*zip(*pairs, strict=True), s=14, color=BLUE, alpha=0.6, label="geometric")

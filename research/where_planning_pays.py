@@ -1,15 +1,15 @@
 """Where does planning pay? F-score against photographs, rock by rock: plain orbits, the adaptive plan, random views, an oracle.
 
-    python -m research.where_planning_pays curves --split train --rocks 4 --out train.csv
-    python -m research.where_planning_pays curves --split held-out --rocks 34 --out held_out.csv
-    python -m research.where_planning_pays tell --train train.csv --test held_out.csv
+    python -m research.where_planning_pays curves --split train --rocks 10 --out curves.csv
+    python -m research.where_planning_pays curves --split held-out --rocks 34 --out curves.csv
+    python -m research.where_planning_pays tell curves.csv
     python -m research.where_planning_pays bounds --rock cleft-20000 breccia-20002
 
 ``curves`` flies geometric missions: an orbit for each number of photographs, and each planned arm once, to the end, with the
 score and the prediction after every photograph, so that any threshold of the stop can be told afterwards. ``tell`` chooses
-the threshold on one file and reports it on another: mean photographs at an equal share of rocks that
-reach ``--score``, with 95 % bootstrap intervals over rocks. ``--rocks`` counts seeds of each family. ``bounds`` says what
-keeps a rock from it.
+the threshold on the training rocks of the file and reports it on the held-out ones: mean photographs at an equal share of
+rocks that reach ``--score``, with 95 % bootstrap intervals over rocks. ``--rocks`` counts seeds of each family. ``bounds``
+says what keeps a rock from it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from __future__ import annotations
 import argparse
 import csv
 import functools
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,7 @@ from nbv.geometry.raycasting import RayCaster
 from nbv.geometry.stereo_chance import DenseModel
 from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG
 from nbv.rocks import load_rock
+from nbv.rocks.families import HELD_OUT_FROM
 from nbv.scorers.prediction import predict
 from nbv.types import Floats, Ints, Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
@@ -44,8 +46,9 @@ MOST = 48
 COUNTS = (16, 18, 20, 22, 24, 26, 28, 30, 32, 34, 36, 38, 40, 44, 48)
 MANY = (48, 64, 96)
 BOUNDS = ("rock", *(f"rings of {n}" for n in MANY), "every place", "greedy oracle")
-HEAD = ("rock", "arm", "photographs", "f_score", "predicted")
-BOOTSTRAP = 2000
+NUMBERS = range(12, MOST + 1)
+HEAD = ("rock", "arm", "value", *NUMBERS)
+BOOTSTRAP = 4000
 OF_THE_ORBIT = 0.9
 FIXED: dict[str, dict[str, Any]] = {
     "one ring at 10°": {},
@@ -90,21 +93,22 @@ def of_views(rock_name: str, config: MissionConfig, views: list[Viewpoint]) -> f
 
 
 def curves(rock: str, arms: list[str], seeds: dict[str, Any]) -> list[tuple[Any, ...]]:
-    """Rows as `HEAD` for one rock."""
+    """Rows as `HEAD` for one rock: by arm its ``f_score``, and of a planned arm what was ``predicted``."""
     rows: list[tuple[Any, ...]] = []
+
+    def add(arm: str, value: str, of: dict[int, float]) -> None:
+        rows.append((rock, arm, value, *(f"{of[n]:.3f}" if n in of else "" for n in NUMBERS)))
+
     for arm in arms:
         if arm in FIXED:
-            for count in COUNTS:
-                config = known(rock, **{**FIXED[arm], "seed.count": count})
-                score = of_views(rock, config, seed_viewpoints(config))
-                rows.append((rock, arm, count, f"{score:.3f}", ""))
+            configs = [known(rock, **{**FIXED[arm], "seed.count": count}) for count in COUNTS]
+            add(arm, "f_score", {c.seed.total: of_views(rock, c, seed_viewpoints(c)) for c in configs})
             continue
         budget = MOST - seeds["seed.count"]
         config = known(rock, **{**seeds, **PLANNED[arm], "stop.adaptive_budget": budget})
-        rows += [
-            (rock, arm, n, f"{score:.3f}", f"{told:.3f}")
-            for n, score, told in after_every_photograph(config, rock)
-        ]
+        steps = list(after_every_photograph(config, rock))
+        add(arm, "f_score", {n: score for n, score, _ in steps})
+        add(arm, "predicted", {n: told for n, _, told in steps})
     return rows
 
 
@@ -120,16 +124,21 @@ def bounds(rock: str) -> tuple[Any, ...]:
     return (rock, *row)
 
 
+ByArm = dict[str, dict[str, dict[int, float]]]  # by arm, rock and number of photographs
+
+
 class Curves:
     """F-score and prediction after every photograph, by arm and rock."""
 
-    def __init__(self, path: Path) -> None:
-        self.of: dict[str, dict[str, dict[int, tuple[float, float]]]] = {}
-        for row in read(path):
-            rock = self.of.setdefault(row["arm"], {}).setdefault(row["rock"], {})
-            rock[int(row["photographs"])] = (float(row["f_score"]), float(row["predicted"] or "nan"))
-        most = max(len(rocks) for rocks in self.of.values())
-        self.of = {arm: rocks for arm, rocks in self.of.items() if len(rocks) == most}
+    def __init__(self, rows: Iterable[dict[str, str]]) -> None:
+        kinds: dict[str, ByArm] = {"f_score": {}, "predicted": {}}
+        for row in rows:
+            values = {n: float(row[str(n)]) for n in NUMBERS if row[str(n)]}
+            kinds[row["value"]].setdefault(row["arm"], {})[row["rock"]] = values
+        every, self.told = kinds.values()
+        most = max(len(rocks) for rocks in every.values())
+        self.of = {arm: rocks for arm, rocks in every.items() if len(rocks) == most}
+        self.of_some = {arm: rocks for arm, rocks in every.items() if len(rocks) < most}
         self.rocks = sorted(set.intersection(*(set(rocks) for rocks in self.of.values())))
 
     def orbits(self) -> list[tuple[str, int]]:
@@ -142,27 +151,33 @@ class Curves:
     @functools.cache  # noqa: B019  there are two of them
     def at(self, arm: str, count: int) -> Floats:
         """(R,) F-scores after so many photographs."""
-        return np.array([self.of[arm][rock][count][0] for rock in self.rocks])
+        return np.array([self.of[arm][rock][count] for rock in self.rocks])
 
     def stopped(self, arm: str, threshold: float) -> tuple[Floats, Floats]:
         """(R,) photographs and (R,) F-scores where the prediction first reaches ``threshold`` percent; else at the end."""
         ends = []
         for rock in self.rocks:
-            steps = sorted(self.of[arm][rock].items())
-            ends.append(
-                next(((n, f) for n, (f, told) in steps if told >= threshold), (steps[-1][0], steps[-1][1][0]))
-            )
+            steps, told = sorted(self.of[arm][rock].items()), self.told[arm][rock]
+            ends.append(next((step for step in steps if told[step[0]] >= threshold), steps[-1]))
         return np.array([n for n, _ in ends], dtype=float), np.array([f for _, f in ends])
 
     def needed(self, arm: str, score: float) -> Floats:
         """(R,) photographs after which a rock first has ``score``; `MOST` where it never has: an end that knows the rock."""
         return np.array(
             [
-                min((n for n, (f, _) in self.of[arm][rock].items() if f >= score), default=MOST)
+                min((n for n, f in self.of[arm][rock].items() if f >= score), default=MOST)
                 for rock in self.rocks
             ],
             dtype=float,
         )
+
+
+def interval(values: Floats) -> str:
+    """Mean and its 95 % bootstrap interval."""
+    rng = np.random.default_rng(0)
+    means = values[rng.integers(0, len(values), (BOOTSTRAP, len(values)))].mean(axis=1)
+    low, high = np.percentile(means, [2.5, 97.5])
+    return f"{values.mean():+.2f} [{low:+.2f}, {high:+.2f}]"
 
 
 def fewest_planned(curves: Curves, arm: str, share: float, score: float, rocks: Ints) -> int:
@@ -252,26 +267,30 @@ def tell(train: Curves, test: Curves, score: float) -> list[str]:
     for n in (16, 20, 24, 28, 32, 40):
         best = max((plan for plan in test.orbits() if plan[1] == n), key=lambda p: train.at(*p).mean())
         own, its = test.at("adaptive", n), test.at(*best)
-        gains = [(own - its)[rng.integers(0, len(own), len(own))].mean() for _ in range(BOOTSTRAP)]
         lines.append(
-            f"{n} photographs: adaptive {own.mean():.2f}, {best[0]} {its.mean():.2f}, gain {(own - its).mean():+.2f}"
-            f" [{np.percentile(gains, 2.5):+.2f}, {np.percentile(gains, 97.5):+.2f}], share {(own >= score).mean():.2f}"
-            f" against {(its >= score).mean():.2f}"
+            f"{n} photographs: adaptive {own.mean():.2f}, {best[0]} {its.mean():.2f}, gain {interval(own - its)},"
+            f" share {(own >= score).mean():.2f} against {(its >= score).mean():.2f}"
         )
     for name in [a for a in PLANNED if a in test.of]:
-        reached = np.array([max(f for f, _ in test.of[name][r].values()) for r in test.rocks]) >= score
+        reached = np.array([max(test.of[name][r].values()) for r in test.rocks]) >= score
         lines.append(
             f"{name}, ended by one who knows the score: {test.needed(name, score).mean():.1f} photographs, share"
             f" {reached.mean():.2f}"
         )
+    for name, rocks in test.of_some.items():
+        for n in (20, 24, 40):
+            gain = [test.of["adaptive"][rock][n] - scores[n] for rock, scores in rocks.items()]
+            lines.append(
+                f"{n} photographs: adaptive less {name} {interval(np.array(gain))}, {len(rocks)} rocks"
+            )
     knows = np.array(
         [
-            min((n for plan, n in test.orbits() if test.of[plan][r][n][0] >= score), default=MOST)
+            min((n for plan, n in test.orbits() if test.of[plan][r][n] >= score), default=MOST)
             for r in test.rocks
         ]
     )
     lines.append(f"the best fixed plan of each rock, by one who knows it: {knows.mean():.1f} photographs")
-    never = [r for r in test.rocks if max(f for a in test.of.values() for f, _ in a[r].values()) < score]
+    never = [r for r in test.rocks if max(f for a in test.of.values() for f in a[r].values()) < score]
     lines.append(f"never at {score:g} with any plan: {', '.join(never)}")
     return lines
 
@@ -290,12 +309,15 @@ def main() -> None:
     bounding = commands.add_parser("bounds")
     bounding.add_argument("--rock", nargs="+", required=True)
     telling = commands.add_parser("tell")
-    telling.add_argument("--train", type=Path, required=True)
-    telling.add_argument("--test", type=Path, required=True)
+    telling.add_argument("file", type=Path)
     telling.add_argument("--score", type=float, default=98.0)
     arguments = parser.parse_args()
     if arguments.what == "tell":
-        print("\n".join(tell(Curves(arguments.train), Curves(arguments.test), arguments.score)))
+        rows = read(arguments.file)
+        held_out = [int(row["rock"].rpartition("-")[2]) >= HELD_OUT_FROM for row in rows]
+        train = Curves(row for row, held in zip(rows, held_out, strict=True) if not held)
+        test = Curves(itertools.compress(rows, held_out))
+        print("\n".join(tell(train, test, arguments.score)))
         return
     if arguments.what == "bounds":
         print(*BOUNDS, sep=",")
