@@ -18,26 +18,6 @@ PAGES = sorted(DOCS.rglob("*.md"))
 TEXTS = [ROOT / "README.md", *PAGES]
 # A page of results names the command of the commit that it was measured at.
 GUIDES = [page for page in TEXTS if "results" not in page.parts]
-# Words that only this project's history explains, and what the field says.
-HISTORY_WORDS = {
-    "flown anew": "rerun",
-    "economies": "reduced SfM",
-    "stand-in": "low-fidelity simulator",
-    "mark-down": "selection-bias penalty",
-    "told the same": "warm-started with the same missions",
-    "begun cold": "cold start",
-    r"slots?": "block",
-    "promised?": "posterior mean",
-}
-# Names of commands and files that hold such a word.
-CODE = re.compile(r"```.*?```|`[^`]*`|^ {4}.*?$|\]\([^)]*\)", re.DOTALL | re.MULTILINE)
-
-
-@pytest.mark.parametrize("page", TEXTS, ids=lambda page: str(page.relative_to(ROOT)))
-def test_pages_use_the_words_of_the_field(page):
-    prose = CODE.sub("", page.read_text())
-    found = [word for word in HISTORY_WORDS if re.search(rf"\b{word}\b", prose, re.IGNORECASE)]
-    assert not found, {word: f"say {HISTORY_WORDS[word]}" for word in found}
 
 
 @pytest.mark.parametrize("page", GUIDES, ids=lambda page: str(page.relative_to(ROOT)))

@@ -6,46 +6,7 @@ import ast
 import tomllib
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parents[2]
-ROOMS = sorted(path.parent for package in ("nbv", "tuner") for path in (ROOT / package).rglob("__init__.py"))
-
-
-def names(paths: list[Path]) -> list[str]:
-    return [str(path.relative_to(ROOT)) for path in paths]
-
-
-@pytest.mark.parametrize("room", ROOMS, ids=names(ROOMS))
-def test_a_room_says_what_it_is_for(room: Path) -> None:
-    tree = ast.parse((room / "__init__.py").read_text())
-    assert len(ast.get_docstring(tree) or "") > 20, "a docstring that says what the room is for"
-
-
-@pytest.mark.parametrize(
-    "room", [r for r in ROOMS if r.parent != ROOT], ids=lambda r: str(r.relative_to(ROOT))
-)
-def test_a_room_says_what_it_exports(room: Path) -> None:
-    tree = ast.parse((room / "__init__.py").read_text())
-    exported = [
-        node.value
-        for node in tree.body
-        if isinstance(node, ast.Assign) and any(getattr(t, "id", "") == "__all__" for t in node.targets)
-    ]
-    if len(tree.body) > 1:  # more than what it is for
-        assert exported, "__all__ names what the room exports"
-        assert isinstance(exported[0], ast.List)
-        assert len(exported[0].elts) >= 1
-
-
-def test_the_formatter_decides() -> None:
-    skipped = [
-        path
-        for folder in ("nbv", "tuner", "tests", "research")
-        for path in (ROOT / folder).rglob("*.py")
-        if "fmt: " + "skip" in path.read_text()
-    ]
-    assert not names(skipped)
 
 
 def test_every_marker_of_the_layers_is_a_room() -> None:

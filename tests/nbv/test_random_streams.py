@@ -25,19 +25,9 @@ def test_different_keys_give_different_streams(a, b):
         assert not np.array_equal(keyed_rng(*a).standard_normal(4), keyed_rng(*b).standard_normal(4))
 
 
-@pytest.mark.parametrize("pair", [(("ab", "c"), ("a", "bc")), ((1,), ("1",)), (("a", "b"), ("b", "a"))])
-def test_near_keys_do_not_collide(pair):
-    a, b = pair
-    assert keyed_rng(*a).integers(2**63) != keyed_rng(*b).integers(2**63)
-
-
 def test_streams_are_pinned():
     """A change here would silently change every photograph ever taken."""
     assert keyed_rng("noise", "0" * 64, 0, "seed_00").integers(0, 2**32, 3).tolist() == PINNED
-
-
-def test_numpy_integers_are_integers():
-    assert keyed_rng(np.int64(7)).integers(2**63) == keyed_rng(7).integers(2**63)
 
 
 @pytest.mark.parametrize("part", [1.0, None, True, b"x"])

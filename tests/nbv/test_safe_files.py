@@ -14,9 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from nbv import safe_files
-from nbv.config import preset
 from nbv.errors import UserError
-from nbv.gates.learned import LearnedGate
 from nbv.mission.planning_state import load_state, save_state
 
 BOMB = "a: &a [1,1,1,1,1,1,1,1,1]\n" + "".join(
@@ -77,16 +75,6 @@ def test_only_regular_files_of_a_size_are_read(tmp_path: Path, monkeypatch: pyte
     assert len(safe_files.read_bytes(tmp_path / "large", 10)) == 11
 
 
-@pytest.mark.parametrize(
-    "text", ["[" * 100_000, "[" * 50 + "]" * 50, "{", '{"a": ' + "9" * 5000 + "}", '"\\ud800"', ""]
-)
-def test_a_damaged_policy_is_one_line(tmp_path: Path, text: str) -> None:
-    (tmp_path / "policy.json").write_text(text)
-    with pytest.raises(UserError) as caught:
-        LearnedGate.from_file(str(tmp_path / "policy.json"), preset("campaign"))
-    assert "policy.json" in str(caught.value) and len(str(caught.value).splitlines()) == 1
-
-
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("state") / "iter_00.npz"
@@ -99,13 +87,6 @@ def changed(path: Path, saved: Path, **arrays: object) -> Path:
     with np.load(saved) as data:
         np.savez_compressed(path, **{**data, **arrays})
     return path
-
-
-def test_a_state_that_was_saved_is_read(saved: Path) -> None:
-    state, pool = load_state(saved)
-    expected, candidates = gate_states.state(), gate_states.pool()
-    np.testing.assert_array_equal(state.model.points_m, expected.model.points_m)
-    assert pool.ids == candidates.ids and state.n_seeds == expected.n_seeds
 
 
 def test_a_state_whose_arrays_do_not_fit_is_refused(saved: Path, tmp_path: Path) -> None:

@@ -19,7 +19,6 @@ ROCKS = ["--rock", "arch", "--rock", "horn"]  # of an evaluation that would fly 
 SMALL = {"fidelity": "geometric", "budget": "6", "replicates": "1", "workers": "2", "configurations": "3"}
 # Of our own missions only: a mission file has neither fidelity nor photographs.
 OWN = {"budget": "4", "replicates": "1", "workers": "2"}
-COMMAND = re.compile(r"gatetune (?:[a-z-]+ )*[^\n`|]*")
 
 
 @dataclass

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import importlib
 import inspect
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +13,6 @@ import pytest
 
 import tuner
 from nbv.errors import UserError
-from nbv.mission import MissionResult
 from tuner.campaign.settings_file import SETTINGS
 
 API = Path(__file__).resolve().parents[2] / "docs" / "reference" / "api.md"
@@ -108,24 +104,6 @@ def test_a_wrong_argument_is_one_clear_error(wrong: dict[str, Any], says: str, t
     assert not (tmp_path / "c").exists()
 
 
-def test_what_a_notebook_shows_is_one_line(campaign: tuner.Campaign, tmp_path: Path) -> None:
-    best, trial = campaign.recommendation(save=False), campaign.trials()[0]
-    assert best is not None
-    assert repr(campaign).startswith("Campaign(first in ") and "3 missions" in repr(campaign)
-    assert repr(best).startswith("Recommendation(") and f"{best.mean:.4g} in place of" in repr(best)
-    assert repr(campaign.history()[0]) == f"Observation(0: {trial.raw:.4g} on slab r0)"
-    assert repr(trial) == f"Trial(0: complete, {trial.raw:.4g} on slab r0)"
-    result = MissionResult.load(campaign.directory / trial.directory)
-    assert repr(result) == "MissionResult(ok on slab r0: 26 images, 2 of them planned)"
-    shown = [campaign, campaign.settings, best, campaign.history()[0], trial, result]
-    assert max(len(repr(thing)) for thing in shown) < 250
-
-
-def test_the_api_loads_no_command() -> None:
-    code = "import sys, tuner.jobs; sys.exit(any(m.startswith('tuner.commands') for m in sys.modules))"
-    assert subprocess.run([sys.executable, "-c", code]).returncode == 0
-
-
 def test_evaluation_and_reproduction(campaign: tuner.Campaign, tmp_path: Path) -> None:
     options = {"fidelity": "geometric", "workers": 1}
     run = tuner.evaluate(
@@ -142,11 +120,3 @@ def test_evaluation_and_reproduction(campaign: tuner.Campaign, tmp_path: Path) -
         tmp_path / "t", rocks=["slab"], strategies=["covis", "hyb-h"], overrides=SMALL, **options
     )
     assert list(tuner.frame(table)["strategy"]) == ["covis", "hyb-h"]
-
-
-def test_a_table_holds_the_same_missions(gatetune, campaign: tuner.Campaign, tmp_path: Path) -> None:
-    code, _, err = gatetune("export", campaign.directory, "--to", "csv", "--out", tmp_path / "m.csv")
-    assert code == 0, err
-    with (tmp_path / "m.csv").open() as file:
-        found = [float(row["value"]) for row in csv.DictReader(file)]
-    assert found == [trial.raw for trial in campaign.trials()]

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from nbv.cache import Store
-from nbv.cache import store as store_module
 
 
 def file_of(store, key, kind="*"):
@@ -41,31 +40,6 @@ def test_a_damaged_entry_is_noticed_and_can_be_made_anew(tmp_path, damage):
     assert not path.exists()
     store.put("pairs", "cd34", {"m": np.arange(100)})
     assert store.get("pairs", "cd34") is not None
-
-
-@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")])
-def test_what_is_no_file_is_absent_and_made_anew(tmp_path, make):
-    store = Store(tmp_path)
-    store.put("pairs", "cd34", {"m": np.arange(3)})
-    path = file_of(store, "cd34")
-    path.unlink()
-    make(path)
-    assert store.get("pairs", "cd34") is None
-    store.put("pairs", "cd34", {"m": np.arange(3)})
-    assert store.get("pairs", "cd34") is not None
-    path.unlink()
-    make(path)
-    assert store.verify() == (1, 1) and not path.is_symlink() and not path.exists()
-
-
-def test_verify_removes_only_the_damaged(tmp_path):
-    store = Store(tmp_path)
-    for index in range(5):
-        store.put("photos", f"{index:02d}xx", {"i": np.array(index)})
-    victim = file_of(store, "03xx")
-    victim.write_bytes(victim.read_bytes()[:-1])
-    assert store.verify() == (5, 1)
-    assert store.verify() == (4, 0)
 
 
 def test_entries_that_changed_places_are_noticed(tmp_path):
@@ -151,31 +125,3 @@ def test_machines_fill_their_stores_from_a_shared_folder(tmp_path, monkeypatch):
     stores[2].put("photos", "ab12", photo)
     assert shared.read_bytes() == file_of(stores[2], "ab12").read_bytes()
     assert Store(tmp_path / "own").get("photos", "ab12") is None
-
-
-def test_a_shared_folder_that_nobody_may_write_still_fills(tmp_path, monkeypatch):
-    Store(tmp_path / "shared").put("photos", "ab12", {"pixels": np.arange(5)})
-    monkeypatch.setenv("GATETUNE_SHARED_STORE", str(tmp_path / "shared"))
-    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
-
-    def refuse(*_, **__):
-        raise PermissionError
-
-    store = Store()
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "utime", refuse)
-        assert store.get("photos", "ab12") is not None
-        damaged = file_of(Store(tmp_path / "shared"), "ab12")
-        damaged.write_bytes(b"other")
-        file_of(store, "ab12").unlink()
-        patch.setattr(type(damaged), "unlink", refuse)
-        assert store.get("photos", "ab12") is None
-
-
-@pytest.mark.parametrize("payload", [b"", b"no archive", b"PK\x05\x06" + bytes(18)])
-def test_bytes_that_are_no_archive_are_made_anew(tmp_path, payload):
-    store = Store(tmp_path)
-    store.put("meshes", "ab12", {"x": np.zeros(1)})
-    head = store_module._MAGIC + store_module._checksum("meshes", "ab12", memoryview(payload))
-    file_of(store, "ab12").write_bytes(head + payload)
-    assert not store.get("meshes", "ab12")

@@ -15,15 +15,6 @@ def test_a_parameter_has_a_meaning_and_a_source(path: str) -> None:
     assert about.where or about.source == "ours"  # the place in the paper or the public code
 
 
-def test_units_are_the_endings_of_names() -> None:
-    units = {path: parameters()[path].unit for path in parameter_paths()}
-    assert units["gate.d95_m"] == "m"
-    assert units["shared.theta_min_deg"] == "°"
-    assert units["flight.max_jerk_m_s3"] == "m/s³"
-    assert units["evaluation.thresholds_mm"] == "mm"
-    assert units["gate.budget_fraction"] == ""
-
-
 def test_what_the_paper_prints_is_marked_as_its_text() -> None:
     """Section III of the paper, Eq. 1 to 9."""
     printed = {

@@ -1,8 +1,5 @@
 """Fusion in slabs: the cloud is the one of all points averaged at once, for less memory."""
 
-import dataclasses
-import tracemalloc
-
 import numpy as np
 import pytest
 
@@ -85,33 +82,3 @@ def test_slabs_do_not_change_a_bit(views, monkeypatch, slab_points):
         (whole.colors, slabs.colors),
     ):
         np.testing.assert_array_equal(a, b)
-
-
-def test_very_fine_voxels_are_told_apart(views):
-    """More voxels along an axis than the small integers hold that are enough otherwise."""
-    fine = dataclasses.replace(CONFIG, fusion_voxel_m=2e-5)
-    cloud = fuse(*views, CAMERA, TARGET, fine)
-    inside = sum(
-        int((np.abs(_world(views, name) - np.array(TARGET)).max(axis=1) <= CONFIG.crop_half_width_m).sum())
-        for name in views[0]
-    )
-    assert 0.99 * inside < len(cloud) <= inside
-    assert np.diff(cloud.points_m[:, 0]).min() > -1.01 * fine.fusion_voxel_m  # in the voxels' order
-
-
-def test_slabs_take_less_memory_than_all_at_once(views, monkeypatch):
-    many = [{f"{name}-{copy}": value for name, value in part.items() for copy in range(40)} for part in views]
-    peaks = []
-    for slab_points in (10**9, 10_000):
-        monkeypatch.setattr(fusion, "SLAB_POINTS", slab_points)
-        tracemalloc.start()
-        fuse(*many, CAMERA, TARGET, CONFIG)
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    assert peaks[1] < 0.5 * peaks[0]
-
-
-def _world(views, name):
-    depths, _, poses = views
-    local = backproject(depths[name], CAMERA)[np.isfinite(depths[name])].astype(float)
-    return (local - poses[name][:3, 3]) @ poses[name][:3, :3]

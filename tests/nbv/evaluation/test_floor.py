@@ -74,13 +74,3 @@ def test_no_real_cloud_beats_the_floor_by_more_than_a_voxel(standing_box):
     half = seen[seen[:, 0] > 0]
     worse = compute_metrics(PointCloud(half), truth, EvaluationConfig(), (0, 0, 0.4), None, floors)["whole"]
     assert worse["hausdorff_gt_to_cloud_mm"] > worse["hausdorff_gt_to_cloud_floor_mm"] + 100
-
-
-def test_nothing_observable_has_no_floor():
-    vertices, faces = box(1.0, 0.02)  # all of it is taken for ground
-    cameras = dome_of_cameras()
-    truth = build_ground_truth(vertices, faces, cameras, 2000, 0)
-    assert hausdorff_floors(vertices, faces, truth, cameras, VOXEL_M, CUT_M) == {
-        "whole": {},
-        "observable": {},
-    }

@@ -53,13 +53,3 @@ def test_underside_ground_and_occluded_parts_are_not_observable():
     assert bottom.any() and not seen[bottom].any()
     assert in_sphere.any() and not seen[in_sphere].any()
     assert not seen[points[:, 2] < 0].any()
-
-
-def test_order_of_cameras_does_not_matter():
-    vertices, faces = mesh_arrays(o3d.geometry.TriangleMesh.create_torus(0.6, 0.3).translate((0, 0, 0.8)))
-    points, normals = sample_surface(vertices, faces, 3000, 0)
-    cameras = np.concatenate([ring(3.5, 10), ring(4.0, 29)])
-    shuffled = cameras[np.random.default_rng(0).permutation(len(cameras))]
-    first = observable_mask(vertices, faces, points, normals, cameras)
-    assert np.array_equal(first, observable_mask(vertices, faces, points, normals, shuffled))
-    assert 0.3 < first.mean() < 0.95

@@ -18,7 +18,7 @@ from nbv.evaluation.measures import (
     sector_centers_deg,
     sector_completeness,
 )
-from nbv.evaluation.metric import Distances, Metric
+from nbv.evaluation.metric import Distances
 from nbv.evaluation.metrics import compute_metrics
 from nbv.evaluation.registry import METRICS, find_metric, measure_all
 from nbv.types import PointCloud
@@ -40,16 +40,6 @@ def test_every_number_of_a_result_is_a_described_metric():
     assert labels["f_score_16mm"] == "F-score @ 16 mm" and labels["c2c_p95_mm"] == "P95 C2C distance"
     assert all(metric.unit in ("mm", "%") for metric in METRICS.values())
     assert find_metric("n_gt_samples") is None
-
-
-def test_a_new_metric_is_one_line(monkeypatch):
-    missing = Metric(
-        "missing_{t}mm", "Missing @ {t} mm", "%", False, lambda d, t: float((d.to_cloud_mm >= t).mean() * 100)
-    )
-    monkeypatch.setitem(METRICS, missing.key, missing)
-    scores = distance_scores(np.array([0.01, 0.03]), np.array([0.02]), (16.0, 48.0))
-    assert (scores["missing_16mm"], scores["missing_48mm"]) == (50.0, 0.0)
-    assert find_metric("missing_16mm") == (missing, "Missing @ 16 mm")
 
 
 def truth_of(points, observable=None):

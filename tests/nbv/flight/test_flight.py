@@ -13,7 +13,6 @@ from nbv.config import FlightConfig, MissionConfig
 from nbv.flight import Flight, Pose, arrival_position, fly_straight, route
 from nbv.flight.energy import power_w
 from nbv.geometry.frames import heading_to, wrap_angle
-from nbv.types import Viewpoint
 from nbv.viewpoints import raw_candidates, seed_viewpoints
 
 LIMITS = FlightConfig()
@@ -106,12 +105,6 @@ def test_arrival_error_is_within_tolerance_and_spread() -> None:
     np.testing.assert_allclose(errors.mean(axis=0), 0.0, atol=0.01)
     np.testing.assert_allclose(errors.std(axis=0), 0.35 / 3, rtol=0.05)  # truncation takes 1 %
     assert np.abs(np.corrcoef(errors.T) - np.eye(3)).max() < 0.06
-
-
-def test_never_below_the_minimum_altitude() -> None:
-    for replicate in range(50):
-        low = Viewpoint("low", (3.0, 0.0, 0.32), 0.0, 0.0, "lateral")
-        assert arrival_position(low, LIMITS, "rock", replicate)[2] >= 0.3
 
 
 def test_a_mission_adds_up() -> None:

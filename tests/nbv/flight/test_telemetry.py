@@ -24,10 +24,6 @@ def errors_m(config: TelemetryConfig, count: int, time_s: float = 10.0) -> np.nd
     return POSITION - np.array([invert_rigid(pose)[:3, 3] for pose in poses])
 
 
-def test_exact_is_the_same_object() -> None:
-    assert TelemetryErrors(TelemetryConfig(), "rock", 0, 0.3).true_pose(REPORTED, "seed_00", 1.0) is REPORTED
-
-
 def test_noise_has_the_configured_moments() -> None:
     config = TelemetryConfig(horizontal_noise_m=0.2, vertical_noise_m=0.1)
     found = errors_m(config, 4000)

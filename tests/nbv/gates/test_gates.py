@@ -52,10 +52,6 @@ def test_every_kind_can_be_made_or_says_what_it_lacks() -> None:
             assert make_gate(config(kind)) is not None
 
 
-def test_the_two_that_see_the_truth_say_so() -> None:
-    assert {k for k in gate_kinds() if gate_class(k).sees_ground_truth} == {"hyb-o", "greedy-oracle"}
-
-
 def test_hyb_h_switches_to_the_configured_geometry_scorer() -> None:
     ranked = {**rankings(0, 1, len(pool())), "matchable": rankings(0, 2, len(pool()))["b-aware"]}
     gate = make_gate(config("hyb-h", **{"gate.geometry_scorer": "matchable"}))

@@ -98,26 +98,6 @@ def test_configuration_rock_and_replicate_determine_a_mission(flown, config, tmp
     assert not (tmp_path / "home").exists()  # and nothing was kept
 
 
-def test_detections_do_not_depend_on_the_order_of_visits(world, config, rock):
-    views = [raw_candidates(config)[i] for i in (10, 130, 60)]
-    models = []
-    for order in ((0, 1, 2), (2, 0, 1)):
-        reconstructor = GeometricReconstructor(world, config, rock.sha256, 0)
-        reconstructor.bootstrap([capture(v, config, rock) for v in seed_viewpoints(config)])
-        for i in order:
-            report = reconstructor.add(capture(views[i], config, rock))
-            assert report.registered
-        model = report.model
-        names = np.array(model.camera_names)
-        tracks = {
-            (tuple(np.round(p, 9)), frozenset(names[model.track_cameras[a:b]]))
-            for p, a, b in zip(model.points_m, model.track_offsets[:-1], model.track_offsets[1:])
-        }
-        models.append((tracks, reconstructor.predicted()))
-    assert models[0][0] == models[1][0]
-    assert models[0][1] == pytest.approx(models[1][1], abs=1e-5)
-
-
 def test_more_views_raise_the_prediction_except_where_hidden(world, config, rock):
     reconstructor = GeometricReconstructor(world, config, rock.sha256, 0)
     reconstructor.bootstrap([capture(v, config, rock) for v in seed_viewpoints(config)])
@@ -185,14 +165,6 @@ def test_seeds_that_sift_cannot_hold_together_fail(config, seeds, ground_feature
     few = {**ring, "sparse.min_registered_seeds": 6, "sparse.ground_features": ground_features}
     few["stop.adaptive_budget"] = 8
     assert run_geometric_mission(config.with_values(few), ROCK).status == status
-
-
-def test_the_seed_layout_leaves_the_observable_surface(config, rock, world):
-    values = {"seed.count": 8, "sparse.ground_features": 2000, "sparse.min_registered_seeds": 6}
-    other = load_world(rock, config.with_values(values))
-    np.testing.assert_array_equal(other.observable, world.observable)
-    assert other.viewpoint_ids[:9] == (*(f"seed_{k:02d}" for k in range(8)), "cand_000")
-    assert len(other.sample_seen) == len(other.landmark_seen) == len(other.viewpoint_ids)
 
 
 def test_planning_in_the_air_costs_time_and_energy_alone() -> None:

@@ -42,14 +42,6 @@ def test_enough_close_views_reconstruct_and_too_few_do_not():
     assert probability([0])[0] == 0.0
 
 
-def test_views_too_far_apart_give_no_depth():
-    assert probability([0, 90, 180, 270])[0] == 0.0
-
-
-def test_views_in_one_place_give_no_depth():
-    assert probability([0, 0, 0, 0, 0])[0] == 0.0
-
-
 def test_a_stricter_agreement_reconstructs_less():
     chance = [
         probability([0, 8, 16, 24, 32], dense=DenseConfig(agreeing_views=need))[0] for need in range(2, 9)

@@ -4,7 +4,6 @@ import numpy as np
 import open3d as o3d
 import pytest
 
-from nbv.errors import UserError
 from nbv.geometry.sampling import sample_surface, sample_surface_evenly
 
 
@@ -33,11 +32,6 @@ def test_samples_depend_on_the_seed_alone():
     vertices, faces = sphere()
     first, again, other = (sample_surface(vertices, faces, 500, s)[0] for s in (3, 3, 4))
     assert np.array_equal(first, again) and not np.array_equal(first, other)
-
-
-def test_a_mesh_without_area_is_a_user_error():
-    with pytest.raises(UserError, match="no surface area"):
-        sample_surface(np.zeros((3, 3)), np.array([[0, 1, 2]]), 10, 0)
 
 
 def test_even_samples_lie_on_the_surface_one_in_each_share():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from nbv.geometry.target import AIM_SD_M, RADIUS_M, _most_votes, find_target
+from nbv.geometry.target import find_target
 
 
 def scene(
@@ -66,12 +66,3 @@ def test_bare_ground_and_few_points_hold_no_target() -> None:
     ground = scene()[scene()[:, 2] < 0.05]
     assert find_target(ground, (0.0, 0.0, 0.8)) is None
     assert find_target(scene()[:20], (0.0, 0.0, 0.8)) is None
-
-
-def test_the_place_with_most_votes_is_the_one_of_a_full_count() -> None:
-    rng = np.random.default_rng(5)
-    places_m = np.round(rng.normal(0, [[1.0, 0.7]], (1500, 2)), 1)  # many equal votes
-    heights_m, aim_m = rng.integers(1, 4, 1500) / 2.0, np.array([0.3, -0.2])
-    reached = np.linalg.norm(places_m[:, None] - places_m, axis=2) <= RADIUS_M
-    nearness = np.exp(-0.5 * (np.linalg.norm(places_m - aim_m, axis=1) / AIM_SD_M) ** 2)
-    assert _most_votes(places_m, heights_m, aim_m) == np.argmax((reached @ heights_m) * nearness)

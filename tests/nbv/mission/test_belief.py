@@ -110,14 +110,6 @@ def test_a_low_ceiling_lets_the_lowest_ring_pass(height_m: float) -> None:
         assert np.ptp(pool.positions_m[:, 2]) < 1e-9  # one ring, the lowest that flies
 
 
-def test_exact_telemetry_moves_no_altitude() -> None:
-    config = preset("campaign").with_values(ROUGH)
-    mission = made(config, OnTheGround(0.7), Flight(config, "rock", 3))
-    mission.look_for_target(mission.fly_seed_phase())
-    assert (mission.config.pool, mission.config.flight) == (config.pool, config.flight)
-    assert mission.config.target_m != config.target_m
-
-
 def test_without_a_target_in_the_model_belief_stays() -> None:
     config = believed(preset("campaign").with_values(ROUGH), "rock", 3)
     mission = made(config, CountingReconstructor(points=20), Flight(config, "rock", 3))

@@ -139,21 +139,6 @@ def test_a_known_cloud_is_made_only_if_somebody_looks_at_it(store):
 
 
 @pytest.mark.slow
-def test_the_metrics_of_a_known_sequence_need_no_cloud(store):
-    rock = load_rock("boulder", Store())
-    config = config_from_dict({"evaluation": {"gt_samples": 2000}, "dense": {"fusion_voxel_m": 0.05}})
-    points, _ = sample_surface(rock.vertices_m, rock.faces, 3000, 5)
-    made = []
-    first, second = (
-        CachedEvaluation(store)(made_cloud(store, made, config, points), rock, config) for _ in range(2)
-    )
-    assert len(made) == 1
-    assert second.metrics == first.metrics
-    np.testing.assert_array_equal(second.cleaned.points_m, first.cleaned.points_m)
-    assert len(made) == 2
-
-
-@pytest.mark.slow
 def test_metrics_come_back_as_they_were(store, monkeypatch):
     rock = load_rock("boulder", Store())
     config = config_from_dict({"evaluation": {"gt_samples": 2000}, "dense": {"fusion_voxel_m": 0.05}})

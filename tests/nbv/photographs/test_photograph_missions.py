@@ -17,7 +17,6 @@ from nbv.geometry.frames import Similarity
 from nbv.photographs import PhotographSet
 from nbv.photographs.evaluation import measure_cloud
 from nbv.photographs.expressible import require_expressible
-from nbv.photographs.kept_out import kept_out
 from nbv.photographs.mission import run_photographs_mission
 from nbv.photographs.oracle import VIEWS_NEEDED, TrackOracle
 from nbv.photographs.rephotography import photometric_error
@@ -181,11 +180,6 @@ def test_what_masks_say_is_not_the_object_does_not_count(grey_set: PhotographSet
     after = measure_cloud(cloud, masked, reference, PAPER.evaluation)[0]["whole"]
     assert before["accuracy_48mm"] < 80.0 and after["accuracy_48mm"] > 99.0
     assert after["completeness_48mm"] > 99.0
-
-
-def test_a_tenth_is_kept_out_by_content(grey_set: PhotographSet) -> None:
-    names = kept_out(grey_set)
-    assert len(names) == 2 and names == kept_out(grey_set)
 
 
 def test_the_oracle_wants_what_lacks_tracks(grey_set: PhotographSet) -> None:

@@ -10,11 +10,9 @@ import pytest
 from PIL import Image
 
 from nbv.errors import UserError
-from nbv.photographs.dense_reference import VOXEL_M, _together
 from nbv.photographs.folder import SourcePhotograph
 from nbv.photographs.masks import find_masks
 from nbv.photographs.pinhole import common_pinhole, undistorted
-from nbv.types import PointCloud
 
 
 def lens(k: float, width: int = 320, height: int = 240, focal: float = 260.0) -> pycolmap.Camera:
@@ -74,12 +72,3 @@ def test_no_mask_fits(tmp_path: Path) -> None:
         find_masks(tmp_path, [photograph])
     with pytest.raises(UserError, match="no folder of masks"):
         find_masks(tmp_path / "absent", [photograph])
-
-
-def test_clouds_of_several_parts_have_one_point_a_voxel() -> None:
-    grid = VOXEL_M * (np.array([[0, 0, 0], [5, 0, 0]]) + 0.5)
-    color, normal = np.zeros((2, 3), np.uint8), np.tile([0.0, 0, 1], (2, 1))
-    other = PointCloud(grid + 0.1 * VOXEL_M + [0, VOXEL_M * 3, 0] * np.array([[0], [1]]), color + 9, normal)
-    both = _together([PointCloud(grid, color, normal), other])
-    assert len(both) == 3
-    assert both.normals is not None and both.colors is not None and len(both.colors) == len(both.normals) == 3

@@ -12,7 +12,7 @@ import pytest
 from nbv.errors import UserError
 from nbv.geometry import Similarity, look_at
 from nbv.photographs.folder import SourcePhotograph
-from nbv.photographs.scale import Scale, find_scale
+from nbv.photographs.scale import find_scale
 from nbv.photographs.solved import SolvedModel
 
 WIDTH, HEIGHT = 640, 480
@@ -121,7 +121,3 @@ def test_gps_gives_the_scale_where_it_is_good_enough(model: SolvedModel) -> None
     assert coarse.source == "none" and "too coarse" in coarse.notes[0]
     assert coarse.metres_per_unit(1.0, 1.0) is None
     assert find_scale(model, photographs(), SIZES, None, None).source == "none"
-
-
-def test_a_scale_of_nothing_is_none() -> None:
-    assert Scale("none").metres_per_unit(1.0, 1.0) is None

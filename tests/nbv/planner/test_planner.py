@@ -3,7 +3,6 @@
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 import yaml
 
@@ -67,18 +66,3 @@ def test_it_ends_where_the_cloud_is_dense_or_nothing_is_left(tmp_path):
 def test_a_gate_that_sees_the_truth_is_refused():
     with pytest.raises(UserError, match="ground truth"):
         nbv.Planner(preset("paper").with_values({"gate.kind": "hyb-o"}))
-
-
-@pytest.mark.parametrize("text", ["- 1", "a: [", "gate: {kindd: x}"])
-def test_a_bad_file_is_one_line(text, tmp_path):
-    (tmp_path / "x.yaml").write_text(text)
-    with pytest.raises(UserError):
-        nbv.Planner.from_yaml(tmp_path / "x.yaml")
-
-
-def test_the_ray_caster_names_nothing_as_open3d_does():
-    import open3d as o3d
-
-    from nbv.geometry.raycasting import NO_FACE
-
-    assert int(np.uint32(NO_FACE)) == o3d.t.geometry.RaycastingScene.INVALID_ID

@@ -8,7 +8,7 @@ import pytest
 from nbv.errors import UserError
 from nbv.rocks import describe, load_coarse_rock, load_rock
 from nbv.rocks.families import FAMILIES, HEIGHT_M, generated_name, generated_recipe
-from nbv.rocks.procedural import COARSE_GRID_M, generate_rock
+from nbv.rocks.procedural import generate_rock
 
 COARSE_M = 0.03
 
@@ -52,11 +52,3 @@ def test_what_is_no_generated_rock_is_said() -> None:
         generated_recipe("slab", -1)
     with pytest.raises(UserError, match=r"seed 99999999 .* not from 0"):
         load_rock("slab-99999999")
-
-
-def test_a_coarse_rock_is_the_same_rock_with_fewer_faces() -> None:
-    fine, coarse = generate_rock("slab-7", grid_m=COARSE_GRID_M / 2), load_coarse_rock("slab-7")
-    assert coarse.name == fine.name and coarse.split == fine.split
-    assert len(coarse.faces) == pytest.approx(len(fine.faces) / 4, rel=0.15)
-    assert coarse.vertices_m.max(axis=0) == pytest.approx(fine.vertices_m.max(axis=0), abs=0.03)
-    assert describe(coarse).area_m2 == pytest.approx(describe(fine).area_m2, rel=0.05)

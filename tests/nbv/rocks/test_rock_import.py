@@ -165,26 +165,6 @@ def test_inside_out_and_mixed_winding_are_mended(tmp_path):
     assert any("wound against" in note for note in rock.notes)
 
 
-def test_vertex_colors_are_linearised(tmp_path):
-    box = trimesh.creation.box()
-    colors = noisy_colors(8)
-    box.visual.vertex_colors = colors
-    box.export(tmp_path / "painted.ply")
-    rock = small(tmp_path / "painted.ply")
-    source = colors[np.argmin(np.linalg.norm(box.vertices - [0.5, 0.5, 0.5], axis=1)), :3] / 255
-    # Colours are averaged a sixth of a fine face around each vertex, hence the tolerance.
-    np.testing.assert_allclose(color_at(rock, (0.8, 0.8, 1.6)), ((source + 0.055) / 1.055) ** 2.4, atol=0.02)
-
-
-def test_open_mesh_is_accepted_and_told(tmp_path):
-    sphere = trimesh.creation.icosphere(subdivisions=2)
-    sphere.update_faces(np.asarray(sphere.triangles_center)[:, 2] > -0.5)
-    sphere.export(tmp_path / "open.ply")
-    rock = small(tmp_path / "open.ply")
-    assert describe(rock).boundary_edges > 0 and describe(rock).volume_m3 is None
-    assert any("not watertight" in note for note in rock.notes)
-
-
 def test_missing_texture_falls_back_and_says_so(tmp_path):
     rock = small(write_box_obj(tmp_path, texture=False))
     assert any("texture image is missing" in note for note in rock.notes)

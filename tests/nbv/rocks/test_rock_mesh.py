@@ -36,13 +36,6 @@ def test_refine_keeps_the_surface_and_closes_every_seam(seed, max_edge):
     assert meshes.signed_volume(fine, fine_faces) == pytest.approx(hull.volume)
 
 
-def test_bodies_are_told_apart_and_non_manifold_edges_join():
-    one = np.array([[0, 1, 2], [1, 2, 3]])
-    assert len(np.unique(meshes.body_labels(np.concatenate([one, one + 4])))) == 2
-    fin = np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]])  # three faces at one edge
-    assert len(np.unique(meshes.body_labels(fin))) == 1
-
-
 def test_content_hash_ignores_the_last_bits_and_nothing_else():
     vertices = np.random.default_rng(0).uniform(size=(5, 3)).round(3)
     faces = np.array([[0, 1, 2], [2, 3, 4]])

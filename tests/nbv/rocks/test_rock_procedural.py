@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from nbv.rocks import describe
-from nbv.rocks.procedural import generate_rock, sample_near_surface
+from nbv.rocks.procedural import generate_rock
 from nbv.rocks.recipes import RECIPES
 
 COARSE_M = 0.025
@@ -58,15 +58,3 @@ def test_the_rocks_are_what_all_missions_flew_on(rocks):
     assert digest == "99ce682805b7b780208fa8349abfbee7b5d1ab0f53f8fbd01c4bd2be1ad66490"
     assert generate_rock("waist", grid_m=COARSE_M).sha256 == rocks["waist"].sha256
     assert describe(rocks["mushroom"]).overhang_fraction > describe(rocks["boulder"]).overhang_fraction
-
-
-@pytest.mark.parametrize("name", ["vesicular", "horn"])
-def test_blocks_that_are_skipped_hold_no_surface(name):
-    """The narrow band finds the same solid as evaluating the shape at every node."""
-    shape = RECIPES[name].shape
-    distance, origin = sample_near_surface(shape, 0.03)
-    nodes = origin + np.argwhere(np.ones(distance.shape, dtype=bool)) * 0.03
-    everywhere = shape(nodes).reshape(distance.shape)
-    inner = np.s_[1:-2, 1:-2, 1:-2]
-    agree = (everywhere < 1e-6)[inner] == (distance < 1e-6)[inner]
-    assert agree.all()

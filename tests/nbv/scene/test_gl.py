@@ -2,12 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
-import textwrap
-from pathlib import Path
-
 import cv2
 import numpy as np
 import pytest
@@ -58,46 +52,6 @@ def test_backends_agree(raycast, gl, pose):
     window = cv2.createHanningWindow(grey_a.shape[::-1], cv2.CV_32F)
     (dx, dy), _ = cv2.phaseCorrelate(grey_a, grey_b, window)
     assert np.hypot(dx, dy) < 0.15  # half a pixel would be a wrong principal point
-
-
-def test_the_same_renderer_repeats_itself(gl):
-    first = gl.render(POSES[0])
-    gl.render(POSES[1])
-    assert np.array_equal(first.rgb, gl.render(POSES[0]).rgb)
-
-
-def test_a_camera_below_the_ground_is_refused(gl):
-    with pytest.raises(ValueError, match="above the ground"):
-        gl.render(np.eye(4))
-
-
-@pytest.mark.slow
-def test_missing_opengl_is_a_user_error_that_names_the_remedy():
-    script = textwrap.dedent(
-        """
-        import sys
-        sys.path.insert(0, sys.argv[1])
-        from scene_helpers import SMALL_CAMERA, make_ball
-        from nbv.config import SceneConfig
-        from nbv.errors import UserError
-        from nbv.scene import build_scene, make_renderer
-        from nbv.scene.ground import GroundSpec
-        scene = build_scene(make_ball(), SceneConfig(), SMALL_CAMERA, GroundSpec(0.05, 128, 1))
-        try:
-            make_renderer(scene, "gl")
-        except UserError as error:
-            print(error)
-        """
-    )
-    out = subprocess.run(
-        [sys.executable, "-c", script, str(Path(__file__).parents[2] / "support")],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "__EGL_VENDOR_LIBRARY_FILENAMES": "/nowhere.json"},
-    )
-    message = out.stdout.strip().splitlines()
-    assert len(message) == 1, out.stdout + out.stderr
-    assert "scene.backend=raycast" in message[0]
 
 
 def test_an_unknown_backend_is_a_user_error(ball_scene):

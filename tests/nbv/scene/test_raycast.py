@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scene_helpers import BALL_RADIUS_M, SMALL_CAMERA, SMALL_GROUND
+from scene_helpers import BALL_RADIUS_M
 
 from nbv.config import CameraConfig, SceneConfig
 from nbv.geometry.frames import intrinsic_matrix, invert_rigid, look_at
-from nbv.scene import build_scene, make_renderer
+from nbv.scene import make_renderer
 
 CENTRE = np.array([0.0, 0.0, BALL_RADIUS_M])
 
@@ -90,45 +88,12 @@ def test_rendering_is_bit_for_bit_repeatable(raycast, ball_scene):
         assert np.array_equal(first.rock_mask, again.rock_mask)
 
 
-@pytest.mark.parametrize("heading_deg", [0.0, 90.0, 215.0])
-def test_the_shadow_lies_on_the_side_away_from_the_sun(ball, heading_deg):
-    """And is as dark as ambient light against ambient plus sun says."""
-    heading = np.radians(heading_deg)
-    travel = np.array([np.cos(heading), np.sin(heading), -1.0])
-    config = dataclasses.replace(SceneConfig(), sun_direction=tuple(travel))
-    scene = build_scene(ball, config, SMALL_CAMERA, SMALL_GROUND)
-    above = look_at(np.array([0.0, 0.0, 9.0]), np.zeros(3))
-    view = make_renderer(scene, "raycast").render(above)
-
-    def radiance_at(x: float, y: float) -> float:
-        """Mean linear radiance of the ground around a point, through the camera."""
-        p = above[:3, :3] @ np.array([x, y, 0.0]) + above[:3, 3]
-        u, v = (intrinsic_matrix(SMALL_CAMERA) @ p)[:2] / p[2]
-        patch = view.rgb[int(v) - 4 : int(v) + 5, int(u) - 4 : int(u) + 5, 1] / 255.0
-        assert not view.rock_mask[int(v), int(u)]
-        return float(np.mean(((patch + 0.055) / 1.055) ** 2.4))
-
-    # The ball's centre casts its shadow one centre height along the light's heading (45 degree sun).
-    away = 1.3 * travel[:2]
-    shadow, lit = radiance_at(*away), radiance_at(*-away)
-    expected = config.ambient / (config.ambient + config.sun_irradiance / np.sqrt(2))
-    assert shadow / lit == pytest.approx(expected, rel=0.35)  # the ground's own albedo varies
-    assert shadow / lit < 0.62
-
-
 def test_sky_is_uniform_and_as_configured(raycast):
     view = raycast.render(look_at(np.array([3.0, 0.0, 2.0]), np.array([-3.0, 0.0, 6.0])))
     sky = np.isinf(view.depth_m)
     assert sky.all()
     assert len(np.unique(view.rgb)) == 1
     assert view.rgb[0, 0, 0] == pytest.approx(255 * SceneConfig().sky_grey, abs=0.51)
-
-
-def test_a_rock_out_of_view_leaves_the_ground(raycast):
-    away = raycast.render(look_at(np.array([4.0, 0.0, 2.0]), np.array([9.0, 0.0, 0.0])))
-    assert not away.rock_mask.any()
-    close = raycast.render(look_at(np.array([0.0, -0.9, 0.9]), np.array([0.0, 3.0, 0.9])))
-    assert close.rock_mask.mean() > 0.9  # the rock's box reaches behind the camera
 
 
 @pytest.mark.parametrize("bad", [np.eye(3), np.full((4, 4), np.nan), np.eye(4)])

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from nbv.config import BAwareConfig, CameraConfig, MissionConfig
 from nbv.errors import MissionFailure
 from nbv.geometry.frames import intrinsic_matrix, look_at
-from nbv.geometry.frustum import in_frustum, look_at_many
+from nbv.geometry.frustum import in_frustum
 from nbv.scorers import BoxPoints, box_points, rank_candidates
 from nbv.scorers.covis import co_visibility
 from nbv.scorers.repair import geometry_gain, repair
@@ -197,11 +197,3 @@ def test_an_empty_box_is_a_mission_failure() -> None:
     with pytest.raises(MissionFailure) as failure:
         rank_candidates(state, pool_at(ring([0.0])), MissionConfig())
     assert failure.value.reason == "no_points_in_box"
-
-
-def test_look_at_many_is_look_at() -> None:
-    positions = np.concatenate([ring([0.0, 77.0, 200.0]), TARGET[None] + [[1.0, -2.0, 3.0]]])
-    expected = [look_at(p, TARGET) for p in positions]
-    np.testing.assert_allclose(look_at_many(positions, TARGET), expected, atol=1e-14)
-    overhead = np.concatenate([positions, TARGET[None] + [[0.0, 0.0, 3.0]]])
-    np.testing.assert_allclose(look_at_many(overhead, TARGET)[-1], look_at(overhead[-1], TARGET), atol=1e-14)

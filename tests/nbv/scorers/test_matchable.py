@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from nbv.config import MissionConfig, preset
 from nbv.gates.ground_truth import GroundTruthOracle
 from nbv.geometry.visibility import lifted
-from nbv.scorers import rank_candidates
 from nbv.scorers.matchable import SAMPLES, matchable_repair, proxy_surface, sees
 from nbv.types import PlanningState
 
@@ -97,28 +96,3 @@ def test_equal_to_the_oracle_on_the_same_surface(seed: int, visited: int, need: 
     # Rays that graze the hull, and angles at the limits, may fall to either side for a sample or two.
     np.testing.assert_allclose(gain, expected, atol=4.0 / max(missing, 1))
     assert (gain >= 0).all() and (gain <= 1).all()
-
-
-def test_it_plans_from_a_first_model_without_points_on_the_rock(synthetic) -> None:
-    state, pool = synthetic(flat=True)
-    ranking = rank_candidates(state, pool, config())["matchable"]
-    assert ranking.terms["main"].max() > 0
-    ball = surface(sphere_points(4))
-    radius_m = np.linalg.norm(ball.samples_m - TARGET_M, axis=1)
-    assert radius_m.min() > 0.75 and radius_m.max() < 0.8 + 1e-9  # stands on the ground
-
-
-@pytest.fixture
-def synthetic():
-    from dataclasses import replace
-
-    from scoring_state import synthetic_state
-
-    def make(flat: bool):
-        state, pool = synthetic_state(500, config(), 0)
-        points = state.model.points_m.copy()
-        if flat:
-            points[:, 2] = 0.5
-        return replace(state, model=replace(state.model, points_m=points)), pool
-
-    return make

@@ -58,10 +58,3 @@ def test_views_60_degrees_apart_match_on_the_ground() -> None:
         center = -pose[:3, :3].T @ pose[:3, 3]
         places.append(center - rays * (center[2] / rays[:, 2])[:, None])
     assert np.median(np.linalg.norm(places[0] - places[1], axis=1)) < 0.02
-
-
-def test_a_view_of_no_ground_has_no_ground_features() -> None:
-    source = Correspondences(CAMERA, CONFIG)
-    image, pose = photograph(0.0)
-    away = np.diag([1.0, -1.0, -1.0, 1.0]) @ pose  # looks the other way
-    assert len(source.ground_features(image, away, TARGET)) == 0

@@ -82,18 +82,6 @@ def test_agrees_with_colmap():
     assert {tuple(m) for m in ours.tolist()} == {tuple(m) for m in theirs.tolist()}
 
 
-def test_no_descriptors_no_matches():
-    none, some = np.zeros((0, 128), np.uint8), descriptors(np.random.default_rng(3), 4)
-    for a, b in ((none, some), (some, none), (none, none)):
-        assert match_pair(a, b).shape == (0, 2)
-
-
-def test_duplicate_descriptors_are_ambiguous():
-    a = descriptors(np.random.default_rng(4), 5)
-    assert len(match_pair(a, a)) == 5
-    assert len(match_pair(a, np.concatenate([a, a]))) == 0
-
-
 def two_views(inliers, outliers, seed=0):
     rng = np.random.default_rng(seed)
     camera = CameraConfig()

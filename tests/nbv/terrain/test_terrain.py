@@ -70,18 +70,6 @@ def test_neighbours_stand_outside_the_crop_and_apart(seed: int) -> None:
             assert np.hypot(*np.subtract(c.center_m, other.center_m)) > c.radius_m + other.radius_m
 
 
-def test_a_neighbour_fills_its_cylinder(rock: Rock) -> None:
-    ground = GroundConfig(neighbours=2, relief_m=0.1)
-    around = make_surroundings(ground, 0, rock.sha256)
-    assert around is not None
-    for body, place in zip(around.neighbours, neighbour_cylinders(ground, 0, rock.sha256)):
-        reach = np.linalg.norm(body.vertices_m[:, :2] - place.center_m, axis=1).max()
-        assert reach == pytest.approx(place.radius_m)
-        assert body.vertices_m[:, 2].max() == pytest.approx(place.top_m)
-        assert body.vertices_m[:, 2].min() == pytest.approx(place.base_m)
-        assert 0.02 <= body.albedo.min() < body.albedo.max() <= 0.95
-
-
 def test_flat_empty_ground_leaves_the_rock_as_it_is(rock: Rock) -> None:
     config = MissionConfig()
     assert buried_rock(rock, config) is rock

@@ -123,14 +123,6 @@ def test_the_number_of_photographs_cuts_the_budget() -> None:
     assert turn(8).with_values({"stop.max_photographs": 8}).adaptive_budget == 0
 
 
-def test_azimuth_and_elevation_describe_the_position() -> None:
-    config = turn(8, rings=3, span_deg=10.0)
-    for v in [*seed_viewpoints(config), *raw_candidates(config)]:
-        d = np.array(v.position_m) - config.target_m
-        assert np.rad2deg(np.arctan2(d[1], d[0])) % 360 == pytest.approx(v.azimuth_deg % 360, abs=1e-9)
-        assert np.rad2deg(np.arcsin(d[2] / np.linalg.norm(d))) == pytest.approx(v.elevation_deg)
-
-
 @pytest.mark.parametrize(
     ("name", "altitude", "spacing"),
     [("paper", 170, 163), ("paper-code", 112, 105), ("paper-code-2026-06", 112, 105)],
@@ -159,13 +151,6 @@ def test_pool_positions_equal_the_reference(name: str, golden: str) -> None:
     reference = dict(zip(z["candidate_ids"].tolist(), z["candidates_m"]))
     assert set(pool.ids) == set(reference)
     np.testing.assert_allclose(pool.positions_m, [reference[i] for i in pool.ids], atol=1e-9)
-
-
-def test_initial_order_is_highest_first_then_generation_order() -> None:
-    pool = candidate_pool(MissionConfig(), VEHICLE, NOWHERE)
-    assert pool.ids[0] == "cand_154"
-    keys = list(zip(-pool.elevations_deg, pool.ids))
-    assert keys == sorted(keys)
 
 
 def test_visited_sectors_go_last() -> None:

@@ -145,24 +145,6 @@ def test_a_recommendation_in_space_upstream_is_written_exactly():
         assert getattr(back, section) == getattr(config, section), section
 
 
-def test_weights_in_proportion_are_written_exactly():
-    config = preset("paper").with_values(
-        {"b_aware.weights.nov": 0.6, "b_aware.weights.move": 0.05, "b_aware.weights.ang": 0.2}
-    )
-    written, remarks = write_scoring(config)
-    assert written["weights.geometry_aware_repair"] == pytest.approx(2.0)
-    assert not [remark for remark in remarks if remark.key.startswith("b_aware.weights")]
-
-
-@pytest.mark.parametrize(("kind", "flies"), [("covis", "covis"), ("b-aware", "b_aware")])
-def test_a_scorer_that_flies_alone_has_the_shared_weights(kind, flies):
-    tuned = {"gate.kind": kind, f"{flies}.weights.nov": 0.05, f"{flies}.weights.ang": 1.7}
-    written, remarks = write_scoring(preset("paper").with_values(tuned))
-    assert not remarks
-    back = ours(read_scoring(written))
-    assert getattr(back, flies) == getattr(preset("paper").with_values(tuned), flies)
-
-
 @pytest.mark.parametrize(
     ("change", "key"),
     [

@@ -63,6 +63,8 @@ def test_settings_keep_what_their_conditions_were(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
+        ({"rocks": ()}, "no rocks"),
+        ({"rocks": ("a", "a")}, "named twice"),
         ({"conditions": ()}, "there is no condition to fly in"),
         ({"conditions": (*TWO, TWO[1])}, "condition 'field' is named twice"),
         (
@@ -76,14 +78,3 @@ def test_settings_that_make_no_campaign_are_told(changes: dict, said: str) -> No
     with pytest.raises(UserError) as caught:
         settings(**changes)
     assert said in str(caught.value) and "\n" not in str(caught.value)
-
-
-def test_conditions_in_a_settings_file_are_checked() -> None:
-    tree = settings().to_dict()
-    for wrong, said in (
-        ("field", "conditions is 'field'; it must be"),
-        (["nowhere"], "unknown condition 'nowhere'; there are ideal"),
-        ({"own": {"scene": {"ambient": -1}}}, "file: scene.ambient is -1.0; it must be 0 or more"),
-    ):
-        with pytest.raises(UserError, match=said):
-            settings_from_dict({**tree, "conditions": wrong}, "file")

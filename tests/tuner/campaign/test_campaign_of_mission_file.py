@@ -205,27 +205,6 @@ def test_a_program_that_changes_while_it_flies_stops_the_campaign(toy):
     assert [t.state for t in campaign.trials()] == ["complete", "running"]
 
 
-@pytest.mark.slow
-def test_a_campaign_flies_reports_and_knows_its_file(gatetune, toy):
-    code, out, err = gatetune(*RUN, "--budget", 5)
-    assert code == 0, out + err
-    assert "paper" not in out
-    campaign = Campaign.open(toy / "runs/toy", read_only=True)
-    trials = campaign.trials()
-    assert [(t.rock, t.replicate) for t in trials[:4]] == [("a", 0), ("bb", 0), ("a", 1), ("bb", 1)]
-    assert trials[0].values == {"gain": 0.0, "mode": "bad"} and trials[0].raw == 2.0
-    page = (toy / "runs/toy/report.html").read_text()
-    assert "toy.yaml" in page and "paper’s default" not in page and "gatetune mission run" not in page
-    assert "What did the gate do" not in page and "simulated flight" not in page
-    assert gatetune("campaign", "status", "runs/toy")[0] == 0
-
-    assert "not ours" in gatetune("export", "runs/toy", "--to", "scoring.yaml")[2]
-
-    (toy / "toy.yaml").write_text(yaml.safe_dump({**FILE, "time_limit_s": 30}))
-    code, out, err = gatetune("campaign", "resume", "runs/toy", "--missions", 8)
-    assert code == 2 and "has changed since the campaign began" in err and err.count("\n") == 1
-
-
 @pytest.mark.parametrize(
     ("options", "says"),
     [

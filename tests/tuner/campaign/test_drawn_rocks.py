@@ -77,17 +77,6 @@ def test_the_rock_met_is_a_training_rock_that_the_seed_decides(flown: Campaign) 
     assert other.rock_flown("any-slab", 0) != flown.settings.rock_flown("any-slab", 0)
 
 
-def test_any_is_every_family() -> None:
-    assert [r.removeprefix("any-") for r in settings_of("any").rocks] == [
-        "boulder",
-        "slab",
-        "overhang",
-        "cleft",
-        "stack",
-        "breccia",
-    ]
-
-
 @pytest.mark.parametrize(
     ("rocks", "says"),
     [

@@ -69,12 +69,3 @@ def test_what_breaks_an_exact_limit_is_never_flown(tmp_path: Path) -> None:
     best = campaign.recommendation()
     assert best is not None and not best.exact and best.limit is not None and best.limit.exact
     assert best.limit.kept and best.limit.mean == count(best.values) <= 24.0 and best.limit.sd == 0.0
-
-
-def test_a_pool_that_runs_empty_makes_the_cost_a_guess(tmp_path: Path) -> None:
-    campaign = run(
-        tmp_path / "run", rocks=("a", "short"), objective=PHOTOGRAPHS, second=QUALITY, limit=90.0, budget=6
-    )
-    best = campaign.recommendation()
-    assert best is not None and not best.exact
-    assert campaign.modelled_objective == PHOTOGRAPHS

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 from pathlib import Path
 
 import optuna
@@ -13,7 +12,6 @@ from fake_campaigns import settings
 from nbv.errors import UserError
 from tuner.campaign import prefetch
 from tuner.campaign.begin import begin_campaign
-from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.storage import Journal
 from tuner.missions.executors import InProcessExecutor
@@ -45,22 +43,6 @@ def test_a_wide_campaign_flies_every_proposal_once(tmp_path: Path) -> None:
     keys = [tuple(t.values.values()) for t in trials if t.why["phase"] != "verification"]
     assert len(set(keys)) == len(keys)
     assert Wide.capacity >= prefetch.FROM_WORKERS
-
-
-def test_a_failure_while_asking_ahead_ends_the_campaign(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    campaign = begin_campaign(tmp_path, settings(budget=30))
-    where = []
-
-    def fail(self: Campaign, *arguments: object) -> None:
-        where.append(threading.current_thread())
-        raise RuntimeError("no model today")
-
-    monkeypatch.setattr(Campaign, "propose_many", fail)
-    with pytest.raises(RuntimeError, match="no model today"):
-        fly_campaign(campaign, Wide())
-    assert where[0] is not threading.main_thread()
 
 
 def test_what_is_written_together_is_synchronised_once(

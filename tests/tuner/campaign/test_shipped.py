@@ -87,9 +87,3 @@ def test_a_campaign_in_their_space_learns_from_them_unless_told(
     )
     assert code == 0, err
     assert yaml.safe_load(Path("runs/x/campaign.yaml").read_text())["settings"]["learn_from"] == expected
-
-
-def test_nothing_and_something_at_once_is_refused(gatetune: Gatetune) -> None:
-    both = ["--learn-from", "nothing", "--learn-from", "runs/x"]
-    code, _, err = gatetune("campaign", "run", "--space", "full", "--rock", "waist", *both)
-    assert code == 2 and "--learn-from nothing stands beside another" in err

@@ -64,7 +64,7 @@ def test_missions_are_moved_between_search_spaces(earlier: Campaign, tmp_path: P
         (o.values, o.outcome) for o in flown
     ]
     # From one parameter to two: the second has the value at which it was held.
-    small = run(tmp_path / "small", space=ONE_PARAMETER)
+    small = run(tmp_path / "small", space=ONE_PARAMETER, sampler="sobol")
     moved = learned(small, synthetic.SPACE)
     assert len(moved) == len(small.history())
     assert {o.values["gate.d95_m"] for o in moved} == {small.settings.base_config().gate.d95_m}
@@ -104,7 +104,7 @@ def test_what_cannot_be_learned_from_is_named(earlier: Campaign, tmp_path: Path)
 
 @pytest.mark.slow
 def test_evaluation_refuses_rocks_that_were_learned_from(tmp_path: Path) -> None:
-    first = run(tmp_path / "first", rocks=("waist",))
+    first = run(tmp_path / "first", rocks=("waist",), sampler="sobol")
     second = run(tmp_path / "second", rocks=("slab",), budget=6, learn_from=(str(first.directory),))
     with pytest.raises(UserError, match=r"rock 'waist' was tuned on in .* learned from"):
         app(["evaluate", str(second.directory), "--rock", "waist"], standalone_mode=False)

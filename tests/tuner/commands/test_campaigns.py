@@ -8,8 +8,6 @@ from pathlib import Path
 import fake_campaigns
 import pytest
 
-from tuner.problem.quality_at_cost import asked_objective, objective_text
-
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -37,9 +35,3 @@ def test_campaigns_are_listed_with_their_answers(gatetune, runs: Path) -> None:
 def test_a_folder_without_campaigns_is_one_line(gatetune, tmp_path: Path) -> None:
     code, _, err = gatetune("campaign", "list", tmp_path)
     assert code == 2 and "holds no campaign" in err and len(err.strip().splitlines()) == 1
-
-
-@pytest.mark.parametrize("text", ["f_score", "f_score@photographs<=21", "photographs@f_score>=97"])
-def test_an_objective_is_written_as_it_is_asked(text: str) -> None:
-    asked = asked_objective(text)
-    assert objective_text(asked.objective, asked.second, asked.limit) == text

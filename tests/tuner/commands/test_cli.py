@@ -90,24 +90,6 @@ def test_a_bad_mesh_is_named(gatetune, tmp_path, kind, command):
 @pytest.mark.parametrize(
     "text, says",
     [
-        ("name: x\nparameters:\n  gate.d95_m: {kind: float, low: 1.0, high: 0.1}\n", "gate.d95_m"),
-        ("name: x\nparameters:\n  gate.d95: {kind: float, low: 0.1, high: 1.0}\n", "gate.d95_m"),
-        ("name: x\nparametres: {}\n", "parametres"),
-        ("name: x\nparameters:\n  gate.d95_m: {kind: float, low: 0.1, high: 1.0, scal: log}\n", "scal"),
-        ("name: [x\n", "space.yaml"),
-    ],
-)
-def test_a_bad_search_space_is_named(gatetune, tmp_path, text, says):
-    (tmp_path / "space.yaml").write_text(text)
-    code, _, err = gatetune(*RUN, "--space", tmp_path / "space.yaml")
-    assert code == 2
-    assert says in err
-    assert not (tmp_path / "runs").exists()
-
-
-@pytest.mark.parametrize(
-    "text, says",
-    [
         ("budgit: 4\n", "did you mean 'budget'?"),
         ("budget: many\n", "budget is 'many'; it must be a whole number"),
         ("rocks: boulder\n", "rocks is 'boulder'; it must be a list"),
@@ -213,15 +195,6 @@ def test_a_file_chooses_no_code(gatetune, monkeypatch, tmp_path):
         assert code == 2 and "--fidelity foreign:fly" in err
         assert gatetune("campaign", *arguments, "--fidelity", "foreign:fly")[0] == 0
     assert gatetune("campaign", "status", "runs/campaign")[0] == 0  # looking runs nothing
-
-
-def test_a_directory_with_something_else_in_it_is_left_alone(gatetune, tmp_path):
-    (tmp_path / "mine").mkdir()
-    (tmp_path / "mine" / "thesis.tex").write_text("precious")
-    code, _, err = gatetune(*RUN, "--out", tmp_path / "mine")
-    assert code == 2
-    assert "mine" in err
-    assert [p.name for p in (tmp_path / "mine").iterdir()] == ["thesis.tex"]
 
 
 def test_import_list_show_a_rock_of_ones_own(gatetune, tmp_path):

@@ -75,28 +75,6 @@ def test_without_a_format_the_files_are_listed_best_first(gatetune, recommends):
     assert lines[-1] == f"write the first: gatetune export {run} --to unified_mission.yaml"
 
 
-def test_a_gate_that_they_do_not_have_leaves_our_file(gatetune, tmp_path):
-    file = tmp_path / "space.yaml"
-    file.write_text("name: p\nparameters:\n  pool.max_altitude_m: {kind: float, low: 1.5, high: 20.0}\n")
-    run = fake_campaigns.run(
-        tmp_path / "p", space=load_search_space(str(file)), overrides={"gate.kind": "predicted"}
-    )
-    code, _, err = gatetune("export", run.directory, "--to", "scoring.yaml")
-    assert code == 2 and "gate 'predicted' does not exist in photogrammetry_nbv" in err, err
-    code, _, err = gatetune("export", run.directory, "--to", "gatetune.yaml")
-    assert code == 0, err
-    assert yaml.safe_load((run.directory / "gatetune.yaml").read_text())["gate"]["kind"] == "predicted"
-    assert gatetune("export", run.directory)[0] == 0
-
-
-def test_what_has_no_effect_is_no_change(gatetune, recommends):
-    orbit = {"seed.count": 19, "stop.adaptive_budget": 0, "pool.max_altitude_m": 1.45}
-    run = recommends("photographs", orbit)
-    out = gatetune("export", run)[1]
-    assert "recommended: seed.count 19 (default 24), stop.adaptive_budget 0 (default 8)" in out
-    assert "unified_mission.yaml carries 2 of 2 changes" in out and "pool" not in out
-
-
 def test_a_gain_stands_only_where_what_earned_it_is_carried(gatetune, recommends):
     run = recommends("gate_weights_and_pool", {"covis.weights.nov": 0.5, "pool.max_altitude_m": 1.45})
     code, out, err = gatetune("export", run, "--to", "scoring.yaml")

@@ -9,8 +9,6 @@ import pytest
 
 from nbv.config import MissionConfig, preset
 from nbv.rocks import list_rocks
-from tuner.commands import doctor
-from tuner.commands.doctor import Finding
 
 
 def shown(gatetune: Any, *command: Any) -> Any:
@@ -37,15 +35,3 @@ def test_a_configuration_and_its_metrics(gatetune: Any) -> None:
     assert "f_score_Tmm" in [metric["name"] for metric in found["metrics"]]
     assert tuple(found["thresholds_mm"]) == MissionConfig().evaluation.thresholds_mm
     assert found["short_names"]["photographs"] in found["costs"]
-
-
-def test_a_machine_that_is_not_fit_is_said(gatetune: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(doctor, "CHECKS", (lambda: iter([Finding("bad", "no Python", "make setup")]),))
-    for check in doctor.CHECKS:
-        check.__name__ = "check"
-    code, out, _ = gatetune("doctor", "--json")
-    assert code == 1
-    assert json.loads(out) == {
-        "fit": False,
-        "findings": [{"verdict": "bad", "what": "no Python", "remedy": "make setup"}],
-    }

@@ -45,10 +45,3 @@ def test_mistakes(arguments: list[str], words: str) -> None:
     told = run.invoke(app, ["photographs", *arguments])
     assert isinstance(told.exception, UserError)
     assert words in str(told.exception)
-
-
-def test_nothing_is_left_of_an_import_of_nothing(home: Path, tmp_path: Path) -> None:
-    (tmp_path / "empty").mkdir()
-    told = run.invoke(app, ["photographs", "import", str(tmp_path / "empty"), "--name", "mine"])
-    assert "no photographs in" in str(told.exception)
-    assert not (home / "photographs").exists()

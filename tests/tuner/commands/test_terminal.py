@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import io
 import json
-import time
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import fake_campaigns
 import pytest
 import typer
-from rich.console import Console
 
-from nbv.config import preset
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
 from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
-from tuner.commands import console, evaluate
+from tuner.commands import evaluate
 from tuner.commands.campaign_display import LINE, CampaignProgress, event_line, mission_line
-from tuner.commands.comparison import ComparisonProgress
-from tuner.evaluation.flying import EvaluationEvent
 from tuner.evaluation.plan import EvaluationPlan
-from tuner.missions.job import MissionJob, Trial
+from tuner.missions.job import Trial
 from tuner.missions.progress import Progress
 from tuner.problem.space_files import load_search_space
 
@@ -61,17 +54,6 @@ def test_an_event_is_one_json_object() -> None:
     assert tree["value"] is None and set(tree["values"]) == set(SETTINGS.space.paths)
 
 
-def test_a_pipe_hears_what_takes_long(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(console, "_SLOW_S", 0.05)
-    with console.working("at once"):
-        pass
-    with console.working("writing the report"):
-        time.sleep(0.3)
-    assert capsys.readouterr().out == "writing the report\n"
-
-
 def test_the_bar_says_what_flies(tmp_path: Path) -> None:
     (tmp_path / "2").mkdir()
     Progress(tmp_path / "2")("dense", {})
@@ -84,27 +66,6 @@ def test_the_bar_says_what_flies(tmp_path: Path) -> None:
     assert show.now() == "0/9, flies a r1, a r1 (dense cloud) and 1 more"
     show(event("finished"))
     assert show.now().startswith("3/9")
-
-
-def test_an_evaluations_mission_tells_its_metric(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    job = MissionJob("tuned/a", preset("campaign"), "slab", 0, tmp_path / "a")
-    trial = job.trial(status="ok", measured_then={"costs": {"images": 26.0}})
-    with ComparisonProgress("costs.images") as show:
-        show(EvaluationEvent("finished", 1.0, 1, 1, job, trial))
-    assert "costs.images 26.00" in capsys.readouterr().out
-
-
-def test_a_cluster_without_workers_says_that_missions_wait() -> None:
-    said = [console.workers_text(SimpleNamespace(workers=n, capacity=max(1, n))) for n in (0, 1, 64)]  # type: ignore[arg-type]
-    assert said == ["no worker yet: missions wait for the first", "1 worker", "64 workers"]
-
-
-def test_a_rocks_name_is_no_markup(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    screen = Console(force_terminal=True, width=80, file=io.StringIO())
-    monkeypatch.setattr(console, "output", screen)
-    with console.working("making rock [/]odd.obj"), console.FlightProgress(1) as bar:
-        bar.took_off("1", "[/]odd r0", tmp_path)
-    assert "[/]odd r0" in screen.file.getvalue()  # type: ignore[attr-defined]
 
 
 def test_confirm_flies_both_with_replicates_nobody_has_flown(

@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 
 import pytest
-import trimesh
 import yaml
 
 from tuner.campaign import Campaign
@@ -83,41 +82,6 @@ def test_less_of_what_is_minimised_is_better(gatetune, tmp_path, command):
     assert "rock" not in out and "photograph" not in out
     assert "dense cloud" not in page and "instance" in page
     assert "rock" not in words_of(page) and "rock" not in words_of(page_of(directory))
-
-
-@pytest.mark.slow
-def test_a_scored_mission_minimises_its_own_cost(gatetune, tmp_path):
-    """The campaign says the direction: ``score`` brings metrics of which more is better."""
-    ball = trimesh.creation.icosphere(3, radius=0.8)
-    ball.apply_translation((0, 0, 0.8))
-    ball.export(tmp_path / "ball.ply")
-    trimesh.PointCloud(ball.sample(4000, seed=1)).export(tmp_path / "cloud.ply")
-    copied = (
-        f"__import__('shutil').copy({str(tmp_path / 'cloud.ply')!r}, request['output']) and "
-        "{'cloud': {'path': 'cloud.ply'}, 'costs': {'battery': 20.0 if m == 'slow' else 7.0}}"
-    )
-    places = [{"name": name, "mesh": "ball.ply"} for name in ("a", "b", "c")]
-    file = {
-        "instances": places[:2],
-        "held_out": places[2:],
-        "score": {"set": {"evaluation.gt_samples": 2000}},
-        "metric": "observable.f_score_48mm",
-        "direction": "maximise",
-    }
-    directory = flown(tmp_path, copied, file, objective="costs.battery")
-    out, tree, page = said(gatetune, directory, "evaluate", "runs/own")
-    assert Campaign.open(directory, read_only=True).recommended().values == {"mode": "quick"}
-    assert tree["verdicts"][0]["text"].startswith("Tuned against default in Battery: improvement +13.0")
-    assert tree["verdicts"][0]["text"] in out and tree["verdicts"][0]["text"] in page
-
-
-def test_a_recommended_default_is_said_and_not_confirmed(gatetune, tmp_path):
-    directory = flown(tmp_path, "{'metrics': {'loss': 7.0 if m == 'slow' else 20.0}}")
-    out, tree, page = said(gatetune, directory, "evaluate", "runs/own")
-    note = "The campaign recommends to keep the default: Tuned is the default."
-    assert tree["notes"] == [note] and tree["verdicts"] == [] and note in out and note in page
-    out, tree, _ = said(gatetune, directory, "confirm", "runs/own")
-    assert "there is nothing to confirm" in out and list(tree) == ["notes"]
 
 
 def test_a_limit_that_nothing_keeps_is_said(gatetune, tmp_path):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from nbv.config import IDEAL_CONDITION, load_condition, preset
+from nbv.config import preset
 from tuner.evaluation.baselines import (
     BASELINES,
     at_equal_number,
@@ -10,7 +10,6 @@ from tuner.evaluation.baselines import (
     controls_at_equal_number,
     ending_at,
     label,
-    orbits_at_number,
     photographs,
     tuned_configs,
 )
@@ -34,13 +33,6 @@ def test_every_control_has_the_tuned_number_beside_the_default_plan() -> None:
     assert controls_at_equal_number(flown) == (f"hyb-h-{number}", f"random-{number}")
 
 
-def test_an_equal_number_changes_nothing() -> None:
-    configs = baseline_configs(["hyb-h", "random"], BASE)
-    tuned = BASE.with_values({"gate.budget_fraction": 0.1})
-    assert at_equal_number(configs, tuned, "hyb-h") == configs
-    assert controls_at_equal_number({"tuned": tuned, **configs}) == ("hyb-h", "random")
-
-
 def test_an_orbit_flies_the_whole_number() -> None:
     """62 % at 10 degrees and the rest at 35, nothing planned, whatever the tuned plan's own seeds are."""
     tuned = BASE.with_values({"stop.adaptive_budget": 2, "seed.radius_m": 4.4})
@@ -56,13 +48,6 @@ def test_an_orbit_flies_the_whole_number() -> None:
     assert "orbit-26" in controls_at_equal_number({"tuned": tuned, **found}) and label(
         "orbit-two-26"
     ).endswith("two rings, 26")
-
-
-def test_an_orbit_is_reaimed_where_the_target_must_be_found() -> None:
-    worlds = (IDEAL_CONDITION, load_condition("field"))
-    assert list(orbits_at_number(BASE, worlds[:1])) == ["orbit-32", "orbit-two-32"]
-    found = orbits_at_number(BASE, worlds)
-    assert [c.seed.reaim_after for c in found.values()] == [0, 0, 16, 16]
 
 
 @pytest.mark.parametrize(("number", "shared_out"), [(8, (6, 2)), (20, (15, 5))])

@@ -8,14 +8,11 @@ import fake_campaigns
 import pytest
 
 from nbv.config import load_conditions, preset
-from tuner.campaign.campaign import Campaign
 from tuner.evaluation.comparison import comparison_table, strategy_difference, values_of
 from tuner.evaluation.flying import EvaluationRun, run_evaluation
-from tuner.evaluation.of_campaign import held_out
 from tuner.evaluation.paper_table import MetricRow
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import InProcessExecutor
-from tuner.missions.registry import ignored_by
 from tuner.problem.worlds import World
 from tuner.report.comparison.facts import comparison_facts
 from tuner.report.comparison.page import write_comparison_report
@@ -62,28 +59,3 @@ def test_its_page_has_a_table_per_condition(tmp_path: Path) -> None:
     assert (
         "Under ideal" not in write_comparison_report(comparison_facts(ideal), tmp_path / "plain").read_text()
     )
-
-
-def test_evaluate_says_what_the_campaign_has_not_seen(gatetune, tmp_path: Path) -> None:
-    fake_campaigns.run(
-        tmp_path / "run", budget=2, sampler="sobol", overrides={"telemetry": "rtk"}, rocks=("slab", "arch")
-    )
-    code, _, err = gatetune("evaluate", "run", "--rock", "boulder", "--condition", "field")
-    assert code == 2 and "telemetry is set by condition 'field' and by overrides" in " ".join(err.split())
-    code, _, err = gatetune("evaluate", "run", "--rock", "noroc", "--condition", "low-sun")
-    assert code == 2 and "noroc" in err
-    asked = held_out(
-        Campaign.open(tmp_path / "run", read_only=True),
-        rocks=["boulder"],
-        conditions=load_conditions(["low-sun"]),
-    )
-    assert asked.notes[-1] == "Conditions that the campaign has not seen: low-sun."
-    code, _, err = gatetune("evaluate", "run", "--rock", "boulder", "--condition", "nowhere")
-    assert code == 2 and "unknown condition 'nowhere'" in err
-
-
-def test_what_geometric_missions_ignore_is_said() -> None:
-    assert ignored_by("photogrammetric", TWO) == ""
-    assert ignored_by("geometric", TWO[:1]) == ""
-    said = ignored_by("geometric", TWO)
-    assert said.startswith("Geometric missions ignore") and "telemetry" in said and said.endswith("of field.")

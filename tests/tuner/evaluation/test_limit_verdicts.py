@@ -12,7 +12,6 @@ from tuner.evaluation.of_campaign import Asked
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.problem.objective import Objective
 from tuner.report.comparison.facts import ComparisonFacts, comparison_facts
-from tuner.report.comparison.page import comparison_context
 
 IMAGES = Objective("costs.images", "minimise")
 F = Objective("observable.f_score_48mm")
@@ -67,46 +66,8 @@ def test_worse_than_the_best_control_is_said() -> None:
     assert line.startswith("Tuned is better than the best control")
 
 
-def test_few_rocks_speak_for_themselves_alone() -> None:
-    assert all("on 4 rocks)" in line for line in said() if "interval" in line and "paired" in line)
-    two = said(rocks=("arch", "fin"))
-    assert all("2 rocks, for these alone)" in line for line in two if "paired" in line)
-
-
-def test_a_limit_on_a_count_has_no_interval() -> None:
-    lines = said(asked=Asked(F, IMAGES, 26.0))
-    assert lines[0].startswith("Photographs: 26 in place of 32")
-    assert lines[2] == "Limit (Photographs: at most 26): kept on 4 of 4 rocks."
-
-
 def facts(**changes: object) -> ComparisonFacts:
     return comparison_facts(run(**changes), "hyb-h", Asked(IMAGES, F, 102.0))
-
-
-def test_the_page_shows_photographs_and_limit_as_columns() -> None:
-    shown = comparison_context(facts())["strategies"][""]
-    assert shown["columns"] == [
-        "Photographs ↓",
-        "Flight ↓ (s)",
-        "F-score @ 48 mm ↑ (%)",
-        "Limit kept ↑ (% of rocks)",
-    ]
-    assert {label: cells[0].text for label, _, cells, _ in shown["rows"]} == {
-        "Tuned": "26",
-        "Hyb-H": "32",
-        "Random views": "32",
-    }
-
-
-def test_each_condition_has_the_limit_too() -> None:
-    made = run()
-    conditions = (made.plan.conditions[0], replace(made.plan.conditions[0], name="field"))
-    records = [replace(r, condition=c.name) for c in conditions for r in made.records]
-    two = replace(made, plan=replace(made.plan, conditions=conditions), records=records)
-    found = comparison_facts(two, "hyb-h", Asked(IMAGES, F, 102.0))
-    assert {name: [row.metric.key for row in table.rows] for name, table in found.conditions.items()} == {
-        name: ["costs.images", "costs.flight_time_s", F.metric, "limit"] for name in ("ideal", "field")
-    }
 
 
 def test_a_script_reads_the_same() -> None:

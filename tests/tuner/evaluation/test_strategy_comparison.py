@@ -22,7 +22,7 @@ from tuner.evaluation.baselines import (
 from tuner.evaluation.comparison import comparison_table, strategy_difference
 from tuner.evaluation.flying import EvaluationEvent, place_for, run_evaluation
 from tuner.evaluation.paper_table import PAPER_TABLE_I, TABLE_I_ROWS, MetricRow
-from tuner.evaluation.plan import FORMAT_VERSION, PLAN_FILE, EvaluationPlan
+from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
 
 FIDELITY = "fake_missions:fake_mission"
@@ -91,16 +91,6 @@ def test_failures_are_counted_and_pairs_are_common_ones(tmp_path: Path) -> None:
         assert difference is not None and difference.pairs == 1 and difference.interval.low is None
         again = run_evaluation(plan(rocks=("x", "fail", "abort"), replicates=1), tmp_path / "out", executor)
     assert again.failures == result.failures and again.elapsed_s < 1.0  # nothing was flown again
-
-
-def test_an_earlier_version_s_evaluation_is_refused_in_one_line(tmp_path: Path) -> None:
-    run_evaluation(plan(replicates=1), tmp_path / "out", InProcessExecutor())
-    file = tmp_path / "out" / PLAN_FILE
-    file.write_text(file.read_text().replace(f"format: {FORMAT_VERSION}", "format: 1"))
-    with pytest.raises(
-        UserError, match="format 1, this version reads 3; begin it again in another directory"
-    ):
-        EvaluationPlan.load(tmp_path / "out")
 
 
 def test_table(tmp_path: Path) -> None:

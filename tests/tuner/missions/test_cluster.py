@@ -159,13 +159,6 @@ def test_own_rocks_reach_workers_and_other_versions_are_refused(
         cluster.close()
 
 
-def test_a_wrong_scheduler_leaves_no_campaign_behind(gatetune, tmp_path):
-    asked = ["--fidelity", "geometric", "--rock", "slab", "--scheduler", "tls://127.0.0.1:1"]
-    code, _, errors = gatetune("campaign", "run", *asked)
-    assert code == 2 and "certificates (none are named)" in errors and "Traceback" not in errors
-    assert not (tmp_path / "runs").exists()
-
-
 @pytest.mark.parametrize(
     ("address", "said"),
     [

@@ -16,7 +16,6 @@ import pytest
 
 import tuner.missions.executors as executors
 from nbv.config import MissionConfig
-from nbv.errors import UserError
 from tuner.missions.executors import Executor, InProcessExecutor, LocalProcessExecutor
 from tuner.missions.fly import JobList
 from tuner.missions.fly import fly as fly_all
@@ -76,15 +75,6 @@ def test_outcomes_come_back_from_processes_of_their_own(tmp_path: Path) -> None:
         assert here["0000"].metrics == outcomes["0000"].metrics
 
 
-def test_a_server_that_began_early_flies_the_first_mission(tmp_path: Path) -> None:
-    with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
-        executor.begin()
-        server = server_of_this_process()
-        executor.submit(job(tmp_path))
-        assert executor.wait_any(60)[0].status == "ok"
-        assert server_of_this_process() == server
-
-
 def test_a_mission_is_flown_again_when_its_server_ends(tmp_path: Path) -> None:
     with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
         assert hang_until(lambda server: os.kill(server, signal.SIGKILL), executor, tmp_path).status == "ok"
@@ -128,41 +118,6 @@ def test_a_mission_that_is_killed_every_time_is_lost(tmp_path: Path) -> None:
     assert executor.submitted == MAX_ATTEMPTS
 
 
-def test_threads_asked_for_elsewhere_do_not_stop_forking(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("OMP_NUM_THREADS", "4")
-    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "4")
-
-    def look(server: int) -> None:
-        (worker,) = Path(f"/proc/{server}/task/{server}/children").read_text().split()
-        commands.append(Path(f"/proc/{worker}/cmdline").read_bytes())
-        os.kill(server, signal.SIGKILL)
-
-    commands: list[bytes] = []
-    with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
-        hang_until(look, executor, tmp_path)
-    assert b"--job" not in commands[0]
-
-
-def test_fidelity_that_cannot_be_imported_fails_the_mission(tmp_path: Path) -> None:
-    with (
-        LocalProcessExecutor(1, preload=("no_such_module:fly",)) as executor,
-        pytest.raises(UserError, match="'no_such_module:fly' cannot be imported"),
-    ):
-        fly(executor, [job(tmp_path, fidelity="no_such_module:fly")])
-
-
-def test_a_stop_does_not_wait_for_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "loads_long.py").write_text("import time\ntime.sleep(4)\n")
-    monkeypatch.syspath_prepend(tmp_path)
-    with LocalProcessExecutor(1, preload=("loads_long:fly",)) as executor:
-        executor.submit(job(tmp_path / "run", fidelity="loads_long:fly"))
-        server = executor._server
-        assert server is not None
-    assert server.returncode == -signal.SIGKILL  # 0 where it has ended in its own time
-
-
 def test_one_thread_per_mission_and_no_unsafe_forking(tmp_path: Path) -> None:
     """The path for systems without a safe fork: one interpreter per job."""
     each = job(tmp_path)
@@ -192,16 +147,3 @@ def test_nothing_in_the_current_directory_is_run(tmp_path: Path, monkeypatch: py
     with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
         assert fly(executor, [job(tmp_path)])["0000"].status == "ok"
     assert not (tmp_path / "foreign").exists()
-
-
-def test_results_of_another_configuration_are_not_taken_over(tmp_path: Path) -> None:
-    executor = InProcessExecutor()
-    executor.submit(job(tmp_path))
-    assert executor.wait_any(0)[0].status == "ok"
-    other = MissionJob("0000", MissionConfig().with_values({"gate.d95_m": 0.2}), "a", 0, tmp_path / "0000")
-    assert landed(job(tmp_path)) is not None and landed(other) is None
-
-
-def test_an_executor_needs_a_worker() -> None:
-    with pytest.raises(UserError, match="workers is 0"):
-        LocalProcessExecutor(0)

@@ -5,17 +5,14 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Any
 
 import pytest
 import trimesh
 
 from nbv.config import preset
-from nbv.rocks.catalogue import forget_loaded, loaded_rocks
-from tuner.missions import shared_rocks
+from nbv.rocks.catalogue import forget_loaded
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.job import MissionJob, Trial
-from tuner.missions.shared_rocks import SharedRocks
 
 FIDELITY = "geometric"
 
@@ -27,37 +24,9 @@ def write_ball(path: Path, radius: float = 1.0, squeeze: float = 1.0) -> Path:
     return path
 
 
-def order(rock: Path | str, fidelity: str = FIDELITY) -> dict[str, Any]:
-    return {"rock": str(rock), "fidelity": fidelity}
-
-
 @pytest.fixture(autouse=True)
 def nothing_in_memory() -> None:
     forget_loaded()
-
-
-def held() -> int:
-    return len(loaded_rocks())
-
-
-def test_what_is_unreadable_or_not_ours_is_left_to_the_missions(tmp_path: Path) -> None:
-    rocks = SharedRocks()
-    rocks.keep(order(write_ball(tmp_path / "ball.ply"), "fake_missions:fake_mission"))
-    (tmp_path / "broken.ply").write_text("not a mesh")
-    rocks.keep(order(tmp_path / "broken.ply"))
-    rocks.keep(order("no such rock"))
-    assert held() == 0 and rocks.held_bytes == 0
-
-
-def test_memory_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shared_rocks, "MAX_HELD_BYTES", 1)
-    rocks = SharedRocks()
-    for name in ("first.ply", "first.ply", "second.ply"):
-        rocks.keep(order(write_ball(tmp_path / name)))
-    assert held() == 1
-    monkeypatch.setattr(shared_rocks, "MAX_FILE_BYTES", 1)
-    SharedRocks().keep(order(write_ball(tmp_path / "large.ply")))
-    assert held() == 1
 
 
 @pytest.mark.slow

@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-import optuna
 import pytest
-import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -20,7 +18,6 @@ from tuner.problem.space_files import (
     parse_search_space,
     space_from_dict,
 )
-from tuner.samplers.distributions import distributions
 
 MIXED = space_from_dict(
     {
@@ -81,23 +78,6 @@ def test_unit_cube_round_trip(position: list[float]) -> None:
     assert {k: again[k] for k in list(again)[2:]} == {k: values[k] for k in list(values)[2:]}
     np.testing.assert_allclose(again["gate.d95_m"], values["gate.d95_m"], rtol=1e-9)
     MissionConfig().with_values(values)  # and every point is a mission
-
-
-def test_distributions_contain_every_point() -> None:
-    rng = np.random.default_rng(0)
-    known = distributions(MIXED)
-    for _ in range(50):
-        values = MIXED.from_unit(rng.random(5))
-        trial = optuna.trial.create_trial(value=0.0, params=values, distributions=known)  # raises if outside
-        assert trial.params == values
-
-
-def test_yaml_form_round_trips() -> None:
-    for space in (MIXED, load_search_space("gate_and_weights")):
-        assert (
-            space_from_dict(yaml.safe_load(yaml.safe_dump(space.to_dict(), sort_keys=False)), "x.yaml")
-            == space
-        )
 
 
 GOOD = "parameters:\n  gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: log}\n"

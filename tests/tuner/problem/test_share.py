@@ -7,7 +7,6 @@ from scipy import stats
 
 from nbv.errors import UserError
 from tuner.campaign.asked_settings import asked_settings
-from tuner.problem.objective import Objective
 from tuner.problem.quality_at_cost import asked_objective, objective_text
 from tuner.problem.share import ShareBelief
 
@@ -21,13 +20,6 @@ def test_the_text_says_cost_share_and_limit_and_is_said_back() -> None:
     assert (asked.second.metric, asked.second.direction) == ("P(observable.f_score_48mm>=98)", "maximise")
     assert asked.limit == pytest.approx(95.0)
     assert objective_text(asked.objective, asked.second, asked.limit) == TEXT
-
-
-def test_a_mission_has_all_or_nothing_of_a_share() -> None:
-    share = Objective("P(observable.f_score_48mm>=98)")
-    outcomes = [share.measure({"observable": {"f_score_48mm": f}}) for f in (97.99, 98.0, 99.5)]
-    assert outcomes == [0.0, 100.0, 100.0]
-    assert share.measure({"observable": {}}) is None
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.missions.job import Trial
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
-from tuner.recommendation.recommendation import Limit, NextRock
+from tuner.recommendation.recommendation import Limit
 from tuner.report.campaign.answers import (
     measure_text,
     next_answer,
@@ -114,17 +114,6 @@ def test_photographs_saved_and_quality_kept_are_said(campaign: Campaign) -> None
     assert next_answer(missed, evaluated=False)[1].endswith("--missions 12")
 
 
-def test_a_dearer_plan_says_why(campaign: Campaign) -> None:
-    limit = with_limit(campaign).recommendation.limit  # type: ignore[union-attr]
-    high = dataclasses.replace(limit, mean=101.2, interval_95=(99.0, 103.4))
-    first = sure_answer(with_limit(campaign, mean=37.0, improvement=-5.0, limit=high))[0]
-    assert (
-        "37 photographs in place of 32, because the default keeps at least 98 % with probability 0.30. "
-        in first
-    )
-    assert "F-score 100.0 % on the training rocks (95 % interval 99.0 to 100.0;" in first
-
-
 def test_pairs_that_flew_are_counted(campaign: Campaign) -> None:
     facts = better(campaign)
     best = facts.recommendation
@@ -133,13 +122,6 @@ def test_pairs_that_flew_are_counted(campaign: Campaign) -> None:
     facts.trials = [default, paired]
     assert pairs(facts, best) == {(default.world, default.replicate): 7.0 - default.raw}  # type: ignore[arg-type,operator]
     assert "Flown side by side on 1 of 2 rocks (1 pair)" in sure_answer(facts)[-2]
-
-
-def test_the_next_rock_is_said_and_where_rocks_disagree(campaign: Campaign) -> None:
-    elsewhere = NextRock(0.5, (-1.0, 2.0), {"a": 2.0, "b": -1.0}, ("rocks/b.obj",))
-    said = " ".join(sure_answer(better(campaign, next_rock=elsewhere)))
-    assert "On the next rock +0.5 points (95 % interval −1.0 to +2.0); no worse than the default with" in said
-    assert "worse than the default on b." in said
 
 
 def test_a_geometric_gain_is_called_a_prediction(campaign: Campaign) -> None:
@@ -183,13 +165,6 @@ def test_a_gate_that_never_switched_is_said() -> None:
     assert text == "The gate (Hyb-H) never switched: B-aware chose all 4 views of 1 mission."
 
 
-def test_switches_and_equal_choices_are_counted() -> None:
-    trace = [record(0, "covis", "a", "b"), record(1, "b-aware", "a", "a"), record(2, "b-aware", "a", "b")]
-    text = gate_words(trace, "Hyb-H", 1)
-    assert "switched in 50 % of its steps" in text and "B-aware 67 %" in text
-    assert "In 33 % both scorers had the same best view" in text
-
-
 def test_searching_wider_keeps_everything_else(campaign: Campaign, tmp_path: Path) -> None:
     s = dataclasses.replace(
         campaign.settings,
@@ -228,31 +203,3 @@ def test_searching_wider_keeps_everything_else(campaign: Campaign, tmp_path: Pat
     of_one = Campaign(tmp_path, dataclasses.replace(s, second=None, limit=None), campaign.ledger)
     write_wider_settings(of_one, dataclasses.replace(best, values=values, default_values=default))
     assert asked_fields(tmp_path / WIDER_FILE, {}, quick=False)["learn_from"] == [str(tmp_path)]
-
-
-def test_a_share_of_rocks_is_said(campaign: Campaign) -> None:
-    means = (
-        96.4,
-        2.1,
-        (91.2, 99.0),
-        0.86,
-        0.1,
-        81.0,
-        15.4,
-        (5.0, 25.0),
-        0.964,
-        None,
-        (88, 100),
-        (57, 58),
-    )
-    limit = Limit("P(observable.f_score_48mm>=98)", "maximise", 95.0, True, False, *means)
-    first, second, *_ = sure_answer(with_limit(campaign, limit=limit))
-    assert first == (
-        "26 photographs in place of 32. F-score 98 % on 96 % of rocks (95 % interval 91 to 99; on 57 of the 58 that were "
-        "flown; 81 % with the default)."
-    )
-    assert second == "It will do for about 96 of the next hundred rocks (95 % interval 88 to 100)."
-    missed = use_answer(with_limit(campaign, limit=dataclasses.replace(limit, kept=False)))["sentence"]
-    assert missed.startswith(
-        "Nothing flown is likely to keep F-score 98 % on at least 95 % of rocks; the likeliest is "
-    )

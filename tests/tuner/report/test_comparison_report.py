@@ -12,7 +12,6 @@ from made_evaluations import made_run
 from rich.console import Console
 from rich.table import Table
 
-from nbv.errors import UserError
 from tuner.evaluation.comparison import comparison_table
 from tuner.report import write_comparison_report
 from tuner.report.comparison.facts import comparison_facts
@@ -129,15 +128,3 @@ def test_page_and_markdown_file(tmp_path: Path) -> None:
     slab = next(row for row in re.findall(r"<tr>.*?</tr>", source) if row.startswith("<tr><td>B-aware</td>"))
     assert slab.count("<td>–</td>") == 1  # rock by rock: the rock on which it failed
     assert (tmp_path / "table.md").read_text().count("| Hausdorff ↓ (mm) |") == 2  # two surfaces
-
-
-def test_everything_failed(tmp_path: Path) -> None:
-    failed = tuple((name, "slab", k) for name in ("covis", "hyb-h") for k in range(2))
-    run = made_run({"covis": 60.0, "hyb-h": 58.0}, rocks=("slab",), replicates=2, failed=failed)
-    text = write_comparison_report(comparison_facts(run), tmp_path).read_text()
-    assert "Covis: no mission in common with Hyb-H" in text
-
-
-def test_reference_must_be_evaluated() -> None:
-    with pytest.raises(UserError, match="reference 'hyb-o' was not evaluated"):
-        comparison_facts(made_run({"covis": 60.0}), "hyb-o")

@@ -62,9 +62,3 @@ def test_a_gates_decisions_and_what_would_have_switched(gatetune, tmp_path: Path
             at = {"budget_fraction": 0.5, "d95_m": 0.249, **tried}
             early, coarse = record.gate_details["f_b"] < at["budget_fraction"], record.d95_m > at["d95_m"]
             assert ("b-aware" if early or coarse else "covis") == other
-
-
-def test_a_campaign_is_not_a_mission(gatetune, tmp_path: Path) -> None:
-    (tmp_path / "campaign.yaml").write_text("name: c")
-    code, _, err = gatetune("mission", "explain", tmp_path)
-    assert code == 2 and "name one of its missions" in err

@@ -4,36 +4,14 @@ from __future__ import annotations
 
 import math
 
-import pytest
-
 from nbv.config import parameter_paths
 from tuner.report.labels import (
     decimals_for,
     format_number,
-    metric_label,
     parameter_label,
     parameter_value,
     with_unit,
 )
-
-
-@pytest.mark.parametrize(
-    ("path", "full", "unit"),
-    [
-        ("observable.f_score_48mm", "F-score @ 48 mm, observable surface", "%"),
-        ("whole.completeness_80mm", "Completeness @ 80 mm, whole surface", "%"),
-        ("whole.hausdorff_gt_to_cloud_mm", "Hausdorff distance, whole surface", "mm"),
-        (
-            "whole.hausdorff_gt_to_cloud_floor_mm",
-            "Hausdorff distance, the rock's own floor, whole surface",
-            "mm",
-        ),
-        ("costs.flight_time_s", "Flight", "s"),
-    ],
-)
-def test_metric_labels(path: str, full: str, unit: str) -> None:
-    label = metric_label(path)
-    assert (label.full, label.unit) == (full, unit)
 
 
 def test_every_parameter_has_a_label_that_tells_it_apart() -> None:

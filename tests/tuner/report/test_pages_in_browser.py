@@ -42,11 +42,3 @@ def test_a_page_opens_without_an_error_at_both_widths(make, tmp_path: Path) -> N
     said, needed = opened(make(tmp_path).read_text(), WIDTHS)
     assert said == []
     assert set(needed) == set(WIDTHS) and all(needed[width] <= width for width in WIDTHS)
-
-
-@needs_chromium
-@pytest.mark.slow
-def test_errors_and_wide_content_are_noticed() -> None:
-    said, needed = opened("<p style='width: 700px'>wide</p><script>nobody.knows()</script>", WIDTHS)
-    assert len(said) == 2 and all("nobody is not defined" in line for line in said)
-    assert needed[420] > 420 and needed[1200] <= 1200

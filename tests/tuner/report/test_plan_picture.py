@@ -37,14 +37,3 @@ def test_an_orbit_is_drawn_and_said() -> None:
     (x, y), *_ = circles(plan_picture(config), "#c9a98b")
     lower, upper = math.dist(above[0], (x, y)), math.dist(above[-1], (x, y))
     assert upper / lower == pytest.approx(math.cos(math.radians(35)) / math.cos(math.radians(10)), abs=0.01)
-
-
-def test_where_the_planner_goes_on_is_drawn_below_its_ceiling_and_said() -> None:
-    more = {**ORBIT, "stop.adaptive_budget": 7, "stop.criterion": "both", "pool.max_altitude_m": 1.5}
-    config = preset("campaign").with_values(more)
-    assert plan_words(config, ceiling=False) == (
-        "16 photographs at 10° and 9 at 35°; go on where the model is weak, up to 32"
-    )
-    low = len(circles(plan_picture(config), "#b8b8b8"))
-    all_ = len(circles(plan_picture(config.with_values({"pool.max_altitude_m": 20.0})), "#b8b8b8"))
-    assert 0 < low < all_

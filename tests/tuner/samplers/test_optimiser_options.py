@@ -2,26 +2,17 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Callable
 
-import fake_campaigns
 import numpy as np
-import pytest
 import synthetic
 
-from nbv.errors import UserError
-from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Values
 from tuner.samplers.earlier_missions import EarlierMissions
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings
-
-settings = functools.partial(fake_campaigns.settings, initial=4)
-COST = Objective("costs.images", "minimise")
-
 
 # -- sparsity ------------------------------------------------------------------------------------------------
 
@@ -72,17 +63,3 @@ def test_the_best_before_are_apart_and_failures_do_no_harm() -> None:
     assert not flown_before(lambda values, rock: None).usable
     read = EarlierMissions.from_json(flown.to_json(), synthetic.SPACE)
     assert read.best(4) == best
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"sampler": "tpe", "second": COST, "limit": 30.0}, "needs sampler gp, not tpe"),
-        ({"second": COST, "limit": 30.0, "learn_from": ("runs/a",)}, "cannot be combined"),
-        ({"second": COST}, "a second objective needs a limit"),
-        ({"limit": 30.0}, "a limit is of a second objective"),
-    ],
-)
-def test_options_that_make_no_sense_are_refused(changes: dict[str, object], message: str) -> None:
-    with pytest.raises(UserError, match=message):
-        settings(**changes)

@@ -14,7 +14,7 @@ from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import InProcessExecutor
 from tuner.problem.space_files import load_search_space
-from tuner.studies.noise import analyse, complete_part, noise_of, noise_plan, write_noise
+from tuner.studies.noise import analyse, noise_of, noise_plan, write_noise
 
 METRIC = "observable.f_score_48mm"
 GATE = load_search_space("gate")
@@ -72,14 +72,6 @@ def test_the_interval_covers_as_often_as_it_says(sd_b: float, tolerance: float) 
         low, high = noise_of(effects_design(rng, sd_b=sd_b)).interval_95
         hits += low <= true <= high
     assert abs(hits / 1500 - 0.95) < tolerance
-
-
-def test_the_largest_complete_part_of_a_design_with_holes() -> None:
-    y = effects_design(np.random.default_rng(0), c=6, k=2, r=3)
-    y[1, 0, 1] = np.nan  # one failed mission: its configuration goes
-    assert np.array_equal(complete_part(y), y[[0, 2, 3, 4, 5]])
-    y[:, 1, 2] = np.nan  # interrupted in the third replicate: the first two are used
-    assert np.array_equal(complete_part(y), y[[0, 2, 3, 4, 5], :, :2])
 
 
 @pytest.mark.slow

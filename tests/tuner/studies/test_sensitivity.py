@@ -67,12 +67,6 @@ def test_a_pure_interaction_is_found() -> None:
     assert all(item.first < 0.15 and item.total > 0.8 for item in found.importances)
 
 
-@pytest.mark.slow
-def test_noise_alone_is_not_believed() -> None:
-    caution = of(lambda u: 0.0, GATE, 30, 1.0).caution
-    assert "guess" in caution or "flat" in caution
-
-
 def test_too_few_missions_are_refused() -> None:
     with pytest.raises(UserError, match="at least 18"):
         of(lambda u: float(u[0]), count=12)

@@ -76,11 +76,6 @@ def test_a_mistake_in_a_mission_file_is_one_line(tmp_path, changes, says):
     assert "\n" not in str(error.value) and "mission.yaml" in str(error.value)
 
 
-def test_the_seed_is_the_instances_and_the_replicates():
-    assert seed_of("a", 0) == seed_of("a", 0)
-    assert len({seed_of("a", 0), seed_of("a", 1), seed_of("b", 0)}) == 3
-
-
 OK = {"metrics": {"f": {"score": 0.5}}}
 
 

@@ -71,21 +71,10 @@ def test_failures_of_the_machine_say_nothing_of_a_mission(tmp_path, script, says
     assert failure.value.reason == "machine_error: no_result" and "\n" not in failure.value.message
 
 
-def test_a_failure_of_the_configuration_is_an_outcome(tmp_path):
-    result = fly(tmp_path, """echo '{"failure": "tipped_over"}' > $GATETUNE_OUTPUT/result.json""")
-    assert (result.status, result.reason, result.metrics) == ("failed", "tipped_over", {})
-
-
 def test_a_time_out_is_the_configurations_unless_there_is_a_result(tmp_path):
     result = fly(tmp_path, "sleep 60", time_limit_s=0.3)
     assert (result.status, result.reason) == ("failed", "timeout")
     assert fly(tmp_path, f"{FINE}; sleep 60", time_limit_s=0.3).metrics == {"loss": 0.5}
-
-
-def test_a_program_that_is_not_there_stops_all(tmp_path):
-    config = external_config(mission_file(tmp_path, command=["no-such-program"]), {})
-    with pytest.raises(UserError, match="cannot run 'no-such-program'"):
-        run_external_mission(config, "here", 0, tmp_path / "m")
 
 
 def test_a_changed_mission_file_or_program_is_not_flown(tmp_path):
@@ -97,14 +86,6 @@ def test_a_changed_mission_file_or_program_is_not_flown(tmp_path):
     mission_file(tmp_path, function="mine:other")
     with pytest.raises(UserError, match="has changed since the campaign began"):
         run_external_mission(config, "here", 0, tmp_path / "m")
-
-
-def test_a_function_gets_the_request_and_returns_the_result(tmp_path):
-    (tmp_path / "mine.py").write_text(
-        "def fly(request):\n    return {'metrics': {'loss': request['configuration']['gain'] * 2}}\n"
-    )
-    config = external_config(mission_file(tmp_path, function="mine:fly"), {"gain": 3})
-    assert run_external_mission(config, "here", 0, None).metrics == {"loss": 6.0}
 
 
 # A daemon without the environment in which it was started, in a session of its own, whose parents have ended.
@@ -145,18 +126,6 @@ def test_what_the_machine_ends_is_flown_again(tmp_path):
         fly_all(jobs_to_fly, executor, Stop())
     assert (found["0"].status, found["0"].metrics) == ("ok", {"loss": 0.5})
     assert found["1"].infrastructure_failure and found["1"].reason == "machine_error: no_result"
-
-
-@pytest.mark.slow
-def test_nothing_outlives_a_campaign_that_ends(tmp_path):
-    (job,) = jobs(tmp_path, DAEMON + "sleep 60")
-    folder = tmp_path / "0"
-    with LocalProcessExecutor(1, 30.0, ("external",)) as executor:
-        executor.submit(job)
-        while not (folder / "pid").exists() or not (folder / "pid").read_text():
-            assert executor.wait_any(0.05) == []
-        assert daemon_lives(folder)
-    assert not daemon_lives(folder)
 
 
 @pytest.fixture
