@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Unpack
 
 import numpy as np
 
 from nbv.cache import remember_json
-from nbv.config import MissionConfig
+from nbv.config import MissionConfig, preset
+from nbv.config.presets import REDUCED_SFM
 from nbv.gates import Oracle
 from nbv.mission.fidelity import MissionContext
 from nbv.mission.flying import fly_mission
@@ -24,6 +26,7 @@ from nbv.mission.run_directory import LOCATED, RunDirectory
 from nbv.photogrammetric import PhotogrammetricReconstructor
 from nbv.photogrammetric.cached_sequences import CachedReconstructor, LazyCloud
 from nbv.photographs.camera import PhotographCamera
+from nbv.photographs.dense_reference import AGREEING_VIEWS
 from nbv.photographs.evaluation import MARGIN, measure_cloud
 from nbv.photographs.expressible import require_expressible
 from nbv.photographs.kept_out import SHARE, kept_out
@@ -35,9 +38,15 @@ from nbv.threads import limit_threads
 from nbv.types import Camera, Cloud, PointCloud
 
 FEWEST_SEEDS = 3  # that a model can be aligned by: photographs that do not register are an outcome
-# Long side in the dense stage. Photographs of 1280 px take ten times as long, and fewer of their depths agree: they are not
-# sharp to a pixel.
-DENSE_SIZE_PX = 480
+# What nobody chose, where the configuration has its preset's value. Work is left out that scores do not show; photographs
+# of 1280 px take the dense stage ten times as long, and fewer of their depths agree: they are not sharp to a pixel; and six
+# views of 24 to 32 seldom see one place (docs/results/real_photographs.md).
+UNCHOSEN: dict[str, Any] = {
+    **REDUCED_SFM,
+    "sparse.max_features": 2048,
+    "dense.max_size_px": 480,
+    "dense.agreeing_views": AGREEING_VIEWS,
+}
 VOXEL = 0.005  # of the height, where that is more than the configuration's voxel
 ROOM_M = 0.3  # about the object, in which depths are sought
 NOMINAL = "nominal: straight legs between places where a hand held the camera"
@@ -137,8 +146,15 @@ class PhotographFidelity:
 
 
 def over_photographs(config: MissionConfig, photographs: PhotographSet) -> MissionConfig:
-    """``config`` as a vehicle would believe it: the set's camera and object, a crop that holds it, arrivals without error."""
+    """``config`` as a vehicle would believe it: the set's camera and object, a crop that holds it, arrivals without error.
+
+    What nobody chose is as `UNCHOSEN`.
+    """
     half_m = max(photographs.height_m, *photographs.extents_m) / 2 + ROOM_M
+    usual = preset(config.preset)
+    config = config.with_values(
+        {p: value for p, value in UNCHOSEN.items() if attrgetter(p)(config) == attrgetter(p)(usual)}
+    )
     return replace(
         config,
         camera=photographs.camera,
@@ -151,7 +167,6 @@ def over_photographs(config: MissionConfig, photographs: PhotographSet) -> Missi
         dense=replace(
             config.dense,
             crop_half_width_m=max(config.dense.crop_half_width_m, half_m),
-            max_size_px=config.dense.max_size_px or DENSE_SIZE_PX,
             fusion_voxel_m=max(config.dense.fusion_voxel_m, VOXEL * photographs.height_m),
         ),
     )

@@ -15,10 +15,8 @@ from typing import Any
 import numpy as np
 
 from nbv.config import MissionConfig, preset
-from nbv.config.presets import REDUCED_SFM
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
-from nbv.photographs.dense_reference import AGREEING_VIEWS
 from nbv.photographs.kept_out import kept_out
 from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.plan import EvaluationPlan
@@ -112,9 +110,7 @@ def enough_plans(
     elevation_deg = float(np.median(np.rad2deg(np.arcsin(offsets[:, 2] / np.linalg.norm(offsets, axis=1)))))
     base = preset("campaign").with_values(
         {
-            **REDUCED_SFM,
             "telemetry": TELEMETRY,
-            "dense.agreeing_views": AGREEING_VIEWS,
             "seed.lowest_deg": round(min(max(elevation_deg, 0.0), 60.0), 1),
             "pool.min_altitude_m": _BELOW_ALL_M,
             **(overrides or {}),

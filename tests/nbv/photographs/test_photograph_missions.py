@@ -17,7 +17,7 @@ from nbv.geometry.frames import Similarity
 from nbv.photographs import PhotographSet
 from nbv.photographs.evaluation import measure_cloud
 from nbv.photographs.expressible import require_expressible
-from nbv.photographs.mission import run_photographs_mission
+from nbv.photographs.mission import over_photographs, run_photographs_mission
 from nbv.photographs.oracle import VIEWS_NEEDED, TrackOracle
 from nbv.photographs.rephotography import photometric_error
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
@@ -140,6 +140,19 @@ def test_a_photograph_that_the_cloud_predicts_has_no_photometric_error() -> None
 def grey_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PhotographSet:
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path))
     return write_set("ball", spread(20), rendered=False)
+
+
+def test_what_nobody_chose_is_as_photographs_need_it(grey_set: PhotographSet) -> None:
+    believed = over_photographs(PAPER, grey_set)
+    assert (believed.dense.agreeing_views, believed.dense.search, believed.dense.max_size_px) == (
+        3,
+        "sparse",
+        480,
+    )
+    chosen = {"dense.agreeing_views": 4, "dense.max_size_px": 640, "sparse.max_pairs": 12}
+    believed = over_photographs(PAPER.with_values(chosen), grey_set)
+    assert believed.with_values(chosen) == believed
+    assert believed.dense.search == "sparse"
 
 
 def test_the_reference_itself_scores_everything_wherever_it_lies(grey_set: PhotographSet) -> None:

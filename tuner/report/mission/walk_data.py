@@ -103,6 +103,7 @@ def walk_of(run: Path, rock: str | None = None) -> dict[str, Any]:
         "camera": [camera.width_px, camera.height_px, camera.focal_px],
         "seeds": seeds,
         "mesh": packed_mesh(world),
+        "surface": "reference" if fidelity == PHOTOGRAPHS else "true rock",
         "missing": {"p": world.pack(world.missing_m(final[0] if dense is None and final else dense))},
         "against": "sparse" if dense is None else "dense",
         "dense": None if dense is None else world.cloud(dense),

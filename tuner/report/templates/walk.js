@@ -14,7 +14,7 @@ const bytes = text => Uint8Array.from(atob(text), c => c.charCodeAt(0));
 const unpack = (text, Kind) => new Kind(bytes(text).buffer);
 const metres = (text, origin) => Float32Array.from(unpack(text, Int16Array), (v, i) => origin[i % 3] + STEP_M * v);
 
-const layers = { rock: "true rock", missing: "missing surface", sparse: "sparse cloud", dense: "dense cloud (at the end)", cameras: "cameras", photographs: "photographs", pool: "candidate pool", path: "path" };
+const layers = { rock: missions[0].surface, missing: "missing surface", sparse: "sparse cloud", dense: "dense cloud (at the end)", cameras: "cameras", photographs: "photographs", pool: "candidate pool", path: "path" };
 const shown = Object.fromEntries(Object.keys(layers).map(key => [key, true]));
 let step = 0;
 
