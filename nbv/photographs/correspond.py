@@ -123,7 +123,7 @@ def _features(
         store,
         "photograph-features",
         extract,
-        code="nbv.sparse.features",
+        code=__name__,
         inputs=[photograph.sha256, size, upright, config],
     )
     return Features(entry["keypoints"], entry["descriptors"])

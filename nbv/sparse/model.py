@@ -71,7 +71,7 @@ def files_of(reconstruction: pycolmap.Reconstruction) -> dict[str, bytes]:
 
 
 def model_of(files: Mapping[str, bytes]) -> pycolmap.Reconstruction:
-    """The model that `files_of` wrote; what COLMAP raises where these are others."""
+    """The model that `files_of` wrote."""
     reconstruction = pycolmap.Reconstruction()
     with tempfile.TemporaryDirectory(prefix="nbv-model-") as directory:  # COLMAP reads models from files only
         for name, content in files.items():

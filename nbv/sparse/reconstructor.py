@@ -175,22 +175,10 @@ class SparseReconstructor:
         return files
 
     def bootstrap_from(self, captures: Sequence[Capture], files: Mapping[str, bytes]) -> UpdateReport:
-        """`bootstrap` where the seed model of these captures is known (`seed_files`): what follows has the same bits.
-
-        Raises
-        ------
-        ValueError
-            The files hold no such model; then this is as before.
-        """
-        try:
-            reconstruction = model_of(files)
-        except Exception as error:  # COLMAP's own of what it meets in a file
-            raise ValueError(f"no sparse model: {error}") from error
-        if not set(registered_names(reconstruction)) <= {capture.name for capture in captures}:
-            raise ValueError("a sparse model of other photographs")
+        """`bootstrap` where the seed model of these captures is known (`seed_files`): what follows has the same bits."""
         self._take_in(captures)
-        self._model.reconstruction = reconstruction
-        self._align(reconstruction)
+        self._model.reconstruction = model_of(files)
+        self._align(self.reconstruction)
         return self._report(True, "")
 
     def add(self, capture: Capture) -> UpdateReport:

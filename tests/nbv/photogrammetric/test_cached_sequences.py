@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from sparse_world import CAMERA, CONFIG, TARGET, LabelledPoints, ring_captures, write_photographs
 
-from nbv.cache import Store
+from nbv.cache import Store, addressing
 from nbv.config import MissionConfig, TelemetryConfig, config_from_dict
 from nbv.evaluation import evaluate_cloud
 from nbv.geometry.sampling import sample_surface
-from nbv.photogrammetric.cached_sequences import CachedEvaluation, CachedReconstructor, CachedSparse
+from nbv.photogrammetric.cached_sequences import CachedEvaluation, CachedReconstructor
+from nbv.photogrammetric.cached_sparse import CachedSparse
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.rocks import load_rock
 from nbv.sparse.reconstructor import SparseReconstructor
@@ -99,6 +100,22 @@ def test_a_sequence_whose_middle_was_pruned_is_replayed(store, plain):
     entries[3].unlink()
     assert bits(fly(reconstructor(store=store), LATER)[1:]) == plain[len(LATER)]
     assert entries[3].exists()
+
+
+def test_entries_of_code_that_named_its_arrays_otherwise_are_not_read(store, plain, monkeypatch):
+    """Older missions kept ``track_lengths`` where ``track_offsets`` are kept now."""
+    with monkeypatch.context() as patch:
+        older = dict(addressing._sources())
+        older["nbv.mission.planning_state"] += "# with track_lengths"
+        patch.setattr(addressing, "_sources", lambda: older)
+        addressing.code_digest.cache_clear()
+        filled(store)
+    addressing.code_digest.cache_clear()
+    for path in (store.root / "sequence-models").glob("*/*"):
+        arrays = store.get("sequence-models", path.name)
+        arrays["track_lengths"] = np.diff(arrays.pop("track_offsets"))
+        store.put("sequence-models", path.name, arrays)
+    assert bits(filled(store)[1:]) == plain[len(LATER)]
 
 
 @pytest.mark.slow
