@@ -1,7 +1,6 @@
-"""Fixtures for all tests: a home of their own, and the path of the shared real data."""
+"""What all tests share: a home of their own."""
 
 import os
-from pathlib import Path
 
 import pytest
 from hypothesis import settings
@@ -9,8 +8,6 @@ from hypothesis import settings
 # A busy machine is slow, not wrong: no property test may fail for the time an example takes.
 settings.register_profile("untimed", deadline=None)
 settings.load_profile("untimed")
-
-SHARED = Path(__file__).resolve().parent.parent.parent / "shared"
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -25,12 +22,3 @@ def gatetune_home(tmp_path_factory):
         os.environ.pop("GATETUNE_HOME")
     else:
         os.environ["GATETUNE_HOME"] = before
-
-
-@pytest.fixture
-def shared_rocks():
-    """The folder of real rocks; the test is skipped where it is absent."""
-    folder = SHARED / "rocks"
-    if not folder.is_dir():
-        pytest.skip("../shared/rocks is absent: real rocks are not part of the repository")
-    return folder

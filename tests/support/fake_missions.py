@@ -1,8 +1,7 @@
 """A mission function that takes no time: a smooth known function, rock shifts, noise, accidents.
 
 The first letters of a rock's name choose its behaviour: ``abort``, ``kill``, ``stop``, ``raise``, ``fail``, ``hang``,
-``slow``, ``user``, ``flaky`` (every third configuration fails), ``once-...`` (so at the first flight only); any other rock
-is plain.
+``full``, ``slow``, ``user``, ``once-...`` (so at the first flight only); any other rock is plain.
 """
 
 from __future__ import annotations
@@ -94,8 +93,6 @@ def fake_mission(
         time.sleep(600)
     if rock.startswith("slow"):
         time.sleep(0.25)
-    if rock.startswith("flaky") and int(config.digest(), 16) % 3 == 0:
-        raise MissionFailure("registration_collapsed", "model collapsed")
     offset, scale = rock_shift(rock)
     noise = NOISE_SD * float(draw("noise", rock, replicate, config.digest()).normal())
     score = offset + scale * (truth(config) + noise)

@@ -1,22 +1,39 @@
-"""Registration against known offsets, and its two honest limits."""
+"""Registration against known offsets, and both numbers of an evaluation: as georeferenced, and registered."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 
+from nbv.cache import Store
+from nbv.config import preset
+from nbv.evaluation.evaluate import evaluate_cloud
 from nbv.evaluation.registration import register_cloud
 from nbv.geometry.frames import Similarity
+from nbv.mission.result import MissionResult
+from nbv.rocks import Rock
+from nbv.rocks.rock import make_rock
+from nbv.types import PointCloud
+
+CONFIG = preset("campaign").with_values({"telemetry": "gnss", "evaluation.gt_samples": 2000})
+
+
+def bumpy(d: np.ndarray) -> np.ndarray:
+    """(N, 3) directions on a bumpy ellipsoid without symmetry, 1.6 m tall."""
+    bumps = 1 + 0.15 * np.sin(3 * d[:, 0] + 1) * np.cos(4 * d[:, 1]) + 0.1 * np.sin(5 * d[:, 2] + 2 * d[:, 0])
+    return d * bumps[:, None] * [0.6, 0.7, 0.8]
 
 
 def bumpy_rock(count: int, seed: int, upper: bool = False) -> np.ndarray:
-    """(N, 3) a bumpy ellipsoid without symmetry, 1.6 m tall, standing on z = 0; ``upper``: without its underside."""
+    """(N, 3) points of it, standing on z = 0; ``upper``: without its underside."""
     rng = np.random.default_rng(seed)
     d = rng.standard_normal((count, 3))
     d /= np.linalg.norm(d, axis=1, keepdims=True)
-    bumps = 1 + 0.15 * np.sin(3 * d[:, 0] + 1) * np.cos(4 * d[:, 1]) + 0.1 * np.sin(5 * d[:, 2] + 2 * d[:, 0])
-    points = d * bumps[:, None] * np.array([0.6, 0.7, 0.8]) + np.array([0.0, 0.0, 0.8])
+    points = bumpy(d) + np.array([0.0, 0.0, 0.8])
     return points[d[:, 2] > -0.5] if upper else points
 
 
@@ -38,3 +55,49 @@ def test_nothing_within_reach_stays_where_it_is() -> None:
     cloud = bumpy_rock(500, seed=1) + 50.0
     found = register_cloud(cloud, bumpy_rock(500, seed=2))
     np.testing.assert_array_equal(found.apply(cloud), cloud)
+
+
+@pytest.fixture(scope="module")
+def rock() -> Rock:
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=1.0)
+    vertices = bumpy(np.asarray(mesh.vertices))
+    vertices[:, 2] -= vertices[:, 2].min()
+    albedo = np.full((len(vertices), 3), 0.2, np.float32)
+    return make_rock("bumpy", vertices, np.asarray(mesh.faces), albedo, split="extra", difficulty="round")
+
+
+def dense_cloud(rock: Rock) -> np.ndarray:
+    """(N, 3) the rock without its underside, on the patch of ground that a dense crop holds."""
+    rng = np.random.default_rng(4)
+    points = trimesh.Trimesh(rock.vertices_m, rock.faces).sample(12_000, seed=1)
+    ground = np.c_[rng.uniform(-1.3, 1.3, (5_000, 2)), rng.normal(0, 0.004, 5_000)]
+    return np.concatenate([points[points[:, 2] > 0.2], ground])
+
+
+@pytest.mark.slow
+def test_a_known_offset_costs_the_registered_number_nothing(rock: Rock, tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    turn = Rotation.from_euler("xyz", (2.0, -1.0, 4.5), degrees=True).as_matrix()
+    displaced = Similarity(1.03, turn, np.array([0.8, -0.6, 0.3])).apply(dense_cloud(rock))
+    right = evaluate_cloud(PointCloud(dense_cloud(rock)), rock, CONFIG, store).metrics
+    found = evaluate_cloud(PointCloud(displaced), rock, CONFIG, store).metrics
+    registered = found["registered"]
+    assert found["whole"]["f_score_48mm"] < right["whole"]["f_score_48mm"] - 20
+    for surface in ("whole", "observable"):
+        assert abs(right[surface]["f_score_48mm"] - registered[surface]["f_score_48mm"]) < 1.0
+    assert registered["scale"] == pytest.approx(1 / 1.03, abs=0.005)
+    assert registered["turn_deg"] == pytest.approx(
+        np.rad2deg(Rotation.from_matrix(turn).magnitude()), abs=0.5
+    )
+
+
+def result(metrics: dict[str, object]) -> MissionResult:
+    return MissionResult("ok", "", "", "", "bumpy", 0, metrics, [], {}, {})
+
+
+def test_where_telemetry_is_exact_a_cloud_is_registered_already() -> None:
+    plain = {"whole": {"f_score_48mm": 90.0}, "observable": {"f_score_48mm": 95.0}}
+    both = {**plain, "registered": {"observable": {"f_score_48mm": 96.0}, "scale": 1.01}}
+    assert result(plain).metric("registered.observable.f_score_48mm") == 95.0
+    assert result(both).metric("registered.observable.f_score_48mm") == 96.0
+    assert result(both).metric("observable.f_score_48mm") == 95.0

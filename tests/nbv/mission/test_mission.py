@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from nbv.config import config_from_dict, preset
-from nbv.errors import UserError
 from nbv.mission.planning_state import load_state
 from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import read_ply
@@ -105,20 +104,3 @@ def test_cached_and_uncached_missions_are_bit_identical(flown, config, tmp_path,
             directory / "sparse/0/points3D.bin"
         ).read_bytes()
     assert again.metrics == without.metrics == result.metrics
-
-
-def test_an_unknown_rock_is_a_users_mistake(tmp_path, config):
-    with pytest.raises(UserError, match="no-such-rock"):
-        run_photogrammetric_mission(config, "no-such-rock", 0, tmp_path / "run")
-    assert not (tmp_path / "run").exists()
-
-
-@pytest.mark.slow
-def test_a_mission_without_a_seed_model_is_a_recorded_failure(tmp_path, config):
-    """A detector that finds nothing leaves no model; the mission says so and does not crash."""
-    blind = config.with_values({"sparse.peak_threshold": 0.9})
-    result = run_photogrammetric_mission(blind, ROCK, 0, tmp_path / "dark")
-    assert result.status == "failed"
-    assert result.reason in ("seed_model_failed", "wrong_model")
-    assert result.metrics == {}
-    assert MissionResult.load(tmp_path / "dark").reason == result.reason

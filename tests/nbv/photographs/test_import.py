@@ -125,12 +125,6 @@ def test_a_failure_late_leaves_nothing(
     assert PhotographSet.read("ball").halves == ball_set.halves
 
 
-def test_names_that_are_taken(ball_set: PhotographSet, ball_folder: Path) -> None:
-    for name, words in (("ball", "already a set"), ("slab", "name of a rock"), ("No!", "cannot name")):
-        with pytest.raises(UserError, match=words):
-            import_photographs(ball_folder, name, ImportOptions(), silent)
-
-
 def test_a_model_of_other_photographs_of_the_same_names(ball_set: PhotographSet, tmp_path: Path) -> None:
     other = write_folder(tmp_path / "other", POSITIONS_M[::-1][:20], seed=3)
     with pytest.raises(UserError, match="model of other photographs") as told:

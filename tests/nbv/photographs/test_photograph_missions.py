@@ -18,11 +18,10 @@ from nbv.photographs import PhotographSet
 from nbv.photographs.evaluation import measure_cloud
 from nbv.photographs.expressible import require_expressible
 from nbv.photographs.mission import over_photographs, run_photographs_mission
-from nbv.photographs.oracle import VIEWS_NEEDED, TrackOracle
 from nbv.photographs.rephotography import photometric_error
 from nbv.photographs.viewpoints import SEED_CAP_DEG, PhotographViewpoints
 from nbv.rocks import list_rocks, load_rock
-from nbv.types import PlanningState, PointCloud, SparseModel
+from nbv.types import PointCloud
 from tuner.missions.registry import fidelity_on
 
 PAPER = preset("campaign")
@@ -97,23 +96,6 @@ def test_what_a_set_cannot_express_is_refused_by_name(values: dict, named: str) 
     require_expressible(RING, "mine")
     with pytest.raises(UserError, match=named):
         require_expressible(RING.with_values(values), "mine")
-
-
-@pytest.mark.parametrize(
-    ("values", "named"),
-    [
-        ({"pool.min_altitude_m": 4.0}, "pool.min_altitude_m 4"),
-        ({"seed.lowest_deg": 70.0}, "seed.lowest_deg"),
-        ({"seed.count": 61, "seed.lowest_deg": 25.0}, "seed.count"),
-    ],
-)
-def test_a_mission_where_nobody_photographed_fails(values: dict, named: str) -> None:
-    """And is no mistake of a user's: a campaign that proposes it goes on."""
-    at = places(np.arange(0, 360, 6.0), np.full(60, 25.0))
-    asked = RING.with_values(values)
-    with pytest.raises(MissionFailure, match=named) as failure:
-        viewpoints(at, asked).seeds(asked)
-    assert failure.value.reason == "not_photographed"
 
 
 def test_a_photograph_that_the_cloud_predicts_has_no_photometric_error() -> None:
@@ -193,24 +175,6 @@ def test_what_masks_say_is_not_the_object_does_not_count(grey_set: PhotographSet
     after = measure_cloud(cloud, masked, reference, PAPER.evaluation)[0]["whole"]
     assert before["accuracy_48mm"] < 80.0 and after["accuracy_48mm"] > 99.0
     assert after["completeness_48mm"] > 99.0
-
-
-def test_the_oracle_wants_what_lacks_tracks(grey_set: PhotographSet) -> None:
-    takeable = grey_set.registered
-    at = np.array([p.camera_center_m for p in takeable])
-    oracle = TrackOracle(grey_set, takeable, viewpoints(at), PAPER)
-    model = SparseModel(
-        np.zeros((0, 3)), np.zeros(0), np.zeros(1, np.int64), np.zeros(0, np.int64), at[:0], (), 0.0, 0.0
-    )
-
-    def state(indices: list[int]) -> PlanningState:
-        return PlanningState(model, at[indices], len(indices), at[0], 0.0, 0, 4, 0.1, 0)
-
-    assert not oracle.coverage(state([0, 1])).covered.any()
-    three = oracle.coverage(state([0, 1, 2]))
-    assert three.covered.any() and VIEWS_NEEDED == 3
-    opposite, beside = oracle.gain(at[11], three), oracle.gain(at[1], three)
-    assert opposite > beside  # what the three see together is covered
 
 
 def test_a_set_stands_where_a_rock_stands(grey_set: PhotographSet) -> None:

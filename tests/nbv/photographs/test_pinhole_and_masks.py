@@ -64,11 +64,3 @@ def test_masks_are_found_by_name(tmp_path: Path) -> None:
     (tmp_path / "img_0.png").write_bytes(b"no picture")
     with pytest.raises(UserError, match="cannot be read"):
         find_masks(tmp_path, photographs)["IMG_0"].read((64, 48))
-
-
-def test_no_mask_fits(tmp_path: Path) -> None:
-    photograph = SourcePhotograph(Path("A.JPG"), "A", "", (64, 48), 1, "", None, None, None, None)
-    with pytest.raises(UserError, match="no mask"):
-        find_masks(tmp_path, [photograph])
-    with pytest.raises(UserError, match="no folder of masks"):
-        find_masks(tmp_path / "absent", [photograph])

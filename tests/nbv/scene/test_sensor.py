@@ -13,7 +13,7 @@ from scene_helpers import SMALL_CAMERA
 from nbv.config import MissionConfig, SceneConfig
 from nbv.geometry.frames import look_at
 from nbv.scene import Sensor
-from nbv.scene.sensor import add_sensor_noise, compressed, noise_rng, streak_kernel
+from nbv.scene.sensor import add_sensor_noise, compressed, noise_rng
 from nbv.scene.view import srgb_from_linear
 
 TARGET = np.array([0.0, 0.0, 0.8])
@@ -124,13 +124,6 @@ def test_a_streak_is_speed_times_time_times_focal_over_depth(seed):
     rate = {"exposure_time_s": 0.02, "residual_rate_deg_s": 120.0}
     expected = SMALL_CAMERA.focal_px * 0.02 * math.radians(120.0)
     assert streak_length_px(exposed(point, seed, **rate)) == pytest.approx(expected, rel=0.07)
-
-
-def test_a_level_streak_of_six_pixels_is_a_box():
-    kernel = streak_kernel(np.array([6.0, 0.0]))
-    assert np.allclose(kernel[3], [1 / 12, *[1 / 6] * 5, 1 / 12], atol=1e-4)
-    assert kernel.sum() == pytest.approx(1.0, abs=1e-6)
-    assert np.delete(kernel, 3, axis=0).max() == 0
 
 
 def test_standing_still_or_an_instant_does_not_blur():

@@ -96,17 +96,6 @@ def turned(capture: Capture, by_deg: float) -> Capture:
     return dataclasses.replace(capture, camera_from_world=pose)
 
 
-@pytest.mark.parametrize("turned_deg, joins", [(0.0, True), (40.0, False)])
-def test_few_shared_points_join_a_seed_whose_turn_fits(turned_deg, joins):
-    """Four seeds see nothing."""
-    world = LabelledPoints(SEEDS)
-    world.blind = {1, 4, 7, 10}
-    share_few(world, last=15, neighbour=14)
-    sparse = SparseReconstructor(CAMERA, CONFIG, TARGET, world, TELEMETRY_LEVELS["rtk"])
-    sparse.bootstrap([*SEEDS[:15], turned(SEEDS[15], turned_deg)])
-    assert len(sparse.world_camera_poses()) == 11 + joins
-
-
 @pytest.mark.parametrize(
     "level, turned_deg, joins", [("rtk", 0, True), ("rtk", 40, False), ("exact", 0, False)]
 )

@@ -11,17 +11,6 @@ def textured(seed=0):
     return np.repeat(grey[..., None], 3, axis=2)
 
 
-def test_same_image_same_features():
-    config = SparseConfig(first_octave=0)
-    a, b = extract_features(textured(), config), extract_features(textured(), config)
-    assert len(a) > 100
-    assert a.keypoints.shape == (len(a), 4) and a.keypoints.dtype == np.float32
-    assert a.descriptors.shape == (len(a), 128) and a.descriptors.dtype == np.uint8
-    np.testing.assert_array_equal(a.keypoints, b.keypoints)
-    np.testing.assert_array_equal(a.descriptors, b.descriptors)
-    assert a.digest == b.digest != extract_features(textured(1), config).digest
-
-
 def test_options_reach_the_detector():
     base = len(extract_features(textured(), SparseConfig(first_octave=0)))
     assert len(extract_features(textured(), SparseConfig(first_octave=0, peak_threshold=0.05))) < base

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from nbv.config import CameraConfig, SparseConfig
 from nbv.geometry.frames import intrinsic_matrix, look_at
 from nbv.sparse.features import Features
-from nbv.sparse.matching import match_pair, pair_angle_deg, verify_pair
+from nbv.sparse.matching import match_pair, verify_pair
 
 
 def descriptors(rng, count, like=None, noise=0.0):
@@ -114,14 +114,3 @@ def test_verification_finds_the_planted_motion_and_is_repeatable():
 def test_verification_refuses_noise_and_too_few(inliers, outliers):
     a, b, matches, camera = two_views(inliers, outliers)
     assert len(verify_pair(a, b, matches, camera, SparseConfig(min_inliers=25 if outliers else 15))) == 0
-
-
-def test_pair_angle():
-    target = np.array([1.0, 2.0, 3.0])
-    for a, b, angle in (
-        ((2, 0, 0), (0, 0, 5), 90.0),
-        ((2, 0, 0), (-1, 0, 0), 180.0),
-        ((1, 0, 0), (1, 1, 0), 45.0),
-        ((1, 0, 0), (9, 0, 0), 0.0),
-    ):
-        assert pair_angle_deg(target + np.array(a), target + np.array(b), target) == pytest.approx(angle)

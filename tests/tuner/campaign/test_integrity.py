@@ -179,21 +179,6 @@ def test_a_campaign_killed_while_it_is_made_goes_on(at, tmp_path, monkeypatch):
     assert fly_campaign(campaign, InProcessExecutor()).status.complete == 2
 
 
-def test_a_full_disk_is_named_where_the_ledger_s_lock_goes_too(copy, monkeypatch):
-    open_last(copy)
-    campaign = Campaign.open(copy, fidelity=FIDELITY)
-
-    def full(_):
-        (copy / "study.journal.lock").unlink()
-        raise OSError(28, "No space left on device")
-
-    with monkeypatch.context() as patch:
-        patch.setattr("os.fsync", full)
-        with pytest.raises(UserError, match="No space left on device; make room, then resume"):
-            fly_campaign(campaign, InProcessExecutor())
-    assert fly_campaign(Campaign.open(copy, fidelity=FIDELITY), InProcessExecutor()).status.complete == 5
-
-
 @pytest.mark.parametrize(
     "url",
     [

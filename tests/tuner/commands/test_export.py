@@ -84,14 +84,6 @@ def test_a_gain_stands_only_where_what_earned_it_is_carried(gatetune, recommends
     assert "+6.00" not in text and "1 of 2 changes are worth alone was not measured" in text
 
 
-def test_keeping_the_default_is_said(gatetune, recommends):
-    run = recommends("photographs", {})
-    assert "recommended: keep the default" in gatetune("export", run)[1]
-    code, out, err = gatetune("export", run, "--to", "scoring.yaml")
-    assert code == 0 and "it carries the default" in out, err
-    assert "keep the default" in (run / "scoring.yaml").read_text()
-
-
 def test_status_page_and_every_export_say_the_same(gatetune, campaign, tmp_path):
     values = json.loads(gatetune("campaign", "status", campaign.directory, "--json")[1])["recommendation"][
         "values"

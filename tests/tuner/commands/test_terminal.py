@@ -16,10 +16,9 @@ from tuner.campaign.events import CampaignEvent
 from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
 from tuner.commands import evaluate
-from tuner.commands.campaign_display import LINE, CampaignProgress, event_line, mission_line
+from tuner.commands.campaign_display import LINE, event_line, mission_line
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
-from tuner.missions.progress import Progress
 from tuner.problem.space_files import load_search_space
 
 SETTINGS: CampaignSettings = fake_campaigns.settings(space=load_search_space("gate_and_weights"))
@@ -52,20 +51,6 @@ def test_an_event_is_one_json_object() -> None:
     tree = json.loads(event_line(event(raw=float("nan"))))
     assert tree["event"] == "finished" and tree["mission"] == 12 and tree["budget"] == 9
     assert tree["value"] is None and set(tree["values"]) == set(SETTINGS.space.paths)
-
-
-def test_the_bar_says_what_flies(tmp_path: Path) -> None:
-    (tmp_path / "2").mkdir()
-    Progress(tmp_path / "2")("dense", {})
-    show = CampaignProgress(SETTINGS, tmp_path)
-    for number in (1, 2, 3):
-        launched = event("launched").trial
-        assert launched is not None
-        trial = replace(launched, number=number, directory=f"{number}")
-        show(CampaignEvent("launched", 1.0, 0, 9, trial))
-    assert show.now() == "0/9, flies a r1, a r1 (dense cloud) and 1 more"
-    show(event("finished"))
-    assert show.now().startswith("3/9")
 
 
 def test_confirm_flies_both_with_replicates_nobody_has_flown(

@@ -9,21 +9,20 @@ from pathlib import Path
 
 import pytest
 
-from nbv.config import preset
+from nbv.config import load_conditions, preset
 from nbv.errors import UserError
 from tuner.evaluation.baselines import (
     BASELINES,
     PAPER_STRATEGIES,
     baseline_configs,
-    description,
     label,
-    tuned_configs,
 )
-from tuner.evaluation.comparison import comparison_table, strategy_difference
+from tuner.evaluation.comparison import comparison_table, strategy_difference, values_of
 from tuner.evaluation.flying import EvaluationEvent, place_for, run_evaluation
 from tuner.evaluation.paper_table import PAPER_TABLE_I, TABLE_I_ROWS, MetricRow
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
+from tuner.problem.worlds import World
 
 FIDELITY = "fake_missions:fake_mission"
 BASE = preset("campaign")
@@ -156,14 +155,19 @@ def test_baselines_and_the_papers_table() -> None:
             assert column[f"whole.f_score_{t}mm"] <= 200 * c / (1 + c) + 1.0
 
 
-def test_chance_is_given_the_tuned_pool_too() -> None:
-    weights = BASE.with_values({"covis.weights.nov": 0.1})
-    assert tuned_configs(weights, BASE) == {"tuned": weights}
-    low = weights.with_values({"pool.max_altitude_m": 1.5})
-    configs = tuned_configs(low, BASE)
-    assert configs["tuned"] == low
-    assert configs["random-tuned-pool"] == BASE.with_values(
-        {"gate.kind": "random", "pool.max_altitude_m": 1.5}
-    )
-    assert label("random-tuned-pool") == "Random, tuned pool"
-    assert "pool" in description("random-tuned-pool") and description("mine") == ""
+def test_every_strategy_flies_every_world_and_is_paired(tmp_path: Path) -> None:
+    two = plan(strategies={"tuned": GOOD, "hyb-h": BASE}, conditions=load_conditions(["ideal", "field"]))
+    run = run_evaluation(two, tmp_path / "out", InProcessExecutor())
+    assert run.complete and run.plan.missions == len(run.records) == 24
+    assert {r.world for r in run.records} == {World(r, c) for r in "xyz" for c in ("ideal", "field")}
+    assert (tmp_path / "out/missions/tuned/00_x_field_r1/mission.json").is_file()
+    assert (tmp_path / "out/missions/tuned/00_x_r1/mission.json").is_file()
+    both = strategy_difference(run.records, "tuned", "hyb-h", F48)
+    assert both is not None and (both.pairs, both.interval.rocks) == (12, 3)
+    field = [r for r in run.records if r.condition == "field"]
+    alone = strategy_difference(field, "tuned", "hyb-h", F48)
+    assert alone is not None and alone.pairs == 6
+    ours, theirs = (values_of(field, name, F48.key) for name in ("tuned", "hyb-h"))
+    assert alone.interval.mean == pytest.approx(sum(ours[b] - theirs[b] for b in ours) / 6)
+    table = comparison_table(run.records, ("tuned", "hyb-h"), "hyb-h", rows=(F48,))
+    assert table.missions == {"tuned": 12, "hyb-h": 12}

@@ -61,34 +61,3 @@ def test_a_result_that_its_worker_loses_is_not_flown_anew(
         os.kill(executor._client.run(os.getpid, workers=[keeps])[keeps], signal.SIGKILL)
         wait_for(lambda: [s for s in on_scheduler(executor, states) if s[0] == "memory" and s[1] != [keeps]])
         assert len(cluster.flights.read_text().splitlines()) == 1
-
-
-async def give_up(dask_scheduler: Any) -> None:
-    """Take the only worker for lost, which hears nothing of it."""
-    (address,) = dask_scheduler.workers
-    await dask_scheduler.remove_worker(address, close=False, stimulus_id="test")
-
-
-def without_heartbeat(dask_worker: Any) -> None:
-    """Nor does it ask."""
-    dask_worker.periodic_callbacks["heartbeat"].stop()
-
-
-def ended(dask_worker: Any) -> bool:
-    return {task.state for task in dask_worker.state.tasks.values()} <= {"memory", "error"}
-
-
-def test_a_worker_that_was_given_up_begins_nothing(cluster: Cluster, tmp_path: Path) -> None:
-    _, *others = [process for process in cluster.workers if process.poll() is None]
-    for process in others:
-        process.kill()
-    with dask_executor("dask", cluster.address, 1, 1.0) as executor:
-        client = executor._client
-        wait_for(lambda: len(client.scheduler_info(n_workers=-1)["workers"]) == 1)
-        (here,) = client.run(without_heartbeat)
-        executor.submit(job(tmp_path, "hang", 0))
-        executor.submit(job(tmp_path, "waits", 1))
-        wait_for(lambda: len(on_scheduler(executor, states)) == 2)
-        client.run_on_scheduler(give_up)
-        wait_for(lambda: client.run(ended, workers=[here])[here])
-        assert "waits" not in (cluster.flights.read_text() if cluster.flights.exists() else "")

@@ -114,16 +114,6 @@ def test_photographs_saved_and_quality_kept_are_said(campaign: Campaign) -> None
     assert next_answer(missed, evaluated=False)[1].endswith("--missions 12")
 
 
-def test_pairs_that_flew_are_counted(campaign: Campaign) -> None:
-    facts = better(campaign)
-    best = facts.recommendation
-    default = next(t for t in facts.trials if t.values == facts.default)
-    paired = dataclasses.replace(other(facts), rock=default.rock, replicate=default.replicate, raw=7.0)
-    facts.trials = [default, paired]
-    assert pairs(facts, best) == {(default.world, default.replicate): 7.0 - default.raw}  # type: ignore[arg-type,operator]
-    assert "Flown side by side on 1 of 2 rocks (1 pair)" in sure_answer(facts)[-2]
-
-
 def test_a_geometric_gain_is_called_a_prediction(campaign: Campaign) -> None:
     facts = better(campaign, fidelity="geometric")
     assert "Predicted by geometric missions: no photograph was taken." in sure_answer(facts)

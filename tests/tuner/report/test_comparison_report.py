@@ -7,7 +7,6 @@ import io
 import re
 from pathlib import Path
 
-import pytest
 from made_evaluations import made_run
 from rich.console import Console
 from rich.table import Table
@@ -69,20 +68,6 @@ def test_markdown_has_the_layout_of_table_one() -> None:
     assert "(" not in metrics[5][3]  # the reference itself
     assert body[-1] == ["missions", "12", "12", "12", "12"]
     assert any("t-intervals over rock means" in line for line in lines) and PAPER_NOT_COMPARABLE in lines
-
-
-@pytest.mark.slow
-def test_the_rocks_own_floor_stands_below_hausdorff(tmp_path: Path) -> None:
-    rocks = ("cobble", "slab")
-    failed = tuple(("covis", "cobble", k) for k in range(3))  # a floor is the rock's: others know it
-    run = made_run({"covis": 60.0, "random": 61.0}, rocks, failed=failed, floors_mm=(100.0, 150.0))
-    table = comparison_table(run.records, ("covis", "random"), "covis")
-    assert [row.floor for row in table.rows] == [125.0] + [None] * 10
-    lines = comparison_markdown(table, paper=True).splitlines()
-    at = next(i for i, line in enumerate(lines) if line.startswith("| Hausdorff"))
-    assert cells(lines[at + 1]) == ["– the rocks’ own floor (mm)", "125.0", "125.0"]
-    text = html.unescape(write_comparison_report(comparison_facts(run), tmp_path).read_text())
-    assert text.count("the rocks’ own floor (mm)") == 1 and "without error or omission" in text
 
 
 def test_differences_keep_the_sign_and_verdicts_the_direction() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import shutil
 from pathlib import Path
@@ -13,15 +12,13 @@ import pytest
 
 from nbv.cache import Store
 from nbv.config import preset
-from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from nbv.geometry.sampling import sample_surface
 from nbv.mission.planning_state import load_state
-from nbv.mission.result import MissionResult
 from nbv.mission.run_directory import write_ply
 from nbv.rocks import load_rock
 from nbv.types import PointCloud
-from tuner.report.mission.figures import labels_of, sectors_figure, write_mission_figures
+from tuner.report.mission.figures import labels_of, write_mission_figures
 from tuner.report.mission.overlay import overlay_figure
 from tuner.report.mission.trajectory import trajectory_figure
 
@@ -76,17 +73,3 @@ def test_trajectory_shows_the_views_of_the_trace(flown: Path) -> None:
     orbit, adaptive = (np.array(line.get_data()).T for line in plan.lines)
     np.testing.assert_allclose(adaptive[0], orbit[-1])  # from the last seed on
     assert np.isnan(orbit[0]).all()  # home is outside the square
-
-
-def test_what_is_missing_is_named(flown: Path, tmp_path: Path) -> None:
-    run = Path(shutil.copytree(flown, tmp_path / "run"))
-    (run / "flight.json").unlink()
-    with pytest.raises(UserError, match=r"no flight\.json"):
-        trajectory_figure(run)
-    failed = dataclasses.replace(MissionResult.load(run), status="failed", reason="seed_model_failed")
-    (run / "mission.json").write_text(failed.to_json())
-    with pytest.raises(UserError, match="failed mission"):
-        sectors_figure({"x": run})
-    (run / "config.yaml").unlink()
-    with pytest.raises(UserError, match=r"no config\.yaml"):
-        trajectory_figure(run)

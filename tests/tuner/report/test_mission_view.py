@@ -9,7 +9,6 @@ import shutil
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 import pytest
 from browser import needs_chromium, opened
 from PIL import Image
@@ -102,26 +101,6 @@ def test_the_slider_goes_over_every_capture(mission: Path, tmp_path: Path) -> No
     text = page.read_text()
     assert not re.search(r"https?://|src=\"(?!data:|\$)|<link", text)  # it needs nothing else
     assert len(text) < 15e6
-
-
-def test_a_photograph_has_the_roll_that_it_was_taken_with(mission: Path, tmp_path: Path) -> None:
-    model = pycolmap.Reconstruction()
-    model.add_camera_with_trivial_rig(
-        pycolmap.Camera(model=0, width=64, height=48, params=[50, 32, 24], camera_id=1)
-    )
-    on_its_side = pycolmap.Rigid3d(
-        pycolmap.Rotation3d(np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])), np.zeros(3)
-    )
-    image = pycolmap.Image(name="seed_03.png", camera_id=1, image_id=1)
-    model.add_image_with_trivial_frame(image, on_its_side)
-    run = tmp_path / "run"
-    shutil.copytree(mission, run)
-    (run / "sparse" / "0").mkdir(parents=True, exist_ok=True)
-    model.write(run / "sparse" / "0")
-    (facts,) = shown(write_mission_view([run], tmp_path / "view.html"))
-    axes = {view["name"]: view.get("axes") for view in facts["views"]}
-    assert axes["seed_03"] == [[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]  # right, up, forward
-    assert axes["seed_04"] is None  # not in the model: level, towards the target
 
 
 def test_what_is_missing_of_the_truth_is_told(mission: Path, tmp_path: Path) -> None:
