@@ -33,7 +33,6 @@ NO_NOVELTY = {"covis.weights.nov": 0.0, "b_aware.weights.nov": 0.0}
 VIEWS = "matchable.views"
 ARMS: dict[str, tuple[str, dict[str, Any]]] = {  # name in the table: baseline, further values
     "Hyb-H": ("hyb-h", {}),
-    "Hyb-H, occlusion visibility": ("hyb-h", {"visibility.mode": "occlusion"}),
     "Hyb-H, no novelty": ("hyb-h", NO_NOVELTY),
     "Hyb-H, pool up to 2 m (10° and 15°)": ("hyb-h", {"pool.max_altitude_m": 2.0}),
     "Hyb-H, pool up to 1.5 m (10°)": ("hyb-h", LOW),

@@ -12,7 +12,7 @@ can be repeated.
   (``--speed``). With ``--missions`` the wall seconds that finished missions logged.
 - image size: features of one photograph, matching of one pair, depth map of one view with 3 neighbours, against
   the number of pixels; campaign preset, the same four views rendered at each size.
-- candidates, points: both rankings (frustum and occlusion), on the first planning state of a campaign mission; the
+- candidates, points: both rankings, on the first planning state of a campaign mission; the
   pool is drawn denser or thinner, the sparse points are drawn from the model's with a jitter of 5 mm.
 - rocks: CPU seconds of campaign missions, one per rock, nothing cached, in one common store: the sum against the
   number of rocks.
@@ -152,37 +152,35 @@ def resampled(model: SparseModel, count: int) -> SparseModel:
 
 def planning(state: PlanningState) -> list[Curve]:
     """Rankings against candidates and points."""
-    base = preset("campaign")
+    config = preset("campaign")
     curves = []
-    for mode in ("frustum", "occlusion"):
-        config = base.with_values({"visibility.mode": mode})
-        sizes, seconds = [], []
-        for factor in (0.25, 0.5, 1, 2, 4, 8):
-            dense = config.with_values(
-                {
-                    "pool.lateral_count": round(120 * factor),
-                    "pool.upper_count": round(50 * factor),
-                    "pool.min_spacing_m": 0.0,
-                    "pool.max_candidates": 10_000,
-                }
-            )
-            pool = candidate_pool(dense, state.vehicle_position_m, state.visited_m[state.n_seeds :])
-            sizes.append(float(len(pool)))
-            seconds.append(fastest(lambda p=pool, c=dense: rank_candidates(state, p, c)))
-        curves.append(curve(f"rankings, {mode}", "candidates", sizes, seconds))
-        pool = candidate_pool(config, state.vehicle_position_m, state.visited_m[state.n_seeds :])
-        sizes, seconds = [], []
-        for count in (1000, 2000, 4000, 8000, 16000, 32000):
-            sizes.append(float(count))
-            costs = []
-            for repeat in range(3):  # other points each time: neighbour distances are remembered per cloud
-                varied = dataclasses.replace(state, model=resampled(state.model, count + repeat))
-                started = time.process_time()
-                knn_d95_m(varied.model.points_m)
-                rank_candidates(varied, pool, config)
-                costs.append(time.process_time() - started)
-            seconds.append(min(costs))
-        curves.append(curve(f"rankings and KNN, {mode}", "points", sizes, seconds))
+    sizes, seconds = [], []
+    for factor in (0.25, 0.5, 1, 2, 4, 8):
+        dense = config.with_values(
+            {
+                "pool.lateral_count": round(120 * factor),
+                "pool.upper_count": round(50 * factor),
+                "pool.min_spacing_m": 0.0,
+                "pool.max_candidates": 10_000,
+            }
+        )
+        pool = candidate_pool(dense, state.vehicle_position_m, state.visited_m[state.n_seeds :])
+        sizes.append(float(len(pool)))
+        seconds.append(fastest(lambda p=pool, c=dense: rank_candidates(state, p, c)))
+    curves.append(curve("rankings", "candidates", sizes, seconds))
+    pool = candidate_pool(config, state.vehicle_position_m, state.visited_m[state.n_seeds :])
+    sizes, seconds = [], []
+    for count in (1000, 2000, 4000, 8000, 16000, 32000):
+        sizes.append(float(count))
+        costs = []
+        for repeat in range(3):  # other points each time: neighbour distances are remembered per cloud
+            varied = dataclasses.replace(state, model=resampled(state.model, count + repeat))
+            started = time.process_time()
+            knn_d95_m(varied.model.points_m)
+            rank_candidates(varied, pool, config)
+            costs.append(time.process_time() - started)
+        seconds.append(min(costs))
+    curves.append(curve("rankings and KNN", "points", sizes, seconds))
     return curves
 
 

@@ -51,10 +51,9 @@ DEPTHS = (1, 2, 3, 4, 6)
 
 
 def at_paper_weights(mission: FlownMission) -> bool:
-    """Whether both scorers and the visibility model are the preset's, so that labels are the paper's."""
+    """Whether both scorers are the preset's, so that labels are the paper's."""
     base, config = MissionConfig(), mission.config
-    same = (config.covis, config.b_aware, config.shared) == (base.covis, base.b_aware, base.shared)
-    return same and config.visibility == base.visibility
+    return (config.covis, config.b_aware, config.shared) == (base.covis, base.b_aware, base.shared)
 
 
 def gain_share(decisions: GateDecisions, chosen: np.ndarray) -> float:

@@ -30,7 +30,6 @@ from nbv.config.sections_planning import (
     SeedConfig,
     SharedTermsConfig,
     StopConfig,
-    VisibilityConfig,
     Weights,
 )
 from nbv.config.sections_reconstruction import DenseConfig, EvaluationConfig, SparseConfig
@@ -70,7 +69,6 @@ __all__ = [
     "StopConfig",
     "TargetConfig",
     "TelemetryConfig",
-    "VisibilityConfig",
     "Weights",
     "WindConfig",
     "available_conditions",

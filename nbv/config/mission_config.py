@@ -24,7 +24,6 @@ from nbv.config.sections_planning import (
     SeedConfig,
     SharedTermsConfig,
     StopConfig,
-    VisibilityConfig,
 )
 from nbv.config.sections_reconstruction import DenseConfig, EvaluationConfig, SparseConfig
 from nbv.config.sections_world import CameraConfig, FlightConfig, SceneConfig, SensorConfig
@@ -48,6 +47,9 @@ class MissionConfig:
     # Of earlier versions; a recorded mission's file that has them is read without.
     GONE: ClassVar[tuple[str, ...]] = ("scene.mitsuba_samples", "scene.mitsuba_depth")
 
+    # Of earlier versions: read where they have this value, and part of every digest, so that old missions keep theirs.
+    RETIRED: ClassVar[dict[str, str]] = {"visibility.mode": "frustum"}
+
     preset: str = ours("paper", "name of the preset that it began as")
     condition: str = ours(IDEAL, "name of the condition that it is under", added=True)
     target_m: tuple[float, float, float] = code((0.0, 0.0, 0.8), "mission file", "target, above the ground")
@@ -61,7 +63,6 @@ class MissionConfig:
     pool: PoolConfig = field(default_factory=PoolConfig)
     stop: StopConfig = field(default_factory=StopConfig)
     shared: SharedTermsConfig = field(default_factory=SharedTermsConfig)
-    visibility: VisibilityConfig = field(default_factory=VisibilityConfig)
     covis: CovisConfig = field(default_factory=CovisConfig)
     b_aware: BAwareConfig = field(default_factory=BAwareConfig)
     matchable: MatchableConfig = field(default_factory=MatchableConfig, metadata=ADDED_SINCE_VERSION_1)
@@ -138,9 +139,11 @@ class MissionConfig:
         A field that was added since version 1 and has its default is left out: a mission flown before the
         field existed is the same mission.
         """
-        text = json.dumps(
-            _without_unused_additions(self, self.to_dict()), sort_keys=True, separators=(",", ":")
-        )
+        tree = _without_unused_additions(self, self.to_dict())
+        for path, value in self.RETIRED.items():
+            section, name = path.split(".")
+            tree.setdefault(section, {})[name] = value
+        text = json.dumps(tree, sort_keys=True, separators=(",", ":"))
         return hashlib.sha256(text.encode()).hexdigest()[:16]
 
     def with_values(self, values: dict[str, Any]) -> MissionConfig:

@@ -42,6 +42,8 @@ def leaf_paths(cls: type, prefix: str = "") -> list[str]:
 def set_values(tree: dict[str, Any], values: dict[str, Any], cls: type) -> None:
     """Set parameter paths in ``tree``, the nested dictionary of a ``cls``; ``UserError`` for an unknown path."""
     for path, value in values.items():
+        if _is_retired(path, value, cls):
+            continue
         *parents, name = path.split(".")
         node: Any = tree
         for part in parents:
@@ -66,12 +68,33 @@ def merge(into: dict[str, Any], new: dict[str, Any], cls: type, prefix: str = ""
     for key, value in new.items():
         if f"{prefix}{key}" in getattr(cls, "GONE", ()):
             continue
-        if key not in into:
+        if isinstance(value, dict) and any(p.startswith(f"{prefix}{key}.") for p in _retired(cls)):
+            merge(into.get(key, {}), value, cls, f"{prefix}{key}.")
+        elif _is_retired(f"{prefix}{key}", value, cls):
+            continue
+        elif key not in into:
             raise UserError(_unknown_path(f"{prefix}{key}", cls))
-        if isinstance(into[key], dict):
+        elif isinstance(into[key], dict):
             merge(into[key], value, cls, f"{prefix}{key}.")
         else:
             into[key] = value
+
+
+def _retired(cls: type) -> dict[str, Any]:
+    """Settings of earlier versions that had a value which the program has always taken since, and that value."""
+    return getattr(cls, "RETIRED", {})
+
+
+def _is_retired(path: str, value: Any, cls: type) -> bool:
+    """Whether ``path`` is of an earlier version and ``value`` is what the program does now; `UserError` at another."""
+    if path not in _retired(cls):
+        return False
+    if value != _retired(cls)[path]:
+        raise UserError(
+            f"{path} is gone: the program only does what {_retired(cls)[path]!r} did, not {value!r} "
+            "(research/README.md, Gone)"
+        )
+    return True
 
 
 def _unknown_path(path: str, cls: type) -> str:

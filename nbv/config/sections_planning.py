@@ -247,19 +247,6 @@ class SharedTermsConfig(Section):
 
 
 @dataclass(frozen=True)
-class VisibilityConfig(Section):
-    """Which points count as visible: all in the image, or also facing the candidate and not hidden."""
-
-    mode: Literal["frustum", "occlusion"] = text(
-        "frustum",
-        "III-A",
-        "which points a candidate sees: all in its image, or only those not hidden",
-        label="model",
-        symbol="visibility",
-    )
-
-
-@dataclass(frozen=True)
 class CovisConfig(Section):
     weights: Weights = field(default_factory=Weights)
 

@@ -11,7 +11,6 @@ from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.geometry.frustum import in_frustum
 from nbv.scorers.box import BoxPoints, box_points
-from nbv.scorers.occlusion import unoccluded
 from nbv.scorers.terms import angular_penalty, movement, novelty
 from nbv.types import Bools, CandidatePool, Floats, Ints, PlanningState
 
@@ -54,8 +53,6 @@ def shared_terms(state: PlanningState, pool: CandidatePool, config: MissionConfi
     order = box.longest_first()
     points = box.points_m[order]
     visible = in_frustum(points, pool.positions_m, target, config.camera)
-    if config.visibility.mode == "occlusion":
-        visible = unoccluded(visible, box.select(order), pool.positions_m)
     return SharedTerms(
         box=box,
         order=order,

@@ -103,12 +103,6 @@ DEPARTURES: dict[str, Departure] = {
             {"stop.criterion": "both"},
         ),
         Departure(
-            "occlusion",
-            "a point behind the rock or facing away is not visible",
-            "ours",
-            {"visibility.mode": "occlusion"},
-        ),
-        Departure(
             "d95-box", "d95 of the gate over the points in the box only", "ours", {"stop.knn_region": "box"}
         ),
         Departure(

@@ -157,7 +157,7 @@ def test_reports_of_an_interrupted_study(tmp_path):
         fly(settings(), tmp_path / "s", Stops())
     found = analyse(tmp_path / "s")
     assert found.missions == 3 and found.arm("alphas").pairs == 1
-    assert found.arm("occlusion").differences[F48] is None and "–" in departures_markdown(found)
+    assert found.arm("d95-box").differences[F48] is None and "–" in departures_markdown(found)
     write_departures_report(found, tmp_path / "s")
 
 

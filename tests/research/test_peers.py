@@ -30,7 +30,7 @@ MIXED = space_from_dict(
             "gate.budget_fraction": {"low": 0.0, "high": 1.0},
             "gate.d95_m": {"low": 0.01, "high": 1.0, "scale": "log"},
             "b_aware.target_track_length": {"kind": "int", "low": 3, "high": 12},
-            "visibility.mode": {"kind": "categorical", "choices": ["frustum", "occlusion"]},
+            "stop.knn_region": {"kind": "categorical", "choices": ["all", "box"]},
         },
     },
     "test_peers.py",

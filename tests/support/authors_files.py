@@ -41,7 +41,7 @@ def read_scoring(theirs: Mapping[str, Any]) -> dict[str, Any]:
     kind = kinds.get(theirs.get("hybrid.gate_mode", "heuristic"), "covis")
     if (name := theirs.get("name", HYBRID)) != HYBRID:
         kind = {there: ours for ours, there in SCORER_OF_GATE.items()}[name]
-    return {**values, "gate.kind": kind, "gate.geometry_scorer": "b-aware", "visibility.mode": "frustum"}
+    return {**values, "gate.kind": kind, "gate.geometry_scorer": "b-aware"}
 
 
 def read_mission(theirs: Mapping[str, Any]) -> dict[str, Any]:

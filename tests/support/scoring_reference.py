@@ -10,14 +10,7 @@ from numpy.typing import NDArray
 
 from nbv.config import CameraConfig, MissionConfig
 from nbv.geometry.frustum import frustum_planes
-from nbv.geometry.visibility import SURFEL_MAX_INCIDENCE_DEG
-from nbv.scorers import BoxPoints, box_points
-from nbv.scorers.occlusion import (
-    CLEARANCE_M,
-    discs,
-    mean_observing_directions,
-    surfels,
-)
+from nbv.scorers import box_points
 from nbv.scorers.repair import repair
 from nbv.scorers.terms import angular_penalty, movement, novelty
 from nbv.scorers.weakness import weakness
@@ -34,29 +27,11 @@ def in_frustum(points_m: Floats, positions_m: Floats, target_m: Floats, camera: 
     return (np.abs(q @ x) <= depth) & (np.abs(q @ y) <= depth)
 
 
-def unoccluded(visible: Mask, box: BoxPoints, candidates_m: Floats) -> Mask:
-    """(P, C) like `nbv.scorers.occlusion.unoccluded`: every ray is cast."""
-    points = box.points_m
-    normals, radius = surfels(points, mean_observing_directions(box))
-    to_candidate = candidates_m[None] - points[:, None]
-    distance = np.linalg.norm(to_candidate, axis=2)
-    facing = np.einsum("pck,pk->pc", to_candidate, normals)
-    visible = visible & (facing > np.cos(np.deg2rad(SURFEL_MAX_INCIDENCE_DEG)) * distance)
-    i, j = np.nonzero(visible)
-    direction = to_candidate[i, j] / distance[i, j][:, None]
-    rays = np.concatenate([points[i] + CLEARANCE_M * direction, direction], axis=1).astype(np.float32)
-    hit = discs(points, normals, radius).blocked(rays)
-    visible[i[hit], j[hit]] = False
-    return visible
-
-
 def scores(state: PlanningState, pool: CandidatePool, config: MissionConfig) -> dict[str, Floats]:
     """(C,) scores of both scorers by name."""
     shared, target = config.shared, np.array(config.target_m)
     box = box_points(state.model, config)
     visible = in_frustum(box.points_m, pool.positions_m, target, config.camera)
-    if config.visibility.mode == "occlusion":
-        visible = unoccluded(visible, box, pool.positions_m)
     nov = novelty(pool.positions_m, state.visited_m, shared.d_scale_m)
     move = movement(
         pool.positions_m,

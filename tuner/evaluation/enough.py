@@ -36,7 +36,7 @@ WAYS = {
 }
 # Poses are known from the import, so they may hold the seeds together as a GNSS receiver's would.
 TELEMETRY = "rtk"
-_TUNED_SECTIONS = ("gate", "covis", "b_aware", "matchable", "shared", "visibility")
+_TUNED_SECTIONS = ("gate", "covis", "b_aware", "matchable", "shared")
 _BELOW_ALL_M = -3.0
 
 

@@ -15,7 +15,7 @@ Key = tuple[float, ...]
 Block = tuple[World, int]  # with the replicate
 # What only the planner of a mission reads: without effect where no view is planned.
 PLANNERS = (
-    *("gate.", "covis.", "b_aware.", "matchable.", "visibility."),
+    *("gate.", "covis.", "b_aware.", "matchable."),
     *("pool.min_altitude_m", "pool.max_altitude_m", "pool.max_travel_m", "pool.min_spacing_m"),
     *("pool.revisit_exclusion_m", "pool.azimuth_sectors", "pool.max_candidates"),
 )

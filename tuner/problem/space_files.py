@@ -10,7 +10,7 @@ A search space file reads::
     parameters:
       gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: log}       # default: the preset's value
       b_aware.target_track_length: {kind: int, low: 3, high: 12}
-      visibility.mode: {kind: categorical, choices: [frustum, occlusion]}
+      stop.knn_region: {kind: categorical, choices: [all, box]}
       b_aware.weights.nov: {kind: float, low: 0.1, high: 2.0, also: [matchable.weights.nov]}  # one value for both
 """
 
@@ -91,7 +91,7 @@ def space_from_dict(tree: Any, source: str) -> SearchSpace:
     if not isinstance(base, dict):
         raise UserError(f"{source}: 'base' must map parameter paths to values")
     require(len(raw), MAX_PARAMETERS, f"{source}: the number of parameters")
-    for path in (*raw, *base):
+    for path in raw:
         _known_path(str(path), source)
     parameters = tuple(parameter_from_dict(path, spec, f"{source}: {path}") for path, spec in raw.items())
     tuned = [path for p in parameters for path in (p.path, *p.also)]

@@ -22,16 +22,14 @@ from nbv.scorers.repair_single import precision
     n_points=st.integers(2, 1_200),
     low_deg=st.floats(0.0, 12.0),
     width_deg=st.floats(1.0, 40.0),
-    occlusion=st.booleans(),
 )
 def test_rankings_are_those_of_double_precision(
-    seed: int, n_points: int, low_deg: float, width_deg: float, occlusion: bool
+    seed: int, n_points: int, low_deg: float, width_deg: float
 ) -> None:
     config = MissionConfig().with_values(
         {
             "b_aware.theta_low_deg": low_deg,
             "b_aware.theta_saturation_deg": low_deg + width_deg,
-            "visibility.mode": "occlusion" if occlusion else "frustum",
         }
     )
     state, pool = synthetic_state(n_points, config, seed)

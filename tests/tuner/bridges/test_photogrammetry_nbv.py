@@ -149,7 +149,6 @@ def test_a_recommendation_in_space_upstream_is_written_exactly():
     ("change", "key"),
     [
         ({"b_aware.weights.nov": 0.1}, "b_aware.weights.nov"),
-        ({"visibility.mode": "occlusion"}, "visibility.mode"),
         ({"shared.d_scale_m": 0.4}, "shared.d_scale_m"),
         ({"stop.knn_region": "box"}, "stop.knn_region"),
         ({"gate.geometry_scorer": "matchable"}, "gate.geometry_scorer"),

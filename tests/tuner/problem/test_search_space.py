@@ -27,7 +27,7 @@ MIXED = space_from_dict(
             "gate.budget_fraction": {"kind": "float", "low": 0.0, "high": 1.0},
             "b_aware.target_track_length": {"kind": "int", "low": 3, "high": 12},
             "dense.neighbours": {"kind": "int", "low": 1, "high": 64, "scale": "log"},
-            "visibility.mode": {"kind": "categorical", "choices": ["frustum", "occlusion"]},
+            "stop.knn_region": {"kind": "categorical", "choices": ["all", "box"]},
         },
     },
     "mixed.yaml",
@@ -43,7 +43,7 @@ def test_shipped_spaces_start_at_the_papers_values() -> None:
         >= {"covis.weights.nov": 1.2, "b_aware.weights.ang": 0.4}.items()
     )
     assert both.dimension == 8 and set(both.paths) < set(full.paths)
-    assert len(full.categorical_dimensions) == 2 and len(full.discrete_dimensions) == 3
+    assert len(full.categorical_dimensions) == 1 and len(full.discrete_dimensions) == 2
     pool, beyond = load_search_space("gate_weights_and_pool"), load_search_space("beyond_paper")
     assert set(pool.paths) - set(both.paths) == {"pool.max_altitude_m"} and set(pool.paths) < set(
         beyond.paths
@@ -114,10 +114,10 @@ GOOD = "parameters:\n  gate.d95_m: {kind: float, low: 0.01, high: 1.0, scale: lo
         ("parameters:\n  gate.budget_fraction: {low: 0.0, high: 2.0}\n", "between 0 and 1"),
         ("parameters:\n  dense.neighbours: {kind: int, low: 1.5, high: 4}\n", "whole number"),
         ("parameters:\n  dense.neighbours: {kind: float, low: 1.5, high: 4}\n", "it must be a whole number"),
-        ("parameters:\n  visibility.mode: {kind: categorical, choices: [frustum]}\n", "at least two"),
+        ("parameters:\n  stop.knn_region: {kind: categorical, choices: [all]}\n", "at least two"),
         (
-            "parameters:\n  visibility.mode: {kind: categorical, choices: [frustum, xray]}\n",
-            "allowed: frustum",
+            "parameters:\n  stop.knn_region: {kind: categorical, choices: [all, xray]}\n",
+            "allowed: all",
         ),
         (GOOD + "base:\n  gate.d95_m: 0.2\n", "both fixed in 'base' and tuned"),
         (GOOD + "begin: {gate.d95_m: 0.2}\n", "'begin' must list mappings"),

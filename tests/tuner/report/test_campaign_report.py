@@ -29,7 +29,7 @@ MIXED = {
     "base": {"gate.kind": "hyb-h"},
     "parameters": {
         "gate.budget_fraction": {"low": 0.0, "high": 1.0},
-        "visibility.mode": {"kind": "categorical", "choices": ["frustum", "occlusion"]},
+        "stop.knn_region": {"kind": "categorical", "choices": ["all", "box"]},
         "b_aware.target_track_length": {"kind": "int", "low": 3, "high": 12},
     },
 }

@@ -73,8 +73,6 @@ def write_scoring(
             )
     if config.gate.kind == "learned":
         remarks.append(Remark("gate.learned_policy", "their policies have other features and another schema"))
-    if config.visibility.mode != "frustum":
-        remarks.append(Remark("visibility.mode", "theirs knows the frustum only"))
     return {key.path: values[key.path] for key in SCORING if values.get(key.path) is not None}, remarks
 
 
