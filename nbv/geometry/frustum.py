@@ -1,7 +1,7 @@
 """Which sparse points a candidate would see.
 
-``frustum`` is the paper's: inside the image of an exact zero-roll camera aimed at the target, and
-nothing else, so points behind the rock count.
+As in the paper: those inside the image of an exact zero-roll camera aimed at the target, and nothing else, so points
+behind the rock count.
 """
 
 from __future__ import annotations
