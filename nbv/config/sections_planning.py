@@ -57,6 +57,12 @@ class SeedConfig(Section):
         "0: it is looked for after the last",
         added=True,
     )
+    second_turn: bool = ours(
+        False,
+        "where the seeds make no model, fly as many again between them, out of the planned views",
+        why="the paper's mission fails",
+        added=True,
+    )
 
     def __post_init__(self) -> None:
         self._need_positive("radius_m")

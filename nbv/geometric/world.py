@@ -33,7 +33,7 @@ from nbv.rocks import Rock
 from nbv.rocks.mesh import vertex_normals
 from nbv.terrain import Body, Surroundings, make_surroundings
 from nbv.types import Bools, Floats, Viewpoint
-from nbv.viewpoints import raw_candidates, seed_viewpoints, shell_viewpoints
+from nbv.viewpoints import raw_candidates, second_turn_viewpoints, seed_viewpoints, shell_viewpoints
 
 SURFACE_SAMPLES = 3_000
 ROCK_LANDMARKS = 1_800  # candidates on the rock; most are too faint to be detected often
@@ -112,7 +112,8 @@ def load_world(rock: Rock, config: MissionConfig, store: Store | None = None) ->
     ]
     if (around := _neighbours(rock, config, store)) is not None:
         inputs.append(list(around.key))
-    if seed_viewpoints(config) != seed_viewpoints(papers := replace(config, seed=SeedConfig())):
+    papers = replace(config, seed=SeedConfig())
+    if config.seed.second_turn or seed_viewpoints(config) != seed_viewpoints(papers):
         return with_seeds(load_world(rock, papers, store), rock, config, around)
     arrays = remember(
         store,
@@ -138,7 +139,8 @@ def with_seeds(
     config
         Its ``seed``, camera and target.
     """
-    caster, seeds = _caster(rock, around), seed_viewpoints(config)
+    caster = _caster(rock, around)
+    seeds = seed_viewpoints(config) + (second_turn_viewpoints(config) if config.seed.second_turn else [])
     pool = np.array([not name.startswith("seed") for name in world.viewpoint_ids])
 
     def seen(points_m: Floats, normals: Floats, max_incidence_deg: float, known: Bools) -> Bools:

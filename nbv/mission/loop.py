@@ -7,13 +7,14 @@ import dataclasses
 import numpy as np
 
 from nbv.config import MissionConfig
+from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import Gate
 from nbv.geometry.target import find_target
 from nbv.mission.belief import located, must_look
 from nbv.mission.recorder import Recorder
 from nbv.planner import Planner
-from nbv.types import Camera, Capture, Cloud, Reconstructor, SparseModel, Viewpoint
+from nbv.types import Camera, Capture, Cloud, Reconstructor, SparseModel, UpdateReport, Viewpoint
 from nbv.viewpoints import RINGS, ViewpointSource
 
 
@@ -67,10 +68,34 @@ class AdaptiveMission:
                 self.aim_anew()
                 seeds = self.planner.viewpoints.seeds(self.config)
             self._fly_and_photograph(seeds[k])
-        with self.recorder.timed("bootstrap"):
-            report = self.reconstructor.bootstrap(self.captures)
+        try:
+            report = self._seed_model()
+        except MissionFailure as failure:
+            if not self.config.seed.second_turn or not self.fly_second_turn(failure):
+                raise
+            report = self._seed_model()
         self.recorder.seed_model(report)
         return report.model
+
+    def _seed_model(self) -> UpdateReport:
+        with self.recorder.timed("bootstrap"):
+            return self.reconstructor.bootstrap(self.captures)
+
+    def fly_second_turn(self, failure: MissionFailure) -> bool:
+        """Fly seeds between those that made no model, as far as planned views are left to pay for them; whether any was."""
+        budget = self.config.adaptive_budget
+        views = self.planner.viewpoints.second_turn(self.config)[:budget]
+        if views:
+            self.recorder.second_turn(failure, len(views))
+        for view in views:
+            self._fly_and_photograph(view)
+        stop = dataclasses.replace(self.config.stop, adaptive_budget=budget - len(views))
+        self._plan_by(dataclasses.replace(self.config, stop=stop))
+        return bool(views)
+
+    def _plan_by(self, config: MissionConfig) -> None:
+        self.config = config
+        self.planner = Planner(config, self.planner.gate.retargeted(config), self.planner.viewpoints)
 
     def _must_look(self) -> bool:
         return must_look(self.config) and self.planner.viewpoints.follows_target
@@ -95,11 +120,10 @@ class AdaptiveMission:
         self.recorder.located(config)
 
     def _turn_to_target(self, config: MissionConfig) -> None:
-        self.config = config
+        self._plan_by(config)
         self.flight.face(config.target_m, config.flight)
         self.camera.aim_at(config.target_m)
         self.reconstructor.retarget(config.target_m, config.dense.crop_half_width_m)
-        self.planner = Planner(config, self.planner.gate.retargeted(config), self.planner.viewpoints)
 
     def fly_adaptive_phase(self, model: SparseModel) -> None:
         """Phase 2: plan, fly, photograph, update, until the budget is used or the cloud has converged."""

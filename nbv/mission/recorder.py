@@ -6,6 +6,7 @@ from contextlib import AbstractContextManager
 from dataclasses import asdict
 
 from nbv.config import MissionConfig
+from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import Oracle, gate_features, oracle_rewards
 from nbv.mission.function import Log, no_log
@@ -70,6 +71,11 @@ class Recorder:
     def aimed_anew(self, target_m: tuple[float, float, float] | None) -> None:
         """The first seeds have shown the target there, or not at all."""
         self._log("aimed-anew", {"target_m": target_m})
+
+    def second_turn(self, failure: MissionFailure, seeds: int) -> None:
+        """The seeds have made no model: so many more are flown between them."""
+        self.notes.append("second_turn")
+        self._log("second-turn", {"reason": failure.reason, "message": failure.message, "seeds": seeds})
 
     def seed_model(self, report: UpdateReport) -> None:
         """The seed photographs have become a sparse model."""

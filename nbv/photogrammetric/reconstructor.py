@@ -68,7 +68,11 @@ class PhotogrammetricReconstructor:
         """The seed model."""
         for capture in captures:
             self._images[capture.name] = capture.image
-        report = self._mapped().bootstrap(captures)
+        try:
+            report = self._mapped().bootstrap(captures)
+        except MissionFailure:  # it may be asked again, of more photographs
+            self._sparse = self._new_sparse(self._config.sparse)
+            raise
         self.has_model = True
         return report
 

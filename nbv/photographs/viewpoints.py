@@ -17,7 +17,7 @@ from nbv.errors import MissionFailure
 from nbv.geometry.frames import heading_to
 from nbv.random_streams import keyed_rng
 from nbv.types import CandidatePool, Floats, Ints, Viewpoint
-from nbv.viewpoints import seed_viewpoints
+from nbv.viewpoints import second_turn_viewpoints, seed_viewpoints
 
 SEED_CAP_DEG = 20.0  # a seed viewpoint without a photograph within this is not flown
 MOST_MISSING = 0.25  # of the seeds; more, and the set cannot express the layout
@@ -76,7 +76,19 @@ class PhotographViewpoints:
             hardly any within the altitudes of the pool.
         """
         self._require_candidates(config)
-        asked = seed_viewpoints(config)
+        return self._nearest_to(seed_viewpoints(config), 0)
+
+    def second_turn(self, config: MissionConfig) -> Sequence[Viewpoint]:
+        """The same of a second turn, less what the first has taken; empty where too few photographs are near it."""
+        first = {view.position_m for view in self.seeds(config)}
+        try:
+            found = self._nearest_to(second_turn_viewpoints(config), config.seed.total)
+        except MissionFailure:
+            return []
+        return [view for view in found if view.position_m not in first]
+
+    def _nearest_to(self, asked: Sequence[Viewpoint], first: int) -> list[Viewpoint]:
+        """The photographs for these viewpoints, named from number ``first`` on."""
         if len(asked) > len(self.positions_m):
             raise MissionFailure(
                 "not_photographed",
@@ -102,7 +114,8 @@ class PhotographViewpoints:
                 f"{self.elevations_deg.max():.0f}; set seed.lowest_deg and seed.span_deg (or seed.ring_elevations_deg)",
             )
         return [
-            self._viewpoint(int(column), f"seed_{k:02d}", "seed") for k, column in enumerate(columns[near])
+            self._viewpoint(int(column), f"seed_{number:02d}", "seed")
+            for number, column in enumerate(columns[near], first)
         ]
 
     def _require_candidates(self, config: MissionConfig) -> None:

@@ -27,7 +27,7 @@ ring, the densest one: 105 remain.
 """
 
 from nbv.viewpoints.pool import candidate_pool, raw_candidates, shell_viewpoints
-from nbv.viewpoints.rings import seed_viewpoints
+from nbv.viewpoints.rings import second_turn_viewpoints, seed_viewpoints
 from nbv.viewpoints.source import RINGS, ViewpointSource
 
 __all__ = [
@@ -35,6 +35,7 @@ __all__ = [
     "ViewpointSource",
     "candidate_pool",
     "raw_candidates",
+    "second_turn_viewpoints",
     "seed_viewpoints",
     "shell_viewpoints",
 ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from nbv.config import MissionConfig, SeedConfig
 from nbv.types import Viewpoint
@@ -77,15 +78,8 @@ def seed_viewpoints(config: MissionConfig) -> list[Viewpoint]:
     layout = config.seed
     if not layout.count:
         return ring_viewpoints(config.target_m, layout)
-    upper = layout.upper_count
-    if upper:
-        rings = SeedConfig(
-            ring_elevations_deg=(layout.lowest_deg, layout.upper_deg),
-            ring_azimuth_counts=(layout.count - upper, upper),
-            ring_bearings_deg=(layout.start_bearing_deg,) * 2,
-            radius_m=layout.radius_m,
-        )
-        return ring_viewpoints(config.target_m, rings)
+    if layout.upper_count:
+        return ring_viewpoints(config.target_m, _two_rings(layout))
     step_deg = 360.0 / layout.count
     return [
         _viewpoint(
@@ -98,6 +92,30 @@ def seed_viewpoints(config: MissionConfig) -> list[Viewpoint]:
         )
         for k in range(layout.count)
     ]
+
+
+def second_turn_viewpoints(config: MissionConfig) -> list[Viewpoint]:
+    """As many seeds again, named after the first: the same rings, each turned by half the step of its seeds."""
+    layout, first = config.seed, config.seed.total
+    if layout.count and not layout.upper_count:
+        between = replace(layout, start_bearing_deg=layout.start_bearing_deg + 180.0 / layout.count)
+    else:
+        rings = _two_rings(layout) if layout.count else layout
+        counts = rings.ring_azimuth_counts
+        bearings_deg = rings.ring_bearings_deg or (0.0,) * len(counts)
+        turned = tuple(start + 180.0 / count for start, count in zip(bearings_deg, counts))
+        between = replace(rings, ring_bearings_deg=turned)
+    views = seed_viewpoints(replace(config, seed=between))
+    return [replace(view, id=f"seed_{first + k:02d}") for k, view in enumerate(views)]
+
+
+def _two_rings(layout: SeedConfig) -> SeedConfig:
+    return SeedConfig(
+        ring_elevations_deg=(layout.lowest_deg, layout.upper_deg),
+        ring_azimuth_counts=(layout.count - layout.upper_count, layout.upper_count),
+        ring_bearings_deg=(layout.start_bearing_deg,) * 2,
+        radius_m=layout.radius_m,
+    )
 
 
 def ring_viewpoints(target_m: tuple[float, float, float], layout: SeedConfig) -> list[Viewpoint]:

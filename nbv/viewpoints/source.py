@@ -8,7 +8,7 @@ from typing import Protocol
 from nbv.config import MissionConfig
 from nbv.types import CandidatePool, Floats, Viewpoint
 from nbv.viewpoints.pool import candidate_pool
-from nbv.viewpoints.rings import seed_viewpoints
+from nbv.viewpoints.rings import second_turn_viewpoints, seed_viewpoints
 
 
 class ViewpointSource(Protocol):
@@ -20,6 +20,9 @@ class ViewpointSource(Protocol):
 
     def seeds(self, config: MissionConfig) -> Sequence[Viewpoint]:
         """The seeds of Phase 1 in the order flown."""
+
+    def second_turn(self, config: MissionConfig) -> Sequence[Viewpoint]:
+        """Further seeds between these, for where these make no model."""
 
     def candidates(
         self, config: MissionConfig, vehicle_position_m: Floats, visited_m: Floats, n_seeds: int
@@ -47,6 +50,10 @@ class Rings:
     def seeds(self, config: MissionConfig) -> Sequence[Viewpoint]:
         """See `nbv.viewpoints.seed_viewpoints`."""
         return seed_viewpoints(config)
+
+    def second_turn(self, config: MissionConfig) -> Sequence[Viewpoint]:
+        """See `nbv.viewpoints.second_turn_viewpoints`."""
+        return second_turn_viewpoints(config)
 
     def candidates(
         self, config: MissionConfig, vehicle_position_m: Floats, visited_m: Floats, n_seeds: int

@@ -35,7 +35,9 @@ RockFile = Annotated[str | None, typer.Option(help="Mesh file of a rock that is 
 def say_event(event: str, facts: dict[str, Any]) -> None:
     """A line for what a mission found or chose."""
     text = ""
-    if event == "aimed-anew":
+    if event == "second-turn":
+        text = f"no seed model ({facts['message']}): {facts['seeds']} seeds between them"
+    elif event == "aimed-anew":
         at = facts["target_m"]
         text = "target " + (
             "not found yet" if at is None else "found at ({:.2f}, {:.2f}, {:.2f}) m".format(*at)

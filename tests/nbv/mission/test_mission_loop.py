@@ -4,8 +4,10 @@ import dataclasses
 from typing import NamedTuple
 
 import numpy as np
+import pytest
 
 from nbv.config import preset
+from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import make_gate
 from nbv.geometric.mission import PoseCamera
@@ -98,6 +100,46 @@ def test_the_budget_counts_adaptive_captures():
     assert [record.iteration for record in mission.trace] == [0, 1, 2, 3]
     assert len({capture.viewpoint.id for capture in mission.captures}) == 28  # no viewpoint twice
     assert mission.notes == []
+
+
+class LateReconstructor(CountingReconstructor):
+    """It makes a model of so many photographs, not of fewer."""
+
+    def __init__(self, needed):
+        super().__init__()
+        self.needed = needed
+
+    def bootstrap(self, captures):
+        if len(captures) < self.needed:
+            raise MissionFailure("seed_model_failed", "too few")
+        return super().bootstrap(captures)
+
+
+LATE = {
+    "seed.count": 8,
+    "seed.second_turn": True,
+    "sparse.ground_features": 2000,
+    "sparse.min_registered_seeds": 6,
+    "stop.adaptive_budget": 10,
+}
+
+
+@pytest.mark.parametrize("layout", [{}, {"seed.upper_share": 0.4, "seed.span_deg": 20.0}])
+def test_a_second_turn_lies_between_the_seeds_and_is_paid_for(layout):
+    mission = fly(LateReconstructor(16), **LATE, **layout)
+    assert mission.notes == ["second_turn"]
+    views = np.array([[c.viewpoint.azimuth_deg, c.viewpoint.elevation_deg] for c in mission.captures[:16]])
+    for elevation_deg in set(views[:8, 1]):
+        on_ring = np.sort(views[views[:, 1] == elevation_deg, 0])
+        assert np.allclose(np.diff(on_ring), 360.0 / len(on_ring))
+    assert len({capture.name for capture in mission.captures}) == 18  # as many as without it
+    assert [record.iteration for record in mission.trace] == [0, 1]
+
+
+@pytest.mark.parametrize("values", [{"seed.second_turn": False}, {"stop.adaptive_budget": 0}])
+def test_without_views_for_a_second_turn_the_mission_fails_as_before(values):
+    with pytest.raises(MissionFailure, match="too few"):
+        fly(LateReconstructor(16), **{**LATE, **values})
 
 
 def test_an_unregistered_image_counts_and_the_mission_goes_on():
