@@ -5,9 +5,9 @@ import re
 
 import pytest
 import yaml
+from street import ROOT, SMALL, Street, commands_on
 
 from nbv.config import config_from_dict
-from tests.support.street import ROOT, SMALL, Street, commands_on
 from tuner.campaign import Campaign
 
 BUDGET = "24"

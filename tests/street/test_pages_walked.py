@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 import trimesh
-
-from tests.support.street import ROOT, SMALL, Street, commands_of
+from street import ROOT, SMALL, Street, commands_of
 
 pytestmark = pytest.mark.slow
 

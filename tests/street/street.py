@@ -27,7 +27,6 @@ class Street:
 
     folder: Path
     small: dict[str, str] = field(default_factory=lambda: dict(SMALL))
-    own_home: bool = True  # a user's folder of their own: two pages may both call a rock ``mine``
 
     def run(self, line: str, *, code: int = 0) -> str:
         """Run ``gatetune ...`` as printed, made quick; its output. A traceback or another exit status fails the test."""
@@ -47,10 +46,8 @@ class Street:
         return run.stdout
 
     def _home(self) -> Path:
-        """The user's folder; what is computed is shared by all."""
+        """A folder of its own, for two pages may both call a rock ``mine``; what is computed is shared by all."""
         shared = Path(os.environ["GATETUNE_HOME"])
-        if not self.own_home:
-            return shared
         home = self.folder / ".gatetune"
         if not home.exists():
             home.mkdir()
