@@ -46,28 +46,3 @@ def test_tracks_are_the_connected_components_of_matches(seed, n_views, n_landmar
         groups = [views[label == g] for g in np.unique(label)]
         expected |= {(landmark, frozenset(g.tolist())) for g in groups if len(g) >= 2}
     assert grouped(tracks, 2, range(n_views)) == expected
-
-
-@settings(max_examples=25)
-@given(st.integers(0, 10_000), st.permutations(range(7)))
-def test_the_order_of_views_does_not_matter(seed, order):
-    directions, detected, limit = random_views(seed, 7, 10)
-    forward, shuffled = Tracks(limit, 7), Tracks(limit, 7)
-    for v in range(7):
-        add(forward, directions[v], detected[v])
-    for v in order:
-        add(shuffled, directions[v], detected[v])
-    assert grouped(forward, 2, range(7)) == grouped(shuffled, 2, order)
-
-
-def test_a_view_that_is_dropped_leaves_its_place_to_the_next():
-    directions, detected, limit = random_views(5, 4, 8)
-    tracks, without = Tracks(limit, 4), Tracks(limit, 4)
-    far = -directions[0]  # joins nothing
-    add(tracks, directions[0], detected[0])
-    add(tracks, far, np.ones(8, dtype=bool))
-    tracks.drop_last()
-    add(without, directions[0], detected[0])
-    for v in (1, 2):
-        assert add(tracks, directions[v], detected[v]) == add(without, directions[v], detected[v])
-    assert grouped(tracks, 2, range(4)) == grouped(without, 2, range(4))

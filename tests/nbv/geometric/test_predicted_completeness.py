@@ -3,14 +3,12 @@
 from itertools import pairwise
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nbv.config import DenseConfig
 from nbv.dense.consistency import choose_witnesses
 from nbv.dense.stereo import choose_neighbours
-from nbv.geometric.completeness import best_so_far, within_reach
 from nbv.geometry.frames import look_at
 from nbv.geometry.stereo_chance import (
     DenseModel,
@@ -75,18 +73,3 @@ def test_partners_and_witnesses_are_those_of_the_dense_stage(seed, n):
         assert [f"{j:02d}" for j in partner[i][usable[i]]] == expected
         expected = choose_witnesses(f"{i:02d}", poses, target, config.consistency_views)
         assert {f"{j:02d}" for j in np.flatnonzero(witnesses[i])} == set(expected)
-
-
-def test_reach_takes_the_best_neighbour_within_the_threshold():
-    neighbours = np.array([[0, 1, 2], [1, 0, 2], [2, 1, 0]])
-    distance = np.array([[0, 0.02, 0.06], [0, 0.02, 0.04], [0, 0.04, 0.06]])
-    best = best_so_far(np.array([0.1, 0.5, 0.9]), neighbours.T)
-
-    def reached(t_m):
-        return within_reach(best, (distance < t_m).sum(axis=1)).tolist()
-
-    # Two chances as good as the best neighbour's: 1 - (1 - p)^2.
-    assert reached(0.01) == pytest.approx([0.19, 0.75, 0.99])
-    assert reached(0.03) == pytest.approx([0.75, 0.75, 0.99])
-    assert reached(0.05) == pytest.approx([0.75, 0.99, 0.99])
-    assert reached(0.0) == [0.0, 0.0, 0.0]

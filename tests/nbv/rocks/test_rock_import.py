@@ -165,12 +165,6 @@ def test_inside_out_and_mixed_winding_are_mended(tmp_path):
     assert any("wound against" in note for note in rock.notes)
 
 
-def test_missing_texture_falls_back_and_says_so(tmp_path):
-    rock = small(write_box_obj(tmp_path, texture=False))
-    assert any("texture image is missing" in note for note in rock.notes)
-    assert any("procedural" in note for note in rock.notes)
-
-
 BAD_FILES = {
     "missing.obj": (None, "no mesh file"),
     "empty.obj": ("", "is empty"),

@@ -7,7 +7,6 @@ import pytest
 from scene_helpers import SMALL_CAMERA, SMALL_GROUND
 
 from nbv.config import GroundConfig, SceneConfig
-from nbv.errors import UserError
 from nbv.geometry.frames import look_at
 from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.scene import build_scene, make_renderer
@@ -60,20 +59,6 @@ def test_a_neighbour_hides_part_of_the_rock(ball_scene, scene, behind) -> None:
     alone = make_renderer(ball_scene, "raycast").render(behind).rock_mask
     hidden = make_renderer(scene, "raycast").render(behind).rock_mask
     assert 0.1 < hidden.sum() / alone.sum() < 0.9
-
-
-def test_both_renderers_show_the_same_surroundings(scene, behind) -> None:
-    try:
-        gl = make_renderer(scene, "gl")
-    except UserError as error:
-        pytest.skip(f"no OpenGL on this machine: {error}")
-    a, b = make_renderer(scene, "raycast").render(behind), gl.render(behind)
-    gl.close()
-    near = (a.depth_m < 6) & (b.depth_m < 20)
-    relative = np.abs(a.depth_m[near] - b.depth_m[near]) / a.depth_m[near]
-    assert np.median(relative) < 4e-3 and np.percentile(relative, 90) < 2e-2
-    assert (a.rock_mask != b.rock_mask).mean() < 0.01
-    assert np.abs(a.rgb.astype(float) - b.rgb).mean() < 6
 
 
 def test_neighbours_cast_shadows_on_ground_with_relief(scene, around) -> None:

@@ -52,16 +52,6 @@ def test_agrees_with_one_descriptor_at_a_time(seed, count_a, count_b, noise):
         assert [tuple(m) for m in got.tolist()] == reference(a, b, ratio, 0.7)
 
 
-def test_blocks_do_not_change_the_result(monkeypatch):
-    rng = np.random.default_rng(1)
-    a = descriptors(rng, 150)
-    b = np.concatenate([descriptors(rng, 100, like=a[50:].astype(float), noise=0.03), descriptors(rng, 30)])
-    whole = match_pair(a, b)
-    monkeypatch.setattr("nbv.sparse.matching.BLOCK_BYTES", 4 * 131 * 7)
-    assert len(whole) > 50
-    np.testing.assert_array_equal(match_pair(a, b), whole)
-
-
 def test_agrees_with_colmap():
     rng = np.random.default_rng(2)
     a = descriptors(rng, 300)

@@ -86,25 +86,6 @@ def test_interrupted_campaign_goes_on_as_if_it_had_not_been(tmp_path: Path) -> N
         np.testing.assert_allclose(list(a.values.values()), list(b.values.values()), rtol=1e-6)
 
 
-@pytest.mark.parametrize("while_in", ["propose", "recommendation"])
-def test_ctrl_c_does_not_wait_for_a_model(
-    while_in: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    campaign, worked_on = begin_campaign(tmp_path / "run", settings()), []
-
-    def think(*_: object, **__: object) -> None:
-        os.kill(os.getpid(), signal.SIGINT)
-        worked_on.append(sum(range(1000)))
-
-    with monkeypatch.context() as patch:
-        patch.setattr(campaign, while_in, think)
-        summary = fly_campaign(campaign, InProcessExecutor(), recommend_every=2)
-    assert summary.stopped == "interrupted" and not worked_on and summary.recommendation is None
-    assert summary.status.finished == (0 if while_in == "propose" else 2)
-    resumed = Campaign.open(tmp_path / "run", fidelity=FIDELITY)
-    assert fly_campaign(resumed, InProcessExecutor()).status.complete == 6
-
-
 @pytest.mark.slow
 def test_in_step_a_campaign_is_the_same_with_any_workers(tmp_path: Path) -> None:
     changes: dict[str, object] = {"sampler": "gp", "initial": 4, "rocks": ("slow", "b"), "in_step": 3}
@@ -398,19 +379,6 @@ def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -
         path.write_text(json.dumps(stale) if stale is not None else "{")
         found = Campaign.open(tmp_path / "run", fidelity=FIDELITY).recommended_config()
         assert found == campaign.settings.config(saved["values"])
-
-
-def test_a_campaign_of_an_earlier_version_is_refused_in_one_line(tmp_path: Path) -> None:
-    campaign = begin_campaign(tmp_path / "run", settings(budget=2))
-    path = campaign.directory / "campaign.yaml"
-    tree = yaml.safe_load(path.read_text())
-    tree["format"] = 1
-    tree["settings"]["gp"] = {"risk": "cvar", "prior_strength": 4.0, "sparse": False}
-    path.write_text(yaml.safe_dump(tree))
-    with pytest.raises(
-        UserError, match=r"format 1, this version reads 3; open .* with the version that began it"
-    ):
-        Campaign.open(campaign.directory, fidelity=FIDELITY)
 
 
 @pytest.mark.slow

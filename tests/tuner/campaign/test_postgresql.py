@@ -128,26 +128,6 @@ def test_a_coordinator_that_was_cut_off_goes_on_unless_it_was_replaced(
     assert [t.state for t in fresh.trials()] == ["complete"] * 9
 
 
-def test_a_database_that_goes_away_is_one_clear_line(
-    tmp_path: Path, server: Server, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    url = server.url
-    campaign = begin_campaign(tmp_path / "run", settings(name="away", storage=url, sampler="sobol"))
-    monkeypatch.setattr(storage, "PATIENCE_S", 0.0)
-    with pytest.raises(UserError, match="resume"):
-        fly_campaign(
-            campaign,
-            InProcessExecutor(),
-            lambda e: server.stop() if e.finished == 4 and e.kind == "finished" else None,
-        )
-    server.start()
-    assert (
-        fly_campaign(Campaign.open(tmp_path / "run", fidelity=FIDELITY), InProcessExecutor()).stopped
-        == "budget"
-    )
-    assert [t.state for t in campaign.trials()] == ["complete"] * 9
-
-
 @pytest.mark.parametrize("answer_lost", [False, True])
 def test_a_cut_connection_ends_no_campaign(
     answer_lost: bool, tmp_path: Path, server: Server, monkeypatch: pytest.MonkeyPatch

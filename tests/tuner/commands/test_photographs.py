@@ -1,4 +1,4 @@
-"""``gatetune photographs``: list, show, and mistakes in one line."""
+"""``gatetune photographs``: list, show, the page of a set, and mistakes in one line."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from nbv.errors import UserError
 from tuner.cli import app
+from tuner.report.photographs import write_import_report
 
 run = CliRunner()
 
@@ -45,3 +46,17 @@ def test_mistakes(arguments: list[str], words: str) -> None:
     told = run.invoke(app, ["photographs", *arguments])
     assert isinstance(told.exception, UserError)
     assert words in str(told.exception)
+
+
+def test_the_page_of_an_imported_set_says_what_there_is(home: Path) -> None:
+    page = write_import_report(write_set())
+    assert page == home / "photographs" / "mine" / "report.html"
+    text = page.read_text()
+    assert "6 of 7 photographs make one model" in text
+    assert "between azimuth 200° and 0°: nobody stood there" in text
+    assert "Elevations of 0° to 0°" in text or "Elevations of -0° to 0°" in text
+    assert "LOST.JPG" in text
+    assert "azimuth 60° to 90°: hardly any points" in text
+    assert "0.598 m" in text
+    assert text.count("<img") == 2
+    assert "54.5" in text

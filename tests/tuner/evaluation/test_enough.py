@@ -10,11 +10,10 @@ import pytest
 from photographed_ball import spread, write_set
 from typer.testing import CliRunner
 
-from nbv.config import preset
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
 from tuner.cli import app
-from tuner.evaluation.enough import ALL, SEEDS, enough_plans, read_enough
+from tuner.evaluation.enough import ALL, enough_plans, read_enough
 from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
@@ -25,24 +24,6 @@ from tuner.report.photographs import draw_enough
 def ball(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PhotographSet:
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
     return write_set("ball", spread(40), rendered=False)
-
-
-def test_every_way_has_the_same_number_and_the_same_seeds(ball: PhotographSet) -> None:
-    everything, few = enough_plans(ball, (8, 16, 24, 500), replicates=2)
-    assert everything.missions == 1
-    assert set(few.strategies) == {
-        "ring-16",
-        *(f"{way}-24" for way in ("ring", "random", "hyb-h", "tuned", "oracle")),
-    }
-    for name, config in few.strategies.items():
-        assert config.seed.total + config.adaptive_budget == int(name.rpartition("-")[2])
-        assert config.seed.total == SEEDS or name.startswith("ring")
-    assert everything.strategies[ALL].adaptive_budget >= 36  # 4 of 40 are kept out
-    tuned = preset("campaign").with_values({"gate.kind": "covis", "covis.weights.nov": 0.3, "seed.count": 24})
-    flown = enough_plans(ball, (24,), tuned=tuned)[1].strategies["tuned-24"]
-    assert (flown.gate.kind, flown.covis.weights.nov, flown.seed.count) == ("covis", 0.3, SEEDS)
-    with pytest.raises(UserError, match="ball has 36 photographs to choose from"):
-        enough_plans(ball, (8, 500))
 
 
 def run(plan: EvaluationPlan, values: dict[str, list[tuple[float, int]]], names: list[str]) -> EvaluationRun:

@@ -13,7 +13,6 @@ from tuner.evaluation.baselines import (
     photographs,
     tuned_configs,
 )
-from tuner.evaluation.plan import EvaluationPlan
 from tuner.problem.space_files import load_search_space
 
 BASE = preset("campaign")
@@ -61,15 +60,6 @@ def test_beside_a_tuned_orbit_planners_keep_their_share(space: str, number: int,
     assert (equal.seed.total, equal.adaptive_budget) == shared_out
     assert equal.seed.upper_share == (base.seed if base.seed.count else tuned.seed).upper_share
     assert controls_at_equal_number({"tuned": tuned, **found}) == (f"hyb-h-{number}", f"covis-{number}")
-
-
-def test_what_has_no_effect_makes_no_second_mission() -> None:
-    orbit = BASELINES["orbit"].orbit(BASE, 20)
-    other = orbit.with_values({"gate.kind": "covis", "pool.max_altitude_m": 1.5, "covis.weights.nov": 0.1})
-    assert EvaluationPlan({"tuned": other, "orbit-20": orbit}, ("slab",)).missions == 1
-    wider = orbit.with_values({"seed.count": 21})
-    assert EvaluationPlan({"tuned": other, "orbit-20": orbit, "more": wider}, ("slab",)).missions == 2
-    assert tuned_configs(other, BASE) == {"tuned": other}  # no views at random where none is planned
 
 
 def test_baselines_have_the_mean_number_of_a_plan_that_may_end_early() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import gc
 import json
 import os
@@ -17,6 +18,10 @@ import pytest
 
 pytest.importorskip("distributed", reason="pip install 'gatetune[cluster]'")
 
+from collections.abc import Callable
+from typing import Any
+
+import pytest
 from fake_campaigns import FIDELITY, settings
 from test_executors import fly, job
 
@@ -183,3 +188,37 @@ def test_a_scheduler_that_others_reach_is_refused(tmp_path: Path) -> None:
         dask_executor("dask", reached, 1, 60.0, unencrypted=True).close()
     finally:
         cluster.close()
+
+
+def wait_for(happened: Callable[[], Any]) -> Any:
+    deadline = time.monotonic() + 20
+    while not (found := happened()):
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    return found
+
+
+def states(dask_scheduler: Any) -> list[tuple[str, list[str]]]:
+    return [(task.state, [w.address for w in task.who_has or ()]) for task in dask_scheduler.tasks.values()]
+
+
+def test_a_result_that_its_worker_loses_is_not_flown_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cluster = Cluster(tmp_path, 2)
+    with contextlib.closing(cluster), dask_executor("dask", cluster.address, 1, 60.0) as executor:
+        look = executor._client.run_on_scheduler
+        # The coordinator has the result, and is cut off before the scheduler hears so.
+        send = executor._client._send_to_scheduler
+        monkeypatch.setattr(
+            executor._client,
+            "_send_to_scheduler",
+            lambda message: None if message["op"] == "client-releases-keys" else send(message),
+        )
+        wait_for(lambda: executor.workers == 2)
+        assert fly(executor, [job(tmp_path)])["0000"].status == "ok"
+        ((state, (keeps,)),) = look(states)
+        assert state == "memory"
+        os.kill(executor._client.run(os.getpid, workers=[keeps])[keeps], signal.SIGKILL)
+        wait_for(lambda: [s for s in look(states) if s[0] == "memory" and s[1] != [keeps]])
+        assert len(cluster.flights.read_text().splitlines()) == 1

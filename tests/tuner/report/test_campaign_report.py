@@ -12,7 +12,6 @@ from pathlib import Path
 import fake_campaigns
 import pytest
 
-from tuner.acquisition.two_objectives import pareto_front
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings import CampaignSettings
@@ -147,21 +146,6 @@ def test_every_kind_of_campaign_has_a_page(tmp_path: Path, changes: dict[str, ob
     assert best is not None
     assert use_sentence(best, campaign.settings) in text
     assert "nan" not in text.lower().split()
-
-
-@pytest.mark.slow
-def test_two_objectives_have_their_front(tmp_path: Path) -> None:
-    second = Objective("whole.completeness_48mm", "minimise")  # the same number: one is bought with the other
-    campaign = flown(tmp_path / "run", budget=10, sampler="gp", second=second, limit=60.0)
-    page = write_campaign_report(campaign)
-    source, text = page.read_text(), text_of(page)
-    front = pareto_front(campaign.flown_in_both(), (campaign.settings.objective, second))
-    assert len(front) >= 5
-    section = re.search(r'<table id="front">(.*?)</table>', source, re.S)[1]  # type: ignore[index]
-    assert len(re.findall(r"<tr><td>", section)) == len(front)
-    assert f"{front[0].values['gate.budget_fraction']:.4g}" in section
-    assert "Completeness @ 48 mm" in text
-    assert "with Completeness" in text
 
 
 @pytest.mark.slow

@@ -95,16 +95,6 @@ def test_a_flown_study_finds_the_known_components_and_is_not_flown_twice(tmp_pat
     assert json.loads((tmp_path / "s" / "noise.json").read_text())[0]["between"] == found.between
 
 
-def test_failed_missions_are_left_out_and_too_few_say_nothing(tmp_path: Path) -> None:
-    plan = plan_of(("r0", "failing"), 6, 2)
-    run = run_evaluation(plan, tmp_path / "s", InProcessExecutor())
-    failed = {r.strategy for r in run.records if r.status == "failed"}
-    found = analyse(plan, run.records, METRIC)
-    assert failed and found is not None and found.configurations == 6 - len(failed - {"default"})
-    assert analyse(plan, run.records[:8], METRIC) is None
-    assert analyse(plan, run.records, "whole.nothing") is None
-
-
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 import synthetic
@@ -125,3 +127,19 @@ def test_a_trend_reaches_where_nothing_was_flown() -> None:
     )
     assert abs(with_trend.mean[0] - truth) < 0.15 * truth
     assert abs(with_trend.mean[0] - truth) < 0.5 * abs(without.mean[0] - truth)
+
+
+def test_sparse_model_switches_parameters_off() -> None:
+    """Only the first parameter matters; the sparse prior knows it from fewer missions."""
+    rng = np.random.default_rng(1)
+    history = []
+    for i in range(24):
+        u = rng.random(2)
+        y = math.sin(6 * u[0]) + 0.05 * rng.normal()
+        history.append(Observation(i, synthetic.SPACE.from_unit(u), "r0", 0, y, y))
+    ratio = {}
+    for sparse in (False, True):
+        model = RockMeanGP(synthetic.SPACE, history, ("r0",), settings=SurrogateSettings(sparse=sparse))
+        first, second = model.lengthscales.values()
+        ratio[sparse] = second / first
+    assert ratio[True] > 10 and ratio[True] > ratio[False]

@@ -11,7 +11,6 @@ from nbv.errors import UserError
 from tuner.missions.executors import limit_s
 from tuner.missions.external import MissionFile, load_mission_file
 from tuner.missions.external.contract import read_result, seed_of
-from tuner.problem.quality_at_cost import asked_objective
 
 FILE = {
     "name": "mine",
@@ -112,22 +111,3 @@ def test_the_results_of_the_how_to_page_are_results(tmp_path):
     assert json.loads(request)["seed"] == seed_of(json.loads(request)["instance"]["name"], 0)
     found = [read_result(left(tmp_path, text)) for text in results]
     assert found[0].metrics and found[0].costs and found[1].failure
-
-
-@pytest.mark.parametrize(
-    ("text", "means"),
-    [
-        ("f.score@costs.views<=20", (("f.score", "maximise"), ("costs.views", "minimise"), 20.0)),
-        ("costs.views@f.score>=0.9", (("costs.views", "minimise"), ("f.score", "maximise"), 0.9)),
-        ("sharpness@costs.battery>=0.2", (("sharpness", "maximise"), ("costs.battery", "maximise"), 0.2)),
-    ],
-)
-def test_objectives_of_a_mission_file_are_its_own_metrics_and_costs(tmp_path, text, means):
-    mission = load(tmp_path, directions={"sharpness": "maximise", "costs.battery": "maximise"})
-    asked = asked_objective(text, mission.directions)
-    found = [(o.metric, o.direction) for o in (asked.objective, asked.second)]
-    assert (*found, asked.limit) == means
-    with pytest.raises(
-        UserError, match=r"say it in the mission file, such as directions: \{blur: maximise\}"
-    ):
-        asked_objective("blur@costs.views<=20", mission.directions)
