@@ -43,7 +43,7 @@ from nbv.photographs.photograph_set import (
 )
 from nbv.photographs.pinhole import common_pinhole, undistorted
 from nbv.photographs.reference_file import Reference, write_reference
-from nbv.photographs.scale import find_scale
+from nbv.photographs.scale import find_scale, read_control_points
 from nbv.photographs.solve import solve
 from nbv.photographs.solved import SolvedModel, write_colmap
 from nbv.photographs.surface import surface_of
@@ -106,10 +106,13 @@ def import_photographs(
     _check_free(name, force=force)
     photographs, notes = read_folder(folder, progress)
     masks = {} if options.masks is None else find_masks(options.masks, photographs)
+    marked = None
+    if options.control_points is not None:
+        marked = read_control_points(options.control_points, photographs)
     model, upright, more = solve(photographs, options.max_size_px, options.model, progress, store)
     sizes = working_sizes(photographs, options.max_size_px, upright=upright)
     full = {p.name: p.upright_size_px if upright else p.size_px for p in photographs}
-    scale = find_scale(model, photographs, full, options.height_m, options.control_points)
+    scale = find_scale(model, photographs, full, options.height_m, marked)
     by_name = {p.name: p for p in photographs}
     ups = np.array([up_in_picture(by_name[name], upright=upright) for name in model.names])
     frame = find_object(model, ups, _in_masks(model, sizes, masks), scale.up)

@@ -23,6 +23,8 @@ WORST_MISS_DEG = 1.0  # of the rays of one control point
 WORST_GPS_SCALE = 0.1  # standard error beyond which GPS does not tell the scale
 _MOST_LINES = 20_000
 
+Place = tuple[float, float, float]
+
 
 @dataclass(frozen=True)
 class Scale:
@@ -43,12 +45,50 @@ class Scale:
         return None
 
 
+@dataclass(frozen=True)
+class ControlPoints:
+    """Marks (photograph, x, y in its pixels) by place in local metres, east, north, up."""
+
+    path: Path
+    marks: Mapping[Place, Sequence[tuple[str, float, float]]]
+
+
+def read_control_points(path: Path, photographs: Sequence[SourcePhotograph]) -> ControlPoints:
+    """Marks on these photographs, from a file in OpenDroneMap's ``gcp_list.txt`` format.
+
+    Raises
+    ------
+    UserError
+        It cannot be read, or marks a place outside its photograph.
+    """
+    path = expanded(path)
+    of_file = {p.path.name.lower(): p for p in photographs}
+    kept: dict[Place, list[tuple[str, float, float]]] = {}
+    for place, seen in _read_marks(path).items():
+        for file, x_px, y_px in seen:
+            if (photograph := of_file.get(file.lower())) is None:
+                continue
+            sizes = (photograph.size_px, photograph.upright_size_px)  # a mark may be of either way to hold it
+            if not any(0 <= x_px <= width and 0 <= y_px <= height for width, height in sizes):
+                width, height = sizes[1]
+                raise UserError(
+                    f"{path} marks ({x_px:g}, {y_px:g}) in {file}, which has {width} x {height} px; "
+                    "give marks in pixels of these photographs"
+                )
+            kept.setdefault(place, []).append((photograph.name, x_px, y_px))
+    if (several := sum(len(seen) >= 2 for seen in kept.values())) < FEWEST_POINTS:
+        raise UserError(
+            f"{path}: {several} control points are marked in two of these photographs or more; {FEWEST_POINTS} are needed"
+        )
+    return ControlPoints(path, kept)
+
+
 def find_scale(
     model: SolvedModel,
     photographs: Sequence[SourcePhotograph],
     full_sizes_px: Mapping[str, tuple[int, int]],
     height_m: float | None,
-    control_points: Path | None,
+    control_points: ControlPoints | None,
 ) -> Scale:
     """The best that there is: the object's height as the user gave it, control points, GPS of the photographs.
 
@@ -63,15 +103,15 @@ def find_scale(
     height_m
         Of the object, if the user knows it.
     control_points
-        File in OpenDroneMap's ``gcp_list.txt`` format.
+        As `read_control_points` has them.
 
     Raises
     ------
     UserError
-        The control points cannot be read or do not fit the model.
+        The control points do not fit the model.
     """
     if control_points is not None:
-        fitted = _from_control_points(model, full_sizes_px, expanded(control_points), photographs)
+        fitted = _from_control_points(model, full_sizes_px, control_points)
         if height_m is None:
             return fitted
         return Scale("length", height_m, None, fitted.up, fitted.notes)
@@ -83,25 +123,17 @@ def find_scale(
 def _from_control_points(
     model: SolvedModel,
     full_sizes_px: Mapping[str, tuple[int, int]],
-    path: Path,
-    photographs: Sequence[SourcePhotograph],
+    points: ControlPoints,
 ) -> Scale:
-    marks = _read_marks(path)
+    path = points.path
     row = {name: index for index, name in enumerate(model.names)}
-    name_of = {p.path.name.lower(): p.name for p in photographs}
     found, expected, misses_deg = [], [], []
-    for place, seen in marks.items():
+    for place, seen in points.marks.items():
         rays = []
-        for file, x_px, y_px in seen:
-            name = name_of.get(file.lower())
-            if name is None or name not in row:
+        for name, x_px, y_px in seen:
+            if name not in row:
                 continue
             width, height = full_sizes_px[name]
-            if not (0 <= x_px <= width and 0 <= y_px <= height):
-                raise UserError(
-                    f"{path} marks ({x_px:g}, {y_px:g}) in {file}, which has {width} x {height} px; "
-                    "give marks in pixels of these photographs"
-                )
             camera = model.cameras[row[name]]
             xy = np.array([[x_px * camera.width / width, y_px * camera.height / height]])
             rays.append((row[name], np.asarray(camera.cam_from_img(xy))[0]))
@@ -138,13 +170,13 @@ def _from_control_points(
     return Scale("control points", None, fit.scale, fit.rotation.T @ np.array([0.0, 0.0, 1.0]), (note,))
 
 
-def _read_marks(path: Path) -> dict[tuple[float, float, float], list[tuple[str, float, float]]]:
-    """Marks (file, x, y) by place in local metres, east, north, up."""
+def _read_marks(path: Path) -> dict[Place, list[tuple[str, float, float]]]:
+    """Marks (file, x, y) by place."""
     lines = [line.split() for line in read_text(path, 16 * 2**20).splitlines() if line.strip()]
     if not 2 <= len(lines) <= _MOST_LINES:
         raise UserError(f"{path} has {len(lines)} lines; it needs a projection and a line for every mark")
     header = " ".join(lines[0])
-    marks: dict[tuple[float, float, float], list[tuple[str, float, float]]] = {}
+    marks: dict[Place, list[tuple[str, float, float]]] = {}
     for number, words in enumerate(lines[1:], start=2):
         try:
             x, y, z, x_px, y_px = (float(word) for word in words[:5])

@@ -12,7 +12,7 @@ import pytest
 from nbv.errors import UserError
 from nbv.geometry import Similarity, look_at
 from nbv.photographs.folder import SourcePhotograph
-from nbv.photographs.scale import find_scale
+from nbv.photographs.scale import ControlPoints, find_scale, read_control_points
 from nbv.photographs.solved import SolvedModel
 
 WIDTH, HEIGHT = 640, 480
@@ -56,7 +56,9 @@ def photographs(gps_error_m: float | None = None) -> list[SourcePhotograph]:
     return [replace(p, gps=tuple(map(float, at))) for p, at in zip(plain, positions, strict=True)]
 
 
-def marks(path: Path, points: np.ndarray = POINTS, header: str = "EPSG:32654", factor: float = 2.0) -> Path:
+def marks(
+    path: Path, points: np.ndarray = POINTS, header: str = "EPSG:32654", factor: float = 2.0
+) -> ControlPoints:
     """Marks in the users' files, which are twice as large as what is worked on."""
     lines = [header]
     for point in points:
@@ -64,7 +66,7 @@ def marks(path: Path, points: np.ndarray = POINTS, header: str = "EPSG:32654", f
             x, y = factor * np.asarray(CAMERA.img_from_cam((pose[:3, :3] @ point + pose[:3, 3])[None]))[0]
             lines.append(f"{point[0] + 494000} {point[1] + 4232000} {point[2]} {x} {y} p{i}.jpg")
     path.write_text("\n".join(lines) + "\n")
-    return path
+    return read_control_points(path, photographs())
 
 
 def test_control_points_give_scale_and_up(model: SolvedModel, tmp_path: Path) -> None:
@@ -95,13 +97,11 @@ def test_a_known_height_is_the_scale_and_control_points_then_say_what_is_up(
         ("EPSG:32654\n1 2 3 4000 5 p0.jpg\n", "in pixels of these photographs"),
     ],
 )
-def test_control_points_that_cannot_be_used(
-    model: SolvedModel, tmp_path: Path, text: str, words: str
-) -> None:
+def test_control_points_that_cannot_be_used(tmp_path: Path, text: str, words: str) -> None:
     path = tmp_path / "gcp.txt"
     path.write_text(text)
     with pytest.raises(UserError, match=words) as told:
-        find_scale(model, photographs(), SIZES, None, path)
+        read_control_points(path, photographs())
     assert "\n" not in str(told.value)
 
 
