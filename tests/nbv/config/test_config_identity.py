@@ -31,9 +31,9 @@ def test_names_are_checked_when_a_configuration_is_read() -> None:
 def test_a_retired_setting_is_read_at_the_value_that_stayed_and_refused_at_another() -> None:
     assert config_from_dict({"visibility": {"mode": "frustum"}}) == MissionConfig()
     assert preset("campaign").with_values({"visibility.mode": "frustum"}) == preset("campaign")
-    with pytest.raises(UserError, match="^visibility.mode is gone: .* not 'occlusion'"):
+    with pytest.raises(UserError, match=r"^visibility\.mode is gone: .* not 'occlusion'"):
         config_from_dict({"visibility": {"mode": "occlusion"}})
-    with pytest.raises(UserError, match="^visibility.mode is gone"):
+    with pytest.raises(UserError, match=r"^visibility\.mode is gone"):
         preset("campaign").with_values({"visibility.mode": "occlusion"})
-    with pytest.raises(UserError, match="unknown mission parameter 'visibility.range_m'"):
+    with pytest.raises(UserError, match=r"unknown mission parameter 'visibility\.range_m'"):
         config_from_dict({"visibility": {"range_m": 1}})
