@@ -64,7 +64,7 @@ PLANNED: dict[str, dict[str, Any]] = {
     "random views": {"gate.kind": "random"},
     "greedy oracle": ORACLE,
 }
-SEEDS: dict[str, Any] = {"seed.count": 12, "seed.lowest_deg": 10.0}
+SEEDS: dict[str, Any] = {"seed.count": 12, "seed.lowest_deg": 10.0, "seed.second_turn": True}
 
 
 def after_every_photograph(config: MissionConfig, rock: str) -> Iterator[tuple[int, float, float]]:
