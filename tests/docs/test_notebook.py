@@ -1,14 +1,17 @@
-"""The notebook of the tutorial runs from top to bottom."""
+"""The notebook runs from top to bottom; pictures of page, viewer and terminal are not older than what they show."""
 
 from __future__ import annotations
 
+import runpy
 from pathlib import Path
 
 import nbformat
 import pytest
 from nbclient import NotebookClient
+from PIL import Image
 
-NOTEBOOK = Path(__file__).resolve().parents[2] / "docs" / "tutorial.ipynb"
+ROOT = Path(__file__).resolve().parents[2]
+NOTEBOOK = ROOT / "docs" / "tutorial.ipynb"
 
 
 def test_no_outputs_are_committed() -> None:
@@ -31,3 +34,15 @@ def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert "tuned" in said[5] and "hyb-h" in said[5]
     assert "covis" in said[6] and "b-aware" in said[6]
     assert (tmp_path / "runs" / "notebook" / "mission.html").stat().st_size > 100_000
+
+
+SCREENSHOTS = runpy.run_path(str(ROOT / "docs" / "make_screenshots.py"))
+
+
+@pytest.mark.parametrize("name", SCREENSHOTS["MADE_FROM"])
+def test_pictures_show_what_is_there(name: str) -> None:
+    with Image.open(ROOT / "docs" / "images" / f"{name}.png") as picture:
+        held = picture.info.get(SCREENSHOTS["DIGEST"])
+    assert held == SCREENSHOTS["digest"](name), (
+        "run python docs/make_screenshots.py and look at the pictures; or, where it does not show, with --same"
+    )

@@ -7,7 +7,6 @@ import pytest
 
 from nbv.config import DenseConfig
 from nbv.dense import patchmatch_runs
-from nbv.dense.consistency import choose_witnesses
 from nbv.dense.patchmatch import read_depth_maps, write_images
 from nbv.dense.reconstruct import check_depths, make_backend
 from nbv.dense.surface import points_to_search
@@ -48,11 +47,6 @@ def test_shrunk_photographs_show_the_same_surface(scene, cloud):
     assert 0.4 * len(cloud.points_m) < len(small.points_m) < 0.8 * len(cloud.points_m)  # 9/16 of the pixels
     assert np.median(error) < 0.009 and np.mean(error < 0.04) > 0.95
     assert len(cloud_of(scene, dataclasses.replace(CONFIG, max_size_px=640)).points_m) == len(cloud.points_m)
-
-
-def test_witnesses_are_the_nearest_views(scene):
-    assert choose_witnesses("view_000.png", scene.poses, TARGET, 2) == ["view_009.png", "view_018.png"]
-    assert len(choose_witnesses("view_000.png", scene.poses, TARGET, 10)) == 4
 
 
 def test_fewer_than_two_usable_views_is_a_failure(scene):

@@ -15,7 +15,6 @@ from nbv.dense.stereo import (
     depth_normals,
     estimate_depth,
     merge_estimates,
-    target_window,
 )
 from nbv.geometry.frames import look_at
 
@@ -129,15 +128,6 @@ def test_searching_near_the_sparse_points_only_finds_the_same(scene):
     found = np.isfinite(near)
     offset = (backproject(near, scene.camera)[found] - pose[:3, 3]) @ pose[:3, :3] - np.array(TARGET)
     assert np.abs(offset).max() < 0.6 + 2.5 * SEARCH_MARGIN_M
-
-
-def test_window_is_the_projection_of_the_crop():
-    camera = CameraConfig()
-    pose = look_at(np.array([4.0, 0, 0.8]), np.array(TARGET))
-    x0, y0, x1, y1 = target_window(pose, camera, TARGET, CONFIG)
-    half = camera.focal_px * 1.5 / 4.0
-    assert (x0 + x1) / 2 == pytest.approx(320, abs=1) and (y0 + y1) / 2 == pytest.approx(240, abs=1)
-    assert (x1 - x0) / 2 == pytest.approx(half, abs=1) and (y1 - y0) / 2 == pytest.approx(half, abs=1)
 
 
 def test_merge_takes_the_supported_depth():

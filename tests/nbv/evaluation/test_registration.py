@@ -1,7 +1,8 @@
-"""Registration against known offsets, and both numbers of an evaluation: as georeferenced, and registered."""
+"""Registration against known offsets; both numbers of an evaluation, as georeferenced and registered; its reference."""
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,8 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from nbv.cache import Store
-from nbv.config import preset
-from nbv.evaluation.evaluate import evaluate_cloud
+from nbv.config import MissionConfig, preset
+from nbv.evaluation.evaluate import evaluate_cloud, ground_truth, rock_floors
 from nbv.evaluation.registration import register_cloud
 from nbv.geometry.frames import Similarity
 from nbv.mission.result import MissionResult
@@ -101,3 +102,23 @@ def test_where_telemetry_is_exact_a_cloud_is_registered_already() -> None:
     assert result(plain).metric("registered.observable.f_score_48mm") == 95.0
     assert result(both).metric("registered.observable.f_score_48mm") == 96.0
     assert result(both).metric("observable.f_score_48mm") == 95.0
+
+
+def test_the_reference_is_kept_by_rock_shell_and_options(rock: Rock, tmp_path: Path) -> None:
+    config = MissionConfig().with_values({"evaluation.gt_samples": 2000, "dense.fusion_voxel_m": 0.05})
+    store = Store(tmp_path / "store")
+    fresh = ground_truth(rock, config)
+    floors = rock_floors(rock, fresh, config)
+    for _ in range(2):
+        truth = ground_truth(rock, config, store)
+        assert np.array_equal(truth.points_m, fresh.points_m) and np.array_equal(truth.normals, fresh.normals)
+        assert np.array_equal(truth.observable, fresh.observable)
+        assert rock_floors(rock, truth, config, store) == floors
+    assert [(kind.kind, kind.entries) for kind in store.info()] == [("floors", 1), ("ground-truth", 1)]
+
+    for other in ({"evaluation.gt_samples": 1000}, {"pool.radius_m": 4.0}):
+        ground_truth(rock, config.with_values(other), store)
+    ground_truth(dataclasses.replace(rock, sha256="0" * 64), config, store)
+    coarser = rock_floors(rock, fresh, config.with_values({"dense.fusion_voxel_m": 0.1}), store)
+    assert coarser != floors
+    assert [(kind.kind, kind.entries) for kind in store.info()] == [("floors", 2), ("ground-truth", 4)]

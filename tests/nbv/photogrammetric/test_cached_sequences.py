@@ -1,8 +1,9 @@
-"""Models, clouds and metrics kept by the sequence of photographs: the same bits, or made anew."""
+"""Photographs kept under all that they depend on; models, clouds, metrics by their sequence: same bits, or made anew."""
 
 import dataclasses
 import hashlib
 import json
+import types
 
 import numpy as np
 import pytest
@@ -14,10 +15,11 @@ from nbv.evaluation import evaluate_cloud
 from nbv.geometry.sampling import sample_surface
 from nbv.photogrammetric.cached_sequences import CachedEvaluation, CachedReconstructor
 from nbv.photogrammetric.cached_sparse import CachedSparse
+from nbv.photogrammetric.cached_stages import CachedStudio
 from nbv.photogrammetric.reconstructor import PhotogrammetricReconstructor
 from nbv.rocks import load_rock
 from nbv.sparse.reconstructor import SparseReconstructor
-from nbv.types import PointCloud
+from nbv.types import PointCloud, Viewpoint
 
 SEEDS = ring_captures(12)
 LATER = ring_captures(5, radius_m=3.5, start=12, turn_deg=5.0)
@@ -181,3 +183,48 @@ def test_a_glimpse_leaves_nothing_behind(monkeypatch):
     assert model is not None and model.camera_names == tuple(capture.name for capture in SEEDS[:6])
     assert seen.glimpse(SEEDS[:2]) is None
     assert bits([seen.bootstrap(SEEDS)]) == bits([PhotogrammetricReconstructor(config).bootstrap(SEEDS)])
+
+
+VIEW = Viewpoint("seed_00", (0.0, -4.0, 1.5), 270.0, 10.0, "seed")
+
+
+SHAPE = (32, 48, 3)
+
+
+class CountingRenderer:
+    """Grey pictures; ``drawn`` lists the cameras that were asked for."""
+
+    def __init__(self) -> None:
+        self.drawn = []
+
+    def rgb(self, camera_from_world):
+        return np.full((self.drawn[-1].height_px, self.drawn[-1].width_px, 3), 90, np.uint8)
+
+    def made_for(self, camera):
+        self.drawn.append(camera)
+        return self
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"sensor.exposure_ev": 0.5},
+        {"sensor.jpeg_quality": 80},
+        {"sensor.focal_error_percent": 0.5},
+        {"sensor.k1": -0.05},
+        {"scene.sun_elevation_deg": 30.0},
+        {"scene.read_noise_dn": 2.0},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_another_camera_or_light_takes_another_photograph(tmp_path, change):
+    rock = types.SimpleNamespace(sha256="a" * 64)
+    ideal = MissionConfig().with_values({"camera.height_px": SHAPE[0], "camera.width_px": SHAPE[1]})
+    renderer, images = CountingRenderer(), []
+    for config in (ideal, ideal, ideal.with_values(change), ideal.with_values(change)):
+        camera = CachedStudio(renderer.made_for, rock, 0, config, Store(tmp_path))
+        images.append(camera.take_photograph(VIEW, np.array(VIEW.position_m), 0.0).image)
+    assert len(renderer.drawn) == 2
+    assert all(image.shape == SHAPE for image in images)
+    assert np.array_equal(images[0], images[1])
+    assert np.array_equal(images[2], images[3])

@@ -17,7 +17,6 @@ from nbv.errors import UserError
 from nbv.geometry import align_umeyama
 from nbv.photographs import PhotographSet, list_sets
 from nbv.photographs import importer as importer_module
-from nbv.photographs.coverage import coverage
 from nbv.photographs.importer import ImportOptions, import_photographs
 from nbv.photographs.photograph_set import sets_folder
 
@@ -82,12 +81,6 @@ def test_the_sparse_model_is_in_the_set_s_frame(ball_set: PhotographSet) -> None
     by_name = {f"{p.name}.jpg": p.camera_from_world for p in ball_set.photographs}
     for image in model.images.values():
         assert np.allclose(image.cam_from_world().matrix(), by_name[image.name][:3], atol=1e-9)
-
-
-def test_what_was_covered(ball_set: PhotographSet) -> None:
-    found = coverage(ball_set)
-    assert np.percentile(found.elevations_deg, [10, 90]) == pytest.approx([20, 45], abs=1)
-    assert found.gaps_deg == ()
 
 
 def test_a_second_import_goes_on_from_the_store(

@@ -60,14 +60,6 @@ def test_a_seed_viewpoint_without_a_photograph_is_not_flown() -> None:
         viewpoints(at).seeds(asked)
 
 
-def test_replicates_begin_elsewhere() -> None:
-    at = places(np.arange(0.0, 360.0, 2.0), np.full(180, 25.0))
-    first, again, second = (in_order(at, viewpoints(at, RING, k).seeds(RING)) for k in (1, 1, 2))
-    assert first == again != second
-    turns = np.diff(np.unwrap(np.deg2rad(2.0 * np.array(first))))
-    assert np.allclose(np.rad2deg(turns), -22.5, atol=3.0)  # still an even ring, clockwise
-
-
 def test_the_pool_is_what_is_left_within_the_altitudes() -> None:
     at = np.concatenate([places(np.arange(0, 360, 30.0), np.full(12, e)) for e in (5.0, 20.0, 50.0)])
     lowest, highest = (0.8 + 3.5 * np.sin(np.deg2rad(e)) for e in (10.0, 60.0))

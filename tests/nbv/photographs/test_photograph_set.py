@@ -61,13 +61,6 @@ def test_a_damaged_description_is_one_line(small_set: PhotographSet, change: dic
     assert "\n" not in str(told.value)
 
 
-def test_an_edited_description_is_noticed(small_set: PhotographSet) -> None:
-    path = small_set.folder / "set.json"
-    path.write_text(path.read_text().replace("0.23", "0.24"))
-    with pytest.raises(UserError, match="changed"):
-        PhotographSet.read("mine")
-
-
 def test_pictures_are_checked(small_set: PhotographSet) -> None:
     path = small_set.image_path("view_0")
     pixels = np.full((48, 64, 3), 100, np.uint8)

@@ -197,12 +197,6 @@ def test_bad_files_are_refused_in_one_line(tmp_path, name):
     assert path.name in str(caught.value)
 
 
-@pytest.mark.parametrize("option", [{"up": "w"}, {"split": "test"}, {"height_m": 0.0}, {"height_m": np.nan}])
-def test_bad_options_are_refused(tmp_path, option):
-    with pytest.raises(UserError, match=next(iter(option))):
-        import_mesh(tmp_path / "any.obj", **option)
-
-
 @pytest.mark.shared
 @pytest.mark.parametrize(
     ("file", "extents", "contrast"),

@@ -1,4 +1,4 @@
-"""Relief and neighbours in photographs: seen, in the way, casting shadows."""
+"""Relief and neighbours in photographs: seen, in the way, casting shadows; the contact sheet."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from scene_helpers import SMALL_CAMERA, SMALL_GROUND
 from nbv.config import GroundConfig, SceneConfig
 from nbv.geometry.frames import look_at
 from nbv.geometry.raycasting import RayCaster, rays_of
-from nbv.scene import build_scene, make_renderer
+from nbv.scene import build_scene, make_renderer, preview
 from nbv.terrain import make_surroundings, neighbour_cylinders
 
 GROUND = GroundConfig(relief_m=0.1, neighbours=3, neighbour_height_m=(0.8, 1.0), neighbour_gap_m=(0.1, 0.3))
@@ -70,3 +70,13 @@ def test_neighbours_cast_shadows_on_ground_with_relief(scene, around) -> None:
         foot = top[:2] - (top[2] - 0.3) * travel[:2] / travel[2]  # of its shadow's middle
         column, row = np.searchsorted(x, foot)
         assert level[row - 4 : row + 4, column - 4 : column + 4].mean() < 0.7 * level.mean()
+
+
+def test_a_sheet_shows_each_view_once(ball, monkeypatch):
+    monkeypatch.setattr("nbv.scene.bake.GroundSpec", lambda: SMALL_GROUND)
+    sheet = preview(ball)
+    assert (sheet.shape, sheet.dtype) == ((2 * 240 + 4, 3 * 320 + 8, 3), np.uint8)
+    cells = [sheet[r : r + 240, c : c + 320] for r in (0, 244) for c in (0, 324, 648)]
+    for i, cell in enumerate(cells):
+        assert cell.std() > 10
+        assert not any(np.array_equal(cell, other) for other in cells[:i])

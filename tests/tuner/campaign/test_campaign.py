@@ -20,6 +20,7 @@ import yaml
 from fake_campaigns import FIDELITY
 
 from nbv.errors import UserError
+from tuner.campaign import prefetch
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
@@ -397,3 +398,30 @@ def test_a_finished_campaign_is_extended(tmp_path: Path) -> None:
     assert Campaign.open(tmp_path / "run", fidelity=FIDELITY).status().remaining == 0
     tree = yaml.safe_load((tmp_path / "run" / "campaign.yaml").read_text())
     assert [(e["from"], e["to"]) for e in tree["extensions"]] == [(6, 10)]
+
+
+class Wide(InProcessExecutor):
+    """Many workers that end one at a time."""
+
+    capacity = 16
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.most = 0
+
+    def wait_any(self, timeout_s: float) -> list[Trial]:
+        self.most = max(self.most, len(self._queue))
+        return super().wait_any(timeout_s)
+
+
+def test_a_wide_campaign_flies_every_proposal_once(tmp_path: Path) -> None:
+    campaign = begin_campaign(tmp_path, fake_campaigns.settings(budget=30, initial=10, replicates=3))
+    executor = Wide()
+    assert fly_campaign(campaign, executor).stopped == "budget"
+    trials = campaign.trials()
+    assert [t.state for t in trials] == ["complete"] * 30 and executor.most >= 4
+    modelled = [t for t in trials if t.why["phase"] in ("model", "verification")]
+    assert modelled and all("predicted" in t.sampler_state for t in modelled)
+    keys = [tuple(t.values.values()) for t in trials if t.why["phase"] != "verification"]
+    assert len(set(keys)) == len(keys)
+    assert Wide.capacity >= prefetch.FROM_WORKERS

@@ -48,20 +48,6 @@ def test_the_fewest_photographs_are_exact(fewest: Campaign) -> None:
     )
 
 
-def test_what_is_modelled_is_the_quality(fewest: Campaign) -> None:
-    best = fewest.recommendation()
-    assert best is not None and best.limit is not None
-    assert fewest.modelled_objective == QUALITY and best.modelled_metric == QUALITY.metric
-    assert all(90.0 < row.predicted < 101.0 for row in best.per_rock)
-    assert 0.0 < best.noise_sd < 5.0 and best.calibration["missions"] > 0
-    limit = best.limit
-    assert limit.kept and limit.probability >= 0.8 and 97.5 < limit.mean < 100.5
-    assert limit.interval_95[0] < limit.mean < limit.interval_95[1]
-    assert limit.next_rock_keeps is not None and 0.0 < limit.next_rock_keeps < limit.probability
-    model = fewest.surrogate_from(fewest.history())
-    assert 90.0 < model.posterior([best.values]).mean[0] < 101.0
-
-
 def test_what_breaks_an_exact_limit_is_never_flown(tmp_path: Path) -> None:
     campaign = run(tmp_path / "run", second=PHOTOGRAPHS, limit=24.0, budget=12)
     flown = [count(t.values) for t in campaign.trials()]

@@ -75,15 +75,6 @@ def test_without_a_format_the_files_are_listed_best_first(gatetune, recommends):
     assert lines[-1] == f"write the first: gatetune export {run} --to unified_mission.yaml"
 
 
-def test_a_gain_stands_only_where_what_earned_it_is_carried(gatetune, recommends):
-    run = recommends("gate_weights_and_pool", {"covis.weights.nov": 0.5, "pool.max_altitude_m": 1.45})
-    code, out, err = gatetune("export", run, "--to", "scoring.yaml")
-    assert code == 0 and "it carries 1 of 2 changes, not pool.max_altitude_m" in out, err
-    text = (run / "scoring.yaml").read_text()
-    assert "does not carry: pool.max_altitude_m 1.45 (default 4)" in text
-    assert "+6.00" not in text and "1 of 2 changes are worth alone was not measured" in text
-
-
 def test_status_page_and_every_export_say_the_same(gatetune, campaign, tmp_path):
     values = json.loads(gatetune("campaign", "status", campaign.directory, "--json")[1])["recommendation"][
         "values"

@@ -18,7 +18,7 @@ from tuner.evaluation.baselines import (
     label,
 )
 from tuner.evaluation.comparison import comparison_table, strategy_difference, values_of
-from tuner.evaluation.flying import EvaluationEvent, place_for, run_evaluation
+from tuner.evaluation.flying import EvaluationEvent, run_evaluation
 from tuner.evaluation.paper_table import PAPER_TABLE_I, TABLE_I_ROWS, MetricRow
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
@@ -28,7 +28,6 @@ FIDELITY = "fake_missions:fake_mission"
 BASE = preset("campaign")
 GOOD = BASE.with_values({"gate.budget_fraction": 0.75, "gate.d95_m": 0.04})
 F48 = MetricRow("", "F-score", "observable.f_score_48mm", "%", True)
-ROWS = (F48,)
 
 
 def plan(**changes: object) -> EvaluationPlan:
@@ -72,39 +71,16 @@ def test_interrupted_evaluation_flies_only_the_rest(tmp_path: Path) -> None:
     assert [r.metrics for r in second.records] == [r.metrics for r in whole.records]
 
 
-def test_another_evaluation_lies_beside_the_first(tmp_path: Path) -> None:
-    usual = tmp_path / "evaluation"
-    for made, name in ((plan(), "evaluation"), (plan(replicates=3), "evaluation-2"), (plan(), "evaluation")):
-        place = place_for(made, usual)
-        assert place == tmp_path / name
-        run_evaluation(made, place, InProcessExecutor())
-
-
 def test_failures_are_counted_and_pairs_are_common_ones(tmp_path: Path) -> None:
     with LocalProcessExecutor(1, preload=("fake_missions:fake_mission",)) as executor:
         result = run_evaluation(plan(rocks=("x", "fail", "abort"), replicates=1), tmp_path / "out", executor)
         assert result.complete and result.failures == {"seed_model_failed": 3, "worker_died: signal 6": 3}
-        table = comparison_table(result.records, ["tuned", "hyb-h"], "hyb-h", "observable", ROWS)
+        table = comparison_table(result.records, ["tuned", "hyb-h"], "hyb-h", "observable", (F48,))
         assert table.failures == {"tuned": 2, "hyb-h": 2} and table.missions == {"tuned": 1, "hyb-h": 1}
         difference = table.rows[0].differences["tuned"]
         assert difference is not None and difference.pairs == 1 and difference.interval.low is None
         again = run_evaluation(plan(rocks=("x", "fail", "abort"), replicates=1), tmp_path / "out", executor)
     assert again.failures == result.failures and again.elapsed_s < 1.0  # nothing was flown again
-
-
-def test_table(tmp_path: Path) -> None:
-    result = run_evaluation(plan(), tmp_path / "out", InProcessExecutor())
-    costs = MetricRow("", "Flight time", "costs.flight_time_s", "s", False)
-    table = comparison_table(result.records, ["hyb-h", "tuned", "copy"], "hyb-h", "observable", (F48, costs))
-    score, time_row = table.rows
-    assert score.best == ("tuned",) and time_row.best == ("hyb-h", "tuned", "copy")
-    cell = score.cells["tuned"]
-    assert cell is not None and cell.low is not None and cell.low < cell.mean and cell.method == "rocks"
-    assert set(score.differences) == {"tuned", "copy"}
-    empty = comparison_table([], ["hyb-h"], None)
-    assert empty.rows[0].cells["hyb-h"] is None and empty.rows[0].best == ()
-    with pytest.raises(UserError, match="reference 'covis' was not evaluated"):
-        comparison_table(result.records, ["tuned"], "covis")
 
 
 def test_mistakes(tmp_path: Path) -> None:

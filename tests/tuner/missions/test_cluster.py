@@ -21,7 +21,6 @@ pytest.importorskip("distributed", reason="pip install 'gatetune[cluster]'")
 from collections.abc import Callable
 from typing import Any
 
-import pytest
 from fake_campaigns import FIDELITY, settings
 from test_executors import fly, job
 

@@ -67,17 +67,6 @@ def test_page_says_what_is_recommended_and_is_self_contained(tmp_path: Path) -> 
     assert all((page.parent / address).is_file() for address in addresses)
 
 
-def test_a_page_stops_growing_with_its_missions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in ("page", "explorer"):
-        monkeypatch.setattr(f"tuner.report.campaign.{module}.MOST_MISSIONS", 10)
-    sizes = []
-    for missions in (12, 36):
-        page = write_campaign_report(flown(tmp_path / f"{missions}", budget=missions, name="grown"))
-        # Pictures aside, and numbers, which have a digit more or less.
-        sizes.append(len(re.sub(r"[\d.]+", "0", re.sub(r'src="data:[^"]+"', "", page.read_text()))))
-    assert abs(sizes[1] - sizes[0]) < 24 * 20  # a mission's entry in the explorer alone has some 200 bytes
-
-
 class _Made(Exception):
     """Carries the settings of a campaign that a command line would begin."""
 

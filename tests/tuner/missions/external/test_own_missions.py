@@ -13,12 +13,8 @@ import yaml
 
 from nbv.errors import MissionFailure, UserError
 from nbv.evaluation import Evaluation
-from tuner.missions import LocalProcessExecutor, MissionJob
 from tuner.missions.external import external_config, load_mission_file, program
 from tuner.missions.external.flight import run_external_mission
-from tuner.missions.fly import JobList
-from tuner.missions.fly import fly as fly_all
-from tuner.missions.long_runs import Stop
 
 FILE = {
     "name": "toy",
@@ -107,25 +103,6 @@ def test_no_process_is_left_behind(tmp_path, monkeypatch):
     # One that ignores SIGTERM and one that is stopped are killed.
     assert fly(tmp_path, f"trap '' TERM; {DAEMON} kill -STOP $$", time_limit_s=1.5).reason == "timeout"
     assert not daemon_lives(tmp_path)
-
-
-def jobs(tmp_path, *scripts):
-    for number, script in enumerate(scripts):
-        folder = tmp_path / str(number)
-        folder.mkdir()
-        config = external_config(mission_file(folder, command=["sh", "-c", script]), {})
-        yield MissionJob(str(number), config, "here", 0, folder / "m", fidelity="external")
-
-
-@pytest.mark.slow
-def test_what_the_machine_ends_is_flown_again(tmp_path):
-    once, always = jobs(tmp_path, f"[ -f flown ] || {{ touch flown; exit 1; }}; {FINE}", "exit 1")
-    found = {}
-    jobs_to_fly = JobList((once, always), on_end=lambda trial: found.update({trial.job_id: trial}))
-    with LocalProcessExecutor(1, 30.0, ("external",)) as executor:
-        fly_all(jobs_to_fly, executor, Stop())
-    assert (found["0"].status, found["0"].metrics) == ("ok", {"loss": 0.5})
-    assert found["1"].infrastructure_failure and found["1"].reason == "machine_error: no_result"
 
 
 @pytest.fixture
