@@ -50,13 +50,15 @@ class AdaptiveMission:
         self.recorder = recorder
         self.planner = Planner(config, gate, viewpoints)
         self.captures: list[Capture] = []
+        self._found = False  # the target, where it has to be looked for
 
     def fly(self) -> Cloud:
         """The whole mission: its dense cloud, or the `MissionFailure` that ended it."""
         model = self.fly_seed_phase()
-        if self._must_look():
-            self.look_for_target(model)
+        self.look_for_target(model)
         self.fly_adaptive_phase(model)
+        if self._to_be_found():
+            self.recorder.located(None)
         return self.finish()
 
     def fly_seed_phase(self) -> SparseModel:
@@ -112,12 +114,16 @@ class AdaptiveMission:
                 self._turn_to_target(dataclasses.replace(self.config, target_m=target_m))
         self.recorder.aimed_anew(target_m)
 
+    def _to_be_found(self) -> bool:
+        return self._must_look() and not self._found
+
     def look_for_target(self, model: SparseModel) -> None:
-        """From now on the target is where, and as large as, the model shows it; as believed if it shows none."""
-        config = located(self.config, model)
+        """From now on the target is where, and as large as, the model shows it; until one shows it, as believed."""
+        config = located(self.config, model) if self._to_be_found() else None
         if config is not None:
+            self._found = True
             self._turn_to_target(config)
-        self.recorder.located(config)
+            self.recorder.located(config)
 
     def _turn_to_target(self, config: MissionConfig) -> None:
         self._plan_by(config)
@@ -148,6 +154,7 @@ class AdaptiveMission:
                 report = self.reconstructor.add(capture)
             self.recorder.updated(plan, report)
             model = report.model
+            self.look_for_target(model)
 
     def finish(self) -> Cloud:
         """Fly home, then reconstruct the dense cloud."""

@@ -110,11 +110,16 @@ def test_a_low_ceiling_lets_the_lowest_ring_pass(height_m: float) -> None:
         assert np.ptp(pool.positions_m[:, 2]) < 1e-9  # one ring, the lowest that flies
 
 
-def test_without_a_target_in_the_model_belief_stays() -> None:
+def test_without_a_target_in_the_model_belief_stays_and_it_is_looked_for_again() -> None:
+    """Twenty points show nothing; those that later photographs add may."""
     config = believed(preset("campaign").with_values(ROUGH), "rock", 3)
     mission = made(config, CountingReconstructor(points=20), Flight(config, "rock", 3))
     model = mission.fly_seed_phase()
     assert located(config, model) is None
     mission.look_for_target(model)
     assert mission.config is config
-    assert mission.recorder.notes == ["target_not_found"]
+    mission.look_for_target(OnTheGround()._model())
+    np.testing.assert_allclose(mission.config.target_m, [0.5, 0.0, 0.75], atol=0.1)
+    never = made(config, CountingReconstructor(points=1), Flight(config, "rock", 3))
+    never.fly()
+    assert never.recorder.notes == ["target_not_found"]
