@@ -3,13 +3,15 @@
     python -m research.baseline            # compare with research/baseline.json, recorded at 431fec0
     python -m research.baseline --write    # record
 
-Geometric missions with fixed seeds and one worker. Numbers are compared to the bit.
+Geometric missions with fixed seeds and one worker. Numbers are compared to the bit, and where these differ to `CLOSE`:
+another processor rounds otherwise.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 import sys
 import tempfile
 from pathlib import Path
@@ -25,6 +27,7 @@ FILE = Path(__file__).with_suffix(".json")
 MISSIONS: dict[str, Any] = {"fidelity": "geometric", "workers": 1}
 TWO_VIEWS = {"stop.adaptive_budget": 2}
 COMPARED = ("config.", "metrics.observable.f_score", "metrics.whole.completeness", "costs.")
+CLOSE = 1e-7  # relative; a search of ten missions carries rounding on
 CLOCKS = ("costs.wall_s", "costs.cpu_s")
 
 
@@ -71,6 +74,15 @@ def measured(folder: Path) -> dict[str, dict[str, Any]]:
     }
 
 
+def close(before: Any, now: Any) -> bool:
+    """Whether two records, or numbers, are the same but for rounding."""
+    if isinstance(before, dict) and isinstance(now, dict):
+        return before.keys() == now.keys() and all(close(value, now[key]) for key, value in before.items())
+    if isinstance(before, float) and isinstance(now, float):
+        return math.isclose(before, now, rel_tol=CLOSE)
+    return bool(before == now)
+
+
 def main() -> None:
     """Record, or compare and print what differs."""
     with tempfile.TemporaryDirectory() as folder:
@@ -79,8 +91,10 @@ def main() -> None:
         FILE.write_text(json.dumps(now, indent=0) + "\n")
         return
     for part, before in json.loads(FILE.read_text()).items():
-        differs = [name for name, value in before.items() if now[part].get(name) != value]
-        print(f"{part}: {len(before) - len(differs)} of {len(before)} the same", *differs, sep="\n  ")
+        same = sum(now[part].get(name) == value for name, value in before.items())
+        differs = [name for name, value in before.items() if not close(value, now[part].get(name))]
+        rounded = len(before) - same - len(differs)
+        print(f"{part}: {same} of {len(before)} the same, {rounded} but for rounding", *differs, sep="\n  ")
 
 
 if __name__ == "__main__":
