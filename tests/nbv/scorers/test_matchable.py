@@ -52,6 +52,10 @@ def test_the_surface_is_the_hull_of_the_rock_alone() -> None:
     assert len(offset) == SAMPLES and radius.min() > 0.57 and radius.max() < 0.6 + 1e-9
     assert (np.einsum("ij,ij->i", offset, proxy.normals) > 0.95 * radius).all()  # outward
     assert np.abs(offset.mean(axis=0)).max() < 0.03  # even
+    # A first model of few points, or of points in a plane, is taken for a ball on the ground.
+    for few in (sphere_points(4), sphere_points() * [1, 1, 0] + [0, 0, 0.5]):
+        radius = np.linalg.norm(surface(few).samples_m - TARGET_M, axis=1)
+        assert radius.min() > 0.75 and radius.max() < 0.8 + 1e-9
 
 
 def test_too_near_or_too_far_to_match_gains_nothing() -> None:

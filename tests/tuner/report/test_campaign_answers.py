@@ -25,7 +25,7 @@ from tuner.report.campaign.answers import (
     use_answer,
 )
 from tuner.report.campaign.facts import CampaignFacts
-from tuner.report.campaign.wider import WIDER_FILE, wider_space, write_wider_settings
+from tuner.report.campaign.wider import WIDER_FILE, write_wider_settings
 from tuner.report.mission.decisions import gate_words
 
 
@@ -184,12 +184,3 @@ def test_searching_wider_keeps_everything_else(campaign: Campaign, tmp_path: Pat
     }
     own = {"name": wider.name, "space": wider.space}
     assert dataclasses.replace(s, **own).to_dict() == wider.to_dict()
-    fewest = dataclasses.replace(best, values={**values, "seed.count": 8}, default_values=default)
-    few = wider_space(s, fewest)
-    assert (
-        few is not None
-    )  # 0 seeds are the paper's rings; of fewer than 6 the space's model cannot register 6
-    assert {p.path: p.low for p in few.space.parameters}["seed.count"] == 6
-    of_one = Campaign(tmp_path, dataclasses.replace(s, second=None, limit=None), campaign.ledger)
-    write_wider_settings(of_one, dataclasses.replace(best, values=values, default_values=default))
-    assert asked_fields(tmp_path / WIDER_FILE, {}, quick=False)["learn_from"] == [str(tmp_path)]

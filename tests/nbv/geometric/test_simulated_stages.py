@@ -1,14 +1,17 @@
-"""The simulated dense stage: what it needs to call a sample reconstructed."""
+"""The simulated sparse stage's tracks, and what the simulated dense stage needs to call a sample reconstructed."""
 
 from itertools import pairwise
 
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from nbv.config import DenseConfig
 from nbv.dense.consistency import choose_witnesses
 from nbv.dense.stereo import choose_neighbours
+from nbv.geometric.tracks import Tracks
 from nbv.geometry.frames import look_at
 from nbv.geometry.stereo_chance import (
     DenseModel,
@@ -73,3 +76,42 @@ def test_partners_and_witnesses_are_those_of_the_dense_stage(seed, n):
         assert [f"{j:02d}" for j in partner[i][usable[i]]] == expected
         expected = choose_witnesses(f"{i:02d}", poses, target, config.consistency_views)
         assert {f"{j:02d}" for j in np.flatnonzero(witnesses[i])} == set(expected)
+
+
+def random_views(seed, n_views, n_landmarks):
+    rng = np.random.default_rng(seed)
+    directions = rng.normal((0.0, 0.0, 1.5), 1.0, (n_views, n_landmarks, 3))
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    return directions, rng.random((n_views, n_landmarks)) < 0.7, np.cos(rng.uniform(0.2, 1.2, n_landmarks))
+
+
+def add(tracks, directions, detected):
+    return tracks.add(np.flatnonzero(detected), directions[detected])
+
+
+def grouped(tracks, min_views, names):
+    landmark, offsets, views = tracks.points(min_views)
+    found = [
+        (int(point), frozenset(names[v] for v in views[a:b]))
+        for point, a, b in zip(landmark, offsets[:-1], offsets[1:])
+    ]
+    assert len(found) == len(set(found))
+    return set(found)
+
+
+@settings(max_examples=40)
+@given(st.integers(0, 10_000), st.integers(1, 9), st.integers(1, 12))
+def test_tracks_are_the_connected_components_of_matches(seed, n_views, n_landmarks):
+    directions, detected, limit = random_views(seed, n_views, n_landmarks)
+    tracks = Tracks(limit, n_views)
+    for v in range(n_views):
+        add(tracks, directions[v], detected[v])
+    expected = set()
+    for landmark in range(n_landmarks):
+        views = np.flatnonzero(detected[:, landmark])
+        rays = directions[views, landmark].astype(np.float32)
+        linked = rays @ rays.T >= np.float32(limit[landmark])
+        _, label = connected_components(coo_matrix(linked), directed=False)
+        groups = [views[label == g] for g in np.unique(label)]
+        expected |= {(landmark, frozenset(g.tolist())) for g in groups if len(g) >= 2}
+    assert grouped(tracks, 2, range(n_views)) == expected
