@@ -12,11 +12,8 @@ from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
 
 
-def made_metrics(quality: float, floor_mm: float | None = None) -> dict[str, object]:
-    """All metrics of a mission; ``quality`` is the F-score at 48 mm in percent.
-
-    ``floor_mm``: the rock's own Hausdorff floor on the whole surface; missions of earlier versions have none.
-    """
+def made_metrics(quality: float) -> dict[str, object]:
+    """All metrics of a mission; ``quality`` is the F-score at 48 mm in percent."""
     surface: dict[str, object] = {
         "hausdorff_gt_to_cloud_mm": 900 - 5 * quality,
         "c2c_mean_mm": 140 - quality,
@@ -30,9 +27,8 @@ def made_metrics(quality: float, floor_mm: float | None = None) -> dict[str, obj
         "sector_completeness_48mm": [quality + 8 * np.sin(k) for k in range(12)],
     }
     centers = [15.0 + 30 * k for k in range(12)]
-    own = {} if floor_mm is None else {"hausdorff_gt_to_cloud_floor_mm": floor_mm}
     return {
-        "whole": {**surface, **own},
+        "whole": surface,
         "observable": {**surface, "f_score_48mm": quality + 3},
         "sector_centers_deg": centers,
     }
@@ -44,12 +40,8 @@ def made_run(
     replicates: int = 3,
     noise: float = 1.0,
     failed: tuple[tuple[str, str, int], ...] = (),
-    floors_mm: tuple[float, ...] = (),
 ) -> EvaluationRun:
-    """Every strategy's F-score is its level + the rock's shift + noise; ``failed`` missions have none.
-
-    ``floors_mm``: one per rock, as `made_metrics` takes them.
-    """
+    """Every strategy's F-score is its level + the rock's shift + noise; ``failed`` missions have none."""
     base = preset("campaign")
     strategies = {
         name: base.with_values({"gate.budget_fraction": 0.1})
@@ -71,7 +63,6 @@ def made_run(
                         "measured_then": {},
                     }
                 else:
-                    floor = floors_mm[r] if floors_mm else None
                     quality = level + 4 * r + noise * rng.normal()
                     costs = {
                         "images": 32.0,
@@ -79,7 +70,7 @@ def made_run(
                         "flight_time_s": 190.0,
                         "wall_s": 75.0,
                     }
-                    measured = {"metrics": made_metrics(quality, floor), "costs": costs}
+                    measured = {"metrics": made_metrics(quality), "costs": costs}
                     ended = {"status": "ok", "measured_then": measured}
                 records.append(Trial(strategy=name, rock=rock, replicate=k, **ended))
     failures = {"seed_model_failed": len(failed)} if failed else {}

@@ -41,9 +41,8 @@ def truth(config: MissionConfig) -> float:
 def mission(
     config: MissionConfig, rock: str, replicate: int, directory: Path | None, *, keep: str = "summary"
 ) -> MissionResult:
-    """`truth`, a rock's shift and noise; a rock whose name begins with ``short`` runs out of views after three."""
+    """`truth`, a rock's shift and noise."""
     noise = NOISE_SD * float(fake_missions.draw("noise", rock, replicate, config.digest()).normal())
     shift = {"a": 0.3, "b": -0.3}.get(rock, 0.0)
-    images = config.seed.total + 3 if rock.startswith("short") else photographs(config)
     metrics = {"observable": {"f_score_48mm": truth(config) + shift + noise}}
-    return fake_missions.well_flown(config, rock, replicate, metrics, float(images))
+    return fake_missions.well_flown(config, rock, replicate, metrics, float(photographs(config)))

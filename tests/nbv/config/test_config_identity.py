@@ -1,10 +1,13 @@
-"""A configuration's digest: what results are found by again."""
+"""A configuration's digest, what results are found by again; values that cannot be are refused by name."""
 
 from __future__ import annotations
 
+import math
+
+import numpy as np
 import pytest
 
-from nbv.config import MissionConfig, config_from_dict, preset
+from nbv.config import MissionConfig, SceneConfig, config_from_dict, preset
 from nbv.errors import UserError
 
 
@@ -37,3 +40,39 @@ def test_a_retired_setting_is_read_at_the_value_that_stayed_and_refused_at_anoth
         preset("campaign").with_values({"visibility.mode": "occlusion"})
     with pytest.raises(UserError, match=r"unknown mission parameter 'visibility\.range_m'"):
         config_from_dict({"visibility": {"range_m": 1}})
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        ("scene.read_noise_dn", -1.0),
+        ("scene.sky_grey", 1.5),
+        ("scene.sun_direction", [0.0, 0.5, 0.5]),
+        ("scene.sun_direction", [1.0, 0.0, -0.01]),
+        ("scene.sun_elevation_deg", 2.0),
+        ("scene.sun_elevation_deg", "high"),
+        ("sensor.exposure_time_s", -0.001),
+        ("sensor.jpeg_quality", 101),
+        ("sensor.focal_error_percent", -100.0),
+    ],
+)
+def test_impossible_values_are_user_errors(path, value):
+    with pytest.raises(UserError, match=path.replace(".", r"\.")) as error:
+        MissionConfig().with_values({path: value})
+    assert "\n" not in str(error.value)
+
+
+def test_a_sun_is_where_its_angles_put_it() -> None:
+    def travel(**values: float | None) -> np.ndarray:
+        config = MissionConfig().with_values({f"scene.{name}": value for name, value in values.items()})
+        return np.array(config.scene.sun_travel)
+
+    assert travel() == pytest.approx(SceneConfig().sun_direction, abs=0)
+    low = travel(sun_elevation_deg=20.0, sun_azimuth_deg=90.0)  # in the north: light travels south
+    assert low == pytest.approx([0.0, -math.cos(math.radians(20)), -math.sin(math.radians(20))], abs=1e-12)
+    # One angle alone: the other stays that of the direction.
+    today = travel() / np.linalg.norm(travel())
+    lower, turned = travel(sun_elevation_deg=20.0), travel(sun_azimuth_deg=0.0)
+    assert lower[:2] / np.linalg.norm(lower[:2]) == pytest.approx(today[:2] / np.linalg.norm(today[:2]))
+    assert turned == pytest.approx([-np.linalg.norm(today[:2]), 0.0, today[2]], abs=1e-12)
+    assert travel(sun_elevation_deg=None, sun_azimuth_deg=None) == pytest.approx(travel(), abs=0)

@@ -10,12 +10,13 @@ import pytest
 import scoring_state
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scoring_state import synthetic_state
 
-from nbv.config import BAwareConfig, CameraConfig, MissionConfig
-from nbv.errors import MissionFailure
+from nbv.config import SCORERS, BAwareConfig, CameraConfig, MissionConfig
+from nbv.errors import MissionFailure, UserError
 from nbv.geometry.frames import intrinsic_matrix, look_at
 from nbv.geometry.frustum import in_frustum
-from nbv.scorers import BoxPoints, box_points, rank_candidates
+from nbv.scorers import PAPER_SCORERS, BoxPoints, box_points, find_scorer, rank_candidates
 from nbv.scorers.covis import co_visibility
 from nbv.scorers.repair import geometry_gain, repair
 from nbv.scorers.terms import angular_penalty, movement, novelty
@@ -197,3 +198,17 @@ def test_an_empty_box_is_a_mission_failure() -> None:
     with pytest.raises(MissionFailure) as failure:
         rank_candidates(state, pool_at(ring([0.0])), MissionConfig())
     assert failure.value.reason == "no_points_in_box"
+
+
+def test_every_name_stands_for_a_scorer_of_that_name() -> None:
+    assert {name: find_scorer(name).name for name in SCORERS} == {name: name for name in SCORERS}
+
+
+def test_the_papers_two_are_always_ranked_others_when_asked_for() -> None:
+    state, pool = synthetic_state(400, MissionConfig())
+    rankings = rank_candidates(state, pool, MissionConfig())
+    assert tuple(rankings) == PAPER_SCORERS == ("covis", "b-aware")
+    assert rankings["matchable"] is rankings["matchable"]
+    assert tuple(rankings) == ("covis", "b-aware", "matchable")
+    with pytest.raises(UserError, match="unknown scorer 'matchabel'; there are covis, b-aware, matchable"):
+        rankings["matchabel"]

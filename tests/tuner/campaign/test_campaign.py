@@ -168,28 +168,6 @@ def test_kill_9_loses_and_doubles_nothing(tmp_path: Path) -> None:
         assert (directory / after[number].directory / "flown.txt").read_text() == "flown\n"
 
 
-def test_finished_but_untold_mission_is_entered_not_flown_again(tmp_path: Path) -> None:
-    directory = tmp_path / "run"
-    campaign = begin_campaign(directory, settings(budget=2))
-
-    class Crash(Exception):
-        pass
-
-    class CrashingExecutor(InProcessExecutor):
-        def wait_any(self, timeout_s: float) -> list:  # type: ignore[type-arg]
-            super().wait_any(timeout_s)
-            raise Crash
-
-    with pytest.raises(Crash):
-        fly_campaign(campaign, CrashingExecutor())
-    assert [t.state for t in campaign.trials()] == ["running"]
-    resumed = Campaign.open(directory, fidelity=FIDELITY)
-    fly_campaign(resumed, InProcessExecutor())
-    assert [t.state for t in resumed.trials()] == ["complete", "complete"]
-    first = resumed.trials()[0]
-    assert (directory / first.directory / "flown.txt").read_text() == "flown\n"
-
-
 def test_the_campaign_records_crashes_and_failures_and_goes_on(tmp_path: Path) -> None:
     rocks = ("a", "abort", "raise", "fail", "hang")
     campaign = begin_campaign(tmp_path / "run", settings(rocks=rocks, budget=10))

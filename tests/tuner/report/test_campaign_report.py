@@ -18,21 +18,10 @@ from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.shipped import SHIPPED
 from tuner.cli import app
 from tuner.problem.objective import Objective
-from tuner.problem.space_files import load_search_space, space_from_dict
+from tuner.problem.space_files import load_search_space
 from tuner.report import write_campaign_report
 from tuner.report.answer import use_sentence, worth_sentences
 from tuner.report.campaign.provenance import reproduce_command
-
-MIXED = {
-    "name": "mixed",
-    "base": {"gate.kind": "hyb-h"},
-    "parameters": {
-        "gate.budget_fraction": {"low": 0.0, "high": 1.0},
-        "stop.knn_region": {"kind": "categorical", "choices": ["all", "box"]},
-        "b_aware.target_track_length": {"kind": "int", "low": 3, "high": 12},
-    },
-}
-
 
 flown = functools.partial(
     fake_campaigns.run, name="tiny", space=load_search_space("gate"), budget=6, sampler="sobol"
@@ -116,25 +105,6 @@ def test_campaign_of_failures_alone_has_a_page(tmp_path: Path) -> None:
     assert "Nothing yet: none of the 8 finished missions succeeded." in text
     assert "Stopped after 8 failures in a row" in text and "seed_model_failed" in text
     assert 'id="recommendation"' not in page.read_text()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"budget": 1},
-        {"space": space_from_dict(MIXED, "mixed"), "objective": Objective(direction="minimise")},
-        {"space": load_search_space("gate_and_weights"), "budget": 3},
-    ],
-    ids=["one mission", "integers, categories, minimised", "eight parameters"],
-)
-def test_every_kind_of_campaign_has_a_page(tmp_path: Path, changes: dict[str, object]) -> None:
-    campaign = flown(tmp_path / "run", **changes)
-    text = text_of(write_campaign_report(campaign))
-    best = campaign.recommendation(save=False)
-    assert best is not None
-    assert use_sentence(best, campaign.settings) in text
-    assert "nan" not in text.lower().split()
 
 
 @pytest.mark.slow

@@ -6,31 +6,8 @@ import json
 import re
 from pathlib import Path
 
-import pytest
-
 from nbv.config import preset
 from nbv.geometric import run_geometric_mission
-from nbv.mission.planning_state import load_state
-from nbv.scorers import rank_candidates
-
-
-def test_candidates_are_named_in_full_and_in_the_scorers_order(gatetune, tmp_path: Path) -> None:
-    config = preset("campaign").with_values({"stop.adaptive_budget": 1, "evaluation.gt_samples": 2000})
-    run_geometric_mission(config, "slab", 0, tmp_path / "m")
-    state, pool = load_state(tmp_path / "m" / "states" / "iter_00.npz")
-    for scorer in ("b-aware", "matchable"):
-        asked = config.with_values({"gate.geometry_scorer": scorer})
-        code, out, err = gatetune("mission", "explain", "m", "--set", f"gate.geometry_scorer={scorer}")
-        assert code == 0, err
-        assert max(len(line) for line in out.splitlines() if line.startswith("│")) <= 80  # a usual terminal
-        rankings = rank_candidates(state, pool, asked)
-        for name in {"covis", "b-aware", scorer}:
-            table = out[out.index(f"{name}") :]
-            rows = re.findall(r"│ +(\d) │ +(cand_\d+) │.*│ +(-?[\d.]+) │\n", table)[:3]
-            assert [row[1] for row in rows] == [pool.ids[i] for i in rankings[name].order[:3]]
-            found = [rankings[name].scores[i] for i in rankings[name].order[:3]]
-            assert [float(row[2]) for row in rows] == pytest.approx(found, abs=1e-4)
-        assert ("matchable" in out) == (scorer == "matchable")
 
 
 def test_a_gates_decisions_and_what_would_have_switched(gatetune, tmp_path: Path) -> None:

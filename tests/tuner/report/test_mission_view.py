@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from browser import needs_chromium, opened
 from PIL import Image
 
 from nbv.cache import Store
@@ -111,30 +110,6 @@ def test_what_is_missing_of_the_truth_is_told(mission: Path, tmp_path: Path) -> 
     (facts,) = shown(write_mission_view([half], tmp_path / "b.html"))
     missing = points(facts, facts["missing"]["p"])
     assert len(missing) > 100 and missing[:, 0].max() < 0.0  # nothing of the half that is there
-
-
-_CLICK = """<script>addEventListener("load", () => {
-  const room = rooms[0], { canvas } = room, all = { bubbles: true, pointerId: 1 };
-  canvas.setPointerCapture = () => {}; room.space.draw();
-  console.log("OPENS", step + 1, shown.missing, document.querySelector(".name b").textContent);
-  for (let x = 0; x < canvas.clientWidth; x += 10) for (let y = 0; y < canvas.clientHeight; y += 10) {
-    const i = nearest(room, x, y); if (i == null) continue;
-    const box = canvas.getBoundingClientRect(), at = { ...all, clientX: box.left + x, clientY: box.top + y };
-    canvas.dispatchEvent(new PointerEvent("pointerdown", at)); canvas.dispatchEvent(new PointerEvent("pointerup", at));
-    console.log("PICKED", room.mission.views[i].name, room.side.querySelector("img").alt); return;
-  }
-});</script>"""
-
-
-@needs_chromium
-@pytest.mark.slow
-def test_it_opens_finished_and_a_click_shows_a_photograph(mission: Path, tmp_path: Path) -> None:
-    page = write_mission_view([mission], tmp_path / "view.html").read_text()
-    said, _ = opened(page + _CLICK, (1200,))
-    opens, picked = (next(line for line in said if line.startswith(word)) for word in ("OPENS", "PICKED"))
-    assert opens.startswith(f"OPENS {24 + BUDGET + 1} true {24 + BUDGET} photographs, F-score")
-    name = picked.split()[1]
-    assert picked == f"PICKED {name} photograph {name}"
 
 
 def test_another_rock_is_refused(mission: Path, tmp_path: Path) -> None:

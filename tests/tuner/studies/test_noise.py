@@ -47,15 +47,6 @@ def test_a_design_without_noise_is_split_exactly() -> None:
     assert found.mission == pytest.approx(0.0, abs=1e-12) and found.signal_to_noise == np.inf
 
 
-def test_shared_draws_are_not_taken_for_residuals() -> None:
-    """A draw that all configurations share leaves no residual: paired comparisons would be exact."""
-    block = np.array([[0.0, 2.0], [0.0, -2.0]])
-    found = noise_of(np.array([0.0, 1.0, 2.0])[:, None, None] + block[None])
-    assert found.paired == pytest.approx(0.0, abs=1e-12) and found.paired_signal_to_noise == np.inf
-    assert found.mission == pytest.approx(2.0)  # variance of {0, 2}
-    assert found.signal_to_noise == pytest.approx(1.0 / (2.0 / 2))
-
-
 def test_components_are_unbiased() -> None:
     rng = np.random.default_rng(1)
     runs = [noise_of(effects_design(rng)) for _ in range(600)]
