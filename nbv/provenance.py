@@ -16,7 +16,6 @@ MISSION_LIBRARIES = (
     "opencv-python-headless",
     "open3d-cpu",
     "open3d",
-    "pyrender2",
     "trimesh",
     "scikit-image",
     "ruckig",
