@@ -28,7 +28,19 @@ def choose_witnesses(
     target_m: tuple[float, float, float] | Floats,
     count: int,
 ) -> list[str]:
-    """The ``count`` other views nearest in viewing direction as seen from the target; ties by name."""
+    """The other views nearest in viewing direction as seen from the target; ties by name.
+
+    Parameters
+    ----------
+    reference
+        Name of the view.
+    camera_from_world
+        (4, 4) of all views by name, metres.
+    target_m
+        (3,) the point that the cameras aim at.
+    count
+        How many.
+    """
     target = np.asarray(target_m, dtype=float)
     center = camera_center_m(camera_from_world[reference])
     angles = [

@@ -26,7 +26,13 @@ class SgbmBackend:
         config: DenseConfig,
         surface_m: Floats | None = None,
     ) -> dict[str, Floats32]:
-        """See `nbv.dense.interface.DepthBackend`."""
+        """See `nbv.dense.interface.DepthBackend`.
+
+        Parameters
+        ----------
+        images, camera_from_world, camera, target_m, config, surface_m
+            As there.
+        """
         cv2.setNumThreads(1)
         maps = {}
         poses = {name: camera_from_world[name] for name in sorted(images)}

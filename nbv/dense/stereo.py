@@ -139,7 +139,19 @@ def target_window(
     target_m: tuple[float, float, float] | Floats,
     config: DenseConfig,
 ) -> tuple[int, int, int, int] | None:
-    """Pixel window ``x0, y0, x1, y1`` (ends excluded) of the target's surroundings, or None if unseen."""
+    """Pixel window ``x0, y0, x1, y1`` (ends excluded) of the target's surroundings, or None if unseen.
+
+    Parameters
+    ----------
+    camera_from_world
+        (4, 4) of the view.
+    camera
+        Its intrinsics.
+    target_m
+        (3,) the point that the cameras aim at.
+    config
+        Its ``crop_half_width_m``.
+    """
     target = camera_from_world[:3, :3] @ np.asarray(target_m, dtype=float) + camera_from_world[:3, 3]
     if target[2] <= _MIN_DEPTH_M:
         return None

@@ -86,7 +86,21 @@ def run_geometric_mission(
     directory: Path | None = None,
     **options: Unpack[MissionOptions],
 ) -> MissionResult:
-    """Fly one mission without images and predict its completeness; see `nbv.mission.MissionFunction`."""
+    """Fly one mission without images and predict its completeness; see `nbv.mission.MissionFunction`.
+
+    Parameters
+    ----------
+    config
+        The mission's configuration.
+    rock
+        A catalogue name or the path of a mesh.
+    replicate
+        Index of the draw of arrival errors and of what is detected.
+    directory
+        Where the run directory is written; ``None`` writes nothing.
+    options
+        As in `nbv.mission.flying.fly_mission`: ``keep``, ``overwrite``, ``cache``, ``log``, ``with_oracle``.
+    """
     return fly_mission(
         GeometricFidelity, config, rock, replicate, directory, load=load_coarse_rock, **options
     )

@@ -51,6 +51,15 @@ class GeometricReconstructor:
 
     Of ``sparse.*`` only ``min_inliers``, ``min_registered_seeds``, ``max_pair_angle_deg`` and whether there are
     ``ground_features`` mean anything.
+
+    Parameters
+    ----------
+    world
+        Landmarks and surface samples of the rock, and what each viewpoint sees of them.
+    config
+        The mission's configuration.
+    rock_sha256, replicate
+        Key of all random draws.
     """
 
     def __init__(

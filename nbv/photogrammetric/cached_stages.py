@@ -22,7 +22,15 @@ from nbv.types import Floats, Viewpoint
 
 
 class CachedStudio(Studio):
-    """Photographs by rock, replicate, viewpoint, pose and all of the configuration that they depend on."""
+    """Photographs by rock, replicate, viewpoint, pose and all of the configuration that they depend on.
+
+    Parameters
+    ----------
+    make_renderer, rock, replicate, config
+        As in `Studio`.
+    store
+        Where photographs are kept.
+    """
 
     def __init__(
         self,

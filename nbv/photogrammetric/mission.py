@@ -84,5 +84,19 @@ def run_photogrammetric_mission(
     directory: Path | None = None,
     **options: Unpack[MissionOptions],
 ) -> MissionResult:
-    """Fly one complete mission with photographs and measure its cloud; see `nbv.mission.MissionFunction`."""
+    """Fly one complete mission with photographs and measure its cloud; see `nbv.mission.MissionFunction`.
+
+    Parameters
+    ----------
+    config
+        The mission's configuration.
+    rock
+        A catalogue name or the path of a mesh.
+    replicate
+        Index of the draw of arrival errors and sensor noise.
+    directory
+        Where the run directory is written; ``None`` writes nothing.
+    options
+        As in `nbv.mission.flying.fly_mission`: ``keep``, ``overwrite``, ``cache``, ``log``, ``with_oracle``.
+    """
     return fly_mission(PhotogrammetricFidelity, config, rock, replicate, directory, **options)

@@ -20,7 +20,19 @@ from nbv.types import Capture, Floats, Viewpoint
 
 
 class Studio:
-    """Implements ``nbv.types.Camera`` for one rock in one replicate. The renderer is made, for the camera that it has to draw, when the first photograph needs it."""
+    """Implements ``nbv.types.Camera`` for one rock in one replicate.
+
+    Parameters
+    ----------
+    make_renderer
+        Makes the renderer for a pinhole camera; called when the first photograph needs it.
+    rock
+        What is photographed, and key of all random draws.
+    replicate
+        Which draw of telemetry errors and sensor noise.
+    config
+        As the vehicle believes it: the gimbal aims at its target.
+    """
 
     def __init__(
         self,

@@ -128,7 +128,17 @@ def distances_to(cloud: PointCloud, points_m: Floats) -> Floats:
 def halves_agreement(
     first: PointCloud, second: PointCloud, reference: PointCloud, height_m: float
 ) -> HalvesAgreement:
-    """How completely each half's cloud covers the reference and how well it is confirmed by the other half's."""
+    """How completely each half's cloud covers the reference and how well it is confirmed by the other half's.
+
+    Parameters
+    ----------
+    first, second
+        The clouds of the two halves.
+    reference
+        That of all photographs.
+    height_m
+        Of the object; thresholds are shares of it.
+    """
     limits = [fraction * height_m for fraction in THRESHOLD_FRACTIONS]
     missing = [distances_to(half, reference.points_m) for half in (first, second)]
     wrong = [distances_to(first, second.points_m), distances_to(second, first.points_m)]

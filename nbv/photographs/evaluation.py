@@ -43,6 +43,17 @@ def measure_cloud(
 
     Both surfaces, ``whole`` and ``observable``, are the reference: it is what the photographs have seen.
 
+    Parameters
+    ----------
+    cloud
+        Of the mission, in the set's frame.
+    photographs
+        The set: its object's height and target.
+    reference
+        The set's dense reference.
+    config
+        Samples, thresholds and cleaning.
+
     Raises
     ------
     MissionFailure

@@ -179,5 +179,19 @@ def run_photographs_mission(
     directory: Path | None = None,
     **options: Unpack[MissionOptions],
 ) -> MissionResult:
-    """Fly one mission over the photographs of the set ``rock`` and measure its cloud; see `nbv.mission.MissionFunction`."""
+    """Fly one mission over the photographs of the set ``rock`` and measure its cloud; see `nbv.mission.MissionFunction`.
+
+    Parameters
+    ----------
+    config
+        The mission's configuration.
+    rock
+        Name of the set.
+    replicate
+        Which turn of the seed layout about the object.
+    directory
+        Where the run directory is written; ``None`` writes nothing.
+    options
+        As in `nbv.mission.flying.fly_mission`: ``keep``, ``overwrite``, ``cache``, ``log``, ``with_oracle``.
+    """
     return fly_mission(PhotographFidelity, config, rock, replicate, directory, **options)

@@ -116,7 +116,21 @@ def photometric_error(
 def splat(
     points_m: Floats, values: Floats | None, camera_from_world: Floats, camera: CameraConfig
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """(h, w) values of the nearest points (N, 3) at 1 / `SHRINK` of the camera's size, and where there is any; holes of a pixel are closed."""
+    """(h, w) values of the nearest points at 1 / `SHRINK` of the camera's size, and where there is any.
+
+    Holes of a pixel are closed.
+
+    Parameters
+    ----------
+    points_m
+        (N, 3) world frame.
+    values
+        (N,) what is drawn of each point; nothing if None.
+    camera_from_world
+        (4, 4) where it is seen from.
+    camera
+        Its intrinsics.
+    """
     height, width = camera.height_px // SHRINK, camera.width_px // SHRINK
     at = points_m @ camera_from_world[:3, :3].T + camera_from_world[:3, 3]
     kept = at[:, 2] > _NEAREST_M

@@ -137,7 +137,13 @@ class PhotographViewpoints:
     def candidates(
         self, config: MissionConfig, vehicle_position_m: Floats, visited_m: Floats, n_seeds: int
     ) -> CandidatePool:
-        """The photographs not taken yet, between the elevations that ``pool.min_altitude_m`` and ``max_altitude_m`` mean in the paper's pool."""
+        """The photographs not taken yet, between the elevations that ``pool.min_altitude_m`` and ``max_altitude_m`` mean in the paper's pool.
+
+        Parameters
+        ----------
+        config, vehicle_position_m, visited_m, n_seeds
+            As in `nbv.viewpoints.ViewpointSource.candidates`.
+        """
         left = np.ones(len(self.positions_m), dtype=bool)
         counts = {"raw": len(left)}
         if len(visited_m):

@@ -34,11 +34,24 @@ def precision(theta_low_deg: float, theta_saturation_deg: float) -> float:
 def observation_rays(
     points_m: Floats, track_starts: Ints, track_lengths: Ints, track_cameras: Ints, camera_centers_m: Floats
 ) -> tuple[Floats32, list[int]]:
-    """Every point's first ray, then every point's second, ...; points must come longest track first.
+    """Every point's first ray, then every point's second, ...
 
-    ``points_m`` and ``camera_centers_m`` are (3, P) and (3, M). Returns (4, T): unit rays from the camera to
-    the point, and their dot product with the point; and how many points have a first ray, a second, ...
-    (as many numbers as the longest track is long): the points that have a j-th ray are a prefix.
+    Parameters
+    ----------
+    points_m
+        (3, P), longest track first.
+    track_starts, track_lengths
+        (P,) where each point's track begins in ``track_cameras``, and how long it is.
+    track_cameras
+        (T,) cameras of the tracks, one track after the other.
+    camera_centers_m
+        (3, M).
+
+    Returns
+    -------
+    rays, counts
+        (4, T): unit rays from the camera to the point, and their dot product with the point. How many points have a
+        first ray, a second, ... (as many numbers as the longest track is long): those that have a j-th ray are a prefix.
     """
     longest = int(track_lengths[0]) if len(track_lengths) else 0
     counts = len(track_lengths) - np.searchsorted(track_lengths[::-1], np.arange(longest), side="right")

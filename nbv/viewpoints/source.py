@@ -58,7 +58,13 @@ class Rings:
     def candidates(
         self, config: MissionConfig, vehicle_position_m: Floats, visited_m: Floats, n_seeds: int
     ) -> CandidatePool:
-        """See `nbv.viewpoints.candidate_pool`."""
+        """See `nbv.viewpoints.candidate_pool`.
+
+        Parameters
+        ----------
+        config, vehicle_position_m, visited_m, n_seeds
+            As in `ViewpointSource.candidates`.
+        """
         return candidate_pool(config, vehicle_position_m, visited_m[n_seeds:])
 
 
