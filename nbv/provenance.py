@@ -16,6 +16,7 @@ MISSION_LIBRARIES = (
     "opencv-python-headless",
     "open3d-cpu",
     "open3d",
+    "pyrender2",
     "trimesh",
     "scikit-image",
     "ruckig",

@@ -1,7 +1,7 @@
 """What a configuration may name, and where it lives: a new scorer or gate is one new file and one line here.
 
 Only names and places: nothing is imported before it is asked for. So a name is checked when a configuration is
-read, long before anything flies, and what needs OpenCV or Open3D loads only where it is used.
+read, long before anything flies, and what needs OpenGL or CUDA loads only where it is used.
 """
 
 from __future__ import annotations
@@ -65,6 +65,7 @@ RENDERERS = Registry(
     "renderer",
     {
         "raycast": "nbv.scene.raycast:RaycastRenderer",
+        "gl": "nbv.scene.gl:GLRenderer",
     },
 )
 
@@ -73,6 +74,7 @@ DENSE_BACKENDS = Registry(
     "dense backend",
     {
         "sgbm": "nbv.dense.sgbm:SgbmBackend",
+        "patchmatch": "nbv.dense.patchmatch:PatchMatchBackend",
     },
 )
 

@@ -71,7 +71,7 @@ class DenseConfig(Section):
     backend: str = ours(
         "sgbm",
         "stereo",
-        why="the paper's COLMAP PatchMatch needs CUDA",
+        why="the paper's COLMAP PatchMatch needs CUDA: patchmatch",
         names=DENSE_BACKENDS.keys,
     )
     neighbours: int = ours(3, "stereo partners of a photograph")

@@ -31,7 +31,7 @@ class CameraConfig(Section):
 class SceneConfig(Section):
     """Light, ground and sensor."""
 
-    backend: str = ours("raycast", "renderer", names=RENDERERS.keys)
+    backend: str = ours("raycast", "renderer", why="gl (pyrender) needs EGL", names=RENDERERS.keys)
     sun_direction: tuple[float, float, float] = code(
         (0.001, 0.625, -0.78), "simulator", "direction the light travels, ENU"
     )

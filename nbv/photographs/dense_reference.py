@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from nbv.cache import Store, remember
 from nbv.config import CameraConfig, DenseConfig
+from nbv.dense import make_backend, patchmatch_runs
 from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
 from nbv.dense.interface import Floats32
@@ -82,6 +83,7 @@ def cloud_of_views(
     """
     small = shrunk_camera(camera, DENSE_SIZE_PX)
     config = DenseConfig(
+        backend="patchmatch" if patchmatch_runs() else "sgbm",
         crop_half_width_m=round(1.15 * half_width_m, 3),
         search="sparse",
         min_baseline_angle_deg=MIN_BASELINE_ANGLE_DEG,
@@ -200,7 +202,9 @@ def _depth_maps(
     progress: Progress,
     what: str,
 ) -> dict[str, Floats32]:
-    """As `nbv.dense.sgbm` makes them, on two threads and telling what is done."""
+    """As `nbv.dense.sgbm` makes them, on two threads and telling what is done; COLMAP's where CUDA is."""
+    if config.backend != "sgbm":
+        return make_backend(config.backend).depth_maps(images, poses, camera, center_m, config, near_m)
     cv2.setNumThreads(1)
     grey = {name: cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for name, image in images.items()}
 

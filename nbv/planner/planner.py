@@ -1,6 +1,6 @@
 """What a companion computer runs: candidates, scorers, gate and stop of Phase 2, and nothing that simulates.
 
-Loads neither Open3D nor torch.
+Loads neither Open3D, pyrender nor torch.
 The mission loop plans with it, too.
 """
 

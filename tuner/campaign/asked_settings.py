@@ -8,13 +8,14 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
+from nbv.dense import best_dense_stage
 from nbv.errors import UserError
 from nbv.evaluation.registry import METRICS, PREDICTED
 from tuner.campaign.rock_choice import QUICK_ROCKS, Making, absolute_rocks, refuse_held_out, rock_arguments
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import SETTINGS, read_settings_file, settings_from_dict
 from tuner.missions.external import load_mission_file
-from tuner.missions.registry import is_geometric
+from tuner.missions.registry import DEFAULT_FIDELITY, is_geometric
 from tuner.problem.drawn_rocks import with_families
 from tuner.problem.objective import reached
 from tuner.problem.search_space import ours
@@ -68,6 +69,8 @@ def asked_settings(tree: Mapping[str, Any], source: str, making: Making = nullco
     if tree.get("mission") is not None:
         return settings_from_dict(tree, source)
     tree = dict(tree)
+    if tree.get("fidelity", DEFAULT_FIDELITY) == DEFAULT_FIDELITY:
+        tree["overrides"] = best_dense_stage(tree.get("overrides") or {})
     if isinstance(tree.get("rocks"), (list, tuple)):
         tree["rocks"] = absolute_rocks(with_families(tree["rocks"]))
     settings = settings_from_dict(tree, source)

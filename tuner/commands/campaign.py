@@ -23,6 +23,7 @@ from tuner.commands.console import (
     executor_at,
     load,
     local_executor,
+    note_dense_stage,
     output,
     parse_overrides,
     seconds,
@@ -119,6 +120,7 @@ def run(
             local.begin()  # its libraries load beside ours
         load(MODEL)
         asked = asked_settings(fields, str(settings or "command line"), working)
+        note_dense_stage(fields.get("overrides") or {}, asked.overrides)
         from tuner.campaign.begin import begin_campaign
 
         where = (executor, scheduler, unencrypted)

@@ -8,7 +8,7 @@ import importlib
 import json
 import os
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -18,6 +18,7 @@ from rich.progress import BarColumn, Progress, ProgressColumn, Task, TimeElapsed
 from rich.text import Text
 
 from nbv.config import IDEAL, PRESETS, Condition, MissionConfig, load_condition, preset, under
+from nbv.dense import best_dense_stage
 from nbv.errors import UserError
 from nbv.mission.result import json_ready
 from nbv.safe_files import parse_yaml
@@ -161,7 +162,17 @@ def mission_config(
     values = parse_overrides(assignments)
     if gate is not None:
         values["gate.kind"] = gate
-    return under(preset(preset_name), load_condition(condition)).with_values(values)
+    chosen = best_dense_stage(values)
+    note_dense_stage(values, chosen)
+    return under(preset(preset_name), load_condition(condition)).with_values(chosen)
+
+
+def note_dense_stage(given: Mapping[str, Any], chosen: Mapping[str, Any]) -> None:
+    """Say where a better dense stage was chosen than nobody asked for."""
+    if "dense.backend" in chosen and "dense.backend" not in given:
+        output.print(
+            "dense stage: COLMAP's PatchMatch, since this machine has CUDA (--set dense.backend=sgbm for the CPU's)"
+        )
 
 
 def under_conditions(conditions: Sequence[Condition]) -> str:

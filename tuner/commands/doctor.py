@@ -6,6 +6,7 @@ import ctypes
 import importlib
 import os
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -41,7 +42,7 @@ class Finding:
 
 
 def doctor(as_json: AsJson = False) -> None:
-    """Check interpreter, libraries, cores, memory, disk and store; say what each finding means.
+    """Check interpreter, libraries, OpenGL, CUDA, cores, memory, disk and store; say what each finding means.
 
     Example: gatetune doctor
     """
@@ -75,7 +76,7 @@ def interpreter() -> Iterator[Finding]:
 
 
 def system_libraries() -> Iterator[Finding]:
-    """What Open3D loads and pip cannot bring."""
+    """What Open3D and OpenGL load and pip cannot bring."""
     if sys.platform != "linux":
         return
     missing = []
@@ -104,6 +105,41 @@ def libraries() -> Iterator[Finding]:
             yield Finding("bad", f"{name} does not load: {first}", "make setup")
         else:
             yield Finding("ok", f"{name} loads")
+
+
+def opengl() -> Iterator[Finding]:
+    """Whether the renderer ``gl`` can run; ``raycast`` always can. In a process of its own: a driver may abort it."""
+    code = "import pyrender; pyrender.OffscreenRenderer(16, 16).delete()"
+    environment = {"PYOPENGL_PLATFORM": "egl", **os.environ}
+    try:
+        tried = subprocess.run(
+            [sys.executable, "-P", "-c", code], env=environment, capture_output=True, text=True, timeout=60
+        )
+        works, said = tried.returncode == 0, (tried.stderr.strip().splitlines() or ["no message"])[-1]
+    except subprocess.TimeoutExpired:
+        works, said = False, "no answer in 60 s"
+    if works:
+        yield Finding("ok", "OpenGL: scene.backend=gl can run")
+    else:
+        yield Finding(
+            "note",
+            f"no OpenGL: scene.backend=gl cannot run, raycast (the default) can ({said[:120]})",
+            "apt-get install -y libegl1 libgl1 libgl1-mesa-dri   (as root), or PYOPENGL_PLATFORM=osmesa",
+        )
+
+
+def cuda() -> Iterator[Finding]:
+    """Whether COLMAP's PatchMatch can run."""
+    import pycolmap
+
+    if pycolmap.has_cuda:
+        yield Finding("ok", "COLMAP with CUDA: dense.backend=patchmatch can run")
+    else:
+        yield Finding(
+            "note",
+            "COLMAP without CUDA: the dense stage is sgbm, on the CPU",
+            'with an NVIDIA GPU: pip install "gatetune[cuda]"',
+        )
 
 
 def machine() -> Iterator[Finding]:
@@ -151,6 +187,8 @@ CHECKS: tuple[Callable[[], Iterator[Finding]], ...] = (
     interpreter,
     system_libraries,
     libraries,
+    opengl,
+    cuda,
     machine,
     disk,
 )

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from nbv.config import DenseConfig
+from nbv.dense import patchmatch_runs
+from nbv.dense.patchmatch import read_depth_maps, write_images
 from nbv.dense.reconstruct import check_depths, make_backend
 from nbv.dense.surface import points_to_search
 from nbv.errors import MissionFailure, UserError
@@ -71,9 +73,36 @@ def test_wrong_image_size_names_the_image(scene):
         cloud_of(scene, images=images)
 
 
-def test_an_unknown_backend_is_a_user_error():
-    with pytest.raises(UserError, match="there are sgbm"):
+def test_patchmatch_without_cuda_names_the_remedy():
+    import pycolmap
+
+    if pycolmap.has_cuda:
+        pytest.skip("pycolmap has CUDA here")
+    with pytest.raises(UserError, match=r'pip install "gatetune\[cuda\]"'):
+        make_backend("patchmatch")
+    with pytest.raises(UserError, match="sgbm, patchmatch"):
         make_backend("magic")
+
+
+@pytest.mark.slow
+def test_patchmatch_with_cuda_agrees_with_the_closed_form(scene):
+    if not patchmatch_runs():
+        pytest.skip("needs an NVIDIA GPU and a pycolmap with CUDA: pip install 'gatetune[cuda]'")
+    config = dataclasses.replace(CONFIG, backend="patchmatch")
+    assert np.median(surface_distance_m(cloud_of(scene, config).points_m)) < 0.01
+
+
+def test_colmaps_depth_maps_are_read_back(scene, tmp_path):
+    import pycolmap
+
+    write_images(tmp_path, scene.images, scene.poses, scene.camera)
+    depth_m = np.full((240, 320), 2.5, np.float32)
+    depth_m[3, 4] = 0
+    file = tmp_path / "stereo" / "depth_maps" / "view_000.png.geometric.bin"
+    pycolmap.DepthMap.from_array(depth_m, 2.0, 3.0).write(file)
+    back = read_depth_maps(tmp_path, list(scene.poses))
+    assert list(back) == ["view_000.png"]
+    np.testing.assert_array_equal(back["view_000.png"], np.where(depth_m > 0, depth_m, np.nan))
 
 
 def test_what_is_searched_is_the_sparse_model_without_strays():

@@ -26,10 +26,10 @@ print(*sorted({name.partition(".")[0] for name in sys.modules}))
 """
 
 
-def test_it_loads_no_open3d_or_torch():
+def test_it_loads_no_open3d_pyrender_or_torch():
     ran = subprocess.run([sys.executable, "-c", CODE], capture_output=True, text=True)
     assert ran.returncode == 0, ran.stderr
-    heavy = {"open3d", "torch", "cv2", "pycolmap", "skimage", "sklearn", "trimesh"}
+    heavy = {"open3d", "pyrender", "torch", "cv2", "pycolmap", "skimage", "sklearn", "trimesh"}
     assert heavy & set(ran.stdout.split()) == set()
 
 

@@ -1,5 +1,6 @@
 """The command line's manners: a user's mistake is one line that names the thing and the remedy, exit code 2."""
 
+import re
 import subprocess
 import sys
 from importlib import metadata
@@ -181,6 +182,16 @@ def test_import_list_show_a_rock_of_ones_own(gatetune, tmp_path):
     code, _, err = gatetune("rocks", "import", path, "--name", "my-stone")
     assert code == 2
     assert "my-stone" in err
+
+
+@pytest.mark.parametrize(
+    ("cuda", "asked", "flown"), [(False, (), "sgbm"), (True, (), "patchmatch"), (True, ("sgbm",), "sgbm")]
+)
+def test_patchmatch_is_chosen_where_there_is_cuda(gatetune, monkeypatch, cuda, asked, flown):
+    monkeypatch.setattr("nbv.dense.cuda.patchmatch_runs", lambda: cuda)
+    code, out, err = gatetune("config", "show", *(f"--set=dense.backend={name}" for name in asked))
+    assert code == 0, err
+    assert re.search(rf"backend: {flown} ", out) and ("has CUDA" in out) == (cuda and not asked)
 
 
 @pytest.mark.parametrize("error", [MemoryError(), RuntimeError("can't start new thread")])
