@@ -14,12 +14,6 @@ ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOK = ROOT / "docs" / "tutorial.ipynb"
 
 
-def test_no_outputs_are_committed() -> None:
-    cells = nbformat.read(NOTEBOOK, 4).cells
-    kept = [cell.id for cell in cells if cell.cell_type == "code" and (cell.outputs or cell.execution_count)]
-    assert not kept, "run: jupyter nbconvert --clear-output --inplace docs/tutorial.ipynb"
-
-
 @pytest.mark.slow
 def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", str(NOTEBOOK.parents[1]))  # a clone that is not installed

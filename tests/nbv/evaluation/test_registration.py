@@ -15,7 +15,6 @@ from nbv.config import MissionConfig, preset
 from nbv.evaluation.evaluate import evaluate_cloud, ground_truth, rock_floors
 from nbv.evaluation.registration import register_cloud
 from nbv.geometry.frames import Similarity
-from nbv.mission.result import MissionResult
 from nbv.rocks import Rock
 from nbv.rocks.rock import make_rock
 from nbv.types import PointCloud
@@ -90,18 +89,6 @@ def test_a_known_offset_costs_the_registered_number_nothing(rock: Rock, tmp_path
     assert registered["turn_deg"] == pytest.approx(
         np.rad2deg(Rotation.from_matrix(turn).magnitude()), abs=0.5
     )
-
-
-def result(metrics: dict[str, object]) -> MissionResult:
-    return MissionResult("ok", "", "", "", "bumpy", 0, metrics, [], {}, {})
-
-
-def test_where_telemetry_is_exact_a_cloud_is_registered_already() -> None:
-    plain = {"whole": {"f_score_48mm": 90.0}, "observable": {"f_score_48mm": 95.0}}
-    both = {**plain, "registered": {"observable": {"f_score_48mm": 96.0}, "scale": 1.01}}
-    assert result(plain).metric("registered.observable.f_score_48mm") == 95.0
-    assert result(both).metric("registered.observable.f_score_48mm") == 96.0
-    assert result(both).metric("observable.f_score_48mm") == 95.0
 
 
 def test_the_reference_is_kept_by_rock_shell_and_options(rock: Rock, tmp_path: Path) -> None:

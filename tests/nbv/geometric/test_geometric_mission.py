@@ -7,19 +7,15 @@ import re
 import numpy as np
 import pytest
 
-from nbv.cache import Store, code_digest
+from nbv.cache import code_digest
 from nbv.config import preset
 from nbv.errors import UserError
-from nbv.flight import arrival_position
-from nbv.geometric import GeometricReconstructor, load_world, run_geometric_mission
+from nbv.geometric import run_geometric_mission
 from nbv.geometric.reconstructor import forget_seed_models
 from nbv.geometric.world_cache import forget_worlds
-from nbv.geometry.frames import look_at
 from nbv.mission.result import MissionResult
-from nbv.rocks import load_rock
 from nbv.rocks.catalogue import forget_loaded
-from nbv.types import Capture
-from nbv.viewpoints import raw_candidates, seed_viewpoints
+from nbv.viewpoints import raw_candidates
 
 ROCK = "boulder"
 BUDGET = 3
@@ -31,23 +27,8 @@ def config():
 
 
 @pytest.fixture(scope="module")
-def rock():
-    return load_rock(ROCK, Store())
-
-
-@pytest.fixture(scope="module")
-def world(rock, config):
-    return load_world(rock, config, Store())
-
-
-@pytest.fixture(scope="module")
 def flown(config):
     return run_geometric_mission(config, ROCK)
-
-
-def capture(viewpoint, config, rock, replicate=0):
-    position = arrival_position(viewpoint, config.flight, rock.sha256, replicate)
-    return Capture(f"{viewpoint.id}.png", viewpoint, look_at(position, np.array(config.target_m)), None)
 
 
 def forget():
@@ -96,18 +77,6 @@ def test_configuration_rock_and_replicate_determine_a_mission(flown, config, tmp
     monkeypatch.setenv("GATETUNE_HOME", str(tmp_path / "home"))
     assert same(run_geometric_mission(config, ROCK, cache=False), flown)  # from nothing
     assert not (tmp_path / "home").exists()  # and nothing was kept
-
-
-def test_the_seed_model_resembles_a_photogrammetric_one(world, config, rock):
-    """Measured with COLMAP on this rock: 1,843 points in the box, 19 % on the rock, mean track 4.5."""
-    reconstructor = GeometricReconstructor(world, config, rock.sha256, 0)
-    model = reconstructor.bootstrap([capture(v, config, rock) for v in seed_viewpoints(config)]).model
-    assert 700 < len(model.points_m) < 1600
-    assert 0.1 < (model.points_m[:, 2] > 0.02).mean() < 0.35
-    assert 3.5 < model.track_lengths.mean() < 6.0
-    # Points stay within a few millimetres of a surface: the rock's or the ground.
-    distance = np.linalg.norm(model.points_m[:, None] - world.landmarks_m[None], axis=2).min(axis=1)
-    assert np.median(distance) < 0.01
 
 
 def test_every_gate_flies(config):

@@ -94,14 +94,6 @@ def test_too_few_and_copies(folder: Path) -> None:
     assert "needs 8 or more" in refusal(folder)
 
 
-def test_sixteen_bits_become_eight(tmp_path: Path) -> None:
-    ramp = np.linspace(0, 65535, 64 * 48).reshape(48, 64).astype(np.uint16)
-    Image.fromarray(ramp).save(tmp_path / "deep.tif")
-    pixels = read_pixels(tmp_path / "deep.tif", 64, upright=True)
-    assert pixels.shape == (48, 64, 3)
-    assert pixels[0, 0, 0] == 0 and pixels[-1, -1, 0] == 255
-
-
 def test_a_telephone_held_both_ways_stays_one_camera(tmp_path: Path) -> None:
     for index in range(9):
         save(picture(index), tmp_path / f"{index}.jpg", index, orientation=6 if index < 4 else 1)

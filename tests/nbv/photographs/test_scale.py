@@ -79,14 +79,6 @@ def test_control_points_give_scale_and_up(model: SolvedModel, tmp_path: Path) ->
     )
 
 
-def test_a_known_height_is_the_scale_and_control_points_then_say_what_is_up(
-    model: SolvedModel, tmp_path: Path
-) -> None:
-    found = find_scale(model, photographs(), SIZES, 0.6, marks(tmp_path / "gcp.txt"))
-    assert found.source == "length" and found.up is not None
-    assert found.metres_per_unit(10.0, 3.0) == pytest.approx(0.2)
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -14,7 +14,7 @@ from nbv.rocks.procedural import generate_rock
 from nbv.rocks.rock import Rock
 from nbv.terrain import buried_rock, make_relief, make_surroundings, neighbour_cylinders
 from nbv.terrain.neighbours import CROP_M
-from nbv.terrain.relief import FILLED_M, FOOTPRINT_M, FULL_M, RELIEF_HALF_EXTENT_M, STEP_M
+from nbv.terrain.relief import FILLED_M, FULL_M, RELIEF_HALF_EXTENT_M, STEP_M
 
 FEW = GroundConfig(neighbours=6)
 
@@ -37,16 +37,6 @@ def test_relief_has_the_rms_and_slope_that_is_asked() -> None:
     assert np.mean(rms) == pytest.approx(0.08, rel=0.05)
     # A Gaussian correlation of length l has rms slope sqrt(2) h / l.
     assert np.mean(slopes) == pytest.approx(np.sqrt(2) * 0.08, rel=0.1)
-
-
-def test_relief_meets_the_plain_and_carries_the_rock() -> None:
-    heights = (relief := make_relief(0.1, 1.0, 3)).heights_m
-    assert not heights[[0, -1]].any() and not heights[:, [0, -1]].any()
-    angle = np.linspace(0, 2 * np.pi, 50)
-    for radius in (0.0, FOOTPRINT_M, FILLED_M[0] - STEP_M * 2):
-        ring = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-        assert (relief.height_m(ring) >= -1e-12).all()
-    assert relief.height_m(np.array([[7.0, 0.0]])) == 0
 
 
 def test_the_height_of_relief_is_that_of_its_mesh() -> None:

@@ -13,7 +13,6 @@ import time
 from pathlib import Path
 
 import fake_campaigns
-import fake_missions
 import numpy as np
 import pytest
 import yaml
@@ -327,16 +326,6 @@ def test_storage_that_cannot_be_used(tmp_path: Path, storage: str) -> None:
     with pytest.raises(UserError):
         begin_campaign(tmp_path / "mine", settings(storage=storage))
     assert (tmp_path / "mine").is_dir()  # an empty directory of the user's own stays
-
-
-def test_minimised_objective(tmp_path: Path) -> None:
-    objective = Objective(direction="minimise")
-    campaign = run(tmp_path / "run", objective=objective, budget=12, rocks=("a",))
-    result = campaign.recommendation()
-    assert result is not None
-    worst = max(fake_missions.truth(campaign.settings.config(t.values)) for t in campaign.trials())
-    assert fake_missions.truth(campaign.settings.config(result.values)) < worst / 2
-    assert result.mean < result.default_mean and result.improvement > 0
 
 
 def test_what_a_campaign_ended_with_stands_until_missions_come(tmp_path: Path) -> None:

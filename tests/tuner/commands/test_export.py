@@ -10,8 +10,7 @@ import pytest
 import yaml
 from authors_files import read_mission, read_scoring
 
-from nbv.config import MissionConfig, config_from_dict, preset
-from nbv.geometric import run_geometric_mission
+from nbv.config import MissionConfig, config_from_dict
 from tuner.bridges.photogrammetry_nbv import read_file
 from tuner.campaign.campaign import Campaign
 from tuner.problem.space_files import load_search_space
@@ -62,19 +61,6 @@ def test_photographs_go_into_the_file_that_carries_them(gatetune, recommends):
     assert "# carries: seed.count 14 (default 24)" in text and "+6.00" in text
 
 
-def test_without_a_format_the_files_are_listed_best_first(gatetune, recommends):
-    run = recommends("photographs", FEWER)
-    code, out, err = gatetune("export", run)
-    assert code == 0, err
-    lines = out.splitlines()
-    assert lines[2:5] == [
-        "unified_mission.yaml carries 3 of 3 changes",
-        "gatetune.yaml carries 3 of 3 changes; it is gatetune's own file",
-        "scoring.yaml carries none of the changes",
-    ]
-    assert lines[-1] == f"write the first: gatetune export {run} --to unified_mission.yaml"
-
-
 def test_status_page_and_every_export_say_the_same(gatetune, campaign, tmp_path):
     values = json.loads(gatetune("campaign", "status", campaign.directory, "--json")[1])["recommendation"][
         "values"
@@ -123,17 +109,6 @@ def test_other_keys_of_their_file_are_kept(gatetune, campaign, tmp_path):
     assert code == 0, err
     written = read_file(tmp_path / "s.yaml", "scoring.yaml")
     assert (written["gimbal_pitch_rad"], written["hybrid.shadow.log_top_k"]) == (-0.3, 9)
-
-
-def test_a_mission_becomes_a_route(gatetune, tmp_path):
-    config = preset("campaign").with_values({"stop.adaptive_budget": 2})
-    run_geometric_mission(config, "slab", 0, tmp_path / "m")
-    code, out, err = gatetune("export", tmp_path / "m", "--to", "plan", "--home", "33.4,-111.9")
-    assert code == 0, err
-    assert "26 photographs (24 seeds, then 2 that the planner chose there)" in out
-    assert "a fixed route" in out
-    items = json.loads((tmp_path / "m" / "route.plan").read_text())["mission"]["items"]
-    assert sum(item["command"] == 2000 for item in items) == 26
 
 
 @pytest.mark.parametrize(

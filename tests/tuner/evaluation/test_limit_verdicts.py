@@ -7,7 +7,6 @@ from made_evaluations import made_run
 
 from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.of_campaign import Asked
-from tuner.evaluation.plan import EvaluationPlan
 from tuner.problem.objective import Objective
 from tuner.report.comparison.facts import comparison_facts
 
@@ -62,11 +61,3 @@ def test_worse_than_the_best_control_is_said() -> None:
     assert "improvement −0.7 points (95 % interval −" in line
     (line,) = [text for text in said(97.0, Asked(F)) if "best control" in text]  # without a limit too
     assert line.startswith("Tuned is better than the best control")
-
-
-def test_a_tuned_one_that_is_the_default_is_not_compared_with_it() -> None:
-    made = run()
-    same = made.plan.strategies["hyb-h"]
-    plan = EvaluationPlan({**made.plan.strategies, "tuned": same}, made.plan.rocks, made.plan.replicates)
-    found = comparison_facts(replace(made, plan=plan), "hyb-h", FEWEST, notes=["kept"])
-    assert [line.text.partition(" ")[0] for line in found.verdicts] == ["Limit", "Tuned"]

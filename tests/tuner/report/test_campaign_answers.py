@@ -9,14 +9,11 @@ from typing import Any
 import fake_campaigns
 import pytest
 
-from nbv.config import preset
-from nbv.mission.result import IterationRecord
 from tuner.campaign.asked_settings import asked_fields, asked_settings
 from tuner.campaign.campaign import Campaign
 from tuner.missions.job import Trial
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
-from tuner.recommendation.recommendation import Limit
 from tuner.report.campaign.answers import (
     measure_text,
     next_answer,
@@ -26,7 +23,6 @@ from tuner.report.campaign.answers import (
 )
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.campaign.wider import WIDER_FILE, write_wider_settings
-from tuner.report.mission.decisions import gate_words
 
 
 @pytest.fixture(scope="module")
@@ -56,12 +52,6 @@ def better(campaign: Campaign, fidelity: str = "photogrammetric", **changes: Any
     return facts_of(campaign, fidelity, **{"values": values, **gain, **changes})
 
 
-def record(iteration: int, scorer: str, *views: str) -> IterationRecord:
-    fields = {f.name: None for f in dataclasses.fields(IterationRecord)}
-    top = {name: {"candidate": view} for name, view in zip(("covis", "b-aware"), views)}
-    return IterationRecord(**{**fields, "iteration": iteration, "scorer": scorer, "top": top})  # type: ignore[arg-type]
-
-
 def test_a_gain_never_flown_side_by_side_says_so(campaign: Campaign) -> None:
     facts = better(campaign)
     assert pairs(facts, facts.recommendation) == {}  # type: ignore[arg-type]
@@ -69,49 +59,6 @@ def test_a_gain_never_flown_side_by_side_says_so(campaign: Campaign) -> None:
     assert "+3.0 points (95 % interval +2.0 to +4.0)" in said[0]
     assert said[-2].startswith("Never flown side by side")
     assert "gatetune confirm" in next_answer(facts, evaluated=False)[1]
-
-
-def with_limit(campaign: Campaign, **changes: Any) -> CampaignFacts:
-    """Fourteen seeds and twelve views are recommended for fewest photographs with an F-score of 98 %."""
-    quality = Objective()
-    means = (98.96, 0.2, (98.56, 99.36), 0.97, 0.3, 98.4, 0.56, (-0.2, 0.6), 0.81, 0.74, (40, 98))
-    limit = Limit(quality.metric, quality.direction, 98.0, True, False, *means)
-    space = load_search_space("photographs")
-    default = space.default(preset("campaign"))
-    values = {**default, "seed.count": 14, "stop.adaptive_budget": 12, "pool.max_altitude_m": 1.45}
-    own = {
-        "values": values,
-        "default_values": default,
-        "exact": True,
-        "metric": "costs.images",
-        "mean": 26.0,
-        "runner_up": None,
-    }
-    facts = facts_of(campaign, **{**own, "default_mean": 32.0, "limit": limit, **changes})
-    facts.settings = dataclasses.replace(facts.settings, space=space, overrides={}, sampler="gp")
-    facts.trials, facts.default = [], default
-    return facts
-
-
-def test_photographs_saved_and_quality_kept_are_said(campaign: Campaign) -> None:
-    facts = with_limit(campaign)
-    assert use_answer(facts)["sentence"] == (
-        "Use 8 photographs at 18° and 6 at 33°, then 12 chosen by the planner, none above 1.45 m."
-    )
-    first, second, *_ = sure_answer(facts)
-    assert first == (
-        "26 photographs in place of 32. F-score 99.0 % on the training rocks (95 % interval 98.6 to 99.4; 98.4 % with the "
-        "default)."
-    )
-    assert second == (
-        "It will do for about 81 of the next hundred rocks (95 % interval 40 to 98); on any one it is no worse than with 32 with probability 0.74."
-    )
-    limit = facts.recommendation.limit  # type: ignore[union-attr]
-    missed = with_limit(campaign, limit=dataclasses.replace(limit, kept=False))
-    assert use_answer(missed)["sentence"].startswith(
-        "Nothing flown is likely to keep F-score at least 98 %; the"
-    )
-    assert next_answer(missed, evaluated=False)[1].endswith("--missions 12")
 
 
 def test_a_geometric_gain_is_called_a_prediction(campaign: Campaign) -> None:
@@ -147,12 +94,6 @@ def test_what_next_follows_the_state(campaign: Campaign) -> None:
     )
     facts.status = dataclasses.replace(facts.status, budget=10)
     assert "campaign resume" in next_answer(facts, evaluated=False)[1]
-
-
-def test_a_gate_that_never_switched_is_said() -> None:
-    records = [record(i, "b-aware", "a", "b") for i in range(4)]
-    text = gate_words(records, "Hyb-H", 1)
-    assert text == "The gate (Hyb-H) never switched: B-aware chose all 4 views of 1 mission."
 
 
 def test_searching_wider_keeps_everything_else(campaign: Campaign, tmp_path: Path) -> None:

@@ -20,14 +20,7 @@ from nbv.geometry.sampling import sample_surface
 from nbv.mission.run_directory import write_ply
 from nbv.rocks import load_rock
 from nbv.types import PointCloud
-from tuner.campaign.begin import begin_campaign
-from tuner.campaign.session import fly_campaign
-from tuner.campaign.settings import CampaignSettings
-from tuner.campaign.showcase import fly_showcase
-from tuner.missions.executors import InProcessExecutor
-from tuner.problem.space_files import load_search_space
-from tuner.report import write_campaign_report, write_mission_view
-from tuner.report.campaign.walks import write_showcase_page
+from tuner.report import write_mission_view
 from tuner.report.mission.walk_world import STEP_M
 
 BUDGET = 2
@@ -121,27 +114,3 @@ def test_another_rock_is_refused(mission: Path, tmp_path: Path) -> None:
     (other / "mission.json").write_text(json.dumps(result))
     with pytest.raises(UserError, match=r"flown on another 'slab' than the one found now.*--rock"):
         write_mission_view([other], tmp_path / "view.html")
-
-
-def test_a_campaign_shows_its_default_beside_the_recommendation(tmp_path: Path) -> None:
-    settings = CampaignSettings(
-        name="shown",
-        space=load_search_space("gate_and_weights"),
-        rocks=("slab",),
-        overrides={"stop.adaptive_budget": BUDGET, "evaluation.gt_samples": 2000},
-        budget=2,
-        replicates=1,
-        sampler="sobol",
-        fidelity="geometric",
-        keep="all",
-    )
-    campaign = begin_campaign(tmp_path / "c", settings)
-    executor = InProcessExecutor()
-    fly_campaign(campaign, executor)
-    fly_showcase(campaign, executor)
-    page = write_showcase_page(campaign)
-    assert page is not None and page.parent.name == "shown"
-    names = [facts["name"] for facts in shown(page)]
-    assert names in (["default"], ["default", "recommended"])
-    text = write_campaign_report(campaign).read_text()
-    assert f'href="{page.relative_to(campaign.directory)}"' in text

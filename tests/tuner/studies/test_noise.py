@@ -91,9 +91,6 @@ def test_a_flown_study_finds_the_known_components_and_is_not_flown_twice(tmp_pat
     [
         (["--replicates", "1"], "at least 2"),
         (["--configurations", "1"], "at least 3"),
-        (["--workers", "0"], "workers"),
-        (["--set", "stop.adaptive_budgit=4"], "stop.adaptive_budget"),
-        (["--rock", "no-such-rock"], "no-such-rock"),
         (["--rock", "arch"], "held out"),
     ],
 )
