@@ -12,6 +12,7 @@ from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.flight import Flight
 from nbv.gates import gate_class, make_gate
+from nbv.mission.aim import aimed
 from nbv.mission.belief import believed
 from nbv.mission.fidelity import Fidelity, MissionContext
 from nbv.mission.function import Keep, Log, no_log
@@ -60,10 +61,12 @@ def fly_mission(
         The rock of a name.
     """
     started = time.perf_counter()
+    digest = config.digest()
     config.require_seeds_above_ground()
     store = Store() if cache else None
     found = load(rock, store)
     subject = buried_rock(found, config)
+    config = aimed(config, subject)
     run = RunDirectory(directory, overwrite=overwrite) if directory is not None else None
     if run is not None:
         run.write_config(config.to_dict())
@@ -120,7 +123,7 @@ def fly_mission(
         status=status,
         reason=reason,
         message=message,
-        config_digest=config.digest(),
+        config_digest=digest,
         rock=subject.name,
         replicate=replicate,
         metrics=metrics,
