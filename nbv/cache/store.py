@@ -141,23 +141,6 @@ class Store:
             removed, freed = removed + 1, freed + size
         return removed, freed
 
-    def verify(self) -> tuple[int, int]:
-        """Check every entry's checksum and remove those that fail: (entries checked, entries removed)."""
-        checked = damaged = 0
-        for path in self._entries():
-            try:
-                data = read_bytes(path, DEFAULT_MAX_BYTES)
-            except UserError:
-                if not path.exists():  # another process pruned it
-                    continue
-                data = b""
-            checked += 1
-            if not _is_sound(path.relative_to(self.root).parts[0], path.name, data):
-                with contextlib.suppress(OSError):  # a folder
-                    path.unlink(missing_ok=True)
-                damaged += 1
-        return checked, damaged
-
     def clear(self) -> None:
         """Remove everything."""
         shutil.rmtree(self.root, ignore_errors=True)

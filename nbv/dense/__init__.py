@@ -2,13 +2,12 @@
 
 from nbv.dense.cuda import best_dense_stage, patchmatch_runs
 from nbv.dense.interface import DepthBackend
-from nbv.dense.reconstruct import CheckedDepths, check_depths, make_backend
+from nbv.dense.reconstruct import dense_cloud, make_backend
 
 __all__ = [
-    "CheckedDepths",
     "DepthBackend",
     "best_dense_stage",
-    "check_depths",
+    "dense_cloud",
     "make_backend",
     "patchmatch_runs",
 ]

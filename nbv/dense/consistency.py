@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,14 +11,6 @@ from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.interface import Floats32
 from nbv.dense.stereo import camera_center_m, pixel_matrix, viewing_angle_deg
 from nbv.types import Floats
-
-
-@dataclass(frozen=True)
-class ConsistentDepth:
-    """A view's depth map after the check."""
-
-    depth_m: Floats32  # (H, W) mean over the agreeing views; NaN where too few agree
-    agreeing: NDArray[np.uint8]  # (H, W) number of agreeing views, the view itself included; 0 = no depth
 
 
 def choose_witnesses(
@@ -57,7 +48,7 @@ def check_consistency(
     camera: CameraConfig,
     target_m: tuple[float, float, float] | Floats,
     config: DenseConfig,
-) -> dict[str, ConsistentDepth]:
+) -> dict[str, Floats32]:
     """Check every depth map against up to ``consistency_views`` others.
 
     A view agrees with a pixel when, at the point's projection into it, its depth differs from the
@@ -78,6 +69,10 @@ def check_consistency(
         (3,) the point that the cameras aim at.
     config
         Its ``consistency_*`` and ``agreeing_views``.
+
+    Returns
+    -------
+    (H, W) depth by view; NaN where too few agree.
     """
     poses = {name: camera_from_world[name] for name in depth_maps}
     return {
@@ -101,7 +96,7 @@ def _check(
     witnesses: list[tuple[Floats32, Floats]],
     camera: CameraConfig,
     config: DenseConfig,
-) -> ConsistentDepth:
+) -> Floats32:
     matrix = pixel_matrix(camera)
     focal, cx, cy = (np.float32(value) for value in (matrix[0, 0], matrix[0, 2], matrix[1, 2]))
     rows, columns = np.nonzero(np.isfinite(depth_m))
@@ -144,9 +139,7 @@ def _check(
     keep = agreeing >= config.agreeing_views
     out = np.full_like(depth_m, np.nan)
     out[rows[keep], columns[keep]] = total[keep] / agreeing[keep]
-    counts = np.zeros(depth_m.shape, dtype=np.uint8)
-    counts[rows, columns] = agreeing
-    return ConsistentDepth(out, counts)
+    return out
 
 
 def _picked(values: Floats32, index: NDArray[np.intp] | None) -> Floats32:

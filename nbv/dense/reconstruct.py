@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
 from nbv.config import DENSE_BACKENDS, CameraConfig, DenseConfig
-from nbv.dense.consistency import ConsistentDepth, check_consistency
+from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
 from nbv.dense.interface import DepthBackend, Image
 from nbv.dense.surface import points_to_search
 from nbv.errors import MissionFailure, UserError
+from nbv.memory import give_back_freed_memory
 from nbv.types import Floats, PointCloud
 
 
@@ -27,23 +27,6 @@ def make_backend(name: str) -> DepthBackend:
     """
     backend: DepthBackend = DENSE_BACKENDS.load(name)()
     return backend
-
-
-@dataclass(frozen=True)
-class CheckedDepths:
-    """Depth maps after the consistency check, ready to be fused."""
-
-    depths: Mapping[str, ConsistentDepth]
-    images: Mapping[str, Image]
-    camera_from_world: Mapping[str, Floats]
-    camera: CameraConfig
-    target_m: tuple[float, float, float] | Floats
-    config: DenseConfig
-
-    def fuse(self) -> PointCloud:
-        """The cloud; `MissionFailure` ``empty_dense_cloud`` where nothing is confirmed."""
-        maps = {name: found.depth_m for name, found in self.depths.items()}
-        return fuse(maps, self.images, self.camera_from_world, self.camera, self.target_m, self.config)
 
 
 def shrunk_camera(camera: CameraConfig, max_size_px: int) -> CameraConfig:
@@ -65,15 +48,15 @@ def shrunk(image: Image, camera: CameraConfig) -> Image:
     return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
 
 
-def check_depths(
+def dense_cloud(
     images: Mapping[str, Image],
     camera_from_world: Mapping[str, Floats],
     camera: CameraConfig,
     target_m: tuple[float, float, float] | Floats,
     config: DenseConfig,
     sparse_points_m: Floats | None = None,
-) -> CheckedDepths:
-    """Depth maps from images with known poses, checked against each other and ready to be fused.
+) -> PointCloud:
+    """The fused cloud of images with known poses: depth maps, checked against each other.
 
     Parameters
     ----------
@@ -87,7 +70,8 @@ def check_depths(
     Raises
     ------
     MissionFailure
-        ``too_few_views``: fewer than two views, or no two within the pair angles.
+        ``too_few_views``: fewer than two views, or no two within the pair angles. ``empty_dense_cloud``: no depth is
+        confirmed.
     UserError
         The backend needs CUDA; an image has another size than the camera.
     ValueError
@@ -117,5 +101,6 @@ def check_depths(
             f"no two of {len(names)} views lie {config.min_pair_angle_deg:g} to "
             f"{config.max_pair_angle_deg:g} degrees apart",
         )
-    consistent = check_consistency(maps, poses, camera, target_m, config)
-    return CheckedDepths(consistent, photos, poses, camera, target_m, config)
+    maps = check_consistency(maps, poses, camera, target_m, config)
+    give_back_freed_memory()  # fusion needs the most of all stages
+    return fuse(maps, photos, poses, camera, target_m, config)

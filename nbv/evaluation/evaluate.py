@@ -17,7 +17,6 @@ from nbv.evaluation.metrics import compute_metrics
 from nbv.evaluation.registration import (
     COARSE_REACHES_M,
     REACHES_M,
-    combined,
     place_on_target,
     register_cloud,
 )
@@ -153,7 +152,7 @@ def _registered(
     for reaches_m in (COARSE_REACHES_M, REACHES_M):
         placed, _ = clean_for_evaluation(_moved(cloud, truth_from_cloud), config)
         step = register_cloud(placed.points_m, truth.points_m, reaches_m)
-        truth_from_cloud = combined(step, truth_from_cloud)
+        truth_from_cloud = step.after(truth_from_cloud)
     measured = measure(_moved(placed, step))
     centre_m = np.asarray(config.target_m)
     turn = truth_from_cloud.rotation

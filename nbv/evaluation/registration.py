@@ -74,14 +74,5 @@ def register_cloud(points_m: Floats, truth_m: Floats, reaches_m: tuple[float, ..
     return found
 
 
-def combined(second: Similarity, first: Similarity) -> Similarity:
-    """The similarity that applies ``first``, then ``second``."""
-    return Similarity(
-        second.scale * first.scale,
-        second.rotation @ first.rotation,
-        second.apply(first.translation),
-    )
-
-
 def _picked(points: Floats, count: int) -> Floats:
     return points[:: max(1, len(points) // count)]

@@ -78,6 +78,12 @@ class Similarity:
         """(..., 3) points of the source frame in the target frame."""
         return self.scale * np.asarray(points) @ self.rotation.T + self.translation
 
+    def after(self, first: Similarity) -> Similarity:
+        """The similarity that applies ``first``, then this one."""
+        return Similarity(
+            self.scale * first.scale, self.rotation @ first.rotation, self.apply(first.translation)
+        )
+
 
 def align_umeyama(target: Floats, source: Floats) -> Similarity:
     """Least-squares similarity ``target_from_source`` of paired points (N, 3), N >= 3.

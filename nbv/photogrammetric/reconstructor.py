@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from nbv.config import MissionConfig, SparseConfig
-from nbv.dense.reconstruct import CheckedDepths, check_depths
+from nbv.dense.reconstruct import dense_cloud
 from nbv.errors import MissionFailure
 from nbv.memory import give_back_freed_memory
 from nbv.sparse.locating import Located
@@ -50,7 +50,6 @@ class PhotogrammetricReconstructor:
         self._sparse: SparseReconstructor | None = self._new_sparse(config.sparse)
         self._images: dict[str, Any] = {}
         self.has_model = False
-        self._checked: CheckedDepths | None = None
 
     def _new_sparse(self, options: SparseConfig) -> SparseReconstructor:
         config = self._config
@@ -106,11 +105,9 @@ class PhotogrammetricReconstructor:
             self._sparse = None
             give_back_freed_memory()
         images = {name: self._images[name] for name in poses}
-        self._checked = check_depths(
+        return dense_cloud(
             images, poses, self._config.camera, self._config.target_m, self._config.dense, points_m
         )
-        give_back_freed_memory()  # fusion, which comes next, needs the most of all stages
-        return self._checked.fuse()
 
     def locate(self, capture: Capture, partners: int) -> Located | None:
         """Where a photograph that is no part of the model was taken; needs ``keep_sparse``."""

@@ -177,13 +177,10 @@ def _cloud(
     if not maps:
         return empty
     progress(f"{what}: comparing depths", 0, 1)
-    checked = check_consistency(maps, {n: poses[n] for n in maps}, camera, center_m, config)
-    del maps
-    depths = {name: found.depth_m for name, found in checked.items()}
-    del checked
+    maps = check_consistency(maps, {n: poses[n] for n in maps}, camera, center_m, config)
     progress(f"{what}: fusing", 0, 1)
     try:
-        cloud = fuse(depths, images, poses, camera, center_m, config)
+        cloud = fuse(maps, images, poses, camera, center_m, config)
     except MissionFailure:
         return empty
     finally:

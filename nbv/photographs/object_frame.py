@@ -87,7 +87,7 @@ def find_object(
     low, high, word = _box(model.moved(rough), in_mask)
     notes.append(f"object: {word}")
     placed = placement(low, high, rough.apply(model.centers))
-    return ObjectFrame(_after(placed, rough), placed.apply(low), placed.apply(high), tuple(notes))
+    return ObjectFrame(placed.after(rough), placed.apply(low), placed.apply(high), tuple(notes))
 
 
 def placement(low: Floats, high: Floats, cameras: Floats) -> Similarity:
@@ -95,12 +95,6 @@ def placement(low: Floats, high: Floats, cameras: Floats) -> Similarity:
     center = (low + high) / 2
     scale = MEDIAN_DISTANCE_M / float(np.median(np.linalg.norm(cameras - center, axis=1)))
     return Similarity(scale, np.eye(3), -scale * np.array([center[0], center[1], low[2]]))
-
-
-def _after(second: Similarity, first: Similarity) -> Similarity:
-    return Similarity(
-        second.scale * first.scale, second.rotation @ first.rotation, second.apply(first.translation)
-    )
 
 
 def _looked_at(model: SolvedModel) -> Floats:

@@ -13,12 +13,11 @@ from __future__ import annotations
 
 import io
 import json
-import math
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
@@ -30,7 +29,7 @@ from nbv.errors import UserError
 from nbv.photographs.reference_file import Reference, read_reference
 from nbv.rocks import Rock
 from nbv.rocks.imported import check_name, read_rock
-from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_bytes, read_json
+from nbv.safe_files import RESULT_BYTES, RESULT_NODES, parse_json, read_bytes, read_text
 from nbv.types import Floats
 
 FORMAT = 1
@@ -60,6 +59,10 @@ class Photograph:
     )
     gimbal_deg: tuple[float, float, float] | None = None  # XMP: yaw, pitch, roll
 
+    def __post_init__(self) -> None:
+        if self.name != Path(self.name).name or self.name.startswith("."):
+            raise ValueError(f"{self.name!r} cannot name a photograph")
+
     @property
     def registered(self) -> bool:
         """Whether the reference model has it."""
@@ -74,6 +77,14 @@ class Photograph:
         return center
 
 
+_Positive = Annotated[float, msgspec.Meta(gt=0)]
+_Photographs = Annotated[tuple[Photograph, ...], msgspec.Meta(min_length=1, max_length=MAX_PHOTOGRAPHS)]
+_Curve = Annotated[
+    tuple[float, ...],
+    msgspec.Meta(min_length=len(THRESHOLD_FRACTIONS), max_length=len(THRESHOLD_FRACTIONS)),
+]
+
+
 @dataclass(frozen=True)
 class HalvesAgreement:
     """One half of the photographs against the other: what a reconstruction can be told to have reached.
@@ -82,9 +93,9 @@ class HalvesAgreement:
     by a half's cloud, ``precision`` of a half's cloud by the other half's.
     """
 
-    completeness: tuple[float, ...]
-    precision: tuple[float, ...]
-    f_score: tuple[float, ...]
+    completeness: _Curve
+    precision: _Curve
+    f_score: _Curve
 
 
 @dataclass(frozen=True)
@@ -94,12 +105,12 @@ class PhotographSet:
     name: str
     folder: Path
     camera: CameraConfig  # one pinhole for all photographs, principal point in the middle
-    photographs: tuple[Photograph, ...]  # in the order in which they were taken
-    height_m: float  # of the object, in units of the set's frame
+    photographs: _Photographs  # in the order in which they were taken
+    height_m: _Positive  # of the object, in units of the set's frame
     extents_m: tuple[float, float, float]  # of the object's box, likewise
-    metres_per_unit: float | None  # None: no scale was given
+    metres_per_unit: _Positive | None  # None: no scale was given
     scale_source: ScaleSource
-    reference_error_m: float  # median distance of the reference's points to the worse half's cloud
+    reference_error_m: _Positive  # median distance of the reference's points to the worse half's cloud
     halves: HalvesAgreement
     weak: tuple[str, ...]  # where the reference is weak, a sentence each
     notes: tuple[str, ...]  # what was done
@@ -201,109 +212,36 @@ def list_sets() -> list[str]:
 def read_set(folder: Path) -> PhotographSet:
     """The set in ``folder``; `UserError` where its ``set.json`` is damaged or of another format."""
     path = folder / SET_FILE
-    tree = read_json(path, RESULT_BYTES, RESULT_NODES)
+    tree = parse_json(read_text(path, RESULT_BYTES), str(path), RESULT_NODES, finite=True)
     require_checksum(tree, str(path))
     try:
         if tree["format"] != FORMAT:
             raise ValueError(f"format {tree['format']}, this version reads {FORMAT}")
-        return _set_of(tree, folder)
-    except UserError:
-        raise
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        for name in ("width_px", "height_px", "focal_px"):  # a camera of the program has defaults
+            tree["camera"][name]
+        found = msgspec.convert({**tree, "folder": str(folder)}, PhotographSet, dec_hook=_decoded)
+        check_name(found.name)
+        if len({p.name for p in found.photographs}) < len(found.photographs):
+            raise ValueError("two photographs have one name")
+    except (msgspec.ValidationError, KeyError, TypeError, ValueError) as error:
         reason = f"{error.args[0]!r} is missing" if isinstance(error, KeyError) else str(error)
         raise UserError(f"{path} is damaged ({reason}); import the photographs again with --force") from error
+    return found
 
 
-def _set_of(tree: Mapping[str, Any], folder: Path) -> PhotographSet:
-    camera = tree["camera"]
-    photographs = tuple(_photograph_of(record) for record in _some(tree["photographs"]))
-    names = [p.name for p in photographs]
-    if len(set(names)) < len(names):
-        raise ValueError("two photographs have one name")
-    if tree["scale_source"] not in get_args(ScaleSource):
-        raise ValueError(f"scale_source is {tree['scale_source']!r}")
-    halves = tree["halves"]
-    metres_per_unit = tree["metres_per_unit"]
-    return PhotographSet(
-        name=check_name(_text(tree["name"])),
-        folder=folder,
-        camera=CameraConfig(
-            int(camera["width_px"]), int(camera["height_px"]), _positive(camera["focal_px"], "focal_px")
-        ),
-        photographs=photographs,
-        height_m=_positive(tree["height_m"], "height_m"),
-        extents_m=_numbers(tree["extents_m"], 3),  # type: ignore[arg-type]
-        metres_per_unit=None if metres_per_unit is None else _positive(metres_per_unit, "metres_per_unit"),
-        scale_source=tree["scale_source"],
-        reference_error_m=_positive(tree["reference_error_m"], "reference_error_m"),
-        halves=HalvesAgreement(
-            *(
-                _numbers(halves[key], len(THRESHOLD_FRACTIONS))
-                for key in ("completeness", "precision", "f_score")
-            )
-        ),
-        weak=tuple(_text(line) for line in tree["weak"]),
-        notes=tuple(_text(line) for line in tree["notes"]),
-        source_folder=_text(tree["source_folder"]),
-    )
-
-
-def _photograph_of(record: Mapping[str, Any]) -> Photograph:
-    name = _text(record["name"])
-    if name != Path(name).name or name.startswith("."):
-        raise ValueError(f"{name!r} cannot name a photograph")
-    return Photograph(
-        name=name,
-        source=_text(record["source"]),
-        sha256=_text(record["sha256"]),
-        camera_from_world=None
-        if record["camera_from_world"] is None
-        else _pose(record["camera_from_world"], name),
-        masked=bool(record["masked"]),
-        time=None if record["time"] is None else _text(record["time"]),
-        gps=None if record["gps"] is None else _numbers(record["gps"], 3),  # type: ignore[arg-type]
-        gimbal_deg=None if record["gimbal_deg"] is None else _numbers(record["gimbal_deg"], 3),  # type: ignore[arg-type]
-    )
-
-
-def _pose(rows: Any, name: str) -> Floats:
-    pose = np.array([_numbers(row, 4) for row in rows], dtype=float)
+def _decoded(kind: type, value: Any) -> Any:
+    """A folder or a pose as ``set.json`` has them."""
+    if kind is Path:
+        return Path(value)
+    pose = np.array(value, dtype=float)
     rotation = pose[:3, :3]
     if (
         pose.shape != (4, 4)
         or np.abs(rotation @ rotation.T - np.eye(3)).max() > 1e-6
         or np.linalg.det(rotation) < 0
     ):
-        raise ValueError(f"the pose of {name} is not a rigid transform")
+        raise ValueError("a pose is not a rigid transform")
     return pose
-
-
-def _some(values: Any) -> list[Any]:
-    if not isinstance(values, list) or not 0 < len(values) <= MAX_PHOTOGRAPHS:
-        raise ValueError(f"photographs must be a list of 1 to {MAX_PHOTOGRAPHS}")
-    return values
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise ValueError(f"{value!r} is not a text")
-    return value
-
-
-def _positive(value: Any, what: str) -> float:
-    number = _numbers([value], 1)[0]
-    if number <= 0:
-        raise ValueError(f"{what} is {number}")
-    return number
-
-
-def _numbers(values: Any, count: int) -> tuple[float, ...]:
-    if not isinstance(values, list) or len(values) != count:
-        raise ValueError(f"{str(values)[:60]} is not a list of {count} numbers")
-    for value in values:
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            raise ValueError(f"{value!r} is not a finite number")
-    return tuple(float(value) for value in values)
 
 
 def _pixels(path: Path, mode: str, camera: CameraConfig) -> NDArray[np.uint8]:

@@ -73,11 +73,6 @@ def load_coarse_rock(name: str, store: Store | None = None) -> Rock:
     return _once((name, COARSE_GRID_M), lambda: procedural_rock(name, store, grid_m=COARSE_GRID_M))
 
 
-def loaded_rocks() -> list[Rock]:
-    """The rocks in this process's memory, least recently asked for first."""
-    return list(_loaded.values())
-
-
 def forget_loaded() -> None:
     """Remove all rocks from this process's memory."""
     _loaded.clear()

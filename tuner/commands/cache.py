@@ -1,4 +1,4 @@
-"""``gatetune cache info|prune|verify``: the store of photographs, features, pairs and seed models."""
+"""``gatetune cache info|prune``: the store of photographs, features, pairs and seed models."""
 
 from __future__ import annotations
 
@@ -56,14 +56,3 @@ def prune(
     removed, freed = Store().prune(int(max_gib * GIB))
     output.print(f"removed {removed} entries, {freed / 2**20:.1f} MiB")
     answer_json({"removed": removed, "freed_bytes": freed})
-
-
-@app.command()
-def verify(as_json: AsJson = False) -> None:
-    """Check every entry's checksum; damaged ones are removed and will be made anew.
-
-    Example: gatetune cache verify
-    """
-    checked, damaged = Store().verify()
-    output.print(f"checked {checked} entries, removed {damaged} damaged")
-    answer_json({"checked": checked, "damaged": damaged})

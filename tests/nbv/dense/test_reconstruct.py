@@ -8,7 +8,7 @@ import pytest
 from nbv.config import DenseConfig
 from nbv.dense import patchmatch_runs
 from nbv.dense.patchmatch import read_depth_maps, write_images
-from nbv.dense.reconstruct import check_depths, make_backend
+from nbv.dense.reconstruct import dense_cloud, make_backend
 from nbv.dense.surface import points_to_search
 from nbv.errors import MissionFailure, UserError
 from nbv.geometry.frames import look_at
@@ -26,7 +26,7 @@ def surface_distance_m(points):
 
 def cloud_of(scene, config=CONFIG, images=None, poses=None, sparse_points_m=None):
     images, poses = scene.images if images is None else images, poses or scene.poses
-    return check_depths(images, poses, scene.camera, TARGET, config, sparse_points_m).fuse()
+    return dense_cloud(images, poses, scene.camera, TARGET, config, sparse_points_m)
 
 
 @pytest.fixture(scope="module")
