@@ -8,7 +8,6 @@ import yaml
 
 import nbv
 from nbv.config import preset
-from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
 from nbv.mission.planning_state import load_state
 
@@ -61,8 +60,3 @@ def test_it_ends_where_the_cloud_is_dense_or_nothing_is_left(tmp_path):
     assert nbv.Planner(config.with_values({"stop.min_gain_percent": 100.0})).plan(*given).converged
     plan = nbv.Planner(config.with_values({"pool.max_travel_m": 0.001})).plan(*given)
     assert not plan.converged and plan.next_view is None and plan.pool is not None and len(plan.pool) == 0
-
-
-def test_a_gate_that_sees_the_truth_is_refused():
-    with pytest.raises(UserError, match="ground truth"):
-        nbv.Planner(preset("paper").with_values({"gate.kind": "hyb-o"}))

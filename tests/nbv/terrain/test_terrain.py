@@ -12,7 +12,7 @@ from nbv.geometry.raycasting import RayCaster, rays_of
 from nbv.rocks.mesh import edge_face_counts, face_areas
 from nbv.rocks.procedural import generate_rock
 from nbv.rocks.rock import Rock
-from nbv.terrain import buried_rock, make_relief, make_surroundings, neighbour_cylinders
+from nbv.terrain import buried_rock, make_relief, neighbour_cylinders
 from nbv.terrain.neighbours import CROP_M
 from nbv.terrain.relief import FILLED_M, FULL_M, RELIEF_HALF_EXTENT_M, STEP_M
 
@@ -58,13 +58,6 @@ def test_neighbours_stand_outside_the_crop_and_apart(seed: int) -> None:
         assert FEW.neighbour_height_m[0] <= c.top_m - c.base_m <= FEW.neighbour_height_m[1]
         for other in cylinders[:i]:
             assert np.hypot(*np.subtract(c.center_m, other.center_m)) > c.radius_m + other.radius_m
-
-
-def test_flat_empty_ground_leaves_the_rock_as_it_is(rock: Rock) -> None:
-    config = MissionConfig()
-    assert buried_rock(rock, config) is rock
-    assert make_surroundings(config.ground, 0, rock.sha256) is None
-    assert buried_rock(rock, config.with_values({"ground.neighbours": 3})) is rock
 
 
 def test_a_buried_rock_is_what_is_above_ground(rock: Rock) -> None:

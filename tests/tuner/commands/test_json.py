@@ -59,8 +59,3 @@ def test_campaigns_are_listed_with_their_answers(gatetune, runs: Path) -> None:
     assert rows["one"]["objective"] == "f_score"
     shown = gatetune("campaign", "list", runs)[1]
     assert "9/9" in shown and "f_score" in shown
-
-
-def test_a_folder_without_campaigns_is_one_line(gatetune, tmp_path: Path) -> None:
-    code, _, err = gatetune("campaign", "list", tmp_path)
-    assert code == 2 and "holds no campaign" in err and len(err.strip().splitlines()) == 1

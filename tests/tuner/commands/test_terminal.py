@@ -16,7 +16,7 @@ from tuner.campaign.events import CampaignEvent
 from tuner.campaign.settings import CampaignSettings
 from tuner.cli import app
 from tuner.commands import evaluate
-from tuner.commands.campaign_display import LINE, event_line, mission_line
+from tuner.commands.campaign_display import event_line
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
 from tuner.problem.space_files import load_search_space
@@ -36,15 +36,6 @@ def event(kind: Any = "finished", **changes: Any) -> CampaignEvent:
         "wall_s": 13.0,
     }
     return CampaignEvent(kind, 2.0, 3, 9, Trial(number=11, **{**fields, **changes}))
-
-
-def test_a_mission_has_one_line() -> None:
-    line = mission_line(event(why={"phase": "model"}), SETTINGS)
-    assert len(line) <= LINE and line.startswith("#012 a ")
-    assert "81.23" in line and line.endswith("model")
-    assert "degraded" in mission_line(event(status="degraded"), SETTINGS)
-    failed = mission_line(event("failed", raw=None, reason="lost", message="long\n" * 40), SETTINGS)
-    assert "failed: lost" in failed and len(failed) <= LINE and "\n" not in failed
 
 
 def test_an_event_is_one_json_object() -> None:

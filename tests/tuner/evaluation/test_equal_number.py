@@ -2,7 +2,7 @@
 
 import pytest
 
-from nbv.config import preset
+from nbv.config import IDEAL_CONDITION, load_condition, preset
 from tuner.evaluation.baselines import (
     BASELINES,
     at_equal_number,
@@ -10,6 +10,7 @@ from tuner.evaluation.baselines import (
     controls_at_equal_number,
     ending_at,
     label,
+    orbits_at_number,
     photographs,
     tuned_configs,
 )
@@ -76,3 +77,10 @@ def test_baselines_have_the_mean_number_of_a_plan_that_may_end_early() -> None:
     flown = {**tuned_configs(low, BASE, ending_at(low, 21)), **found}
     assert photographs(flown["random-tuned-pool"]) == 21
     assert controls_at_equal_number(flown) == ("random-tuned-pool", "hyb-h-21", "random-21", "orbit-21")
+
+
+def test_an_orbit_is_reaimed_where_the_target_must_be_found() -> None:
+    worlds = (IDEAL_CONDITION, load_condition("field"))
+    assert list(orbits_at_number(BASE, worlds[:1])) == ["orbit-32", "orbit-two-32"]
+    found = orbits_at_number(BASE, worlds)
+    assert [c.seed.reaim_after for c in found.values()] == [0, 0, 16, 16]

@@ -18,7 +18,7 @@ from tuner.evaluation.baselines import (
     label,
 )
 from tuner.evaluation.comparison import comparison_table, strategy_difference, values_of
-from tuner.evaluation.flying import EvaluationEvent, run_evaluation
+from tuner.evaluation.flying import EvaluationEvent, place_for, run_evaluation
 from tuner.evaluation.paper_table import PAPER_TABLE_I, TABLE_I_ROWS, MetricRow
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
@@ -147,3 +147,11 @@ def test_every_strategy_flies_every_world_and_is_paired(tmp_path: Path) -> None:
     assert alone.interval.mean == pytest.approx(sum(ours[b] - theirs[b] for b in ours) / 6)
     table = comparison_table(run.records, ("tuned", "hyb-h"), "hyb-h", rows=(F48,))
     assert table.missions == {"tuned": 12, "hyb-h": 12}
+
+
+def test_another_evaluation_lies_beside_the_first(tmp_path: Path) -> None:
+    usual = tmp_path / "evaluation"
+    for made, name in ((plan(), "evaluation"), (plan(replicates=3), "evaluation-2"), (plan(), "evaluation")):
+        place = place_for(made, usual)
+        assert place == tmp_path / name
+        run_evaluation(made, place, InProcessExecutor())

@@ -15,7 +15,6 @@ from tuner.missions.job import Trial
 from tuner.problem.objective import Objective
 from tuner.problem.space_files import load_search_space
 from tuner.report.campaign.answers import (
-    measure_text,
     next_answer,
     pairs,
     sure_answer,
@@ -59,15 +58,6 @@ def test_a_gain_never_flown_side_by_side_says_so(campaign: Campaign) -> None:
     assert "+3.0 points (95 % interval +2.0 to +4.0)" in said[0]
     assert said[-2].startswith("Never flown side by side")
     assert "gatetune confirm" in next_answer(facts, evaluated=False)[1]
-
-
-def test_a_geometric_gain_is_called_a_prediction(campaign: Campaign) -> None:
-    facts = better(campaign, fidelity="geometric")
-    assert "Predicted by geometric missions: no photograph was taken." in sure_answer(facts)
-    assert "low-fidelity simulator" in measure_text(facts)
-    assert "prediction" in next_answer(facts, evaluated=False)[0]
-    plain = better(campaign)
-    assert "low-fidelity" not in measure_text(plain)
 
 
 def test_where_nothing_is_needed_the_default_is_used(campaign: Campaign) -> None:

@@ -14,7 +14,6 @@ from tuner.problem.search_space import Parameter, SearchSpace
 from tuner.samplers.design import (
     initial_design_size,
     near_default,
-    places_for_earlier,
     sobol_point,
 )
 from tuner.samplers.registry import make_sampler
@@ -73,16 +72,11 @@ def test_every_second_point_of_a_trusted_design_is_near() -> None:
     assert all("near" not in make_sampler("gp", other).ask(history[:n], []).why for n in range(1, 9))
 
 
-def test_the_design_after_earlier_missions_is_short() -> None:
-    assert [
-        initial_design_size(18, budget, trusted_default=True, earlier=True) for budget in (1, 2, 8, 12, 64)
-    ] == [
-        1,
-        1,
-        2,
-        4,
-        6,
-    ]
-    assert initial_design_size(18, 64, trusted_default=True) == 12
-    assert list(places_for_earlier(6)) == [1, 2, 3, 4]
-    assert list(places_for_earlier(8)) == [2, 4, 6]
+def test_a_space_begins_where_it_says_after_the_default() -> None:
+    settings = synthetic.sampler_settings(0, 9)
+    path = settings.space.paths[0]
+    low = settings.space.parameters[0].from_unit(0.0)
+    begun = dataclasses.replace(settings, space=dataclasses.replace(settings.space, begin=({path: low},)))
+    history = [Observation(0, synthetic.DEFAULT, "r0", 0, 0.5, 0.5)]
+    proposal = make_sampler("gp", begun).ask(history, [])
+    assert proposal.values == {**synthetic.DEFAULT, path: low} and proposal.why["phase"] == "begin"
