@@ -4,10 +4,9 @@ from nbv.scene.bake import Scene, build_scene
 from nbv.scene.factory import make_renderer
 from nbv.scene.preview import preview
 from nbv.scene.sensor import Sensor
-from nbv.scene.view import RenderedView, Renderer
+from nbv.scene.view import Renderer
 
 __all__ = [
-    "RenderedView",
     "Renderer",
     "Scene",
     "Sensor",

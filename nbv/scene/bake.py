@@ -48,11 +48,6 @@ class Scene:
     relief: Relief | None
 
     @property
-    def rock_faces(self) -> int:
-        """How many faces the rock has; they come first."""
-        return int(np.count_nonzero(self.faces[:, 0] < self.part_ends[0]))
-
-    @property
     def ground_mean_radiance(self) -> float:
         """Grey radiance of the ground beyond the clipmap."""
         return float(self.ground_levels[-1].mean() / _FULL_SCALE)

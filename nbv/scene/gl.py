@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from nbv.errors import UserError
 from nbv.scene.bake import GROUND_TINT, Scene
 from nbv.scene.raycast import FADE_START
-from nbv.scene.view import RenderedView, camera_position, grey_levels, srgb_from_linear
+from nbv.scene.view import camera_position, grey_levels, srgb_from_linear
 from nbv.terrain import RELIEF_HALF_EXTENT_M, Relief
 from nbv.types import Floats, Floats32
 
@@ -43,33 +43,21 @@ class GLRenderer:
         )
         try:
             self._offscreen: Any = pyrender.OffscreenRenderer(camera.width_px, camera.height_px)
-            self.render(_above_the_ground())  # uploads everything and finds a broken driver now
+            self.rgb(_above_the_ground())  # uploads everything and finds a broken driver now
         except UserError:
             raise
         except Exception as error:  # PyOpenGL and the drivers raise what they like
             raise UserError(_no_gl(error)) from error
 
-    def render(self, camera_from_world: Floats) -> RenderedView:
-        """See ``Renderer.render``."""
+    def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
+        """See ``Renderer.rgb``."""
         camera_position(camera_from_world)
         gl_from_cv = np.diag([1.0, -1.0, -1.0, 1.0])  # OpenGL cameras look along -z with y up
         pose = np.linalg.inv(np.asarray(camera_from_world, dtype=float)) @ gl_from_cv
         self._gl_scene.set_pose(self._camera_node, pose)
         flags = self._pyrender.RenderFlags
-        rgba, depth = self._offscreen.render(
-            self._gl_scene, flags=flags.FLAT | flags.RGBA | flags.SKIP_CULL_FACES
-        )
-        depth = np.asarray(depth, dtype=np.float32)
-        # The rock alone is drawn with alpha 1, so alpha is the part of the pixel that it covers.
-        return RenderedView(
-            np.ascontiguousarray(rgba[..., :3]),
-            np.where(depth > 0, depth, np.float32(np.inf)),
-            rgba[..., 3] >= 128,
-        )
-
-    def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
-        """See ``Renderer.rgb``; depth comes with it here."""
-        return self.render(camera_from_world).rgb
+        rgb, _ = self._offscreen.render(self._gl_scene, flags=flags.FLAT | flags.SKIP_CULL_FACES)
+        return np.ascontiguousarray(rgb)
 
     def close(self) -> None:
         """Give the GL context back."""
@@ -88,7 +76,6 @@ class GLRenderer:
 
     def _rock_mesh(self, scene: Scene) -> Any:
         colors = np.ones((len(scene.vertices_m), 4), dtype=np.float32)
-        colors[scene.part_ends[0] :, 3] = 0.0
         colors[:, :3] = srgb_from_linear(scene.vertex_radiance)
         primitive = self._pyrender.Primitive(
             positions=scene.vertices_m,

@@ -31,8 +31,8 @@ def preview(rock: Rock, store: Store | None = None) -> NDArray[np.uint8]:
         outward = np.array(
             [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
         )
-        view = renderer.render(look_at(target + RADIUS_M * outward, target))
+        picture = renderer.rgb(look_at(target + RADIUS_M * outward, target))
         top, left = (i // COLUMNS) * cell_h, (i % COLUMNS) * cell_w
-        sheet[top : top + camera.height_px, left : left + camera.width_px] = view.rgb
+        sheet[top : top + camera.height_px, left : left + camera.width_px] = picture
     renderer.close()
     return sheet

@@ -1,8 +1,7 @@
 """The deterministic backend: Open3D rays on the rock, a closed form for the ground, no graphics driver.
 
 Each pixel is integrated, not point-sampled: the ground by ``GROUND_ROWS`` sub-rows per pixel with a
-mip level chosen from the footprint, the rock by 2 x 2 rays per pixel inside its projected box. Depth and
-mask are those of the pixel's centre.
+mip level chosen from the footprint, the rock by 2 x 2 rays per pixel inside its projected box.
 """
 
 from __future__ import annotations
@@ -14,9 +13,9 @@ from numpy.typing import NDArray
 from nbv.geometry.frames import intrinsic_matrix
 from nbv.geometry.raycasting import RayCaster, RayHits
 from nbv.scene.bake import GROUND_TINT, Scene, with_relief
-from nbv.scene.view import RenderedView, camera_position, grey_levels
+from nbv.scene.view import camera_position, grey_levels
 from nbv.terrain import RELIEF_HALF_EXTENT_M
-from nbv.types import Bools, Floats, Floats32
+from nbv.types import Floats, Floats32
 
 _Box = tuple[int, int, int, int]  # rows from, to, columns from, to
 _Height = Floats32 | np.float32
@@ -39,20 +38,9 @@ class RaycastRenderer:
         self._k = intrinsic_matrix(scene.camera)
         self._mips = _with_far_mips(scene)
         self._face_radiance = scene.vertex_radiance[scene.faces]  # (F, 3, 3): one look-up a ray, not four
-        self._rock_faces = scene.rock_faces
         self._ground_mean = np.float32(scene.ground_mean_radiance * 65535.0)
         parts = np.split(scene.vertices_m, scene.part_ends[:-1])
         self._corners = [_box_corners(part) for part in parts]
-
-    def render(self, camera_from_world: Floats) -> RenderedView:
-        """See ``Renderer.render``."""
-        rays, position, boxes = self._look(camera_from_world)
-        ground_m = self._ground_height(rays, position)
-        depth = self._ground_depth(rays, position, ground_m)
-        mask = np.zeros(depth.shape, dtype=bool)
-        for box in boxes:
-            self._measure_rock(rays, position, box, depth, mask)
-        return RenderedView(self._picture(rays, position, boxes, ground_m), depth, mask)
 
     def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
         """See ``Renderer.rgb``."""
@@ -96,12 +84,6 @@ class RaycastRenderer:
         height[(flat < t) & (np.maximum(np.abs(x), np.abs(y)) > RELIEF_HALF_EXTENT_M)] = 0
         full = cv2.resize(height, (2 * half[0], 2 * half[1]), interpolation=cv2.INTER_LINEAR)
         return full[: camera.height_px, : camera.width_px]
-
-    def _ground_depth(self, rays: _PixelRays, position: Floats, ground_m: _Height) -> Floats32:
-        camera = self._scene.camera
-        dz = rays.component(2, np.arange(camera.width_px) + 0.5, np.arange(camera.height_px) + 0.5)
-        with np.errstate(divide="ignore"):
-            return np.where(dz < 0, (ground_m - np.float32(position[2])) / dz, np.float32(np.inf))
 
     def _background(self, rays: _PixelRays, position: Floats, ground_m: _Height) -> Floats32:
         """(H, W, 3) radiance of ground and sky."""
@@ -201,21 +183,6 @@ class RaycastRenderer:
         r0, r1 = max(int(r0), 0), min(int(r1), camera.height_px)
         c0, c1 = max(int(c0), 0), min(int(c1), camera.width_px)
         return (r0, r1, c0, c1) if r0 < r1 and c0 < c1 else None
-
-    def _measure_rock(
-        self,
-        rays: _PixelRays,
-        position: Floats,
-        box: _Box,
-        depth: Floats32,
-        mask: Bools,
-    ) -> None:
-        """Depth and mask where the rock is nearer than the ground."""
-        r0, r1, c0, c1 = box
-        found = self._cast(rays, position, np.arange(c0, c1) + 0.5, np.arange(r0, r1) + 0.5, self._caster)
-        nearer = (found.t < depth[r0:r1, c0:c1]) & (found.face < len(self._face_radiance))
-        depth[r0:r1, c0:c1][nearer] = found.t[nearer]
-        mask[r0:r1, c0:c1] |= nearer & (found.face < self._rock_faces)
 
     def _draw_rock(
         self, rays: _PixelRays, position: Floats, box: _Box, background: Floats32, rgb: Floats32

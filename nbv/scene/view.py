@@ -2,22 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.types import Bools, Floats, Floats32
-
-
-@dataclass(frozen=True, eq=False)
-class RenderedView:
-    """A noiseless photograph with its ground truth (for tests and evaluation, never for planning)."""
-
-    rgb: NDArray[np.uint8]  # (H, W, 3) before sensor noise
-    depth_m: Floats32  # (H, W) distance along the optical axis at the pixel centre; inf is sky
-    rock_mask: Bools  # (H, W) True where the pixel's centre sees the rock
+from nbv.types import Floats, Floats32
 
 
 class Renderer(Protocol):
@@ -25,14 +15,11 @@ class Renderer(Protocol):
 
     name: str
 
-    def render(self, camera_from_world: Floats) -> RenderedView:
-        """Photograph the scene with a camera at ``camera_from_world`` (4, 4), OpenCV axes.
+    def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
+        """Photograph (H, W, 3) of the scene by a camera at ``camera_from_world`` (4, 4), OpenCV axes, before sensor noise.
 
         Raises ``ValueError`` if the camera is not above the ground.
         """
-
-    def rgb(self, camera_from_world: Floats) -> NDArray[np.uint8]:
-        """The picture (H, W, 3) of ``render`` alone, where the rest is not needed."""
 
     def close(self) -> None:
         """Give back what the operating system lent (a GL context); rendering afterwards is a mistake."""

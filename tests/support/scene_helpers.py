@@ -7,9 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import trimesh
+from numpy.typing import NDArray
 
 from nbv.config import CameraConfig
 from nbv.rocks.rock import Rock, make_rock
+from nbv.scene import Scene, make_renderer
 from nbv.scene.ground import GroundSpec
 
 BALL_RADIUS_M = 0.8
@@ -26,3 +28,24 @@ def make_ball() -> Rock:
     albedo = np.clip(0.3 * np.exp(grain), 0.05, 0.7)[:, None].astype(np.float32) * np.ones(3, np.float32)
     ball = make_rock("ball", vertices, mesh.faces, albedo, split="train", difficulty="")
     return replace(ball, sha256=hashlib.sha256(b"ball").hexdigest())  # where its neighbours stand hangs on it
+
+
+def flagged(scene: Scene) -> Scene:
+    """The same shapes in colours that tell them apart: rock red, neighbours green, ground white where x > 0, else black."""
+    colours = np.zeros_like(scene.vertex_radiance)
+    colours[: scene.part_ends[0], 0] = 1.0
+    colours[scene.part_ends[0] :, 1] = 1.0
+    spec = scene.ground_spec
+    levels = tuple(
+        np.tile(np.where(spec.texel_centres_m(level) > 0, 65535, 0).astype(np.uint16), (spec.size_px, 1))
+        for level in range(spec.levels)
+    )
+    return replace(scene, vertex_radiance=colours, ground_levels=levels, sky_radiance=0.0)
+
+
+def rock_in_picture(scene: Scene, pose: np.ndarray, backend: str = "raycast") -> NDArray[np.bool_]:
+    """(H, W) pixels at least half of which the rock fills."""
+    renderer = make_renderer(flagged(scene), backend)
+    red, green, _ = np.moveaxis(renderer.rgb(pose).astype(int), 2, 0)
+    renderer.close()
+    return (red > 187) & (green < 188) & (red - green > 40)  # the ground is hardly tinted
