@@ -408,7 +408,6 @@ def prepared() -> Iterator[None]:
 
         import tuner.campaign.asked_settings
         import tuner.campaign.begin
-        import tuner.campaign.extension
         import tuner.campaign.showcase
         import tuner.cli
         import tuner.report.campaign.page

@@ -23,6 +23,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 
 from nbv.cache import Store
 from nbv.config import MissionConfig, preset
@@ -42,7 +43,7 @@ from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import LocalProcessExecutor
 from tuner.missions.job import Trial
-from tuner.report.comparison.tables import comparison_markdown
+from tuner.report.comparison.tables import table_i_for_terminal
 
 STRATEGIES = ("covis", "b-aware", "hyb-h", "hyb-o", "learned")
 REFERENCE = "covis"
@@ -155,7 +156,7 @@ def tables(out: Path) -> None:
         print(f"| {Path(rock).stem} | {replicate} | " + " | ".join(cells) + " |")
     for surface in ("observable", "whole"):
         table = comparison_table(records, STRATEGIES, REFERENCE, surface)  # type: ignore[arg-type]
-        print(f"\n### {surface.capitalize()} surface\n\n{comparison_markdown(table)}")
+        Console().print(table_i_for_terminal(table, f"{surface.capitalize()} surface"))
 
 
 def main() -> None:

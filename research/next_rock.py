@@ -34,7 +34,8 @@ from tuner.problem.search_space import Values
 from tuner.problem.space_files import load_search_space
 from tuner.recommendation.next_rock import next_rock
 from tuner.samplers.design import near_default, sobol_point
-from tuner.surrogate import Calibration, RockMeanGP, surrogate_settings
+from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.settings import surrogate_settings
 
 SPACES = ("beyond_paper", "few_photographs")
 SEEDS, WIDTH = ("d95_m", "box_points", "mean_spacing_m", "mean_track_length"), 0.6
@@ -120,7 +121,7 @@ def play(bank: Bank, space: str, training: list[str], seed: int, drawn: bool = T
     departing = RockMeanGP(
         loaded, history, training, seed, dataclasses.replace(settings, own_landscapes=True)
     )
-    stated = next_rock(departing, values[best], values[0], Calibration(np.zeros(0)))
+    stated = next_rock(departing, values[best], values[0])
     low, high = stated.interval_95
     true = np.array([gains(bank, best, rock) for rock in others])
     return {

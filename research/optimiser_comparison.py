@@ -7,9 +7,8 @@
 complete. ``summary`` (``optimiser_summary.py``) turns them into tables and figures. The lines of a file:
 
 ``{"kind": "run", "problem", "strategy", "seed", "budget", "dimension", "rocks", "best", "default_truth"}``
-``{"kind": "mission", "cost", "values", "rock", "replicate", "value", "ask_s", "mean", "sd"}``
-    ``cost`` is what has been spent so far, in missions; ``ask_s`` CPU seconds; ``mean`` and ``sd``, of our
-    strategies after their initial design, what our GP fitted to all missions before predicted for this one.
+``{"kind": "mission", "cost", "values", "rock", "replicate", "value", "ask_s"}``
+    ``cost`` is what has been spent so far, in missions; ``ask_s`` CPU seconds.
 ``{"kind": "checkpoint", "cost", "values", "truth", "mean", "sd", "loo"}``
     the recommendation at that cost, its noiseless value, our GP's belief about it, and the share of missions in
     their leave-one-out 95 % intervals.
@@ -43,7 +42,6 @@ from tuner.problem.configurations import distinct_configurations  # noqa: E402
 from tuner.problem.observations import Observation, Proposal  # noqa: E402
 from tuner.problem.search_space import Values  # noqa: E402
 from tuner.recommendation.eligible import may_be_recommended  # noqa: E402
-from tuner.surrogate.forward_check import PREDICTED  # noqa: E402
 from tuner.surrogate.model import RockMeanGP  # noqa: E402
 from tuner.surrogate.settings import surrogate_settings  # noqa: E402
 
@@ -119,8 +117,6 @@ def play(problem: Problem, name: str, seed: int, log: TextIO, *, end_only: bool 
         proposal = Proposal(request.values, {}, request.rock, request.replicate)
         (rock, _), replicate = next_block(problem.rocks, problem.replicates, history, proposal)
         flight = problem.fly(request.values, rock, replicate)
-        mean, sd = request.sampler_state.get(PREDICTED, (None, None))
-        expected = {} if mean is None else {"mean": mean, "sd": sd}
         spent += flight.cost
         observation = Observation(
             len(history),
@@ -129,7 +125,6 @@ def play(problem: Problem, name: str, seed: int, log: TextIO, *, end_only: bool 
             replicate,
             flight.value,
             flight.value,
-            sampler_state=request.sampler_state,
         )
         history.append(observation)
         strategy.tell(observation)
@@ -141,7 +136,6 @@ def play(problem: Problem, name: str, seed: int, log: TextIO, *, end_only: bool 
             replicate=replicate,
             value=flight.value,
             ask_s=round(ask_s, 4),
-            **expected,
         )
         if (
             marks

@@ -52,7 +52,6 @@ class Request:
     values: Values
     rock: str | None = None
     replicate: int | None = None
-    sampler_state: Mapping[str, Any] = field(default_factory=dict)  # comes back with the observation
     why: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -119,7 +118,7 @@ class OneRock:
     def ask(self) -> Request:
         """The sampler's proposal."""
         p = self.sampler.ask(self.history, [])
-        return Request(p.values, p.rock, p.replicate, p.sampler_state, p.why)
+        return Request(p.values, p.rock, p.replicate, p.why)
 
     def tell(self, observation: Observation) -> None:
         """Into the history."""
@@ -162,7 +161,7 @@ class OurDesign(OneRock):
             return Request(self._design.ask(self.history, []).values)
         mine = [dataclasses.replace(o, number=o.number + len(self._before)) for o in self.history]
         p = self.sampler.ask([*self._before, *mine], [])
-        return Request(p.values, sampler_state=p.sampler_state, why=p.why)
+        return Request(p.values, why=p.why)
 
 
 def earlier_campaign(problem: Any, seed: int) -> EarlierMissions:
@@ -227,10 +226,10 @@ class AllRocks:
         """The configuration at hand on its next rock."""
         if self._now is None:
             p = self.sampler.ask(self.means, [])
-            self._now = Request(p.values, sampler_state=p.sampler_state, why=p.why)
+            self._now = Request(p.values, why=p.why)
         replicate = len(self.means) % self.problem.replicates
         rock = self.problem.rocks[len(self._outcomes)]
-        return Request(self._now.values, rock, replicate, self._now.sampler_state, self._now.why)
+        return Request(self._now.values, rock, replicate, self._now.why)
 
     def tell(self, observation: Observation) -> None:
         """One number per configuration; a failure on any rock is a failed configuration."""
@@ -241,11 +240,7 @@ class AllRocks:
         good = [y for y in self._outcomes if y is not None]
         mean = float(np.mean(good)) if len(good) == len(self._outcomes) else None
         number = len(self.means)
-        self.means.append(
-            Observation(
-                number, self._now.values, "mean", number, mean, mean, sampler_state=self._now.sampler_state
-            )
-        )
+        self.means.append(Observation(number, self._now.values, "mean", number, mean, mean))
         self._now, self._outcomes = None, []
 
     def recommend(self) -> Values | None:

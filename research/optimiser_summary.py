@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from nbv.types import Floats
-from tuner.surrogate.forward_check import half_widths_95
 
 DRAWS = 10_000
 MIN_SEEDS = 3  # fewer common seeds get no interval
@@ -34,7 +33,6 @@ class Run:
     costs: Floats  # of the checkpoints
     truths: Floats
     ask_s: Floats  # CPU seconds of the asks that were not trivial
-    z: Floats  # standardised residuals of missions, as predicted before they were flown
     left_out: float | None = None  # share inside of the leave-one-out 95 % intervals, all missions flown
 
     def reached(self, level: float) -> float:
@@ -56,7 +54,6 @@ def read(path: Path) -> Run | None:
     head = rows[0]
     points = [r for r in rows if r["kind"] == "checkpoint"]
     missions = [r for r in rows if r["kind"] == "mission"]
-    z = [(m["value"] - m["mean"]) / m["sd"] for m in missions if "mean" in m and m["value"] is not None]
     return Run(
         head["problem"],
         head["strategy"],
@@ -66,7 +63,6 @@ def read(path: Path) -> Run | None:
         np.array([p["cost"] for p in points]),
         np.array([p["truth"] for p in points]).round(TRUTH_DIGITS),
         np.array([m["ask_s"] for m in missions if m["ask_s"] > 1e-3]),
-        np.array(z),
         points[-1].get("loo"),
     )
 
@@ -113,18 +109,13 @@ def rows(table: Table, ours: str) -> list[str]:
             shares = [mine[s].reached(runs[s].truths[-1]) / runs[s].budget for s in common]
             middle = float(np.median(shares))
             ratio = f"{middle:.2f}" if np.isfinite(middle) else "not reached"
-        z = np.concatenate([r.z for r in runs.values()])
-        calibration = ""
-        if name.startswith("gp") and len(z):
-            left_out = np.mean([r.left_out for r in runs.values() if r.left_out is not None])
-            inside = np.concatenate([np.abs(r.z) <= half_widths_95(r.z)[:-1] for r in runs.values()])
-            shares = [np.mean(np.abs(z) <= 1.96), np.mean(inside), left_out]
-            calibration = " / ".join(f"{100 * share:.0f}" for share in shares)
+        left_out = [r.left_out for r in runs.values() if r.left_out is not None]
+        inside = f"{100 * np.mean(left_out):.0f}" if name.startswith("gp") and left_out else ""
         asks = np.concatenate([r.ask_s for r in runs.values()])
         worst = min(r.truths[-1] for r in runs.values())
         lines.append(
             f"| {name} | {len(runs)} | {final[name]:.3f} | {worst:.3f} | {difference} | {ratio} | "
-            f"{np.median(asks) if len(asks) else 0:.2f} | {calibration} |"
+            f"{np.median(asks) if len(asks) else 0:.2f} | {inside} |"
         )
     return lines
 

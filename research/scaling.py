@@ -40,6 +40,7 @@ ROOT = Path(__file__).resolve().parent.parent
 import numpy as np  # noqa: E402
 from distributed import Client, LocalCluster  # noqa: E402
 
+from nbv.mission.result import MissionResult  # noqa: E402
 from tuner.campaign.begin import begin_campaign  # noqa: E402
 from tuner.campaign.events import CampaignEvent  # noqa: E402
 from tuner.campaign.prefetch import MAX_BATCH, SHARE  # noqa: E402
@@ -48,8 +49,9 @@ from tuner.campaign.settings import CampaignSettings  # noqa: E402
 from tuner.missions.cluster import worker  # noqa: E402
 from tuner.missions.cluster.executor import DaskExecutor  # noqa: E402
 from tuner.missions.executors import LocalProcessExecutor  # noqa: E402
-from tuner.missions.job import MissionJob, Trial  # noqa: E402
+from tuner.missions.job import RESULT_FILE, MissionJob, Trial  # noqa: E402
 from tuner.problem.observations import Observation, Pending  # noqa: E402
+from tuner.problem.search_space import ours  # noqa: E402
 from tuner.problem.space_files import load_search_space  # noqa: E402
 from tuner.samplers.base import SamplerSettings, ask_many, in_flight  # noqa: E402
 from tuner.samplers.registry import make_sampler  # noqa: E402
@@ -74,22 +76,28 @@ class Waits:
         self.durations = durations
 
     def __call__(self, order: dict[str, Any], rock: bytes | None) -> dict[str, Any]:
-        job, begin = order["job"], time.time()
-        rng = np.random.default_rng(int(job["id"]))
+        job, begin = MissionJob.from_dict(order["job"]), time.time()
+        rng = np.random.default_rng(int(job.id))
         time.sleep(rng.choice(self.durations))
-        gate = job["config"]["gate"]
-        score = 80 - 20 * (gate["budget_fraction"] - 0.4) ** 2 + rng.normal()
-        timings = {"begin": begin, "end": time.time()}
-        outcome = {
-            "job_id": job["id"],
-            "status": "ok",
-            "metrics": {"observable": {"f_score_48mm": score}},
-            "costs": {"flight_time_s": 300.0},
-            "timings_s": timings,
-            "wall_s": timings["end"] - begin,
-        }
-        with tempfile.TemporaryDirectory() as empty:
-            return {"outcome": outcome, "files": worker.pack(Path(empty))}
+        gate = ours(job.config).gate
+        score = 80 - 20 * (gate.budget_fraction - 0.4) ** 2 + rng.normal()
+        end = time.time()
+        result = MissionResult(
+            status="ok",
+            reason="",
+            message="",
+            config_digest=job.config.digest(),
+            rock=job.rock,
+            replicate=job.replicate,
+            metrics={"observable": {"f_score_48mm": score}},
+            trace=[],
+            timings_s={},
+            costs={"flight_time_s": 300.0, "begin": begin, "end": end},
+        )
+        with tempfile.TemporaryDirectory() as folder:
+            Path(folder, RESULT_FILE).write_text(result.to_json())
+            files = worker.pack(Path(folder))
+        return {"reason": "", "message": "", "wall_s": end - begin, "files": files}
 
 
 def busy(workers: int, seconds: float, rounds: int) -> dict[str, Any]:
@@ -114,7 +122,7 @@ def busy(workers: int, seconds: float, rounds: int) -> dict[str, Any]:
         with DaskExecutor(Client(cluster, set_as_default=False)) as executor:
             summary = fly_campaign(campaign, executor)
         used = time.process_time() - began
-        times = sorted((t.timings_s["begin"], t.timings_s["end"]) for t in campaign.trials())
+        times = sorted((t.costs["begin"], t.costs["end"]) for t in campaign.trials())
     first, last = times[workers - 1][0], times[-1][0]
     inside = sum(max(0.0, min(end, last) - max(begin, first)) for begin, end in times)
     return {

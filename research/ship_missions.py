@@ -17,7 +17,7 @@ from nbv.errors import UserError
 from nbv.rocks.recipes import RECIPES
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.shipped import DIRECTORY, NOTHING
-from tuner.report.provenance import flown_by
+from tuner.report.provenance import recorded
 
 
 def main() -> None:
@@ -51,7 +51,9 @@ def main() -> None:
         "preset": s.preset,
         "fidelity": s.fidelity,
         "flown_by": command,
-        "revisions": flown_by(campaign),
+        "revisions": sorted(
+            {str(tree.get("revision", "unknown")) for tree in recorded([t.path for t in campaign.trials()])}
+        ),
         "rocks": list(s.rocks),
         "paths": list(s.space.paths),
     }

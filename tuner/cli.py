@@ -80,7 +80,7 @@ app.command(
     name="reproduce", short_help="Job 3: the paper's default configuration in the layout of its Table I."
 )(reproduce.reproduce)
 app.command(name="export", short_help="The recommendation as files for the vehicle.")(export.export)
-app.add_typer(studies.app, name="study", help="How noisy the objective is; what it depends on.")
+app.add_typer(studies.app, name="study", help="How noisy the objective is.")
 app.add_typer(mission.app, name="mission", help="Fly one mission; explain its decisions; draw its figures.")
 app.add_typer(rocks.app, name="rocks", help="List, show and import rocks.")
 app.add_typer(

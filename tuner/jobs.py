@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 from nbv.config import load_conditions, preset
+from nbv.errors import UserError
 from nbv.mission.function import Keep
 from tuner.campaign.asked_settings import asked_settings
 from tuner.campaign.begin import begin_campaign
@@ -23,7 +24,7 @@ from tuner.evaluation.flying import EvaluationRun, place_for, run_evaluation
 from tuner.evaluation.of_campaign import held_out
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.executors import local_executor
-from tuner.report.records import frame_of
+from tuner.report.records import records_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,78 +34,52 @@ if TYPE_CHECKING:
 __all__ = ["evaluate", "frame", "reproduce", "tune"]
 
 
+class AskedSettings(TypedDict, total=False):
+    """A campaign's settings as `tune` and a settings file take them; each is told in docs/reference/campaign_settings.md."""
+
+    name: str
+    space: str | Mapping[str, Any]
+    rocks: Sequence[str]
+    conditions: Sequence[str] | Mapping[str, Any]
+    mission: str | Path
+    objective: str | Mapping[str, str]
+    second: str | Mapping[str, str]
+    limit: float
+    preset: str
+    overrides: Mapping[str, Any]
+    fidelity: str
+    replicates: int
+    budget: int
+    sampler: str
+    initial: int
+    learn_from: Sequence[str]
+    seed: int
+    keep: Keep
+    storage: str
+    in_step: int
+
+
 def tune(
     directory: str | Path,
     *,
-    name: str | None = None,
-    space: str | Mapping[str, Any] | None = None,
-    rocks: Sequence[str] | None = None,
-    conditions: Sequence[str] | Mapping[str, Any] | None = None,
-    mission: str | Path | None = None,
-    objective: str | Mapping[str, str] | None = None,
-    second: str | Mapping[str, str] | None = None,
-    limit: float | None = None,
-    preset: str | None = None,
-    overrides: Mapping[str, Any] | None = None,
-    fidelity: str | None = None,
-    replicates: int | None = None,
-    budget: int | None = None,
-    sampler: str | None = None,
-    initial: int | None = None,
-    learn_from: Sequence[str] | None = None,
-    seed: int | None = None,
-    keep: Keep | None = None,
-    storage: str | None = None,
-    in_step: int | None = None,
     workers: int | None = None,
     timeout_s: float = 3600.0,
     on_event: Callable[[CampaignEvent], None] | None = None,
+    **settings: Unpack[AskedSettings],
 ) -> Campaign:
     """Job 1: run a campaign in ``directory``, or go on with the one that is there.
 
-    What is left out has the command's default (docs/reference/campaign_settings.md); of a campaign that is there already it
-    is its own, and what is given must be that.
-
     Parameters
     ----------
-    name
-        By default the directory's.
-    space
-        What is tuned: a space's name, a YAML file, or the space itself.
-    rocks
-        Training rocks: names or mesh files.
-    conditions
-        Worlds to fly every rock in: names or YAML files, or sections by name.
-    mission
-        A mission file, of a mission that is not ours; it says the space, the instances and the objective.
-    objective
-        ``"f_score"``, ``"f_score@photographs<=21"``, ``"photographs@f_score>=97"``, or metric and direction.
-    second, limit
-        Another objective, and how much of it is asked for, where ``objective`` does not say so in one text.
-    preset, overrides
-        What missions fly: a preset, and values by parameter path laid over it.
-    fidelity
-        ``"photogrammetric"``, ``"geometric"`` (a second a mission, no photographs), or ``"module:function"``.
-    replicates
-        Draws of arrival errors and noise per rock.
-    budget
-        Missions.
-    sampler, initial, seed
-        What proposes, after how many missions of an initial design, and the seed of both.
-    learn_from
-        Run directories of earlier campaigns; ``["nothing"]``: none, not even those that come with this program.
-    keep
-        Files of every mission: ``"summary"``, or ``"all"`` with images and models.
-    storage
-        URL of a PostgreSQL database with the ledger; by default a file in ``directory``.
-    in_step
-        A proposal knows all missions but the last ``in_step - 1``: the same campaign with any number of workers.
     workers
         Missions side by side; by default one per core.
     timeout_s
         A mission that takes longer is killed.
     on_event
         Called with everything that happens, in this process.
+    settings
+        See `AskedSettings`. What is left out has the command's default, the name the directory's; of a campaign that is there
+        already it is its own, and what is given must be that.
 
     Raises
     ------
@@ -112,33 +87,13 @@ def tune(
         A setting is wrong, or the directory holds something else.
     """
     where = Path(directory)
-    given = _given(
-        name=name,
-        space=space,
-        rocks=rocks,
-        conditions=conditions,
-        mission=None if mission is None else str(mission),
-        objective=objective,
-        second=second,
-        limit=limit,
-        preset=preset,
-        overrides=overrides,
-        fidelity=fidelity,
-        replicates=replicates,
-        budget=budget,
-        sampler=sampler,
-        initial=initial,
-        learn_from=learn_from,
-        seed=seed,
-        keep=keep,
-        storage=storage,
-        in_step=in_step,
-    )
+    given = {name: list(v) if isinstance(v, tuple) else v for name, v in settings.items() if v is not None}
+    mission = Path(str(given["mission"])) if "mission" in given else None
+    if mission is not None:
+        given["mission"] = str(mission)
     if (where / SETTINGS_FILE).is_file():
         same = asked_settings({**read_settings(where)[0], **given}, "tune()") if given else None
-        campaign = Campaign.open(
-            where, same, fidelity=fidelity, mission=None if mission is None else Path(mission)
-        )
+        campaign = Campaign.open(where, same, fidelity=settings.get("fidelity"), mission=mission)
     else:
         asked = asked_settings({"name": where.resolve().name, **given}, "tune()")
         campaign = begin_campaign(where, asked)
@@ -238,12 +193,11 @@ def frame(source: Campaign | EvaluationRun) -> pd.DataFrame:
     UserError
         pandas is missing (extra ``frames``).
     """
-    return frame_of(source)
-
-
-def _given(**settings: Any) -> dict[str, Any]:
-    """Those that are not None, as a settings file has them: sequences as lists."""
-    return {k: list(v) if isinstance(v, tuple) else v for k, v in settings.items() if v is not None}
+    try:
+        import pandas  # noqa: PLC0415  an extra
+    except ImportError as error:
+        raise UserError("a frame needs pandas; run: pip install 'gatetune[frames]'") from error
+    return pandas.DataFrame(records_of(source))
 
 
 def _fly(

@@ -6,6 +6,7 @@ import json
 
 import pytest
 from fake_flight import BUDGET
+from in_process import InProcessExecutor
 
 from nbv.config import preset
 from nbv.errors import UserError
@@ -13,7 +14,6 @@ from research.departures.report import departures_markdown, write_departures_rep
 from research.departures.study import DepartureSettings, analyse
 from research.departures.table import DEPARTURES, PAPER_CODE
 from research.study_directory import fly
-from tuner.missions.executors import InProcessExecutor
 
 ROCKS = ("r0", "r1", "r2")
 F48 = "f_score_48mm"

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 
 import pytest
+from in_process import InProcessExecutor
 
 from nbv.errors import UserError
 from research.oracles.report import oracles_markdown, write_oracles_report
 from research.oracles.study import OracleSettings, analyse
 from research.study_directory import fly
-from tuner.missions.executors import InProcessExecutor
 
 ROCKS = ("r0", "r1", "r2")
 

@@ -9,6 +9,7 @@ import json
 import fake_campaigns
 import numpy as np
 import pytest
+from in_process import InProcessExecutor
 
 from nbv.config import load_condition, load_conditions
 from nbv.errors import UserError
@@ -17,7 +18,6 @@ from research.transfer import TransferSettings, World, analyse, worlds
 from research.transfer.agreement import agreement, regret, self_agreement, spearman
 from research.transfer.report import write_transfer_report
 from research.transfer.study import NEIGHBOUR_SD, carried_over
-from tuner.missions.executors import InProcessExecutor
 from tuner.problem.search_space import value_at
 
 FAKE = "fake_missions:fake_mission"

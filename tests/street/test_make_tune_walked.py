@@ -8,7 +8,7 @@ import yaml
 from street import ROOT, SMALL, Street, commands_on
 
 from nbv.config import config_from_dict
-from tuner.campaign import Campaign
+from tuner.campaign.campaign import Campaign
 
 BUDGET = "24"
 

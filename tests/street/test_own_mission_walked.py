@@ -6,7 +6,7 @@ import pytest
 import yaml
 from street import OWN, ROOT, Street, commands_on
 
-from tuner.campaign import Campaign
+from tuner.campaign.campaign import Campaign
 
 PAGE = ROOT / "docs/how-to/your-mission.md"
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import synthetic
+from in_process import InProcessExecutor
 
 from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import CampaignSettings
-from tuner.missions.executors import InProcessExecutor
 
 FIDELITY = "fake_missions:fake_mission"
 

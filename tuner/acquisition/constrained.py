@@ -21,24 +21,67 @@ from nbv.types import Bools, Floats
 from tuner.acquisition.believed_saving import LogBelievedSaving
 from tuner.acquisition.noisy_improvement import LogNoisyImprovement
 from tuner.acquisition.propose import LOCAL_BEST, MONTE_CARLO_SAMPLES, maximise
-from tuner.problem.search_space import Values
+from tuner.problem.exact_costs import Exact, modelled
+from tuner.problem.observations import Observation
+from tuner.problem.search_space import SearchSpace, Values
 from tuner.problem.share import SURE, ShareBelief
-from tuner.surrogate.forward_check import PRIOR_COUNT, Calibration
+from tuner.problem.worlds import Place
 from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP, moments
 from tuner.surrogate.numerics import numerics
+from tuner.surrogate.posterior import FREEDOM, probability_positive
+from tuner.surrogate.settings import SurrogateSettings
 
-CALIBRATED = Calibration(np.zeros(0))
 _CHUNK = 64
 _BROKEN = torch.tensor(-1e6, dtype=torch.float64)  # below every logarithm of an improvement
 Allowed = Callable[[Floats], Bools]
+Outcome = RockMeanGP | KnownOutcome
+
+
+def two_models(
+    space: SearchSpace,
+    observations: Sequence[Observation],
+    places: Sequence[Place],
+    seed: int,
+    settings: SurrogateSettings | None = None,
+    exact: Exact | None = None,
+) -> tuple[Outcome, Outcome]:
+    """Return a model of each objective, on the missions that have both outcomes or failed.
+
+    An objective that the configuration decides is computed, but one of the two is always a surrogate: where both are decided,
+    the second one. ``ValueError`` means that there are no such missions.
+
+    Parameters
+    ----------
+    space
+        The search space.
+    observations
+        Finished missions.
+    places
+        The training worlds.
+    seed
+        The seed of the fits.
+    settings
+        What the surrogates are made of; None: by the search space.
+    exact
+        What of the objectives the configuration decides.
+    """
+    both = [o for o in observations if o.outcome is None or o.second is not None]
+    exact = exact or Exact()
+    if exact.first is not None:
+        second = RockMeanGP(space, modelled(both), places, seed, settings)
+        return KnownOutcome(space, exact.first), second
+    first = RockMeanGP(space, both, places, seed, settings)
+    if exact.second is not None:
+        return first, KnownOutcome(space, exact.second)
+    return first, RockMeanGP(space, modelled(both), places, seed, settings)
 
 
 @dataclass(frozen=True)
 class Constraint:
     """A lower limit on the second objective's mean over the training worlds."""
 
-    model: RockMeanGP | KnownOutcome  # of what has the limit
+    model: Outcome  # of what has the limit
     at_least: float  # oriented so that larger is better
     is_share: bool = False  # of rocks, in percent
 
@@ -58,9 +101,7 @@ class Constraint:
         if self.is_share:
             beliefs = self.shares(configurations)
             return np.array([belief.probability(self.at_least / 100.0) for belief in beliefs])
-        return np.array(
-            [CALIBRATED.probability_positive(m - self.at_least, max(s, 1e-9)) for m, s in zip(mean, sd)]
-        )
+        return np.array([probability_positive(m - self.at_least, max(s, 1e-9)) for m, s in zip(mean, sd)])
 
     def shares(self, configurations: Sequence[Mapping[str, Any]]) -> list[ShareBelief]:
         """Return the belief about each share, worth as many rocks as the mean's variance goes into one mission's."""
@@ -75,6 +116,17 @@ class Constraint:
         """Return whether each can be taken to keep the limit."""
         return [bool(p >= SURE) for p in self.probability(configurations)] if configurations else []
 
+    @property
+    def quantile(self) -> float:
+        """Standard deviations above the limit at which it is believed to be kept."""
+        if not self.is_share:
+            return float(special.stdtrit(FREEDOM, SURE))
+        # Missions near the limit vary less, or more, than they do everywhere.
+        assert isinstance(self.model, RockMeanGP)
+        share = self.at_least / 100.0
+        spread = 100.0 * math.sqrt(share * (1.0 - share)) / max(self.model.one_mission_sd, 1e-9)
+        return float(special.ndtri(SURE)) * spread
+
     def floor(self) -> float:
         """Return the limit on the model's common landscape, whose offsets belong to the limit."""
         model = self.model
@@ -85,7 +137,7 @@ class Constraint:
             level, _ = moments(model.model.posterior(model.inputs(unit)))
         return (self.at_least - float(np.mean(mean - model.mean_scale * level))) / model.mean_scale
 
-    def promising(self, first: RockMeanGP | KnownOutcome) -> Floats:
+    def promising(self, first: Outcome) -> Floats:
         """Return (few, d) unit positions flown: the best that may keep the limit, else the likeliest to keep it."""
         unit = np.unique(surrogate_of((first, self.model)).unit, axis=0)
         configurations = [first.space.from_unit(u) for u in unit]
@@ -107,13 +159,13 @@ class Constraint:
         return lambda unit: model.keeps(model.at(torch.from_numpy(unit)).numpy(), self.at_least)
 
 
-def surrogate_of(models: Sequence[RockMeanGP | KnownOutcome]) -> RockMeanGP:
+def surrogate_of(models: Sequence[Outcome]) -> RockMeanGP:
     """Return the first of ``models`` that is a surrogate."""
     return next(model for model in models if isinstance(model, RockMeanGP))
 
 
 def propose_constrained(
-    first: RockMeanGP | KnownOutcome, constraint: Constraint, pending: Sequence[Mapping[str, Any]], seed: int
+    first: Outcome, constraint: Constraint, pending: Sequence[Mapping[str, Any]], seed: int
 ) -> tuple[Values, dict[str, float]]:
     """Return the configuration with the largest log noisy expected improvement among those that keep the limit.
 
@@ -166,33 +218,7 @@ def _saving(
     believed = [v for v, kept in zip(flown, constraint.keeps(flown)) if kept]
     # Before anything is believed, all that may be saves against the most expensive there is.
     best = max(cost.posterior(believed).mean) if believed else cost.worst() - 1.0
-    return believed_saving(cost, constraint, model, flying, float(best))
-
-
-def believed_saving(
-    cost: KnownOutcome, constraint: Constraint, model: RockMeanGP, flying: torch.Tensor | None, best: float
-) -> LogBelievedSaving:
-    """Return the acquisition function for what a mission saves over the cheapest configuration believed so far.
-
-    Parameters
-    ----------
-    cost
-        The cost, which the configuration decides.
-    constraint
-        The limit of the quality.
-    model
-        The surrogate of the quality.
-    flying
-        (m, inputs) in flight.
-    best
-        The outcome of that cheapest configuration's cost.
-    """
-    quantile = float(special.stdtrit(PRIOR_COUNT, SURE))
-    if constraint.is_share:  # missions near the limit vary less, or more, than they do everywhere
-        share = constraint.at_least / 100.0
-        spread = 100.0 * math.sqrt(share * (1.0 - share)) / max(model.one_mission_sd, 1e-9)
-        quantile = float(special.ndtri(SURE)) * spread
-    return LogBelievedSaving(model, cost, constraint.at_least, quantile, best, flying)
+    return LogBelievedSaving(model, cost, constraint.at_least, constraint.quantile, float(best), flying)
 
 
 def _with_probability(

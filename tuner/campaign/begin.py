@@ -1,14 +1,16 @@
-"""The beginning of a campaign: what it learns from is read, its ledger and ``campaign.yaml`` are written."""
+"""The beginning of a campaign, whose ledger and ``campaign.yaml`` are written, and its extension by a larger budget."""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import datetime
 import uuid
 from pathlib import Path
 
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
+from nbv.safe_files import read_yaml
 from tuner.campaign.campaign import LEARNED_FILE, Campaign, sampler_of
 from tuner.campaign.ledger import Ledger
 from tuner.campaign.settings import CampaignSettings
@@ -20,6 +22,7 @@ from tuner.campaign.settings_file import (
 )
 from tuner.campaign.transfer import learn_from
 from tuner.missions.external.trust import trust
+from tuner.missions.long_runs import exclusive
 
 
 def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
@@ -51,7 +54,7 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
         tree = {
             "format": FORMAT_VERSION,
             "id": identity,
-            "created": datetime.datetime.now().astimezone().isoformat(timespec="seconds"),
+            "created": _now(),
             "base_config_digest": settings.base_config().digest(),
             "settings": settings.to_dict(),
         }
@@ -75,9 +78,44 @@ def begin_campaign(directory: Path, settings: CampaignSettings) -> Campaign:
     return Campaign(directory, settings, ledger, identity)
 
 
+def extend_campaign(campaign: Campaign, budget: int) -> Campaign:
+    """Return the campaign with a larger budget: so many missions in all.
+
+    The initial design and every proposal so far are those of the smaller budget; the sampler goes on from there.
+    ``campaign.yaml`` holds the new budget and, under ``extensions``, when it grew from what.
+
+    Raises
+    ------
+    UserError
+        The budget is not larger; ``campaign.yaml`` cannot be written.
+    """
+    old, directory = campaign.settings, campaign.directory
+    if budget <= old.budget:
+        raise UserError(
+            f"the campaign in {directory} has a budget of {old.budget} missions; {budget} does not extend it, "
+            "give more"
+        )
+    # The first session decided the size of the initial design: keep it.
+    settings = dataclasses.replace(old, budget=budget, initial=old.initial_size())
+    path = directory / SETTINGS_FILE
+    try:
+        with exclusive(directory):
+            tree = read_yaml(path)
+            tree["settings"] = settings.to_dict()
+            tree.setdefault("extensions", []).append({"when": _now(), "from": old.budget, "to": budget})
+            write_settings(directory, tree)
+    except OSError as error:
+        raise UserError(f"cannot write {path}: {error.strerror}; make room, then resume") from error
+    return Campaign(directory, settings, campaign.ledger, campaign.identity)
+
+
 def _is_leftover(path: Path) -> bool:
     """Return whether a campaign that was killed before it had its ``campaign.yaml`` left this file."""
     temporary = path.name.startswith(".") and path.name.endswith(".tmp")
     return path.name == LEARNED_FILE or (
         temporary and any(f in path.name for f in (LEARNED_FILE, SETTINGS_FILE))
     )
+
+
+def _now() -> str:
+    return datetime.datetime.now().astimezone().isoformat(timespec="seconds")

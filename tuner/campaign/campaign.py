@@ -25,11 +25,6 @@ from typing import TYPE_CHECKING
 from nbv.errors import UserError
 from nbv.mission.run_directory import write_atomic
 from nbv.safe_files import RESULT_BYTES, read_json, read_text
-from tuner import (  # only what is used is loaded: who looks need not wait for torch
-    acquisition,
-    recommendation,
-    surrogate,
-)
 from tuner.campaign.events import CampaignStatus
 from tuner.campaign.ledger import Ledger
 from tuner.campaign.rock_choice import Making, held_out_rocks, rock_arguments
@@ -57,7 +52,6 @@ from tuner.samplers.registry import make_sampler
 
 if TYPE_CHECKING:
     from tuner.acquisition.constrained import Constraint
-    from tuner.acquisition.two_objectives import FrontPoint, Outcome
     from tuner.surrogate.model import RockMeanGP
 
 RECOMMENDATION_FILE = "recommendation.json"
@@ -218,30 +212,11 @@ class Campaign:
     def _swapped(self, history: Sequence[Observation]) -> bool:
         return self.settings.second is not None and self.exact(history).first is not None
 
-    def _in_both(
-        self, history: Sequence[Observation]
-    ) -> tuple[list[Observation], tuple[Outcome, Outcome]] | None:
-        """Return the missions that have both objectives, and a model of each; None where there are no such missions."""
-        s, both = self.settings, [o for o in history if o.outcome is not None and o.second is not None]
-        if not both:
-            return None
-        return both, acquisition.two_models(s.space, both, s.worlds, s.seed, exact=self.exact(both))
-
-    def flown_in_both(self) -> list[FrontPoint]:
-        """Return what is believed of every configuration in both objectives; empty without a second one or its values."""
-        s = self.settings
-        found = None if s.second is None else self._in_both(self.history())
-        if s.second is None or found is None:
-            return []
-        both, models = found
-        return acquisition.flown_in_both(models, (s.objective, s.second), s.space, both)
-
     def status(self) -> CampaignStatus:
         """Return counts, as the ledger knows them."""
         trials = self.trials()
         done = [t for t in trials if t.status]
         values = [t.raw for t in done if t.raw is not None]
-        best = max if self.settings.objective.direction == "maximise" else min
         return CampaignStatus(
             name=self.settings.name,
             budget=self.settings.budget,
@@ -254,7 +229,6 @@ class Campaign:
             },
             failures=dict(collections.Counter(t.reason for t in done if t.raw is None)),
             mission_wall_s=float(sum(t.wall_s for t in done)),
-            best_observed=best(values) if values else None,
         )
 
     def recommendation(self, *, save: bool = True, latest: bool = False) -> Recommendation | None:
@@ -266,16 +240,10 @@ class Campaign:
         history = self.history()
         if (saved := self.saved_recommendation(history, latest=latest)) is not None:
             return saved
-        result = self.recommend_from(history)
-        if result is not None and save:
-            write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
-        return result
+        from tuner.recommendation.choose import recommend  # noqa: PLC0415  who looks need not wait for torch
 
-    def recommend_from(self, history: Sequence[Observation]) -> Recommendation | None:
-        """Return what would be recommended after ``history``."""
-        s = self.settings
-        exact = self.exact(history)
-        return recommendation.recommend(
+        s, exact = self.settings, self.exact(history)
+        result = recommend(
             s.space,
             self._modelled(history),
             s.worlds,
@@ -289,19 +257,27 @@ class Campaign:
             second=s.second,
             limit=s.limit,
         )
+        if result is not None and save:
+            write_atomic(self.directory / RECOMMENDATION_FILE, json.dumps(result.to_dict(), indent=1))
+        return result
 
     def _constraint(self, history: Sequence[Observation]) -> Constraint | None:
         """Return the limit of the second objective with its model; None without one, or without a mission that has both."""
-        s = self.settings
-        found = None if s.second is None else self._in_both(history)
-        if s.second is None or s.at_least is None or found is None:
+        # Who looks need not wait for torch.
+        from tuner.acquisition.constrained import Constraint, two_models  # noqa: PLC0415
+
+        s, both = self.settings, [o for o in history if o.outcome is not None and o.second is not None]
+        if s.second is None or s.at_least is None or not both:
             return None
-        return acquisition.Constraint(found[1][1], s.at_least, s.second.is_share)
+        models = two_models(s.space, both, s.worlds, s.seed, exact=self.exact(both))
+        return Constraint(models[1], s.at_least, s.second.is_share)
 
     def surrogate_from(self, history: Sequence[Observation]) -> RockMeanGP:
         """Return the surrogate of `modelled_objective` behind such a recommendation; ``ValueError`` without a success."""
+        from tuner.surrogate.model import RockMeanGP  # noqa: PLC0415
+
         s = self.settings
-        return surrogate.RockMeanGP(s.space, self._modelled(history), s.worlds, s.seed)
+        return RockMeanGP(s.space, self._modelled(history), s.worlds, s.seed)
 
     def propose(self, trials: Sequence[Trial], known: int) -> Proposal:
         """Return the sampler's next mission after the first ``known`` trials; the others count as in flight."""

@@ -9,7 +9,6 @@ from tuner.missions.job import Trial
 from tuner.recommendation.recommendation import Recommendation
 
 EventKind = Literal[
-    "proposed",
     "launched",
     "finished",
     "failed",
@@ -31,7 +30,6 @@ class CampaignEvent:
     budget: int
     trial: Trial | None = None
     recommendation: Recommendation | None = None
-    ask_s: float = 0.0  # time the sampler took, for "proposed"
     message: str = ""
 
 
@@ -48,7 +46,6 @@ class CampaignStatus:
     per_condition: dict[str, int]
     failures: dict[str, int]  # by reason
     mission_wall_s: float
-    best_observed: float | None  # luckiest mission; see the recommendation for the best configuration
 
     @property
     def finished(self) -> int:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 _CAMPAIGN_ID = "campaign_id"
 _END = "end"  # a trial's attribute: how the mission ended
+_NO_LONGER = ("sampler_state",)  # entered by earlier versions
 _ENDING = ("status", "message", "rock_sha256", "checksum")  # of it, as in `Trial`
 
 
@@ -183,7 +184,6 @@ class Ledger:
             "directory": mission_directory(number, world, replicate),
             "why": proposal.why,
             "code": code,
-            "sampler_state": proposal.sampler_state,
         }
         entry = json.loads(json.dumps(entry))  # as every storage gives it back
         params = {
@@ -284,7 +284,7 @@ class Ledger:
             ending = (value, end) if finished else ()
             if known != self._checksum(row.number, row.params, entry, *ending):
                 raise KeyError
-            asked = {key: entry[key] for key in entry if key not in (CHECKSUM, _END)}
+            asked = {key: entry[key] for key in entry if key not in (CHECKSUM, _END, *_NO_LONGER)}
             return Trial(
                 number=row.number,
                 values=row.params,
@@ -313,7 +313,6 @@ class Ledger:
                 None if t.raw is None else sign * t.raw,
                 t.raw,
                 t.reason,
-                t.sampler_state,
                 None if second is None or t.second is None else second.sign * t.second,
                 t.condition,
             )
@@ -324,7 +323,7 @@ class Ledger:
     def pending(self, trials: Sequence[Trial], known: int) -> list[Pending]:
         """Return missions in flight, and all after the first ``known``, which count as if they were."""
         return [
-            Pending(t.number, t.values, t.rock, t.replicate, t.sampler_state, t.condition)
+            Pending(t.number, t.values, t.rock, t.replicate, t.condition)
             for i, t in enumerate(trials)
             if not t.status or i >= known
         ]

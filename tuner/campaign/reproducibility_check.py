@@ -7,10 +7,9 @@ from the last trial of its kind the session stops and asks, so that no ledger mi
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
-from pathlib import Path
 
 from nbv.errors import UserError
+from tuner.campaign.campaign import Campaign
 from tuner.missions.job import Trial
 from tuner.missions.registry import code_of
 from tuner.problem.drawn_rocks import family_of
@@ -19,43 +18,21 @@ ACCEPT = "--accept-changes"
 
 
 class ReproducibilityCheck:
-    """Compares a session's missions with those before it.
+    """Compares a session's missions with those of ``campaign`` before it; ``accept``: changes since then are wanted."""
 
-    Parameters
-    ----------
-    directory
-        The campaign's run directory, for the message.
-    fidelity
-        The fidelity whose code is compared.
-    trials
-        The missions so far.
-    accept
-        Whether changes since the last session are wanted.
-    program
-        The hash of what a mission file runs; empty for our own missions.
-    """
-
-    def __init__(
-        self,
-        directory: Path,
-        fidelity: str,
-        trials: Sequence[Trial],
-        *,
-        accept: bool,
-        program: str = "",
-    ) -> None:
-        self._directory, self._accept = directory, accept
+    def __init__(self, campaign: Campaign, *, accept: bool) -> None:
+        self._directory, self._accept = campaign.directory, accept
         self._rocks: dict[str, tuple[str, int]] = {}
-        self.code = code_of(fidelity)
-        if program:
-            self.code = hashlib.sha256(f"{self.code} {program}".encode()).hexdigest()[:32]
+        self.code, mission = code_of(campaign.settings.fidelity), campaign.settings.mission
+        if mission is not None:
+            self.code = hashlib.sha256(f"{self.code} {mission.program}".encode()).hexdigest()[:32]
         if accept:
             return
+        trials = campaign.trials()
         known = [t for t in trials if t.code]
         if known and known[-1].code != self.code:
-            self._ask(
-                f"the {'program' if program else 'code'} of its missions changed after trial {known[-1].number}"
-            )
+            what = "code" if mission is None else "program"
+            self._ask(f"the {what} of its missions changed after trial {known[-1].number}")
         for trial in trials:
             self._remember(trial, trial.rock_sha256)
 

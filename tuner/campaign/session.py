@@ -20,7 +20,6 @@ from tuner.missions.job import MissionJob, Trial, landed
 from tuner.missions.long_runs import Stop, long_run
 from tuner.problem.blocks import next_block
 from tuner.problem.objective import dotted
-from tuner.problem.observations import Proposal
 from tuner.problem.search_space import Configuration
 from tuner.recommendation.recommendation import Recommendation
 
@@ -72,23 +71,19 @@ def fly_campaign(
         session.prefetch.close()
 
 
+@dataclasses.dataclass(eq=False)
 class _Session:
     """One call of `fly_campaign`: the `Source` of its jobs."""
 
-    def __init__(
-        self,
-        campaign: Campaign,
-        executor: Executor,
-        on_event: Callable[[CampaignEvent], None],
-        recommend_every: int,
-        accept_changes: bool,
-    ) -> None:
-        self._campaign = campaign
-        self._settings = campaign.settings
-        self._ledger = campaign.ledger
-        self._executor = executor
-        self._on_event = on_event
-        self._recommend_every = recommend_every
+    campaign: Campaign
+    executor: Executor
+    on_event: Callable[[CampaignEvent], None]
+    recommend_every: int
+    accept_changes: bool
+
+    def __post_init__(self) -> None:
+        campaign = self.campaign
+        self._settings, self._ledger = campaign.settings, campaign.ledger
         self._began = time.monotonic()
         self._ask_s = 0.0
         self._finished = 0
@@ -98,13 +93,7 @@ class _Session:
         self._to_retry: collections.deque[Trial] = collections.deque()
         self._in_flight: dict[str, Trial] = {}
         finished, mission = campaign.status().finished >= campaign.settings.budget, campaign.settings.mission
-        self._reproducibility = ReproducibilityCheck(
-            campaign.directory,
-            campaign.settings.fidelity,
-            campaign.trials(),
-            accept=accept_changes or finished,
-            program="" if mission is None else mission.program,
-        )
+        self._reproducibility = ReproducibilityCheck(campaign, accept=self.accept_changes or finished)
         if mission is not None and not finished:
             trust(campaign.identity, mission)
         self.prefetch = ProposalPrefetch(campaign)
@@ -112,7 +101,7 @@ class _Session:
     def fly(self, stop: Stop) -> CampaignSummary:
         self._stop, self._ledger.pause = stop, stop.wait
         self._recover()
-        fly(self, self._executor, stop)
+        fly(self, self.executor, stop)
         if stop.is_set():
             waiting = f"{len(self._in_flight)} missions in flight will be flown again by a resume"
             return self._end("interrupted", "interrupted", waiting)
@@ -136,10 +125,10 @@ class _Session:
         self, stopped: Literal["budget", "interrupted", "failing"], kind: EventKind, message: str
     ) -> CampaignSummary:
         # Who interrupts waits for the prompt: no recommendation is made.
-        best = None if stopped == "interrupted" else self._campaign.recommendation()
+        best = None if stopped == "interrupted" else self.campaign.recommendation()
         self._emit(kind, recommendation=best, message="" if stopped == "budget" else message)
         elapsed_s = time.monotonic() - self._began
-        return CampaignSummary(stopped, message, elapsed_s, self._ask_s, self._campaign.status(), best)
+        return CampaignSummary(stopped, message, elapsed_s, self._ask_s, self.campaign.status(), best)
 
     def _recover(self) -> None:
         """Enter missions that finished without being in the ledger; the others are flown again."""
@@ -204,7 +193,7 @@ class _Session:
 
     @property
     def _prefetches(self) -> bool:
-        return self._settings.in_step is None and self._executor.capacity >= FROM_WORKERS
+        return self._settings.in_step is None and self.executor.capacity >= FROM_WORKERS
 
     def _next_trial(self) -> Trial | None:
         trials = self._ledger.trials()
@@ -212,25 +201,20 @@ class _Session:
             return None
         started = time.monotonic()
         if self._prefetches:
-            proposal = self.prefetch.next(trials, self._executor.capacity)
+            proposal = self.prefetch.next(trials, self.executor.capacity)
         else:
             in_step = self._settings.in_step
             known = len(trials) if in_step is None else max(0, len(trials) + 1 - in_step)
             if in_step is not None and not all(t.status for t in trials[:known]):
                 return None  # its turn comes when they have ended
-            proposal = self._stop.computed(lambda: self._campaign.propose(trials, known))
-        ask_s = time.monotonic() - started
+            proposal = self._stop.computed(lambda: self.campaign.propose(trials, known))
+            self._ask_s += time.monotonic() - started
         if proposal is None:
             return None
-        self._ask_s += 0.0 if self._prefetches else ask_s
-        return self._start(trials, proposal, ask_s)
-
-    def _start(self, trials: Sequence[Trial], proposal: Proposal, ask_s: float) -> Trial:
         world, replicate = next_block(self._settings.worlds, self._settings.blocks, trials, proposal)
         config = self._config(proposal.values, world.condition)
         digest = "" if isinstance(config, UserError) else config.digest()
         trial = self._ledger.start(proposal, world, replicate, digest, self._reproducibility.code)
-        self._emit("proposed", trial, ask_s=ask_s)
         if isinstance(config, UserError):
             return self._refuse(trial, config)
         return trial
@@ -301,8 +285,8 @@ class _Session:
             self._failures_in_row = 0
             self._emit("finished", trial, message=trial.message)
         last = self._finished >= self._settings.budget  # whose recommendation the summary has
-        if self._recommend_every and self._finished % self._recommend_every == 0 and not last:
-            best = self._stop.computed(self._campaign.recommendation)
+        if self.recommend_every and self._finished % self.recommend_every == 0 and not last:
+            best = self._stop.computed(self.campaign.recommendation)
             if best is not None:
                 self._emit("recommendation", recommendation=best)
 
@@ -312,11 +296,7 @@ class _Session:
         trial: Trial | None = None,
         *,
         recommendation: Recommendation | None = None,
-        ask_s: float = 0.0,
         message: str = "",
     ) -> None:
-        elapsed_s = time.monotonic() - self._began
-        budget = self._settings.budget
-        self._on_event(
-            CampaignEvent(kind, elapsed_s, self._finished, budget, trial, recommendation, ask_s, message)
-        )
+        elapsed_s, budget = time.monotonic() - self._began, self._settings.budget
+        self.on_event(CampaignEvent(kind, elapsed_s, self._finished, budget, trial, recommendation, message))

@@ -137,16 +137,9 @@ def open_storage(
 def patiently(shown: str, step: Callable[[bool], T], pause: Callable[[float], bool] | None = None) -> T:
     """Return what ``step`` returns; retry it for `PATIENCE_S`, with pauses that double, while the database is away.
 
-    What was in flight stays open in the ledger, and a resume flies it again or enters it.
-
-    Parameters
-    ----------
-    shown
-        The ledger as messages name it.
-    step
-        Is told whether it was tried before: then what it wrote may be there or not.
-    pause
-        Waits for so many seconds, and says whether somebody wants no more of it; None: one try.
+    What was in flight stays open in the ledger, and a resume flies it again or enters it. ``shown`` is the ledger as messages
+    name it. ``step`` is told whether it was tried before: then what it wrote may be there or not. ``pause`` waits for so many
+    seconds, and says whether somebody wants no more of it; None: one try.
 
     Raises
     ------

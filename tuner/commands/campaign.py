@@ -12,7 +12,7 @@ from nbv.errors import UserError
 from tuner.campaign.settings import SEARCH, CampaignSettings
 from tuner.commands.campaign_display import (
     CampaignProgress,
-    echo_event,
+    event_line,
     show_counts,
     show_recommendation,
 )
@@ -157,13 +157,12 @@ def resume(
     """
     output.print(f"campaign in {directory}")  # before what takes seconds to load
     load("tuner.campaign.session")
+    from tuner.campaign.begin import extend_campaign
     from tuner.campaign.campaign import Campaign
-    from tuner.campaign.extension import extend_campaign
 
-    if missions is None:
-        campaign = Campaign.open(directory, fidelity=fidelity, mission=mission)
-    else:
-        campaign = extend_campaign(directory, missions, fidelity, mission)
+    campaign = Campaign.open(directory, fidelity=fidelity, mission=mission)
+    if missions is not None:
+        campaign = extend_campaign(campaign, missions)
     fly(campaign, workers, timeout_s, (executor, scheduler, unencrypted), accept_changes=accept_changes)
 
 
@@ -227,11 +226,11 @@ def fly(
             )
         )
     with executor:
-        with CampaignProgress(settings, campaign.directory) as progress:
+        with CampaignProgress(settings) as progress:
             summary = fly_campaign(
                 campaign,
                 executor,
-                echo_event if as_json() else progress,
+                (lambda event: typer.echo(event_line(event))) if as_json() else progress,
                 recommend_every=max(LEAST_BETWEEN, settings.budget // UPDATES),
                 accept_changes=accept_changes,
             )
@@ -246,15 +245,15 @@ def fly(
             f"{summary.message}; {seconds(summary.elapsed_s)}, of which the sampler {seconds(summary.ask_s)}"
         )
         if summary.status.finished:
-            _write_pages(campaign, executor if show_pair and summary.stopped == "budget" else None)
+            write_pages(campaign, executor if show_pair and summary.stopped == "budget" else None)
     if summary.stopped == "failing" or not summary.status.complete:
         raise typer.Exit(1)
 
 
-def _write_pages(campaign: Campaign, pair: LocalProcessExecutor | DaskExecutor | None) -> None:
-    """The answer is known: what is left is to draw it. ``pair``: where what is shown flies once more, whole."""
-    from tuner import report as pages  # what draws is loaded where it is called
+def write_pages(campaign: Campaign, pair: LocalProcessExecutor | DaskExecutor | None) -> None:
+    """Draw the answer. ``pair``: where the default and the recommendation fly once more, whole."""
     from tuner.campaign.showcase import fly_showcase, showcase_jobs
+    from tuner.report.campaign.page import write_campaign_report
     from tuner.report.campaign.walks import write_showcase_page
 
     page, shown = None, showcase_jobs(campaign)
@@ -264,7 +263,7 @@ def _write_pages(campaign: Campaign, pair: LocalProcessExecutor | DaskExecutor |
                 fly_showcase(campaign, pair)
                 page = write_showcase_page(campaign)
         with working("writing the report"):
-            report = pages.write_campaign_report(campaign)
+            report = write_campaign_report(campaign)
     except KeyboardInterrupt:
         output.print(f"no report: gatetune mission view {campaign.directory} writes it", soft_wrap=True)
         raise typer.Exit(130) from None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any
 
-import typer
 from rich.table import Table
 
 from nbv.config import IDEAL
@@ -14,8 +13,6 @@ from tuner.commands.console import FlightProgress, output, seconds
 from tuner.problem.configurations import short
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from tuner.campaign.events import CampaignEvent, CampaignStatus
     from tuner.campaign.settings import CampaignSettings
     from tuner.recommendation.recommendation import Recommendation
@@ -27,21 +24,19 @@ LINE = 80  # columns of a mission's line
 class CampaignProgress(FlightProgress):
     """A line per mission and one bar: how far, what failed, what is left, the best so far, what flies now."""
 
-    def __init__(self, settings: CampaignSettings, directory: Path) -> None:
+    def __init__(self, settings: CampaignSettings) -> None:
         super().__init__(settings.budget)
-        self._settings, self._directory = settings, directory
+        self._settings = settings
         self._began: int | None = None  # missions finished in earlier sessions
         self._failed = 0
         self._best = ""
-        self.counts = f"0/{settings.budget}"
 
     def __call__(self, event: CampaignEvent) -> None:
         trial = event.trial
         if self._began is None:
             self._began = event.finished
         if trial is not None and event.kind == "launched":
-            label = f"{trial.world.label} r{trial.replicate}"
-            self.took_off(str(trial.number), label, self._directory / trial.directory)
+            self.took_off(str(trial.number), f"{trial.world.label} r{trial.replicate}")
         elif trial is not None and event.kind in ("finished", "failed", "lost"):
             self._failed += event.kind == "failed"
             self.landed(str(trial.number), mission_line(event, self._settings))
@@ -52,8 +47,8 @@ class CampaignProgress(FlightProgress):
         flown, left = event.finished - self._began, event.budget - event.finished
         rest = f", {seconds(event.elapsed_s / flown * left)} left" if flown and left else ""
         failed = f", {self._failed} failed" if self._failed else ""
-        self.counts = f"{event.finished}/{event.budget}{failed}{rest}{self._best}"
-        self.reached(event.finished, event.budget)
+        counts = f"{event.finished}/{event.budget}{failed}{rest}{self._best}"
+        self.reached(event.finished, event.budget, counts)
 
 
 def best_text(found: Recommendation) -> str:
@@ -100,11 +95,6 @@ def event_line(event: CampaignEvent) -> str:
     if (best := event.recommendation) is not None:
         fields["recommendation"] = {"keep_default": best.keep_default, **best.to_dict()}
     return json.dumps(json_ready(fields))
-
-
-def echo_event(event: CampaignEvent) -> None:
-    """Print `event_line`."""
-    typer.echo(event_line(event))
 
 
 def show_counts(facts: CampaignStatus, place: str) -> None:

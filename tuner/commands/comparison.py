@@ -23,7 +23,7 @@ from tuner.missions.registry import GEOMETRIC_NOTE, is_geometric
 from tuner.problem.worlds import World
 
 if TYPE_CHECKING:
-    from tuner.evaluation.flying import EvaluationEvent
+    from tuner.evaluation.flying import EvaluationEvent, EvaluationRun
     from tuner.evaluation.of_campaign import CampaignEvaluation
     from tuner.missions.external import MissionFile
     from tuner.report.comparison.facts import ComparisonFacts
@@ -37,33 +37,28 @@ class ComparisonProgress(FlightProgress):
         self._metric = metric
 
     def __call__(self, event: EvaluationEvent) -> None:
-        self.counts = f"{event.finished}/{event.total}"
-        self.reached(event.finished, event.total)
-        if event.job is None:
-            return
-        world = World(Path(event.job.rock).stem, event.job.config.condition)
-        strategy = event.job.id.split("/")[0]
-        if event.trial is None:
-            label = f"{strategy} {world.label} r{event.job.replicate}"
-            return self.took_off(event.job.id, label, event.job.directory)
-        if event.kind == "failed":
-            text = f"failed: {event.trial.reason} {event.trial.message}"
+        job, trial = event.job, event.trial
+        world, strategy = World(Path(job.rock).stem, job.config.condition), job.id.split("/")[0]
+        if trial is None:
+            self.took_off(job.id, f"{strategy} {world.label} r{job.replicate}")
         else:
-            value = event.trial.value(self._metric)
+            value = trial.value(self._metric)
             text = f"{self._metric} " + ("not measured" if value is None else f"{value:.2f}")
-        self.landed(
-            event.job.id,
-            f"{strategy:<14} {world.label:<16} r{event.job.replicate} {text}  {event.trial.wall_s:.0f} s",
-        )
+            if trial.status == "failed":
+                text = f"failed: {trial.reason} {trial.message}"
+            line = f"{strategy:<14} {world.label:<16} r{job.replicate} {text}  {trial.wall_s:.0f} s"
+            self.landed(job.id, line)
+        self.reached(event.finished, event.total, f"{event.finished}/{event.total}")
 
 
 def compare(
-    directory: Path,
+    asked: CampaignEvaluation,
+    usual: Path,
+    out: Path | None,
     *,
     workers: int | None,
     timeout_s: float,
     title: str,
-    asked: CampaignEvaluation,
     paper: bool = False,
     mission: MissionFile | None = None,
 ) -> None:
@@ -71,25 +66,26 @@ def compare(
 
     Parameters
     ----------
-    directory
-        Of the evaluation.
+    asked
+        What is flown, against what, in which metrics.
+    usual, out
+        The evaluation's directory, or one beside it that holds nothing else; the one that the user named.
     workers, timeout_s
         Of the processes here.
     title
         Of the page.
-    asked
-        What is flown, against what, in which metrics.
     paper
         Show the paper's numbers beside.
     mission
         The mission file, of missions that are not ours.
     """
-    from tuner.evaluation.flying import run_evaluation
-    from tuner.report import write_comparison_report
+    from tuner.evaluation.flying import place_for, run_evaluation
     from tuner.report.comparison.facts import comparison_facts
+    from tuner.report.comparison.page import write_comparison_report
     from tuner.report.comparison.verdicts import counted
 
     plan, place = asked.plan, asked.asked.place
+    directory = out or place_for(plan, usual)
     executor = local_executor(plan.fidelity, workers, timeout_s, mission)
     notes = (*asked.notes, GEOMETRIC_NOTE) if is_geometric(plan.fidelity) else asked.notes
     notes = (*notes, *(_ceiling(rock) for rock in plan.rocks if is_photographed(rock)))
@@ -109,6 +105,11 @@ def compare(
         )
     output.print(f"{seconds(run.elapsed_s)}; report: {report}")
     answer_json({"title": title, "directory": str(directory), "report": str(report), **facts.to_dict()})
+    end(run)
+
+
+def end(run: EvaluationRun) -> None:
+    """Say what failed; the exit code says whether all has flown."""
     for reason, times in run.failures.items():
         output.print(f"failed {times} times: {reason}", style="red")
     if not run.complete:

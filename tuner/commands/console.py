@@ -9,12 +9,11 @@ import json
 import os
 import threading
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.progress import BarColumn, Progress, ProgressColumn, Task, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
 from nbv.config import IDEAL, PRESETS, Condition, MissionConfig, load_condition, preset, under
@@ -24,7 +23,6 @@ from nbv.mission.result import json_ready
 from nbv.safe_files import parse_yaml
 from tuner.campaign import rock_choice
 from tuner.missions.executors import limit_s, local_executor
-from tuner.missions.progress import progress_of
 
 if TYPE_CHECKING:
     from tuner.missions.cluster.executor import DaskExecutor
@@ -89,51 +87,35 @@ def load(module: str) -> None:
 
 
 class FlightProgress(Progress):
-    """One bar: how far it is, and what the missions in flight are doing."""
+    """One bar: how far it is, and which missions are in flight; above it a line for each that has ended."""
 
     def __init__(self, total: int | None = None) -> None:
-        self.counts = ""
-        self._flights: dict[str, tuple[str, Path]] = {}
+        # A rock's file may have any name, so it is no markup.
         super().__init__(
-            _Now(self), BarColumn(), TimeElapsedColumn(), console=output, refresh_per_second=_PER_SECOND
+            TextColumn("{task.description}", markup=False),
+            BarColumn(),
+            TimeElapsedColumn(),
+            console=output,
+            refresh_per_second=_PER_SECOND,
         )
-        self._missions = self.add_task("missions", total=total)
+        self._flights: dict[str, str] = {}
+        self._missions = self.add_task("", total=total)
 
-    def took_off(self, key: str, label: str, directory: Path) -> None:
-        """A mission, and where it says what it is doing."""
-        self._flights[key] = (label, directory)
+    def took_off(self, key: str, label: str) -> None:
+        """A mission flies."""
+        self._flights[key] = label
 
-    def landed(self, key: str, line: str, *, markup: bool = False) -> None:
+    def landed(self, key: str, line: str) -> None:
         """It is over, and what there is to say of it."""
         self._flights.pop(key, None)
-        output.print(line, highlight=False, soft_wrap=True, markup=markup)
+        output.print(line, highlight=False, soft_wrap=True)
 
-    def reached(self, finished: int, total: int) -> None:
-        """So many missions."""
-        self.update(self._missions, completed=finished, total=total)
-
-    def now(self) -> str:
-        """``3/9, flies slab r0 (photograph 3/24), fin r1 (seed model) and 6 more``."""
-        flights = list(self._flights.values())
-        if not flights:
-            return self.counts
-        named = [
-            f"{label} ({doing})" if (doing := progress_of(directory)) else label
-            for label, directory in flights[:_NAMED]
-        ]
-        more = f" and {len(flights) - _NAMED} more" if len(flights) > _NAMED else ""
-        return f"{self.counts}, flies {', '.join(named)}{more}"
-
-
-class _Now(ProgressColumn):
-    """`FlightProgress.now`, read where the bar is drawn; a rock's file may have any name, so without markup."""
-
-    def __init__(self, bar: FlightProgress) -> None:
-        super().__init__()
-        self._bar = bar
-
-    def render(self, task: Task) -> Text:
-        return Text(self._bar.now())
+    def reached(self, finished: int, total: int, counts: str) -> None:
+        """``3/9, flies slab r0, fin r1 and 6 more``."""
+        named = ", ".join(list(self._flights.values())[:_NAMED])
+        more = f" and {len(self._flights) - _NAMED} more" if len(self._flights) > _NAMED else ""
+        said = f"{counts}, flies {named}{more}" if named else counts
+        self.update(self._missions, completed=finished, total=total, description=said)
 
 
 def parse_overrides(assignments: list[str]) -> dict[str, Any]:

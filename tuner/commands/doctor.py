@@ -42,7 +42,7 @@ class Finding:
 
 
 def doctor(as_json: AsJson = False) -> None:
-    """Check interpreter, libraries, OpenGL, CUDA, cores, memory, disk and store; say what each finding means.
+    """Check libraries, OpenGL, CUDA, cores, memory, disk and store; say what each finding means.
 
     Example: gatetune doctor
     """
@@ -62,17 +62,6 @@ def doctor(as_json: AsJson = False) -> None:
     answer_json({"fit": fit, "findings": findings})
     if not fit:
         raise typer.Exit(1)
-
-
-def interpreter() -> Iterator[Finding]:
-    """Python's version, and whether this is an environment of its own."""
-    version = ".".join(map(str, sys.version_info[:3]))
-    if not (3, 11) <= sys.version_info[:2] <= (3, 13):
-        yield Finding(
-            "bad", f"Python {version}", "the pinned packages need 3.11 to 3.13: make PYTHON=python3.12 setup"
-        )
-    else:
-        yield Finding("ok", f"Python {version}")
 
 
 def system_libraries() -> Iterator[Finding]:
@@ -184,7 +173,6 @@ def disk() -> Iterator[Finding]:
 
 
 CHECKS: tuple[Callable[[], Iterator[Finding]], ...] = (
-    interpreter,
     system_libraries,
     libraries,
     opengl,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,8 +17,6 @@ from tuner.missions.registry import DEFAULT_FIDELITY
 if TYPE_CHECKING:
     from tuner.campaign.campaign import Campaign
 
-
-LONGEST_NAME = 100  # characters of a folder's name
 
 MarginOption = Annotated[
     float,
@@ -57,7 +54,6 @@ def evaluate(
     """
     output.print(f"evaluating the recommendation of {campaign}")  # before what takes seconds to load
     load("tuner.evaluation.of_campaign")
-    from tuner.evaluation.flying import place_for
     from tuner.evaluation.of_campaign import held_out
 
     source = _open(campaign, mission, fidelity)
@@ -72,11 +68,12 @@ def evaluate(
         making=working,
     )
     compare(
-        out or place_for(asked.plan, campaign / "evaluation"),
+        asked,
+        campaign / "evaluation",
+        out,
         workers=workers,
         timeout_s=timeout_s,
         title=f"{source.settings.name}: tuned against baselines on held-out {asked.asked.place}s",
-        asked=asked,
         mission=source.settings.mission,
     )
 
@@ -89,9 +86,7 @@ def confirm(
     timeout_s: Timeout = 3600.0,
     margin: MarginOption = 1.0,
     fidelity: Fidelity = DEFAULT_FIDELITY,
-    out: Annotated[
-        Path | None, typer.Option(help="Directory (default: CAMPAIGN/confirmation-ROCKS).")
-    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/confirmation).")] = None,
     mission: MissionAllowed = None,
     as_json: AsJson = False,
 ) -> None:
@@ -101,7 +96,6 @@ def confirm(
     """
     output.print(f"confirming the recommendation of {campaign}")  # before what takes seconds to load
     load("tuner.evaluation.of_campaign")
-    from tuner.evaluation.flying import place_for
     from tuner.evaluation.of_campaign import confirmation
 
     source = _open(campaign, mission, fidelity)
@@ -110,17 +104,13 @@ def confirm(
         note = f"{campaign} recommends to keep the default: there is nothing to confirm"
         output.print(note)
         return answer_json({"notes": [note]})
-    ours = source.settings.mission is None
-    stems = [Path(rock).stem if ours else rock for rock in asked.plan.rocks]
-    names = "-".join(re.sub(r"[^\w.-]", "-", stem) for stem in stems)
-    if len(names) > LONGEST_NAME:
-        names = f"{len(stems)}-rocks"
     compare(
-        out or place_for(asked.plan, campaign / f"confirmation-{names}"),
+        asked,
+        campaign / "confirmation",
+        out,
         workers=workers,
         timeout_s=timeout_s,
         title=f"{source.settings.name}: the recommendation against the default on training {asked.asked.place}s, fresh replicates",
-        asked=asked,
         mission=source.settings.mission,
     )
 

@@ -120,10 +120,7 @@ def _recommended(run: Path) -> tuple[Campaign, Recommendation]:
     from tuner.campaign.campaign import Campaign
 
     campaign = Campaign.open(run, read_only=True)
-    best = campaign.recommendation(save=False)
-    if best is None:
-        raise UserError(f"{run} has no successful mission yet; run or resume the campaign first")
-    return campaign, best
+    return campaign, campaign.recommended()
 
 
 def _list_files(run: Path) -> None:

@@ -21,7 +21,6 @@ from tuner.commands.console import (
     load,
     mission_config,
     output,
-    parse_overrides,
     seconds,
     working,
 )
@@ -125,39 +124,28 @@ def metrics_table(metrics: dict[str, Any]) -> Table:
 
 @app.command()
 def explain(
-    mission: Annotated[Path, typer.Argument(help="A mission's directory.")],
-    iteration: Annotated[
-        int | None, typer.Option(help="All candidates of one step instead; 0 is the first.")
-    ] = None,
-    set_: Overrides = None,
-    as_json: AsJson = False,
+    mission: Annotated[Path, typer.Argument(help="A mission's directory.")], as_json: AsJson = False
 ) -> None:
-    """What the gate decided at each step, why, and what would have switched it; --iteration scores one step again, --set with other values.
+    """What the gate decided at each step, why, and what would have switched it.
 
     Example: gatetune mission explain runs/mine/shown/recommended
     """
     from tuner.campaign.settings_file import SETTINGS_FILE
     from tuner.report.mission.decisions import decisions_of, gate_words
-    from tuner.report.mission.explain import explain_state
     from tuner.report.mission.run_files import planned_config
 
     if (mission / SETTINGS_FILE).is_file():
         raise UserError(
             f"{mission} is a campaign; name one of its missions, such as {mission}/shown/recommended"
         )
-    if iteration is None and not set_:
-        found, gate = decisions_of(mission), planned_config(mission).gate
-        for line in (line for decision in found for line in decision.lines()):
-            output.print(line, highlight=False, soft_wrap=True)
-        trace = MissionResult.load(mission).trace
-        said = gate_words(trace, gate.kind, 1) if trace else f"gate {gate.kind}: no step was planned"
-        output.print(said, highlight=False, soft_wrap=True)
-        steps = [vars(decision) for decision in found]
-        return answer_json({"mission": mission, "gate": dataclasses.asdict(gate), "steps": steps})
-    items, rankings = explain_state(mission, iteration or 0, parse_overrides(set_ or []))
-    for item in items:
-        output.print(item)
-    answer_json({"mission": mission, "iteration": iteration or 0, "rankings": rankings})
+    found, gate = decisions_of(mission), planned_config(mission).gate
+    for line in (line for decision in found for line in decision.lines()):
+        output.print(line, highlight=False, soft_wrap=True)
+    trace = MissionResult.load(mission).trace
+    said = gate_words(trace, gate.kind, 1) if trace else f"gate {gate.kind}: no step was planned"
+    output.print(said, highlight=False, soft_wrap=True)
+    steps = [vars(decision) for decision in found]
+    answer_json({"mission": mission, "gate": dataclasses.asdict(gate), "steps": steps})
 
 
 @app.command()
@@ -197,7 +185,7 @@ def view(
     Example: gatetune mission view runs/mission-slab-hyb-h-0
     """
     from tuner.campaign.settings_file import SETTINGS_FILE
-    from tuner.report import write_mission_view
+    from tuner.report.mission.walk import write_mission_view
 
     if (run / SETTINGS_FILE).is_file():
         return _view_campaign(run)
@@ -210,21 +198,14 @@ def view(
 
 def _view_campaign(directory: Path) -> None:
     from tuner.campaign.campaign import Campaign
-    from tuner.campaign.showcase import fly_showcase
+    from tuner.commands.campaign import write_pages
     from tuner.commands.console import local_executor
-    from tuner.report import write_campaign_report
-    from tuner.report.campaign.walks import write_showcase_page
 
     campaign = Campaign.open(directory, read_only=True)
     output.print(f"campaign in {directory}: flying what is not there yet", soft_wrap=True)
     s = campaign.settings
-    with local_executor(s.fidelity, None, 3600.0, s.mission) as executor, working("flying"):
-        fly_showcase(campaign, executor)
-    with working("writing the pages"):
-        page, report = write_showcase_page(campaign), write_campaign_report(campaign)
-    if page is not None:
-        output.print(f"the default beside the recommendation: {page}", soft_wrap=True)
-    output.print(f"report: {report}", soft_wrap=True)
+    with local_executor(s.fidelity, None, 3600.0, s.mission) as executor:
+        write_pages(campaign, executor)
 
 
 @app.command()

@@ -51,7 +51,6 @@ def reproduce(
     output.print(f"reproducing Table I with preset {preset}")  # before what takes seconds to load
     load("tuner.evaluation.baselines")
     from tuner.evaluation.baselines import REPRODUCTION_STRATEGIES, baseline_configs
-    from tuner.evaluation.flying import place_for
     from tuner.evaluation.of_campaign import Asked, CampaignEvaluation
     from tuner.evaluation.plan import EvaluationPlan
 
@@ -68,10 +67,11 @@ def reproduce(
     )
     asked = Asked(Objective("whole.completeness_48mm"))
     compare(
-        out or place_for(plan, Path("runs/reproduce")),
+        CampaignEvaluation(plan, next(iter(configs)), asked),
+        Path("runs/reproduce"),
+        out,
         workers=workers,
         timeout_s=timeout_s,
-        asked=CampaignEvaluation(plan, next(iter(configs)), asked),
         title=f"Table I reproduced with preset {preset}: {PRESETS[preset].purpose}",
         paper=True,
     )

@@ -1,4 +1,4 @@
-"""``gatetune study``: noise and sensitivity."""
+"""``gatetune study noise``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from tuner.campaign.rock_choice import refuse_held_out, training_rocks
-from tuner.commands.comparison import ComparisonProgress
+from tuner.commands.comparison import ComparisonProgress, end
 from tuner.commands.console import local_executor, output, parse_overrides, rock_arguments
 from tuner.commands.options import Fidelity, Overrides, Rocks, Timeout, Workers
 
@@ -61,35 +61,5 @@ def noise(
     output.print(
         noise_table(found) if found else "too few configurations are complete, or none has the metrics"
     )
-    for reason, times in run.failures.items():
-        output.print(f"failed {times} times: {reason}", style="red")
-    output.print(f"report: {write_noise(plan, found, out)}")
-    if not run.complete:
-        output.print("not complete; the same command goes on where it stopped")
-        raise typer.Exit(130)
-
-
-@app.command()
-def sensitivity(
-    campaign: Annotated[Path, typer.Argument(help="The campaign's run directory.")],
-    metric: Annotated[
-        str | None, typer.Option(help="Another metric than the tuned one, e.g. observable.c2c_mean_mm.")
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="Directory (default: CAMPAIGN/sensitivity).")] = None,
-) -> None:
-    """Which parameters matter: Sobol indices of the surrogate, beside Optuna's importances.
-
-    Example: gatetune study sensitivity runs/mine
-    """
-    from tuner.studies.sensitivity import (
-        campaign_sensitivity,
-        sensitivity_table,
-        summary_lines,
-        write_sensitivity,
-    )
-
-    result = campaign_sensitivity(campaign, metric)
-    output.print(sensitivity_table(result))
-    for line in summary_lines(result):
-        output.print(line)
-    output.print(f"report: {write_sensitivity(result, out or campaign / 'sensitivity')}")
+    output.print(f"in numbers: {write_noise(found, out)}")
+    end(run)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from nbv.errors import UserError
-from tuner.evaluation.paper_table import TABLE_I_ROWS, TANKS_AND_TEMPLES_ROWS, MetricRow
+from tuner.evaluation.paper_table import TABLE_I_ROWS, MetricRow
 from tuner.evaluation.statistics import Interval, PairedDifference, mean_interval, paired_difference
 from tuner.missions.job import Trial
 
@@ -87,7 +87,7 @@ def comparison_table(
     strategies: Sequence[str],
     reference: str | None = None,
     surface: Literal["whole", "observable"] | None = "whole",
-    rows: Sequence[MetricRow] = TABLE_I_ROWS + TANKS_AND_TEMPLES_ROWS,
+    rows: Sequence[MetricRow] = TABLE_I_ROWS,
 ) -> ComparisonTable:
     """Means with intervals per strategy, and differences against ``reference`` (one of the strategies).
 
@@ -105,8 +105,6 @@ def comparison_table(
         metric = row if surface is None or row.key.startswith("costs.") else row.on(surface)
         cells = {name: strategy_interval(records, name, metric.key) for name in strategies}
         means = {name: cell.mean for name, cell in cells.items() if cell is not None}
-        if row in TANKS_AND_TEMPLES_ROWS and not means:
-            continue  # missions of earlier versions, and geometric ones
         pick = max if metric.higher_is_better else min
         best = tuple(name for name, mean in means.items() if mean == pick(means.values())) if means else ()
         differences = {

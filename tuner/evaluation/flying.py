@@ -5,9 +5,8 @@ from __future__ import annotations
 import collections
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
 
 import yaml
 
@@ -22,14 +21,12 @@ from tuner.missions.long_runs import long_run
 
 @dataclass(frozen=True)
 class EvaluationEvent:
-    """Something a live display may show."""
+    """A mission was launched, or has ended."""
 
-    kind: Literal["launched", "finished", "failed", "interrupted", "done"]
-    elapsed_s: float
+    job: MissionJob
+    trial: Trial | None  # how it ended; None: launched
     finished: int  # missions that have ended, those of earlier sessions included
     total: int
-    job: MissionJob | None = None
-    trial: Trial | None = None
 
 
 @dataclass(frozen=True)
@@ -40,7 +37,6 @@ class EvaluationRun:
     records: list[Trial]
     complete: bool
     elapsed_s: float
-    failures: dict[str, int] = field(default_factory=dict)  # by reason
 
     def __repr__(self) -> str:
         """``EvaluationRun(tuned, hyb-h on arch, fin: 24 missions, 0 failed, complete)``."""
@@ -49,6 +45,11 @@ class EvaluationRun:
             f"EvaluationRun({', '.join(self.plan.strategies)} on {', '.join(self.plan.rocks)}: "
             f"{len(self.records)} missions, {failed} failed, {'complete' if self.complete else 'incomplete'})"
         )
+
+    @property
+    def failures(self) -> dict[str, int]:
+        """Failed missions by reason."""
+        return failure_counts(self.records)
 
 
 def run_evaluation(
@@ -67,23 +68,17 @@ def run_evaluation(
         The directory holds something else or cannot be written; a mission met a user's mistake.
     """
     _claim(plan, directory)
-    emit = on_event or (lambda event: None)
     began = time.monotonic()
     jobs = {job.id: job for job in plan.jobs(directory)}
 
-    def tell(kind: Any, job: MissionJob | None = None, trial: Trial | None = None) -> None:
-        finished = len(jobs) - flown.open
-        emit(EvaluationEvent(kind, time.monotonic() - began, finished, len(jobs), job, trial))
+    def tell(job: MissionJob, trial: Trial | None = None) -> None:
+        if on_event is not None:
+            on_event(EvaluationEvent(job, trial, len(jobs) - flown.open, len(jobs)))
 
-    def tell_end(trial: Trial) -> None:
-        tell("failed" if trial.status == "failed" else "finished", jobs[trial.job_id], trial)
-
-    flown = JobList(jobs.values(), lambda job: tell("launched", job), tell_end)
+    flown = JobList(jobs.values(), tell, lambda trial: tell(jobs[trial.job_id], trial))
     with long_run(directory) as stop:
         fly(flown, executor, stop)
-    tell("interrupted" if flown.open else "done")
-    records = plan.records(directory)
-    return EvaluationRun(plan, records, not flown.open, time.monotonic() - began, failure_counts(records))
+    return EvaluationRun(plan, plan.records(directory), not flown.open, time.monotonic() - began)
 
 
 def failure_counts(records: Iterable[Trial]) -> dict[str, int]:

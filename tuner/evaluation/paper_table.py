@@ -29,7 +29,6 @@ class MetricRow:
         )
 
 
-_TT_48, _TT_80 = "Tanks and Temples @ 48 mm", "Tanks and Temples @ 80 mm"
 _DISTANCES, _AT_48, _AT_80 = "Dense cloud vs. GT", "Thresholded @ 48 mm", "Thresholded @ 80 mm"
 TABLE_I_ROWS: tuple[MetricRow, ...] = (
     MetricRow(_DISTANCES, "Hausdorff", "whole.hausdorff_gt_to_cloud_mm", "mm", False),
@@ -41,16 +40,6 @@ TABLE_I_ROWS: tuple[MetricRow, ...] = (
     MetricRow(_AT_80, "Completeness", "whole.completeness_80mm", "%", True),
     MetricRow(_AT_80, "F-score", "whole.f_score_80mm", "%", True),
 )
-# Beside these in every table; left out where no mission has them.
-TANKS_AND_TEMPLES_ROWS: tuple[MetricRow, ...] = (
-    MetricRow(_TT_48, "T&T precision", "whole.tt_precision_48mm", "%", True),
-    MetricRow(_TT_48, "T&T recall", "whole.tt_recall_48mm", "%", True),
-    MetricRow(_TT_48, "T&T F-score", "whole.tt_f_score_48mm", "%", True),
-    MetricRow(_TT_80, "T&T precision", "whole.tt_precision_80mm", "%", True),
-    MetricRow(_TT_80, "T&T recall", "whole.tt_recall_80mm", "%", True),
-    MetricRow(_TT_80, "T&T F-score", "whole.tt_f_score_80mm", "%", True),
-)
-
 # Torre et al., Table I. Columns: Covis, B-aware, Hyb-H, Hyb-O.
 PAPER_TABLE_I: dict[str, dict[str, float]] = {
     strategy: dict(zip((row.key for row in TABLE_I_ROWS), column))

@@ -1,4 +1,4 @@
-"""Where missions run: processes of this machine, or this very process for debugging.
+"""Where missions run: processes of this machine.
 
 Each mission has a process group of its own, so that an abort inside a native library, the out-of-memory killer or a
 time-out ends one mission and not the campaign.
@@ -7,7 +7,6 @@ time-out ends one mission and not the campaign.
 from __future__ import annotations
 
 import abc
-import collections
 import contextlib
 import json
 import os
@@ -26,7 +25,7 @@ from nbv.safe_files import require
 from nbv.threads import ONE_THREAD
 from tuner.missions.job import LOG_FILE, MissionJob, Trial, clear_traces, landed, record_failure
 from tuner.missions.registry import DEFAULT_FIDELITY, all_modules
-from tuner.missions.run_job import EXIT_NOT_WRITABLE, run_job
+from tuner.missions.run_job import EXIT_NOT_WRITABLE
 
 if TYPE_CHECKING:
     from tuner.missions.external import MissionFile
@@ -42,7 +41,7 @@ class Executor(abc.ABC):
 
     @abc.abstractmethod
     def submit(self, job: MissionJob) -> None:
-        """Start ``job`` and return at once (the in-process executor flies it in ``wait_any``)."""
+        """Start ``job`` and return at once."""
 
     @abc.abstractmethod
     def wait_any(self, timeout_s: float) -> list[Trial]:
@@ -61,34 +60,6 @@ class Executor(abc.ABC):
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-class InProcessExecutor(Executor):
-    """One mission at a time in this process, without any protection: for debugging and tests."""
-
-    capacity = 1  # type: ignore[assignment]
-
-    def __init__(self) -> None:
-        self._queue: collections.deque[MissionJob] = collections.deque()
-
-    def submit(self, job: MissionJob) -> None:
-        """Queue ``job``."""
-        self._queue.append(job)
-
-    def wait_any(self, timeout_s: float) -> list[Trial]:
-        """Fly the oldest job, however long it takes."""
-        if not self._queue:
-            return []
-        job = self._queue.popleft()
-        clear_traces(job)
-        started = time.monotonic()
-        run_job(job.to_dict())
-        trial = landed(job, time.monotonic() - started)
-        return [trial or job.failed("no_result", f"nothing was written to {job.directory}")]
-
-    def cancel_all(self) -> None:
-        """Forget what has not started."""
-        self._queue.clear()
 
 
 MAX_WORKERS = 1024

@@ -45,12 +45,7 @@ class Source(Protocol):
 class JobList:
     """A fixed list of jobs, flown in order; those that have finished already are not flown again.
 
-    Parameters
-    ----------
-    jobs
-        The list.
-    on_launch, on_end
-        Are called with each.
+    ``on_launch`` and ``on_end`` are called with each.
     """
 
     thinking = given_up = False
@@ -87,7 +82,8 @@ def fly(source: Source, executor: Executor, stop: Stop) -> None:
     """Fly what ``source`` hands out until there is no more, it gives up, or somebody asks for a stop.
 
     What the machine ends (somebody kills or stops a process, no process can be started, the disk is full) says nothing
-    about the mission: it is flown again, and comes back as an infrastructure failure only after `MAX_ATTEMPTS`. The executor is left open; missions still in flight at the end are killed.
+    about the mission: it is flown again, and comes back as an infrastructure failure only after `MAX_ATTEMPTS`. The executor is
+    left open; missions still in flight at the end are killed.
 
     Raises
     ------

@@ -36,7 +36,7 @@ _INFRASTRUCTURE_FAILURES = {
     "worker_stopped",
 }
 _POSSIBLY_MACHINE_FAULTS = {"out_of_memory", "worker_died"}
-_MEASURED = ("metrics", "costs", "timings_s")  # what of a mission.json is kept in memory
+_MEASURED = ("metrics", "costs")  # what of a mission.json is kept in memory
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,6 @@ class Trial:
     # In a campaign:
     number: int = 0
     why: Mapping[str, Any] = field(default_factory=dict)  # who proposed it and for what reason
-    sampler_state: Mapping[str, Any] = field(default_factory=dict)
     raw: float | None = None  # the objective as measured; None while in flight and where the mission failed
     second: float | None = None  # the second objective, likewise
     code: str = ""  # digest of what flies it, see `tuner.campaign.reproducibility_check`
@@ -173,11 +172,6 @@ class Trial:
     def costs(self) -> Mapping[str, Any]:
         """As in ``mission.json``."""
         return self._document.get("costs", {})
-
-    @property
-    def timings_s(self) -> Mapping[str, Any]:
-        """As in ``mission.json``."""
-        return self._document.get("timings_s", {})
 
     @property
     def measurements(self) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from typing import Any
 from nbv.errors import MissionFailure, UserError
 from nbv.mission.run_directory import write_atomic
 from tuner.missions.job import RESULT_FILE, MissionJob, record_failure
-from tuner.missions.progress import log_of
 from tuner.missions.registry import fidelity_on, mission_function
 
 _FULL = {errno.ENOSPC, errno.EDQUOT}
@@ -39,13 +38,7 @@ def run_job(tree: dict[str, Any]) -> int:
     try:
         directory.mkdir(parents=True, exist_ok=True)
         fidelity = fidelity_on(job.rock, job.fidelity)
-        fly, progress = mission_function(fidelity), log_of(fidelity, directory)
-        options = {} if progress is None else {"log": progress}
-        try:
-            result = fly(job.config, job.rock, job.replicate, directory, keep=job.keep, **options)
-        finally:
-            if progress is not None:
-                progress.end()
+        result = mission_function(fidelity)(job.config, job.rock, job.replicate, directory, keep=job.keep)
         if not (directory / RESULT_FILE).exists():
             write_atomic(directory / RESULT_FILE, result.to_json())
         return 0

@@ -13,13 +13,12 @@ from typing import Any
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from tuner.problem.objective import Objective
-from tuner.problem.observations import PREDICTED, Observation
+from tuner.problem.observations import Observation
 from tuner.problem.search_space import Configuration, SearchSpace
 
 PHOTOGRAPHS = "costs.images"
 DECIDES_PHOTOGRAPHS = ("seed.count", "stop.adaptive_budget", "stop.max_photographs")
 ENDS_EARLY = ("stop.criterion", "stop.min_gain_percent")
-PREDICTED_SECOND = "predicted_second"  # in the sampler state: likewise, of the second objective
 _NO_MISSION = 1e6  # the cost of values that exclude one another
 _SAME = 1e-9
 
@@ -74,17 +73,7 @@ class Exact:
 def modelled(history: Sequence[Observation]) -> list[Observation]:
     """Return the history with the second objective's outcomes in the place of the first's, which are computed."""
     both = [o for o in history if o.outcome is None or o.second is not None]
-    return [
-        replace(
-            o,
-            outcome=o.second,
-            second=o.outcome,
-            sampler_state={**o.sampler_state, PREDICTED: o.sampler_state[PREDICTED_SECOND]}
-            if PREDICTED_SECOND in o.sampler_state
-            else {key: value for key, value in o.sampler_state.items() if key != PREDICTED},
-        )
-        for o in both
-    ]
+    return [replace(o, outcome=o.second, second=o.outcome) for o in both]
 
 
 def exact_cost(

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from nbv.config import IDEAL
 from tuner.problem.worlds import World
-
-# In the sampler state: the mean and the standard deviation predicted of its outcome, objective's unit.
-PREDICTED = "predicted"
 
 
 @dataclass(frozen=True)
@@ -25,20 +22,9 @@ class Observation:
     outcome: float | None  # oriented so that larger is better; None: failed, i.e. infeasible
     raw: float | None = None  # the metric as measured
     reason: str = ""  # why it failed
-    sampler_state: Mapping[str, Any] = field(default_factory=dict)  # what the sampler asked to be kept
-    second: float | None = (
-        None  # outcome of a second objective, oriented alike; None: none asked for, or missing
-    )
+    # Outcome of a second objective, oriented alike; None: none asked for, or missing.
+    second: float | None = None
     condition: str = IDEAL  # its name
-
-    def __repr__(self) -> str:
-        """``Observation(12: 94.57 on slab r1)``."""
-        found = (
-            f"failed {self.reason}"
-            if self.outcome is None
-            else f"{self.raw if self.raw is not None else self.outcome:.4g}"
-        )
-        return f"Observation({self.number}: {found} on {self.world.label} r{self.replicate})"
 
     @property
     def feasible(self) -> bool:
@@ -59,7 +45,6 @@ class Pending:
     values: Mapping[str, Any]
     rock: str
     replicate: int
-    sampler_state: Mapping[str, Any] = field(default_factory=dict)
     condition: str = IDEAL
 
     @functools.cached_property
@@ -76,7 +61,6 @@ class Proposal:
     why: dict[str, Any]  # JSON: at least {"sampler": ..., "phase": ...}
     rock: str | None = None
     replicate: int | None = None
-    sampler_state: dict[str, Any] = field(default_factory=dict)  # JSON, returned with the observation
     condition: str = IDEAL  # of ``rock``
 
     @property

@@ -1,4 +1,4 @@
-"""Outcomes made comparable over rocks and conditions."""
+"""Outcomes made comparable over rocks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from nbv.types import Floats
-from tuner.problem.worlds import World, conditions_of, rocks_of
 
 # Pseudo-counts of the shrinkage below: a rock's own spread counts fully only beyond this many missions.
 _SCALE_PRIOR_COUNT = 5.0
@@ -18,7 +17,7 @@ _SCALE_PRIOR_COUNT = 5.0
 
 @dataclass(frozen=True)
 class RockStandardiser:
-    """Standardisation by rock (or world) that stays sane with one or two missions on a rock.
+    """Standardisation by rock that stays sane with one or two missions on a rock.
 
     z = (y - centre[rock]) / scale[rock]. Centres are empirical-Bayes estimates of a random rock effect:
     y = mu + a_rock + e, with the variances of a and e estimated from the data, so that a rock's centre moves
@@ -77,39 +76,9 @@ class RockStandardiser:
         for name, count in counts.items():
             weight = rock_variance / (rock_variance + within / count) if shrink_centres else 1.0
             centres[name] = grand + weight * (means[name] - grand)
-            scales[name] = _scale(within, squares[name], freedom[name])
+            prior = _SCALE_PRIOR_COUNT
+            scales[name] = math.sqrt((prior * within + squares[name]) / (prior + freedom[name]))
         return RockStandardiser(centres, scales, grand, math.sqrt(within))
-
-    @staticmethod
-    def over_conditions(
-        worlds: Sequence[World], outcomes: Floats | Sequence[float], places: Sequence[World]
-    ) -> RockStandardiser:
-        """Estimate from ``(n,)`` worlds and outcomes, n at least 1, where there are several conditions.
-
-        There are too many worlds for centres of their own: a world's centre is mu + rock + condition, by least squares
-        in which every effect has one pseudo-observation of 0, so a world never flown has one too. Scales are the
-        deviations from it, shrunk as in ``fit``. ``places``: further worlds to know.
-        """
-        y = np.asarray(outcomes, dtype=float)
-        known = [*worlds, *places]
-        rocks, conditions = rocks_of(known), conditions_of(known)
-        design = np.array(
-            [[1.0, *(w.rock == r for r in rocks), *(w.condition == c for c in conditions)] for w in known]
-        )
-        flown = design[: len(y)]
-        penalty = np.eye(design.shape[1])
-        penalty[0, 0] = 0.0
-        solve = np.linalg.solve(flown.T @ flown + penalty, flown.T)
-        residual = y - flown @ (solve @ y)
-        freedom = 1.0 - np.einsum("ij,ji->i", flown, solve)
-        within = float((residual**2).sum()) / max(float(freedom.sum()), 1e-9)
-        within = max(within, 1e-12 * max(1.0, float(np.mean(y**2))))
-        centres = dict(zip(known, (design @ (solve @ y)).tolist()))
-        scales = {}
-        for world in centres:
-            own = np.array([w == world for w in worlds])
-            scales[world] = _scale(within, float((residual[own] ** 2).sum()), float(freedom[own].sum()))
-        return RockStandardiser(centres, scales, float(y.mean()), math.sqrt(within))
 
     def standardise(self, rocks: Sequence[Any], outcomes: Floats | Sequence[float]) -> Floats:
         """Return (n,) standardised outcomes."""
@@ -129,11 +98,6 @@ class RockStandardiser:
             float(np.mean([self.centre(rock) for rock in rocks])),
             float(np.mean([self.scale(rock) for rock in rocks])),
         )
-
-
-def _scale(within: float, squares: float, freedom: float) -> float:
-    """Return a rock's standard deviation, shrunk to that ``within`` rocks (a variance)."""
-    return math.sqrt((_SCALE_PRIOR_COUNT * within + squares) / (_SCALE_PRIOR_COUNT + freedom))
 
 
 def _residuals(y: Floats, groups: Sequence[Hashable]) -> tuple[Floats, Floats]:

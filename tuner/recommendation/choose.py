@@ -1,7 +1,7 @@
 """Which configuration to use, of those that have been flown, with its uncertainty.
 
 Most of what a search moves makes no difference: its values are where the search happened to be. So among the configurations
-that are better than the default, with a calibrated 95 % interval, the one with the fewest changes is taken that is not worse
+that are better than the default, with a 95 % interval, the one with the fewest changes is taken that is not worse
 than the best of them. Where none is better, the default is recommended: its gain is inside the noise.
 """
 
@@ -22,11 +22,10 @@ from tuner.problem.worlds import Place, World, rocks_of
 from tuner.recommendation.eligible import may_be_recommended
 from tuner.recommendation.limit import limit_of, on_next_rocks
 from tuner.recommendation.next_rock import next_rock
-from tuner.recommendation.recommendation import Candidate, Recommendation, RockRow, RunnerUp
-from tuner.surrogate.forward_check import Calibration, calibration
+from tuner.recommendation.recommendation import Recommendation, RockRow, RunnerUp
 from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
-from tuner.surrogate.posterior import Posterior
+from tuner.surrogate.posterior import Posterior, interval_95, probability_positive
 from tuner.surrogate.settings import SurrogateSettings
 
 TOP = 5
@@ -115,7 +114,6 @@ def recommend(
         keeps = [True] * len(configurations)
     belief = model.posterior([*configurations, default])
     reference = len(configurations)
-    calibrated = calibration(observations)
     modelled = second if exact is not None and second is not None else objective
     goal, among = belief, list(chosen)
     if exact is not None:
@@ -126,22 +124,8 @@ def recommend(
             constraint is None or constraint.probability([default])[0] >= MAY_KEEP
         ):
             among = [i for i, v in enumerate(configurations) if v == default] or among  # nothing is cheaper
-    index = fewest_changes(configurations, among, default, belief, calibrated, model.noise_sd)
+    index = fewest_changes(configurations, among, default, belief, model.noise_sd)
     values, sign = configurations[index], objective.sign
-    order = sorted(chosen, key=lambda i: (-goal.mean[i], -belief.mean[i]))
-    order = order if index in order else [index, *order]
-    top = sorted({*order[: TOP - 1], index}, key=order.index)
-    shares = goal.probability_best(top, seed) if exact is None else [float(i == index) for i in top]
-
-    def chance(i: int) -> float | None:
-        return None if constraint is None else float(constraint.probability([configurations[i]])[0])
-
-    candidates = []
-    for i, share in zip(top, shares):
-        group = evaluated[configuration_key(space, configurations[i])]
-        failed = sum(not o.feasible for o in group)
-        mean, sd = sign * float(goal.mean[i]), float(goal.sd[i])
-        candidates.append(Candidate(configurations[i], mean, sd, len(group), failed, float(share), chance(i)))
     mean, sd = sign * float(goal.mean[index]), float(goal.sd[index])
     gain, gain_sd = goal.difference(index, reference)
     own = evaluated[configuration_key(space, values)]
@@ -154,46 +138,43 @@ def recommend(
             missions=len(evaluated[configuration_key(space, configurations[rival])]),
             mean=sign * float(goal.mean[rival]),
             difference=difference[0],
-            difference_interval_95=calibrated.interval_95(*difference),
+            difference_interval_95=interval_95(*difference),
             improvement=improvement[0],
-            improvement_interval_95=calibrated.interval_95(*improvement),
-            probability=chance(rival),
+            improvement_interval_95=interval_95(*improvement),
+            probability=None
+            if constraint is None
+            else float(constraint.probability([configurations[rival]])[0]),
         )
     elsewhere = None
     if values != dict(default) and not are_drawn(rocks_of(model.worlds)):
         departing = dataclasses.replace(model.settings, own_landscapes=True)
         of_worlds = RockMeanGP(space, feasible, places, seed, departing)
-        elsewhere = next_rock(of_worlds, values, default, calibrated)
+        elsewhere = next_rock(of_worlds, values, default)
     kept_limit = None
     if constraint is not None and second is not None and limit is not None:
-        kept_limit = limit_of(constraint, second, limit, values, default, kept)
+        next_rocks = {}
         if exact is not None or constraint.is_share:
-            no_worse = None if elsewhere is None else elsewhere.no_worse
             outcomes = [o.second if exact is None else o.outcome for o in own]
-            reached = [y > 0.0 for y in outcomes if y is not None]
-            kept_limit = on_next_rocks(kept_limit, constraint, values, reached, no_worse)
+            no_worse = None if elsewhere is None else elsewhere.no_worse
+            next_rocks = on_next_rocks(constraint, values, outcomes, no_worse)
+        kept_limit = limit_of(constraint, second, limit, values, default, kept, next_rocks)
     return Recommendation(
         values=values,
         mean=mean,
         sd=sd,
-        interval_95=calibrated.interval_95(mean, sd),
-        probability_best=candidates[top.index(index)].probability_best,
-        top=candidates,
+        interval_95=interval_95(mean, sd),
         per_rock=[_rock_row(model, world, own, values, modelled.sign) for world in model.worlds],
         default_values=dict(default),
         default_mean=sign * float(goal.mean[reference]),
         improvement=gain,
         improvement_sd=gain_sd,
-        improvement_interval_95=calibrated.interval_95(gain, gain_sd),
+        improvement_interval_95=interval_95(gain, gain_sd),
         noise_sd=model.noise_sd,
-        block_sd=model.block_sd,
         observations=len(feasible),
         failures=len(observations) - len(feasible),
         metric=objective.metric,
         direction=objective.direction,
-        lengthscales=model.lengthscales,
         leave_one_out=model.leave_one_out(),
-        calibration=calibrated.to_dict(),
         exact=exact is not None,
         modelled_metric=modelled.metric,
         runner_up=runner_up,
@@ -207,7 +188,6 @@ def fewest_changes(
     among: Sequence[int],
     default: Mapping[str, Any],
     belief: Posterior,
-    calibrated: Calibration,
     noise_sd: float,
 ) -> int:
     """Return the index of the configuration to use, by the rule in this file's docstring.
@@ -225,22 +205,20 @@ def fewest_changes(
         The default values.
     belief
         The joint posterior of ``configurations``, in their order, and of the default behind them.
-    calibrated
-        The calibration of its intervals.
     noise_sd
         The standard deviation of one mission, objective's unit.
     """
     reference, better = len(configurations), list(among)
     own = [i for i in among if configurations[i] == default]
     if own:
-        better = [i for i in among if calibrated.interval_95(*belief.difference(i, reference))[0] > 0.0]
+        better = [i for i in among if interval_95(*belief.difference(i, reference))[0] > 0.0]
         if not better:
             return own[0]
     best = max(better, key=lambda i: belief.mean[i])
 
     def not_worse(i: int) -> bool:
         mean, sd = belief.difference(i, best)
-        unlikely = calibrated.probability_positive(mean + noise_sd, sd) >= 1.0 - RISK_OF_LOSS
+        unlikely = probability_positive(mean + noise_sd, sd) >= 1.0 - RISK_OF_LOSS
         return i == best or (mean >= -EXPECTED_LOSS * noise_sd and (unlikely or sd <= 1e-12))
 
     return min(
@@ -253,5 +231,5 @@ def _rock_row(
 ) -> RockRow:
     outcomes = [o.outcome for o in own if o.world == world and o.outcome is not None]
     observed = sign * sum(outcomes) / len(outcomes) if outcomes else None
-    predicted = sign * model.predict_in_world(values, world)
+    predicted = sign * model.predict_mission(values, world)[0]
     return RockRow(world.rock, len(outcomes), observed, predicted, world.condition)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from tuner.acquisition.constrained import CALIBRATED, Constraint
+from tuner.acquisition.constrained import Constraint
 from tuner.problem.drawn_rocks import are_drawn
 from tuner.problem.objective import Objective
 from tuner.problem.share import ShareBelief
@@ -19,6 +18,7 @@ from tuner.recommendation.next_rock import PRIOR_ROCKS
 from tuner.recommendation.recommendation import Limit
 from tuner.surrogate.known import KnownOutcome
 from tuner.surrogate.model import RockMeanGP
+from tuner.surrogate.posterior import interval_95
 
 
 def limit_of(
@@ -28,8 +28,9 @@ def limit_of(
     values: Mapping[str, Any],
     default: Mapping[str, Any],
     kept: bool,
+    next_rocks: Mapping[str, Any],
 ) -> Limit:
-    """Return how the recommended configuration keeps the limit on the training worlds; the next rock is left open.
+    """Return how the recommended configuration keeps the limit on the training worlds, and on the next rock.
 
     Parameters
     ----------
@@ -43,16 +44,17 @@ def limit_of(
         The recommended and the default values.
     kept
         Whether any configuration flown can be taken to keep the limit.
+    next_rocks
+        `on_next_rocks`, or nothing.
     """
     belief, sign = constraint.model.posterior([values, default]), second.sign
     probability, of_default = constraint.probability([values, default])
-    difference = belief.difference(0, 1)
     mean, sd = sign * float(belief.mean[0]), float(belief.sd[0])
-    interval_95 = CALIBRATED.interval_95(mean, sd)
+    interval = interval_95(mean, sd)
     if constraint.is_share:
         share = constraint.shares([values])[0]
         low, high = share.interval_95
-        mean, sd, interval_95 = 100.0 * share.share, 100.0 * share.sd, (100.0 * low, 100.0 * high)
+        mean, sd, interval = 100.0 * share.share, 100.0 * share.sd, (100.0 * low, 100.0 * high)
     return Limit(
         metric=second.metric,
         direction=second.direction,
@@ -61,36 +63,29 @@ def limit_of(
         exact=isinstance(constraint.model, KnownOutcome),
         mean=mean,
         sd=sd,
-        interval_95=interval_95,
+        interval_95=interval,
         probability=float(probability),
         default_probability=float(of_default),
         default_mean=100.0 * constraint.shares([default])[0].share
         if constraint.is_share
         else sign * float(belief.mean[1]),
-        difference=difference[0],
-        difference_interval_95=CALIBRATED.interval_95(*difference),
+        **next_rocks,
     )
 
 
 def on_next_rocks(
-    found: Limit,
-    constraint: Constraint,
-    values: Mapping[str, Any],
-    reached: Sequence[bool],
-    no_worse: float | None,
-) -> Limit:
-    """Return ``found`` with what it says of rocks never flown.
+    constraint: Constraint, values: Mapping[str, Any], own: Sequence[float | None], no_worse: float | None
+) -> dict[str, Any]:
+    """Return what a `Limit` says of rocks never flown, by its fields.
 
     Parameters
     ----------
-    found
-        The limit on the training rocks.
     constraint
         The limit and the surrogate of what has it.
     values
         The recommended values.
-    reached
-        Of a share: whether each mission that flew them reached it.
+    own
+        What the missions that flew them had of it; None: failed.
     no_worse
         Probability that they are no worse than the default on the next rock, where it is known.
     """
@@ -98,7 +93,8 @@ def on_next_rocks(
     assert isinstance(model, RockMeanGP)
     if constraint.is_share:
         share = constraint.shares([values])[0]
-        flown = (sum(reached), len(reached))
+        measured = [y for y in own if y is not None]
+        flown = (sum(y > 0.0 for y in measured), len(measured))
     elif are_drawn(rocks_of(model.worlds)):  # every block is a rock
         belief, one = model.posterior([values]), model.one_mission_sd
         rocks = (one / max(float(belief.sd[0]), 1e-9)) ** 2
@@ -106,13 +102,12 @@ def on_next_rocks(
         share = ShareBelief(float(special.stdtr(PRIOR_ROCKS + rocks, z)), rocks)
     else:  # as if so many of the training rocks kept it
         share = ShareBelief(next_rock_keeps(model, values, constraint.at_least), len(rocks_of(model.worlds)))
-    return dataclasses.replace(
-        found,
-        next_rock_keeps=share.share,
-        next_rock_no_worse=no_worse,
-        next_hundred=share.of_the_next(),
-        flown=flown,
-    )
+    return {
+        "next_rock_keeps": share.share,
+        "next_rock_no_worse": no_worse,
+        "next_hundred": share.of_the_next(),
+        "flown": flown,
+    }
 
 
 def next_rock_keeps(model: RockMeanGP, values: Mapping[str, Any], at_least: float) -> float:
@@ -124,7 +119,8 @@ def next_rock_keeps(model: RockMeanGP, values: Mapping[str, Any], at_least: floa
     belief = model.posterior([values])
     rocks = rocks_of(model.worlds)
     own = [
-        np.mean([model.predict_in_world(values, w) for w in model.worlds if w.rock == rock]) for rock in rocks
+        np.mean([model.predict_mission(values, w)[0] for w in model.worlds if w.rock == rock])
+        for rock in rocks
     ]
     freedom = PRIOR_ROCKS + len(rocks) - 1
     between = (

@@ -27,28 +27,16 @@ from scipy import special
 
 from tuner.problem.worlds import rocks_of
 from tuner.recommendation.recommendation import NextRock
-from tuner.surrogate.forward_check import Calibration
 from tuner.surrogate.model import RockMeanGP, moments
+from tuner.surrogate.posterior import probability_positive
 
 PRIOR_ROCKS = 2  # what the priors of the departures and of the scales are worth
 SCALE_SPREAD = 0.5  # sd of the logarithm of rocks' scales before any is known
 AGAINST = 0.8  # probability of a loss from which on a training rock disagrees
 
 
-def next_rock(
-    model: RockMeanGP, values: Mapping[str, Any], default: Mapping[str, Any], calibrated: Calibration
-) -> NextRock:
-    """Return the gain of ``values`` over ``default`` on a new rock.
-
-    Parameters
-    ----------
-    model
-        A surrogate in which rocks have landscapes of their own.
-    values, default
-        The recommended and the default values.
-    calibrated
-        The calibration of the model's intervals.
-    """
+def next_rock(model: RockMeanGP, values: Mapping[str, Any], default: Mapping[str, Any]) -> NextRock:
+    """Return the gain of ``values`` over ``default`` on a new rock; rocks have landscapes of their own in the ``model``."""
     rocks = rocks_of(model.worlds)
     unit = np.array([model.space.to_unit(v) for v in (values, default)])
 
@@ -64,7 +52,9 @@ def next_rock(
     sd = math.sqrt(with_departure**2 + _scale_variance(model, rocks) * (mean**2 + with_departure**2))
     on = {
         rock: [
-            gain(model.inputs(unit, w), model.standardiser.scale(w)) for w in model.worlds if w.rock == rock
+            gain(model.inputs(unit, w), model.standardiser.scale(rock))
+            for w in model.worlds
+            if w.rock == rock
         ]
         for rock in rocks
     }
@@ -72,7 +62,7 @@ def next_rock(
     against = tuple(
         rock
         for rock, found in on.items()
-        if calibrated.probability_positive(-own[rock], max(s for _, s in found)) >= AGAINST
+        if probability_positive(-own[rock], max(s for _, s in found)) >= AGAINST
     )
     freedom = len(rocks) - 1 + PRIOR_ROCKS
     half = float(special.stdtrit(freedom, 0.975)) * sd
@@ -87,9 +77,6 @@ def next_rock(
 
 def _scale_variance(model: RockMeanGP, rocks: Sequence[str]) -> float:
     """Return tau^2 of this file's docstring."""
-    logs = [
-        np.mean([math.log(model.standardiser.scale(w)) for w in model.worlds if w.rock == rock])
-        for rock in rocks
-    ]
+    logs = [math.log(model.standardiser.scale(rock)) for rock in rocks]
     squares = float(np.var(logs)) * len(logs)
     return (PRIOR_ROCKS * SCALE_SPREAD**2 + squares) / (PRIOR_ROCKS + len(logs) - 1)

@@ -17,19 +17,6 @@ from tuner.problem.worlds import World
 
 
 @dataclass(frozen=True)
-class Candidate:
-    """One evaluated configuration in the light of all missions."""
-
-    values: dict[str, Any]
-    mean: float  # posterior mean of the objective over the training worlds, metric's unit
-    sd: float
-    missions: int
-    failed: int
-    probability_best: float  # among the listed candidates
-    probability: float | None = None  # that the limit is kept, where there is one
-
-
-@dataclass(frozen=True)
 class RockRow:
     """The recommended configuration on one training rock, under one of the conditions."""
 
@@ -49,8 +36,7 @@ class RockRow:
 class Limit:
     """What has a limit, at the recommended configuration: means over the training worlds, in the metric's unit.
 
-    Differences are positive where the recommendation is better. Probabilities and intervals are calibrated. What the
-    configuration decides (``exact``) has standard deviations 0 and no width.
+    What the configuration decides (``exact``) has standard deviations 0 and no width.
     """
 
     metric: str
@@ -64,16 +50,12 @@ class Limit:
     probability: float  # that the limit is kept
     default_probability: float  # that the default keeps it
     default_mean: float
-    difference: float  # to the default
-    difference_interval_95: tuple[float, float]
-    next_rock_keeps: float | None = (
-        None  # probability on a rock nobody has flown; None: exact, or nobody asked
-    )
+    # Probability on a rock nobody has flown; None: exact, or nobody asked.
+    next_rock_keeps: float | None = None
     next_rock_no_worse: float | None = None  # probability that it is no worse than the default there
     next_hundred: tuple[int, int] | None = None  # rocks of the next hundred that keep it, 95 % interval
-    flown: tuple[int, int] | None = (
-        None  # of a share: rocks that reached it with this configuration, and all that it flew
-    )
+    # Of a share: rocks that reached it with this configuration, and all that it flew.
+    flown: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -81,8 +63,8 @@ class RunnerUp:
     """What was flown, is believed to be better, and is not known to be: to be shown below the recommendation.
 
     It flew too seldom, or its lead is inside the noise. ``mean``, ``difference`` and ``improvement`` are of the
-    objective, in the metric's unit, the latter positive where this configuration is better, with calibrated 95 % intervals
-    (of no width where the objective is exact).
+    objective, in the metric's unit, the latter positive where this configuration is better, with 95 % intervals (of
+    no width where the objective is exact).
     """
 
     values: dict[str, Any]
@@ -125,20 +107,18 @@ class Recommendation:
 
     ``mean``, ``sd`` and ``interval_95`` are about the objective's mean over the training worlds, without the noise of
     single missions, in the metric's unit. ``improvement`` and its interval are against the default configuration and
-    positive when the recommendation is better, whatever the direction. All intervals and probabilities are calibrated
-    (``tuner.surrogate.forward_check``). ``top`` is the ranking behind it, best first.
+    positive when the recommendation is better, whatever the direction. Intervals and probabilities are Student's t
+    (``tuner.surrogate.posterior``).
 
     An objective that the configuration decides (``exact``) has no uncertainty: standard deviations are 0, intervals have no
-    width. What is modelled is then the second objective, ``modelled_metric``: ``per_rock``, ``next_rock``, ``noise_sd``,
-    ``block_sd``, ``lengthscales``, ``leave_one_out`` and ``calibration`` are of that.
+    width. What is modelled is then the second objective, ``modelled_metric``: ``per_rock``, ``next_rock``, ``noise_sd`` and
+    ``leave_one_out`` are of that.
     """
 
     values: dict[str, Any]
     mean: float
     sd: float
     interval_95: tuple[float, float]
-    probability_best: float
-    top: list[Candidate]
     per_rock: list[RockRow]
     default_values: dict[str, Any]
     default_mean: float
@@ -146,14 +126,11 @@ class Recommendation:
     improvement_sd: float
     improvement_interval_95: tuple[float, float]
     noise_sd: float  # of one mission, beside its block's offset
-    block_sd: float | None  # of the offsets that (world, replicate) blocks share; None: not told from noise
     observations: int
     failures: int
     metric: str
     direction: str
-    lengthscales: dict[str, float]
     leave_one_out: dict[str, float]
-    calibration: dict[str, float | None]  # how missions were predicted before they were flown
     exact: bool  # the configuration decides the objective
     modelled_metric: str  # the objective's, or the second one's where that is exact
     runner_up: RunnerUp | None = None

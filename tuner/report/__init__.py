@@ -3,30 +3,19 @@
 Names are loaded when they are asked for: drawing needs matplotlib, which takes a second to load.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 import lazy_loader
 
 if TYPE_CHECKING:
     from tuner.report.campaign.page import write_campaign_report
-    from tuner.report.comparison.page import write_comparison_report
-    from tuner.report.mission.figures import write_mission_figures
     from tuner.report.mission.walk import write_mission_view
 
-__all__ = [
-    "write_campaign_report",
-    "write_comparison_report",
-    "write_mission_figures",
-    "write_mission_view",
-]
+__all__ = ["write_campaign_report", "write_mission_view"]
 __getattr__, __dir__, _ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "campaign.page": ["write_campaign_report"],
-        "comparison.page": ["write_comparison_report"],
-        "mission.figures": ["write_mission_figures"],
         "mission.walk": ["write_mission_view"],
     },
 )

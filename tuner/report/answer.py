@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from nbv.config import MissionConfig
 from tuner.missions.registry import is_geometric
+from tuner.problem.configurations import short
 from tuner.problem.objective import reached
 from tuner.problem.search_space import Configuration
 from tuner.report.labels import (
@@ -15,7 +16,6 @@ from tuner.report.labels import (
     format_number,
     metric_label,
     parameter_label,
-    parameter_value,
     with_unit,
 )
 
@@ -80,7 +80,7 @@ def plan_words(config: Configuration, *, ceiling: bool) -> str:
 
 def value_text(values: Mapping[str, Any], path: str) -> str:
     """A tuned value with its unit."""
-    return f"{parameter_value(values[path])} {parameter_label(path).unit}".strip()
+    return f"{short(values[path])} {parameter_label(path).unit}".strip()
 
 
 # -- what it is worth ----------------------------------------------------------------------------------------
@@ -109,7 +109,9 @@ def _exact_worth(best: Recommendation, s: CampaignSettings) -> list[str]:
     share, label = reached(limit.metric), metric_label(limit.metric)
     digits = 0 if share else _decimals(limit.sd)
     interval = _interval(map(label.possible, limit.interval_95), digits)
-    quality = f"{_short(label)} {label.value(limit.mean, digits)} on {_where(s)} ({interval}"
+    quality = (
+        f"{_short(label)} {label.value(limit.mean, digits)} on the training {place_word(s)}s ({interval}"
+    )
     if share:
         quality = (
             f"{_reach_words(share)} on {label.value(limit.mean, digits)} of {place_word(s)}s ({interval}"
@@ -133,14 +135,16 @@ def _modelled_worth(best: Recommendation, s: CampaignSettings) -> list[str]:
     label, digits = metric_label(best.metric), _decimals(best.sd)
     said = f"{_short(label)} {label.value(best.mean, digits)}"
     if best.keep_default:
-        lines = [f"{said} on {_where(s)} ({_interval(map(label.possible, best.interval_95), digits)})."]
+        lines = [
+            f"{said} on the training {place_word(s)}s ({_interval(map(label.possible, best.interval_95), digits)})."
+        ]
     else:
         of_gain = _decimals(best.improvement_sd)
         gain = with_unit(best.improvement, label.difference_unit, of_gain, signed=True)
         interval = _interval(best.improvement_interval_95, of_gain, signed=True)
         lines = [
-            f"{said} in place of {label.value(best.default_mean, digits)} on {_where(s)}: {gain} ({interval})"
-            f"{_sign_note(best)}."
+            f"{said} in place of {label.value(best.default_mean, digits)} on the training {place_word(s)}s: {gain} ({interval})"
+            f"{', positive where less' if best.direction == 'minimise' else ''}."
         ]
     if best.limit is not None:
         lines.append(_cost_sentence(best, best.limit))
@@ -206,18 +210,9 @@ def _bound_words(limit: Limit) -> str:
     return f"{bound} {metric_label(limit.metric).value(limit.limit, _digits(limit.limit))}"
 
 
-def _where(s: CampaignSettings) -> str:
-    return f"the training {place_word(s)}s"
-
-
 def place_word(s: CampaignSettings) -> str:
     """What a campaign is tuned on: rocks, or the instances of a mission file."""
     return "rock" if s.mission is None else "instance"
-
-
-def _sign_note(best: Recommendation) -> str:
-    """That a gain of what is minimised is written as positive."""
-    return ", positive where less" if best.direction == "minimise" else ""
 
 
 def _short(label: MetricLabel) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any
 
 from nbv.config import parameter
 from nbv.evaluation.registry import find_metric
@@ -78,13 +77,6 @@ def decimals_for(spread: float) -> int:
     return min(6, max(1, 1 - math.floor(math.log10(spread))))
 
 
-def believed(mean: float, sd: float, label: MetricLabel) -> str:
-    """With its standard deviation; what the configuration decides has none."""
-    if sd == 0.0:
-        return f"{mean:.6g}"
-    return f"{format_number(label.possible(mean), decimals_for(sd))} ± {format_number(sd, decimals_for(sd))}"
-
-
 def metric_label(path: str) -> MetricLabel:
     """Label of a metric path of ``MissionResult.metrics`` such as ``observable.f_score_48mm``.
 
@@ -133,13 +125,6 @@ def parameter_label(path: str) -> ParameterLabel:
     return ParameterLabel(
         f"{section}: {name}" if section else name, f"{section} {short}" if of_a_scorer else short, about.unit
     )
-
-
-def parameter_value(value: Any) -> str:
-    """A parameter's value, four significant digits."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        return str(value)
-    return str(value) if isinstance(value, int) else f"{value:.4g}"
 
 
 _INTERVAL_METHODS = {

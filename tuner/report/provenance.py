@@ -9,7 +9,6 @@ from typing import Any
 from nbv.errors import UserError
 from nbv.provenance import git_revision, versions
 from nbv.safe_files import RESULT_BYTES, RESULT_NODES, read_json
-from tuner.campaign.campaign import Campaign
 from tuner.missions.job import RESULT_FILE
 
 MOST_READ = 200  # missions whose documents are read
@@ -37,12 +36,6 @@ def recorded_rows(trees: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
         ("machine", _each(trees, "machine")),
         ("renderer", _each(trees, "backend")),
     ]
-
-
-def flown_by(campaign: Campaign) -> list[str]:
-    """The revisions of this program that flew the campaign's missions."""
-    trees = recorded([campaign.directory / t.directory for t in campaign.trials()])
-    return sorted({str(tree.get("revision", "unknown")) for tree in trees})
 
 
 def _each(trees: Sequence[Mapping[str, Any]], key: str) -> str:

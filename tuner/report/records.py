@@ -5,15 +5,12 @@ from __future__ import annotations
 import csv
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nbv.errors import UserError
 from tuner.campaign.campaign import Campaign
 from tuner.evaluation.flying import EvaluationRun
 from tuner.missions.job import Trial
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def records_of(source: Campaign | EvaluationRun) -> list[dict[str, Any]]:
@@ -53,15 +50,6 @@ def _of_campaign(t: Trial) -> dict[str, Any]:
         "config_digest": t.config_digest,
         **_flat("config", t.values),
     }
-
-
-def frame_of(source: Campaign | EvaluationRun) -> pd.DataFrame:
-    """`records_of` as a pandas frame; ``UserError`` where pandas is missing."""
-    try:
-        import pandas  # noqa: PLC0415  an extra
-    except ImportError as error:
-        raise UserError("a frame needs pandas; run: pip install 'gatetune[frames]'") from error
-    return pandas.DataFrame(records_of(source))
 
 
 def write_csv(source: Campaign | EvaluationRun, path: Path) -> Path:

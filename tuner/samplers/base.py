@@ -1,8 +1,7 @@
 """Our optimiser and the baselines propose missions through one interface.
 
 A sampler is a function of the history, the missions in flight and a seed; it keeps no state of its own, so a
-campaign that is resumed proposes what it would have proposed. What a library needs to remember between asks
-travels in ``Proposal.sampler_state`` through the ledger and back in the history.
+campaign that is resumed proposes what it would have proposed.
 
 Every sampler starts at the default configuration: each optimiser may know where the paper stands.
 """
@@ -98,7 +97,7 @@ def in_flight(
     """
     number = missions_asked(history, flying)
     world, replicate = next_block(settings.worlds, settings.replicates, [*history, *flying], proposal)
-    return Pending(number, proposal.values, world.rock, replicate, proposal.sampler_state, world.condition)
+    return Pending(number, proposal.values, world.rock, replicate, world.condition)
 
 
 def ask_many(

@@ -17,7 +17,6 @@ import numpy as np
 from nbv.config import IDEAL
 from nbv.safe_files import RESULT_NODES, parse_json
 from nbv.types import Floats
-from tuner import surrogate  # loaded when used: a campaign is looked at without torch
 from tuner.problem.configurations import distinct_configurations
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace, Values
@@ -46,8 +45,10 @@ class EarlierMissions:
 
     @functools.cached_property
     def _model(self) -> RockMeanGP:
+        from tuner.surrogate.model import RockMeanGP  # noqa: PLC0415  a campaign is looked at without torch
+
         worlds = worlds_over(self.rocks, conditions_of(o.world for o in self.observations))
-        return surrogate.RockMeanGP(self.space, self.observations, worlds)
+        return RockMeanGP(self.space, self.observations, worlds)
 
     def best(self, count: int) -> list[Values]:
         """Return the configurations flown with the best posterior means that are apart from each other; at most ``count``."""

@@ -8,13 +8,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from tuner.acquisition.constrained import Constraint, propose_constrained, surrogate_of
+from tuner.acquisition.constrained import (
+    Constraint,
+    Outcome,
+    propose_constrained,
+    surrogate_of,
+    two_models,
+)
 from tuner.acquisition.draws import draw
 from tuner.acquisition.propose import propose
-from tuner.acquisition.two_objectives import Outcome, two_models
-from tuner.problem.blocks import next_block
-from tuner.problem.exact_costs import PREDICTED_SECOND, Exact, ExactCost
-from tuner.problem.observations import PREDICTED, Observation, Pending, Proposal
+from tuner.problem.exact_costs import ExactCost
+from tuner.problem.observations import Observation, Pending, Proposal
 from tuner.problem.search_space import Values
 from tuner.problem.worlds import rocks_of
 from tuner.samplers.base import (
@@ -32,25 +36,22 @@ from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings
 
 MIN_FEASIBLE_FOR_MODEL = 2
-ASIDE, MOST_SKIPPED = (
-    1000,
-    200,
-)  # points of the design from beyond it, in place of those that break an exact limit
-MAX_JOINT = (
-    128  # missions in flight up to which an acquisition is asked: a proposal then takes a fifth of a second
-)
-SEQUENTIAL = (
-    4  # of a batch; half of it where that is more and there is one objective. Drawn ones take no time
-)
+# Points of the design from beyond it, in place of those that break an exact limit.
+ASIDE, MOST_SKIPPED = 1000, 200
+# Missions in flight up to which an acquisition is asked: a proposal then takes a fifth of a second.
+MAX_JOINT = 128
+# Of a batch; half of it where that is more and there is one objective. Drawn ones take no time.
+SEQUENTIAL = 4
 
 
 @dataclass(frozen=True)
 class GPSampler:
     """Default configuration, initial design, then log noisy expected improvement on the rock-mean GP.
 
-    The space's own beginnings come right after the default. The design is a Sobol sequence; unless parameters are many every second point stays near a trusted default. Where
-    missions were flown before the campaign, the best of them take places of it. Near the end of the budget the favourite
-    is flown on blocks it has not seen, where that is worth more (``tuner.samplers.verification``).
+    The space's own beginnings come right after the default. The design is a Sobol sequence; unless parameters are many every
+    second point stays near a trusted default. Where missions were flown before the campaign, the best of them take places of
+    it. Near the end of the budget the favourite is flown on blocks it has not seen, where that is worth more
+    (``tuner.samplers.verification``).
     """
 
     settings: SamplerSettings
@@ -77,88 +78,47 @@ class GPSampler:
         exact = s.exact.agreed(history)
         models: tuple[Outcome, ...] = ()
         constraint: Constraint | None = None
-        modelled, drawn, from_draws = 0, list[Values](), list[int]()
+        modelled, drawn = 0, list[Values]()
         while len(proposals) < count:
             number = missions_asked(history, flying)
             if number < s.initial or len(feasible) < MIN_FEASIBLE_FOR_MODEL:
                 proposal = self._design(number, exact.second)
             else:
-                if not models:
-                    models = self._models(history, number, both, exact)
-                    if both and s.at_least is not None:
-                        constraint = Constraint(models[1], s.at_least, s.is_share)
+                seed = derived_seed(s.seed, number)
+                if not models and both and s.at_least is not None:
+                    models = two_models(s.space, history, s.worlds, seed, self.model, exact)
+                    constraint = Constraint(models[1], s.at_least, s.is_share)
+                elif not models:
+                    models = (RockMeanGP(s.space, history, s.worlds, seed, self.model),)
                 most = SEQUENTIAL if both else max(SEQUENTIAL, count // 2)
-                if modelled < most and len(flying) <= MAX_JOINT:
-                    proposal = self._by_acquisition(models, history, flying, number, constraint)
+                figures: dict[str, Any] = {"drawn": True}
+                if modelled >= most or len(flying) > MAX_JOINT:
+                    drawn = drawn or draw(models, constraint, count - len(proposals), seed)
+                    values = drawn.pop()
+                elif constraint is None:
+                    values, figures = propose(surrogate_of(models), [p.values for p in flying], seed)
                 else:
-                    drawn = drawn or draw(
-                        models, constraint, count - len(proposals), derived_seed(s.seed, number)
-                    )
-                    proposal = self._drawn(models, history, flying, number, drawn.pop(), constraint)
-                    from_draws.append(len(proposals))
+                    configurations = [p.values for p in flying]
+                    values, figures = propose_constrained(models[0], constraint, configurations, seed)
                 modelled += 1
+                gain = figures.get("expected_gain", math.inf)
+                repeat = self._verified(models, constraint, history, flying, gain)
+                proposal = repeat or Proposal(values, {"sampler": self.name, "phase": "model"})
+                proposal = dataclasses.replace(proposal, why={**figures, **proposal.why})
             proposals.append(proposal)
             flying.append(in_flight(s, history, flying, proposal))
-        if from_draws:
-            predicted = _predicted(models, [proposals[i] for i in from_draws])
-            for i, proposal in zip(from_draws, predicted, strict=True):
-                proposals[i] = proposal
         return proposals
-
-    def _models(
-        self, history: Sequence[Observation], number: int, both: bool, exact: Exact
-    ) -> tuple[Outcome, ...]:
-        """Return a surrogate of the objective, or a model of each of two."""
-        s, seed = self.settings, derived_seed(self.settings.seed, number)
-        if both:
-            return two_models(s.space, history, s.worlds, seed, self.model, exact)
-        return (RockMeanGP(s.space, history, s.worlds, seed, self.model),)
-
-    def _by_acquisition(
-        self,
-        models: tuple[Outcome, ...],
-        history: Sequence[Observation],
-        flying: Sequence[Pending],
-        number: int,
-        constraint: Constraint | None = None,
-    ) -> Proposal:
-        s, configurations = self.settings, [p.values for p in flying]
-        seed = derived_seed(s.seed, number)
-        if constraint is None:
-            values, figures = propose(surrogate_of(models), configurations, seed)
-        else:
-            values, figures = propose_constrained(models[0], constraint, configurations, seed)
-        repeat = self._verified(models, history, flying, number, figures["expected_gain"], constraint)
-        if repeat is not None:
-            return _predicted(models, [dataclasses.replace(repeat, why={**figures, **repeat.why})])[0]
-        proposal = Proposal(values, {"sampler": self.name, "phase": "model", **figures})
-        return _predicted(models, [_placed(s, history, flying, proposal)])[0]
-
-    def _drawn(
-        self,
-        models: tuple[Outcome, ...],
-        history: Sequence[Observation],
-        flying: Sequence[Pending],
-        number: int,
-        values: Values,
-        constraint: Constraint | None,
-    ) -> Proposal:
-        repeat = self._verified(models, history, flying, number, math.inf, constraint)
-        if repeat is not None:
-            return repeat
-        proposal = Proposal(values, {"sampler": self.name, "phase": "model", "drawn": True})
-        return _placed(self.settings, history, flying, proposal)
 
     def _verified(
         self,
         models: tuple[Outcome, ...],
+        constraint: Constraint | None,
         history: Sequence[Observation],
         flying: Sequence[Pending],
-        number: int,
         gain: float,
-        constraint: Constraint | None = None,
     ) -> Proposal | None:
-        s = self.settings
+        """Return the favourite once more, near the end of the budget, where that is worth more than ``gain``."""
+        s, number = self.settings, missions_asked(history, flying)
         if not self.verify or s.budget is None or number < VERIFICATION_BEGINS * s.budget:
             return None
         last = number >= s.budget - len(rocks_of(s.worlds)) * s.replicates
@@ -200,26 +160,3 @@ class GPSampler:
             values = near_default(s.space, s.default, s.seed, number // 2)
             return Proposal(values, {**why, "near": "default", "point": number // 2})
         return Proposal(sobol_point(s.space, s.seed, rank), {**why, "point": rank})
-
-
-def _placed(
-    s: SamplerSettings, history: Sequence[Observation], flying: Sequence[Pending], proposal: Proposal
-) -> Proposal:
-    world, replicate = next_block(s.worlds, s.replicates, [*history, *flying], proposal)
-    return dataclasses.replace(proposal, rock=world.rock, condition=world.condition, replicate=replicate)
-
-
-def _predicted(models: Sequence[Outcome], proposals: Sequence[Proposal]) -> list[Proposal]:
-    """Return the proposals with what the surrogate predicts of them, so that its calibration can be checked later."""
-    model = surrogate_of(models)
-    key = PREDICTED if model is models[0] else PREDICTED_SECOND
-    missions = [(p.values, p.world, p.replicate) for p in proposals if p.world is not None]
-    return [
-        dataclasses.replace(proposal, sampler_state={key: [mean, sd]})
-        for proposal, (mean, sd) in zip(proposals, model.predict_missions(missions), strict=True)
-    ]
-
-
-def make_gp_sampler(name: str, settings: SamplerSettings) -> GPSampler:
-    """Return our sampler."""
-    return GPSampler(settings, name)

@@ -66,8 +66,3 @@ class OptunaSampler:
 
         missions: list[Observation | Pending] = [*history, *pending]
         return [replayed(mission) for mission in sorted(missions, key=lambda m: m.number)]
-
-
-def make_optuna_sampler(name: str, settings: SamplerSettings) -> OptunaSampler:
-    """Return Optuna's sampler called ``name``."""
-    return OptunaSampler(settings, name)

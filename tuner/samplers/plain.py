@@ -38,8 +38,3 @@ class RandomSampler:
         rng = np.random.default_rng(derived_seed(self.settings.seed, number))
         values = self.settings.space.from_unit(rng.random(self.settings.space.dimension))
         return Proposal(values, {"sampler": self.name, "phase": "random"})
-
-
-def make_plain_sampler(name: str, settings: SamplerSettings) -> SobolSampler | RandomSampler:
-    """Return ``sobol`` or ``random``."""
-    return SobolSampler(settings) if name == "sobol" else RandomSampler(settings)

@@ -1,4 +1,4 @@
-"""The samplers by name. A new one is a file with a function that makes it, and a line here.
+"""The samplers by name. A new one is a file with a class, and a line here.
 
 Nothing is imported before a sampler is made: the command line lists their names.
 """
@@ -10,15 +10,15 @@ from collections.abc import Callable
 from nbv.config.registry import Registry
 from tuner.samplers.base import Sampler, SamplerSettings
 
-# A function each that makes a sampler of (name, settings).
+# A class each, made of its settings and its name.
 SAMPLERS = Registry(
     "sampler",
     {
-        "gp": "tuner.samplers.gp:make_gp_sampler",
-        "sobol": "tuner.samplers.plain:make_plain_sampler",
-        "random": "tuner.samplers.plain:make_plain_sampler",
-        "tpe": "tuner.samplers.optuna:make_optuna_sampler",
-        "optuna-gp": "tuner.samplers.optuna:make_optuna_sampler",
+        "gp": "tuner.samplers.gp:GPSampler",
+        "sobol": "tuner.samplers.plain:SobolSampler",
+        "random": "tuner.samplers.plain:RandomSampler",
+        "tpe": "tuner.samplers.optuna:OptunaSampler",
+        "optuna-gp": "tuner.samplers.optuna:OptunaSampler",
     },
 )
 SAMPLER_NAMES = tuple(SAMPLERS)
@@ -32,5 +32,5 @@ def make_sampler(name: str, settings: SamplerSettings) -> Sampler:
     UserError
         No such sampler, or one that cannot handle the search space.
     """
-    make: Callable[[str, SamplerSettings], Sampler] = SAMPLERS.load(name)
-    return make(name, settings)
+    make: Callable[[SamplerSettings, str], Sampler] = SAMPLERS.load(name)
+    return make(settings, name)

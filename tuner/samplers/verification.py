@@ -13,7 +13,8 @@ from collections.abc import Collection, Sequence
 import numpy as np
 import torch
 
-from tuner.acquisition.constrained import Constraint, believed_saving
+from tuner.acquisition.believed_saving import LogBelievedSaving
+from tuner.acquisition.constrained import Constraint
 from tuner.problem.blocks import next_block
 from tuner.problem.configurations import Block, blocks_flown, configuration_key, distinct_configurations
 from tuner.problem.observations import Observation, Pending, Proposal
@@ -114,7 +115,7 @@ def _worth_confirming(
         return None if favourite is None else (configurations[favourite], 0.0)
     x = model.inputs(np.array([model.space.to_unit(configurations[i]) for i in open_]))
     flying = model.inputs(np.array([model.space.to_unit(p.values) for p in pending])) if pending else None
-    value = believed_saving(exact, constraint, model, flying, float(best))
+    value = LogBelievedSaving(model, exact, constraint.at_least, constraint.quantile, float(best), flying)
     with torch.no_grad():
         scores = value(x.unsqueeze(1))
     chosen = int(scores.argmax())

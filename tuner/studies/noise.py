@@ -11,6 +11,7 @@ come out negative, which means about zero.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,6 +24,8 @@ from scipy import stats
 
 from nbv.config import preset
 from nbv.errors import UserError
+from nbv.mission.result import json_ready
+from nbv.safe_files import write_atomic
 from nbv.types import Floats
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.job import Trial
@@ -30,7 +33,6 @@ from tuner.missions.registry import DEFAULT_FIDELITY
 from tuner.problem.search_space import SearchSpace
 from tuner.report.labels import format_number, metric_label
 from tuner.samplers.design import sobol_point
-from tuner.studies.writing import terminal_table, write_study
 
 DEFAULT = "default"
 METRICS = (
@@ -156,8 +158,6 @@ def noise_of(design: Floats, metric: str = "", default: float = math.nan) -> Noi
     )
 
 
-# -- the table -------------------------------------------------------------------------------------------------
-
 _COLUMNS = (
     "metric",
     "default",
@@ -170,36 +170,34 @@ _COLUMNS = (
 )
 
 
-def _row(found: Noise) -> list[str]:
-    label, (low, high) = metric_label(found.metric), found.interval_95
-    sds = (math.sqrt(max(0.0, part)) for part in (found.between, found.mission, found.paired))
-    return [
-        f"{label.full} ({label.unit})",
-        format_number(found.default),
-        *(format_number(sd, 2) for sd in sds),
-        format_number(found.signal_to_noise),
-        f"{format_number(low)} to {format_number(high)}",
-        format_number(found.paired_signal_to_noise),
-    ]
-
-
 def noise_table(found: Sequence[Noise]) -> Table:
-    """For the terminal, a metric a row."""
-    rows = [_row(noise) for noise in found]
-    return terminal_table("Do configurations differ by more than missions do?", _COLUMNS, rows)
+    """For the terminal, a metric a row.
 
-
-def write_noise(plan: EvaluationPlan, found: Sequence[Noise], directory: Path) -> Path:
-    """Write ``noise.json`` and ``noise.md``, and return the latter."""
-    return write_study(
-        directory / "noise",
-        list(found),
-        "How noisy is a mission?",
-        f"{len(plan.strategies) - 1} configurations and the default on {len(plan.rocks)} rocks "
-        f"({', '.join(plan.rocks)}), {plan.replicates} replicates, fidelity {plan.fidelity}.",
-        _COLUMNS,
-        [_row(noise) for noise in found],
-        "Signal to noise: the variance between configurations of their true mean over these rocks over the variance of one "
-        "configuration's mean, flown once on each. Paired: on common replicates, as campaigns and evaluations compare; "
-        f"draws that all configurations share cancel. Wanted: {WANTED:g} or more.",
+    Signal to noise: the variance between configurations of their true mean over these rocks over the variance of one
+    configuration's mean, flown once on each. Paired: on common replicates, as campaigns and evaluations compare; draws that
+    all configurations share cancel.
+    """
+    table = Table(
+        title="Do configurations differ by more than missions do?", caption=f"wanted: {WANTED:g} or more"
     )
+    for column in _COLUMNS:
+        table.add_column(column, justify="left" if column == "metric" else "right")
+    for noise in found:
+        label, (low, high) = metric_label(noise.metric), noise.interval_95
+        sds = (math.sqrt(max(0.0, part)) for part in (noise.between, noise.mission, noise.paired))
+        table.add_row(
+            f"{label.full} ({label.unit})",
+            format_number(noise.default),
+            *(format_number(sd, 2) for sd in sds),
+            format_number(noise.signal_to_noise),
+            f"{format_number(low)} to {format_number(high)}",
+            format_number(noise.paired_signal_to_noise),
+        )
+    return table
+
+
+def write_noise(found: Sequence[Noise], directory: Path) -> Path:
+    """Write ``noise.json`` and return it."""
+    path = directory / "noise.json"
+    write_atomic(path, json.dumps(json_ready(list(found)), indent=1))
+    return path

@@ -63,13 +63,15 @@ def condensed(model: SingleTaskGP, x: torch.Tensor, y: torch.Tensor) -> SingleTa
         z = torch.unique(torch.cat([model.train_inputs[0], x[promise]]), dim=0)
         kernel, mean = model.covar_module, model.mean_module
         s2 = model.likelihood.noise.detach()
-        factor = torch.linalg.cholesky(_jittered(kernel(z).to_dense()))
+        own = kernel(z).to_dense()
+        jitter = _JITTER * own.diagonal().mean() * torch.eye(len(own), dtype=own.dtype)
+        factor = torch.linalg.cholesky(own + jitter)
         precision = torch.zeros(len(z), len(z), dtype=x.dtype)
         told = torch.zeros(len(z), dtype=x.dtype)
         for rows, outcomes in zip(x.split(_ROWS), y.split(_ROWS)):
             k = kernel(z, rows).to_dense()
             weights = torch.cholesky_solve(k, factor)  # a mission at Z has weight 1 there
-            noise = s2 + (_variances(model, rows) - (k * weights).sum(0)).clamp_min(0.0)
+            noise = s2 + (kernel(rows, diag=True) - (k * weights).sum(0)).clamp_min(0.0)
             precision += (weights / noise) @ weights.T
             told += weights @ ((outcomes - mean(rows)) / noise)
         # Every inducing input is a mission's, so this is at least the identity over s^2.
@@ -99,12 +101,3 @@ def posterior_means(model: SingleTaskGP, x: torch.Tensor) -> torch.Tensor:
                 for rows in x.split(_ROWS)
             ]
         )
-
-
-def _variances(model: SingleTaskGP, x: torch.Tensor) -> torch.Tensor:
-    found: torch.Tensor = model.covar_module(x, diag=True)
-    return found
-
-
-def _jittered(k: torch.Tensor) -> torch.Tensor:
-    return k + _JITTER * k.diagonal().mean() * torch.eye(len(k), dtype=k.dtype)

@@ -1,18 +1,14 @@
 """The covariance of missions, a sum of GPyTorch's kernels.
 
-    k = s^2 m(x, x') + a^2 m(x, x') [same rock] + b^2 [same rock] + c^2 [same block] + t^2 l(x, x')
-        + e^2 m(x, x') [same condition] + o^2 [same condition] + w^2 [same world]
+    k = s^2 m(x, x') + a^2 m(x, x') [same world] + b^2 [same world] + c^2 [same block] + t^2 l(x, x')
 
 m is Matern-5/2 with a length scale per ordered parameter, times BoTorch's categorical kernel of the choices. b^2 and c^2
-are the variances of what all missions on a rock, or on one (world, replicate) block, share. a^2 is that of a rock's own
-departure from the common landscape: an intrinsic coregionalisation model whose rocks are exchangeable. l is the
-covariance of a linear trend, scaled so that t^2 is its mean variance over the cube.
+are the variances of what all missions in a world, that is, on a rock under a condition, or on one (world, replicate) block,
+share. a^2 is that of a world's own departure from the common landscape: an intrinsic coregionalisation model whose worlds are
+exchangeable. l is the covariance of a linear trend, scaled so that t^2 is its mean variance over the cube.
 
-The second line is there where missions fly under several conditions; a world is a rock under a condition.
-
-Inputs are (..., d + 2): the unit cube, then the rock's and the block's column of exact whole numbers; with several conditions
-(..., d + 4), the condition's and the world's column behind them. ``NO_OFFSET`` there is the mean over rocks, or blocks,
-that nobody has flown: it shares nothing, not even with itself. ``MEAN_LEVEL`` is the mean over the training conditions.
+Inputs are (..., d + 2): the unit cube, then the world's and the block's column of exact whole numbers. ``NO_OFFSET`` there is
+the mean over worlds, or blocks, that nobody has flown: it shares nothing, not even with itself.
 """
 
 from __future__ import annotations
@@ -30,7 +26,6 @@ from gpytorch.priors import HalfCauchyPrior, LogNormalPrior
 from tuner.surrogate.settings import SurrogateSettings
 
 NO_OFFSET = -1.0
-MEAN_LEVEL = -2.0
 MIN_LENGTHSCALE = 2.5e-2
 _LARGEST = 1.6e5  # of any length or variance; 1 / this is the smallest variance
 
@@ -39,7 +34,7 @@ LENGTH_MEDIAN, LENGTH_SPREAD = 0.3, 0.8  # over the square root of the number of
 LENGTH_LEAST = 0.7  # of the median: with few parameters there are missions enough to say otherwise
 VARIANCE = (2.0, 1.0)  # of f
 # Wide: a rock's centre is the mean of a few configurations and may be off by a standard deviation.
-ROCK_VARIANCE = (1.0, 1.0)
+WORLD_VARIANCE = (1.0, 1.0)
 # Wider still: measured blocks differ by anything from nothing to several times what parameters do.
 BLOCK_VARIANCE = (0.3, 1.5)
 OWN_VARIANCE = (0.6, 1.0)
@@ -48,26 +43,14 @@ NOISE_VARIANCE, MIN_NOISE_VARIANCE = (0.2, 1.0), 1e-4
 
 
 class SharedLevel(Kernel):
-    """1 where two inputs have the same level of one column, else 0; ``NO_OFFSET`` is no level.
-
-    ``MEAN_LEVEL`` is the mean over the first ``averaged`` levels: it shares 1 / ``averaged`` with each, and with itself.
-    """
-
-    def __init__(self, averaged: int = 0, **options: Any) -> None:
-        super().__init__(**options)
-        self._averaged = averaged
+    """1 where two inputs have the same level of one column, else 0; ``NO_OFFSET`` is no level."""
 
     def forward(self, x1: torch.Tensor, x2: torch.Tensor, diag: bool = False, **params: Any) -> torch.Tensor:
         """Return (..., n, m) of (..., n, 1) and (..., m, 1) columns; (..., n) if ``diag``."""
         one, two = x1[..., 0], x2[..., 0]
         if not diag:
             one, two = one.unsqueeze(-1), two.unsqueeze(-2)
-        same = ((one == two) & (one >= 0)).to(x1.dtype)
-        if not self._averaged:
-            return same
-        means = (one == MEAN_LEVEL) | (two == MEAN_LEVEL)
-        inside = (one != NO_OFFSET) & (two != NO_OFFSET) & (one < self._averaged) & (two < self._averaged)
-        return same + (means & inside).to(x1.dtype) / self._averaged
+        return ((one == two) & (one >= 0)).to(x1.dtype)
 
 
 class Trend(LinearKernel):
@@ -100,11 +83,9 @@ def log_normal(median: float, spread: float) -> tuple[LogNormalPrior, float]:
 def mission_kernel(
     ordered: Sequence[int],
     categorical: Sequence[int],
-    rock_column: int,
+    world_column: int,
     settings: SurrogateSettings,
-    *,
     tau: float | None = None,
-    conditions: int = 0,
 ) -> Kernel:
     """Return the kernel of this file's docstring, with its priors.
 
@@ -112,25 +93,20 @@ def mission_kernel(
     ----------
     ordered, categorical
         Columns of the ordered parameters and of the choices.
-    rock_column
-        The rock's column; the block's is the next one.
+    world_column
+        The world's column; the block's is the next one.
+    settings
+        Which parts there are.
     tau
         Of the sparse prior of the length scales; None: log-normal, growing with the square root of the dimension.
-    conditions
-        How many are tuned over, where inputs have the condition's and the world's column; 0: they have not.
     """
     f = _landscape(ordered, categorical, tau)
-    rock = SharedLevel(active_dims=[rock_column])
-    kernel = _scaled(f, *VARIANCE) + _scaled(rock, *ROCK_VARIANCE)
+    world = SharedLevel(active_dims=[world_column])
+    kernel = _scaled(f, *VARIANCE) + _scaled(world, *WORLD_VARIANCE)
     if settings.own_landscapes:
-        kernel = kernel + _scaled(f * rock, *OWN_VARIANCE)
+        kernel = kernel + _scaled(f * world, *OWN_VARIANCE)
     if settings.blocks:
-        kernel = kernel + _scaled(SharedLevel(active_dims=[rock_column + 1]), *BLOCK_VARIANCE)
-    if conditions:
-        condition = SharedLevel(conditions, active_dims=[rock_column + 2])
-        world = SharedLevel(active_dims=[rock_column + 3])
-        kernel = kernel + _scaled(condition, *ROCK_VARIANCE) + _scaled(f * condition, *OWN_VARIANCE)
-        kernel = kernel + _scaled(world, *BLOCK_VARIANCE)
+        kernel = kernel + _scaled(SharedLevel(active_dims=[world_column + 1]), *BLOCK_VARIANCE)
     if settings.trend and ordered:
         prior, mode = log_normal(*TREND_VARIANCE)
         constraint = _between(1 / _LARGEST, mode)
@@ -181,12 +157,6 @@ def _scaled(base: Kernel, median: float, spread: float) -> ScaleKernel:
 def _between(low: float, begin: float) -> LogTransformedInterval:
     """Return a constraint under which a length or variance is searched on a logarithmic scale."""
     return LogTransformedInterval(low, _LARGEST, initial_value=begin)
-
-
-def lengthscales(kernel: Kernel) -> list[float]:
-    """Return the length scales of the ordered parameters, in the order of their columns; empty where there are none."""
-    found = [part for part in kernel.modules() if isinstance(part, MaternKernel)]
-    return [float(length) for length in found[0].lengthscale[0]] if found else []
 
 
 def shared_variance(kernel: Kernel, column: int) -> float:

@@ -1,20 +1,16 @@
 """Gaussian process over configurations: what the missions so far say about every configuration.
 
-Outcomes are standardised per rock, with several conditions by rock and condition
-(``tuner.problem.standardise.RockStandardiser``). The model is then
+Outcomes are standardised per rock (``tuner.problem.standardise.RockStandardiser``). The model is then
 
-    z(x, rock, replicate) = f(x) + b(rock) + c(rock, replicate) + noise
+    z(x, world, replicate) = f(x) + b(world) + c(world, replicate) + noise
 
-with a Matern-5/2 ARD kernel for f on the unit cube and an independent offset b per rock: with a handful of
-missions on each rock the standardisation cannot know whether a rock is hard or was flown with poor
-configurations; the offsets, inferred together with f, can. Missions on one (rock, replicate) block also share
+with a Matern-5/2 ARD kernel for f on the unit cube and an independent offset b per world, that is, per rock under a condition:
+with a handful of missions on each rock the standardisation cannot know whether a rock is hard or was flown with poor
+configurations; the offsets, inferred together with f, can. Missions on one (world, replicate) block also share
 the arrival errors of the seed orbit, which can move all of them together by more than configurations differ:
-the offset c, nested in the rock's, makes them blocks of an experiment, so that configurations are compared within
-them and the offset cancels. The mean over rocks has c = 0: it is the mean over replicates nobody has flown. What
-rocks do not share beyond offsets and a scale ends up in the noise, which is right for a mean over rocks.
-
-Where missions fly under several conditions, each condition has an offset and a departure of its own from f, and each
-world (a rock under a condition) an offset; blocks are then nested in worlds. With one condition the model is the one above.
+the offset c, nested in the world's, makes them blocks of an experiment, so that configurations are compared within
+them and the offset cancels. The mean over worlds has c = 0: it is the mean over replicates nobody has flown. What
+worlds do not share beyond offsets and a scale ends up in the noise, which is right for a mean over them.
 
 The length-scale prior grows with the square root of the dimension (Hvarfner et al., ICML 2024), but is
 narrower than theirs, there is an output scale, and the noise prior expects noise: missions are noisy, and on
@@ -42,14 +38,12 @@ from nbv.types import Floats
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.standardise import RockStandardiser
-from tuner.problem.worlds import Place, World, conditions_of, rocks_of, worlds_of
+from tuner.problem.worlds import Place, World, worlds_of
 from tuner.surrogate.condensed import condensed, fitted_subset, posterior_means
 from tuner.surrogate.feasibility import Feasibility
 from tuner.surrogate.fit import fitted
 from tuner.surrogate.kernel import (
-    MEAN_LEVEL,
     NO_OFFSET,
-    lengthscales,
     mission_kernel,
     shared_variance,
 )
@@ -98,24 +92,17 @@ class RockMeanGP:
         self.worlds = worlds_of(places)
         self.observations = tuple(feasible)
         outcomes = np.array([o.outcome for o in feasible], dtype=float)
-        observed = [o.world for o in feasible]
+        rocks = [o.rock for o in feasible]
         flown = [(o.world, o.replicate) for o in feasible]
         self._models_blocks = self.settings.blocks and blocks_identifiable(flown)
-        known = [*self.worlds, *observed]
-        self._several = len(conditions_of(known)) > 1
-        if self._several:
-            self.standardiser = RockStandardiser.over_conditions(observed, outcomes, self.worlds)
-        else:
-            self.standardiser = RockStandardiser.fit(
-                observed, outcomes, shrink_centres=False, blocks=flown if self._models_blocks else None
-            )
+        self.standardiser = RockStandardiser.fit(
+            rocks, outcomes, shrink_centres=False, blocks=flown if self._models_blocks else None
+        )
         self.unit = np.array([space.to_unit(o.values) for o in feasible])  # (n, d)
         self._failed = [space.to_unit(o.values) for o in observations if o.outcome is None]
         self._seed = seed
-        self.targets = self.standardiser.standardise(observed, outcomes)  # (n,)
-        self._rock_index = _levels(rocks_of(known))
-        self._condition_index = _levels(conditions_of(known))
-        self._world_index = _levels(known)
+        self.targets = self.standardiser.standardise(rocks, outcomes)  # (n,)
+        self._world_index = _levels([*self.worlds, *(o.world for o in feasible)])
         self._block_index = _levels(flown)
         self._ordered = [i for i in range(space.dimension) if i not in space.categorical_dimensions]
         columns = np.array([self.levels(world, self._block_index[world, k]) for world, k in flown])
@@ -143,36 +130,25 @@ class RockMeanGP:
                 self.space.categorical_dimensions,
                 self.space.dimension,
                 settings,
-                tau=tau,
-                conditions=len(conditions_of(self.worlds)) if self._several else 0,
+                tau,
             )
             for tau in (SPARSE_TAUS if settings.sparse and self._ordered else (None,))
         ]
         return fitted(kernels, x, y)
 
     def levels(self, place: Place | None, block: float = NO_OFFSET) -> list[float]:
-        """Return the input columns behind the unit cube's: rock and block and, over several conditions, condition and world.
+        """Return the input columns behind the unit cube's: world and block.
 
-        ``place`` is a known world, or None for the mean over the conditions at no rock: there the offsets are 0, so
-        configurations are compared by their landscape alone.
+        ``place`` is a known world, or None for none: there the offsets are 0, so configurations are compared by their
+        landscape alone.
         """
         if place is None:
-            return [NO_OFFSET, block, MEAN_LEVEL, NO_OFFSET] if self._several else [NO_OFFSET, block]
+            return [NO_OFFSET, block]
         (world,) = worlds_of([place])
-        own = [self._rock_index[world.rock], block]
-        if self._several:
-            unknown = float(len(self._world_index))
-            own += [self._condition_index[world.condition], self._world_index.get(world, unknown)]
-        return own
-
-    def block_level(self, place: Place, replicate: int | None) -> float:
-        """Return the block column of a (world, replicate); one that has not been flown has a level without data."""
-        (world,) = worlds_of([place])
-        unknown = float(len(self._block_index))
-        return unknown if replicate is None else self._block_index.get((world, replicate), unknown)
+        return [self._world_index[world], block]
 
     def inputs(self, unit: Floats, place: Place | None = None, block: float = NO_OFFSET) -> torch.Tensor:
-        """Return (m, d + 2 or 4) model inputs for (m, d) unit positions, by default without offsets of rock and block."""
+        """Return (m, d + 2) model inputs for (m, d) unit positions, by default without offsets of rock and block."""
         return tensor(np.column_stack([unit, np.tile(self.levels(place, block), (len(unit), 1))]))
 
     def posterior(self, values: Sequence[Mapping[str, Any]]) -> Posterior:
@@ -193,8 +169,8 @@ class RockMeanGP:
         ]
         everywhere = torch.cat([torch.cat([x[..., :d], level], dim=-1) for level in levels], dim=-2)
         belief = self.model.posterior(everywhere).distribution
-        scales = x.new_tensor([self.standardiser.scale(world) for world in self.worlds]) / count
-        centre = sum(self.standardiser.centre(world) for world in self.worlds) / count
+        scales = x.new_tensor([self.standardiser.scale(world.rock) for world in self.worlds]) / count
+        centre = sum(self.standardiser.centre(world.rock) for world in self.worlds) / count
         joint = belief.covariance_matrix.unflatten(-1, (count, q)).unflatten(-3, (count, q))
         return (
             centre + torch.einsum("r,...rq->...q", scales, belief.mean.unflatten(-1, (count, q))),
@@ -217,36 +193,16 @@ class RockMeanGP:
         chosen: Floats = seen[np.sort(np.argsort(-means)[:count])]
         return chosen
 
-    def predict_mission(
-        self, values: Mapping[str, Any], place: Place, replicate: int | None = None
-    ) -> tuple[float, float]:
-        """Return ``(mean, sd)`` of the outcome of one new mission on a known rock under a known condition, its noise included.
-
-        On the block of a ``replicate`` flown before, what that block taught is used; any other replicate, or
-        None, is a block like the others whose offset is not known.
-        """
+    def predict_mission(self, values: Mapping[str, Any], place: Place) -> tuple[float, float]:
+        """Return ``(mean, sd)`` of the outcome of one new mission in a known world, on a block nobody has flown, its noise included."""
         (world,) = worlds_of([place])
-        return self.predict_missions([(values, world, replicate)])[0]
-
-    def predict_missions(
-        self, missions: Sequence[tuple[Mapping[str, Any], World, int | None]]
-    ) -> list[tuple[float, float]]:
-        """Return `predict_mission` of each of several."""
+        x = self.inputs(self.space.to_unit(values)[None], world, float(len(self._block_index)))
         with torch.no_grad():
-            x = [
-                self.inputs(self.space.to_unit(values)[None], world, self.block_level(world, replicate))
-                for values, world, replicate in missions
-            ]
-            means, covariance = moments(self.model.posterior(torch.cat(x), observation_noise=True))
-        found = []
-        for (_, world, _), mean, variance in zip(missions, means, covariance.diagonal()):
-            scale = self.standardiser.scale(world)
-            found.append((self.standardiser.centre(world) + scale * float(mean), scale * math.sqrt(variance)))
-        return found
-
-    def predict_in_world(self, values: Mapping[str, Any], place: Place) -> float:
-        """Return the posterior mean outcome of one configuration in one known world, in the objective's unit."""
-        return self.predict_mission(values, place)[0]
+            mean, covariance = moments(self.model.posterior(x, observation_noise=True))
+        scale = self.standardiser.scale(world.rock)
+        return self.standardiser.centre(world.rock) + scale * float(mean[0]), scale * math.sqrt(
+            covariance[0, 0]
+        )
 
     @property
     def noise_sd(self) -> float:
@@ -268,26 +224,18 @@ class RockMeanGP:
     @property
     def mean_scale(self) -> float:
         """Objective's unit per unit of the common landscape, mean over the training worlds."""
-        return float(np.mean([self.standardiser.scale(world) for world in self.worlds]))
-
-    @property
-    def lengthscales(self) -> dict[str, float]:
-        """Length scale per ordered parameter, in unit-cube units; long means unimportant."""
-        ordered = [p.path for p in self.space.parameters if p.kind != "categorical"]
-        return dict(zip(ordered, lengthscales(self.model.covar_module)))
+        return float(np.mean([self.standardiser.scale(world.rock) for world in self.worlds]))
 
     def leave_one_out(self) -> dict[str, float]:
         """Return how well each mission of ``fitted_to`` is predicted from all others there, hyperparameters kept.
 
-        Share in the 95 % intervals, standard deviation of the standardised residuals, and root mean square error of the
-        standardised outcomes.
+        Share in the 95 % intervals, and root mean square error of the standardised outcomes.
         """
         found = efficient_loo_cv(self._fitted)
         error = (found.observed_Y - found.posterior.mean).flatten().numpy()
         z = error / found.posterior.variance.sqrt().flatten().numpy()
         return {
             "coverage_95": float(np.mean(np.abs(z) <= NORMAL_95)),
-            "z_sd": float(np.std(z)),
             "rmse": float(np.sqrt(np.mean(error**2))),
         }
 

@@ -6,15 +6,15 @@ import shutil
 
 import pytest
 import yaml
+from in_process import InProcessExecutor
 
 from nbv.checksums import with_checksum
 from nbv.errors import UserError
-from tuner.campaign import Campaign
 from tuner.campaign.begin import begin_campaign
+from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings_file import read_settings_file, settings_from_dict
 from tuner.jobs import tune
-from tuner.missions.executors import InProcessExecutor
 from tuner.missions.external import external_config, load_mission_file
 
 FLY = """

@@ -41,7 +41,6 @@ def test_the_fewest_photographs_are_exact(fewest: Campaign) -> None:
     assert best.improvement == 32.0 - best.mean and best.improvement_sd == best.sd == 0.0
     assert best.improvement_interval_95 == (best.improvement, best.improvement)
     assert best.values in [t.values for t in fewest.trials()]  # flown
-    assert all(c.mean == count(c.values) for c in best.top)
     saved = json.loads((fewest.directory / "recommendation.json").read_text())
     assert saved["values"] == best.values and fewest.recommended_config() == fewest.settings.config(
         best.values

@@ -10,6 +10,7 @@ from pathlib import Path
 import fake_campaigns
 import fake_missions
 import pytest
+from in_process import InProcessExecutor
 
 import tuner.campaign.begin as beginning
 from nbv.errors import UserError
@@ -19,7 +20,6 @@ from tuner.campaign.begin import begin_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.storage import open_storage
-from tuner.missions.executors import InProcessExecutor
 from tuner.missions.job import MissionJob, landed
 from tuner.problem.secrets import PASSWORD_VARIABLE
 

@@ -14,17 +14,16 @@ from pathlib import Path
 
 import pytest
 from fake_campaigns import FIDELITY, settings
+from in_process import InProcessExecutor
 from optuna.storages import RDBStorage
 from sqlalchemy.exc import OperationalError
 
 from nbv.errors import UserError
 from tuner.campaign import storage
-from tuner.campaign.begin import begin_campaign
+from tuner.campaign.begin import begin_campaign, extend_campaign
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.events import CampaignEvent
-from tuner.campaign.extension import extend_campaign
 from tuner.campaign.session import fly_campaign
-from tuner.missions.executors import InProcessExecutor
 
 pytest.importorskip("psycopg", reason="pip install 'gatetune[cluster]'")
 PROGRAMS = sorted(Path("/usr/lib/postgresql").glob("*/bin")) or [
@@ -35,7 +34,7 @@ import os, signal, sys
 from pathlib import Path
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
-from tuner.missions.executors import InProcessExecutor
+from in_process import InProcessExecutor
 def end(event):
     if event.kind == "finished" and event.finished == 3:
         os.kill(os.getpid(), signal.SIGKILL)
@@ -105,7 +104,7 @@ def test_a_coordinator_that_dies_is_replaced_elsewhere(tmp_path: Path, server: S
     assert [t.state for t in trials] == ["complete"] * 9 and [t.number for t in trials] == list(range(9))
     flown = list(tmp_path.glob("*/night/missions/*/flown.txt"))
     assert len(flown) == 9  # three there, six here
-    extend_campaign(elsewhere, 12, FIDELITY)
+    extend_campaign(Campaign.open(elsewhere, fidelity=FIDELITY), 12)
     assert Campaign.open(elsewhere, fidelity=FIDELITY).status().remaining == 3
 
 

@@ -10,6 +10,7 @@ import fake_campaigns
 import pytest
 import synthetic
 import yaml
+from in_process import InProcessExecutor
 
 from nbv.config import load_conditions
 from nbv.errors import UserError
@@ -19,7 +20,6 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import settings_from_dict
-from tuner.missions.executors import InProcessExecutor
 from tuner.problem.worlds import World, worlds_over
 
 BUDGET = 12

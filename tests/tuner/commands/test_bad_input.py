@@ -6,7 +6,7 @@ import psutil
 import pytest
 import yaml
 
-from tuner.campaign import Campaign
+from tuner.campaign.campaign import Campaign
 
 # What each instance does, in shell; after it the result is written as it should be.
 WAYS = {

@@ -210,7 +210,7 @@ def test_this_machine_can_fly(gatetune):
     code, out, err = gatetune("doctor")
     assert code == 0, out + err
     assert out.splitlines()[-1] == "missions can be flown here"
-    assert "BAD" not in out and "Python 3" in out and "store holds" in out
+    assert "BAD" not in out and "store holds" in out
 
 
 def test_the_version(gatetune):

@@ -30,7 +30,6 @@ def event(kind: Any = "finished", **changes: Any) -> CampaignEvent:
     fields |= {
         "directory": "d",
         "why": {},
-        "sampler_state": {},
         "raw": 81.234,
         "status": "ok",
         "wall_s": 13.0,
@@ -50,7 +49,7 @@ def test_confirm_flies_both_with_replicates_nobody_has_flown(
     space = load_search_space("gate")
     run = fake_campaigns.run(tmp_path / "run", space=space, sampler="sobol", budget=8, replicates=2)
     plans: list[EvaluationPlan] = []
-    monkeypatch.setattr(evaluate, "compare", lambda *_, asked, **__: plans.append(asked.plan))
+    monkeypatch.setattr(evaluate, "compare", lambda asked, *_, **__: plans.append(asked.plan))
     code, out, _ = gatetune("confirm", run.directory)
     assert code == 0 and "keep the default: there is nothing to confirm" in out and not plans
     better = replace(run.recommendation(), values=run.trials()[-1].values)  # type: ignore[type-var]

@@ -8,6 +8,7 @@ import signal
 from pathlib import Path
 
 import pytest
+from in_process import InProcessExecutor
 
 from nbv.config import load_conditions, preset
 from nbv.errors import UserError
@@ -21,7 +22,7 @@ from tuner.evaluation.comparison import comparison_table, strategy_difference, v
 from tuner.evaluation.flying import EvaluationEvent, place_for, run_evaluation
 from tuner.evaluation.paper_table import PAPER_TABLE_I, TABLE_I_ROWS, MetricRow
 from tuner.evaluation.plan import EvaluationPlan
-from tuner.missions.executors import InProcessExecutor, LocalProcessExecutor
+from tuner.missions.executors import LocalProcessExecutor
 from tuner.problem.worlds import World
 
 FIDELITY = "fake_missions:fake_mission"
@@ -57,7 +58,7 @@ def test_all_share_rocks_and_replicates_for_paired_differences(tmp_path: Path) -
 
 def test_interrupted_evaluation_flies_only_the_rest(tmp_path: Path) -> None:
     def interrupt(event: EvaluationEvent) -> None:
-        if event.kind == "finished" and event.finished == 5:
+        if event.trial and event.finished == 5:
             os.kill(os.getpid(), signal.SIGINT)
 
     first = run_evaluation(plan(), tmp_path / "out", InProcessExecutor(), interrupt)
@@ -65,7 +66,7 @@ def test_interrupted_evaluation_flies_only_the_rest(tmp_path: Path) -> None:
     events: list[EvaluationEvent] = []
     with LocalProcessExecutor(2, preload=("fake_missions:fake_mission",)) as executor:
         second = run_evaluation(plan(), tmp_path / "out", executor, events.append)
-    assert second.complete and sum(e.kind == "launched" for e in events) == 12 - 5
+    assert second.complete and sum(e.trial is None for e in events) == 12 - 5
     assert all(file.read_text() == "flown\n" for file in (tmp_path / "out").rglob("flown.txt"))
     whole = run_evaluation(plan(), tmp_path / "whole", InProcessExecutor())
     assert [r.metrics for r in second.records] == [r.metrics for r in whole.records]

@@ -13,10 +13,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from in_process import InProcessExecutor
 
 import tuner.missions.executors as executors
 from nbv.config import MissionConfig
-from tuner.missions.executors import Executor, InProcessExecutor, LocalProcessExecutor
+from tuner.missions.executors import Executor, LocalProcessExecutor
 from tuner.missions.fly import JobList
 from tuner.missions.fly import fly as fly_all
 from tuner.missions.job import MAX_ATTEMPTS, MissionJob, Trial, landed

@@ -1,16 +1,14 @@
-"""Every fidelity can be found by its name, is called alike, and says what it is doing."""
+"""Every fidelity can be found by its name and is called alike."""
 
 from __future__ import annotations
 
 import inspect
-from pathlib import Path
 
 import fake_missions
 import pytest
 
 from nbv.errors import UserError
 from nbv.geometric import run_geometric_mission
-from tuner.missions.progress import Progress, progress_of
 from tuner.missions.registry import FIDELITIES, mission_function
 
 
@@ -35,21 +33,3 @@ def test_a_fidelity_of_ones_own_is_named_by_module_and_function() -> None:
 def test_unknown_fidelities_are_refused_with_a_remedy(name: str, message: str) -> None:
     with pytest.raises(UserError, match=message):
         mission_function(name)
-
-
-def test_the_line_follows_the_mission(tmp_path: Path) -> None:
-    progress, said = Progress(tmp_path), []
-    for event, facts in (
-        ("start", {"seeds": 2, "budget": 3}),
-        ("seed", {"index": 0}),
-        ("seed", {"index": 1}),
-        ("seed-model", {}),
-        ("capture", {"iteration": 0}),
-        ("dense", {}),
-        ("metrics", {}),
-    ):
-        progress(event, facts)
-        said.append(progress_of(tmp_path))
-    assert said == ["scene", "photograph 1/2", "seed model", "view 1/3", "view 2/3", "dense cloud", "errors"]
-    progress.end()
-    assert progress_of(tmp_path) == ""

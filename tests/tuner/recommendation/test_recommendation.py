@@ -14,7 +14,6 @@ from tuner.recommendation.choose import recommend
 from tuner.recommendation.eligible import may_be_recommended
 from tuner.recommendation.next_rock import next_rock
 from tuner.recommendation.recommendation import NextRock, Recommendation
-from tuner.surrogate.forward_check import Calibration
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.settings import SurrogateSettings
 
@@ -41,7 +40,6 @@ def test_picks_the_best_not_the_luckiest() -> None:
     assert max(history, key=lambda o: o.outcome or 0).values == poor
     result = advise(history, ("r0",))
     assert result.values == good
-    assert result.probability_best > 0.9
     assert result.mean == pytest.approx(60, abs=2.5)
     assert result.per_rock[0].missions == 12
     assert result.per_rock[0].observed == pytest.approx(60, abs=1)
@@ -90,18 +88,17 @@ def test_two_rocks_and_two_replicates_or_all_there_are(
 
 
 def test_a_favourite_is_recommended_once_it_has_flown_again() -> None:
-    """Ten points better, and all the same not before its second rock and replicate; the ranking is of what may be."""
+    """Ten points better, and all the same not before its second rock and replicate."""
     default = flights(synthetic.DEFAULT, 50.0, ("r0", 0), ("r1", 0), ("r2", 0), ("r0", 1))
     once = [*default, *flights(FAIR, 51.0, ("r0", 0), ("r1", 1)), *flights(GOOD, 60.0, ("r2", 1))]
 
-    def ranking(history: list[Observation]) -> list[Values]:
+    def recommended(history: list[Observation]) -> Values:
         result = recommend(synthetic.SPACE, history, ROCKS, synthetic.DEFAULT, Objective(), replicates=2)
-        assert result is not None and result.top[0].values == result.values
-        assert [c.mean for c in result.top] == sorted((c.mean for c in result.top), reverse=True)
-        return [c.values for c in result.top]
+        assert result is not None
+        return result.values
 
-    assert GOOD not in ranking(once)
-    assert ranking([*once, *flights(GOOD, 60.0, ("r1", 0))])[0] == GOOD
+    assert recommended(once) != GOOD
+    assert recommended([*once, *flights(GOOD, 60.0, ("r1", 0))]) == GOOD
 
 
 def test_of_two_as_good_the_one_with_fewer_changes_is_used_and_the_default_inside_the_noise() -> None:
@@ -136,7 +133,7 @@ def stated(slopes: list[float], missions: int = 12, seed: int = 0) -> NextRock:
             history.append(Observation(len(history), values, f"r{rock}", 0, y, y))
     rocks = [f"r{rock}" for rock in range(len(slopes))]
     model = RockMeanGP(synthetic.SPACE, history, rocks, settings=SurrogateSettings(own_landscapes=True))
-    return next_rock(model, HIGH, LOW, Calibration(np.zeros(0)))
+    return next_rock(model, HIGH, LOW)
 
 
 def test_where_rocks_agree_the_gain_is_stated_and_settled() -> None:

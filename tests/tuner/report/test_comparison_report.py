@@ -12,15 +12,16 @@ from rich.console import Console
 from rich.table import Table
 
 from tuner.evaluation.comparison import comparison_table
-from tuner.report import write_comparison_report
 from tuner.report.comparison.facts import comparison_facts
+from tuner.report.comparison.page import write_comparison_report
 from tuner.report.comparison.tables import (
-    PAPER_NOT_COMPARABLE,
     cell,
-    comparison_markdown,
     difference_verdict,
+    methods_sentence,
+    missions_text,
     strategies_for_terminal,
     table_i_for_terminal,
+    table_lines,
 )
 
 PAPER_ROWS = [
@@ -42,32 +43,21 @@ def printed(table: Table, width: int) -> str:
     return console.file.getvalue()  # type: ignore[attr-defined]
 
 
-def cells(line: str) -> list[str]:
-    return [part.strip() for part in line.strip().strip("|").split("|")]
-
-
-def test_markdown_has_the_layout_of_table_one() -> None:
+def test_table_one_has_its_layout() -> None:
     table = comparison_table(made_run(LEVELS).records, tuple(LEVELS), "hyb-h")
-    lines = comparison_markdown(table, paper=True).splitlines()
-    assert cells(lines[0]) == ["Metric", "Covis", "B-aware", "Hyb-H", "Hyb-O"]
-    body = [cells(line) for line in lines[2:] if line.startswith("|")]
-    metrics = [row for row in body if row[0] in PAPER_ROWS]
-    assert [row[0] for row in metrics] == PAPER_ROWS
-    for row in metrics:
-        assert row[4].startswith("**") and not any(c.startswith("**") for c in row[1:4])  # hyb-o leads in all
-        assert all(" ± " in c for c in row[1:])
-    # Made at 48 mm only: rows that no mission has are left out.
-    assert [row[0] for row in body if row[0].startswith("T&T")] == [
-        "T&T precision ↑ (%)",
-        "T&T recall ↑ (%)",
-        "T&T F-score ↑ (%)",
-    ]
+    lines = [line for line in table_lines(table, paper=True) if line.cells]
+    metrics = [line for line in lines if line.name in PAPER_ROWS]
+    assert [line.name for line in metrics] == PAPER_ROWS
+    for line in metrics:
+        assert [c.best for c in line.cells] == [False, False, False, True]  # hyb-o leads in all
+        assert all(" ± " in c.text for c in line.cells)
     f_score = table.rows[5].cells["covis"]
     assert f_score is not None and f_score.high is not None
-    assert metrics[5][1].startswith(f"{f_score.mean:.1f} ± {f_score.high - f_score.mean:.1f}; paper 72.0; +")
-    assert "(" not in metrics[5][3]  # the reference itself
-    assert body[-1] == ["missions", "12", "12", "12", "12"]
-    assert any("t-intervals over rock means" in line for line in lines) and PAPER_NOT_COMPARABLE in lines
+    covis, _, reference, _ = metrics[5].cells
+    assert covis.text == f"{f_score.mean:.1f} ± {f_score.high - f_score.mean:.1f}"
+    assert covis.paper == "72.0" and covis.difference.startswith("+") and reference.difference == ""
+    assert [missions_text(table, name) for name in LEVELS] == ["12"] * 4
+    assert "t-intervals over rock means" in methods_sentence([table])
 
 
 def test_differences_keep_the_sign_and_verdicts_the_direction() -> None:
@@ -99,7 +89,7 @@ def test_terminal_tables() -> None:
     assert all(cell(many.summary.rows[-1], name).text in text for name in names)
 
 
-def test_page_and_markdown_file(tmp_path: Path) -> None:
+def test_the_page_names_failures(tmp_path: Path) -> None:
     failed = tuple(("b-aware", "slab", k) for k in range(3))
     page = write_comparison_report(comparison_facts(made_run(LEVELS, failed=failed)), tmp_path, paper=True)
     source = page.read_text()
@@ -112,4 +102,4 @@ def test_page_and_markdown_file(tmp_path: Path) -> None:
     assert not re.search(r"(src|href)=[\"'](?!data:|#)", source)
     slab = next(row for row in re.findall(r"<tr>.*?</tr>", source) if row.startswith("<tr><td>B-aware</td>"))
     assert slab.count("<td>–</td>") == 1  # rock by rock: the rock on which it failed
-    assert (tmp_path / "table.md").read_text().count("| Hausdorff ↓ (mm) |") == 2  # two surfaces
+    assert source.count("Hausdorff ↓ (mm)") == 2  # two surfaces

@@ -1,4 +1,4 @@
-"""``gatetune mission explain`` of a mission's decisions, and of one planning state."""
+"""``gatetune mission explain`` of a mission's decisions."""
 
 from __future__ import annotations
 

@@ -9,10 +9,9 @@ import torch
 from botorch.acquisition.logei import qLogNoisyExpectedImprovement
 from botorch.sampling import SobolQMCNormalSampler
 
-from tuner.acquisition.constrained import Constraint
+from tuner.acquisition.constrained import Constraint, two_models
 from tuner.acquisition.draws import draw
 from tuner.acquisition.noisy_improvement import LogNoisyImprovement
-from tuner.acquisition.two_objectives import two_models
 from tuner.problem.observations import Observation, Pending
 from tuner.problem.search_space import Values
 from tuner.samplers import gp

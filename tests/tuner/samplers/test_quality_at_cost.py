@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from nbv.errors import UserError
-from tuner.acquisition.constrained import Constraint, propose_constrained
-from tuner.acquisition.two_objectives import two_models
+from tuner.acquisition.constrained import Constraint, propose_constrained, two_models
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.quality_at_cost import asked_objective

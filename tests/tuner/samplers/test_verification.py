@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import synthetic
 
 from tuner.problem.observations import Observation, Pending
@@ -15,10 +13,8 @@ ROCKS = ("r0", "r1", "r2")
 GOOD, FAIR = synthetic.SPACE.from_unit([0.7, 0.3]), synthetic.SPACE.from_unit([0.2, 0.8])
 
 
-def seen(
-    number: int, values: Values, rock: str, outcome: float | None, replicate: int = 0, **sampler_state: Any
-) -> Observation:
-    return Observation(number, values, rock, replicate, outcome, outcome, sampler_state=sampler_state)
+def seen(number: int, values: Values, rock: str, outcome: float | None, replicate: int = 0) -> Observation:
+    return Observation(number, values, rock, replicate, outcome, outcome)
 
 
 def a_clear_favourite() -> list[Observation]:

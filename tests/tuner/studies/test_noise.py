@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fake_study import SD
+from in_process import InProcessExecutor
 
 from nbv.types import Floats
 from tuner.evaluation.flying import run_evaluation
 from tuner.evaluation.plan import EvaluationPlan
-from tuner.missions.executors import InProcessExecutor
 from tuner.problem.space_files import load_search_space
 from tuner.studies.noise import analyse, noise_of, noise_plan, write_noise
 
@@ -81,9 +81,8 @@ def test_a_flown_study_finds_the_known_components_and_is_not_flown_twice(tmp_pat
     assert mirrored is not None and mirrored.signal_to_noise == pytest.approx(found.signal_to_noise)
     run_evaluation(plan, tmp_path / "s", InProcessExecutor())
     assert all(path.read_text() == "flown\n" for path in (tmp_path / "s").rglob("flown.txt"))
-    report = write_noise(plan, [found, mirrored], tmp_path / "s")
-    assert f"{found.signal_to_noise:.1f}" in report.read_text()
-    assert json.loads((tmp_path / "s" / "noise.json").read_text())[0]["between"] == found.between
+    report = write_noise([found, mirrored], tmp_path)
+    assert json.loads(report.read_text())[0]["between"] == found.between
 
 
 @pytest.mark.parametrize(
@@ -107,4 +106,4 @@ def test_the_command_flies_and_says_what_was_found(gatetune, tmp_path: Path) -> 
         "study", "noise", "--rock", "slab", "--space", "gate", "--workers", "1", "--out", "s", *asked
     )
     assert code == 0, err
-    assert "8 missions, 1 workers" in out and (tmp_path / "s" / "noise.md").is_file()
+    assert "8 missions, 1 workers" in out and (tmp_path / "s" / "noise.json").is_file()

@@ -48,30 +48,8 @@ def test_one_condition_is_the_model_without_any() -> None:
     assert propose(plain, [], 3) == propose(other, [], 3)
 
 
-def test_conditions_known_predict_better_than_rocks_alone() -> None:
-    """Two worlds are never flown: their missions are predicted from the same rocks and conditions elsewhere."""
-    unseen = (World("r1", "harsh"), World("r2", "field"))
-    rng = np.random.default_rng(9)
-    errors: dict[str, list[float]] = {"known": [], "rocks alone": []}
-    for seed in range(3):
-        history = missions(40, seed, [w for w in WORLDS if w not in unseen])
-        known = RockMeanGP(synthetic.SPACE, history, WORLDS)
-        alone = RockMeanGP(
-            synthetic.SPACE, [dataclasses.replace(o, condition="ideal") for o in history], synthetic.ROCKS
-        )
-        for _ in range(10):
-            unit = rng.random(2)
-            values = synthetic.SPACE.from_unit(unit)
-            for world in unseen:
-                y = truth(synthetic.SPACE.to_unit(values), world)
-                errors["known"].append(known.predict_in_world(values, world) - y)
-                errors["rocks alone"].append(alone.predict_in_world(values, world.rock) - y)
-    rms = {name: float(np.sqrt(np.mean(np.square(e)))) for name, e in errors.items()}
-    assert rms["known"] < 0.5 * rms["rocks alone"], rms
-
-
 def test_the_mean_over_worlds_is_that_of_its_worlds() -> None:
     model = RockMeanGP(synthetic.SPACE, missions(36, 1), WORLDS)
     values = synthetic.SPACE.from_unit([0.8, 0.4])
-    by_world = [model.predict_in_world(values, world) for world in WORLDS]
+    by_world = [model.predict_mission(values, world)[0] for world in WORLDS]
     assert model.posterior([values]).mean[0] == pytest.approx(np.mean(by_world))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import synthetic
 import torch
-from gpytorch.kernels import Kernel, ScaleKernel
+from gpytorch.kernels import Kernel, MaternKernel, ScaleKernel
 
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import Parameter, SearchSpace
@@ -141,7 +141,8 @@ def test_sparse_model_switches_parameters_off() -> None:
     ratio = {}
     for sparse in (False, True):
         model = RockMeanGP(synthetic.SPACE, history, ("r0",), settings=SurrogateSettings(sparse=sparse))
-        first, second = model.lengthscales.values()
+        (matern,) = (k for k in model.model.covar_module.modules() if isinstance(k, MaternKernel))
+        first, second = matern.lengthscale[0].tolist()
         ratio[sparse] = second / first
     assert ratio[True] > 10 and ratio[True] > ratio[False]
 

@@ -21,9 +21,8 @@ class Key:
 
     path: str
     default: Any  # as published at b8e106c
-    ours: str | None = (
-        None  # parameter path with the same meaning and unit; None: converted by hand, or nothing
-    )
+    # Parameter path with the same meaning and unit; None: converted by hand, or nothing.
+    ours: str | None = None
     why_not: str = ""  # why nothing here answers to it; empty where something does
 
 

@@ -14,6 +14,8 @@ from tuner.evaluation.baselines import label as strategy_label
 from tuner.missions.job import Trial
 from tuner.missions.registry import is_geometric
 from tuner.problem.configurations import configuration_key
+from tuner.problem.objective import reached
+from tuner.problem.quality_at_cost import COUNTS
 from tuner.problem.worlds import World
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import (
@@ -26,9 +28,25 @@ from tuner.report.answer import (
     worth_sentences,
 )
 from tuner.report.campaign.facts import CampaignFacts
-from tuner.report.campaign.wider import WIDER_FILE, wider_space
-from tuner.report.labels import parameter_label, with_unit
+from tuner.report.labels import metric_label, parameter_label, with_unit
 from tuner.report.mission.decisions import gate_words
+
+
+def asked_text(facts: CampaignFacts) -> str:
+    """What the campaign was asked for, in words."""
+    s, label = facts.settings, metric_label(facts.settings.objective.metric)
+    less = "Fewest" if s.objective.metric in COUNTS else "Lowest"
+    full = label.full[:1].lower() + label.full[1:] if less == "Fewest" else label.full
+    said = f"{less if s.objective.direction == 'minimise' else 'Highest'} {full}"
+    if s.second is None:
+        return said
+    name = metric_label(s.second.metric).full
+    assert s.limit is not None
+    if share := reached(s.second.metric):
+        of = metric_label(share[0])
+        return f"{said} with {of.full} of {of.value(share[1])} on at least {s.limit:g} % of rocks"
+    bound = with_unit(s.limit, metric_label(s.second.metric).unit, 0 if s.limit == int(s.limit) else 2)
+    return f"{said} with {name} {'at most' if s.second.direction == 'minimise' else 'at least'} {bound}"
 
 
 def flown(facts: CampaignFacts, values: Mapping[str, Any]) -> list[Trial]:
@@ -133,15 +151,6 @@ def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
         if rival is None or (not best.exact and rival.improvement_interval_95[1] < best.noise_sd):
             return "Stop: keep the default. Nothing else is believed to be better.", ""
         return "Fly more: the runner-up is not yet told from the default.", more
-    if wider := wider_space(facts.settings, best):
-        names = ", ".join(parameter_label(p).name for p in wider.widened)
-        are = "is at the edge of its range" if len(wider.widened) == 1 else "are at the edges of their ranges"
-        beside = facts.campaign.directory.with_name(f"{facts.campaign.directory.name}-wider")
-        file = shlex.quote(str(facts.campaign.directory / WIDER_FILE))
-        return (
-            f"Search wider: {names} {are}, and a mission can fly beyond. Everything else stays as it was.",
-            f"gatetune campaign run {file} --out {shlex.quote(str(beside))}",
-        )
     if is_geometric(facts.settings.fidelity):
         return "Fly it with photographs, on rocks it has not seen: so far it is a prediction.", evaluate
     if facts.settings.mission is not None and not facts.settings.mission.held_out:
@@ -150,6 +159,23 @@ def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
         one_rock = f"{confirm} --rock {shlex.quote(facts.settings.rocks[0])}"
         return "Confirm it where it was tuned: too few pairs were flown.", one_rock
     return f"Measure it on {place}s it has not seen.", evaluate
+
+
+def bounds_text(facts: CampaignFacts) -> str:
+    """Which recommended values lie at a bound of what was searched; empty where none does."""
+    best = facts.recommendation
+    if best is None:
+        return ""
+    names = [
+        parameter_label(p.path).name
+        for p in facts.settings.space.parameters
+        if p.path in best.changed and p.kind != "categorical" and best.values[p.path] in p.ends
+    ]
+    if not names:
+        return ""
+    return (
+        f"At a bound of what was searched: {', '.join(names)}. A wider search space may have better values."
+    )
 
 
 def measure_text(facts: CampaignFacts) -> str:

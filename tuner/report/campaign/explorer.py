@@ -9,10 +9,11 @@ from typing import Any
 from markupsafe import Markup
 
 from tuner.missions.job import Trial
+from tuner.problem.configurations import short
 from tuner.problem.search_space import Parameter, Value
 from tuner.report.campaign.facts import CampaignFacts
 from tuner.report.campaign.walks import PAGE
-from tuner.report.labels import parameter_label, parameter_value
+from tuner.report.labels import parameter_label
 
 MOST_MISSIONS = 2000  # a browser draws more only slowly
 
@@ -48,7 +49,7 @@ def explorer_data(facts: CampaignFacts) -> Markup:
             "default": t.values == facts.default,
             "href": mission_link(facts, t),
             "u": [_position(p, t.values[p.path]) for p in s.space.parameters],
-            "v": [parameter_value(t.values[p.path]) for p in s.space.parameters],
+            "v": [short(t.values[p.path]) for p in s.space.parameters],
         }
         for t in facts.trials[-MOST_MISSIONS:]
         if t.state != "running"
@@ -63,7 +64,7 @@ def explorer_data(facts: CampaignFacts) -> Markup:
         "slices": [
             {
                 "u": [_position(part.parameter, v) for v in part.positions],
-                "v": [parameter_value(v) for v in part.positions],
+                "v": [short(v) for v in part.positions],
                 "mean": [round(float(m), 6) for m in part.mean],
                 "sd": [round(float(v), 6) for v in part.sd],
             }
@@ -80,7 +81,7 @@ def _parameter(p: Parameter) -> dict[str, Any]:
         "name": label.name,
         "short": label.short,
         "unit": label.unit,
-        "ticks": [[_position(p, v), parameter_value(v)] for v in ends],
+        "ticks": [[_position(p, v), short(v)] for v in ends],
         "choices": p.kind == "categorical",
     }
 

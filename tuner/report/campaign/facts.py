@@ -97,7 +97,7 @@ class CampaignFacts:
     def adjusted(self) -> Floats:
         """(n,) feasible outcomes with the worlds' differences taken out, metric's unit (for plots)."""
         assert self.model is not None
-        offset, factor = self.model.standardiser.mean_over(self.model.worlds)
+        offset, factor = self.model.standardiser.mean_over([world.rock for world in self.model.worlds])
         return self.sign * (offset + factor * self.model.targets)
 
     @cached_property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import shlex
 from pathlib import Path
 from typing import Any
@@ -15,11 +16,14 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.settings_file import SETTINGS_FILE
 from tuner.campaign.shipped import SHIPPED
 from tuner.campaign.showcase import SHOWN
+from tuner.missions.job import Trial
 from tuner.missions.registry import GEOMETRIC_NOTE, ignored_by, is_geometric
 from tuner.problem.search_space import ours
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import place_word
 from tuner.report.campaign.answers import (
+    asked_text,
+    bounds_text,
     gate_answer,
     measure_text,
     next_answer,
@@ -28,14 +32,11 @@ from tuner.report.campaign.answers import (
 )
 from tuner.report.campaign.explorer import MOST_MISSIONS, explorer_data
 from tuner.report.campaign.facts import CampaignFacts
-from tuner.report.campaign.front import asked_text, front_context
 from tuner.report.campaign.plan_picture import plan_picture
 from tuner.report.campaign.provenance import command_note, provenance_rows, reproduce_command
-from tuner.report.campaign.rows import failure_rows, progress_text, rock_rows
 from tuner.report.campaign.walks import PAGE, REPORT_FILE, linked_comparisons
-from tuner.report.campaign.wider import write_wider_settings
-from tuner.report.labels import parameter_label, verdict, with_unit
-from tuner.report.pages import write_page
+from tuner.report.labels import format_number, verdict, with_unit
+from tuner.report.pages import duration, write_page
 
 # Coverage of 95 % intervals below which the page says that they are too narrow.
 POOR_COVERAGE = 0.85
@@ -43,7 +44,7 @@ MIN_MISSIONS_FOR_COVERAGE = 12
 
 
 def write_campaign_report(campaign: Campaign) -> Path:
-    """Write ``report.html`` and settings to search on with into the campaign's run directory; the path of the page.
+    """Write ``report.html`` into the campaign's run directory; the path of the page.
 
     The campaign may be finished, interrupted or still running.
 
@@ -55,15 +56,7 @@ def write_campaign_report(campaign: Campaign) -> Path:
     facts = CampaignFacts(campaign)
     if facts.status.finished == 0:
         raise UserError(f"{campaign.directory} has no finished mission; run or resume the campaign first")
-    try:
-        if facts.recommendation is not None:
-            write_wider_settings(campaign, facts.recommendation)
-        context = _context(facts)
-    except OSError as error:
-        raise UserError(
-            f"cannot write to {campaign.directory}: {error.strerror}; choose another directory"
-        ) from error
-    return write_page(campaign.directory / REPORT_FILE, "campaign.html.j2", **context)
+    return write_page(campaign.directory / REPORT_FILE, "campaign.html.j2", **_context(facts))
 
 
 def _context(facts: CampaignFacts) -> dict[str, Any]:
@@ -91,19 +84,17 @@ def _context(facts: CampaignFacts) -> dict[str, Any]:
         "next_command": command,
         "walk": f"{SHOWN}/{PAGE}" if (facts.campaign.directory / SHOWN / PAGE).is_file() else "",
         "warnings": _warnings(facts),
-        "progress": progress_text(facts),
+        "progress": _progress_text(facts),
         "place": place_word(s),
         "recommended": best is not None,
         "several_conditions": facts.several_conditions,
-        "parameters": [(path, parameter_label(path).short) for path in s.space.paths],
         "metric": facts.label.full,
         "unit": facts.label.unit,
         "not_drawn": max(0, len(facts.trials) - MOST_MISSIONS),
         "explorer": explorer_data(facts),
         "model": "" if best is None or facts.model is None else _model_text(facts, best),
-        "per_rock": [] if best is None else rock_rows(facts, best),
-        "front": front_context(facts),
-        "failures": failure_rows(facts),
+        "per_rock": [] if best is None else _rock_rows(facts, best),
+        "failures": _failure_rows(facts),
         "run": shlex.quote(str(facts.campaign.directory)),
         "command": reproduce_command(facts.campaign),
         "command_note": command_note(facts.campaign),
@@ -155,8 +146,64 @@ def _warnings(facts: CampaignFacts) -> list[str]:
             f"The model’s 95 % intervals held only {100 * coverage:.0f} % of the left-out missions: read all "
             "intervals on this page as too narrow."
         )
+    if at_bounds := bounds_text(facts):
+        out.append(at_bounds)
     degraded = sum(t.status == "degraded" for t in facts.trials)
     for count, what in ((degraded, "were degraded"), (status.failed, "failed")):
         if count > 0.2 * status.finished:
             out.append(f"{count} of {status.finished} finished missions {what}; see below.")
     return out
+
+
+def _progress_text(facts: CampaignFacts) -> str:
+    """``12 of 12 missions finished, 1 failed, 0 degraded; 7 min of computing.``"""
+    st = facts.status
+    degraded = sum(t.state == "complete" and t.status == "degraded" for t in facts.trials)
+    return (
+        f"{st.finished} of {st.budget} missions finished, {st.failed} failed, {degraded} degraded; "
+        f"{duration(st.mission_wall_s)} of computing."
+    )
+
+
+def _rock_rows(facts: CampaignFacts, best: Recommendation) -> list[list[str]]:
+    """World by world: missions, failures, what the recommendation and the default had there, with their missions."""
+    rows = []
+    done = [t for t in facts.trials if t.state != "running"]
+    for row in best.per_rock:
+        own = [t for t in done if t.world == row.world]
+        outcomes = [facts.outcome(t) for t in own if t.values == best.default_values]
+        default = [value for value in outcomes if value is not None]
+        rows.append(
+            [
+                facts.world_name(row.world),
+                str(len(own)),
+                str(sum(t.raw is None for t in own)),
+                format_number(facts.label.possible(row.predicted), facts.digits),
+                _measured(row.observed, row.missions, facts.digits),
+                _measured(sum(default) / len(default) if default else None, len(default), facts.digits),
+            ]
+        )
+    return rows
+
+
+def _failure_rows(facts: CampaignFacts) -> list[list[str]]:
+    """Failed and degraded missions by reason, the commonest first: how many, on which rocks, the last one's message."""
+    groups: dict[tuple[str, str], list[Trial]] = collections.defaultdict(list)
+    for t in facts.trials:
+        if t.state == "failed" or t.status == "degraded":
+            outcome = "failed" if t.state == "failed" else "degraded"
+            groups[t.reason or "unknown", outcome].append(t)
+    return [
+        [
+            reason,
+            outcome,
+            str(len(group)),
+            "; ".join(sorted({facts.world_name(t.world) for t in group})),
+            group[-1].message,
+        ]
+        for (reason, outcome), group in sorted(groups.items(), key=lambda item: -len(item[1]))
+    ]
+
+
+def _measured(mean: float | None, missions: int, digits: int) -> str:
+    return f"{format_number(mean, digits)} ({missions})" if missions else format_number(None)

@@ -57,10 +57,7 @@ def vehicle_files(
 ) -> list[VehicleFile]:
     """Both files of what ``best`` recommends, the one that carries most first.
 
-    Parameters
-    ----------
-    onto
-        By name a file of that kind whose other keys are kept; others are as published.
+    ``onto``: by name a file of that kind whose other keys are kept; others are as published.
 
     Raises
     ------

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 from nbv.provenance import versions
-from nbv.safe_files import write_atomic
 from tuner.evaluation.baselines import description, sees_ground_truth
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import ComparisonTable
@@ -16,7 +15,6 @@ from tuner.report.comparison.facts import ComparisonFacts
 from tuner.report.comparison.tables import (
     FLOOR_NOTE,
     PAPER_NOT_COMPARABLE,
-    comparison_markdown,
     methods_sentence,
     missions_text,
     strategy_lines,
@@ -28,7 +26,6 @@ from tuner.report.provenance import recorded, recorded_rows
 from tuner.report.style import short_names
 
 REPORT_FILE = "report.html"
-TABLE_FILE = "table.md"
 _TITLES = {
     "whole": "Table I on the whole surface, underside included, as in the paper",
     "observable": "Table I on the surface that at least two reachable cameras can see",
@@ -44,7 +41,7 @@ def write_comparison_report(
     paper: bool = False,
     command: str = "",
 ) -> Path:
-    """Write ``report.html`` and ``table.md`` into ``directory``; returns the page's path.
+    """Write ``report.html`` into ``directory``; returns its path.
 
     Parameters
     ----------
@@ -64,7 +61,7 @@ def write_comparison_report(
     UserError
         The directory cannot be written.
     """
-    page = write_page(
+    return write_page(
         directory / REPORT_FILE,
         "comparison.html.j2",
         title=f"{title} · gatetune",
@@ -73,12 +70,6 @@ def write_comparison_report(
         version=versions().get("gatetune", ""),
         **comparison_context(facts, paper=paper),
     )
-    markdown = (
-        f"### {_TITLES[name]}\n\n{comparison_markdown(table, paper=paper and name == 'whole')}"
-        for name, table in facts.tables.items()
-    )
-    write_atomic(directory / TABLE_FILE, "\n".join(markdown))
-    return page
 
 
 def comparison_context(facts: ComparisonFacts, *, paper: bool = False) -> dict[str, Any]:

@@ -158,28 +158,6 @@ def methods_sentence(tables: Sequence[ComparisonTable], place: str = "rock") -> 
     return interval_methods(found).replace("rock", place)
 
 
-def comparison_markdown(table: ComparisonTable, *, paper: bool = False) -> str:
-    """The table as GitHub-flavoured markdown, with the paired differences in the cells; ``paper``: and its own values."""
-    lines = [
-        "| Metric | " + " | ".join(map(strategy_label, table.strategies)) + " |",
-        "|---|" + "---:|" * len(table.strategies),
-    ]
-    for line in table_lines(table, paper=paper):
-        texts = []
-        for c in line.cells:
-            text = f"**{c.text}**" if c.best else c.text
-            text += f"; paper {c.paper}" if c.paper else ""
-            texts.append(f"{text}; {c.difference}" if c.difference else text)
-        lines.append(f"| {line.name} | " + " | ".join(texts or [""] * len(table.strategies)) + " |")
-    lines.append("| missions | " + " | ".join(missions_text(table, name) for name in table.strategies) + " |")
-    lines += ["", f"Mean over rocks ± 95 % interval; best mean in bold. {methods_sentence([table])}"]
-    if table.reference is not None and len(table.strategies) > 1:
-        lines.append(f"Signed: paired difference from {strategy_label(table.reference)} (95 % interval).")
-    if any(row.floor is not None for row in table.rows):
-        lines += ["", FLOOR_NOTE]
-    return "\n".join([*lines, "", PAPER_NOT_COMPARABLE] if paper else lines) + "\n"
-
-
 def missions_text(table: ComparisonTable, strategy: str) -> str:
     """``11 + 1 failed``."""
     failed = table.failures[strategy]

@@ -39,17 +39,8 @@ def overlay_figure(run: Path, rock: str | None = None) -> Figure:
     is more than the error of a good cloud). Lower row: samples of the true surface, coloured by their distance to the
     cloud: what is missing shows dark. Parallel projection.
 
-    Parameters
-    ----------
-    run
-        A mission's directory with ``cleaned.ply``.
-    rock
-        Catalogue name or mesh file, for a rock that is not in the catalogue under the mission's name for it.
-
-    Raises
-    ------
-    UserError
-        A file is missing or the rock is unknown.
+    ``run``: a mission's directory with ``cleaned.ply``; ``rock`` as for `the_rock`. ``UserError`` where a file is missing or
+    the rock is unknown.
     """
     config, result, store = mission_config(run), MissionResult.load(run), Store()
     cloud = read_ply(run / "cleaned.ply").points_m

@@ -2,34 +2,47 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from nbv.errors import UserError
+from nbv.mission.result import MissionResult
 from tuner.report.style import colour, look, marker, new_figure
 
 
-def sector_figure(
-    completeness: Mapping[str, Sequence[float | None]], centers_deg: Sequence[float], threshold: str = "48 mm"
-) -> Figure:
-    """Completeness per sector and label.
+def sectors_figure(runs: Mapping[str, Path]) -> Figure:
+    """Per-sector completeness at 48 mm of several missions, by label (the paper's Fig. 3).
 
-    Parameters
-    ----------
-    completeness
-        By label: K percentages; None where the sector has no sample.
-    centers_deg
-        (K,) azimuths of the sector centres, counter-clockwise from east, as ``nbv.evaluation`` defines them.
-    threshold
-        At which completeness is.
+    Sector centres are azimuths in degrees, counter-clockwise from east, as ``nbv.evaluation`` defines them.
+
+    Raises
+    ------
+    UserError
+        A mission without metrics, or with other sectors than the first.
     """
+    completeness: dict[str, list[float | None]] = {}
+    centers: list[float] = []
+    for label, run in runs.items():
+        result = MissionResult.load(run)
+        if result.status == "failed":
+            raise UserError(f"{run} holds a failed mission ({result.reason}); leave it out")
+        metrics = result.metrics
+        here = list(metrics["sector_centers_deg"])
+        if centers and here != centers:
+            raise UserError(f"{run} was measured with other azimuth sectors; compare like with like")
+        centers = here
+        completeness[label] = metrics["whole"]["sector_completeness_48mm"]
+    if not completeness:
+        raise UserError("no mission to show; name at least one run directory")
     with look():
         figure = new_figure(6.6, 4.8)
         ax: Any = figure.add_subplot(projection="polar")
-        angles = np.deg2rad(np.asarray(centers_deg, dtype=float))
+        angles = np.deg2rad(np.asarray(centers, dtype=float))
         lowest = 100.0
         for i, (label, sectors) in enumerate(completeness.items()):
             values = np.array([np.nan if v is None else v for v in sectors], dtype=float)
@@ -42,9 +55,9 @@ def sector_figure(
         ax.set_ylim(bottom, 100)
         ax.yaxis.set_major_locator(MaxNLocator(4))
         ax.yaxis.set_major_formatter("{x:g} %")
-        ax.set_xticks(angles, [f"{center:g}°" for center in centers_deg])
+        ax.set_xticks(angles, [f"{center:g}°" for center in centers])
         ax.set_xlabel(
-            f"completeness at {threshold}; 0° east, 90° north, labels at sector centres; "
+            f"completeness at 48 mm; 0° east, 90° north, labels at sector centres; "
             f"the plot’s centre is {bottom:g} %",
             fontsize=8,
         )

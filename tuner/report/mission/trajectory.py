@@ -21,17 +21,8 @@ _ROCK_GREY = "#8d8d8d"
 def trajectory_figure(run: Path) -> Figure:
     """Flown path, seed and selected views, and the first iteration's candidates from above, in ENU (m).
 
-    The selected views are numbered in the order of their capture.
-
-    Parameters
-    ----------
-    run
-        A mission's directory with ``flight.json``, ``states/`` and, where it exists, ``cleaned.ply``.
-
-    Raises
-    ------
-    UserError
-        A file is missing.
+    The selected views are numbered in the order of their capture. ``run``: a mission's directory with ``flight.json``,
+    ``states/`` and, where it exists, ``cleaned.ply``; ``UserError`` where a file is missing.
     """
     config = mission_config(run)
     flight = read_flight(run)

@@ -15,20 +15,10 @@ from tuner.report.pages import write_page
 
 
 def write_mission_view(runs: Sequence[Path], out: Path, rock: str | None = None) -> Path:
-    """Write one HTML file that needs no server and no network: rock, clouds, cameras, pool, path, capture by capture.
+    """Write one HTML file, ``out``, that needs no server and no network: rock, clouds, cameras, pool, path, capture by capture.
 
-    Parameters
-    ----------
-    runs
-        The directories of one or two missions that were flown with everything kept.
-    out
-        The file to write.
-    rock
-        Catalogue name or mesh file; by default the catalogue's rock of the mission's name for it.
-
-    Returns
-    -------
-    ``out``.
+    ``runs``: the directories of one or two missions that were flown with everything kept; ``rock``: catalogue name or mesh
+    file, by default the catalogue's rock of the mission's name for it.
 
     Raises
     ------

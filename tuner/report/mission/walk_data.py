@@ -37,19 +37,9 @@ _SCORES = {"completeness_48mm": "completeness at 48 mm", "f_score_16mm": "F-scor
 
 
 def walk_of(run: Path, rock: str | None = None) -> dict[str, Any]:
-    """Everything that the page shows of the mission in ``run``, as JSON; arrays in it are packed strings.
+    """Everything that the page shows of the mission in ``run``, flown with everything kept, as JSON; arrays are packed strings.
 
-    Parameters
-    ----------
-    run
-        A mission's directory, flown with everything kept.
-    rock
-        Catalogue name or mesh file, for a rock that is not in the catalogue under the mission's name for it.
-
-    Raises
-    ------
-    UserError
-        A file is missing, or the rock is not the one that the mission was flown on.
+    ``rock`` as for `the_rock`; ``UserError`` as there, and where a file is missing.
     """
     result, flight, planned_by, store = (
         MissionResult.load(run),

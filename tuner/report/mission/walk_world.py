@@ -58,7 +58,17 @@ class World:
 
 
 def the_rock(run: Path, result: MissionResult, rock: str | None, store: Store) -> Rock:
-    """The rock that the mission in ``run`` was flown on; ``UserError`` if the one found is another."""
+    """The rock that the mission in ``run`` was flown on; ``UserError`` if the one found is another.
+
+    Parameters
+    ----------
+    run, result
+        The mission's directory, and its result.
+    rock
+        Catalogue name or mesh file, for a rock that is not in the catalogue under the mission's name for it.
+    store
+        Where rocks are kept.
+    """
     name = rock or result.rock
     remedy = "name its mesh file with --rock"
     try:

@@ -12,11 +12,11 @@ import pytest
 
 from nbv.errors import UserError
 from nbv.types import Floats
+from research.sensitivity import Sensitivity, main, sensitivity, table_lines
 from tuner.problem.objective import Objective
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
 from tuner.problem.space_files import load_search_space
-from tuner.studies.sensitivity import Sensitivity, sensitivity, write_sensitivity
 
 SPACE = load_search_space("gate_and_weights")
 GATE = load_search_space("gate")
@@ -37,7 +37,7 @@ def of(
 
 
 @pytest.mark.slow
-def test_an_additive_function_is_attributed_to_its_inputs(tmp_path: Path) -> None:
+def test_an_additive_function_is_attributed_to_its_inputs() -> None:
     """Nine tenths of the variance from the fourth parameter, one tenth from the first."""
     found = of(lambda u: 3 * u[3] + 1 * u[0])
     by_path = {item.path: item for item in found.importances}
@@ -50,15 +50,7 @@ def test_an_additive_function_is_attributed_to_its_inputs(tmp_path: Path) -> Non
     assert found.explained > 0.8 and found.caution == ""
     assert found.signal_sd == pytest.approx(np.sqrt(10 / 12), rel=0.15)
     assert found.noise_sd == pytest.approx(0.1, rel=1.0)
-    # Rock offsets of 30 would drown everything if outcomes were not standardised per rock.
-    shares = {item.path: item.optuna or 0.0 for item in found.importances}
-    assert max(shares, key=shares.__getitem__) == strong.path
-    assert sum(shares.values()) == pytest.approx(1.0, abs=1e-6)
-    report = write_sensitivity(found, tmp_path)
-    assert f"{strong.total:.2f}" in report.read_text()
-    assert (tmp_path / "importance.png").stat().st_size > 10_000
-    tree = json.loads((tmp_path / "sensitivity.json").read_text())
-    assert tree["importances"][0]["total"] == pytest.approx(strong.total)
+    assert f"{strong.total:.2f}" in table_lines(found)[2]
 
 
 @pytest.mark.slow
@@ -73,11 +65,13 @@ def test_too_few_missions_are_refused() -> None:
 
 
 @pytest.mark.slow
-def test_the_command_takes_a_campaign_apart(gatetune, tmp_path: Path) -> None:
+def test_the_command_takes_a_campaign_apart(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     fake_campaigns.run(tmp_path / "run", sampler="sobol", budget=12)
-    code, out, _ = gatetune("study", "sensitivity", "run")
-    assert code == 0 and "12 missions on 2 rocks" in out
-    tree = json.loads((tmp_path / "run" / "sensitivity" / "sensitivity.json").read_text())
-    assert {p["path"] for p in tree["importances"]} == set(fake_campaigns.settings().space.paths)
-    code, _, err = gatetune("study", "sensitivity", "nowhere")
-    assert code == 2 and "nowhere" in err
+    out = tmp_path / "sensitivity.json"
+    monkeypatch.setattr("sys.argv", ["sensitivity", str(tmp_path / "run"), "--out", str(out)])
+    main()
+    assert "12 missions on 2 rocks" in capsys.readouterr().out
+    paths = {p["path"] for p in json.loads(out.read_text())["importances"]}
+    assert paths == set(fake_campaigns.settings().space.paths)

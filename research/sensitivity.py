@@ -1,4 +1,6 @@
-"""Which parameters of a campaign matter: Sobol indices of its surrogate, with Optuna's importances beside them.
+"""Which parameters of a campaign matter: Sobol indices of its surrogate.
+
+    python -m research.sensitivity runs/NAME [--metric observable.c2c_mean_mm] [--out sensitivity.json]
 
 Sobol indices (``scipy.stats.sobol_indices``; Saltelli et al., Computer Physics Communications 181, 2010) are shares of the
 variance of the posterior mean over the search space, whose parameters are taken for independent and uniform.
@@ -6,30 +8,25 @@ variance of the posterior mean over the search space, whose parameters are taken
 
 from __future__ import annotations
 
+import argparse
+import json
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import optuna
 import torch
-from matplotlib.figure import Figure
-from matplotlib.patches import Patch
-from rich.table import Table
 from scipy.stats import qmc, sobol_indices
 
 from nbv.errors import UserError
+from nbv.mission.result import json_ready
 from nbv.types import Floats
 from tuner.campaign.campaign import Campaign
 from tuner.problem.objective import Objective, direction_of
 from tuner.problem.observations import Observation
 from tuner.problem.search_space import SearchSpace
 from tuner.report.labels import format_number, metric_label, parameter_label
-from tuner.report.style import BLACK, BLUE, SKY, look, new_figure, save_figure
-from tuner.samplers.distributions import distributions
-from tuner.studies.writing import terminal_table, write_study
 from tuner.surrogate.condensed import posterior_means
 from tuner.surrogate.model import RockMeanGP
 from tuner.surrogate.numerics import numerics
@@ -49,7 +46,6 @@ class Importance:
     total: float  # with all its interactions
     first_95: tuple[float, float]  # of posterior draws: what the missions leave open, kernel parameters fixed
     total_95: tuple[float, float]
-    optuna: float | None  # PED-ANOVA of the missions: what tells the best tenth from the rest; sum to 1
 
 
 @dataclass(frozen=True)
@@ -126,7 +122,6 @@ def sensitivity(space: SearchSpace, missions: Sequence[Observation], objective: 
         points = _points(space, DRAW_POINTS)
         draws = gp.model.posterior(gp.inputs(points)).rsample(torch.Size([DRAWS]))[..., 0].numpy()
         first_95, total_95 = (np.nanpercentile(found, (2.5, 97.5), axis=0).T for found in _indices(draws, d))
-    shares = _optuna_importances(gp)
     importances = [
         Importance(
             path,
@@ -134,7 +129,6 @@ def sensitivity(space: SearchSpace, missions: Sequence[Observation], objective: 
             float(total[i]),
             (float(first_95[i, 0]), float(first_95[i, 1])),
             (float(total_95[i, 0]), float(total_95[i, 1])),
-            shares.get(path),
         )
         for i, path in enumerate(space.paths)
     ]
@@ -173,50 +167,21 @@ def _indices(values: Floats, d: int) -> tuple[Floats, Floats]:
     return np.where(flat, np.nan, first), np.where(flat, np.nan, total)
 
 
-def _optuna_importances(gp: RockMeanGP) -> dict[str, float]:
-    """Optuna's importances of standardised outcomes, by path; empty where it finds nothing to attribute."""
-    optuna.logging.set_verbosity(optuna.logging.WARNING)
-    study, known = optuna.create_study(direction="maximize"), distributions(gp.space)
-    study.add_trials(
-        [
-            optuna.trial.create_trial(params=dict(o.values), distributions=known, value=float(z))
-            for o, z in zip(gp.observations, gp.targets)
-        ]
-    )
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        try:
-            shares = optuna.importance.get_param_importances(study)
-        except (ValueError, RuntimeError):  # Optuna refuses data without spread
-            shares = {}
-    return {path: float(share) for path, share in shares.items() if math.isfinite(share)}
-
-
 # -- the report ------------------------------------------------------------------------------------------------
 
-_COLUMNS = ("parameter", "first order", "95 %", "total", "95 %", "Optuna")
 
+def table_lines(result: Sensitivity) -> list[str]:
+    """Markdown, the most important parameter first."""
 
-def _rows(result: Sensitivity) -> list[list[str]]:
     def span(bounds: tuple[float, float]) -> str:
         return f"{format_number(bounds[0], 2)} to {format_number(bounds[1], 2)}"
 
-    return [
-        [
-            parameter_label(item.path).name,
-            format_number(item.first, 2),
-            span(item.first_95),
-            format_number(item.total, 2),
-            span(item.total_95),
-            format_number(item.optuna, 2),
-        ]
-        for item in result.importances
-    ]
-
-
-def sensitivity_table(result: Sensitivity) -> Table:
-    """For the terminal, most important parameter first."""
-    return terminal_table(f"What matters for {metric_label(result.metric).full}", _COLUMNS, _rows(result))
+    lines = ["| parameter | first order | 95 % | total | 95 % |", "|---|---:|---:|---:|---:|"]
+    for item in result.importances:
+        first, total = format_number(item.first, 2), format_number(item.total, 2)
+        name = parameter_label(item.path).name
+        lines.append(f"| {name} | {first} | {span(item.first_95)} | {total} | {span(item.total_95)} |")
+    return lines
 
 
 def summary_lines(result: Sensitivity) -> list[str]:
@@ -232,49 +197,20 @@ def summary_lines(result: Sensitivity) -> list[str]:
     return [*lines, f"Caution: {result.caution}."] if result.caution else lines
 
 
-def write_sensitivity(result: Sensitivity, directory: Path) -> Path:
-    """Write ``sensitivity.json``, ``sensitivity.md`` and ``importance.png``, and return the second."""
-    path = write_study(
-        directory / "sensitivity",
-        result,
-        f"What matters for {metric_label(result.metric).full}",
-        "  \n".join(summary_lines(result)),
-        _COLUMNS,
-        _rows(result),
-        "Sobol indices of the surrogate's posterior mean: the share of its variance over the search space that a "
-        "parameter explains alone (first order) and with all its interactions (total). Intervals are of posterior draws, "
-        "which vary in more ways than the mean does: where missions are few its index may lie outside. Optuna's "
-        "importances (PED-ANOVA) are of the missions without the surrogate and sum to 1.\n\n"
-        "![importance](importance.png)",
+def main() -> None:
+    """Print the indices; with ``--out`` write them, too."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    save_figure(importance_figure(result), directory, "importance")
-    return path
+    parser.add_argument("campaign", type=Path)
+    parser.add_argument("--metric")
+    parser.add_argument("--out", type=Path)
+    asked = parser.parse_args()
+    result = campaign_sensitivity(asked.campaign, asked.metric)
+    print("\n".join([*summary_lines(result), "", *table_lines(result)]))
+    if asked.out:
+        asked.out.write_text(json.dumps(json_ready(result), indent=1))
 
 
-def importance_figure(result: Sensitivity) -> Figure:
-    """Bars of first-order and total indices with their intervals."""
-    items = result.importances
-    with look():
-        figure = new_figure(7.8, 0.5 * len(items) + 1.2)
-        ax = figure.subplots()
-        for y, item in enumerate(items):
-            bars = (
-                (item.total, item.total_95, -0.19, SKY, ""),
-                (item.first, item.first_95, 0.19, BLUE, "//"),
-            )
-            for value, (low, high), shift, shade, hatch in bars:
-                if math.isfinite(value):
-                    length = max(0.0, value)
-                    ax.barh(y + shift, length, height=0.36, color=shade, hatch=hatch, edgecolor="white")
-                    ax.plot([max(0.0, low), max(0.0, high)], [y + shift] * 2, color=BLACK, lw=1.2)
-        ax.set_yticks(range(len(items)), [parameter_label(item.path).name for item in items])
-        ax.set_ylim(len(items) - 0.45, -0.55)
-        ax.set_xlim(left=0.0)
-        ax.grid(False, axis="y")
-        ax.set_xlabel(f"share of the variance of {metric_label(result.metric).full}")
-        handles = [
-            Patch(facecolor=SKY, edgecolor="white", label="with interactions"),
-            Patch(facecolor=BLUE, hatch="//", edgecolor="white", label="alone"),
-        ]
-        figure.legend(handles=handles, loc="outside upper center", ncols=2)
-        return figure
+if __name__ == "__main__":
+    main()
