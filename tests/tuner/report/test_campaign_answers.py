@@ -12,6 +12,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.missions.job import Trial
 from tuner.problem.space_files import load_search_space
 from tuner.report.campaign.answers import (
+    bounds_text,
     next_answer,
     pairs,
     sure_answer,

@@ -10,12 +10,14 @@ from typing import Any
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
+from tuner.campaign.settings import CampaignSettings
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.missions.job import Trial
 from tuner.missions.registry import is_geometric
 from tuner.problem.configurations import configuration_key
 from tuner.problem.objective import reached
 from tuner.problem.quality_at_cost import COUNTS
+from tuner.problem.search_space import Parameter
 from tuner.problem.worlds import World
 from tuner.recommendation.recommendation import Recommendation
 from tuner.report.answer import (
@@ -162,20 +164,32 @@ def next_answer(facts: CampaignFacts, *, evaluated: bool) -> tuple[str, str]:
 
 
 def bounds_text(facts: CampaignFacts) -> str:
-    """Which recommended values lie at a bound of what was searched; empty where none does."""
-    best = facts.recommendation
+    """Which recommended values lie at a bound of what was searched, although a mission can fly beyond; empty where none does."""
+    best, s = facts.recommendation, facts.settings
     if best is None:
         return ""
     names = [
         parameter_label(p.path).name
-        for p in facts.settings.space.parameters
-        if p.path in best.changed and p.kind != "categorical" and best.values[p.path] in p.ends
+        for p in s.space.parameters
+        if p.path in best.changed and p.kind != "categorical" and _ends_too_early(s, p, best.values)
     ]
     if not names:
         return ""
     return (
         f"At a bound of what was searched: {', '.join(names)}. A wider search space may have better values."
     )
+
+
+def _ends_too_early(s: CampaignSettings, p: Parameter, values: Mapping[str, Any]) -> bool:
+    if values[p.path] not in p.ends:
+        return False
+    step = 0.1 * (p.high - p.low) * (1 if values[p.path] == p.high else -1)
+    beyond = values[p.path] + step if p.kind == "float" else round(values[p.path] + step)
+    try:
+        s.config({**values, p.path: beyond})
+    except UserError:
+        return s.mission is not None  # which allows what it lists alone
+    return True
 
 
 def measure_text(facts: CampaignFacts) -> str:
