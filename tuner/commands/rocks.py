@@ -1,4 +1,4 @@
-"""``gatetune rocks list|show|import``."""
+"""``gatetune rocks list|show|import|generate``."""
 
 from __future__ import annotations
 
@@ -101,3 +101,28 @@ def import_(
     output.print(f"imported {subject.name} ({subject.split}): {len(subject.faces)} faces")
     for note in subject.notes:
         output.print(f"  - {note}")
+
+
+@app.command()
+def generate(
+    family: Annotated[str, typer.Option(help="boulder, slab, overhang, cleft, stack or breccia.")],
+    seed: Annotated[
+        int, typer.Option(help="Below 10000: training; below 20000: validation; others are held out.")
+    ],
+) -> None:
+    """Draw a rock from a family; its name, FAMILY-SEED, stands wherever a rock may stand.
+
+    Example: gatetune rocks generate --family overhang --seed 17
+    """
+    from nbv.cache import Store
+    from nbv.rocks import describe, load_rock
+    from nbv.rocks.families import generated_recipe
+
+    name = generated_recipe(family, seed).name
+    with working(f"drawing {name}"):
+        facts = describe(load_rock(name, Store()))
+    width_m, depth_m, height_m = facts.extents_m
+    output.print(
+        f"{name} ({facts.split}): {facts.difficulty}; {width_m:.2f} x {depth_m:.2f} x {height_m:.2f} m, "
+        f"{100 * facts.overhang_fraction:.0f} % overhanging"
+    )
