@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from nbv.provenance import versions
+from nbv.rocks.imported import is_photographed
 from tuner.evaluation.baselines import description, sees_ground_truth
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import ComparisonTable
@@ -83,6 +84,7 @@ def comparison_context(facts: ComparisonFacts, *, paper: bool = False) -> dict[s
         "reference": strategy_label(facts.reference),
         "place": facts.asked.place,
         "ours": run.plan.fidelity != EXTERNAL,
+        "truth": "the set's own reference" if any(map(is_photographed, run.plan.rocks)) else "ground truth",
         "strategies": {
             "": _strategies(run, facts.summary),
             **{name: _strategies(run, table) for name, table in facts.conditions.items()},
