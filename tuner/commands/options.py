@@ -18,7 +18,10 @@ EXECUTION = "Execution"  # panel of the help
 
 Rocks = Annotated[
     list[str] | None,
-    typer.Option("--rock", help="Rock or mesh file, repeatable (default: the procedural ones)."),
+    typer.Option(
+        "--rock",
+        help="Rock or mesh file, repeatable (default: the procedural ones; of families their held-out rocks).",
+    ),
 ]
 Conditions = Annotated[
     list[str] | None,

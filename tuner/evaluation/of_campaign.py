@@ -114,6 +114,8 @@ def held_out(
     reaimed = REAIMED_ORBITS if any_must_look(base, worlds) else ()
     baselines = baseline_configs(list(strategies or (*EVALUATION_BASELINES, *reaimed)), base)
     against = _reference(baselines, "hyb-h")
+    if not rocks and are_drawn(s.rocks):
+        rocks = s.rocks
     if rocks and are_drawn(asked_rocks := with_families(rocks)):  # a replicate of a family is another rock
         rocks, replicates = held_out_rocks_of(asked_rocks, replicates), 1
     plan = EvaluationPlan(

@@ -20,6 +20,7 @@ from tuner.campaign.campaign import Campaign
 from tuner.campaign.session import fly_campaign
 from tuner.campaign.settings import CampaignSettings
 from tuner.campaign.settings_file import settings_from_dict
+from tuner.evaluation.of_campaign import held_out
 from tuner.problem.worlds import World, worlds_over
 
 BUDGET = 12
@@ -83,6 +84,14 @@ def test_the_rock_met_is_a_training_rock_that_the_seed_decides(flown: Campaign) 
     assert len(set(first.values())) == len(first)
     other = settings_of("any-slab", seed=1)
     assert other.rock_flown("any-slab", 0) != flown.settings.rock_flown("any-slab", 0)
+
+
+@pytest.mark.slow
+def test_families_are_evaluated_on_their_own_held_out_rocks(flown: Campaign) -> None:
+    plan = held_out(flown, replicates=2, fidelity="geometric").plan
+    families = sorted({place.removeprefix("any-") for place in flown.settings.rocks})
+    assert sorted(plan.rocks) == sorted(f"{f}-{seed}" for f in families for seed in (20_000, 20_001))
+    assert plan.replicates == 1
 
 
 @pytest.mark.parametrize(
