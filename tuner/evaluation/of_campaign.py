@@ -12,6 +12,7 @@ from typing import Any
 
 from nbv.config import IDEAL, Condition, MissionConfig
 from nbv.errors import UserError
+from nbv.rocks.imported import is_photographed
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.rock_choice import Making
 from tuner.campaign.settings import CampaignSettings
@@ -111,7 +112,7 @@ def held_out(
     worlds = tuple(conditions or s.conditions)
     dataclasses.replace(s, conditions=worlds)  # says where the two contradict each other
     base, tuned = ours(s.base_config()), ours(recommended)
-    reaimed = REAIMED_ORBITS if any_must_look(base, worlds) else ()
+    reaimed = REAIMED_ORBITS if any_must_look(base, _looking(worlds, rocks or ())) else ()
     baselines = baseline_configs(list(strategies or (*EVALUATION_BASELINES, *reaimed)), base)
     against = _reference(baselines, "hyb-h")
     if not rocks and are_drawn(s.rocks):
@@ -156,7 +157,9 @@ def confirmation(
     if found.keep_default:
         return None
     tuned = s.config(found.values)
-    orbits = {} if s.mission is not None else orbits_at_number(_counted(source, found.values), s.conditions)
+    orbits = {}
+    if s.mission is None:
+        orbits = orbits_at_number(_counted(source, found.values), _looking(s.conditions, chosen))
     first = s.blocks
     if s.draws_rocks:
         chosen = tuple(s.rock_flown(rock, first + k) for k in range(replicates) for rock in chosen)
@@ -170,6 +173,11 @@ def confirmation(
         conditions=s.conditions,
     )
     return CampaignEvaluation(plan, "default", asked_of(s, margin), _notes(found))
+
+
+def _looking(conditions: Sequence[Condition], rocks: Sequence[str]) -> Sequence[Condition]:
+    """The conditions under which a mission may have to look for its target: what was photographed stays where it was."""
+    return () if rocks and all(map(is_photographed, rocks)) else conditions
 
 
 def _counted(source: Campaign, values: Mapping[str, Any]) -> MissionConfig:
