@@ -1,4 +1,4 @@
-"""``gatetune study noise``."""
+"""``gatetune study noise|sensitivity``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,14 @@ import typer
 
 from tuner.campaign.rock_choice import refuse_held_out, training_rocks
 from tuner.commands.comparison import ComparisonProgress, end
-from tuner.commands.console import local_executor, output, parse_overrides, rock_arguments
+from tuner.commands.console import (
+    AsJson,
+    answer_json,
+    local_executor,
+    output,
+    parse_overrides,
+    rock_arguments,
+)
 from tuner.commands.options import Fidelity, Overrides, Rocks, Timeout, Workers
 
 app = typer.Typer(no_args_is_help=True)
@@ -63,3 +70,24 @@ def noise(
     )
     output.print(f"in numbers: {write_noise(found, out)}")
     end(run)
+
+
+@app.command()
+def sensitivity(
+    campaign: Annotated[Path, typer.Argument(help="The campaign's run directory.")],
+    metric: Annotated[
+        str | None, typer.Option(help="Another metric than the tuned one, e.g. observable.c2c_mean_mm.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Which parameters matter: Sobol indices of the surrogate.
+
+    Example: gatetune study sensitivity runs/mine
+    """
+    from tuner.studies.sensitivity import campaign_sensitivity, sensitivity_table, summary_lines
+
+    result = campaign_sensitivity(campaign, metric)
+    output.print(sensitivity_table(result))
+    for line in summary_lines(result):
+        output.print(line)
+    answer_json(result)

@@ -1,15 +1,11 @@
 """Which parameters of a campaign matter: Sobol indices of its surrogate.
 
-    python -m research.sensitivity runs/NAME [--metric observable.c2c_mean_mm] [--out sensitivity.json]
-
 Sobol indices (``scipy.stats.sobol_indices``; Saltelli et al., Computer Physics Communications 181, 2010) are shares of the
 variance of the posterior mean over the search space, whose parameters are taken for independent and uniform.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from rich.table import Table
 from scipy.stats import qmc, sobol_indices
 
 from nbv.errors import UserError
-from nbv.mission.result import json_ready
 from nbv.types import Floats
 from tuner.campaign.campaign import Campaign
 from tuner.problem.objective import Objective, direction_of
@@ -170,18 +166,20 @@ def _indices(values: Floats, d: int) -> tuple[Floats, Floats]:
 # -- the report ------------------------------------------------------------------------------------------------
 
 
-def table_lines(result: Sensitivity) -> list[str]:
-    """Markdown, the most important parameter first."""
+def sensitivity_table(result: Sensitivity) -> Table:
+    """For the terminal, the most important parameter first."""
 
     def span(bounds: tuple[float, float]) -> str:
         return f"{format_number(bounds[0], 2)} to {format_number(bounds[1], 2)}"
 
-    lines = ["| parameter | first order | 95 % | total | 95 % |", "|---|---:|---:|---:|---:|"]
+    table = Table(title=f"What matters for {metric_label(result.metric).full}")
+    for column in ("parameter", "first order", "95 %", "total", "95 %"):
+        table.add_column(column)
     for item in result.importances:
         first, total = format_number(item.first, 2), format_number(item.total, 2)
         name = parameter_label(item.path).name
-        lines.append(f"| {name} | {first} | {span(item.first_95)} | {total} | {span(item.total_95)} |")
-    return lines
+        table.add_row(name, first, span(item.first_95), total, span(item.total_95))
+    return table
 
 
 def summary_lines(result: Sensitivity) -> list[str]:
@@ -195,22 +193,3 @@ def summary_lines(result: Sensitivity) -> list[str]:
         f"{format_number(result.noise_sd, 2)} {unit}.",
     ]
     return [*lines, f"Caution: {result.caution}."] if result.caution else lines
-
-
-def main() -> None:
-    """Print the indices; with ``--out`` write them, too."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("campaign", type=Path)
-    parser.add_argument("--metric")
-    parser.add_argument("--out", type=Path)
-    asked = parser.parse_args()
-    result = campaign_sensitivity(asked.campaign, asked.metric)
-    print("\n".join([*summary_lines(result), "", *table_lines(result)]))
-    if asked.out:
-        asked.out.write_text(json.dumps(json_ready(result), indent=1))
-
-
-if __name__ == "__main__":
-    main()
