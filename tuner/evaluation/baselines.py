@@ -165,7 +165,7 @@ def at_equal_number(
     plans no view, those that plan share the number out as they did before.
     """
     number = photographs(tuned)
-    planning = [config for name, config in configs.items() if not _is_orbit(name)]
+    planning = [config for name, config in configs.items() if not is_orbit(name)]
     if all(config.seed == tuned.seed and photographs(config) == number for config in planning):
         return configs
     equal = {f"{name}-{number}": _at_number(name, config, tuned) for name, config in configs.items()}
@@ -174,7 +174,7 @@ def at_equal_number(
 
 def _at_number(name: str, config: MissionConfig, tuned: MissionConfig) -> MissionConfig:
     number = photographs(tuned)
-    if _is_orbit(name):
+    if is_orbit(name):
         return BASELINES[name].orbit(config, number)
     seed, budget = tuned.seed, tuned.adaptive_budget
     sparse = tuned.sparse  # what seeds far apart need to register
@@ -215,7 +215,9 @@ def any_must_look(config: MissionConfig, conditions: Iterable[Condition]) -> boo
     return any(must_look(under(config, condition)) for condition in conditions)
 
 
-def _is_orbit(name: str) -> bool:
+def is_orbit(strategy: str) -> bool:
+    """Whether a strategy, such as ``orbit`` or ``orbit-two-24``, is a plain orbit."""
+    name, _ = _split(strategy)
     return name in BASELINES and not BASELINES[name].plans
 
 

@@ -27,6 +27,7 @@ from tuner.evaluation.baselines import (
     orbits_at_number,
     tuned_configs,
 )
+from tuner.evaluation.orbits_over_photographs import where_photographed
 from tuner.evaluation.plan import EvaluationPlan
 from tuner.missions.external import external_config
 from tuner.missions.registry import DEFAULT_FIDELITY, EXTERNAL
@@ -119,14 +120,16 @@ def held_out(
         rocks = s.rocks
     if rocks and are_drawn(asked_rocks := with_families(rocks)):  # a replicate of a family is another rock
         rocks, replicates = held_out_rocks_of(asked_rocks, replicates), 1
+    controls, more = where_photographed(at_equal_number(baselines, counted, against), rocks or ())
     plan = EvaluationPlan(
-        {**tuned_configs(tuned, base, counted), **at_equal_number(baselines, counted, against)},
+        {**tuned_configs(tuned, base, counted), **controls},
         source.unseen_rocks(rocks, making),
         replicates,
         fidelity=fidelity,
         conditions=worlds,
     )
-    return CampaignEvaluation(plan, against, asked_of(s, margin), (*notes, *_conditions(source, worlds)))
+    notes = (*notes, *more, *_conditions(source, worlds))
+    return CampaignEvaluation(plan, against, asked_of(s, margin), notes)
 
 
 def confirmation(
@@ -157,9 +160,11 @@ def confirmation(
     if found.keep_default:
         return None
     tuned = s.config(found.values)
-    orbits = {}
+    orbits: dict[str, MissionConfig] = {}
+    more: tuple[str, ...] = ()
     if s.mission is None:
-        orbits = orbits_at_number(_counted(source, found.values), _looking(s.conditions, chosen))
+        seen = _looking(s.conditions, chosen)
+        orbits, more = where_photographed(orbits_at_number(_counted(source, found.values), seen), chosen)
     first = s.blocks
     if s.draws_rocks:
         chosen = tuple(s.rock_flown(rock, first + k) for k in range(replicates) for rock in chosen)
@@ -172,7 +177,7 @@ def confirmation(
         fidelity=EXTERNAL if s.mission is not None else fidelity,
         conditions=s.conditions,
     )
-    return CampaignEvaluation(plan, "default", asked_of(s, margin), _notes(found))
+    return CampaignEvaluation(plan, "default", asked_of(s, margin), (*_notes(found), *more))
 
 
 def _looking(conditions: Sequence[Condition], rocks: Sequence[str]) -> Sequence[Condition]:

@@ -1,6 +1,10 @@
 """Controls fly as many photographs as the tuned configuration."""
 
+from pathlib import Path
+
+import numpy as np
 import pytest
+from photographed_ball import places, write_set
 
 from nbv.config import IDEAL_CONDITION, load_condition, preset
 from tuner.evaluation.baselines import (
@@ -14,6 +18,7 @@ from tuner.evaluation.baselines import (
     photographs,
     tuned_configs,
 )
+from tuner.evaluation.orbits_over_photographs import where_photographed
 from tuner.problem.space_files import load_search_space
 
 BASE = preset("campaign")
@@ -84,3 +89,19 @@ def test_an_orbit_is_reaimed_where_the_target_must_be_found() -> None:
     assert list(orbits_at_number(BASE, worlds[:1])) == ["orbit-32", "orbit-two-32"]
     found = orbits_at_number(BASE, worlds)
     assert [c.seed.reaim_after for c in found.values()] == [0, 0, 16, 16]
+
+
+def test_orbits_over_photographs_fly_where_these_were_taken(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("GATETUNE_HOME", str(tmp_path))
+    tuned = BASE.with_values({"seed.count": 16, "stop.adaptive_budget": 8})
+    elevations_deg = np.repeat([30.0, 36.0, 42.0, 48.0], 5)
+    write_set("ball", places(np.linspace(0.0, 342.0, 20), elevations_deg), rendered=False)
+    found, notes = where_photographed(orbits_at_number(tuned, ()) | {"tuned": tuned}, ["ball"])
+    number = photographs(tuned)
+    ring, two = found[f"orbit-{number}"].seed, found[f"orbit-two-{number}"].seed
+    assert (ring.lowest_deg, ring.span_deg, ring.count) == (pytest.approx(39.0, abs=0.1), 0.0, number)
+    assert (two.lowest_deg, two.upper_deg) == (pytest.approx(34.5, abs=0.1), pytest.approx(43.5, abs=0.1))
+    assert found["tuned"] is tuned and "39° (the median)" in notes[0]
+    assert where_photographed(found, ["slab"]) == (found, ())
