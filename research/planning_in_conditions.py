@@ -2,6 +2,7 @@
 
     python -m research.planning_in_conditions fly --condition field --out field.csv --rock boulder-20001 ...
     python -m research.planning_in_conditions tell field.csv
+    python -m research.planning_in_conditions stop docs/results/data/stop_with_photographs.csv
 
 The vehicle knows how large the rock is. Where the condition has a target to be found, what it is told of the place is off by
 the condition's error, and it finds the rock in its own photographs: a re-aimed orbit after the first `REAIM_AFTER`, the
@@ -20,7 +21,9 @@ import numpy as np
 
 from nbv.config import under
 from nbv.config.conditions import Condition, load_condition
+from nbv.rocks.families import HELD_OUT_FROM, generated_name
 from nbv.scorers.prediction import predict
+from nbv.types import Floats
 from research.adaptive_plans import FIDELITIES, fly, known
 from research.where_planning_pays import FIXED, MOST, SEEDS, interval, read
 from research.where_planning_pays import PLANNED as UNBOUND
@@ -140,6 +143,57 @@ def tell(rows: list[dict[str, str]], against: str, score: float) -> list[str]:
     return lines
 
 
+def tell_stop(rows: list[dict[str, str]], score: float) -> list[str]:
+    """Of arms that end by themselves: photographs, the share that reaches ``score``, and the orbit with no smaller a share.
+
+    Ratios have 95 % bootstrap intervals over rocks; where no orbit of a draw has such a share, the most photographs that
+    any mission may take stand for it. Of training rocks there is no ratio.
+    """
+    lines = []
+    for split, here in _by_split(rows).items():
+        ended = list(dict.fromkeys(row["arm"] for row in here if row["arm"].startswith("ended")))
+        orbits = sorted({int(row["photographs"]) for row in here if row["arm"] == "two rings"})
+        of = {(row["arm"], row["rock"]): row for row in here if row["arm"] in ended}
+        of |= {(row["photographs"], row["rock"]): row for row in here if row["arm"] == "two rings"}
+        rocks = sorted({row["rock"] for row in here if row["arm"] == ended[0]})
+
+        def reached(arm: str, of: Any = of, rocks: Any = rocks) -> Floats:
+            return np.array([float(of[arm, rock]["f_score"]) >= score for rock in rocks])
+
+        by_orbit = {n: reached(str(n)) for n in orbits}
+        lines.append(f"{split}: {len(rocks)} rocks")
+        lines += [f"  two rings of {n}: share {of_orbit.mean():.3f}" for n, of_orbit in by_orbit.items()]
+        for arm in ended:
+            taken = np.array([float(of[arm, rock]["photographs"]) for rock in rocks])
+            told = f"  {arm}: {taken.mean():.1f} photographs, share {reached(arm).mean():.3f}"
+            if split == "held-out":
+                told += f", of an orbit's {_ratio(taken, reached(arm), by_orbit)}"
+            lines.append(told)
+    return lines
+
+
+def _ratio(taken: Floats, reached: Floats, by_orbit: dict[int, Floats]) -> str:
+    """Photographs (R,) in the mean over those of the smallest orbit that reaches no smaller a share of the R rocks."""
+
+    def of(drawn: Any) -> float:
+        share = reached[drawn].mean()
+        enough = [n for n, of_orbit in by_orbit.items() if of_orbit[drawn].mean() >= share]
+        return float(taken[drawn].mean() / min(enough, default=MOST))
+
+    draws = np.random.default_rng(0).integers(0, len(taken), (4000, len(taken)))
+    low, high = np.percentile([of(drawn) for drawn in draws], [2.5, 97.5])
+    return f"{of(np.arange(len(taken))):.2f} [{low:.2f}, {high:.2f}]"
+
+
+def _by_split(rows: list[dict[str, str]]) -> dict[str, list[dict[str, str]]]:
+    """Drawn rocks with seeds from `HELD_OUT_FROM` on, and scans, are held out."""
+    found: dict[str, list[dict[str, str]]] = {"train": [], "held-out": []}
+    for row in rows:
+        drawn = generated_name(row["rock"])
+        found["train" if drawn is not None and drawn[1] < HELD_OUT_FROM else "held-out"].append(row)
+    return found
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     commands = parser.add_subparsers(dest="what", required=True)
@@ -157,9 +211,14 @@ def main() -> None:
     telling.add_argument("file", type=Path)
     telling.add_argument("--against", default="adaptive")
     telling.add_argument("--score", type=float, default=98.0)
+    stopping = commands.add_parser("stop")
+    stopping.add_argument("file", type=Path)
+    stopping.add_argument("--score", type=float, default=98.0)
     arguments = parser.parse_args()
     if arguments.what == "fly":
         fly_all(arguments)
+    elif arguments.what == "stop":
+        print("\n".join(tell_stop(read(arguments.file), arguments.score)))
     else:
         print("\n".join(tell(read(arguments.file), arguments.against, arguments.score)))
 

@@ -146,7 +146,8 @@ class EvaluationPlan:
 
     def _job(self, directory: Path, strategy: str, world: World, replicate: int) -> MissionJob:
         condition = next(c for c in self.conditions if c.name == world.condition)
-        owner, config = self._owners[strategy], self.strategies[strategy]
+        owner = self._owners[strategy]
+        config = self.strategies[owner]  # of the same mission, whatever else differs
         name = (
             Path(world.rock).stem if world.condition == IDEAL else f"{Path(world.rock).stem}_{condition.name}"
         )

@@ -56,6 +56,14 @@ def test_all_share_rocks_and_replicates_for_paired_differences(tmp_path: Path) -
     assert same is not None and same.exactly_zero
 
 
+def test_what_plans_no_view_is_one_mission_whatever_its_gate(tmp_path: Path) -> None:
+    orbit = BASE.with_values({"stop.adaptive_budget": 0})
+    same = {"hyb-h": orbit, "random": orbit.with_values({"gate.kind": "random"})}
+    result = run_evaluation(plan(strategies=same, rocks=("x",)), tmp_path / "out", InProcessExecutor())
+    assert [r.strategy for r in result.records] == ["hyb-h", "hyb-h", "random", "random"]
+    assert len(list((tmp_path / "out").glob("missions/*/*/mission.json"))) == 2
+
+
 def test_interrupted_evaluation_flies_only_the_rest(tmp_path: Path) -> None:
     def interrupt(event: EvaluationEvent) -> None:
         if event.trial and event.finished == 5:
