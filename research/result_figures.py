@@ -410,10 +410,12 @@ def where_planning_pays(data: Path) -> plt.Figure:
             markersize=4,
         )
     worlds.set_xticks(
-        range(len(gains)), [f"{name}\n{len(of)} rocks" for name, of in gains.items()], fontsize=8
+        range(len(gains)),
+        [name.replace(" (", "\n(") + f"\n{len(of)} rocks" for name, of in gains.items()],
+        fontsize=8,
     )
     worlds.set_yscale("symlog", linthresh=2)
-    ticks = (-10, -5, -2, -1, 0, 1, 2, 5)
+    ticks = (-10, -5, -2, -1, 0, 1, 2, 5, 10, 20)
     worlds.set_yticks(ticks, [str(tick) for tick in ticks])
     worlds.minorticks_off()
     worlds.set_title("24 or 26 photographs; mean and 95 % interval", fontsize=9)
