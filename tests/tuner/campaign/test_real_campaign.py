@@ -12,7 +12,7 @@ import pytest
 pytestmark = pytest.mark.slow
 
 START = (
-    "campaign run --name tiny --space gate --rock boulder --budget 3 --replicates 1 --workers 1 "
+    "campaign run --name tiny --space gate --rock boulder --budget 4 --replicates 2 --workers 1 "
     "--set stop.adaptive_budget=1 --set evaluation.gt_samples=5000 --set dense.agreeing_views=3"
 )
 GATETUNE = [sys.executable, "-m", "tuner.cli"]
@@ -45,22 +45,22 @@ def test_interrupt_resume_evaluate(tmp_path):
     assert process.returncode == 130, out
     assert "gatetune campaign resume" in out
     before = finished(tmp_path)
-    assert 1 <= len(before) < 3
+    assert 1 <= len(before) < 4
     kept = (tmp_path / "runs/tiny/missions" / before[0] / "mission.json").read_text()
 
     status = gatetune(tmp_path, "campaign", "status", "runs/tiny")
     assert status.returncode == 0, status.stderr
-    assert "of 3 missions" in status.stdout
+    assert "of 4 missions" in status.stdout
 
     resumed = gatetune(tmp_path, "campaign", "resume", "runs/tiny", "--workers", "1")
     assert resumed.returncode == 0, resumed.stdout + resumed.stderr
-    assert len(finished(tmp_path)) == 3
+    assert len(finished(tmp_path)) == 4
     assert (
         tmp_path / "runs/tiny/missions" / before[0] / "mission.json"
     ).read_text() == kept  # not flown again
     assert (tmp_path / "runs/tiny/report.html").stat().st_size > 10_000
     recommendation = json.loads((tmp_path / "runs/tiny/recommendation.json").read_text())
-    assert recommendation["observations"] == 3
+    assert recommendation["observations"] == 4
     assert set(recommendation["values"]) == {"gate.budget_fraction", "gate.d95_m"}
 
     # Job 2 refuses the training rock, then flies a held-out one.
