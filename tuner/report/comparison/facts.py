@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from nbv.rocks.imported import is_photographed
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import ComparisonRow, ComparisonTable, comparison_table, strategy_interval
 from tuner.evaluation.flying import EvaluationRun
@@ -158,7 +159,10 @@ def _measure(run: EvaluationRun, asked: Asked) -> str:
         return f"{label.full}; missions of your mission file; {places}."
     names = [condition.name for condition in run.plan.conditions]
     where = f"{'conditions' if len(names) > 1 else 'condition'} {', '.join(names)}"
-    return f"{label.full}; {run.plan.fidelity} missions; {where}; {places}."
+    flown = f"{run.plan.fidelity} missions"
+    if all(map(is_photographed, run.plan.rocks)):
+        flown = "missions over photographs that were taken"
+    return f"{label.full}; {flown}; {where}; {places}."
 
 
 def _warnings(run: EvaluationRun, place: str) -> list[str]:
