@@ -18,7 +18,7 @@ _MEASURE = (
     "<script>addEventListener('load', () => setTimeout(() => "
     "console.log('WIDTHS', innerWidth, document.documentElement.scrollWidth), 200))</script>"
 )
-_OPTIONS = ["--headless", "--no-sandbox", "--enable-logging=stderr", "--virtual-time-budget=1000"]
+_OPTIONS = ["--headless", "--no-sandbox", "--enable-logging=stderr", "--virtual-time-budget=10000"]
 _GRAPHICS = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 
