@@ -504,7 +504,6 @@ def fuzz(targets: list[str], seconds: float, cases: int | None, out: Path | None
     """Cases of each target in turn, of each for the same time, until time or number (``cases`` of each) is used up."""
     table: dict[str, Counter[str]] = {t: Counter() for t in targets}
     spent_s = dict.fromkeys(targets, 0.0)
-    began = time.monotonic()
     seen: set[str] = set()
     with tempfile.TemporaryDirectory() as place:
         make_seeds(Path(place))
@@ -515,6 +514,7 @@ def fuzz(targets: list[str], seconds: float, cases: int | None, out: Path | None
         ):
             for target in targets:  # what it imports, once: the children begin with it
                 run_case(target, case(target, 0), Path(place))
+        began = time.monotonic()
         while cases is not None or time.monotonic() - began < seconds:
             for target in targets:
                 first = sum(table[target].values())
