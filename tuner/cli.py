@@ -39,6 +39,7 @@ EXIT_UNEXPECTED = 70  # EX_SOFTWARE
 _NO_MEMORY = (
     *("annot allocate memory", "can't allocate memory", "failed to map segment", "std::bad_alloc"),
     "can't start new thread",
+    "error return without exception set",  # CPython, where an allocation fails in a function of C
 )
 
 app = typer.Typer(
