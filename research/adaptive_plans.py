@@ -9,6 +9,7 @@ from typing import Any, cast
 from nbv.cache import Store
 from nbv.config import MissionConfig, preset
 from nbv.geometric.mission import GeometricFidelity
+from nbv.mission.aim import about
 from nbv.mission.fidelity import Fidelity, MissionContext
 from nbv.mission.flying import fly_mission
 from nbv.mission.result import MissionResult
@@ -19,7 +20,6 @@ from nbv.types import Capture, Cloud, SparseModel, UpdateReport
 
 FIRST_SEED = {"train": 0, "validation": VALIDATION_FROM, "held-out": HELD_OUT_FROM}
 FIDELITIES: dict[str, Any] = {"geometric": GeometricFidelity, "photogrammetric": PhotogrammetricFidelity}
-CROP_MARGIN_M = 0.1
 Listener = Callable[[Any, SparseModel], None]
 BASE: dict[str, Any] = {
     "dense.agreeing_views": 3,
@@ -41,15 +41,7 @@ def rocks_of(split: str, per_family: int, first: int = 0) -> list[str]:
 
 def known(rock: str, **values: Any) -> MissionConfig:
     """The base configuration about a rock whose place and size are known: aim at its middle, crop beyond its ends."""
-    vertices_m = load_rock(rock, Store()).vertices_m
-    height_m = float(vertices_m[:, 2].max())
-    reach_m = max(1.5, float(abs(vertices_m[:, :2]).max()) + CROP_MARGIN_M, height_m / 2 + CROP_MARGIN_M)
-    about = {
-        "target_m": (0.0, 0.0, round(height_m / 2, 3)),
-        "dense.crop_half_width_m": round(reach_m, 3),
-        "evaluation.crop_half_extent_m": round(reach_m, 3),
-    }
-    return preset("campaign").with_values({**BASE, **about, **values})
+    return about(preset("campaign").with_values({**BASE, **values}), load_rock(rock, Store()))
 
 
 @dataclass(frozen=True)

@@ -90,14 +90,8 @@ def run_geometric_mission(
 
     Parameters
     ----------
-    config
-        The mission's configuration.
-    rock
-        A catalogue name or the path of a mesh.
-    replicate
-        Index of the draw of arrival errors and of what is detected.
-    directory
-        Where the run directory is written; ``None`` writes nothing.
+    config, rock, replicate, directory
+        As in `nbv.mission.MissionFunction`.
     options
         As in `nbv.mission.flying.fly_mission`: ``keep``, ``overwrite``, ``cache``, ``log``, ``with_oracle``.
     """

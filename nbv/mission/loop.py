@@ -87,13 +87,14 @@ class AdaptiveMission:
         """Fly seeds between those that made no model, as far as planned views are left to pay for them; whether any was."""
         budget = self.config.adaptive_budget
         views = self.planner.viewpoints.second_turn(self.config)[:budget]
-        if views:
-            self.recorder.second_turn(failure, len(views))
+        if not views:
+            return False
+        self.recorder.second_turn(failure, len(views))
         for view in views:
             self._fly_and_photograph(view)
         stop = dataclasses.replace(self.config.stop, adaptive_budget=budget - len(views))
         self._plan_by(dataclasses.replace(self.config, stop=stop))
-        return bool(views)
+        return True
 
     def _plan_by(self, config: MissionConfig) -> None:
         self.config = config

@@ -88,14 +88,8 @@ def run_photogrammetric_mission(
 
     Parameters
     ----------
-    config
-        The mission's configuration.
-    rock
-        A catalogue name or the path of a mesh.
-    replicate
-        Index of the draw of arrival errors and sensor noise.
-    directory
-        Where the run directory is written; ``None`` writes nothing.
+    config, rock, replicate, directory
+        As in `nbv.mission.MissionFunction`.
     options
         As in `nbv.mission.flying.fly_mission`: ``keep``, ``overwrite``, ``cache``, ``log``, ``with_oracle``.
     """

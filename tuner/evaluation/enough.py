@@ -17,6 +17,7 @@ import numpy as np
 from nbv.config import MissionConfig, preset
 from nbv.errors import UserError
 from nbv.photographs import PhotographSet
+from nbv.photographs.coverage import coverage
 from nbv.photographs.kept_out import kept_out
 from tuner.evaluation.flying import EvaluationRun
 from tuner.evaluation.plan import EvaluationPlan
@@ -98,16 +99,15 @@ def enough_plans(
     UserError
         The set has too few photographs for the fewest of ``numbers``.
     """
-    out = kept_out(photographs)
-    takeable = [p for p in photographs.registered if p.name not in out]
-    kept = sorted({n for n in numbers if SEEDS <= n < len(takeable)})
+    views, out = coverage(photographs), kept_out(photographs)
+    takeable = [name not in out for name in views.names]
+    kept = sorted({n for n in numbers if SEEDS <= n < sum(takeable)})
     if not kept:
         raise UserError(
-            f"{photographs.name} has {len(takeable)} photographs to choose from; give --number at least {SEEDS} and fewer "
+            f"{photographs.name} has {sum(takeable)} photographs to choose from; give --number at least {SEEDS} and fewer "
             "than that"
         )
-    offsets = np.array([p.camera_center_m for p in takeable]) - photographs.target_m
-    elevation_deg = float(np.median(np.rad2deg(np.arcsin(offsets[:, 2] / np.linalg.norm(offsets, axis=1)))))
+    elevation_deg = float(np.median(views.elevations_deg[takeable]))
     base = preset("campaign").with_values(
         {
             "telemetry": TELEMETRY,
@@ -136,7 +136,7 @@ def enough_plans(
     everything = base.with_values(
         {
             "seed.count": SEEDS,
-            "stop.adaptive_budget": len(takeable),
+            "stop.adaptive_budget": sum(takeable),
             "stop.criterion": "budget",
             "gate.kind": "movement-only",
         }
