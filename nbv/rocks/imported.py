@@ -8,6 +8,7 @@ from __future__ import annotations
 import io
 import logging
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, cast
 
@@ -52,6 +53,11 @@ def is_photographed(name: str) -> bool:
         and surface_path(name).is_file()
         and not imported_path(name).is_file()
     )
+
+
+def are_photographed(rocks: Sequence[str]) -> bool:
+    """Whether there are rocks, and every one is a set of photographs."""
+    return bool(rocks) and all(map(is_photographed, rocks))
 
 
 def list_kept() -> list[RockInfo]:

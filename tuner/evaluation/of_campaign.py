@@ -12,7 +12,7 @@ from typing import Any
 
 from nbv.config import IDEAL, Condition, MissionConfig
 from nbv.errors import UserError
-from nbv.rocks.imported import is_photographed
+from nbv.rocks.imported import are_photographed
 from tuner.campaign.campaign import Campaign
 from tuner.campaign.rock_choice import Making
 from tuner.campaign.settings import CampaignSettings
@@ -182,7 +182,7 @@ def confirmation(
 
 def _looking(conditions: Sequence[Condition], rocks: Sequence[str]) -> Sequence[Condition]:
     """The conditions under which a mission may have to look for its target: what was photographed stays where it was."""
-    return () if rocks and all(map(is_photographed, rocks)) else conditions
+    return () if are_photographed(rocks) else conditions
 
 
 def _counted(source: Campaign, values: Mapping[str, Any]) -> MissionConfig:

@@ -9,7 +9,7 @@ import numpy as np
 from nbv.config import MissionConfig
 from nbv.photographs import PhotographSet
 from nbv.photographs.coverage import coverage
-from nbv.rocks.imported import is_photographed
+from nbv.rocks.imported import are_photographed
 from tuner.evaluation.baselines import is_orbit
 
 HIGHEST_DEG = 60.0
@@ -22,7 +22,7 @@ def where_photographed(
 
     One ring flies at the median elevation of all photographs, two rings at their quartiles.
     """
-    if not rocks or not all(map(is_photographed, rocks)) or not any(map(is_orbit, strategies)):
+    if not are_photographed(rocks) or not any(map(is_orbit, strategies)):
         return dict(strategies), ()
     elevations_deg = np.concatenate([coverage(PhotographSet.read(rock)).elevations_deg for rock in rocks])
     low, middle, high = np.percentile(elevations_deg, [25, 50, 75]).clip(0.0, HIGHEST_DEG).round(1).tolist()

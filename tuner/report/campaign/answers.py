@@ -10,7 +10,7 @@ from typing import Any
 from nbv.config import MissionConfig
 from nbv.errors import UserError
 from nbv.mission.result import MissionResult
-from nbv.rocks.imported import is_photographed
+from nbv.rocks.imported import are_photographed
 from tuner.campaign.settings import CampaignSettings
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.missions.job import Trial
@@ -201,7 +201,7 @@ def measure_text(facts: CampaignFacts) -> str:
     fidelity = f"{s.fidelity} missions"
     if is_geometric(s.fidelity):
         fidelity = "predicted by the low-fidelity simulator (geometric missions, no photographs)"
-    if all(is_photographed(rock) for rock in s.rocks):
+    if are_photographed(s.rocks):
         return f"{facts.label.full}, against the set's own dense reference; missions over photographs that were taken"
     names = [condition.name for condition in s.conditions]
     return f"{facts.label.full}; {fidelity}; {'conditions' if len(names) > 1 else 'condition'} {', '.join(names)}"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from nbv.rocks.imported import is_photographed
+from nbv.rocks.imported import are_photographed
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import ComparisonRow, ComparisonTable, comparison_table, strategy_interval
 from tuner.evaluation.flying import EvaluationRun
@@ -160,7 +160,7 @@ def _measure(run: EvaluationRun, asked: Asked) -> str:
     names = [condition.name for condition in run.plan.conditions]
     where = f"{'conditions' if len(names) > 1 else 'condition'} {', '.join(names)}"
     flown = f"{run.plan.fidelity} missions"
-    if all(map(is_photographed, run.plan.rocks)):
+    if are_photographed(run.plan.rocks):
         flown = "missions over photographs that were taken"
     return f"{label.full}; {flown}; {where}; {places}."
 
