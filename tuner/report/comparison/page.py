@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from nbv.provenance import versions
-from nbv.rocks.imported import is_photographed
+from nbv.rocks.imported import are_photographed, is_photographed
 from tuner.evaluation.baselines import description, sees_ground_truth
 from tuner.evaluation.baselines import label as strategy_label
 from tuner.evaluation.comparison import ComparisonTable
@@ -84,7 +85,7 @@ def comparison_context(facts: ComparisonFacts, *, paper: bool = False) -> dict[s
         "reference": strategy_label(facts.reference),
         "place": facts.asked.place,
         "ours": run.plan.fidelity != EXTERNAL,
-        "truth": "the set's own reference" if any(map(is_photographed, run.plan.rocks)) else "ground truth",
+        "truth": _truth(run.plan.rocks),
         "strategies": {
             "": _strategies(run, facts.summary),
             **{name: _strategies(run, table) for name, table in facts.conditions.items()},
@@ -102,6 +103,13 @@ def comparison_context(facts: ComparisonFacts, *, paper: bool = False) -> dict[s
         "floor": FLOOR_NOTE if any(row.floor is not None for t in tables for row in t.rows) else "",
         "provenance": _provenance(run, facts.asked.place),
     }
+
+
+def _truth(rocks: Sequence[str]) -> str:
+    """What clouds are measured against."""
+    if are_photographed(rocks):
+        return "the set's own reference"
+    return "ground truth" + (" or a set's own reference" if any(map(is_photographed, rocks)) else "")
 
 
 def _strategies(run: EvaluationRun, table: ComparisonTable) -> dict[str, Any]:
