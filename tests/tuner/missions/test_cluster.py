@@ -5,12 +5,14 @@ from __future__ import annotations
 import collections
 import contextlib
 import gc
+import io
 import json
 import os
 import signal
 import subprocess
 import sys
 import time
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -89,6 +91,15 @@ def test_links_that_a_mission_left_do_not_come_back(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "there/pipe")
     worker.unpack(worker.pack(tmp_path / "there"), tmp_path / "here")
     assert [path.name for path in (tmp_path / "here").iterdir()] == ["mission.json"]
+
+
+def test_no_file_of_a_mission_lands_outside_its_directory(tmp_path: Path) -> None:
+    with zipfile.ZipFile(buffer := io.BytesIO(), "w") as archive:
+        for name in ("../beside.txt", "/absolute.txt", "a/../../up.txt"):
+            archive.writestr(name, "")
+    worker.unpack(buffer.getvalue(), tmp_path / "here")
+    assert [path.name for path in tmp_path.iterdir()] == ["here"]
+    assert len(list((tmp_path / "here").rglob("*.txt"))) == 3
 
 
 def test_no_mission_is_lost_or_entered_twice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

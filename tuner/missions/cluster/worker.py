@@ -8,11 +8,11 @@ from __future__ import annotations
 import dataclasses
 import io
 import shutil
-import tarfile
 import tempfile
 import threading
 import time
 import uuid
+import zipfile
 from pathlib import Path
 from typing import Any
 
@@ -164,13 +164,15 @@ def pack(directory: Path) -> bytes:
     """
     files = [path for path in directory.rglob("*") if path.is_file() and not path.is_symlink()]
     buffer = io.BytesIO()
-    with tarfile.open(fileobj=buffer, mode="w:gz", compresslevel=1) as archive:
+    with zipfile.ZipFile(
+        buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1, strict_timestamps=False
+    ) as archive:
         for path in sorted(files, key=lambda path: path == directory / RESULT_FILE):
-            archive.add(path, arcname=path.relative_to(directory))
+            archive.write(path, path.relative_to(directory))
     return buffer.getvalue()
 
 
 def unpack(files: bytes, directory: Path) -> None:
-    """Write a mission's files into ``directory``."""
-    with tarfile.open(fileobj=io.BytesIO(files)) as archive:
-        archive.extractall(directory, filter="data")
+    """Write a mission's files into ``directory``, and nowhere else, whatever they are called."""
+    with zipfile.ZipFile(io.BytesIO(files)) as archive:
+        archive.extractall(directory)
