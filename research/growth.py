@@ -35,6 +35,7 @@ import numpy as np
 
 from nbv.cache import Store
 from nbv.config import preset
+from nbv.dense import PosedViews
 from nbv.dense.stereo import estimate_depth
 from nbv.geometry.neighbours import knn_d95_m
 from nbv.mission.planning_state import load_state
@@ -123,14 +124,17 @@ def image_sizes(rock_name: str) -> list[Curve]:
                 3,
             )
         )
-        pairs = [(n.image, n.camera_from_world) for n in near]
+        posed = PosedViews(
+            {shot.name: shot.image for shot in shots + near if shot.image is not None},
+            {shot.name: shot.camera_from_world for shot in shots + near},
+            config.camera,
+            config.target_m,
+            config.dense,
+        )
+        _ = posed.grey
+        names = [shot.name for shot in near]
         costs["depth map, a view"].append(
-            fastest(
-                lambda i=image, s=shots[0], p=pairs, c=config: estimate_depth(
-                    i, s.camera_from_world, p, c.camera, c.target_m, c.dense
-                ),
-                3,
-            )  # type: ignore[misc]
+            fastest(lambda v=posed, s=shots[0].name, n=names: estimate_depth(v, s, n), 3)  # type: ignore[misc]
         )
     return [curve(name, "pixels", pixels, seconds) for name, seconds in costs.items()]
 

@@ -35,7 +35,7 @@ import numpy as np
 
 from nbv.cache import Store
 from nbv.config import MissionConfig, preset
-from nbv.dense.reconstruct import dense_cloud
+from nbv.dense import PosedViews, dense_cloud
 from nbv.errors import MissionFailure
 from nbv.evaluation import evaluate_cloud
 from nbv.flight import Flight
@@ -146,14 +146,8 @@ def outcome(
         fx, fy, cx, cy = model.image(image_id).camera.params
         images[name] = to_known_camera(by_name[name].image, (fx, fy, cx, cy), config)
     points_m = alignment.world_from_model.apply(np.array([p.xyz for p in model.points3D.values()]))
-    cloud = dense_cloud(
-        images,
-        dict(zip(names, poses)),
-        config.camera,
-        config.target_m,
-        config.dense,
-        sparse_points_m=points_m,
-    )
+    posed = PosedViews(images, dict(zip(names, poses)), config.camera, config.target_m, config.dense)
+    cloud = dense_cloud(posed, points_m)
     dense_s = time.process_time() - started
     metrics = evaluate_cloud(cloud, rock, config, Store()).metrics["observable"]
     return {

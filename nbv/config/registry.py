@@ -69,12 +69,12 @@ RENDERERS = Registry(
     },
 )
 
-# A class each that implements `nbv.dense.DepthBackend`.
+# A `nbv.dense.DenseBackend` each.
 DENSE_BACKENDS = Registry(
     "dense backend",
     {
-        "sgbm": "nbv.dense.sgbm:SgbmBackend",
-        "patchmatch": "nbv.dense.patchmatch:PatchMatchBackend",
+        "sgbm": "nbv.dense.stereo:sgbm_depth_maps",
+        "patchmatch": "nbv.dense.patchmatch:patchmatch_depth_maps",
     },
 )
 

@@ -2,102 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config import CameraConfig, DenseConfig
-from nbv.dense.interface import Floats32
-from nbv.dense.stereo import camera_center_m, pixel_matrix, viewing_angle_deg
-from nbv.types import Floats
+from nbv.dense.views import DepthMaps, Floats32, PosedViews, pixel_matrix
 
 
-def choose_witnesses(
-    reference: str,
-    camera_from_world: Mapping[str, Floats],
-    target_m: tuple[float, float, float] | Floats,
-    count: int,
-) -> list[str]:
-    """The other views nearest in viewing direction as seen from the target; ties by name.
-
-    Parameters
-    ----------
-    reference
-        Name of the view.
-    camera_from_world
-        (4, 4) of all views by name, metres.
-    target_m
-        (3,) the point that the cameras aim at.
-    count
-        How many.
-    """
-    target = np.asarray(target_m, dtype=float)
-    center = camera_center_m(camera_from_world[reference])
-    angles = [
-        (viewing_angle_deg(center, camera_center_m(pose), target), name)
-        for name, pose in camera_from_world.items()
-        if name != reference
-    ]
-    return [name for _, name in sorted(angles)[:count]]
-
-
-def check_consistency(
-    depth_maps: Mapping[str, Floats32],
-    camera_from_world: Mapping[str, Floats],
-    camera: CameraConfig,
-    target_m: tuple[float, float, float] | Floats,
-    config: DenseConfig,
-) -> dict[str, Floats32]:
-    """Check every depth map against up to ``consistency_views`` others.
+def check_consistency(depth_maps: DepthMaps, views: PosedViews) -> DepthMaps:
+    """Check every depth map (H, W) against up to ``consistency_views`` others; NaN where too few agree.
 
     A view agrees with a pixel when, at the point's projection into it, its depth differs from the
     point's by less than ``consistency_relative_depth``, and its own surface point on that ray projects
     back within ``consistency_px`` of the pixel. Pixels with at least ``agreeing_views`` agreeing views
     *including the reference itself* are kept (so 2 means one confirmation), and their depth becomes the
     mean of the agreeing depths along the reference's ray.
-
-    Parameters
-    ----------
-    depth_maps
-        (H, W) metres along the optical axis by view; NaN where unknown.
-    camera_from_world
-        (4, 4) by view, metres.
-    camera
-        Known intrinsics.
-    target_m
-        (3,) the point that the cameras aim at.
-    config
-        Its ``consistency_*`` and ``agreeing_views``.
-
-    Returns
-    -------
-    (H, W) depth by view; NaN where too few agree.
     """
-    poses = {name: camera_from_world[name] for name in depth_maps}
-    return {
-        name: _check(
-            depth_maps[name],
-            poses[name],
-            [
-                (depth_maps[other], poses[other])
-                for other in choose_witnesses(name, poses, target_m, config.consistency_views)
-            ],
-            camera,
-            config,
-        )
-        for name in sorted(depth_maps)
-    }
+    views = replace(views, camera_from_world={name: views.camera_from_world[name] for name in depth_maps})
+    return {name: _check(name, depth_maps, views) for name in sorted(depth_maps)}
 
 
-def _check(
-    depth_m: Floats32,
-    pose: Floats,
-    witnesses: list[tuple[Floats32, Floats]],
-    camera: CameraConfig,
-    config: DenseConfig,
-) -> Floats32:
-    matrix = pixel_matrix(camera)
+def _check(name: str, depth_maps: DepthMaps, views: PosedViews) -> Floats32:
+    depth_m, pose, config = depth_maps[name], views.camera_from_world[name], views.config
+    matrix = pixel_matrix(views.camera)
     focal, cx, cy = (np.float32(value) for value in (matrix[0, 0], matrix[0, 2], matrix[1, 2]))
     rows, columns = np.nonzero(np.isfinite(depth_m))
     depth = depth_m[rows, columns]
@@ -109,7 +37,8 @@ def _check(
     height, width = depth_m.shape
     whole = np.float32 if height * width < 2**24 else np.float64  # exact for all indices of pixels
     inverse_rotation = pose[:3, :3].T
-    for other_depth, other_pose in witnesses:
+    for witness in views.witnesses(name):
+        other_depth, other_pose = depth_maps[witness], views.camera_from_world[witness]
         rotation64 = other_pose[:3, :3] @ inverse_rotation
         translation64 = other_pose[:3, 3] - rotation64 @ pose[:3, 3]
         rotation, translation = rotation64.astype(np.float32), translation64.astype(np.float32)[:, None]

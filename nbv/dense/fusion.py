@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nbv.config import CameraConfig, DenseConfig
-from nbv.dense.interface import Floats32, Image
+from nbv.config import DenseConfig
 from nbv.dense.stereo import backproject, depth_normals
+from nbv.dense.views import DepthMaps, Floats32, PosedViews
 from nbv.errors import MissionFailure
 from nbv.types import Floats, Ints, PointCloud
 
 SLAB_POINTS = 400_000  # averaged at once, at about 150 bytes each
 
 
-def fuse(
-    depth_maps: Mapping[str, Floats32],
-    images: Mapping[str, Image],
-    camera_from_world: Mapping[str, Floats],
-    camera: CameraConfig,
-    target_m: tuple[float, float, float] | Floats,
-    config: DenseConfig,
-) -> PointCloud:
+def fuse(depth_maps: DepthMaps, views: PosedViews) -> PointCloud:
     """Back-project all depths near the target and average what falls into one voxel.
 
     The average removes duplicates of the same surface seen by several views and some of their noise; it
@@ -33,27 +25,19 @@ def fuse(
     from the target along any axis are left out. A normal is the mean over the voxel of the depth maps'
     normals, or the mean direction to the cameras where no depth map has one.
 
-    Parameters
-    ----------
-    depth_maps
-        (H, W) consistent depths in metres, NaN where unknown, by view name.
-
     Raises
     ------
     MissionFailure
         ``empty_dense_cloud``: no depth at all.
     """
-    target = np.asarray(target_m, dtype=float)
-    views = []
-    for name in sorted(depth_maps):
-        view = _view_points(depth_maps[name], images[name], camera_from_world[name], camera, target, config)
-        if view is not None:
-            views.append(view)
-    if not views:
+    found = [_view_points(name, depth_maps[name], views) for name in sorted(depth_maps)]
+    parts = [part for part in found if part is not None]
+    if not parts:
+        agreeing = views.config.agreeing_views
         raise MissionFailure(
-            "empty_dense_cloud", f"no depth is confirmed by {config.agreeing_views} views near the target"
+            "empty_dense_cloud", f"no depth is confirmed by {agreeing} views near the target"
         )
-    return _average_in_slabs(views)
+    return _average_in_slabs(parts)
 
 
 @dataclass(frozen=True)
@@ -71,26 +55,20 @@ class _ViewPoints:
         return _ViewPoints(self.points_m[rows], self.normals[rows], self.colors[rows], self.cells[rows])
 
 
-def _view_points(
-    depth: Floats32,
-    image: Image,
-    camera_from_world: Floats,
-    camera: CameraConfig,
-    target: Floats,
-    config: DenseConfig,
-) -> _ViewPoints | None:
+def _view_points(name: str, depth: Floats32, views: PosedViews) -> _ViewPoints | None:
     """The points of one depth map (H, W), or None if it has none near the target."""
+    camera_from_world, config = views.camera_from_world[name], views.config
     rotation, translation = camera_from_world[:3, :3], camera_from_world[:3, 3]
     rows, columns = np.nonzero(np.isfinite(depth))
     if rows.size == 0:
         return None
     y0, y1, x0, x1 = rows.min(), rows.max() + 1, columns.min(), columns.max() + 1
-    local = backproject(depth, camera, (y0, y1, x0, x1))
+    local = backproject(depth, views.camera, (y0, y1, x0, x1))
     known = (rows - y0) * (x1 - x0) + (columns - x0)
     normal = depth_normals(local).reshape(-1, 3).take(known, axis=0)
     camera_points = local.reshape(-1, 3).take(known, axis=0)
     world = (camera_points - translation.astype(np.float32)) @ rotation.astype(np.float32)
-    offset = world - target.astype(np.float32)
+    offset = world - views.target.astype(np.float32)
     away = np.abs(offset)
     farthest = np.maximum(np.maximum(away[:, 0], away[:, 1]), away[:, 2])
     inside = np.flatnonzero(farthest <= config.crop_half_width_m)
@@ -108,7 +86,7 @@ def _view_points(
     return _ViewPoints(
         world.take(inside, axis=0),
         (normal @ rotation.astype(np.float32)).take(inside, axis=0),
-        image.reshape(-1, 3).take(rows[inside] * depth.shape[1] + columns[inside], axis=0),
+        views.images[name].reshape(-1, 3).take(rows[inside] * depth.shape[1] + columns[inside], axis=0),
         cells.take(order, axis=0),
     )
 

@@ -1,8 +1,5 @@
 """Depth of one view from rectified pairs with its neighbours (OpenCV semi-global matching).
 
-Every function here is pure: the depth map of a reference view depends on its own image and pose, on its
-neighbours' and on the configuration, and on nothing else, so it can be cached under these.
-
 Geometry of a pair: both images are rotated to one orientation whose x axis is the baseline from the
 reference to the neighbour, so the reference is always the left image, and whose z axis points at the
 target. Both are shifted so that the target has zero disparity at the centre of the crop:
@@ -11,15 +8,15 @@ target. Both are shifted so that the target has zero disparity at the centre of 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
 from nbv.config import CameraConfig, DenseConfig
-from nbv.dense.interface import Floats32, Image
-from nbv.geometry.frames import intrinsic_matrix
-from nbv.geometry.matchability import usable_angles
+from nbv.dense.views import DepthMaps, Floats32, PosedViews, pixel_matrix
 from nbv.types import Floats
 
 MERGE_RELATIVE_DEPTH = 0.01  # neighbours' depths within 1 % of each other are one surface
@@ -28,177 +25,90 @@ _MIN_DEPTH_M = 0.3
 _MAX_INTERPOLATION_JUMP_PX = 1.0  # beyond this between adjacent disparities there is an edge
 SEARCH_MARGIN_M = 0.15  # from the points of the sparse model to where depths are still sought
 _SMALLEST_WINDOW_PX = 16  # SGBM needs more than a block
+_COMPANIONS = 3
+_FEWEST_POINTS = 100  # fewer say nothing about where the surface ends
 
 
-def pixel_matrix(camera: CameraConfig) -> Floats:
-    """(3, 3) K for array indices: pixel centres at integers, half a pixel off COLMAP's convention."""
-    matrix = intrinsic_matrix(camera)
-    matrix[:2, 2] -= 0.5
-    return matrix
+def sgbm_depth_maps(
+    views: PosedViews, workers: int = 1, tell: Callable[[int], None] = lambda done: None
+) -> DepthMaps:
+    """The dense backend ``sgbm``: OpenCV's StereoSGBM, deterministic; ``tell`` gets the number of views that are done."""
+    cv2.setNumThreads(1)
+    partners = {name: chosen for name in sorted(views.images) if (chosen := views.neighbours(name))}
+    _ = views.grey  # made before threads ask for it
+    maps = {}
+    with ThreadPoolExecutor(workers) as pool:
+        estimates = pool.map(lambda name: estimate_depth(views, name, partners[name]), partners)
+        for name, depth_m in zip(partners, estimates, strict=True):
+            maps[name] = depth_m
+            tell(len(maps))
+    return maps
 
 
-def camera_center_m(camera_from_world: Floats) -> Floats:
-    """(3,) camera centre in the world frame."""
-    return -camera_from_world[:3, :3].T @ camera_from_world[:3, 3]
-
-
-def viewing_angle_deg(center_a_m: Floats, center_b_m: Floats, target_m: Floats) -> float:
-    """Angle at the target between the directions to two cameras (the triangulation angle)."""
-    a, b = center_a_m - target_m, center_b_m - target_m
-    cosine = a @ b / (np.linalg.norm(a) * np.linalg.norm(b))
-    return float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
-
-
-def choose_neighbours(
-    reference: str,
-    camera_from_world: Mapping[str, Floats],
-    target_m: tuple[float, float, float] | Floats,
-    config: DenseConfig,
-) -> list[str]:
-    """Up to ``config.neighbours`` other views for stereo with ``reference``, best first.
-
-    Usable views lie between ``min_pair_angle_deg`` and ``max_pair_angle_deg`` away as seen from the
-    target; the best angle is ``best_pair_angle_deg``, and a factor off it costs the same either way
-    (too narrow: imprecise; too wide: different looks). Ties are broken by name. A view less than
-    ``min_baseline_angle_deg`` off the line to the target, in front or behind, is not usable.
-
-    Parameters
-    ----------
-    reference
-        Name of the view.
-    camera_from_world
-        (4, 4) of all views by name, metres.
-    target_m
-        (3,) the point that the cameras aim at.
-    config
-        Its ``neighbours`` and limits on angles.
-    """
-    target = np.asarray(target_m, dtype=float)
-    center = camera_center_m(camera_from_world[reference])
-    scored = []
-    for name in sorted(camera_from_world):
-        if name == reference:
-            continue
-        other = camera_center_m(camera_from_world[name])
-        angle = viewing_angle_deg(center, other, target)
-        if usable_angles(angle, config):
-            scored.append((abs(np.log(angle / config.best_pair_angle_deg)), name, other))
-    chosen: list[str] = []
-    for _, name, other in sorted(scored, key=lambda entry: entry[:2]):
-        if len(chosen) == config.neighbours:
-            break
-        if baseline_angle_deg(center, other, target) >= config.min_baseline_angle_deg:
-            chosen.append(name)
-    return chosen
-
-
-def baseline_angle_deg(center_a_m: Floats, center_b_m: Floats, target_m: Floats) -> float:
-    """Angle, 0 to 90, between the line through two cameras and the line from their midpoint to the target."""
-    baseline, gaze = center_b_m - center_a_m, target_m - (center_a_m + center_b_m) / 2
-    return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(baseline, gaze)), abs(baseline @ gaze))))
-
-
-def estimate_depth(
-    image: Image,
-    camera_from_world: Floats,
-    neighbours: Sequence[tuple[Image, Floats]],
-    camera: CameraConfig,
-    target_m: tuple[float, float, float] | Floats,
-    config: DenseConfig,
-    surface_m: Floats | None = None,
-) -> Floats32:
-    """Depth map (H, W) of one view, metres, NaN where unknown.
-
-    Parameters
-    ----------
-    image, camera_from_world
-        The reference view.
-    neighbours
-        Images and poses to match it with, best first.
-    surface_m
-        (N, 3) points near which the surface lies (see `nbv.dense.surface.points_to_search`); ``None``: it may lie
-        anywhere in the crop.
-    """
-    roi = target_window(camera_from_world, camera, target_m, config)
+def estimate_depth(views: PosedViews, name: str, neighbours: Sequence[str]) -> Floats32:
+    """Depth map (H, W) of the view ``name``, metres, NaN where unknown, from ``neighbours`` (best first)."""
+    camera = views.camera
     depth = np.full((camera.height_px, camera.width_px), np.nan, dtype=np.float32)
-    if roi is None or not neighbours:
+    window = target_window(views, name)
+    if window is None or not neighbours:
         return depth
-    grey = _grey(image)
-    estimates = [
-        pair_depth(grey, camera_from_world, _grey(other), pose, camera, target_m, config, roi, surface_m)
-        for other, pose in neighbours
-    ]
-    x0, y0, x1, y1 = roi
+    x0, y0, x1, y1 = window
+    estimates = [pair_depth(views, name, other, window) for other in neighbours]
     depth[y0:y1, x0:x1] = merge_estimates(np.stack(estimates))
     return depth
 
 
-def target_window(
-    camera_from_world: Floats,
-    camera: CameraConfig,
-    target_m: tuple[float, float, float] | Floats,
-    config: DenseConfig,
-) -> tuple[int, int, int, int] | None:
-    """Pixel window ``x0, y0, x1, y1`` (ends excluded) of the target's surroundings, or None if unseen.
+def points_to_search(
+    sparse_points_m: Floats, target_m: tuple[float, float, float] | Floats, config: DenseConfig
+) -> Floats | None:
+    """Points (M, 3) of the sparse model (N, 3) inside the crop around the target, wrong ones left out.
 
-    Parameters
-    ----------
-    camera_from_world
-        (4, 4) of the view.
-    camera
-        Its intrinsics.
-    target_m
-        (3,) the point that the cameras aim at.
-    config
-        Its ``crop_half_width_m``.
+    A point without three others within `SEARCH_MARGIN_M` is taken for a wrong match: it would stretch what is
+    searched. The tip of a thin rock has companions. ``None`` if fewer than 100 points are left.
     """
-    target = camera_from_world[:3, :3] @ np.asarray(target_m, dtype=float) + camera_from_world[:3, 3]
+    points = np.asarray(sparse_points_m, dtype=float)
+    away_m = np.abs(points - np.asarray(target_m, dtype=float)).max(axis=1, initial=0.0)
+    points = points[away_m <= config.crop_half_width_m]
+    if len(points) < _FEWEST_POINTS:
+        return None
+    nearest = cKDTree(points).query(points, k=_COMPANIONS + 1, distance_upper_bound=SEARCH_MARGIN_M)[0]
+    points = points[np.isfinite(nearest[:, -1])]
+    return points if len(points) >= _FEWEST_POINTS else None
+
+
+def target_window(views: PosedViews, name: str) -> tuple[int, int, int, int] | None:
+    """Pixel window ``x0, y0, x1, y1`` (ends excluded) of the target's surroundings in a view, or None if unseen."""
+    camera, pose = views.camera, views.camera_from_world[name]
+    target = pose[:3, :3] @ views.target + pose[:3, 3]
     if target[2] <= _MIN_DEPTH_M:
         return None
     u, v, _ = pixel_matrix(camera) @ target / target[2]
-    half = camera.focal_px * config.crop_half_width_m / target[2]
+    half = camera.focal_px * views.config.crop_half_width_m / target[2]
     x0, x1 = max(0, int(u - half)), min(camera.width_px, int(u + half) + 1)
     y0, y1 = max(0, int(v - half)), min(camera.height_px, int(v + half) + 1)
     return (x0, y0, x1, y1) if x0 < x1 and y0 < y1 else None
 
 
-def pair_depth(
-    grey: np.ndarray,
-    camera_from_world: Floats,
-    other_grey: np.ndarray,
-    other_from_world: Floats,
-    camera: CameraConfig,
-    target_m: tuple[float, float, float] | Floats,
-    config: DenseConfig,
-    roi: tuple[int, int, int, int],
-    surface_m: Floats | None = None,
-) -> Floats32:
-    """Depth of the reference's window ``roi`` from one rectified pair, NaN where unknown.
+def pair_depth(views: PosedViews, name: str, other: str, window: tuple[int, int, int, int]) -> Floats32:
+    """Depth of a view's window from one rectified pair, NaN where unknown.
 
-    With ``surface_m`` (N, 3) only the part of the rectified images and the disparities around these points are
-    matched: `SEARCH_MARGIN_M` beyond them.
+    With ``views.surface_m`` only the part of the rectified images and the disparities around these points are matched:
+    `SEARCH_MARGIN_M` beyond them.
 
     Parameters
     ----------
-    grey, camera_from_world
-        The reference (H, W) and its pose (4, 4).
-    other_grey, other_from_world
-        The neighbour and its pose.
-    camera
-        Known intrinsics of both.
-    target_m
-        (3,) the point that the cameras aim at.
-    config
-        Its ``crop_half_width_m``.
-    roi
-        Window ``x0, y0, x1, y1`` of the reference, ends excluded.
-    surface_m
-        (N, 3) points near which the surface lies; ``None``: anywhere in the crop.
+    views
+        All of them.
+    name, other
+        The reference and its neighbour.
+    window
+        ``x0, y0, x1, y1`` of the reference, ends excluded.
     """
-    x0, y0, x1, y1 = roi
+    camera, target, config = views.camera, views.target, views.config
+    camera_from_world = views.camera_from_world[name]
+    center, other_center = views.center_m(name), views.center_m(other)
+    x0, y0, x1, y1 = window
     unknown = np.full((y1 - y0, x1 - x0), np.nan, dtype=np.float32)
-    target = np.asarray(target_m, dtype=float)
-    center, other_center = camera_center_m(camera_from_world), camera_center_m(other_from_world)
     baseline = float(np.linalg.norm(other_center - center))
     x_axis = (other_center - center) / max(baseline, 1e-12)
     gaze = target - (center + other_center) / 2
@@ -214,8 +124,8 @@ def pair_depth(
     focal = camera.focal_px
     half = round(focal * config.crop_half_width_m / target_depth)
     left, top, right, bottom = -half, -half, half, half  # of the crop; the target is at (0, 0)
-    if surface_m is not None:
-        points = (surface_m - center) @ rectified_from_world.T
+    if views.surface_m is not None:
+        points = (views.surface_m - center) @ rectified_from_world.T
         points = points[points[:, 2] > nearest]
         if len(points) == 0:
             return unknown
@@ -245,17 +155,14 @@ def pair_depth(
 
     matrix = pixel_matrix(camera)
     warped = []
-    for source, pose, where in (
-        (grey, camera_from_world, center),
-        (other_grey, other_from_world, other_center),
-    ):
+    for view, where in ((name, center), (other, other_center)):
+        rotation = views.camera_from_world[view][:3, :3]
         image_from_rectified = (
-            matrix @ pose[:3, :3] @ rectified_from_world.T @ np.linalg.inv(rectified_matrix(where))
+            matrix @ rotation @ rectified_from_world.T @ np.linalg.inv(rectified_matrix(where))
         )
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         warped.append(
-            cv2.warpPerspective(
-                source, image_from_rectified, (width, height), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-            )
+            cv2.warpPerspective(views.grey[view], image_from_rectified, (width, height), flags=flags)
         )
     matcher = cv2.StereoSGBM.create(
         minDisparity=lowest,
@@ -355,7 +262,3 @@ def _dot(a: Floats32, b: Floats32) -> Floats32:
     """(...) dot products of (..., 3) vectors; three times as fast as a sum along the last axis, with the same bits."""
     product = a * b
     return product[..., 0] + product[..., 1] + product[..., 2]
-
-
-def _grey(image: Image) -> np.ndarray:
-    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image

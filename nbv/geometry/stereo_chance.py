@@ -52,7 +52,7 @@ def pairwise_angles_deg(directions: Floats) -> Floats:
 def stereo_partners(angle_deg: Floats, dense: DenseConfig) -> tuple[NDArray[np.intp], Bools]:
     """(V, K) each view's partners, best first, and which of them are within the pair angles.
 
-    As `nbv.dense.stereo.choose_neighbours` has it, but for ``min_baseline_angle_deg``: directions do not tell which
+    As `nbv.dense.PosedViews.neighbours` has it, but for ``min_baseline_angle_deg``: directions do not tell which
     view is in front. With 40 degrees (preset ``paper``) that concerns 2 to 6 pairs in a hundred.
     """
     off_best = np.abs(np.log(np.maximum(angle_deg, 1e-9) / dense.best_pair_angle_deg))
@@ -63,7 +63,7 @@ def stereo_partners(angle_deg: Floats, dense: DenseConfig) -> tuple[NDArray[np.i
 
 
 def witness_mask(angle_deg: Floats, count: int) -> Bools:
-    """(V, V) the ``count`` other views nearest in direction, as `nbv.dense.consistency.choose_witnesses`."""
+    """(V, V) the ``count`` other views nearest in direction, as `nbv.dense.PosedViews.witnesses`."""
     apart = angle_deg + np.where(np.eye(len(angle_deg), dtype=bool), np.inf, 0.0)
     mask = np.zeros(angle_deg.shape, dtype=bool)
     np.put_along_axis(mask, np.argsort(apart, axis=1, kind="stable")[:, :count], True, axis=1)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from nbv.config import MissionConfig, SparseConfig
-from nbv.dense.reconstruct import dense_cloud
+from nbv.dense import PosedViews, dense_cloud
 from nbv.errors import MissionFailure
 from nbv.memory import give_back_freed_memory
 from nbv.sparse.locating import Located
@@ -105,9 +105,8 @@ class PhotogrammetricReconstructor:
             self._sparse = None
             give_back_freed_memory()
         images = {name: self._images[name] for name in poses}
-        return dense_cloud(
-            images, poses, self._config.camera, self._config.target_m, self._config.dense, points_m
-        )
+        config = self._config
+        return dense_cloud(PosedViews(images, poses, config.camera, config.target_m, config.dense), points_m)
 
     def locate(self, capture: Capture, partners: int) -> Located | None:
         """Where a photograph that is no part of the model was taken; needs ``keep_sparse``."""

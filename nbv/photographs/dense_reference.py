@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 
 import cv2
 import numpy as np
@@ -12,13 +11,11 @@ from numpy.typing import NDArray
 
 from nbv.cache import Store, remember
 from nbv.config import CameraConfig, DenseConfig
-from nbv.dense import make_backend, patchmatch_runs
+from nbv.dense import PosedViews, make_backend, patchmatch_runs
 from nbv.dense.consistency import check_consistency
 from nbv.dense.fusion import fuse
-from nbv.dense.interface import Floats32
-from nbv.dense.reconstruct import shrunk, shrunk_camera
-from nbv.dense.stereo import choose_neighbours, estimate_depth
-from nbv.dense.surface import points_to_search
+from nbv.dense.stereo import points_to_search, sgbm_depth_maps
+from nbv.dense.views import shrunk, shrunk_camera
 from nbv.errors import MissionFailure, UserError
 from nbv.geometry.neighbours import nearest_neighbours
 from nbv.memory import give_back_freed_memory
@@ -164,7 +161,11 @@ def _cloud(
     size = (camera.width_px, camera.height_px)
     images = {v.name: shrunk(v.pixels(), camera) for v in views}
     poses = {v.name: v.camera_from_world for v in views}
-    maps = _depth_maps(images, poses, camera, center_m, config, near_m, progress, what)
+    posed = PosedViews(images, poses, camera, center_m, config, near_m)
+    if config.backend == "sgbm":
+        maps = sgbm_depth_maps(posed, WORKERS, lambda done: progress(what, done, len(views)))
+    else:
+        maps = make_backend(config.backend)(posed)
     for view in views:
         if view.name in maps and (mask := view.mask()) is not None:
             inside = cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_AREA) > 0
@@ -177,52 +178,16 @@ def _cloud(
     if not maps:
         return empty
     progress(f"{what}: comparing depths", 0, 1)
-    maps = check_consistency(maps, {n: poses[n] for n in maps}, camera, center_m, config)
+    maps = check_consistency(maps, posed)
     progress(f"{what}: fusing", 0, 1)
     try:
-        cloud = fuse(maps, images, poses, camera, center_m, config)
+        cloud = fuse(maps, posed)
     except MissionFailure:
         return empty
     finally:
         give_back_freed_memory()
     assert cloud.colors is not None and cloud.normals is not None
     return {"points_m": cloud.points_m, "colors": cloud.colors, "normals": cloud.normals}
-
-
-def _depth_maps(
-    images: Mapping[str, NDArray[np.uint8]],
-    poses: Mapping[str, Floats],
-    camera: CameraConfig,
-    center_m: Floats,
-    config: DenseConfig,
-    near_m: Floats | None,
-    progress: Progress,
-    what: str,
-) -> dict[str, Floats32]:
-    """As `nbv.dense.sgbm` makes them, on two threads and telling what is done; COLMAP's where CUDA is."""
-    if config.backend != "sgbm":
-        return make_backend(config.backend).depth_maps(images, poses, camera, center_m, config, near_m)
-    cv2.setNumThreads(1)
-    grey = {name: cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for name, image in images.items()}
-
-    def one(name: str) -> Floats32 | None:
-        chosen = choose_neighbours(name, poses, center_m, config)
-        pairs = [(grey[other], poses[other]) for other in chosen]
-        return (
-            estimate_depth(grey[name], poses[name], pairs, camera, center_m, config, near_m)
-            if chosen
-            else None
-        )
-
-    maps = {}
-    with ThreadPoolExecutor(WORKERS) as pool:
-        for index, (name, depth) in enumerate(
-            zip(sorted(images), pool.map(one, sorted(images)), strict=True)
-        ):
-            progress(what, index + 1, len(images))
-            if depth is not None:
-                maps[name] = depth
-    return maps
 
 
 def _together(clouds: Sequence[PointCloud]) -> PointCloud:

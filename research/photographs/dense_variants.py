@@ -14,7 +14,7 @@ import pycolmap
 
 from nbv.config import preset
 from nbv.config.presets import REDUCED_SFM
-from nbv.dense import dense_cloud
+from nbv.dense import PosedViews, dense_cloud
 from nbv.photographs import PhotographSet
 from nbv.photographs.evaluation import MARGIN, measure_cloud
 from nbv.photographs.kept_out import kept_out
@@ -43,7 +43,8 @@ def main() -> None:
         size_px, agreeing = map(int, variant.split(","))
         dense = replace(config.dense, max_size_px=size_px, agreeing_views=agreeing)
         began = time.process_time()
-        cloud = dense_cloud(images, poses, photographs.camera, photographs.target_m, dense, points_m)
+        posed = PosedViews(images, poses, photographs.camera, photographs.target_m, dense)
+        cloud = dense_cloud(posed, points_m)
         seconds = time.process_time() - began
         found = measure_cloud(cloud, photographs, reference, config.evaluation)[0]["observable"]
         scores = ", ".join(

@@ -4,7 +4,7 @@ import numpy as np
 
 from nbv.config import CameraConfig, DenseConfig
 from nbv.dense.consistency import check_consistency
-from nbv.dense.stereo import pixel_matrix
+from nbv.dense.views import PosedViews, pixel_matrix
 from nbv.geometry.frames import look_at
 
 CAMERA = CameraConfig(width_px=32, height_px=24, focal_px=40.0)
@@ -57,7 +57,7 @@ def test_every_pixel_follows_the_rule():
         depth *= 1 + 0.03 * rng.standard_normal(depth.shape)
         depth[rng.random(depth.shape) < 0.15] = np.nan
         depths[name] = depth.astype(np.float32)
-    checked = check_consistency(depths, poses, CAMERA, TARGET, CONFIG)
+    checked = check_consistency(depths, PosedViews({}, poses, CAMERA, TARGET, CONFIG))
     wrong = total = kept = 0
     for name, depth in depths.items():
         for row, column in np.argwhere(np.isfinite(depth)):

@@ -7,6 +7,7 @@ from nbv.config import CameraConfig, DenseConfig
 from nbv.dense import fusion
 from nbv.dense.fusion import fuse
 from nbv.dense.stereo import backproject, depth_normals
+from nbv.dense.views import PosedViews
 from nbv.geometry.frames import look_at
 
 CAMERA = CameraConfig(width_px=64, height_px=48, focal_px=60.0)
@@ -62,8 +63,12 @@ def all_at_once(depths, images, poses):
     return np.array(points), np.array(normals), np.array(colors)
 
 
+def fused(depths, images, poses):
+    return fuse(depths, PosedViews(images, poses, CAMERA, TARGET, CONFIG))
+
+
 def test_the_cloud_is_the_mean_of_each_voxels_members(views):
-    cloud = fuse(*views, CAMERA, TARGET, CONFIG)
+    cloud = fused(*views)
     points, normals, colors = all_at_once(*views)
     assert len(points) > 500
     np.testing.assert_allclose(cloud.points_m, points, rtol=0, atol=1e-12)
@@ -73,9 +78,9 @@ def test_the_cloud_is_the_mean_of_each_voxels_members(views):
 
 @pytest.mark.parametrize("slab_points", [1, 50, 333, 2000])
 def test_slabs_do_not_change_a_bit(views, monkeypatch, slab_points):
-    whole = fuse(*views, CAMERA, TARGET, CONFIG)
+    whole = fused(*views)
     monkeypatch.setattr(fusion, "SLAB_POINTS", slab_points)
-    slabs = fuse(*views, CAMERA, TARGET, CONFIG)
+    slabs = fused(*views)
     for a, b in (
         (whole.points_m, slabs.points_m),
         (whole.normals, slabs.normals),

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nbv.config import DenseConfig
-from nbv.dense import patchmatch_runs
-from nbv.dense.patchmatch import read_depth_maps, write_images
+from nbv.config import CameraConfig, DenseConfig
+from nbv.dense import PosedViews, patchmatch_runs
+from nbv.dense.patchmatch import read_depth_maps, write_workspace
 from nbv.dense.reconstruct import dense_cloud, make_backend
-from nbv.dense.surface import points_to_search
+from nbv.dense.stereo import points_to_search
 from nbv.errors import MissionFailure, UserError
 from nbv.geometry.frames import look_at
 
@@ -26,7 +26,7 @@ def surface_distance_m(points):
 
 def cloud_of(scene, config=CONFIG, images=None, poses=None, sparse_points_m=None):
     images, poses = scene.images if images is None else images, poses or scene.poses
-    return dense_cloud(images, poses, scene.camera, TARGET, config, sparse_points_m)
+    return dense_cloud(PosedViews(images, poses, scene.camera, TARGET, config), sparse_points_m)
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,7 @@ def test_patchmatch_without_cuda_names_the_remedy():
     if pycolmap.has_cuda:
         pytest.skip("pycolmap has CUDA here")
     with pytest.raises(UserError, match=r'pip install "gatetune\[cuda\]"'):
-        make_backend("patchmatch")
+        make_backend("patchmatch")(PosedViews({}, {}, CameraConfig(), TARGET, CONFIG))
     with pytest.raises(UserError, match="sgbm, patchmatch"):
         make_backend("magic")
 
@@ -95,7 +95,7 @@ def test_patchmatch_with_cuda_agrees_with_the_closed_form(scene):
 def test_colmaps_depth_maps_are_read_back(scene, tmp_path):
     import pycolmap
 
-    write_images(tmp_path, scene.images, scene.poses, scene.camera)
+    write_workspace(tmp_path, PosedViews(scene.images, scene.poses, scene.camera, TARGET, CONFIG))
     depth_m = np.full((240, 320), 2.5, np.float32)
     depth_m[3, 4] = 0
     file = tmp_path / "stereo" / "depth_maps" / "view_000.png.geometric.bin"

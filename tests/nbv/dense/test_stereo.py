@@ -5,17 +5,15 @@ import numpy as np
 import pytest
 
 from nbv.config import CameraConfig, DenseConfig
-from nbv.dense.sgbm import SgbmBackend
 from nbv.dense.stereo import (
     SEARCH_MARGIN_M,
     backproject,
-    baseline_angle_deg,
-    camera_center_m,
-    choose_neighbours,
     depth_normals,
     estimate_depth,
     merge_estimates,
+    sgbm_depth_maps,
 )
+from nbv.dense.views import PosedViews, camera_center_m
 from nbv.geometry.frames import look_at
 
 CONFIG = DenseConfig(agreeing_views=3)
@@ -29,11 +27,19 @@ def orbit_pose(azimuth_deg, elevation_deg=20.0, radius_m=3.5):
     return look_at(np.array(TARGET) + offset, np.array(TARGET))
 
 
+def posed(poses, config=CONFIG):
+    return PosedViews({}, poses, CameraConfig(), TARGET, config)
+
+
+def of(scene, surface_m=None):
+    return PosedViews(scene.images, scene.poses, scene.camera, TARGET, CONFIG, surface_m)
+
+
 def test_neighbours_lie_within_the_angles_best_first():
     poses = {f"v{a:03d}": orbit_pose(a, 0.0) for a in (0, 2, 6, 10, 20, 50, 180)}
-    assert choose_neighbours("v000", poses, TARGET, DenseConfig(neighbours=9)) == ["v010", "v006", "v020"]
-    assert choose_neighbours("v000", poses, TARGET, DenseConfig(neighbours=2)) == ["v010", "v006"]
-    assert choose_neighbours("v180", poses, TARGET, DenseConfig()) == []
+    assert posed(poses, DenseConfig(neighbours=9)).neighbours("v000") == ["v010", "v006", "v020"]
+    assert posed(poses, DenseConfig(neighbours=2)).neighbours("v000") == ["v010", "v006"]
+    assert posed(poses, DenseConfig()).neighbours("v180") == []
 
 
 def test_a_view_in_front_or_behind_is_no_partner_if_configured():
@@ -44,12 +50,11 @@ def test_a_view_in_front_or_behind_is_no_partner_if_configured():
         "front": orbit_pose(-6, 0.0, 2.5),
         "beside": orbit_pose(14, 0.0),
     }
-    here, behind, beside = (camera_center_m(poses[n]) for n in ("here", "behind", "beside"))
-    assert baseline_angle_deg(here, behind, np.array(TARGET)) == pytest.approx(25.75 - 3.38, abs=0.01)
-    assert baseline_angle_deg(beside, here, np.array(TARGET)) == pytest.approx(90.0)
-    assert choose_neighbours("here", poses, TARGET, DenseConfig()) == ["beside", "behind", "front"]
+    assert posed(poses).baseline_angle_deg("here", "behind") == pytest.approx(25.75 - 3.38, abs=0.01)
+    assert posed(poses).baseline_angle_deg("beside", "here") == pytest.approx(90.0)
+    assert posed(poses, DenseConfig()).neighbours("here") == ["beside", "behind", "front"]
     choosy = DenseConfig(min_baseline_angle_deg=40.0, neighbours=2)
-    assert choose_neighbours("here", poses, TARGET, choosy) == ["beside"]
+    assert posed(poses, choosy).neighbours("here") == ["beside"]
 
 
 @pytest.mark.parametrize(
@@ -60,14 +65,7 @@ def test_a_view_in_front_or_behind_is_no_partner_if_configured():
 def test_depth_of_one_pair_matches_the_closed_form(scene, other, completeness):
     # A neighbour on either side, narrow and wide.
     for name, partner in (("view_000.png", other), (other, "view_000.png")):
-        depth = estimate_depth(
-            scene.images[name],
-            scene.poses[name],
-            [(scene.images[partner], scene.poses[partner])],
-            scene.camera,
-            TARGET,
-            CONFIG,
-        )
+        depth = estimate_depth(of(scene), name, [partner])
         # On the sphere (the ground runs out of the search range). Errors in pixels of disparity, the
         # matcher's own unit: focal * baseline * |1 / Z - 1 / Z_true|.
         true = scene.depths[name]
@@ -83,7 +81,7 @@ def test_depth_of_one_pair_matches_the_closed_form(scene, other, completeness):
 
 def test_depth_has_no_systematic_offset(scene):
     # A half-pixel mistake in a principal point or a mirrored baseline would show here as centimetres.
-    maps = SgbmBackend().depth_maps(scene.images, scene.poses, scene.camera, TARGET, CONFIG)
+    maps = sgbm_depth_maps(of(scene))
     for name, item in maps.items():
         middle = np.s_[90:150, 130:190]  # all sphere
         error = (item - scene.depths[name])[middle]
@@ -92,13 +90,11 @@ def test_depth_has_no_systematic_offset(scene):
 
 
 def test_backend_is_deterministic_and_ignores_distant_views(scene):
-    backend = SgbmBackend()
-    first = backend.depth_maps(scene.images, scene.poses, scene.camera, TARGET, CONFIG)
+    first = sgbm_depth_maps(of(scene))
     far = {"zfar.png": orbit_pose(180.0)}
     images = {**scene.images, "zfar.png": np.zeros_like(scene.images["view_000.png"])}
-    second = backend.depth_maps(
-        dict(reversed(list(images.items()))), {**far, **scene.poses}, scene.camera, TARGET, CONFIG
-    )
+    images = dict(reversed(list(images.items())))
+    second = sgbm_depth_maps(PosedViews(images, {**far, **scene.poses}, scene.camera, TARGET, CONFIG), 2)
     assert list(first) == list(second) == sorted(scene.images)
     for name in first:
         assert np.array_equal(first[name], second[name], equal_nan=True)
@@ -113,12 +109,12 @@ def near_the_sphere(points_m):
 def test_searching_near_the_sparse_points_only_finds_the_same(scene):
     name = "view_009.png"
     pose, true = scene.poses[name], scene.depths[name]
-    pairs = [(scene.images[other], scene.poses[other]) for other in ("view_000.png", "view_018.png")]
+    pair = ["view_000.png", "view_018.png"]
     known = np.isfinite(true)
     world = (backproject(true, scene.camera)[known] - pose[:3, 3]) @ pose[:3, :3]
     surface = near_the_sphere(world)
-    full = estimate_depth(scene.images[name], pose, pairs, scene.camera, TARGET, CONFIG)
-    near = estimate_depth(scene.images[name], pose, pairs, scene.camera, TARGET, CONFIG, surface)
+    full = estimate_depth(of(scene), name, pair)
+    near = estimate_depth(of(scene, surface), name, pair)
     v, u = np.indices(true.shape)
     on_sphere = np.hypot(u - 159.5, v - 119.5) < 35
     both = np.isfinite(near) & np.isfinite(full) & on_sphere

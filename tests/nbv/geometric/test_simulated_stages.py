@@ -8,9 +8,8 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from nbv.config import DenseConfig
-from nbv.dense.consistency import choose_witnesses
-from nbv.dense.stereo import choose_neighbours
+from nbv.config import CameraConfig, DenseConfig
+from nbv.dense import PosedViews
 from nbv.geometric.tracks import Tracks
 from nbv.geometry.frames import look_at
 from nbv.geometry.stereo_chance import (
@@ -68,13 +67,14 @@ def test_partners_and_witnesses_are_those_of_the_dense_stage(seed, n):
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     poses = {f"{i:02d}": look_at(target + 3.5 * d, target) for i, d in enumerate(directions)}
     config = DenseConfig(consistency_views=6)
+    views = PosedViews({}, poses, CameraConfig(), target, config)
     angles = pairwise_angles_deg(directions)
     partner, usable = stereo_partners(angles, config)
     witnesses = witness_mask(angles, config.consistency_views)
     for i in range(n):
-        expected = choose_neighbours(f"{i:02d}", poses, target, config)
+        expected = views.neighbours(f"{i:02d}")
         assert [f"{j:02d}" for j in partner[i][usable[i]]] == expected
-        expected = choose_witnesses(f"{i:02d}", poses, target, config.consistency_views)
+        expected = views.witnesses(f"{i:02d}")
         assert {f"{j:02d}" for j in np.flatnonzero(witnesses[i])} == set(expected)
 
 

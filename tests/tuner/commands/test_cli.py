@@ -188,7 +188,7 @@ def test_import_list_show_a_rock_of_ones_own(gatetune, tmp_path):
     ("cuda", "asked", "flown"), [(False, (), "sgbm"), (True, (), "patchmatch"), (True, ("sgbm",), "sgbm")]
 )
 def test_patchmatch_is_chosen_where_there_is_cuda(gatetune, monkeypatch, cuda, asked, flown):
-    monkeypatch.setattr("nbv.dense.cuda.patchmatch_runs", lambda: cuda)
+    monkeypatch.setattr("nbv.dense.reconstruct.patchmatch_runs", lambda: cuda)
     code, out, err = gatetune("config", "show", *(f"--set=dense.backend={name}" for name in asked))
     assert code == 0, err
     assert re.search(rf"backend: {flown} ", out) and ("has CUDA" in out) == (cuda and not asked)

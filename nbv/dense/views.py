@@ -1,0 +1,124 @@
+"""What the stages of a dense reconstruction work on: photographs with poses, and what is sought in them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from nbv.config import CameraConfig, DenseConfig
+from nbv.geometry.frames import intrinsic_matrix
+from nbv.geometry.matchability import usable_angles
+from nbv.types import Floats
+
+Image = NDArray[np.uint8]  # (H, W, 3) RGB
+Floats32 = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class PosedViews:
+    """Photographs with known poses of one target; `nbv.dense.stereo` and its siblings take everything from here."""
+
+    images: Mapping[str, Image]  # (H, W, 3) by name
+    camera_from_world: Mapping[str, Floats]  # (4, 4) rigid, by the same names, metres
+    camera: CameraConfig  # known intrinsics of all
+    target_m: tuple[float, float, float] | Floats  # (3,) the point that the cameras aim at
+    config: DenseConfig
+    surface_m: Floats | None = None  # (N, 3) points near which the surface lies; None: anywhere in the crop
+
+    @property
+    def target(self) -> Floats:
+        """(3,) ``target_m`` as an array."""
+        return np.asarray(self.target_m, dtype=float)
+
+    @cached_property
+    def grey(self) -> dict[str, NDArray[np.uint8]]:
+        """(H, W) by name."""
+        return {n: cv2.cvtColor(i, cv2.COLOR_RGB2GRAY).astype(np.uint8) for n, i in self.images.items()}
+
+    def center_m(self, name: str) -> Floats:
+        """(3,) camera centre in the world frame."""
+        return camera_center_m(self.camera_from_world[name])
+
+    def angle_deg(self, one: str, other: str) -> float:
+        """Angle at the target between the directions to two cameras (the triangulation angle)."""
+        a, b = self.center_m(one) - self.target, self.center_m(other) - self.target
+        cosine = a @ b / (np.linalg.norm(a) * np.linalg.norm(b))
+        return float(np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+    def baseline_angle_deg(self, one: str, other: str) -> float:
+        """Angle, 0 to 90, between the line through two cameras and the line from their midpoint to the target."""
+        a, b = self.center_m(one), self.center_m(other)
+        baseline, gaze = b - a, self.target - (a + b) / 2
+        return float(np.rad2deg(np.arctan2(np.linalg.norm(np.cross(baseline, gaze)), abs(baseline @ gaze))))
+
+    def neighbours(self, reference: str) -> list[str]:
+        """Up to ``config.neighbours`` other views for stereo with ``reference``, best first.
+
+        Usable views lie between ``min_pair_angle_deg`` and ``max_pair_angle_deg`` away as seen from the target; the best
+        angle is ``best_pair_angle_deg``, and a factor off it costs the same either way (too narrow: imprecise; too wide:
+        different looks). Ties are broken by name. A view less than ``min_baseline_angle_deg`` off the line to the target,
+        in front or behind, is not usable.
+        """
+        scored = []
+        for name in sorted(self.camera_from_world):
+            if name != reference and usable_angles(angle := self.angle_deg(reference, name), self.config):
+                scored.append((abs(np.log(angle / self.config.best_pair_angle_deg)), name))
+        chosen: list[str] = []
+        for _, name in sorted(scored):
+            if len(chosen) == self.config.neighbours:
+                break
+            if self.baseline_angle_deg(reference, name) >= self.config.min_baseline_angle_deg:
+                chosen.append(name)
+        return chosen
+
+    def witnesses(self, reference: str) -> list[str]:
+        """The ``config.consistency_views`` other views nearest in viewing direction as seen from the target; ties by name."""
+        angles = [(self.angle_deg(reference, n), n) for n in self.camera_from_world if n != reference]
+        return [name for _, name in sorted(angles)[: self.config.consistency_views]]
+
+    def shrunk(self) -> PosedViews:
+        """The same at a long side of at most ``config.max_size_px``."""
+        camera = shrunk_camera(self.camera, self.config.max_size_px)
+        return replace(self, images={n: shrunk(i, camera) for n, i in self.images.items()}, camera=camera)
+
+
+# A dense backend makes a depth map of every view that has a neighbour, in sorted name order. Each is (H, W): metres along
+# the optical axis, NaN where unknown. With `PosedViews.surface_m` it may leave out what is not near these points.
+DepthMaps = dict[str, Floats32]
+DenseBackend = Callable[[PosedViews], DepthMaps]
+
+
+def pixel_matrix(camera: CameraConfig) -> Floats:
+    """(3, 3) K for array indices: pixel centres at integers, half a pixel off COLMAP's convention."""
+    matrix = intrinsic_matrix(camera)
+    matrix[:2, 2] -= 0.5
+    return matrix
+
+
+def camera_center_m(camera_from_world: Floats) -> Floats:
+    """(3,) camera centre in the world frame."""
+    return -camera_from_world[:3, :3].T @ camera_from_world[:3, 3]
+
+
+def shrunk_camera(camera: CameraConfig, max_size_px: int) -> CameraConfig:
+    """The camera of photographs whose long side is at most ``max_size_px``; 0: the camera itself."""
+    size_px = max(camera.width_px, camera.height_px)
+    if not 0 < max_size_px < size_px:
+        return camera
+    width_px, height_px = (
+        round(side * max_size_px / size_px) for side in (camera.width_px, camera.height_px)
+    )
+    return CameraConfig(width_px, height_px, camera.focal_px * width_px / camera.width_px)
+
+
+def shrunk(image: Image, camera: CameraConfig) -> Image:
+    """The photograph (H, W, 3) at the size of ``camera``; the photograph itself where it has it."""
+    size = (camera.width_px, camera.height_px)
+    if (image.shape[1], image.shape[0]) == size:
+        return image
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
