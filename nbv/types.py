@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -63,6 +63,22 @@ class SparseModel:
     def track_lengths(self) -> Ints:
         """(N,) number of cameras per point."""
         return np.diff(self.track_offsets)
+
+    def select(self, keep: Ints) -> SparseModel:
+        """The model of the points ``keep`` (K,), in that order, and of all cameras."""
+        if len(keep) == len(self.points_m) and (np.diff(keep) > 0).all():
+            return self
+        lengths = self.track_lengths[keep]
+        offsets = np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64)
+        # Position of every kept observation in the full list: start of its point's track + rank within it.
+        place = np.arange(offsets[-1]) + np.repeat(self.track_offsets[keep] - offsets[:-1], lengths)
+        return replace(
+            self,
+            points_m=self.points_m[keep],
+            reprojection_error_px=self.reprojection_error_px[keep],
+            track_offsets=offsets,
+            track_cameras=self.track_cameras[place],
+        )
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ SCORERS = Registry(
         "covis": "nbv.scorers.covis:COVIS",
         "b-aware": "nbv.scorers.b_aware:B_AWARE",
         "matchable": "nbv.scorers.matchable:MATCHABLE",
-        "predicted": "nbv.scorers.predicted:PREDICTED",
+        "predicted": "nbv.scorers.prediction:PREDICTED",
     },
 )
 

@@ -13,7 +13,7 @@ from nbv.config import MissionConfig
 from nbv.errors import MissionFailure
 from nbv.gates.base import budget_fraction
 from nbv.scorers import box_points
-from nbv.scorers.weakness import mean_neighbour_distance
+from nbv.scorers.b_aware import mean_neighbour_distance
 from nbv.types import PlanningState
 
 FEATURE_NAMES = (

@@ -5,19 +5,16 @@ configuration may name stand in `nbv.config.registry`.
 """
 
 from nbv.scorers.b_aware import B_AWARE
-from nbv.scorers.box import BoxPoints, box_points
 from nbv.scorers.covis import COVIS
 from nbv.scorers.matchable import MATCHABLE, expected_gain_percent
 from nbv.scorers.registry import PAPER_SCORERS, Rankings, find_scorer, rank_candidates
-from nbv.scorers.scorer import Scorer
-from nbv.scorers.shared import SharedTerms, shared_terms
+from nbv.scorers.scorer import Scorer, SharedTerms, box_points, shared_terms
 
 __all__ = [
     "B_AWARE",
     "COVIS",
     "MATCHABLE",
     "PAPER_SCORERS",
-    "BoxPoints",
     "Rankings",
     "Scorer",
     "SharedTerms",

@@ -4,41 +4,110 @@ from __future__ import annotations
 
 import numpy as np
 
-from nbv.config import MissionConfig
-from nbv.scorers.repair import repair
-from nbv.scorers.repair_single import precision, repair_single
-from nbv.scorers.scorer import Scorer, eq_1, falling
-from nbv.scorers.shared import SharedTerms
-from nbv.scorers.weakness import weakness
-from nbv.types import CandidatePool, Floats, Ints
+from nbv.config import BAwareConfig, MissionConfig
+from nbv.geometry.neighbours import neighbour_distances
+from nbv.scorers.scorer import Scorer, SharedTerms
+from nbv.types import Bools, CandidatePool, Floats, Ints, SparseModel
 
-MIN_POINTS_SINGLE = 300  # rounding errors of fewer points do not cancel well, and there is little to gain
+BLOCK = 256  # points at a time: a block's (BLOCK, C) arrays stay in the processor's cache
+
+
+def percentile_scaled(values: Floats) -> Floats:
+    """Values scaled so that their 5th and 95th percentiles are 0 and 1, clipped; all 0 if these coincide."""
+    low, high = np.percentile(values, (5.0, 95.0))
+    if high - low < 1e-8:
+        return np.zeros_like(values)
+    return np.clip((values - low) / (high - low), 0.0, 1.0)
+
+
+def mean_neighbour_distance(points_m: Floats, neighbours: int) -> Floats:
+    """(P,) mean distance to the nearest ``neighbours`` other points; zeros for a single point."""
+    k = min(neighbours, len(points_m) - 1)
+    if k < 1:
+        return np.zeros(len(points_m))
+    # Row by row a mean of a few numbers takes several times as long.
+    return np.ascontiguousarray(neighbour_distances(points_m, k).T).mean(axis=0)
+
+
+def weakness(box: SparseModel, config: BAwareConfig) -> Floats:
+    """Eq. 6: (P,) weakness in [0, 1] of the tracked points in the box.
+
+    Inverse track support and local sparsity; with ``alpha_reprojection`` (0 in the paper's text, 0.2
+    in the authors' code) also the percentile-scaled reprojection error.
+    """
+    target, errors_px = config.target_track_length, box.reprojection_error_px
+    w = config.alpha_track * np.clip((target - box.track_lengths) / target, 0.0, 1.0)
+    if config.alpha_density > 0:
+        spread = mean_neighbour_distance(box.points_m, config.density_neighbours)
+        w = w + config.alpha_density * percentile_scaled(spread)
+    if config.alpha_reprojection > 0 and np.any(errors_px > 0):
+        w = w + config.alpha_reprojection * percentile_scaled(errors_px)
+    return np.clip(w, 0.0, 1.0)
+
+
+def geometry_gain(candidates_m: Floats, box: SparseModel, config: BAwareConfig) -> Floats:
+    """Eq. 7: (P, C) gain of the ray from each candidate (C, 3) to each of the P points, in [0, 1].
+
+    Up to ``theta_low_deg`` from the nearest existing observation ray the gain is 0; from ``theta_saturation_deg`` on, and
+    where a point has no observation, it is 1.
+    """
+    low, high = np.deg2rad(config.theta_low_deg), np.deg2rad(config.theta_saturation_deg)
+    one = np.ones((1, len(candidates_m)))
+    minus_c = np.concatenate([-candidates_m.T, one])
+    for_distance = np.concatenate([-2.0 * candidates_m.T, one, (candidates_m**2).sum(axis=1)[None]])
+    lengths = box.track_lengths
+    longest_first = np.argsort(-lengths, kind="stable")
+    gain = np.empty((len(lengths), len(candidates_m)))
+    for start in range(0, len(lengths), BLOCK):
+        rows = longest_first[start : start + BLOCK]
+        points_m = box.points_m[rows]
+        # |p - c| cos(angle to the nearest ray): (p - c) . ray = ray . p - ray . c, the largest of each point's rays
+        nearest = np.full((len(rows), len(candidates_m)), -np.inf)
+        for j in range(lengths[rows[0]]):
+            observed = rows[lengths[rows] > j]  # the first so many
+            along = _unit_rays(box, observed, j) @ minus_c
+            np.maximum(nearest[: len(observed)], along, out=nearest[: len(observed)])
+        squared = np.column_stack([points_m, np.einsum("ij,ij->i", points_m, points_m), np.ones(len(rows))])
+        # A candidate may be on a point: no division by zero.
+        nearest /= np.sqrt(np.maximum(squared @ for_distance, 1e-16))
+        np.clip(nearest, np.cos(high), np.cos(low), out=nearest)
+        gain[rows] = (np.arccos(nearest, out=nearest) - low) / (high - low)
+    return np.clip(gain, 0.0, 1.0, out=gain)
+
+
+def _unit_rays(box: SparseModel, rows: Ints, j: int) -> Floats:
+    """(R, 4) the j-th observation ray of points ``rows``, a unit vector, and its dot product with the point."""
+    points_m = box.points_m[rows]
+    ray = points_m - box.camera_centers_m[box.track_cameras[box.track_offsets[rows] + j]]
+    ray /= np.sqrt(np.einsum("ij,ij->i", ray, ray))[:, None]
+    return np.column_stack([ray, np.einsum("ij,ij->i", ray, points_m)])
+
+
+def repair(
+    visible: Bools, weak: Floats, candidates_m: Floats, box: SparseModel, config: BAwareConfig
+) -> Floats:
+    """Eq. 8: (C,) share of all weakness that each candidate would repair.
+
+    If no point is weak there is nothing to repair: zeros, through the reference's guard of 1e-8 on the denominator.
+
+    Parameters
+    ----------
+    visible
+        (P, C) which points each candidate sees.
+    weak
+        (P,) weakness of the points (Eq. 6).
+    candidates_m, box, config
+        As in `geometry_gain`.
+    """
+    gain = geometry_gain(candidates_m, box, config)
+    gain *= visible
+    return weak @ gain / max(float(weak.sum()), 1e-8)
 
 
 def repair_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
-    """Eq. 6 to 8: (C,) share of all weakness in the box that each candidate would repair.
-
-    Worked out in single precision first, and in double precision for the candidates that this cannot put in
-    order: the order is that of double precision throughout.
-    """
-    box, b_aware = terms.box, config.b_aware
-    weak = weakness(box.points_m, box.track_lengths, box.reprojection_error_px, b_aware)[terms.order]
-    angles = (b_aware.theta_low_deg, b_aware.theta_saturation_deg)
-
-    def exactly(columns: slice | Ints) -> Floats:
-        return repair(terms.visible[:, columns], weak, pool.positions_m[columns], terms.ordered, *angles)
-
-    error = precision(*angles)
-    if len(box.points_m) < MIN_POINTS_SINGLE or not np.isfinite(error):
-        return exactly(slice(None))
-    main = repair_single(terms.visible, weak, pool.positions_m, box, terms.order, *angles)
-    scores = eq_1(main, terms, b_aware.weights)
-    order = falling(scores)
-    close = np.abs(np.diff(scores[order])) <= 2.0 * error * b_aware.weights.main + 1e-11
-    unsettled = order[np.append(close, False) | np.append(False, close)]
-    if len(unsettled):
-        main[unsettled] = exactly(unsettled)
-    return main
+    """Eq. 6 to 8 of a state."""
+    weak = weakness(terms.box, config.b_aware)
+    return repair(terms.visible, weak, pool.positions_m, terms.box, config.b_aware)
 
 
 B_AWARE = Scorer("b-aware", repair_share, weights=lambda config: config.b_aware.weights)

@@ -19,8 +19,7 @@ from nbv.geometry.frustum import in_frustum
 from nbv.geometry.matchability import matchable_views, matchable_views_with, partners, usable_cosines
 from nbv.geometry.sampling import sample_surface
 from nbv.geometry.visibility import MATCHABLE_MAX_INCIDENCE_DEG
-from nbv.scorers.scorer import Scorer
-from nbv.scorers.shared import SharedTerms
+from nbv.scorers.scorer import Scorer, SharedTerms
 from nbv.types import Bools, CandidatePool, Floats, Floats32
 
 SAMPLES = 1_000

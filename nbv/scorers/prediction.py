@@ -13,7 +13,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from nbv.config import MissionConfig
@@ -22,7 +21,8 @@ from nbv.geometry.matchability import usable_cosines
 from nbv.geometry.stereo_chance import DenseModel, good_view, reconstruction_probability
 from nbv.geometry.visibility import OBSERVABLE_MAX_INCIDENCE_DEG
 from nbv.scorers.matchable import FEWEST_POINTS, ball, points_on_rock, sample_hull
-from nbv.types import Floats
+from nbv.scorers.scorer import Scorer, SharedTerms
+from nbv.types import Bools, CandidatePool, Floats, Floats32
 from nbv.viewpoints import shell_viewpoints
 
 SAMPLES = 600
@@ -32,9 +32,6 @@ FEWEST_OBSERVING = 2
 WEAKEST = 0.1
 LEAST_CHANCE = 0.05  # what has less is not covered at all: the curve has only seen missions all round
 _LEAST_SHARE = 0.005  # shares are kept this far from 0 and 1 where their logarithms are taken
-
-Mask = NDArray[np.bool_]
-Floats32 = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -145,7 +142,7 @@ def _believed_hull(points_m: Floats, config: MissionConfig) -> tuple[Floats, Con
 
 def _looks(
     samples_m: Floats, normals: Floats, cameras_m: Floats, config: MissionConfig
-) -> tuple[Mask, Floats32]:
+) -> tuple[Bools, Floats32]:
     """(V, S) whether each camera, aimed at the target, sees each sample, and the incidence (degrees)."""
     to_camera = cameras_m[:, None].astype(np.float32) - samples_m.astype(np.float32)
     cosine = np.einsum("vsk,sk->vs", to_camera, normals.astype(np.float32))
@@ -160,7 +157,7 @@ def _directions(cameras_m: Floats, config: MissionConfig) -> Floats:
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 
 
-def _matchable(candidates_m: Floats, cameras_m: Floats, config: MissionConfig) -> Mask:
+def _matchable(candidates_m: Floats, cameras_m: Floats, config: MissionConfig) -> Bools:
     """(C, V) whether two views lie within the pair angles, as seen from the target."""
     cosine = _directions(candidates_m, config) @ _directions(cameras_m, config).T
     return usable_cosines(cosine, config.dense)
@@ -169,3 +166,12 @@ def _matchable(candidates_m: Floats, cameras_m: Floats, config: MissionConfig) -
 def _log_odds(share: float) -> float:
     inside = min(max(share, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
     return float(np.log(inside / (1.0 - inside)))
+
+
+def mended_share(terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Floats:
+    """(C,) share of what will be missing that each candidate helps to mend."""
+    return predict(terms.box.points_m, terms.box.camera_centers_m, config).mends(pool.positions_m)
+
+
+# Its other weights are those of the other scorer of ours.
+PREDICTED = Scorer("predicted", mended_share, weights=lambda config: config.matchable.weights)

@@ -5,8 +5,7 @@ from __future__ import annotations
 from nbv.config import SCORERS, MissionConfig
 from nbv.scorers.b_aware import B_AWARE
 from nbv.scorers.covis import COVIS
-from nbv.scorers.scorer import Scorer
-from nbv.scorers.shared import SharedTerms, shared_terms
+from nbv.scorers.scorer import Scorer, SharedTerms, shared_terms
 from nbv.types import CandidatePool, PlanningState, Ranking
 
 # Ranked in every mission, whatever it flies: the traces say what either would have chosen.

@@ -1,4 +1,4 @@
-"""Eq. 1: what a scorer is, and the complete ranking that it makes of a pool."""
+"""Eq. 1: what a scorer is, the complete ranking that it makes of a pool, and what all scorers share (Eq. 2 to 4)."""
 
 from __future__ import annotations
 
@@ -6,10 +6,25 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from nbv.config import MissionConfig, Weights
-from nbv.scorers.shared import SharedTerms
-from nbv.types import CandidatePool, Floats, Ints, Ranking
+from nbv.errors import MissionFailure
+from nbv.geometry.frames import wrap_angle
+from nbv.geometry.frustum import in_frustum
+from nbv.types import Bools, CandidatePool, Floats, Ints, PlanningState, Ranking, SparseModel
+
+
+@dataclass(frozen=True)
+class SharedTerms:
+    """What all scorers need of one state and pool, computed once."""
+
+    box: SparseModel  # its tracked points in the box
+    visible: Bools  # (P, C) which of these points each candidate sees
+    visited_m: Floats  # (V, 3)
+    nov: Floats  # (C,)
+    move: Floats  # (C,)
+    ang: Floats  # (C,)
 
 
 @dataclass(frozen=True)
@@ -31,19 +46,93 @@ class Scorer:
     weights: Callable[[MissionConfig], Weights]
 
     def rank(self, terms: SharedTerms, pool: CandidatePool, config: MissionConfig) -> Ranking:
-        """All candidates by falling score; ties keep pool order."""
-        main = self.main_term(terms, pool, config)
-        scores = eq_1(main, terms, self.weights(config))
+        """All candidates by falling S(c) (Eq. 1); ties keep pool order."""
+        main, w = self.main_term(terms, pool, config), self.weights(config)
+        scores = w.main * main + w.nov * terms.nov - w.move * terms.move - w.ang * terms.ang
         unweighted = {"main": main, "nov": terms.nov, "move": terms.move, "ang": terms.ang}
         return Ranking(self.name, falling(scores), scores, unweighted)
-
-
-def eq_1(main: Floats, terms: SharedTerms, weights: Weights) -> Floats:
-    """(C,) S(c)."""
-    return weights.main * main + weights.nov * terms.nov - weights.move * terms.move - weights.ang * terms.ang
 
 
 def falling(scores: Floats) -> Ints:
     """(C,) candidates, best first; ties keep pool order."""
     # Symmetric candidates tie up to rounding, which differs between processors: 1e-12 is no preference.
     return np.argsort(-np.round(scores, 12), kind="stable").astype(np.int64)
+
+
+def shared_terms(state: PlanningState, pool: CandidatePool, config: MissionConfig) -> SharedTerms:
+    """Box points, visibility and Eq. 2 to 4.
+
+    Raises
+    ------
+    MissionFailure
+        ``no_points_in_box``: there is nothing to plan from.
+    """
+    shared, target = config.shared, np.array(config.target_m)
+    box = box_points(state.model, config)
+    if len(box.points_m) == 0:
+        raise MissionFailure(
+            "no_points_in_box",
+            f"iteration {state.iteration}: none of {len(state.model.points_m)} sparse points lies within"
+            f" {shared.box_half_extent_m} m of the target with {shared.min_track_length} or more views",
+        )
+    return SharedTerms(
+        box=box,
+        visible=in_frustum(box.points_m, pool.positions_m, target, config.camera),
+        visited_m=state.visited_m,
+        nov=novelty(pool.positions_m, state.visited_m, shared.d_scale_m),
+        move=movement(pool, state, shared.d_travel_m),
+        ang=angular_penalty(pool.positions_m, state.visited_m, target, shared.theta_min_deg),
+    )
+
+
+def box_points(model: SparseModel, config: MissionConfig) -> SparseModel:
+    """The point set of Eq. 5 and 8: within ``shared.box_half_extent_m`` of the target on every axis, tracked long enough."""
+    offset = np.abs(model.points_m - config.target_m)
+    near = np.maximum(np.maximum(offset[:, 0], offset[:, 1]), offset[:, 2]) <= config.shared.box_half_extent_m
+    return model.select(np.flatnonzero(near & (model.track_lengths >= config.shared.min_track_length)))
+
+
+def novelty(candidates_m: Floats, visited_m: Floats, d_scale_m: float) -> Floats:
+    """Eq. 2: (C,) distance to the nearest visited viewpoint over ``d_scale_m``, at most 1.
+
+    ``visited_m`` (V, 3) counts seeds and adaptive captures; with none visited everything is new (1).
+    """
+    if len(visited_m) == 0:
+        return np.ones(len(candidates_m))
+    return np.minimum(1.0, cdist(candidates_m, visited_m).min(axis=1) / d_scale_m)
+
+
+def movement(pool: CandidatePool, state: PlanningState, d_travel_m: float) -> Floats:
+    """Eq. 3: (C,) straight-line travel (0.7 for ``d_travel_m``) and heading change from the vehicle's pose; unbounded."""
+    travel = np.linalg.norm(pool.positions_m - state.vehicle_position_m, axis=1)
+    turn = np.abs(wrap_angle(pool.headings_rad - state.vehicle_heading_rad))
+    return 0.7 * travel / d_travel_m + 0.3 * turn / np.pi
+
+
+def angular_penalty(
+    candidates_m: Floats, visited_m: Floats, target_m: Floats, theta_min_deg: float
+) -> Floats:
+    """Eq. 4: (C,) 1 for a viewing direction already visited, falling to 0 at ``theta_min_deg``.
+
+    A viewing direction is the unit vector from a viewpoint towards the target.
+
+    Parameters
+    ----------
+    candidates_m, visited_m
+        (C, 3) and (V, 3) positions.
+    target_m
+        (3,).
+    theta_min_deg
+        From this angle on there is no penalty.
+    """
+    if len(visited_m) == 0:
+        return np.zeros(len(candidates_m))
+
+    def directions(positions: Floats) -> Floats:
+        delta = target_m - positions
+        return delta / np.linalg.norm(delta, axis=1, keepdims=True)
+
+    # Through the chord: an arc cosine loses half its digits where directions coincide.
+    chord = cdist(directions(candidates_m), directions(visited_m)).min(axis=1)
+    angle = 2.0 * np.arcsin(np.minimum(1.0, chord / 2.0))
+    return np.maximum(0.0, 1.0 - angle / np.deg2rad(theta_min_deg))

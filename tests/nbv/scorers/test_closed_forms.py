@@ -16,18 +16,17 @@ from nbv.config import SCORERS, BAwareConfig, CameraConfig, MissionConfig
 from nbv.errors import MissionFailure, UserError
 from nbv.geometry.frames import intrinsic_matrix, look_at
 from nbv.geometry.frustum import in_frustum
-from nbv.scorers import PAPER_SCORERS, BoxPoints, box_points, find_scorer, rank_candidates
-from nbv.scorers.covis import co_visibility
-from nbv.scorers.repair import geometry_gain, repair
-from nbv.scorers.terms import angular_penalty, movement, novelty
-from nbv.scorers.weakness import mean_neighbour_distance, percentile_scaled, weakness
-from nbv.types import PlanningState
+from nbv.scorers import PAPER_SCORERS, box_points, find_scorer, rank_candidates
+from nbv.scorers.b_aware import geometry_gain, mean_neighbour_distance, percentile_scaled, repair, weakness
+from nbv.scorers.scorer import angular_penalty, movement, novelty
+from nbv.types import PlanningState, SparseModel
 
 TARGET = np.array([0.0, 0.0, 0.8])
 
 
-def observed(points: np.ndarray, offsets: list[int], cameras: list[int], centers: np.ndarray) -> BoxPoints:
-    return BoxPoints(points, np.ones(len(points)), np.array(offsets), np.array(cameras, dtype=int), centers)
+def observed(points: np.ndarray, offsets: list[int], cameras: list[int], centers: np.ndarray) -> SparseModel:
+    arrays = (np.ones(len(points)), np.array(offsets), np.array(cameras, dtype=int), centers)
+    return SparseModel(points, *arrays, camera_names=(), alignment_rms_m=0.0, alignment_max_m=0.0)
 
 
 def ring(angles_deg: list[float], radius: float = 3.5, z: float = 0.8) -> np.ndarray:
@@ -51,7 +50,9 @@ def test_novelty() -> None:  # Eq. 2
 
 def test_movement() -> None:  # Eq. 3
     candidates = np.array([[3.0, 4.0, 0.0], [0.0, 0.0, 0.0]])
-    got = movement(candidates, np.array([np.pi / 2, -3.0]), np.zeros(3), 3.0, 10.0)
+    pool = replace(pool_at(candidates), headings_rad=np.array([np.pi / 2, -3.0]))
+    state = replace(state_of(TARGET[None], [[0]], candidates), vehicle_position_m=np.zeros(3))
+    got = movement(pool, replace(state, vehicle_heading_rad=3.0), 10.0)
     turn = 2 * np.pi - 6.0  # the shorter way from 3.0 to -3.0
     np.testing.assert_allclose(
         got, [0.7 * 0.5 + 0.3 * (3.0 - np.pi / 2) / np.pi, 0.3 * turn / np.pi], atol=1e-12
@@ -67,11 +68,6 @@ def test_angular_penalty() -> None:  # Eq. 4
     np.testing.assert_array_equal(angular_penalty(candidates, np.zeros((0, 3)), TARGET, 20.0), 0.0)
 
 
-def test_co_visibility() -> None:  # Eq. 5
-    visible = np.array([[1, 0, 1], [1, 0, 0], [1, 0, 0], [1, 0, 1]], dtype=bool)
-    np.testing.assert_allclose(co_visibility(visible), [1, 0, 0.5])
-
-
 def test_weakness() -> None:  # Eq. 6
     # Points on a line, 0 .. 20 mm apart more and more: neighbour distances are known.
     points = np.column_stack([np.cumsum(np.arange(21.0)), np.zeros(21), np.zeros(21)])
@@ -82,21 +78,23 @@ def test_weakness() -> None:  # Eq. 6
     low, high = np.percentile(spacing, [5, 95])
     rho = np.clip((spacing - low) / (high - low), 0, 1)
     tau = np.array([4 / 6, 3 / 6, 0, 0] + [0] * 17)
-    np.testing.assert_allclose(weakness(points, lengths, np.ones(21), config), 0.6 * tau + 0.4 * rho)
+    box = observed(points, [0, *np.cumsum(lengths)], [], points)
+    np.testing.assert_allclose(weakness(box, config), 0.6 * tau + 0.4 * rho)
     errors = np.linspace(0.2, 1.4, 21)
     head = replace(config, alpha_track=0.5, alpha_density=0.3, alpha_reprojection=0.2)
     np.testing.assert_allclose(
-        weakness(points, lengths, errors, head), 0.5 * tau + 0.3 * rho + 0.2 * percentile_scaled(errors)
+        weakness(replace(box, reprojection_error_px=errors), head),
+        0.5 * tau + 0.3 * rho + 0.2 * percentile_scaled(errors),
     )
 
 
 def test_geometry_gain() -> None:  # Eq. 7
     point = TARGET[None]
     candidates = ring([0.0, 5.0, 15.0, 25.0, 40.0, 180.0])
-    gain = geometry_gain(candidates, observed(point, [0, 1], [0], ring([0.0], 4.0)), 5.0, 25.0)
+    gain = geometry_gain(candidates, observed(point, [0, 1], [0], ring([0.0], 4.0)), BAwareConfig())
     np.testing.assert_allclose(gain[0], [0, 0, 0.5, 1, 1, 1], atol=1e-9)
     # A second ray at 40 degrees: the nearest counts.
-    gain = geometry_gain(candidates, observed(point, [0, 2], [0, 1], ring([0.0, 40.0])), 5.0, 25.0)
+    gain = geometry_gain(candidates, observed(point, [0, 2], [0, 1], ring([0.0, 40.0])), BAwareConfig())
     np.testing.assert_allclose(gain[0], [0, 0, 0.5, 0.5, 0, 1], atol=1e-9)
 
 
@@ -105,11 +103,11 @@ def test_repair() -> None:  # Eq. 8
     points = TARGET + np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0]])
     box = observed(points, [0, 1, 2, 3], [0, 1, 2], ring([0.0, 20.0, 60.0]))
     candidates = ring([10.0, 70.0])
-    gain = geometry_gain(candidates, box, 5.0, 25.0)
+    gain = geometry_gain(candidates, box, BAwareConfig())
     assert 0.1 < gain.min() < gain.max() <= 1.0  # neither all 0 nor all 1
     visible = np.array([[1, 1], [1, 0], [0, 1]], dtype=bool)
     weak = np.array([1.0, 0.5, 0.25])
-    arguments = (candidates, box, 5.0, 25.0)
+    arguments = (candidates, box, BAwareConfig())
     expected = [(gain[0, 0] + 0.5 * gain[1, 0]) / 1.75, (gain[0, 1] + 0.25 * gain[2, 1]) / 1.75]
     np.testing.assert_allclose(repair(visible, weak, *arguments), expected, atol=1e-12)
     np.testing.assert_array_equal(repair(visible, np.zeros(3), *arguments), 0.0)
@@ -128,7 +126,7 @@ def test_gain_equals_the_plain_definition(seed: int, n_points: int) -> None:
     lengths = rng.integers(0, 8, n_points)
     offsets = np.concatenate([[0], np.cumsum(lengths)])
     track = np.concatenate([rng.permutation(9)[:k] for k in lengths]).astype(np.int64)
-    got = geometry_gain(candidates, observed(points, offsets, track, cameras), 5.0, 25.0)
+    got = geometry_gain(candidates, observed(points, offsets, track, cameras), BAwareConfig())
     for p in rng.choice(n_points, min(n_points, 10), replace=False):
         for c, position in enumerate(candidates):
             a = (points[p] - position) / np.linalg.norm(points[p] - position)
