@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -11,19 +13,19 @@ import numpy as np
 from nbv.errors import UserError
 from nbv.geometry.frames import Similarity
 from nbv.rocks import mesh as meshes
-from nbv.rocks.imported_albedo import FineMesh, imported_albedo
+from nbv.rocks.albedo import procedural_albedo
 from nbv.rocks.mesh_file import Soup, read_mesh_file
-from nbv.rocks.rock import DEFAULT_HEIGHT_M, SPLITS, Rock, Split, make_rock
+from nbv.rocks.rock import DEFAULT_HEIGHT_M, SPLITS, Rock, Split, make_rock, overhanging_share
+from nbv.rocks.texture import fill_gutters, sample, shrink, texel_side
 from nbv.safe_files import expanded
-from nbv.types import Floats, Ints
+from nbv.types import Floats
 
 Up = Literal["auto", "x", "y", "z", "-x", "-y", "-z"]
-
 
 MAX_EDGE_M = 0.009  # longest edge after subdivision; the mean comes out below 6 mm
 MAX_FINE_FACES = 3_000_000  # beyond this the subdivision is coarser
 MAX_REACH_M = 3.0  # viewpoints fly 3.5 m from the target
-
+ONE_COLOR = 0.004  # standard deviation below which a mesh's own colours say nothing
 
 _UP = {
     "x": np.array([[0, 0, -1], [0, 1, 0], [1, 0, 0]], dtype=float),
@@ -41,7 +43,6 @@ def import_mesh(
     name: str | None = None,
     height_m: float = DEFAULT_HEIGHT_M,
     split: Split = "train",
-    difficulty: str | None = None,
     up: Up = "auto",
 ) -> Rock:
     """Make a rock of a mesh file (OBJ with MTL and texture, GLB, PLY, STL, ... whatever trimesh reads).
@@ -55,8 +56,6 @@ def import_mesh(
     ----------
     name
         Default: the file's name in lower case.
-    difficulty
-        A phrase for the catalogue; default: the overhang, measured.
     up
         The file's upward axis. ``auto`` takes y for glTF, as its standard says, and z for everything else.
 
@@ -73,130 +72,115 @@ def import_mesh(
     if not 0.1 <= height_m <= 5.0:
         raise UserError(f"height_m is {height_m!r}; it must be between 0.1 and 5 m")
     notes: list[str] = []
-    soup = read_mesh_file(path, notes)
-    soup = _clean(soup, path, notes)
+    soup, _ = _placed(path, height_m, up, notes)
+    _check_reach(soup.values[:, :3], height_m, path, notes)
 
-    axis = _upward(path, up)
-    if axis != "z":
-        soup.vertices = soup.vertices @ _UP[axis].T
-        notes.append(f"turned upright: the file's {axis} axis is up" + (" (glTF)" if up == "auto" else ""))
-    _refuse_flat(soup, path)
-    vertices, scale = meshes.rest_on_ground(soup.vertices, height_m)
-    notes.append(f"scaled by {scale:.6g} to {height_m:g} m height and set on the ground")
-    faces = _outward(vertices, soup.faces, notes)
-    if faces is not soup.faces:
-        soup.corner = soup.corner[:, ::-1]
-    _check_reach(vertices, height_m, path, notes)
-
-    area = float(meshes.face_areas(vertices, faces).sum())
+    area_m2 = float(meshes.face_areas(soup.values[:, :3], soup.faces).sum())
     # Equilateral triangles of the mean edge that subdivision gives, about 0.6 of the longest.
-    max_edge = max(MAX_EDGE_M, float(np.sqrt(area / MAX_FINE_FACES / 0.433)) / 0.6)
-    if max_edge > MAX_EDGE_M:
-        notes.append(f"{area:.0f} m2 of surface: subdivided to {max_edge * 1e3:.0f} mm only")
-    soup.vertices, soup.faces = vertices, faces
-    fine = FineMesh(*meshes.refine(vertices, faces, max_edge), max_edge)
-    if len(fine.faces) > len(faces):
-        notes.append(f"subdivided from {len(faces)} to {len(fine.faces)} faces; the surface is unchanged")
+    max_edge_m = max(MAX_EDGE_M, float(np.sqrt(area_m2 / MAX_FINE_FACES / 0.433)) / 0.6)
+    if max_edge_m > MAX_EDGE_M:
+        notes.append(f"{area_m2:.0f} m2 of surface: subdivided to {max_edge_m * 1e3:.0f} mm only")
+    values, faces = meshes.refine(soup.values, soup.faces, max_edge_m)
+    if len(faces) > len(soup.faces):
+        notes.append(f"subdivided from {len(soup.faces)} to {len(faces)} faces; the surface is unchanged")
+    colors = _own_colors(soup, values, 0.6 * max_edge_m)
+    vertices, welded = np.unique(values[:, :3], axis=0, return_inverse=True)
+    welded = welded.reshape(-1)
+    faces = welded[faces]
+    if colors is not None and colors.std(0).max() > ONE_COLOR:
+        notes.append(
+            f"albedo: the mesh's own {'texture' if soup.images else 'colours'}, converted from sRGB to linear"
+        )
+        sums = np.stack([np.bincount(welded, weights=colors[:, c]) for c in range(3)], axis=1)
+        albedo = (sums / np.bincount(welded)[:, None]).astype(np.float32)
+    else:
+        why = "the mesh has no texture or colours" if colors is None else "the mesh has one colour only"
+        notes.append(f"albedo: procedural, since {why}")
+        coarse = np.unique(soup.values[:, :3], axis=0)
+        seed = zlib.crc32(np.round(coarse * 1e4).astype("<i8").tobytes()) & 0xFFFF
+        albedo = procedural_albedo(vertices, meshes.vertex_normals(vertices, faces), seed)
+    overhanging = overhanging_share(soup.values[:, :3], soup.faces)
     return make_rock(
-        name or _default_name(path),
-        fine.vertices,
-        fine.faces,
-        imported_albedo(soup, fine, notes),
+        name or re.sub(r"[^a-z0-9_-]+", "-", path.stem.lower()).strip("-_")[:64] or "rock",
+        vertices,
+        faces,
+        albedo,
         split=split,
-        difficulty=difficulty or _measured_difficulty(vertices, faces),
+        difficulty=f"imported; {100 * overhanging:.0f} % of the surface leans over",
         notes=tuple(notes),
     )
 
 
 def frame_of_file(path: str | Path) -> Similarity:
     """From a mesh file's own frame to the one in which `import_mesh` puts it by default; errors as there."""
-    path = expanded(path)
-    notes: list[str] = []
+    return _placed(expanded(path), DEFAULT_HEIGHT_M, "auto", [])[1]
+
+
+def _placed(path: Path, height_m: float, up: Up, notes: list[str]) -> tuple[Soup, Similarity]:
+    """The file's largest body upright on the ground, and how it got there."""
     soup = _clean(read_mesh_file(path, notes), path, notes)
-    turned = soup.vertices @ _UP[_upward(path, "auto")].T
-    placed, scale = meshes.rest_on_ground(turned, DEFAULT_HEIGHT_M)
-    return Similarity(scale, _UP[_upward(path, "auto")], placed[0] - scale * turned[0])
-
-
-def _upward(path: Path, up: Up) -> str:
-    return ("y" if path.suffix.lower() in (".glb", ".gltf") else "z") if up == "auto" else up
-
-
-def _default_name(path: Path) -> str:
-    return re.sub(r"[^a-z0-9_-]+", "-", path.stem.lower()).strip("-_")[:64] or "rock"
-
-
-def _measured_difficulty(vertices: Floats, faces: Ints) -> str:
-    areas, normals = meshes.face_areas(vertices, faces), meshes.face_normals(vertices, faces)
-    share = areas[normals[:, 2] < -np.sin(np.deg2rad(10.0))].sum() / areas.sum()
-    return f"imported; {100 * share:.0f} % of the surface leans over"
+    axis: str = up
+    if up == "auto":
+        axis = "y" if path.suffix.lower() in (".glb", ".gltf") else "z"
+    if axis != "z":
+        notes.append(f"turned upright: the file's {axis} axis is up" + (" (glTF)" if up == "auto" else ""))
+    turned = soup.values[:, :3] @ _UP[axis].T
+    extents = np.ptp(turned, axis=0)
+    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(np.cov(turned.T)), 0))
+    if spread[0] < 1e-4 * spread[2] or extents[2] < 1e-4 * extents.max():
+        raise UserError(f"mesh file {str(path)!r} is flat; a rock needs three dimensions")
+    placed, scale = meshes.rest_on_ground(turned, height_m)
+    notes.append(f"scaled by {scale:.6g} to {height_m:g} m height and set on the ground")
+    frame = Similarity(scale, _UP[axis], placed[0] - scale * turned[0])
+    return replace(soup, values=np.hstack([placed, soup.values[:, 3:]])), frame
 
 
 def _clean(soup: Soup, path: Path, notes: list[str]) -> Soup:
-    """Merge duplicate vertices, drop collapsed and repeated faces and all but the largest body."""
-    vertices, faces = meshes.drop_unused_vertices(soup.vertices, soup.faces)
-    size = float((vertices.max(0) - vertices.min(0)).max())
+    """Put duplicate vertices in one place, drop collapsed and repeated faces and all but the largest body, turn it outward."""
+    import trimesh  # noqa: PLC0415  half a second to load
+
+    values, faces = meshes.drop_unused_vertices(soup.values, soup.faces)
+    low, size = values[:, :3].min(axis=0), float(np.ptp(values[:, :3], axis=0).max())
     if size <= 0:
         raise UserError(f"mesh file {str(path)!r} has no extent: all vertices coincide")
-    keys = np.round((vertices - vertices.min(0)) / (1e-6 * size)).astype(np.int64)
+    keys = np.round((values[:, :3] - low) / (1e-6 * size)).astype(np.int64)
     _, first, merged = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     merged = merged.reshape(-1)
-    if len(first) < len(vertices):
-        notes.append(f"merged {len(vertices) - len(first)} duplicate vertices (seams)")
-    faces, vertices = merged[faces], vertices[first]
+    if len(first) < len(values):
+        notes.append(f"merged {len(values) - len(first)} duplicate vertices (seams)")
+    vertices, welded = values[first, :3], merged[faces]
+    values[:, :3] = vertices[merged]
 
-    collapsed = (faces == np.roll(faces, 1, axis=1)).any(1)
-    unique = np.zeros(len(faces), dtype=bool)
-    unique[np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]] = True
-    good = unique & ~collapsed
+    good = np.zeros(len(faces), dtype=bool)
+    good[np.unique(np.sort(welded, axis=1), axis=0, return_index=True)[1]] = True
+    good &= ~(welded == np.roll(welded, 1, axis=1)).any(axis=1)
     if not good.all():
         notes.append(f"dropped {int((~good).sum())} collapsed or repeated faces")
-    areas = meshes.face_areas(vertices, faces)
+    areas = meshes.face_areas(vertices, welded)
     if not good.any() or areas[good].sum() <= 1e-12 * size * size:
         raise UserError(f"mesh file {str(path)!r} has no surface: all its faces have zero area")
-
-    labels = meshes.body_labels(faces[good])
+    labels = meshes.body_labels(welded[good])
     body_areas = np.bincount(labels, weights=areas[good])
     if len(body_areas) > 1:
         best = int(np.argmax(body_areas))
         share = body_areas[best] / body_areas.sum()
         notes.append(f"kept the largest of {len(body_areas)} bodies, {100 * share:.1f} % of the surface")
         good[np.flatnonzero(good)[labels != best]] = False
-    vertices, faces = meshes.drop_unused_vertices(vertices, faces[good])
-    return Soup(vertices, faces, soup.skins, soup.skin[good], soup.corner[good])
 
-
-def _refuse_flat(soup: Soup, path: Path) -> None:
-    extents = soup.vertices.max(0) - soup.vertices.min(0)
-    centered = soup.vertices - soup.vertices.mean(0)
-    spread = np.sqrt(np.maximum(np.linalg.eigvalsh(centered.T @ centered / len(centered)), 0))
-    if spread[0] < 1e-4 * spread[2] or extents[2] < 1e-4 * extents.max():
-        raise UserError(f"mesh file {str(path)!r} is flat; a rock needs three dimensions")
-
-
-def _outward(vertices: Floats, faces: Ints, notes: list[str]) -> Ints:
-    """The faces, all turned if the surface is inside out; says what is not closed or consistent."""
-    import trimesh  # noqa: PLC0415  half a second to load
-
-    counts = meshes.edge_face_counts(faces)
-    if (counts == 1).any():
-        notes.append(f"not watertight: {int((counts == 1).sum())} edges have one face only")
-    if (counts > 2).any():
-        notes.append(f"{int((counts > 2).sum())} edges have three faces or more")
-    directed = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    keys = directed[:, 0] * len(vertices) + directed[:, 1]
-    if len(np.unique(keys)) < len(keys):
-        fixed = trimesh.Trimesh(vertices, faces, process=False)
-        trimesh.repair.fix_winding(fixed)
-        turned = (np.asarray(fixed.faces) != faces).any(1)
-        if turned.any():
-            notes.append(f"turned {int(turned.sum())} faces that wound against their neighbours")
-            # Reversed corners, not trimesh's order, so that what corners carry can follow.
-            faces = np.where(turned[:, None], faces[:, ::-1], faces)
-    if meshes.signed_volume(vertices, faces) < 0:
-        notes.append("turned inside out")
-        faces = faces[:, ::-1]
-    return faces
+    body = trimesh.Trimesh(vertices, welded[good], process=False)
+    if not body.is_watertight:
+        notes.append("not watertight")
+    if not body.is_winding_consistent:
+        trimesh.repair.fix_winding(body)
+    if meshes.signed_volume(*meshes.drop_unused_vertices(vertices, np.asarray(body.faces))) < 0:
+        body.invert()
+    faces = faces[good]
+    turned = (body.faces != welded[good]).any(axis=1)
+    if turned.any():
+        notes.append(f"turned {turned.sum()} faces that were inside out or wound against their neighbours")
+    faces = np.where(turned[:, None], faces[:, ::-1], faces)
+    values, faces = meshes.drop_unused_vertices(values, faces)
+    return Soup(values, faces, soup.images)
 
 
 def _check_reach(vertices: Floats, height_m: float, path: Path, notes: list[str]) -> None:
@@ -209,3 +193,20 @@ def _check_reach(vertices: Floats, height_m: float, path: Path, notes: list[str]
     half = float(np.abs(vertices[:, :2]).max())
     if half > 1.5:
         notes.append(f"reaches {half:.2f} m sideways, beyond the evaluation's default crop of 1.5 m")
+
+
+def _own_colors(soup: Soup, values: Floats, spacing_m: float) -> Floats | None:
+    """(V, 3) linear colours of the subdivided mesh's vertices ``spacing_m`` apart; None if nothing has a colour."""
+    kinds, colors = values[:, 6].astype(int), values[:, 3:6].copy()
+    for index, image in enumerate(soup.images):
+        faces = soup.faces[soup.values[soup.faces[:, 0], 6] == index]
+        if len(faces):
+            corner_uv = soup.values[faces][..., 3:5]
+            area_m2 = float(meshes.face_areas(soup.values[:, :3], faces).sum())
+            shrunk = shrink(fill_gutters(image, corner_uv), spacing_m / texel_side(image, corner_uv, area_m2))
+            colors[kinds == index] = sample(shrunk, values[kinds == index, 3:5])
+    known = kinds != Soup.NOTHING
+    if not known.any():
+        return None
+    colors[~known] = colors[known].mean(axis=0)
+    return colors

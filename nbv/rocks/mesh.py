@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from nbv.types import Floats, Ints
+from nbv.types import Bools, Floats, Ints
 
 
 def face_areas(vertices: Floats, faces: Ints) -> Floats:
@@ -85,76 +85,60 @@ def rest_on_ground(vertices: Floats, height_m: float) -> tuple[Floats, float]:
     return placed, scale
 
 
-def refine(vertices: Floats, faces: Ints, max_edge: float) -> tuple[Floats, Ints, Ints, Floats]:
+def refine(values: Floats, faces: Ints, max_edge: float) -> tuple[Floats, Ints]:
     """Split edges longer than ``max_edge`` at their middle until none is left.
 
-    The surface does not move: every new vertex lies on an old edge. Both faces at an edge split it
-    together, so a watertight mesh stays watertight (no T-junctions).
+    The surface does not move: every new vertex lies on an old edge. Both faces at an edge split it together, so a
+    watertight mesh stays watertight (no T-junctions); so they do where the edge is there twice, at a texture's seam.
+
+    Parameters
+    ----------
+    values
+        (V, 3 or more) vertices, and what they carry: of a new one the mean of both ends.
+    faces
+        (F, 3).
+    max_edge
+        In the unit of the vertices.
 
     Returns
     -------
-    vertices (V', 3), the old ones first; faces (F', 3); parent (F',), the old face each new face is
-    part of; barycentric (F', 3, 3), of each new corner in its parent.
+    values (V', ...), the old ones first, and faces (F', 3).
     """
-    parent = np.arange(len(faces), dtype=np.int64)
-    barycentric = np.broadcast_to(np.eye(3), (len(faces), 3, 3)).copy()
-    done: list[tuple[Ints, Ints, Floats]] = []
-    while len(faces):
-        corners = vertices[faces]
+    done = []
+    while True:
+        corners = values[faces][..., :3]
         long = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2) > max_edge  # edges 01, 12, 20
-        count = long.sum(1)
-        settled = count == 0
-        done.append((faces[settled], parent[settled], barycentric[settled]))
-        faces, parent, barycentric = faces[~settled], parent[~settled], barycentric[~settled]
-        long, count = long[~settled], count[~settled]
+        split = long.any(axis=1)
+        done.append(faces[~split])
+        faces, long = faces[split], long[split]
         if not len(faces):
-            break
+            return values, np.concatenate(done)
         keys = _edge_keys(faces).reshape(-1, 3)
         unique, index = np.unique(keys[long], return_inverse=True)
         base = int(faces.max()) + 1
-        middles = 0.5 * (vertices[unique // base] + vertices[unique % base])
         middle = np.full((len(faces), 3), -1, dtype=np.int64)
-        middle[long] = len(vertices) + index
-        vertices = np.concatenate([vertices, middles])
-        faces, parent, barycentric = _split(vertices, faces, parent, barycentric, middle, long, count)
-    return (
-        vertices,
-        np.concatenate([d[0] for d in done]),
-        np.concatenate([d[1] for d in done]),
-        np.concatenate([d[2] for d in done]),
-    )
+        middle[long] = len(values) + index
+        values = np.concatenate([values, 0.5 * (values[unique // base] + values[unique % base])])
+        faces = _split(values[:, :3], faces, middle, long)
 
 
-def _split(
-    vertices: Floats, faces: Ints, parent: Ints, barycentric: Floats, middle: Ints, long: Ints, count: Ints
-) -> tuple[Ints, Ints, Floats]:
+def _split(vertices: Floats, faces: Ints, middle: Ints, long: Bools) -> Ints:
     """Split each face by its marked edges: one mark gives two faces, two give three, three give four."""
     # Rotate each face so that one mark is on edge 01, and two marks leave edge 20 unmarked.
+    count = long.sum(1)
     start = np.zeros(len(faces), dtype=np.int64)
     start[count == 1] = np.argmax(long[count == 1], axis=1)
     start[count == 2] = (np.argmin(long[count == 2], axis=1) + 1) % 3
     turn = (start[:, None] + np.arange(3)) % 3
-    rows = np.arange(len(faces))[:, None]
-    faces, middle, barycentric = faces[rows, turn], middle[rows, turn], barycentric[rows, turn]
     # Six points per face: corners 0, 1, 2 and the middles of 01, 12, 20.
-    ids = np.concatenate([faces, middle], axis=1)
-    weights = np.concatenate([barycentric, 0.5 * (barycentric + np.roll(barycentric, -1, axis=1))], axis=1)
+    ids = np.concatenate([np.take_along_axis(each, turn, axis=1) for each in (faces, middle)], axis=1)
     # With two marks the remaining quadrilateral 0, 3, 4, 2 is cut along its shorter diagonal.
-    cut_04 = np.zeros(len(faces), dtype=bool)
-    two = np.flatnonzero(count == 2)
-    cut_04[two] = np.linalg.norm(vertices[ids[two, 0]] - vertices[ids[two, 4]], axis=1) <= np.linalg.norm(
-        vertices[ids[two, 3]] - vertices[ids[two, 2]], axis=1
-    )
+    across = [np.linalg.norm(vertices[ids[:, a]] - vertices[ids[:, b]], axis=1) for a, b in ((0, 4), (3, 2))]
+    cut_04 = across[0] <= across[1]
     patterns = (
         (count == 1, ((0, 3, 2), (3, 1, 2))),
         ((count == 2) & cut_04, ((3, 1, 4), (0, 3, 4), (0, 4, 2))),
         ((count == 2) & ~cut_04, ((3, 1, 4), (0, 3, 2), (3, 4, 2))),
         (count == 3, ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5))),
     )
-    new_faces, new_parent, new_weights = [], [], []
-    for chosen, pieces in patterns:
-        for piece in pieces:
-            new_faces.append(ids[chosen][:, piece])
-            new_parent.append(parent[chosen])
-            new_weights.append(weights[chosen][:, piece])
-    return np.concatenate(new_faces), np.concatenate(new_parent), np.concatenate(new_weights)
+    return np.concatenate([ids[chosen][:, piece] for chosen, pieces in patterns for piece in pieces])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -27,23 +27,16 @@ MAX_MEMBERS = 100_000
 _BLIND_ARCHIVES = (".gz", ".bz2", ".xz", ".tar", ".tgz", ".7z")
 
 
-@dataclass
-class Skin:
-    """Where the colours of one part of a mesh come from."""
-
-    kind: Literal["texture", "colors", "none"]
-    image: Linear | None = None  # linear, for "texture"
-
-
-@dataclass
+@dataclass(frozen=True)
 class Soup:
-    """Triangles of a whole file in one list, with what their corners carry."""
+    """Triangles of a whole file, with what their vertices carry; a vertex is there once for each of its colours."""
 
-    vertices: Floats  # (V, 3)
+    values: Floats  # (V, 7): x, y, z; texture coordinates u, v, - or a linear colour; index of the texture, or below
     faces: Ints  # (F, 3)
-    skins: list[Skin]
-    skin: Ints  # (F,) index into `skins`
-    corner: Floats  # (F, 3, 3): texture coordinates (u, v, -) or a linear colour, by the face's skin
+    images: list[Linear]
+
+    NOTHING: ClassVar[int] = -1  # in place of the index of a texture
+    COLOR: ClassVar[int] = -2
 
 
 def read_mesh_file(path: Path, notes: list[str]) -> Soup:
@@ -85,10 +78,11 @@ def read_mesh_file(path: Path, notes: list[str]) -> Soup:
             f"mesh file {str(path)!r} has {count / 1e6:.1f} million faces; decimate it to "
             f"{MAX_FACES / 1e6:g} million or fewer"
         )
-    vertices, faces, skins, skin, corner = [], [], [], [], []
+    values, faces = [], []
+    images: list[Linear] = []
     offset = 0
     linear_colors = path.suffix.lower() in (".glb", ".gltf")  # glTF stores vertex colours linearly
-    for index, (part, transform) in enumerate(parts):
+    for part, transform in parts:
         local_faces = np.asarray(part.faces, dtype=np.int64)
         local = np.asarray(part.vertices, dtype=float)
         if local.ndim != 2 or local.shape[1] != 3:
@@ -97,28 +91,35 @@ def read_mesh_file(path: Path, notes: list[str]) -> Soup:
             )
         if local_faces.min() < 0 or local_faces.max() >= len(local):
             raise UserError(f"mesh file {str(path)!r} has faces that name vertices it does not hold")
-        one, values = _skin(part, linear_colors, notes)
-        skins.append(one)
-        corner.append(values)
-        skin.append(np.full(len(local_faces), index, dtype=np.int64))
+        placed = local @ transform[:3, :3].T + transform[:3, 3]
+        if part.visual.kind == "face":  # every corner by itself
+            placed, local_faces = (
+                placed[local_faces].reshape(-1, 3),
+                np.arange(local_faces.size).reshape(-1, 3),
+            )
         if np.linalg.det(transform[:3, :3]) < 0:  # a mirroring node turns faces inside out
             local_faces = local_faces[:, ::-1]
-            corner[-1] = values[:, ::-1]
-        vertices.append(local @ transform[:3, :3].T + transform[:3, 3])
+        carried, image = _skin(part, linear_colors, notes)
+        kind = Soup.NOTHING if carried is None else Soup.COLOR
+        if image is not None:
+            kind = len(images)
+            images.append(image)
+        carried = np.zeros((1, 3)) if carried is None else carried
+        values.append(
+            np.hstack([placed, np.broadcast_to(carried, placed.shape), np.full((len(placed), 1), kind)])
+        )
         faces.append(local_faces + offset)
-        offset += len(local)
+        offset += len(placed)
     if len(parts) > 1:
         notes.append(f"joined {len(parts)} meshes of the file's scene")
-    soup = Soup(
-        np.concatenate(vertices), np.concatenate(faces), skins, np.concatenate(skin), np.concatenate(corner)
-    )
-    bad = np.any(~np.isfinite(soup.vertices), axis=1)
+    soup = Soup(np.concatenate(values), np.concatenate(faces), images)
+    bad = np.any(~np.isfinite(soup.values[:, :3]), axis=1)
     if np.any(np.take(bad, soup.faces)):
         raise UserError(
             f"mesh file {str(path)!r} has {int(bad.sum())} vertices that are not finite numbers; "
             "repair or re-export it"
         )
-    reach = float(np.abs(soup.vertices[soup.faces]).max())
+    reach = float(np.abs(soup.values[np.unique(soup.faces), :3]).max())
     if reach > MAX_COORDINATE:
         raise UserError(
             f"mesh file {str(path)!r} has a coordinate of {reach:.3g}; the limit is {MAX_COORDINATE:g}, export it again"
@@ -156,36 +157,28 @@ def _side_files(path: Path) -> Any:
     return SideFiles(str(path))
 
 
-def _skin(part: Any, linear_colors: bool, notes: list[str]) -> tuple[Skin, Floats]:
-    """The part's source of colour and what each corner carries, (F, 3, 3)."""
-    faces = np.asarray(part.faces)
-    nothing = np.zeros((len(faces), 3, 3))
+def _skin(part: Any, linear_colors: bool, notes: list[str]) -> tuple[Floats | None, Linear | None]:
+    """What each vertex carries, (V, 3), and the texture that it lies on; with colours by face, of every corner."""
     kind = part.visual.kind
-    if kind == "texture":
-        material = part.visual.material
-        image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
-        uv = getattr(part.visual, "uv", None)
-        if image is None or uv is None or len(uv) != len(part.vertices) or not np.isfinite(uv).all():
-            if uv is not None and image is None:
-                notes.append("the texture image is missing or cannot be read")
-            elif image is not None:
-                notes.append("the mesh has a texture but no usable texture coordinates")
-            return Skin("none"), nothing
-        try:
-            linear = linear_image(image)
-        except (OSError, ValueError, SyntaxError) as error:
-            notes.append(f"the texture image cannot be read: {' '.join(str(error).split())[:80]}")
-            return Skin("none"), nothing
-        factor = getattr(material, "baseColorFactor", None)
-        if factor is not None:
-            scale = np.asarray(factor, dtype=np.float32)[:3]
-            linear = linear * (scale / np.float32(255) if scale.max() > 1 else scale)
-        nothing[..., :2] = np.asarray(uv, dtype=float)[faces]
-        return Skin("texture", linear), nothing
     if kind in ("vertex", "face"):
-        raw = part.visual.vertex_colors if kind == "vertex" else part.visual.face_colors
+        raw = part.visual.vertex_colors if kind == "vertex" else np.repeat(part.visual.face_colors, 3, axis=0)
         colors = np.asarray(raw, dtype=float)[:, :3] / 255.0
-        if not linear_colors:
-            colors = linear_from_srgb(colors).astype(float)
-        return Skin("colors"), colors[faces] if kind == "vertex" else np.repeat(colors[:, None], 3, axis=1)
-    return Skin("none"), nothing
+        return (colors if linear_colors else linear_from_srgb(colors).astype(float)), None
+    if kind != "texture":
+        return None, None
+    material, uv = part.visual.material, getattr(part.visual, "uv", None)
+    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    if image is None or uv is None or len(uv) != len(part.vertices) or not np.isfinite(uv).all():
+        if image is not None or uv is not None:
+            notes.append("the texture's image or its coordinates are missing or cannot be read")
+        return None, None
+    try:
+        linear = linear_image(image)
+    except (OSError, ValueError, SyntaxError) as error:
+        notes.append(f"the texture image cannot be read: {' '.join(str(error).split())[:80]}")
+        return None, None
+    factor = getattr(material, "baseColorFactor", None)
+    if factor is not None:
+        scale = np.asarray(factor, dtype=np.float32)[:3]
+        linear = linear * (scale / np.float32(255) if scale.max() > 1 else scale)
+    return np.column_stack([uv, np.zeros(len(uv))]), linear

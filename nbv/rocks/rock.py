@@ -113,13 +113,17 @@ def make_rock(
     return Rock(name, vertices_m, faces, albedo, split, difficulty, sha256, notes)
 
 
+def overhanging_share(vertices_m: Floats, faces: Ints) -> float:
+    """Share of the area of a mesh on the ground that leans over by more than 10 degrees, clear of the ground."""
+    areas = face_areas(vertices_m, faces)
+    leaning = face_normals(vertices_m, faces)[:, 2] < -np.sin(np.deg2rad(OVERHANG_ANGLE_DEG))
+    clear = vertices_m[faces][:, :, 2].mean(1) > CONTACT_BAND_M
+    return float(areas[leaning & clear].sum() / areas.sum())
+
+
 def describe(rock: Rock) -> RockFacts:
     """Facts about the rock's shape and albedo."""
-    areas = face_areas(rock.vertices_m, rock.faces)
-    normals = face_normals(rock.vertices_m, rock.faces)
     corners = rock.vertices_m[rock.faces]
-    leaning = normals[:, 2] < -np.sin(np.deg2rad(OVERHANG_ANGLE_DEG))
-    clear = corners[:, :, 2].mean(1) > CONTACT_BAND_M
     counts = edge_face_counts(rock.faces)
     boundary, non_manifold = int((counts == 1).sum()), int((counts > 2).sum())
     extents = rock.vertices_m.max(0) - rock.vertices_m.min(0)
@@ -133,11 +137,11 @@ def describe(rock: Rock) -> RockFacts:
         vertices=len(rock.vertices_m),
         faces=len(rock.faces),
         mean_edge_m=float(edges.mean()),
-        area_m2=float(areas.sum()),
+        area_m2=float(face_areas(rock.vertices_m, rock.faces).sum()),
         volume_m3=float(signed_volume(rock.vertices_m, rock.faces)) if boundary == 0 else None,
         boundary_edges=boundary,
         non_manifold_edges=non_manifold,
-        overhang_fraction=float(areas[leaning & clear].sum() / areas.sum()),
+        overhang_fraction=overhanging_share(rock.vertices_m, rock.faces),
         mean_albedo=tuple(float(c) for c in rock.albedo.mean(0)),  # type: ignore[arg-type]
         albedo_contrast=float(grey.std() / max(float(grey.mean()), 1e-9)),
         sha256=rock.sha256,

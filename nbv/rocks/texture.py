@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
-from scipy.ndimage import distance_transform_edt
+from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from nbv.safe_files import require
-from nbv.types import Floats, Floats32, Ints
+from nbv.types import Floats, Floats32
 
 Linear = Floats32
 MAX_PIXELS = 100_000_000  # 1.2 GB of linear values
 _MAX_RASTERISED_FACES = 400_000
-_CHUNK = 1_000_000
 
 
 def linear_from_srgb(values: NDArray[np.floating]) -> Linear:
@@ -45,13 +44,10 @@ def shrink(image: Linear, factor: float) -> Linear:
         return image
     size = (max(1, round(image.shape[1] / factor)), max(1, round(image.shape[0] / factor)))
     channels = [
-        np.asarray(
-            Image.fromarray(np.ascontiguousarray(image[:, :, c])).resize(size, Image.Resampling.BOX),
-            dtype=np.float32,
-        )
+        Image.fromarray(np.ascontiguousarray(image[:, :, c])).resize(size, Image.Resampling.BOX)
         for c in range(3)
     ]
-    return np.stack(channels, axis=2)
+    return np.stack([np.asarray(channel, dtype=np.float32) for channel in channels], axis=2)
 
 
 def fill_gutters(image: Linear, corner_uv: Floats) -> Linear:
@@ -77,26 +73,15 @@ def fill_gutters(image: Linear, corner_uv: Floats) -> Linear:
 
 def sample(image: Linear, uv: Floats) -> Linear:
     """(N, 3) bilinear lookup at texture coordinates (N, 2), v up from the bottom row, repeated beyond 0 to 1."""
-    out = np.empty((len(uv), 3), dtype=np.float32)
-    for start in range(0, len(uv), _CHUNK):
-        out[start : start + _CHUNK] = _sample(image, uv[start : start + _CHUNK])
-    return out
-
-
-def _sample(image: Linear, uv: Floats) -> Linear:
     height, width = image.shape[:2]
-    x = uv[:, 0] * width - 0.5
-    y = (1.0 - uv[:, 1]) * height - 0.5
-    x0, y0 = np.floor(x).astype(np.int64), np.floor(y).astype(np.int64)
-    fx, fy = (x - x0).astype(np.float32)[:, None], (y - y0).astype(np.float32)[:, None]
+    at = np.stack([(1.0 - uv[:, 1]) * height - 0.5, uv[:, 0] * width - 0.5])
     # A coordinate of exactly 1 means the last texel, not the first of the next repetition.
-    repeats = uv.size and (uv.min() < 0 or uv.max() > 1)
+    mode = "grid-wrap" if uv.size and (uv.min() < 0 or uv.max() > 1) else "nearest"
+    return np.stack([map_coordinates(image[..., c], at, order=1, mode=mode) for c in range(3)], axis=1)
 
-    def texel(rows: Ints, columns: Ints) -> Linear:
-        if repeats:
-            return image[rows % height, columns % width]
-        return image[np.clip(rows, 0, height - 1), np.clip(columns, 0, width - 1)]
 
-    upper = texel(y0, x0) * (1 - fx) + texel(y0, x0 + 1) * fx
-    lower = texel(y0 + 1, x0) * (1 - fx) + texel(y0 + 1, x0 + 1) * fx
-    return upper * (1 - fy) + lower * fy
+def texel_side(image: Linear, corner_uv: Floats, area: float) -> float:
+    """Side of a texel on a surface of ``area`` whose corners have texture coordinates (F, 3, 2), in the mean."""
+    ab, ac = corner_uv[:, 1] - corner_uv[:, 0], corner_uv[:, 2] - corner_uv[:, 0]
+    texels = 0.5 * np.abs(ab[:, 0] * ac[:, 1] - ab[:, 1] * ac[:, 0]).sum() * image.shape[0] * image.shape[1]
+    return float(np.sqrt(area / max(texels, 1e-9)))
